@@ -7,9 +7,9 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
+use covers::experiments::text::{event_text, summary_table};
 use covers::presets::{Budget, Method};
 use covers::schedule::Schedule;
-use covers::tables::{event_text, summary_table};
 use covers::{CoversError, Experiment, Override, Run, RunFolder, apply_overrides};
 use envs::reward::{hamacher, long_tail};
 use envs::{

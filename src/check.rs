@@ -20,8 +20,9 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
-use crate::deploy::MaskOptions;
-use crate::error::CoversError;
+use crate::CoversError;
+use deploy::MaskOptions;
+use experiments::RunError;
 
 pub use parity::{ParityRow, parity};
 
@@ -74,18 +75,18 @@ impl Check {
     /// What the environments say, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         match *self {
-            Self::Mask(ref options) => options.run(out),
-            Self::Parity { ref folder, json } => check_parity(folder, json, out),
+            Self::Mask(ref options) => Ok(options.run(out)?),
+            Self::Parity { ref folder, json } => Ok(check_parity(folder, json, out)?),
             Self::Experts {
                 embodiment,
                 seeds,
                 json,
-            } => check_experts(embodiment, seeds, json, out),
+            } => Ok(check_experts(embodiment, seeds, json, out)?),
             Self::Symmetry {
                 embodiment,
                 seeds,
                 json,
-            } => check_symmetry(embodiment, seeds, json, out),
+            } => Ok(check_symmetry(embodiment, seeds, json, out)?),
         }
     }
 }
@@ -95,7 +96,7 @@ fn check_experts(
     seeds: u64,
     json: bool,
     out: &mut impl Write,
-) -> Result<bool, CoversError> {
+) -> Result<bool, RunError> {
     let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
     let mut rows = Vec::new();
     for embodiment in embodiments {
@@ -141,7 +142,7 @@ fn check_symmetry(
     seeds: u64,
     json: bool,
     out: &mut impl Write,
-) -> Result<bool, CoversError> {
+) -> Result<bool, RunError> {
     let others = [D2::FlipX, D2::FlipY, D2::HalfTurn];
     let rows = of_variants(embodiment, &others, |scene, element| {
         symmetry(scene, element, seeds)
@@ -165,7 +166,7 @@ fn symmetry_line(row: &SymmetryRow) -> String {
     )
 }
 
-fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool, CoversError> {
+fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool, RunError> {
     let rows = parity(folder)?;
     print(&rows, json, out, parity_line)?;
     Ok(rows.iter().all(ParityRow::passes))
@@ -194,13 +195,13 @@ fn print<R: Serialize>(
     json: bool,
     out: &mut impl Write,
     line: impl Fn(&R) -> String,
-) -> Result<(), CoversError> {
+) -> Result<(), RunError> {
     let text = if json {
         serde_json::json!(rows).to_string()
     } else {
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     };
-    writeln!(out, "{text}").map_err(|error| CoversError::write("standard output".as_ref(), error))
+    writeln!(out, "{text}").map_err(|error| RunError::write("standard output".as_ref(), error))
 }
 
 #[cfg(test)]

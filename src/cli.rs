@@ -1,41 +1,16 @@
 //! Options of the command line.
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use clap::builder::{PossibleValuesParser, RangedI64ValueParser, TypedValueParser};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser};
-use envs::{Embodiment, MAX_THREADS};
-use symmetry::Group;
-
-use crate::error::CoversError;
-use crate::experiment::Experiment;
-use crate::presets::{Budget, Method};
-use crate::printable::printable_lines;
-use crate::runs::RunFolder;
+use envs::Embodiment;
+use experiments::cli::Threads;
+use experiments::presets::{Budget, Method};
+use experiments::{Experiment, RunError, RunFolder};
 use learner::DeviceChoice;
 use learner::overrides::{self, Override};
-
-/// What a number of threads may be.
-pub(crate) fn thread_count() -> RangedI64ValueParser<u16> {
-    clap::value_parser!(u16).range(1..=MAX_THREADS as i64)
-}
-
-/// How many threads work.
-#[derive(Clone, Copy, Debug, Args)]
-pub struct Threads {
-    /// Worker threads (default: one a processor); results do not depend on them.
-    #[arg(long, value_parser = thread_count())]
-    pub threads: Option<u16>,
-}
-
-impl Threads {
-    /// The number asked for, or one a processor.
-    pub fn count(self) -> usize {
-        let available = || std::thread::available_parallelism().map_or(1, usize::from);
-        self.threads.map_or_else(available, usize::from)
-    }
-}
+use symmetry::Group;
 
 /// How a run is worked on, and how its figures are told.
 #[derive(Clone, Copy, Debug, Args)]
@@ -75,7 +50,7 @@ impl Changes {
     ///
     /// # Errors
     /// [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
-    pub fn apply(&self, mut experiment: Experiment) -> Result<Experiment, CoversError> {
+    pub fn apply(&self, mut experiment: Experiment) -> Result<Experiment, RunError> {
         if let Some(seed) = self.seed {
             experiment = experiment.with_seed(seed);
         }
@@ -111,12 +86,12 @@ impl Output {
     /// The folder of a run of this name.
     ///
     /// # Errors
-    /// [`CoversError::Write`].
-    pub fn run_folder(&self, name: &str) -> Result<RunFolder, CoversError> {
+    /// [`RunError::Write`].
+    pub fn run_folder(&self, name: &str) -> Result<RunFolder, RunError> {
         let Some(path) = &self.folder else {
             return RunFolder::create(&self.runs, name);
         };
-        std::fs::create_dir_all(path).map_err(|error| CoversError::write(path, error))?;
+        std::fs::create_dir_all(path).map_err(|error| RunError::write(path, error))?;
         let folder = RunFolder::open(path);
         Ok(match self.overwrite {
             true => folder.overwriting(),
@@ -182,7 +157,7 @@ impl TrainOptions {
     ///
     /// # Errors
     /// A file of settings that cannot be read, or a GPU that there is not.
-    pub fn experiment(&self) -> Result<Experiment, CoversError> {
+    pub fn experiment(&self) -> Result<Experiment, RunError> {
         let experiment = match &self.config {
             Some(path) => Experiment::read(path)?,
             None => self.budget.experiment(self.preset),
@@ -206,15 +181,6 @@ impl TrainOptions {
 /// The name of a run's folder: what it is, and its seed.
 pub fn run_name(stem: &str, experiment: &Experiment) -> String {
     format!("{stem}-seed{}", experiment.learner.seed())
-}
-
-/// Prints a line, in which no name of a file or of a table's cell steers the terminal.
-///
-/// # Errors
-/// [`CoversError::Write`].
-pub(crate) fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
-    let line = printable_lines(line);
-    writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
 }
 
 /// Parser of `--device`.

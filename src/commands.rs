@@ -6,17 +6,15 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
-use crate::cli::{TrainOptions, Work, device, say, thread_count};
-use crate::error::CoversError;
-use crate::evaluation::Evaluator;
-use crate::memory;
-use crate::report::ReportOptions;
-use crate::runs::{Event, Run, RunFolder, Stop, thread_pool};
-use crate::stream::Stream;
+use crate::CoversError;
+use crate::cli::{TrainOptions, Work, device};
 use crate::sweep::{self, ArrayJob, Ended, Plan};
-use crate::tables::{event_text, score_table, summary_table};
-use learner::Labels;
-use learner::{DeviceChoice, Extent};
+use experiments::cli::{say, thread_count};
+use experiments::evaluation::Evaluator;
+use experiments::text::{event_text, score_table, summary_table};
+use experiments::{Event, Run, RunError, RunFolder, Stop, Stream, memory, thread_pool};
+use learner::{DeviceChoice, Extent, Labels};
+use report::ReportOptions;
 
 /// What `covers` does with learners.
 #[derive(Clone, Debug, Subcommand)]
@@ -153,9 +151,9 @@ impl Command {
                 finish(&mut run, options.work.json, out)
             }
             Self::Sweep(options) => sweep(options, out),
-            Self::Eval(options) => evaluate(options, out).map(|()| Outcome::Done),
-            Self::Report(options) => options.run(out).map(|()| Outcome::Done),
-            Self::Pack(options) => pack(options, out).map(|()| Outcome::Done),
+            Self::Eval(options) => Ok(evaluate(options, out).map(|()| Outcome::Done)?),
+            Self::Report(options) => Ok(options.run(out).map(|()| Outcome::Done)?),
+            Self::Pack(options) => Ok(pack(options, out).map(|()| Outcome::Done)?),
         }
     }
 }
@@ -176,7 +174,7 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, Covers
     let mut run = Run::start(experiment, folder)?;
     #[cfg(feature = "tui")]
     if options.tui {
-        crate::watch::screen::train(&mut run)?;
+        watch::screen::train(&mut run)?;
         run.stop_at(Stop::on_signals()?);
         return conclude(&mut run, options.run.output.json, out);
     }
@@ -191,7 +189,7 @@ fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, Covers
     }
     let chosen = match options.job {
         None => &jobs[..],
-        Some(job) => jobs.get(job..=job).ok_or_else(|| CoversError::Setting {
+        Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::Setting {
             name: "job",
             value: job.to_string(),
             expected: "the number of a job of the plan, counted from 0",
@@ -223,10 +221,10 @@ fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError>
         return Ok(format!("{:#}", array.kubernetes(image)?));
     }
     let absolute =
-        |path: &Path| std::path::absolute(path).map_err(|error| CoversError::read(path, error));
+        |path: &Path| std::path::absolute(path).map_err(|error| RunError::read(path, error));
     let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
     let program = std::env::current_exe();
-    let program = program.map_err(|error| CoversError::read(Path::new("covers"), error))?;
+    let program = program.map_err(|error| RunError::read(Path::new("covers"), error))?;
     let (plan, runs) = (&plan, &runs);
     Ok(ArrayJob {
         plan,
@@ -304,7 +302,7 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
     Ok(Outcome::Interrupted)
 }
 
-fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversError> {
+fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError> {
     let folder = RunFolder::open(&options.run);
     let mut experiment = folder
         .experiment()?
@@ -343,7 +341,7 @@ fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
     }
 }
 
-fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> {
+fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
     let from = RunFolder::open(&options.run);
     let experiment = from.experiment()?;
     let spec = Stream::spec_of(&experiment.envs);

@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use crate::error::CoversError;
+use experiments::RunError;
 
 /// Which shell.
 #[derive(Clone, Copy, Debug, Args)]
@@ -25,11 +25,11 @@ impl CompletionsOptions {
     ///
     /// # Errors
     /// An `out` that cannot be written to.
-    pub fn run(&self, mut program: Command, out: &mut impl Write) -> Result<(), CoversError> {
+    pub fn run(&self, mut program: Command, out: &mut impl Write) -> Result<(), RunError> {
         let mut script = Vec::new();
         let name = program.get_name().to_owned();
         clap_complete::generate(self.shell, &mut program, name, &mut script);
         let written = out.write_all(&script);
-        written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+        written.map_err(|error| RunError::write(Path::new("standard output"), error))
     }
 }

@@ -14,11 +14,8 @@ use serde::Serialize;
 use symmetry::D2;
 
 use crate::cli::Work;
-use crate::error::CoversError;
-use crate::experiment::Experiment;
-use crate::memory;
-use crate::presets::{Budget, Method};
-use crate::runs::{Run, RunFolder, instructions, processor};
+use experiments::presets::{Budget, Method};
+use experiments::{Experiment, Run, RunError, RunFolder, instructions, memory, processor};
 
 /// The version that the environments were measured with.
 const MUJOCO: &str = "2.2.2";
@@ -117,7 +114,7 @@ impl DoctorOptions {
     ///
     /// # Errors
     /// An `out` that cannot be written to.
-    pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
+    pub fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
         let findings = examine(self.work.threads.count(), &self.runs);
         let text = match self.work.json {
             true => serde_json::json!(findings).to_string(),
@@ -127,7 +124,7 @@ impl DoctorOptions {
             }
         };
         let written = writeln!(out, "{text}");
-        written.map_err(|error| CoversError::write(Path::new("standard output"), error))?;
+        written.map_err(|error| RunError::write(Path::new("standard output"), error))?;
         Ok(findings.iter().all(|found| found.health != Health::Bad))
     }
 }
@@ -296,7 +293,7 @@ fn the_learning(threads: usize) -> Finding {
 }
 
 /// Decisions a second in Goal Reach, those of the second turn, collected and learnt.
-fn time_learning(mut experiment: Experiment) -> Result<f64, CoversError> {
+fn time_learning(mut experiment: Experiment) -> Result<f64, RunError> {
     let name = TaskGroup::GOAL_REACH.name();
     experiment.schedule.groups.retain(|plan| plan.group == name);
     experiment.schedule.cycles = 1;
@@ -315,9 +312,9 @@ fn time_learning(mut experiment: Experiment) -> Result<f64, CoversError> {
 struct Scratch(PathBuf);
 
 impl Scratch {
-    fn new() -> Result<Self, CoversError> {
+    fn new() -> Result<Self, RunError> {
         let path = std::env::temp_dir().join(format!("covers-doctor-{}", std::process::id()));
-        fs::create_dir_all(&path).map_err(|error| CoversError::write(&path, error))?;
+        fs::create_dir_all(&path).map_err(|error| RunError::write(&path, error))?;
         Ok(Self(path))
     }
 }

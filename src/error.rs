@@ -1,265 +1,36 @@
-//! What can go wrong while learning from a stream.
+//! Errors of the program.
 
-use std::path::{Path, PathBuf};
-use std::time::Duration;
-
+use deploy::DeployError;
+use experiments::RunError;
 use learner::LearnerError;
-use rl::BoxError;
+use render::RenderError;
+use report::ReportError;
+use watch::WatchError;
 
-/// Error of the learner, its stream, or the files of a run.
+/// Error of a command.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CoversError {
-    /// A setting outside its range.
-    #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
-        /// Name of the setting.
-        name: &'static str,
-        /// The value given.
-        value: String,
-        /// What would be accepted.
-        expected: &'static str,
-    },
-    /// The environments.
+    /// A run.
     #[error(transparent)]
-    Env(#[from] envs::EnvError),
-    /// Policies and their updates.
+    Run(#[from] RunError),
+    /// A report.
     #[error(transparent)]
-    Rl(#[from] rl::RlError),
-    /// Learners, their settings and their checkpoints.
+    Report(#[from] ReportError),
+    /// A film.
     #[error(transparent)]
-    Learner(LearnerError),
-    /// Distances and assignment.
+    Render(#[from] RenderError),
+    /// Following a run.
     #[error(transparent)]
-    Cluster(#[from] cluster::ClusterError),
-    /// Evidence of groups.
+    Watch(#[from] WatchError),
+    /// A trial on a robot, or a calibration.
     #[error(transparent)]
-    Evidence(#[from] evidence::EvidenceError),
-    /// What a camera's pictures are made into.
-    #[error(transparent)]
-    Inpainting(#[from] inpainting::InpaintingError),
-    /// A robot.
-    #[error(transparent)]
-    Robot(#[from] robots::ControlError),
-    /// A robot's rig: its table, its camera, its clock.
-    #[error("the rig failed: {source}")]
-    Rig {
-        /// The reason.
-        source: BoxError,
-    },
-    /// A camera that shows the past.
-    #[error(
-        "the camera's newest picture is {} ms old, expected at most {} ms",
-        age.as_millis(), most.as_millis()
-    )]
-    StalePicture {
-        /// The picture's age.
-        age: Duration,
-        /// The age at which the arm is stopped.
-        most: Duration,
-    },
-    /// A camera with another clock than the robot's.
-    #[error(
-        "the camera's newest picture was taken {} ms from now: expected one clock for robot and camera",
-        ahead.as_millis()
-    )]
-    PictureOfTheFuture {
-        /// How far ahead it is.
-        ahead: Duration,
-    },
-    /// A hand that does not come to where it is sent.
-    #[error(
-        "the hand does not get to where it is sent: {left:.0} mm and {turn:.0} degrees are left \
-         after 20 s"
-    )]
-    Unreached {
-        /// What is left of the way (mm).
-        left: f64,
-        /// What is left of the turn (degrees).
-        turn: f64,
-    },
-    /// A hand that does not stand.
-    #[error("the hand does not come to rest within 2 s of being told to stop")]
-    Restless,
-    /// A ball that was seen too seldom to find the camera by.
-    #[error(
-        "the ball was seen in {got} poses, expected at least {needed}; pose {pose} was left out: \
-         {why}"
-    )]
-    FewSightings {
-        /// Poses in which it was seen.
-        got: usize,
-        /// Poses that it takes.
-        needed: usize,
-        /// Number of the first pose that was left out.
-        pose: usize,
-        /// Why it was.
-        why: String,
-    },
-    /// A calibration that cannot be of the rig's camera.
-    #[error(
-        "the calibration is not of this rig's camera: its {what} is {value}, expected {expected}. \
-         Make a new one with `covers calibrate` and try it with `covers check mask`; if it is \
-         right, correct what the rig says of its camera"
-    )]
-    OtherCamera {
-        /// Part of the calibration.
-        what: &'static str,
-        /// Value of that part.
-        value: String,
-        /// Values that would be accepted.
-        expected: String,
-    },
-    /// The thread pool.
-    #[error("cannot start {threads} threads: {source}")]
-    Threads {
-        /// Threads asked for.
-        threads: usize,
-        /// The reason.
-        source: rayon::ThreadPoolBuildError,
-    },
-    /// A file that is missing, damaged or of another kind.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: BoxError,
-    },
-    /// A folder that another process writes to.
-    #[error(
-        "{} is being written to by {holder}: wait until it has ended, or stop it", folder.display()
-    )]
-    Locked {
-        /// The folder.
-        folder: PathBuf,
-        /// The other process.
-        holder: String,
-    },
-    /// Run that another process took over.
-    #[error(transparent)]
-    TakenOver(TakenOver),
-    /// A folder that holds a run already.
-    #[error(
-        "{} holds a run already: go on with `covers resume {}`, or overwrite it with \
-         `--overwrite`", folder.display(), folder.display()
-    )]
-    Occupied {
-        /// The folder.
-        folder: PathBuf,
-    },
-    /// A folder without a run.
-    #[error(
-        "{} holds no run: there is no experiment.json and no checkpoint. Begin one with \
-         `covers train`",
-        folder.display()
-    )]
-    NoRun {
-        /// The folder.
-        folder: PathBuf,
-    },
-    /// A run none of whose checkpoints can be read.
-    #[error(
-        "no checkpoint in {} is intact ({problems}): put one back, or begin anew with \
-         `covers train --config` and the run's experiment.json", folder.display()
-    )]
-    NoCheckpoint {
-        /// The folder.
-        folder: PathBuf,
-        /// What is wrong with each.
-        problems: String,
-    },
-    /// Table that was changed after its run had ended.
-    #[error(
-        "{} was changed after the run had ended: its checksum is {found}, summary.json says \
-         {expected}. `covers resume` on the run's folder restores all tables but timings.csv from \
-         the last checkpoint",
-        path.display()
-    )]
-    ChangedTable {
-        /// The table.
-        path: PathBuf,
-        /// Its checksum.
-        found: String,
-        /// Checksum when the run ended.
-        expected: String,
-    },
-    /// A run that nothing can be reported of.
-    #[error("{} cannot be reported: {problem}", folder.display())]
-    UnfitRun {
-        /// The run's folder.
-        folder: PathBuf,
-        /// What is wrong.
-        problem: String,
-    },
-    /// Runs that cannot stand in one table.
-    #[error(
-        "run {run} does not belong to the others ({differences}): report runs of one stream and \
-         evaluation, give runs of other settings other names, and each seed once"
-    )]
-    MixedRuns {
-        /// The run that differs.
-        run: String,
-        /// In what it differs.
-        differences: String,
-    },
-    /// A panic in a thread that worked for the run.
-    #[error("a worker panicked: {message}. The last checkpoint stands: `covers resume` goes on")]
-    Panicked {
-        /// What it said.
-        message: String,
-    },
-    /// A run that went on after an error.
-    #[error(
-        "this run ended with an error and may be half changed: go on from its last checkpoint \
-         with `covers resume`"
-    )]
-    Broken,
-    /// Runs whose events would go to one folder.
-    #[error(
-        "{} and {} have one name, and their events would go to one folder: give one of the runs \
-         another name, or call the command for each with a folder of its own",
-        first.display(), second.display()
-    )]
-    SameName {
-        /// The folder of a run.
-        first: PathBuf,
-        /// The folder of another one.
-        second: PathBuf,
-    },
+    Deploy(#[from] DeployError),
     /// Jobs of a sweep that failed.
     #[error("these jobs failed, each for the reason told above: {}", failed.join(", "))]
     Jobs {
         /// Their names.
         failed: Vec<String>,
-    },
-    /// Limit of memory that is too low for what a command needs.
-    #[error(
-        "{limit} leaves {left} MiB of memory, and about {needed} MiB are needed: raise it, or use \
-         fewer threads"
-    )]
-    Memory {
-        /// Memory that is needed (MiB).
-        needed: u64,
-        /// Memory that the limit leaves (MiB).
-        left: u64,
-        /// Name of the limit.
-        limit: String,
-    },
-    /// The handlers of signals.
-    #[error("cannot listen to signals: {source}")]
-    Signals {
-        /// The reason.
-        source: std::io::Error,
-    },
-    /// A folder that has policies and no tables.
-    #[error(
-        "{} has no tables to watch: `covers pack` leaves policies alone. Watch the run's own folder",
-        folder.display()
-    )]
-    NoTables {
-        /// The folder.
-        folder: PathBuf,
     },
     /// A screen where there is none.
     #[error(
@@ -267,113 +38,10 @@ pub enum CoversError {
          with `covers watch`"
     )]
     NoTerminal,
-    /// A file whose name does not say what can be written.
-    #[error("{} cannot be written: expected a name with the ending {expected}", path.display())]
-    Ending {
-        /// The file.
-        path: PathBuf,
-        /// The endings that there are.
-        expected: &'static str,
-    },
-    /// A film that would need a program which is not there.
-    #[error(
-        "{} takes `ffmpeg`, which is not on the path: install it, or choose a name that ends in .gif",
-        path.display()
-    )]
-    NoFfmpeg {
-        /// The file.
-        path: PathBuf,
-    },
-    /// Curves that would need a program which is not there.
-    #[error(
-        "`--png` takes `rsvg-convert`, which is not on the path: install it (Debian's package \
-         librsvg2-bin), or leave `--png` out"
-    )]
-    NoRsvg,
-    /// A file that would be overwritten.
-    #[error("{} exists already: choose another name, or remove it", path.display())]
-    FileExists {
-        /// The file.
-        path: PathBuf,
-    },
-    /// A file of the run folder.
-    #[error("cannot write {}: {source}", path.display())]
-    Write {
-        /// The file or folder.
-        path: PathBuf,
-        /// The reason.
-        source: BoxError,
-    },
 }
 
-/// Errors that the learner shares with the rest of the program keep one form.
 impl From<LearnerError> for CoversError {
     fn from(error: LearnerError) -> Self {
-        match error {
-            LearnerError::Setting {
-                name,
-                value,
-                expected,
-            } => Self::Setting {
-                name,
-                value,
-                expected,
-            },
-            LearnerError::Rl(error) => Self::Rl(error),
-            LearnerError::Cluster(error) => Self::Cluster(error),
-            LearnerError::Evidence(error) => Self::Evidence(error),
-            LearnerError::Read { path, source } => Self::Read { path, source },
-            LearnerError::Write { path, source } => Self::write(&path, source),
-            other => Self::Learner(other),
-        }
+        Self::Run(error.into())
     }
 }
-
-impl CoversError {
-    /// Wraps what went wrong with reading `path`.
-    pub(crate) fn read(path: &Path, source: impl Into<BoxError>) -> Self {
-        let (path, source) = (path.to_owned(), source.into());
-        Self::Read { path, source }
-    }
-
-    /// The error of a file that could be read and does not make sense.
-    pub(crate) fn damaged(path: &Path, problem: String) -> Self {
-        Self::read(path, Damaged(problem))
-    }
-
-    /// Wraps what went wrong with writing `path`.
-    pub(crate) fn write(path: &Path, source: impl Into<BoxError>) -> Self {
-        let (path, source) = (path.to_owned(), source.into());
-        let inner = source.downcast_ref::<std::io::Error>();
-        let inner = inner.and_then(|error| error.get_ref()?.downcast_ref::<TakenOver>());
-        match inner {
-            Some(taken_over) => Self::TakenOver(taken_over.clone()),
-            None => Self::Write { path, source },
-        }
-    }
-}
-
-/// Loss of a run's folder to another process, or of the folder itself.
-#[derive(Clone, Debug, thiserror::Error)]
-#[error(
-    "{} {}: this process writes nothing more to it",
-    folder.display(), taken_over(holder.as_deref())
-)]
-pub struct TakenOver {
-    /// Folder of the run.
-    pub folder: PathBuf,
-    /// Name of the other process; `None` if the file with its name is gone.
-    pub holder: Option<String>,
-}
-
-fn taken_over(holder: Option<&str>) -> String {
-    match holder {
-        Some(holder) => format!("was taken over by {holder}"),
-        None => "was moved, or its file `owner` was removed, while this process was working".into(),
-    }
-}
-
-/// What is wrong with a file that could be read.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Damaged(String);

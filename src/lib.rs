@@ -26,42 +26,22 @@ struct Book;
 
 pub mod check;
 pub mod cli;
-pub mod colours;
 pub mod commands;
 mod completions;
-pub mod deploy;
-mod distinct;
 pub mod doctor;
 mod error;
-pub mod evaluation;
-mod events;
-mod experiment;
 pub mod export;
-mod glimpse;
-mod helper;
 mod manual;
-mod memory;
-mod new_file;
 pub mod preset_list;
-pub mod presets;
-mod printable;
 pub mod program;
-mod proto;
-pub mod render;
-pub mod report;
-mod runs;
-pub mod schedule;
-pub mod sheet;
-mod stream;
 pub mod sweep;
-pub mod tables;
-mod timetable;
-pub mod watch;
-mod world;
 
 pub use error::CoversError;
-pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
-pub use glimpse::Glimpse;
+pub use experiments::{
+    CheckpointPlan, Evaluation, EvaluationPlan, Event, Experiment, Glimpse, Ledger, Progress,
+    Provenance, Run, RunData, RunError, RunFolder, Stop, Stream, Summary, evaluation, presets,
+    schedule,
+};
 pub use learner::disk::{Disk, LocalDisk};
 pub use learner::overrides::{Override, apply as apply_overrides};
 pub use learner::{
@@ -71,5 +51,4 @@ pub use learner::{
     LearningDevice, Lesson, Metric, Metrics, Needs, NewPolicy, OffPolicy, OffPolicySettings,
     Performance, Query, Recognised, Seconds, Single, Trial,
 };
-pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};
-pub use stream::Stream;
+pub use {deploy, experiments, render, report, watch};

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Command};
 use clap_mangen::Man;
 
-use crate::cli::say;
-use crate::error::CoversError;
+use experiments::RunError;
+use experiments::cli::say;
 
 /// Which page.
 #[derive(Clone, Debug, Args)]
@@ -29,9 +29,9 @@ impl ManualOptions {
     /// Prints the page of one of `program`'s commands in roff, or writes those of all.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a command that there is not; a folder or an `out` that cannot
+    /// [`RunError::Setting`] for a command that there is not; a folder or an `out` that cannot
     /// be written to.
-    pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), CoversError> {
+    pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), RunError> {
         let mut program = program.disable_help_subcommand(true);
         program.build();
         match &self.out {
@@ -42,15 +42,15 @@ impl ManualOptions {
             None => {
                 let page = render(self.chosen(&program)?);
                 let written = page.and_then(|page| out.write_all(&page));
-                written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+                written.map_err(|error| RunError::write(Path::new("standard output"), error))
             }
         }
     }
 
-    fn chosen<'a>(&self, program: &'a Command) -> Result<&'a Command, CoversError> {
+    fn chosen<'a>(&self, program: &'a Command) -> Result<&'a Command, RunError> {
         let mut words = self.command.iter();
         let chosen = words.try_fold(program, |command, word| command.find_subcommand(word));
-        chosen.ok_or_else(|| CoversError::Setting {
+        chosen.ok_or_else(|| RunError::Setting {
             name: "command",
             value: self.command.join(" "),
             expected: "a command that `covers --help` lists",
@@ -59,11 +59,11 @@ impl ManualOptions {
 }
 
 /// Writes the pages of a command and of those below it; returns how many.
-fn write(command: &Command, folder: &Path) -> Result<usize, CoversError> {
-    fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
+fn write(command: &Command, folder: &Path) -> Result<usize, RunError> {
+    fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
     let path = folder.join(format!("{}.1", title(command)));
     let written = render(command).and_then(|page| fs::write(&path, page));
-    written.map_err(|error| CoversError::write(&path, error))?;
+    written.map_err(|error| RunError::write(&path, error))?;
     let below = command.get_subcommands().map(|own| write(own, folder));
     below.sum::<Result<usize, _>>().map(|below| 1 + below)
 }

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use clap::{Args, ValueEnum};
 
-use crate::error::CoversError;
-use crate::presets::{Budget, Method};
+use experiments::RunError;
+use experiments::presets::{Budget, Method};
 
 /// What to list.
 #[derive(Clone, Copy, Debug, Args)]
@@ -27,7 +27,7 @@ impl PresetsOptions {
     ///
     /// # Errors
     /// An `out` that cannot be written to.
-    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+    pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         let text = match self.preset {
             Some(preset) => format!("{:#}", serde_json::json!(self.budget.experiment(preset))),
             None => format!(
@@ -37,7 +37,7 @@ impl PresetsOptions {
             ),
         };
         let written = writeln!(out, "{text}");
-        written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+        written.map_err(|error| RunError::write(Path::new("standard output"), error))
     }
 }
 
@@ -55,7 +55,7 @@ fn lines<V: ValueEnum>() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::Experiment;
+    use experiments::Experiment;
 
     fn printed(preset: Option<Method>, budget: Budget) -> String {
         let mut out = Vec::new();

@@ -4,19 +4,19 @@ use std::io::Write;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::CoversError;
 use crate::check::Check;
-use crate::commands::{Command, Outcome};
+use crate::commands::Command;
 use crate::completions::CompletionsOptions;
-use crate::deploy::{CalibrateOptions, DeployOptions};
 use crate::doctor::DoctorOptions;
-use crate::error::CoversError;
 use crate::export::ExportOptions;
 use crate::manual::ManualOptions;
-use crate::memory;
 use crate::preset_list::PresetsOptions;
-use crate::printable::printable_lines;
-use crate::render::RenderOptions;
-use crate::watch::WatchOptions;
+use deploy::{CalibrateOptions, DeployOptions};
+use experiments::memory;
+use experiments::printable::printable_lines;
+use render::RenderOptions;
+use watch::WatchOptions;
 
 /// What `covers --help` and its manual page say below the options.
 const BELOW: &str = "\
@@ -80,19 +80,20 @@ impl Program {
         if self.renders() {
             memory::check_environments(1)?;
         }
-        match &self.subcommand {
-            Subcommands::Learner(command) => command.run(out).map(Outcome::exit_code),
-            Subcommands::Deploy(deploy) => deploy.run(out).map(|()| 0),
-            Subcommands::Calibrate(calibrate) => calibrate.run(out).map(|()| 0),
-            Subcommands::Watch(watch) => watch.run(out),
-            Subcommands::Render(render) => render.run(out).map(|()| 0),
-            Subcommands::Export(export) => export.run(out).map(|()| 0),
-            Subcommands::Check(check) => check.run(out).map(|held| u8::from(!held)),
-            Subcommands::Doctor(doctor) => doctor.run(out).map(|works| u8::from(!works)),
-            Subcommands::Presets(presets) => presets.run(out).map(|()| 0),
-            Subcommands::Completions(shell) => shell.run(Self::command(), out).map(|()| 0),
-            Subcommands::Man(manual) => manual.run(Self::command(), out).map(|()| 0),
-        }
+        let done = |()| 0;
+        Ok(match &self.subcommand {
+            Subcommands::Learner(command) => command.run(out)?.exit_code(),
+            Subcommands::Deploy(deploy) => deploy.run(out).map(done)?,
+            Subcommands::Calibrate(calibrate) => calibrate.run(out).map(done)?,
+            Subcommands::Watch(watch) => watch.run(out)?,
+            Subcommands::Render(render) => render.run(out).map(done)?,
+            Subcommands::Export(export) => export.run(out).map(done)?,
+            Subcommands::Check(check) => u8::from(!check.run(out)?),
+            Subcommands::Doctor(doctor) => u8::from(!doctor.run(out)?),
+            Subcommands::Presets(presets) => presets.run(out).map(done)?,
+            Subcommands::Completions(shell) => shell.run(Self::command(), out).map(done)?,
+            Subcommands::Man(manual) => manual.run(Self::command(), out).map(done)?,
+        })
     }
 
     /// `true` for commands that draw images of simulations.

@@ -128,7 +128,7 @@ fn every_logged_column_is_written_and_every_metric_is_in_the_table() {
         ..rl::UpdateStats::default()
     };
     let metrics: Vec<String> = update.metrics().into_iter().map(|(name, _)| name).collect();
-    let writer = include_str!("../src/runs/logs.rs");
+    let writer = include_str!("../experiments/src/logs.rs");
     let columns = rows().into_iter().filter(|cells| cells.len() == 4);
     let columns: Vec<&str> = columns.map(|cells| names(cells[0])[0]).collect();
     for column in &columns {

@@ -1,7 +1,6 @@
 //! What `covers report` says of runs, and what it refuses.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use clap::Parser;
@@ -491,49 +490,4 @@ fn runs_that_do_not_compare_are_refused() {
     scratch.run("copy/equi-seed0", alone(Method::Equi, 0));
     let refusal = scratch.refusal(&["equi-seed0", copied.to_str().unwrap()]);
     assert!(refusal.contains("two runs have seed 0"), "{refusal}");
-}
-
-#[test]
-fn pictures_take_a_program_that_is_asked_for_first() {
-    let scratch = Scratch::new("png");
-    let out = scratch.0.join("out");
-    let covers = std::process::Command::new(env!("CARGO_BIN_EXE_covers"))
-        .args(["report", "no-run", "--png", "--out"])
-        .arg(&out)
-        .env("PATH", &scratch.0)
-        .output()
-        .unwrap();
-    let said = String::from_utf8(covers.stderr).unwrap();
-    assert_eq!(covers.status.code(), Some(1), "{said}");
-    assert!(said.contains("librsvg2-bin"), "{said}");
-    assert!(!out.exists());
-}
-
-#[test]
-fn every_drawing_is_a_picture_too_where_they_are_asked_for() {
-    let scratch = Scratch::new("pngs");
-    scratch.run("equi-seed0", alone(Method::Equi, 0));
-    // a program whose pictures are what it is fed
-    let program = scratch.0.join("rsvg-convert");
-    fs::write(&program, "#!/bin/sh\ncat\n").unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    let out = scratch.0.join("out");
-    let covers = std::process::Command::new(env!("CARGO_BIN_EXE_covers"))
-        .arg("report")
-        .arg(scratch.0.join("equi-seed0"))
-        .args(["--png", "--out"])
-        .arg(&out)
-        .env("PATH", format!("{}:/usr/bin:/bin", scratch.0.display()))
-        .output()
-        .unwrap();
-    assert!(covers.status.success(), "{covers:?}");
-    let files = fs::read_dir(&out).unwrap().map(|file| file.unwrap().path());
-    let drawings: Vec<_> = files
-        .filter(|path| path.extension().is_some_and(|e| e == "svg"))
-        .collect();
-    assert!(!drawings.is_empty());
-    for svg in drawings {
-        let picture = fs::read(svg.with_extension("png")).unwrap();
-        assert_eq!(picture, fs::read(&svg).unwrap(), "{}", svg.display());
-    }
 }

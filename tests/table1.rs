@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 
-use covers::report::{Report, RunData};
+use covers::RunData;
+use covers::report::Report;
 
 use crate::common::scratch::Scratch;
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use covers::sheet::{contact_sheet, variant_pictures};
+use covers::experiments::sheet::{contact_sheet, variant_pictures};
 use envs::{ACTION_IRREPS, Beside, RGB, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
 use rl::{Actor, ActorCriticPolicy, EnvSpec, NetworkSettings, Observations};
 use symmetry::D2;

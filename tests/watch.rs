@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use clap::Parser;
+use covers::experiments::text::event_text;
 use covers::presets::{Budget, Method};
-use covers::tables::event_text;
 use covers::watch::WatchOptions;
 use covers::{CoversError, Event, Run, RunFolder};
 use envs::Embodiment;

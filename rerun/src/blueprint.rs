@@ -7,7 +7,7 @@ use re_sdk::blueprint::{
 };
 use re_sdk_types::blueprint::components::PlayState;
 
-use covers::report::RunData;
+use covers::RunData;
 
 use crate::episode::{VIEWS, place};
 use crate::recording::{DECISION, ROLLOUTS};

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use clap::Parser;
 use covers::cli::Threads;
 use covers::render::Show;
-use covers::report::RunData;
+use covers::RunData;
 use covers::{CoversError, RunFolder};
 use envs::TaskRegistry;
 

@@ -4,8 +4,8 @@ use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfigura
 use re_sdk_types::components::Color;
 
 use covers::CoversError;
-use covers::colours::rgb;
-use covers::report::{RolloutRow, RunData};
+use covers::experiments::colours::rgb;
+use covers::experiments::{RolloutRow, RunData};
 
 use crate::recording::{ROLLOUTS, Recording, STREAM};
 

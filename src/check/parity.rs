@@ -22,7 +22,7 @@ use symmetry::D2;
 use super::deviation::largest;
 use super::recording::{CENTRE, Recording, centred, files};
 use super::recording_error::RecordingError;
-use crate::error::CoversError;
+use experiments::RunError;
 
 /// Boxes in the place of the convex meshes of Meta-World's gripper base and goal net.
 const STAND_INS: [&str; 6] = [
@@ -87,20 +87,20 @@ impl ParityRow {
 /// Compares every recording (`ENGINE_TASK_POLICY.npz`) of `folder`.
 ///
 /// # Errors
-/// [`CoversError::Read`] names the file and what is wrong with it; or what MuJoCo says.
-pub fn parity(folder: &Path) -> Result<Vec<ParityRow>, CoversError> {
-    let paths = files(folder).map_err(|source| CoversError::read(folder, source))?;
+/// [`RunError::Read`] names the file and what is wrong with it; or what MuJoCo says.
+pub fn parity(folder: &Path) -> Result<Vec<ParityRow>, RunError> {
+    let paths = files(folder).map_err(|source| RunError::read(folder, source))?;
     if paths.is_empty() {
-        return Err(CoversError::read(folder, RecordingError::NoFiles));
+        return Err(RunError::read(folder, RecordingError::NoFiles));
     }
     paths.par_iter().map(|path| compare(path)).collect()
 }
 
-fn compare(path: &Path) -> Result<ParityRow, CoversError> {
-    let group = Recording::task(path).map_err(|source| CoversError::read(path, source))?;
+fn compare(path: &Path) -> Result<ParityRow, RunError> {
+    let group = Recording::task(path).map_err(|source| RunError::read(path, source))?;
     let mut replica = Replica::new(group)?;
     let recording = Recording::read(path, replica.table.scene());
-    let recording = recording.map_err(|source| CoversError::read(path, source))?;
+    let recording = recording.map_err(|source| RunError::read(path, source))?;
     let file = path.file_name().unwrap_or_default();
     let mut row = ParityRow {
         file: file.to_string_lossy().into(),

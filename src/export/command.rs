@@ -6,10 +6,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::cli::say;
-use crate::error::CoversError;
-use crate::runs::RunFolder;
-use crate::stream::Stream;
+use experiments::cli::say;
+use experiments::{RunError, RunFolder, Stream};
 use learner::Labels;
 use learner::disk::{LocalDisk, replace};
 
@@ -42,10 +40,10 @@ impl ExportOptions {
     /// # Errors
     /// A folder without policies, or one that exists; a policy that does not exist, or whose
     /// network has parts that are no ordinary layers.
-    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+    pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         if self.out.exists() {
             let path = self.out.clone();
-            return Err(CoversError::FileExists { path });
+            return Err(RunError::FileExists { path });
         }
         let folder = RunFolder::open(&self.run);
         let run = folder.experiment()?;
@@ -62,7 +60,7 @@ impl ExportOptions {
             &answers,
             &path("golden.safetensors"),
         )?;
-        create_dir_all(&self.out).map_err(|error| CoversError::write(&self.out, error))?;
+        create_dir_all(&self.out).map_err(|error| RunError::write(&self.out, error))?;
         let files = [
             ("policy.onnx", model(&policy, &about.to_string())),
             ("policy.safetensors", weights),

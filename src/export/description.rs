@@ -4,8 +4,7 @@ use envs::Beside;
 use rl::{Distribution, PlainLayer, PlainPolicy};
 use serde_json::{Map, Value, json};
 
-use crate::experiment::Experiment;
-use crate::stream::INPUTS;
+use experiments::{Experiment, INPUTS};
 
 use super::weights::parts;
 

@@ -4,9 +4,7 @@ use envs::{ACTION_DIM, TaskGroup, TaskRegistry, VecEnvSettings};
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 
-use crate::error::CoversError;
-use crate::experiment::Experiment;
-use crate::stream::Stream;
+use experiments::{Experiment, RunError, Stream};
 
 /// Environments of each group.
 const ENVS: usize = 2;
@@ -17,7 +15,7 @@ const DECISIONS: usize = 8;
 ///
 /// # Errors
 /// What the environments say.
-pub(super) fn observations(run: &Experiment) -> Result<Observations, CoversError> {
+pub(super) fn observations(run: &Experiment) -> Result<Observations, RunError> {
     let groups = run.schedule.resolve(&TaskRegistry::standard())?;
     let settings = VecEnvSettings {
         num_envs: ENVS,
@@ -37,8 +35,8 @@ pub(super) fn observations(run: &Experiment) -> Result<Observations, CoversError
     Ok(all)
 }
 
-fn after_a_while(stream: &mut Stream, group: TaskGroup) -> Result<Observations, CoversError> {
-    let environment = |source| CoversError::from(rl::RlError::Environment(source));
+fn after_a_while(stream: &mut Stream, group: TaskGroup) -> Result<Observations, RunError> {
+    let environment = |source| RunError::from(rl::RlError::Environment(source));
     stream.switch_to(group, &D2::ALL)?;
     let mut transition = Transition::new(stream.spec());
     stream

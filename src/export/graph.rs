@@ -1,24 +1,140 @@
-//! A graph of ONNX operators (opset 17) as it grows.
+//! A graph of ONNX operators (opset 17) as it grows, and the messages of its file (onnx.proto).
 
-use crate::proto::Message;
+use prost::Message;
 
 /// Element types.
 pub const FLOAT: i64 = 1;
 pub const UINT8: i64 = 2;
-const INT64: i64 = 7;
+const INT64: i32 = 7;
 /// Types of attributes.
-const ONE_INT: i64 = 2;
-const INTS: i64 = 7;
+const ONE_INT: i32 = 2;
+const INTS: i32 = 7;
 
 /// The version of the operators, and of the format that came with it.
 const OPSET: i64 = 17;
 const IR_VERSION: i64 = 8;
 
+#[derive(Clone, PartialEq, Message)]
+struct Model {
+    #[prost(int64, tag = "1")]
+    ir_version: i64,
+    #[prost(string, tag = "2")]
+    producer_name: String,
+    #[prost(string, tag = "3")]
+    producer_version: String,
+    #[prost(string, tag = "6")]
+    doc_string: String,
+    #[prost(message, optional, tag = "7")]
+    graph: Option<GraphMessage>,
+    #[prost(message, repeated, tag = "8")]
+    opset_import: Vec<Opset>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Opset {
+    /// Empty: ONNX's own operators.
+    #[prost(string, tag = "1")]
+    domain: String,
+    #[prost(int64, tag = "2")]
+    version: i64,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct GraphMessage {
+    #[prost(message, repeated, tag = "1")]
+    nodes: Vec<Node>,
+    #[prost(string, tag = "2")]
+    name: String,
+    #[prost(message, repeated, tag = "5")]
+    initializers: Vec<Tensor>,
+    #[prost(message, repeated, tag = "11")]
+    inputs: Vec<Value>,
+    #[prost(message, repeated, tag = "12")]
+    outputs: Vec<Value>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Node {
+    #[prost(string, repeated, tag = "1")]
+    inputs: Vec<String>,
+    #[prost(string, repeated, tag = "2")]
+    outputs: Vec<String>,
+    #[prost(string, tag = "3")]
+    name: String,
+    #[prost(string, tag = "4")]
+    operator: String,
+    #[prost(message, repeated, tag = "5")]
+    attributes: Vec<AttributeMessage>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct AttributeMessage {
+    #[prost(string, tag = "1")]
+    name: String,
+    #[prost(int64, optional, tag = "3")]
+    int: Option<i64>,
+    #[prost(int64, repeated, packed = "false", tag = "8")]
+    ints: Vec<i64>,
+    #[prost(int32, tag = "20")]
+    kind: i32,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Tensor {
+    #[prost(int64, repeated, packed = "false", tag = "1")]
+    dims: Vec<i64>,
+    #[prost(int32, tag = "2")]
+    data_type: i32,
+    #[prost(string, tag = "8")]
+    name: String,
+    /// Little-endian, row-major.
+    #[prost(bytes = "vec", tag = "9")]
+    raw_data: Vec<u8>,
+}
+
+/// An input or output.
+#[derive(Clone, PartialEq, Message)]
+struct Value {
+    #[prost(string, tag = "1")]
+    name: String,
+    #[prost(message, optional, tag = "2")]
+    kind: Option<ValueKind>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct ValueKind {
+    #[prost(message, optional, tag = "1")]
+    tensor: Option<TensorKind>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct TensorKind {
+    #[prost(int32, tag = "1")]
+    element: i32,
+    #[prost(message, optional, tag = "2")]
+    shape: Option<Shape>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Shape {
+    #[prost(message, repeated, tag = "1")]
+    sides: Vec<Side>,
+}
+
+/// A side of a fixed length, or of any length under a name.
+#[derive(Clone, PartialEq, Message)]
+struct Side {
+    #[prost(int64, optional, tag = "1")]
+    length: Option<i64>,
+    #[prost(string, optional, tag = "2")]
+    name: Option<String>,
+}
+
 /// Operators and constants, in the order in which they run.
 #[derive(Default)]
 pub struct Graph {
-    nodes: Vec<Message>,
-    constants: Vec<Message>,
+    nodes: Vec<Node>,
+    constants: Vec<Tensor>,
 }
 
 /// An attribute of an operator.
@@ -38,19 +154,20 @@ impl Graph {
         output: &str,
         attributes: &[Attribute],
     ) -> String {
-        let inputs = inputs
-            .iter()
-            .fold(Message::new(), |m, name| m.bytes(1, name));
-        let node = inputs.bytes(2, output).bytes(3, output).bytes(4, operator);
-        let node = node.messages(5, attributes.iter().map(attribute));
-        self.nodes.push(node);
+        self.nodes.push(Node {
+            inputs: inputs.iter().map(|&name| name.to_owned()).collect(),
+            outputs: vec![output.to_owned()],
+            name: output.to_owned(),
+            operator: operator.to_owned(),
+            attributes: attributes.iter().map(attribute).collect(),
+        });
         output.to_owned()
     }
 
     /// Adds numbers of this shape, and returns their name.
     pub fn floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
-        self.constant(name, FLOAT, shape, bytes.collect())
+        self.constant(name, FLOAT as i32, shape, bytes.collect())
     }
 
     /// Adds whole numbers, and returns their name.
@@ -59,10 +176,13 @@ impl Graph {
         self.constant(name, INT64, &[values.len()], bytes.collect())
     }
 
-    fn constant(&mut self, name: &str, kind: i64, shape: &[usize], bytes: Vec<u8>) -> String {
-        let shape: Vec<i64> = shape.iter().map(|&side| side as i64).collect();
-        let tensor = Message::new().ints(1, &shape).int(2, kind);
-        self.constants.push(tensor.bytes(8, name).bytes(9, bytes));
+    fn constant(&mut self, name: &str, data_type: i32, shape: &[usize], raw: Vec<u8>) -> String {
+        self.constants.push(Tensor {
+            dims: shape.iter().map(|&side| side as i64).collect(),
+            data_type,
+            name: name.to_owned(),
+            raw_data: raw,
+        });
         name.to_owned()
     }
 
@@ -74,43 +194,63 @@ impl Graph {
         inputs: &[(&str, i64, Vec<usize>)],
         outputs: &[(&str, i64, Vec<usize>)],
     ) -> Vec<u8> {
-        let graph = Message::new()
-            .messages(1, self.nodes)
-            .bytes(2, "policy")
-            .messages(5, self.constants)
-            .messages(11, inputs.iter().map(value))
-            .messages(12, outputs.iter().map(value));
-        let opset = Message::new().bytes(1, "").int(2, OPSET);
-        Message::new()
-            .int(1, IR_VERSION)
-            .bytes(2, "covers")
-            .bytes(3, env!("CARGO_PKG_VERSION"))
-            .bytes(6, about)
-            .message(7, graph)
-            .message(8, opset)
-            .into_bytes()
+        let graph = GraphMessage {
+            nodes: self.nodes,
+            name: "policy".to_owned(),
+            initializers: self.constants,
+            inputs: inputs.iter().map(value).collect(),
+            outputs: outputs.iter().map(value).collect(),
+        };
+        let opset = Opset {
+            domain: String::new(),
+            version: OPSET,
+        };
+        let model = Model {
+            ir_version: IR_VERSION,
+            producer_name: "covers".to_owned(),
+            producer_version: env!("CARGO_PKG_VERSION").to_owned(),
+            doc_string: about.to_owned(),
+            graph: Some(graph),
+            opset_import: vec![opset],
+        };
+        model.encode_to_vec()
     }
 }
 
-fn attribute(attribute: &Attribute) -> Message {
-    match attribute {
-        Attribute::Int(name, value) => Message::new()
-            .bytes(1, name)
-            .int(3, *value)
-            .int(20, ONE_INT),
-        Attribute::Ints(name, values) => {
-            Message::new().bytes(1, name).ints(8, values).int(20, INTS)
-        }
+fn attribute(attribute: &Attribute) -> AttributeMessage {
+    let (name, int, ints, kind) = match attribute {
+        Attribute::Int(name, value) => (name, Some(*value), Vec::new(), ONE_INT),
+        Attribute::Ints(name, values) => (name, None, values.clone(), INTS),
+    };
+    AttributeMessage {
+        name: (*name).to_owned(),
+        int,
+        ints,
+        kind,
     }
 }
 
 /// An input or output `[B, ..]`.
-fn value((name, kind, sides): &(&str, i64, Vec<usize>)) -> Message {
-    let batch = Message::new().bytes(2, "B");
-    let sides = sides.iter().map(|&side| Message::new().int(1, side as i64));
-    let shape = Message::new().messages(1, [batch].into_iter().chain(sides));
-    let tensor = Message::new().int(1, *kind).message(2, shape);
-    Message::new()
-        .bytes(1, name)
-        .message(2, Message::new().message(1, tensor))
+fn value((name, element, sides): &(&str, i64, Vec<usize>)) -> Value {
+    let batch = Side {
+        length: None,
+        name: Some("B".to_owned()),
+    };
+    let sides = sides.iter().map(|&side| Side {
+        length: Some(side as i64),
+        name: None,
+    });
+    let shape = Shape {
+        sides: [batch].into_iter().chain(sides).collect(),
+    };
+    let tensor = TensorKind {
+        element: *element as i32,
+        shape: Some(shape),
+    };
+    Value {
+        name: (*name).to_owned(),
+        kind: Some(ValueKind {
+            tensor: Some(tensor),
+        }),
+    }
 }

@@ -5,14 +5,14 @@ use std::path::Path;
 use rl::{Answers, Distribution, Observations, PlainLayer, PlainPolicy};
 use safetensors::tensor::{Dtype, TensorView};
 
-use crate::error::CoversError;
+use experiments::RunError;
 
 /// An array: name, type, shape and bytes.
 type Array = (String, Dtype, Vec<usize>, Vec<u8>);
 
 /// The bytes of the weights, `image.0.weight` and so on: convolutions `[C_out, C_in, size, size]`,
 /// matrices `[C_out, C_in]`. `path` is where they will be written, for errors to name.
-pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, CoversError> {
+pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, RunError> {
     let mut arrays = Vec::new();
     for (part, layers, maps) in parts(policy) {
         for (number, layer) in layers.iter().enumerate() {
@@ -63,7 +63,7 @@ pub(super) fn golden(
     observations: &Observations,
     answers: &Answers,
     path: &Path,
-) -> Result<Vec<u8>, CoversError> {
+) -> Result<Vec<u8>, RunError> {
     let [height, width, channels] = policy.spec.image;
     let (vector, action) = (policy.spec.vector.len(), policy.spec.action.len());
     let samples = answers.actions.len() / action;
@@ -89,11 +89,11 @@ fn floats(name: &str, shape: &[usize], values: &[f32]) -> Array {
     (name.to_owned(), Dtype::F32, shape.to_vec(), bytes.collect())
 }
 
-fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, CoversError> {
+fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, RunError> {
     let views = arrays.iter().map(|(name, dtype, shape, bytes)| {
         TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name, view))
     });
     let views = views.collect::<Result<Vec<_>, _>>();
     let bytes = views.and_then(|views| safetensors::serialize(views, None));
-    bytes.map_err(|error| CoversError::write(path, error))
+    bytes.map_err(|error| RunError::write(path, error))
 }

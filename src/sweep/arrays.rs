@@ -4,7 +4,7 @@ use std::path::{Component, Path};
 
 use serde_json::{Value, json};
 
-use crate::error::CoversError;
+use experiments::RunError;
 
 /// Number of times that a job which fails is tried again.
 const RETRIES: usize = 3;
@@ -70,8 +70,8 @@ exit $code
     /// a checkpoint (exit code 3), which counts as no failure.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a plan or runs elsewhere.
-    pub fn kubernetes(&self, image: &str) -> Result<Value, CoversError> {
+    /// [`RunError::Setting`] for a plan or runs elsewhere.
+    pub fn kubernetes(&self, image: &str) -> Result<Value, RunError> {
         let plan = on_the_volume("plan", self.plan)?;
         let runs = on_the_volume("runs", self.runs)?;
         let threads = self.threads.to_string();
@@ -111,12 +111,12 @@ exit $code
 }
 
 /// A path on the volume as an argument of a container.
-fn on_the_volume(name: &'static str, path: &Path) -> Result<String, CoversError> {
+fn on_the_volume(name: &'static str, path: &Path) -> Result<String, RunError> {
     let climbs = path.components().any(|part| part == Component::ParentDir);
     match path.to_str() {
         // Kubernetes replaces `$(NAME)` in arguments, and reads `$$` as one `$`
         Some(text) if path.starts_with(MOUNT) && !climbs => Ok(text.replace('$', "$$")),
-        _ => Err(CoversError::Setting {
+        _ => Err(RunError::Setting {
             name,
             value: path.display().to_string(),
             expected: "an absolute path inside /covers, where containers see the volume",

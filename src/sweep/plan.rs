@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 use envs::TaskRegistry;
 use serde::{Deserialize, Serialize};
 
-use crate::error::CoversError;
-use crate::experiment::Experiment;
-use crate::presets::{Budget, Method};
+use experiments::presets::{Budget, Method};
+use experiments::{Experiment, RunError};
 use learner::overrides::{self, Override, parse, read};
 
 /// Methods times variants times seeds, as a JSON file holds them.
@@ -55,8 +54,8 @@ impl Plan {
     /// Reads a plan.
     ///
     /// # Errors
-    /// [`CoversError::Read`] names the file and what is wrong in it.
-    pub fn read(path: &Path) -> Result<Self, CoversError> {
+    /// [`RunError::Read`] names the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<Self, RunError> {
         Ok(read(path)?)
     }
 
@@ -64,17 +63,17 @@ impl Plan {
     ///
     /// # Errors
     /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
-    pub fn parse(text: &str) -> Result<Self, CoversError> {
+    pub fn parse(text: &str) -> Result<Self, RunError> {
         Ok(parse(text)?)
     }
 
     /// The jobs, all of them checked: no sweep fails after days for want of a check.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them or a variant
+    /// [`RunError::Setting`] for a plan without methods or seeds, with one of them or a variant
     /// twice, with variants that are the same run, with one that makes no name of a folder, or with
     /// a seed in `set`; what [`Experiment::check`] says.
-    pub fn jobs(&self) -> Result<Vec<Job>, CoversError> {
+    pub fn jobs(&self) -> Result<Vec<Job>, RunError> {
         let (jobs, tasks) = (self.listed()?, TaskRegistry::standard());
         let mut experiments = jobs.iter().map(|job| &job.experiment);
         experiments.try_for_each(|experiment| experiment.check(&tasks))?;
@@ -85,7 +84,7 @@ impl Plan {
     ///
     /// # Errors
     /// As [`Plan::jobs`], but for those of [`Experiment::check`].
-    pub fn listed(&self) -> Result<Vec<Job>, CoversError> {
+    pub fn listed(&self) -> Result<Vec<Job>, RunError> {
         let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
         distinct("methods", &methods)?;
         distinct("seeds", &self.seeds)?;
@@ -105,7 +104,7 @@ impl Plan {
     }
 
     /// The variants with all that they set; one without a name where there are none.
-    fn arms(&self) -> Result<Vec<Arm<'_>>, CoversError> {
+    fn arms(&self) -> Result<Vec<Arm<'_>>, RunError> {
         if self.variants.is_empty() {
             return Ok(vec![Arm::new(None, &self.set, &[])?]);
         }
@@ -116,12 +115,12 @@ impl Plan {
         arms.collect()
     }
 
-    fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<Job, CoversError> {
+    fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<Job, RunError> {
         let preset = self.budget.experiment(method);
         // with a seed of another job, so that one that happens to be this job's is found, too
         let other = overrides::apply(&arm.set, preset.clone().with_seed(!seed))?;
         if other.learner.seed() != !seed {
-            return Err(CoversError::Setting {
+            return Err(RunError::Setting {
                 name: "set",
                 value: format!("{:?}", arm.text),
                 expected: "no seed: `seeds` lists them",
@@ -141,7 +140,7 @@ struct Arm<'a> {
 }
 
 impl<'a> Arm<'a> {
-    fn new(name: Option<&str>, all: &'a [String], own: &'a [String]) -> Result<Self, CoversError> {
+    fn new(name: Option<&str>, all: &'a [String], own: &'a [String]) -> Result<Self, RunError> {
         let text: Vec<&str> = all.iter().chain(own).map(String::as_str).collect();
         let set = text
             .iter()
@@ -156,7 +155,7 @@ impl<'a> Arm<'a> {
 }
 
 /// Refuses what could not be read back from a folder's name.
-fn folder_part(name: &str) -> Result<&str, CoversError> {
+fn folder_part(name: &str) -> Result<&str, RunError> {
     let plain = |sign: char| sign.is_ascii_alphanumeric() || sign == '-' || sign == '.';
     if !name.is_empty()
         && name.chars().all(plain)
@@ -165,7 +164,7 @@ fn folder_part(name: &str) -> Result<&str, CoversError> {
     {
         return Ok(name);
     }
-    Err(CoversError::Setting {
+    Err(RunError::Setting {
         name: "variants",
         value: format!("{name:?}"),
         expected: "a name of letters, digits, dots and hyphens, of which no part begins with `seed`",
@@ -180,11 +179,11 @@ impl Job {
 }
 
 /// Refuses jobs that are the same run under two names: a comparison of them says nothing.
-fn different(jobs: &[Job]) -> Result<(), CoversError> {
+fn different(jobs: &[Job]) -> Result<(), RunError> {
     for (index, job) in jobs.iter().enumerate() {
         let mut before = jobs[..index].iter();
         if let Some(same) = before.find(|other| other.experiment == job.experiment) {
-            return Err(CoversError::Setting {
+            return Err(RunError::Setting {
                 name: "variants",
                 value: format!("{} and {}, which are the same run", same.name, job.name),
                 expected: "settings that differ, those of the preset included",
@@ -195,7 +194,7 @@ fn different(jobs: &[Job]) -> Result<(), CoversError> {
 }
 
 /// Refuses a list that is empty or holds a value twice.
-fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<(), CoversError> {
+fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<(), RunError> {
     let mut numbered = values.iter().enumerate();
     let twice = numbered.find(|(i, value)| values[..*i].contains(value));
     let (value, expected) = match twice {
@@ -206,7 +205,7 @@ fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<
         None if values.is_empty() => ("empty".to_owned(), "at least one value"),
         None => return Ok(()),
     };
-    Err(CoversError::Setting {
+    Err(RunError::Setting {
         name,
         value,
         expected,

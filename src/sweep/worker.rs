@@ -5,9 +5,7 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use crate::error::CoversError;
-use crate::experiment::Experiment;
-use crate::runs::{Event, Run, RunFolder, Stop};
+use experiments::{Event, Experiment, Run, RunError, RunFolder, Stop};
 use learner::overrides::same;
 
 use super::plan::Job;
@@ -39,15 +37,15 @@ enum Fate {
 /// folder of a run and its lock are all that workers share.
 ///
 /// # Errors
-/// [`CoversError::Write`] for runs whose folder cannot be made.
+/// [`RunError::Write`] for runs whose folder cannot be made.
 pub fn work(
     jobs: &[Job],
     runs: &Path,
     threads: usize,
     stop: &Stop,
     out: &mut impl Write,
-) -> Result<Ended, CoversError> {
-    std::fs::create_dir_all(runs).map_err(|error| CoversError::write(runs, error))?;
+) -> Result<Ended, RunError> {
+    std::fs::create_dir_all(runs).map_err(|error| RunError::write(runs, error))?;
     let mut worker = Worker {
         runs,
         threads,
@@ -99,7 +97,7 @@ impl<W: Write> Worker<'_, W> {
                 Ok(Fate::Stopped) => return None,
                 // Another process took the run over, since this one was frozen or since the file
                 // server does not share locks. To claim it back would stop that process in turn.
-                Err(error @ CoversError::TakenOver(_)) => {
+                Err(error @ RunError::TakenOver(_)) => {
                     self.say(job, &error.to_string());
                     self.lost.push(job.name.clone());
                     taken.push(job);
@@ -130,7 +128,7 @@ impl<W: Write> Worker<'_, W> {
         }
     }
 
-    fn run(&mut self, job: &Job) -> Result<Fate, CoversError> {
+    fn run(&mut self, job: &Job) -> Result<Fate, RunError> {
         let folder = RunFolder::open(&job.folder(self.runs));
         if folder.holds_run() {
             // a run of other settings is not even opened
@@ -138,7 +136,7 @@ impl<W: Write> Worker<'_, W> {
             if folder.is_finished() {
                 match folder.verify_tables() {
                     Ok(()) => return Ok(Fate::Done),
-                    Err(changed @ CoversError::ChangedTable { .. }) => {
+                    Err(changed @ RunError::ChangedTable { .. }) => {
                         self.say(job, &format!("{changed}: restoring the tables"));
                     }
                     Err(error) => return Err(error),
@@ -152,12 +150,12 @@ impl<W: Write> Worker<'_, W> {
             return Ok(Fate::Stopped);
         }
         match claim(job, &folder, self.threads) {
-            Err(CoversError::Locked { .. }) => Ok(Fate::Taken),
+            Err(RunError::Locked { .. }) => Ok(Fate::Taken),
             other => self.finish(job, other?),
         }
     }
 
-    fn finish(&mut self, job: &Job, mut run: Run) -> Result<Fate, CoversError> {
+    fn finish(&mut self, job: &Job, mut run: Run) -> Result<Fate, RunError> {
         run.stop_at(self.stop.clone());
         self.say(job, run.notice());
         while let Some(event) = run.advance()? {
@@ -193,16 +191,16 @@ impl<W: Write> Worker<'_, W> {
 }
 
 /// Begins the job's run or goes on with it.
-fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, CoversError> {
+fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, RunError> {
     let path = folder.path();
-    std::fs::create_dir_all(path).map_err(|error| CoversError::write(path, error))?;
+    std::fs::create_dir_all(path).map_err(|error| RunError::write(path, error))?;
     let resume = || Run::resume(path, Some(threads));
     let start = || Run::start(job.experiment.clone().with_threads(threads), folder.clone());
     // a resumption asks for the lock before anything that takes time: workers that wait ask often
     let run = match folder.holds_run() {
         true => resume()?,
         false => match start() {
-            Err(CoversError::Occupied { .. }) => resume()?,
+            Err(RunError::Occupied { .. }) => resume()?,
             other => other?,
         },
     };
@@ -211,7 +209,7 @@ fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, CoversErr
     Ok(run)
 }
 
-fn refuse_others(job: &Job, folder: &RunFolder, there: &Experiment) -> Result<(), CoversError> {
+fn refuse_others(job: &Job, folder: &RunFolder, there: &Experiment) -> Result<(), RunError> {
     let [asked, there] = [&job.experiment, there].map(|it| it.clone().with_threads(1));
     Ok(same(folder.path(), &asked, &there)?)
 }
@@ -225,7 +223,7 @@ mod tests {
     use learner::LearnerError;
 
     use super::*;
-    use crate::presets::{Budget, Method};
+    use experiments::presets::{Budget, Method};
 
     /// A folder of one test's own with the settings of three jobs in it, none of them begun.
     struct Sweep {
@@ -339,10 +337,7 @@ mod tests {
         folder.write_experiment(&other).unwrap();
         let error = claim(job, &folder, 2).err().unwrap();
         assert!(
-            matches!(
-                error,
-                CoversError::Learner(LearnerError::OtherSettings { .. })
-            ),
+            matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })),
             "{error}"
         );
         sweep.take(job);

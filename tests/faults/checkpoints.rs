@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
-use covers::{CoversError, Experiment, Labels, LearnerError, Run, RunFolder, Stream};
+use covers::{Experiment, Labels, LearnerError, Run, RunError, RunFolder, Stream};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -22,7 +22,7 @@ fn newest_of(scratch: &Scratch) -> (PathBuf, PathBuf, Vec<u8>) {
     (folder, path, whole)
 }
 
-fn resume(folder: &Path) -> Result<Run, CoversError> {
+fn resume(folder: &Path) -> Result<Run, RunError> {
     Run::resume(folder, Some(1))
 }
 
@@ -91,7 +91,7 @@ fn a_run_without_an_intact_checkpoint_says_what_is_wrong_with_each() {
         fs::write(&path, b"").unwrap();
     }
     let error = resume(&folder).err().unwrap();
-    assert!(matches!(error, CoversError::NoCheckpoint { .. }), "{error}");
+    assert!(matches!(error, RunError::NoCheckpoint { .. }), "{error}");
     let message = error.to_string();
     for part in ["000001", "000002", "000003", "experiment.json"] {
         assert!(message.contains(part), "{message}");
@@ -132,10 +132,7 @@ fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
     fs::copy(newest(&other), newest(&folder)).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(
-        matches!(
-            error,
-            CoversError::Learner(LearnerError::OtherSettings { .. })
-        ),
+        matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })),
         "{error}"
     );
     assert!(error.to_string().contains("`seed` 0 and 5"), "{error}");
@@ -151,7 +148,7 @@ fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
     assert!(
         matches!(
             error,
-            CoversError::Learner(LearnerError::NewerFormat { format: 5, .. })
+            RunError::Learner(LearnerError::NewerFormat { format: 5, .. })
         ),
         "{error}"
     );

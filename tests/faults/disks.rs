@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use covers::presets::Method;
-use covers::{CoversError, Disk, LocalDisk, Run, RunFolder};
+use covers::{Disk, LocalDisk, Run, RunError, RunFolder};
 
 use crate::common::{Scratch, assert_same, checkpoints, expected, finish, full, tiny};
 
@@ -79,7 +79,7 @@ fn run_until_failure(
     folder: &RunFolder,
     disk: &Arc<Failing>,
     before: &mut Vec<usize>,
-) -> Result<(), CoversError> {
+) -> Result<(), RunError> {
     let mut begin_part = || before.push(disk.done.load(Ordering::Relaxed));
     begin_part();
     let folder = folder.clone().with_disk(Arc::<Failing>::clone(disk));
@@ -94,14 +94,14 @@ fn run_until_failure(
 }
 
 /// Runs to the end; after a failure nothing but that it failed can be had of the run.
-fn learn(run: &mut Run) -> Result<(), CoversError> {
+fn learn(run: &mut Run) -> Result<(), RunError> {
     loop {
         match run.advance() {
             Ok(Some(_)) => {}
             Ok(None) => return Ok(()),
             Err(error) => {
                 let again = run.advance().unwrap_err();
-                assert!(matches!(again, CoversError::Broken), "{again}");
+                assert!(matches!(again, RunError::Broken), "{again}");
                 return Err(error);
             }
         }
@@ -132,7 +132,7 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
         let error = run_until_failure(&folder, &disk, &mut Vec::new()).unwrap_err();
         let message = error.to_string();
         let is_named = message.contains(folder.path().to_str().unwrap());
-        assert!(matches!(error, CoversError::Write { .. }), "{message}");
+        assert!(matches!(error, RunError::Write { .. }), "{message}");
         assert!(
             is_named && message.contains(&reason.to_string()),
             "{message}"

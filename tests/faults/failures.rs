@@ -5,7 +5,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use covers::presets::Method;
-use covers::{CoversError, Experiment, Run};
+use covers::{Experiment, Run, RunError};
 use envs::tasks::DrawerClose;
 use envs::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
@@ -116,7 +116,7 @@ fn a_reward_that_is_not_a_number_is_an_error_and_no_checkpoint_holds_it() {
     };
     assert!(error.to_string().contains("NaN"), "{error}");
     let (folder, learnt) = (run.folder().path().to_owned(), run.ledger().rollouts);
-    assert!(matches!(run.save().unwrap_err(), CoversError::Broken));
+    assert!(matches!(run.save().unwrap_err(), RunError::Broken));
     assert_eq!(
         checkpoints(&folder).len(),
         learnt,

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
-use covers::{CoversError, Provenance, Run};
+use covers::{Provenance, Run, RunError};
 
 use crate::common::{
     Scratch, TABLES, assert_same, begun, bytes, crash_after, expected, finish, interrupted, tiny,
@@ -26,7 +26,7 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
         let message = error.to_string();
         let process = format!("process {}", std::process::id());
         let path = folder.path().to_str().unwrap();
-        assert!(matches!(error, CoversError::Locked { .. }), "{message}");
+        assert!(matches!(error, RunError::Locked { .. }), "{message}");
         assert!(
             message.contains(&process) && message.contains(path),
             "{message}"
@@ -66,7 +66,7 @@ fn a_writer_that_was_frozen_while_another_one_finished_changes_nothing() {
     drop(run);
     let before = files(&folder);
     let error = frozen.advance().unwrap_err();
-    assert!(matches!(error, CoversError::TakenOver(_)), "{error}");
+    assert!(matches!(error, RunError::TakenOver(_)), "{error}");
     let message = error.to_string();
     let process = format!("was taken over by process {}", std::process::id());
     assert!(message.contains(&process), "{message}");
@@ -170,7 +170,7 @@ fn a_finished_run_is_overwritten_only_when_told() {
     let error = Run::start(experiment.clone(), folder.clone())
         .err()
         .unwrap();
-    assert!(matches!(error, CoversError::Occupied { .. }), "{error}");
+    assert!(matches!(error, RunError::Occupied { .. }), "{error}");
     assert!(error.to_string().contains("covers resume"), "{error}");
     // what has ended stays as it is
     let lines = Provenance::read(folder.path()).unwrap().len();
@@ -279,5 +279,5 @@ fn the_machines_clock_is_read_in_one_place_alone() {
     ] {
         sources(&root.join(folder), &mut found);
     }
-    assert_eq!(found, [root.join("src/runs/provenance.rs")]);
+    assert_eq!(found, [root.join("experiments/src/provenance.rs")]);
 }

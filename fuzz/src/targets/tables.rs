@@ -3,16 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use covers::RunFolder;
+use covers::experiments::timings::{Timings, first_rows};
 use covers::presets::{Budget, Method};
-use covers::report::{Report, RunData};
+use covers::report::Report;
+use covers::{CoversError, RunData, RunFolder};
 
 use super::{Reading, Target, accepted, measured, own_path, texts};
-
-// private to the crate that reads timings
-#[allow(dead_code)]
-#[path = "../../../src/runs/timings.rs"]
-mod timings;
 
 pub const TABLES: Target = Target::new("tables", read, tables)
     .holding(512, 1 << 17)
@@ -55,24 +51,28 @@ fn read(input: &[u8]) -> Option<Reading> {
         go_on(files[2].1);
         // who watches a run reads what is whole
         drop(RunData::so_far(&RUN));
-        accepted(RunData::read(&RUN).and_then(report))
+        accepted(
+            RunData::read(&RUN)
+                .map_err(CoversError::from)
+                .and_then(report),
+        )
     })
 }
 
 /// What a resumption keeps of the timings.
 fn go_on(table: &[u8]) {
-    let kept = timings::first_rows(table, 2);
-    assert_eq!(timings::first_rows(kept.as_bytes(), 2), kept);
-    let known = timings::Timings::read(kept.as_bytes());
+    let kept = first_rows(table, 2);
+    assert_eq!(first_rows(kept.as_bytes(), 2), kept);
+    let known = Timings::read(kept.as_bytes());
     let rate = known.decisions_per_second();
     assert!(rate.is_none_or(|rate| !rate.is_nan()));
 }
 
 /// A report of the run alone.
-fn report(run: RunData) -> Result<(), covers::CoversError> {
+fn report(run: RunData) -> Result<(), CoversError> {
     let report = Report::new(vec![run])?;
     assert!(!report.markdown().is_empty());
-    report.write(&RUN.join("report")).map(|_| ())
+    Ok(report.write(&RUN.join("report"))?)
 }
 
 fn tables() -> Vec<Vec<u8>> {

@@ -1,0 +1,107 @@
+//! A rig for tests, which moves at once and whose camera shows nothing.
+
+use std::time::Duration;
+
+use envs::carriers::Arm;
+use envs::{Camera, HAND_START};
+use glam::{DQuat, DVec3};
+use inpainting::Calibration;
+use rl::BoxError;
+use robots::{Command, ControlError, Pose, Robot, RobotState};
+
+use crate::rig::{Rig, SetUp, Trial, Verdict};
+use crate::{SimulatedRig, SimulationSettings};
+
+/// A rig whose arm is elsewhere than it should be, over a table that shows nothing.
+pub struct Blank {
+    pub state: RobotState,
+    pub time: Duration,
+    /// How fast the hand turns by itself (rad/s).
+    pub spin: f64,
+    /// How far the camera's clock is ahead.
+    pub ahead: Duration,
+}
+
+impl Blank {
+    pub fn new(arm: &Arm) -> Self {
+        let joints = arm.settings().ready.clone();
+        Self {
+            state: RobotState {
+                tip: Pose {
+                    position: HAND_START,
+                    rotation: arm.chain().tip(&joints).rotation,
+                },
+                joints,
+                closing: 0.0,
+            },
+            time: Duration::ZERO,
+            spin: 0.0,
+            ahead: Duration::ZERO,
+        }
+    }
+
+    fn turn(&mut self, by: DVec3) {
+        let tip = &mut self.state.tip;
+        tip.rotation = (DQuat::from_scaled_axis(by) * tip.rotation).normalize();
+    }
+}
+
+impl Robot for Blank {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        Ok(self.state.clone())
+    }
+
+    /// Nothing above a height is within reach.
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        let tip = &mut self.state.tip;
+        if command.twist.linear.z > 0.0 && tip.position.z > 0.24 {
+            return Err(ControlError::OutOfReach {
+                target: tip.position,
+                reached: tip.position,
+                distance: 0.1,
+                angle: 0.0,
+                joint: None,
+            });
+        }
+        tip.position += 0.025 * command.twist.linear;
+        self.turn(0.025 * command.twist.angular);
+        Ok(())
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        Ok(())
+    }
+}
+
+impl Rig for Blank {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+        Ok(SetUp {
+            background: vec![100; 3 * 640 * 480],
+            parked: self.state.clone(),
+            goal: None,
+        })
+    }
+
+    fn calibration(&self) -> Calibration {
+        let rig = SimulatedRig::new(SimulationSettings::OFF, Camera::default());
+        rig.unwrap().truth()
+    }
+
+    fn now(&self) -> Duration {
+        self.time
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+        self.time += time;
+        self.turn(self.spin * time.as_secs_f64() * DVec3::Z);
+        Ok(())
+    }
+
+    fn picture(&mut self, _: &mut [u8]) -> Result<Duration, BoxError> {
+        Ok(self.time + self.ahead)
+    }
+
+    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+        Ok(Verdict::default())
+    }
+}

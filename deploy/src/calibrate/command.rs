@@ -1,0 +1,320 @@
+//! `covers calibrate`: where is the camera?
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::Args;
+use envs::Camera;
+use envs::carriers::Arm;
+use glam::DVec3;
+use inpainting::{Ball, Calibration, Focal, Offset, Uncertainty};
+use serde_json::{Value, json};
+
+use crate::{DeployError, plausibility};
+use experiments::RunError;
+use experiments::cli::say;
+use learner::disk::{LocalDisk, try_out};
+
+use super::file::CalibrationFile;
+use super::measure::{CalibrateSettings, Calibrated, calibrate};
+use super::poses::poses;
+use crate::faults::Fault;
+use crate::options::{RigOptions, RobotKind};
+use crate::rig::{Rig, Trial};
+use crate::simulated::{SimulatedRig, SimulationSettings};
+
+/// How the camera is found.
+#[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Example: covers calibrate --robot kinova-sim --fault position-error=30 \
+                        --out calibration.json"
+)]
+pub struct CalibrateOptions {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub rig: RigOptions,
+    /// The file to write, for `covers deploy --calibration`.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Where the middle of the ball is in the frame of the hand (mm), as 129.9,-0.1,-170.2: of the
+    /// link whose place the joints tell. Without it that is found, too.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub offset: Option<Triple>,
+    /// Colour of the ball in the picture, red, green and blue of 255.
+    #[arg(long, value_name = "R,G,B", default_value = "255,0,255")]
+    pub color: Triple,
+    /// Print the result as one JSON object, in the last line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Three numbers, as `1,2.5,-3`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triple(pub [f64; 3]);
+
+impl FromStr for Triple {
+    type Err = DeployError;
+
+    fn from_str(text: &str) -> Result<Self, DeployError> {
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(str::parse).collect();
+        let numbers = numbers.unwrap_or_default();
+        let finite = numbers.iter().all(|number| number.is_finite());
+        match (<[f64; 3]>::try_from(numbers), finite) {
+            (Ok(numbers), true) => Ok(Self(numbers)),
+            _ => Err(RunError::Setting {
+                name: "three numbers",
+                value: text.to_owned(),
+                expected: "numbers as 1,2.5,-3",
+            }
+            .into()),
+        }
+    }
+}
+
+impl CalibrateOptions {
+    /// Finds the camera, writes the file, and prints to `out` how sure that is.
+    ///
+    /// # Errors
+    /// As [`calibrate`]; a file and an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
+        let settings = self.simulation()?;
+        let RobotKind::KinovaSim = self.rig.robot;
+        let mut rig = SimulatedRig::with_ball(settings, Camera::default())?;
+        let arm = rig.arm().clone();
+        let calibrated = self.run_on(&mut rig, &arm, out)?;
+        if self.json {
+            return Ok(());
+        }
+        let [place, angle] = apart(&calibrated.found.calibration, &rig.truth());
+        let simulated = format!(
+            "the simulated camera is in truth {place:.1} mm and {angle:.2} degrees from that"
+        );
+        Ok(say(out, &simulated)?)
+    }
+
+    /// Finds the camera of a rig of somebody's own; `arm` is what is known of its robot. Options of
+    /// faults are for simulated rigs.
+    ///
+    /// # Errors
+    /// As [`CalibrateOptions::run`].
+    pub fn run_on(
+        &self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<Calibrated, DeployError> {
+        let settings = self.settings()?;
+        // the arm moves for minutes: what cannot be written is told before
+        try_out(&LocalDisk, &self.out)?;
+        let trial = Trial::on_empty_table(self.rig.seed);
+        let calibrated = calibrate(rig, arm, &settings, &poses(arm), &trial)?;
+        let refusal = refusal(&calibrated.found.calibration, rig);
+        let told = if self.json {
+            object(&calibrated, refusal.as_deref()).to_string()
+        } else {
+            text(&calibrated, refusal.as_deref())
+        };
+        say(out, &told)?;
+        CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
+        Ok(calibrated)
+    }
+
+    /// What is wrong with a simulated rig. No mask is made here, so none can be too thick.
+    fn simulation(&self) -> Result<SimulationSettings, DeployError> {
+        if self
+            .rig
+            .fault
+            .iter()
+            .any(|of| of.fault == Fault::MaskGrowth)
+        {
+            return Err(RunError::Setting {
+                name: "fault",
+                value: Fault::MaskGrowth.name().to_owned(),
+                expected: "a fault of the camera or the arm: a calibration makes no mask",
+            }
+            .into());
+        }
+        Ok(self.rig.settings()?.0)
+    }
+
+    fn settings(&self) -> Result<CalibrateSettings, DeployError> {
+        let levels = self.color.0;
+        let is_level = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
+        if !levels.iter().all(is_level) {
+            return Err(RunError::Setting {
+                name: "color",
+                value: format!("{levels:?}"),
+                expected: "three whole levels of 0 to 255",
+            }
+            .into());
+        }
+        let offset = self
+            .offset
+            .map(|Triple(place)| DVec3::from_array(place) / 1e3);
+        Ok(CalibrateSettings {
+            ball: Ball {
+                color: levels.map(|level| level as u8),
+            },
+            offset: offset.map_or(Offset::Unknown, Offset::Known),
+        })
+    }
+}
+
+/// Reason for which a file with the camera that was found is refused on this rig.
+fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
+    match plausibility::check(found, &rig.standing_calibration()) {
+        Err(DeployError::OtherCamera {
+            what,
+            value,
+            expected,
+        }) => Some(format!("its {what} is {value}, expected {expected}")),
+        _ => None,
+    }
+}
+
+/// Distance of two cameras (mm), and the angle between them (degrees).
+pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
+    let [place, angle] = plausibility::apart(one, other);
+    [1e3 * place, angle]
+}
+
+/// A distance on the table, for people.
+fn in_millimetres(distance: Option<f64>) -> String {
+    distance.map_or_else(
+        || "nowhere".to_owned(),
+        |metres| format!("{:.1} mm", 1e3 * metres),
+    )
+}
+
+fn millimetres(place: DVec3) -> [f64; 3] {
+    (1e3 * place).to_array()
+}
+
+fn degrees(angle: DVec3) -> [f64; 3] {
+    angle.to_array().map(f64::to_degrees)
+}
+
+fn uncertainty(of: &Uncertainty) -> Value {
+    json!({
+        "position_mm": millimetres(of.position),
+        "angle_degrees": degrees(of.angle),
+        "offset_mm": millimetres(of.offset),
+    })
+}
+
+/// The result for programs.
+fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
+    let found = &calibrated.found;
+    let [moved, turned] = apart(&found.calibration, &calibrated.before);
+    let residuals = found.residuals.iter().map(|of| {
+        let on_table = of.on_table.map(|metres| 1e3 * metres);
+        json!({"pose": of.pose, "pixels": of.pixels, "mm_on_table": on_table})
+    });
+    json!({
+        "calibration": CalibrationFile::from(&found.calibration),
+        "ball_in_hand_mm": millimetres(found.offset),
+        "rms_pixels": found.rms(),
+        "rms_mm_on_table": found.rms_on_table().map(|place| 1e3 * place),
+        "residuals": residuals.collect::<Vec<_>>(),
+        "sigma": uncertainty(&found.uncertainty),
+        "sigma_of_a_pixel": uncertainty(&found.dilution),
+        "focal_by_the_poses": found.focal.map(|focal| json!({
+            "ratio": focal.ratio,
+            "sigma": focal.sigma,
+        })),
+        "moved_mm": moved,
+        "turned_degrees": turned,
+        "left_out": calibrated.left_out,
+        "refused_by_deploy": refusal,
+    })
+}
+
+/// The result for people.
+fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
+    let Calibrated {
+        before,
+        found,
+        left_out,
+    } = calibrated;
+    let left_out = left_out.iter();
+    let mut lines: Vec<String> = left_out
+        .map(|left| format!("pose {} was left out: {}", left.pose, left.why))
+        .collect();
+    let worst = found.worst();
+    let worst = worst.map_or_else(String::new, |worst| {
+        let (pose, pixels, table) = (worst.pose, worst.pixels, in_millimetres(worst.on_table));
+        format!("; at most {pixels:.2}, {table}, in pose {pose}")
+    });
+    lines.push(format!(
+        "{} poses; the ball is {:.2} pixels off (rms), {} on the table{worst}",
+        found.residuals.len(),
+        found.rms(),
+        in_millimetres(found.rms_on_table())
+    ));
+    let three = |name: &str, values: [f64; 3], sigma: [f64; 3], unit: &str| {
+        let values = values.map(|value| format!("{value:.1}")).join(", ");
+        let sigma = sigma.map(|value| format!("{value:.2}")).join(", ");
+        format!("{name} at {values} {unit}, give or take {sigma}")
+    };
+    let sigma = &found.uncertainty;
+    let place = millimetres(found.calibration.position());
+    lines.push(three("camera", place, millimetres(sigma.position), "mm"));
+    let [right, down, forwards] = degrees(sigma.angle);
+    lines.push(format!(
+        "turned as the file says, give or take {right:.3}, {down:.3}, {forwards:.3} degrees about \
+         its axes right, down and forwards"
+    ));
+    if sigma.offset != DVec3::ZERO {
+        let ball = three(
+            "ball in the hand",
+            millimetres(found.offset),
+            millimetres(sigma.offset),
+            "mm",
+        );
+        lines.push(ball);
+    }
+    lines.push(match found.focal {
+        Some(Focal { ratio, sigma }) => format!(
+            "that holds for the focal lengths that were given; the poses alone would put them \
+             {:.1} % {}, give or take {:.1}",
+            1e2 * (ratio - 1.0).abs(),
+            if ratio < 1.0 { "lower" } else { "higher" },
+            1e2 * sigma
+        ),
+        None => "that holds for the focal lengths that were given, which the poses do not tell"
+            .to_owned(),
+    });
+    let of = &found.dilution;
+    lines.push(format!(
+        "a pixel of noise would leave {:.1} mm and {:.2} degrees",
+        1e3 * of.position.length(),
+        of.angle.length().to_degrees()
+    ));
+    let [place, angle] = apart(&found.calibration, before);
+    lines.push(format!(
+        "it was taken to be {place:.1} mm and {angle:.2} degrees from there"
+    ));
+    lines.extend(refusal.map(|why| {
+        format!(
+            "`covers deploy` will refuse this file until the rig's own calibration is corrected: \
+             {why}"
+        )
+    }));
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_numbers_are_read_or_refused() {
+        let triple: Triple = "1,2.5,-3".parse().unwrap();
+        assert_eq!(triple, Triple([1.0, 2.5, -3.0]));
+        for text in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,NaN", "1,2,inf"] {
+            let message = text.parse::<Triple>().unwrap_err().to_string();
+            assert!(message.contains("1,2.5,-3"), "{message}");
+        }
+    }
+}

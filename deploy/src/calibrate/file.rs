@@ -1,0 +1,187 @@
+//! A calibration in a file.
+
+use std::path::Path;
+
+use glam::DMat3;
+use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
+use serde::{Deserialize, Serialize};
+
+use crate::DeployError;
+use experiments::RunError;
+use learner::disk::{LocalDisk, replace};
+use learner::overrides::{parse, read};
+
+/// A camera that is farther from the table's middle (metres) was measured in millimetres.
+const FARTHEST: f64 = 100.0;
+
+/// A camera as `calibration.json` has it. Lengths are in metres, the rest is in pixels or has no
+/// unit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CalibrationFile {
+    /// Pixels across and down.
+    pub size: [usize; 2],
+    /// Focal lengths across and down (pixels).
+    pub focal: [f64; 2],
+    /// The optical axis: column and row (pixels).
+    pub centre: [f64; 2],
+    /// k1 and k2.
+    pub radial: [f64; 2],
+    /// p1 and p2.
+    pub tangential: [f64; 2],
+    /// Where the camera is (metres, world).
+    pub position: [f64; 3],
+    /// Rows of the rotation from the world's axes to the camera's: right, down, forwards.
+    pub rotation: [[f64; 3]; 3],
+}
+
+impl CalibrationFile {
+    /// Reads a calibration from a file.
+    ///
+    /// # Errors
+    /// [`RunError::Read`] names the file and what is wrong in it.
+    pub fn read(path: &Path) -> Result<Calibration, RunError> {
+        let file: Self = read(path)?;
+        file.calibration()
+            .map_err(|error| RunError::read(path, error))
+    }
+
+    /// Reads a calibration from JSON.
+    ///
+    /// # Errors
+    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`];
+    /// [`RunError::Setting`] for a position in millimetres, [`DeployError::Inpainting`] for
+    /// numbers that are no camera's.
+    pub fn parse(text: &str) -> Result<Calibration, DeployError> {
+        let file: Self = parse(text)?;
+        file.calibration()
+    }
+
+    /// Writes a calibration to a file; one of that name is replaced.
+    ///
+    /// # Errors
+    /// [`RunError::Write`].
+    pub fn write(calibration: &Calibration, path: &Path) -> Result<(), DeployError> {
+        let text = serde_json::to_string_pretty(&Self::from(calibration));
+        let text = text.map_err(|error| RunError::write(path, error))? + "\n";
+        Ok(replace(&LocalDisk, path, text.as_bytes())?)
+    }
+
+    fn calibration(self) -> Result<Calibration, DeployError> {
+        if self.position.iter().any(|place| place.abs() > FARTHEST) {
+            return Err(RunError::Setting {
+                name: "position",
+                value: format!("{:?}", self.position),
+                expected: "metres, each at most 100",
+            }
+            .into());
+        }
+        let [width, height] = self.size;
+        let rotation = DMat3::from_cols_array_2d(&self.rotation).transpose();
+        let calibration = Calibration {
+            intrinsics: Intrinsics {
+                width,
+                height,
+                focal: self.focal,
+                centre: self.centre,
+            },
+            distortion: Distortion {
+                radial: self.radial,
+                tangential: self.tangential,
+            },
+            extrinsics: Extrinsics {
+                rotation,
+                translation: -(rotation * glam::DVec3::from_array(self.position)),
+            },
+        };
+        calibration.check()?;
+        Ok(calibration)
+    }
+}
+
+impl From<&Calibration> for CalibrationFile {
+    fn from(calibration: &Calibration) -> Self {
+        let inside = calibration.intrinsics;
+        let rows = calibration.extrinsics.rotation.transpose();
+        Self {
+            size: [inside.width, inside.height],
+            focal: inside.focal,
+            centre: inside.centre,
+            radial: calibration.distortion.radial,
+            tangential: calibration.distortion.tangential,
+            position: calibration.position().to_array(),
+            rotation: rows.to_cols_array_2d(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Calibration {
+        let rotation = DMat3::from_rotation_x(3.1) * DMat3::from_rotation_z(0.4);
+        Calibration {
+            intrinsics: Intrinsics::REALSENSE_D435,
+            distortion: Distortion {
+                radial: [0.01, -0.02],
+                tangential: [0.001, 0.0],
+            },
+            extrinsics: Extrinsics {
+                rotation,
+                translation: glam::DVec3::new(0.1, -0.2, 1.4),
+            },
+        }
+    }
+
+    #[test]
+    fn a_calibration_comes_back_from_its_file() {
+        let name = format!("covers-calibration-{}.json", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        CalibrationFile::write(&camera(), &path).unwrap();
+        let read = CalibrationFile::read(&path);
+        std::fs::remove_file(&path).unwrap();
+        let read = read.unwrap();
+        assert_eq!(read.extrinsics.rotation, camera().extrinsics.rotation);
+        assert_eq!(read.intrinsics, camera().intrinsics);
+        assert_eq!(read.distortion, camera().distortion);
+        let off = read.position().distance(camera().position());
+        assert!(off < 1e-12, "{off}");
+        let gone = CalibrationFile::read(&path).unwrap_err().to_string();
+        assert!(gone.contains("covers-calibration"), "{gone}");
+    }
+
+    #[test]
+    fn a_camera_in_millimetres_is_refused() {
+        let mut file = CalibrationFile::from(&camera());
+        file.position = [0.3, -0.3, 1498.9];
+        let text = serde_json::to_string(&file).unwrap();
+        let message = CalibrationFile::parse(&text).unwrap_err().to_string();
+        assert!(
+            message.contains("1498.9") && message.contains("metres"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn files_that_are_no_camera_say_why() {
+        let text = serde_json::to_string(&CalibrationFile::from(&camera())).unwrap();
+        CalibrationFile::parse(&text).unwrap();
+        for (part, other, says) in [
+            ("\"size\"", "\"sise\"", "did you mean `size`"),
+            ("[640,480]", "[640]", "size"),
+            ("[640,480]", "[0,480]", "picture size"),
+            ("[615.0,615.0]", "[615.0,-1]", "focal length"),
+            ("[615.0,615.0]", "[615.0,1e999]", "no JSON"),
+            ("0.01,", "3.0,", "distortion"),
+            ("n\":[[", "n\":[[3.0,0.0,0.0],[", "rotation"),
+            ("n\":[[", "n\":[[9", "rotation"),
+            ("}", "", "JSON"),
+        ] {
+            let spoilt = text.replacen(part, other, 1);
+            assert_ne!(spoilt, text, "{part}");
+            let message = CalibrationFile::parse(&spoilt).unwrap_err().to_string();
+            assert!(message.contains(says), "{other}: {message}");
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! `covers check mask`: is the arm where the mask hides it?
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use envs::carriers::Arm;
+use serde_json::{Value, json};
+
+use crate::DeployError;
+use experiments::RunError;
+use experiments::cli::say;
+use learner::disk::{LocalDisk, replace, try_out};
+
+use super::mask::MaskCheck;
+use super::poses::poses;
+use crate::deployment::Deployment;
+use crate::options::{RobotKind, SiteOptions};
+use crate::rig::{Rig, Trial};
+use crate::settings::SightSettings;
+use crate::simulated::SimulatedRig;
+
+/// The mask of which policies, on which robot.
+#[derive(Clone, Debug, Args)]
+#[command(after_help = "Example: covers check mask assets/pretrained-robot \
+                        --calibration calibration.json --pictures masks")]
+pub struct MaskOptions {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub site: SiteOptions,
+    /// Folder for a picture (PNG) of each pose: green where mask and arm agree, red where the mask
+    /// leaves the arm, blue where it hides table.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl MaskOptions {
+    /// Runs the check, prints a row for each pose to `out`, and says whether the mask holds.
+    ///
+    /// # Errors
+    /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<bool, DeployError> {
+        let (settings, sight) = self.site.rig.settings()?;
+        let deployment = self.site.deployment(sight)?;
+        let RobotKind::KinovaSim = self.site.rig.robot;
+        let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
+        let arm = rig.arm().clone();
+        self.check(&deployment, &mut rig, &arm, out)
+    }
+
+    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults is for simulated rigs.
+    ///
+    /// # Errors
+    /// As [`MaskOptions::run`].
+    pub fn run_on(
+        &self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<bool, DeployError> {
+        let deployment = self.site.deployment(SightSettings::default())?;
+        self.check(&deployment, rig, arm, out)
+    }
+
+    fn check(
+        &self,
+        deployment: &Deployment,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<bool, DeployError> {
+        // the arm moves for minutes: what cannot be written is told before
+        self.pictures.as_deref().map_or(Ok(()), prepare)?;
+        let trial = Trial::on_empty_table(self.site.rig.seed);
+        let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial)?;
+        match self.json {
+            true => say(out, &object(&check).to_string())?,
+            false => say(out, &table(&check))?,
+        }
+        if let Some(folder) = &self.pictures {
+            write(&check, folder)?;
+        }
+        Ok(check.holds())
+    }
+}
+
+/// Makes the folder, where there is none, and sees whether it can be written to.
+fn prepare(folder: &Path) -> Result<(), DeployError> {
+    std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
+    Ok(try_out(&LocalDisk, &picture(folder, 1))?)
+}
+
+/// The file of a pose.
+fn picture(folder: &Path, pose: usize) -> PathBuf {
+    folder.join(format!("pose-{pose:02}.png"))
+}
+
+fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
+    for (row, drawn) in check.rows.iter().zip(&check.pictures) {
+        let path = picture(folder, row.pose);
+        let png = drawn.to_png();
+        let png = png.map_err(|error| RunError::write(&path, error))?;
+        replace(&LocalDisk, &path, &png)?;
+    }
+    Ok(())
+}
+
+/// The result for programs.
+pub(super) fn object(check: &MaskCheck) -> Value {
+    json!({
+        "rows": check.rows,
+        "left_out": check.left_out,
+        "overlap": check.overlap(),
+        "holds": check.holds(),
+    })
+}
+
+fn table(check: &MaskCheck) -> String {
+    let mut lines = vec!["pose  overlap  arm outside  mask over table".to_owned()];
+    lines.extend(check.rows.iter().map(|row| {
+        format!(
+            "{:>4}  {:>7.2}  {:>9.1} %  {:>13.1} %",
+            row.pose,
+            row.overlap,
+            100.0 * row.outside,
+            100.0 * row.spare
+        )
+    }));
+    let left_out = check.left_out.iter();
+    lines.extend(left_out.map(|left| format!("pose {} was left out: {}", left.pose, left.why)));
+    let verdict = match check.holds() {
+        true => "holds",
+        false => "DOES NOT HOLD",
+    };
+    lines.push(format!(
+        "the mask {}: at most {:.0} % of the arm may be outside in any pose, the mean overlap, \
+         {:.2}, must be at least {}, and the poses seen, {}, at least {}",
+        verdict,
+        100.0 * MaskCheck::LARGEST_OUTSIDE,
+        check.overlap(),
+        MaskCheck::LEAST_OVERLAP,
+        check.rows.len(),
+        MaskCheck::LEAST_POSES
+    ));
+    lines.join("\n")
+}

@@ -1,0 +1,196 @@
+//! What is refused before the arm moves, and what stops or spoils a calibration.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Parser;
+use envs::carriers::{Arm, KinovaGen3};
+use inpainting::{Ball, Offset};
+
+use super::blank::Blank;
+use super::command::CalibrateOptions;
+use super::mask::{MaskCheck, MaskRow};
+use super::mask_command::{MaskOptions, object};
+use super::measure::{CalibrateSettings, LeftOut, calibrate};
+use crate::rig::Trial;
+use crate::{DeployError, DeployOptions};
+use experiments::RunError;
+
+fn arm() -> Arm {
+    KinovaGen3.arm().unwrap()
+}
+
+fn options(arguments: &[&str]) -> CalibrateOptions {
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        options: CalibrateOptions,
+    }
+    let line = ["calibrate"].iter().chain(arguments);
+    Line::try_parse_from(line).unwrap().options
+}
+
+/// What `covers calibrate` says of a rig.
+fn spoilt(spoil: fn(&mut Blank)) -> DeployError {
+    let settings = CalibrateSettings {
+        ball: Ball {
+            color: [255, 0, 255],
+        },
+        offset: Offset::Unknown,
+    };
+    let mut rig = Blank::new(&arm());
+    spoil(&mut rig);
+    let there = [rig.state.tip];
+    let trial = Trial::on_empty_table(0);
+    calibrate(&mut rig, &arm(), &settings, &there, &trial).unwrap_err()
+}
+
+#[test]
+fn a_camera_whose_clock_is_ahead_calibrates_nothing() {
+    let error = spoilt(|rig| rig.ahead = Duration::from_millis(5));
+    let message = error.to_string();
+    assert!(
+        matches!(error, DeployError::PictureOfTheFuture { .. }),
+        "{message}"
+    );
+}
+
+/// A hand that stays in its place but turns is left out, and named.
+#[test]
+fn a_hand_that_turns_does_not_stand() {
+    let error = spoilt(|rig| rig.spin = 0.02);
+    let DeployError::FewSightings { pose: 1, why, .. } = error else {
+        panic!("{error}");
+    };
+    assert!(why.contains("come to rest"), "{why}");
+}
+
+#[test]
+fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let still = |rig: &Blank| rig.time.is_zero() && rig.state == Blank::new(&arm()).state;
+    for out in ["no/such/folder/c.json", "src"] {
+        let mut rig = Blank::new(&arm());
+        let out = root.join(out);
+        let failed =
+            options(&["--out", out.to_str().unwrap()]).run_on(&mut rig, &arm(), &mut Vec::new());
+        let error = failed.unwrap_err();
+        assert!(
+            matches!(error, DeployError::Run(RunError::Write { .. })),
+            "{error}"
+        );
+        assert!(still(&rig));
+    }
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        options: MaskOptions,
+    }
+    let (run, folder) = (
+        root.join("../assets/pretrained-robot"),
+        root.join("Cargo.toml/masks"),
+    );
+    let line = [
+        PathBuf::from("mask"),
+        run,
+        PathBuf::from("--pictures"),
+        folder,
+    ];
+    let mask = Line::try_parse_from(line).unwrap().options;
+    let mut rig = Blank::new(&arm());
+    let error = mask
+        .run_on(&mut rig, &arm(), &mut Vec::new())
+        .err()
+        .unwrap();
+    assert!(
+        matches!(error, DeployError::Run(RunError::Write { .. })),
+        "{error}"
+    );
+    assert!(still(&rig));
+}
+
+#[test]
+fn options_that_would_be_ignored_are_refused() {
+    for (arguments, says) in [
+        (&["--fault", "mask-growth=50"][..], "makes no mask"),
+        (
+            &["--fault", "angle-error=1", "--fault", "angle-error=2"],
+            "angle-error, twice",
+        ),
+        (&["--color", "254.9,0.5,255"], "whole levels"),
+    ] {
+        let options = options(&[&["--out", "no/such/c.json"], arguments].concat());
+        let message = options.run(&mut Vec::new()).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}
+
+#[derive(Parser)]
+struct Line {
+    #[command(flatten)]
+    options: DeployOptions,
+}
+
+/// Why the command does not run.
+fn refusal(line: &str) -> String {
+    let deploy = Line::try_parse_from(line.split(' ')).unwrap().options;
+    deploy.run(&mut Vec::new()).unwrap_err().to_string()
+}
+
+/// A file takes the place of the calibration that would be wrong.
+#[test]
+fn a_sweep_of_what_a_file_replaces_is_refused() {
+    for fault in ["position-error", "angle-error"] {
+        let line = format!(
+            "deploy no/such/run --calibration c.json --out no/such/folder --sweep {fault}=0,1"
+        );
+        let message = refusal(&line);
+        assert!(
+            message.contains(fault) && message.contains("--calibration"),
+            "{message}"
+        );
+    }
+}
+
+/// Before anything is read or written.
+#[test]
+fn sweeps_that_do_not_fit_are_refused() {
+    let deploy = "deploy no/such/run --out no/such/folder --sweep mask-growth=0,10";
+    for (rest, says) in [
+        ("--sweep mask-growth=5", "each fault once"),
+        ("--sweep command-latency=0,20", "12.5"),
+    ] {
+        let message = refusal(&format!("{deploy} {rest}"));
+        assert!(message.contains(says), "{message}");
+    }
+    for line in [
+        "deploy no/such/run --sweep mask-growth=0,10",
+        "deploy no/such/run --out no/such/folder --sweep-trials 3",
+        "deploy no/such/run --dry-run --sweep mask-growth=0,10",
+        "deploy no/such/run --dry-run --out no/such/folder --sweep mask-growth=0,10",
+    ] {
+        assert!(Line::try_parse_from(line.split(' ')).is_err(), "{line}");
+    }
+}
+
+/// The result for programs says why a mask does not hold.
+#[test]
+fn a_mask_seen_in_too_few_poses_tells_what_was_left_out() {
+    let check = MaskCheck {
+        rows: vec![MaskRow {
+            pose: 1,
+            overlap: 0.7,
+            outside: 0.0,
+            spare: 0.3,
+        }],
+        left_out: vec![LeftOut {
+            pose: 2,
+            why: "it is far".to_owned(),
+        }],
+        ..MaskCheck::default()
+    };
+    let told = object(&check);
+    assert_eq!(told["holds"], false);
+    assert_eq!(told["rows"].as_array().unwrap().len(), 1);
+    assert_eq!(told["left_out"][0]["why"], "it is far");
+}

@@ -1,0 +1,233 @@
+//! The camera of a simulated rig is found, and its mask is held to what it shows.
+
+use std::path::Path;
+use std::time::Duration;
+
+use envs::{Camera, HAND_START};
+use glam::{DMat3, DVec3};
+use inpainting::{Ball, Calibration, Extrinsics, Offset};
+use rl::BoxError;
+use robots::{Command, ControlError, Pose, Robot, RobotState};
+
+use super::blank::Blank;
+use super::command::{CalibrateOptions, Triple, apart};
+use super::file::CalibrationFile;
+use super::mask::MaskCheck;
+use super::measure::{CalibrateSettings, calibrate};
+use super::poses;
+use crate::faults::FaultAmount;
+use crate::rig::{Rig, SetUp, Trial, Verdict};
+use crate::{
+    DeployError, Deployment, Faults, RigOptions, RobotKind, SightSettings, SimulatedRig,
+    SimulationSettings,
+};
+use experiments::RunFolder;
+
+const SETTINGS: CalibrateSettings = CalibrateSettings {
+    ball: Ball {
+        color: [255, 0, 255],
+    },
+    offset: Offset::Unknown,
+};
+
+/// Options that write a file of this name.
+fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
+    CalibrateOptions {
+        rig: RigOptions {
+            robot: RobotKind::KinovaSim,
+            seed: 1000,
+            faults: Faults::Nominal,
+            fault,
+        },
+        out: std::env::temp_dir().join(name),
+        offset: None,
+        color: Triple([255.0, 0.0, 255.0]),
+        json,
+    }
+}
+
+/// With all other faults, a lens that nobody knows among them. The file says what was found.
+#[test]
+fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
+    let name = format!("covers-found-{}.json", std::process::id());
+    let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
+    let options = options(&name, faults.to_vec(), true);
+    let (settings, _) = options.rig.settings().unwrap();
+    let mut rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
+    let (arm, truth) = (rig.arm().clone(), rig.truth());
+    let mut out = Vec::new();
+    let calibrated = options.run_on(&mut rig, &arm, &mut out).unwrap();
+    let read = CalibrationFile::read(&options.out);
+    std::fs::remove_file(&options.out).unwrap();
+    let [place, angle] = apart(&calibrated.before, &truth);
+    assert!((place - 30.0).abs() < 1e-6 && (angle - 3.0).abs() < 1e-6);
+    let [place, angle] = apart(&read.unwrap(), &truth);
+    assert!(place < 3.0 && angle < 0.1, "{place} mm, {angle} degrees");
+    let told: serde_json::Value = serde_json::from_slice(&out).unwrap();
+    assert!(told["rms_pixels"].as_f64().unwrap() < 0.2, "{told}");
+    let residuals = told["residuals"].as_array().unwrap().len();
+    assert_eq!((calibrated.left_out.len(), residuals), (0, 14));
+    assert!(told["refused_by_deploy"].is_null(), "{told}");
+}
+
+/// A rig whose own calibration is further off than it may be.
+struct Misplaced(SimulatedRig);
+
+impl Robot for Misplaced {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        self.0.state()
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        self.0.command(command)
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        self.0.stop()
+    }
+}
+
+impl Rig for Misplaced {
+    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError> {
+        self.0.set_up(trial)
+    }
+
+    fn calibration(&self) -> Calibration {
+        let known = self.0.truth();
+        let Extrinsics {
+            rotation,
+            translation,
+        } = known.extrinsics;
+        let translation = translation - rotation * DVec3::new(0.2, 0.0, 0.0);
+        Calibration {
+            extrinsics: Extrinsics {
+                rotation,
+                translation,
+            },
+            ..known
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+        self.0.wait(time)
+    }
+
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+        self.0.picture(rgb)
+    }
+
+    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+        self.0.verdict()
+    }
+}
+
+#[test]
+fn a_file_that_deploy_will_refuse_is_told() {
+    let name = format!("covers-refused-{}.json", std::process::id());
+    let options = options(&name, Vec::new(), false);
+    let (settings, _) = options.rig.settings().unwrap();
+    let rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
+    let arm = rig.arm().clone();
+    let mut out = Vec::new();
+    let calibrated = options.run_on(&mut Misplaced(rig), &arm, &mut out);
+    std::fs::remove_file(&options.out).unwrap();
+    let calibrated = calibrated.unwrap();
+    let [place, _] = apart(&calibrated.before, &calibrated.found.calibration);
+    assert!(place > 190.0, "{place}");
+    let told = String::from_utf8(out).unwrap();
+    let last = told.lines().last().unwrap();
+    let says = "`covers deploy` will refuse this file until the rig's own calibration is \
+                corrected: its position is ";
+    assert!(last.starts_with(says) && last.contains("0.15 m"), "{told}");
+}
+
+fn deployment(calibration: Calibration) -> Deployment {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
+    let sight = SightSettings {
+        calibration: Some(calibration),
+        ..SightSettings::default()
+    };
+    Deployment::load(&RunFolder::open(&folder), sight).unwrap()
+}
+
+/// A mask by the true camera holds, and one by a camera that is 30 mm and 3 degrees off does not.
+#[test]
+fn masks_are_held_to_the_picture() {
+    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL, Camera::default()).unwrap();
+    let (arm, truth) = (rig.arm().clone(), rig.truth());
+    let rotation = DMat3::from_rotation_x(3_f64.to_radians()) * truth.extrinsics.rotation;
+    let position = truth.position() + 0.03 * DVec3::X;
+    let wrong = Calibration {
+        extrinsics: Extrinsics {
+            rotation,
+            translation: -(rotation * position),
+        },
+        ..truth
+    };
+    let (first, trial) = (&poses(&arm)[..1], Trial::on_empty_table(1000));
+    for (camera, holds) in [(truth, true), (wrong, false)] {
+        let deployment = deployment(camera);
+        let check = MaskCheck::measure(&deployment, &mut rig, &arm, first, &trial).unwrap();
+        assert_eq!((check.rows.len(), check.pictures.len()), (1, 1));
+        assert_eq!(check.fits(), holds, "{:?}", check.rows);
+        assert!(!check.holds(), "one pose is too few");
+    }
+}
+
+/// The mask of the second pose is where the arm stands there, not where it was on its way.
+#[test]
+fn masks_do_not_lag_behind_late_pictures() {
+    let checks = [0.0, 0.4].map(|latency| {
+        let mut settings = SimulationSettings::OFF;
+        settings.imperfections.latency = latency;
+        let mut rig = SimulatedRig::new(settings, Camera::default()).unwrap();
+        let (arm, deployment) = (rig.arm().clone(), deployment(rig.truth()));
+        let (two, trial) = (&poses(&arm)[..2], Trial::on_empty_table(1000));
+        MaskCheck::measure(&deployment, &mut rig, &arm, two, &trial).unwrap()
+    });
+    let [at_once, late] = checks.map(|check| check.rows[1]);
+    for (one, other) in [
+        (at_once.overlap, late.overlap),
+        (at_once.outside, late.outside),
+        (at_once.spare, late.spare),
+    ] {
+        assert!((one - other).abs() < 0.01, "{at_once:?} {late:?}");
+    }
+}
+
+/// The error names the first pose that was left out, and why.
+#[test]
+fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
+    let arm = envs::carriers::KinovaGen3.arm().unwrap();
+    let mut rig = Blank::new(&arm);
+    let tip = rig.state.tip;
+    let high = Pose {
+        position: HAND_START + 0.1 * DVec3::Z,
+        ..tip
+    };
+    let trial = Trial::on_empty_table(0);
+    for (poses, says) in [
+        (vec![tip, high], "no ball of the colour"),
+        (vec![high, tip], "cannot reach"),
+    ] {
+        let failed = calibrate(&mut rig, &arm, &SETTINGS, &poses, &trial);
+        let error = failed.unwrap_err();
+        assert!(matches!(
+            error,
+            DeployError::FewSightings {
+                got: 0,
+                pose: 1,
+                ..
+            }
+        ));
+        let message = error.to_string();
+        assert!(
+            message.contains("at least 10") && message.contains(says),
+            "{message}"
+        );
+    }
+}

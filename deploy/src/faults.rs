@@ -1,0 +1,267 @@
+//! What is wrong with a rig and its camera, as amounts that a sweep goes through.
+
+use std::str::FromStr;
+
+use crate::DeployError;
+use experiments::RunError;
+
+use super::settings::SightSettings;
+use super::simulated::SimulationSettings;
+
+/// Something that is wrong, or is chosen, more or less.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// How far the camera is from where its calibration has it (mm).
+    PositionError,
+    /// How far it is turned from how its calibration has it (degrees).
+    AngleError,
+    /// Age of a picture when it comes (ms); it shows the last control step, of 12.5 ms, before.
+    PictureLatency,
+    /// From a command to its effect (ms, in control steps of 12.5 ms).
+    CommandLatency,
+    /// How far the exposure wanders (%).
+    ExposureDrift,
+    /// How far the gains of red and blue wander (%).
+    BalanceDrift,
+    /// How much thicker than the arm the mask is (mm).
+    MaskGrowth,
+}
+
+impl Fault {
+    /// All, in the order of the page.
+    pub const ALL: [Self; 7] = [
+        Self::PositionError,
+        Self::AngleError,
+        Self::PictureLatency,
+        Self::CommandLatency,
+        Self::ExposureDrift,
+        Self::BalanceDrift,
+        Self::MaskGrowth,
+    ];
+
+    /// Its name in commands and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PositionError => "position-error",
+            Self::AngleError => "angle-error",
+            Self::PictureLatency => "picture-latency",
+            Self::CommandLatency => "command-latency",
+            Self::ExposureDrift => "exposure-drift",
+            Self::BalanceDrift => "balance-drift",
+            Self::MaskGrowth => "mask-growth",
+        }
+    }
+
+    /// Its name and unit under an axis.
+    pub fn axis(self) -> &'static str {
+        match self {
+            Self::PositionError => "error of the camera's position (mm)",
+            Self::AngleError => "error of the camera's angle (degrees)",
+            Self::PictureLatency => "age of pictures (ms)",
+            Self::CommandLatency => "age of commands (ms)",
+            Self::ExposureDrift => "drift of the exposure (%)",
+            Self::BalanceDrift => "drift of the white balance (%)",
+            Self::MaskGrowth => "growth of the mask (mm)",
+        }
+    }
+
+    /// The settings with this much of it, in its unit.
+    ///
+    /// # Errors
+    /// An amount out of range.
+    pub fn set(
+        self,
+        amount: f64,
+        (mut rig, mut sight): (SimulationSettings, SightSettings),
+    ) -> Result<(SimulationSettings, SightSettings), DeployError> {
+        let camera = &mut rig.imperfections;
+        match self {
+            Self::PositionError => camera.position_error = amount / 1e3,
+            Self::AngleError => camera.angle_error = amount.to_radians(),
+            Self::PictureLatency => camera.latency = amount / 1e3,
+            Self::CommandLatency => rig.command_latency = amount / 1e3,
+            Self::ExposureDrift => camera.exposure_drift = amount / 1e2,
+            Self::BalanceDrift => camera.balance_drift = amount / 1e2,
+            Self::MaskGrowth => sight.growth = amount / 1e3,
+        }
+        camera.check()?;
+        let taken = match self {
+            // an older picture stops the arm
+            Self::PictureLatency => amount <= 400.0,
+            Self::CommandLatency => amount <= 1000.0 && amount % 12.5 == 0.0,
+            Self::MaskGrowth => amount <= 1000.0,
+            _ => true,
+        };
+        match taken {
+            true => Ok((rig, sight)),
+            false => Err(RunError::Setting {
+                name: self.name(),
+                value: amount.to_string(),
+                expected: "a picture-latency of at most 400 ms, a command-latency of whole control \
+                           steps of 12.5 ms up to 1000 ms, a mask-growth of at most 1000 mm",
+            }
+            .into()),
+        }
+    }
+}
+
+/// A fault with the amounts of it that are tried, as `angle-error=0,0.5,1` says.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FaultSweep {
+    /// What is wrong.
+    pub fault: Fault,
+    /// Rising amounts, in its unit; the last one is above 0.
+    pub amounts: Vec<f64>,
+}
+
+impl FromStr for FaultSweep {
+    type Err = DeployError;
+
+    fn from_str(text: &str) -> Result<Self, DeployError> {
+        let refused = |expected| RunError::Setting {
+            name: "sweep",
+            value: text.to_owned(),
+            expected,
+        };
+        let (fault, amounts) = named(text)?;
+        let amounts: Result<Vec<f64>, _> = amounts.split(',').map(str::parse).collect();
+        let amounts = amounts.map_err(|_| refused(FORM))?;
+        let from_zero = amounts
+            .iter()
+            .all(|amount| *amount >= 0.0 && amount.is_finite());
+        let rising = amounts.windows(2).all(|pair| pair[0] < pair[1]);
+        match from_zero && rising && amounts.last() > Some(&0.0) {
+            true => Ok(Self { fault, amounts }),
+            false => Err(refused("rising amounts, none below 0 and one above").into()),
+        }
+    }
+}
+
+/// So much of a fault, as `angle-error=3` says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultAmount {
+    /// What is wrong.
+    pub fault: Fault,
+    /// How much, in its unit; 0 or more.
+    pub amount: f64,
+}
+
+impl FromStr for FaultAmount {
+    type Err = DeployError;
+
+    fn from_str(text: &str) -> Result<Self, DeployError> {
+        let (fault, amount) = named(text)?;
+        let amount = amount.parse().ok();
+        let amount = amount.filter(|amount: &f64| *amount >= 0.0 && amount.is_finite());
+        let amount = amount.ok_or_else(|| RunError::Setting {
+            name: "fault",
+            value: text.to_owned(),
+            expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
+        })?;
+        Ok(Self { fault, amount })
+    }
+}
+
+/// The fault that a text begins with, and what stands behind its `=`.
+fn named(text: &str) -> Result<(Fault, &str), DeployError> {
+    let refused = |expected| RunError::Setting {
+        name: "fault",
+        value: text.to_owned(),
+        expected,
+    };
+    let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
+    let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
+    Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))
+}
+
+const FORM: &str = "a fault and amounts of it, as `position-error=0,5,10`";
+const NAMES: &str = "position-error (mm), angle-error (degrees), picture-latency (ms), \
+                     command-latency (ms), exposure-drift (%), balance-drift (%) or \
+                     mask-growth (mm)";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sweep_is_read_as_it_is_written() {
+        for fault in Fault::ALL {
+            assert!(NAMES.contains(fault.name()), "{}", fault.name());
+            let sweep: FaultSweep = format!("{}=0,2.5,30", fault.name()).parse().unwrap();
+            let amounts = vec![0.0, 2.5, 30.0];
+            assert_eq!(sweep, FaultSweep { fault, amounts });
+        }
+    }
+
+    #[test]
+    fn what_is_no_sweep_is_refused_with_what_was_expected() {
+        for (text, says) in [
+            ("position-error", FORM),
+            ("position-error=", FORM),
+            ("position-error=5mm", FORM),
+            ("position=5", NAMES),
+            ("angle-error=1,1", "rising"),
+            ("angle-error=-1", "rising"),
+            ("angle-error=inf", "rising"),
+            ("angle-error=NaN", "rising"),
+            ("angle-error=0", "rising"),
+        ] {
+            let message = text.parse::<FaultSweep>().unwrap_err().to_string();
+            assert!(
+                message.contains(says) && message.contains(text),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn one_amount_is_read_or_refused() {
+        for fault in Fault::ALL {
+            let one: FaultAmount = format!("{}=0", fault.name()).parse().unwrap();
+            assert_eq!(one, FaultAmount { fault, amount: 0.0 });
+        }
+        for (text, says) in [
+            ("angle-error", FORM),
+            ("angle=3", NAMES),
+            ("angle-error=1,2", "an amount of it"),
+            ("angle-error=-1", "an amount of it"),
+            ("angle-error=NaN", "an amount of it"),
+        ] {
+            let message = text.parse::<FaultAmount>().unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+    }
+
+    /// Each changes one figure, and the figures of the page are the nominal ones.
+    #[test]
+    fn amounts_are_in_the_units_that_axes_name() {
+        let nominal = (SimulationSettings::NOMINAL, SightSettings::default());
+        let amounts = [5.0, 0.5, 60.0, 25.0, 10.0, 3.0, 20.0];
+        for (fault, amount) in Fault::ALL.into_iter().zip(amounts) {
+            let none = fault.set(0.0, nominal).unwrap();
+            assert_ne!(none, nominal, "{}", fault.name());
+            assert_eq!(
+                fault.set(amount, none).unwrap(),
+                nominal,
+                "{}",
+                fault.name()
+            );
+        }
+    }
+
+    #[test]
+    fn amounts_out_of_range_are_refused() {
+        let nominal = (SimulationSettings::NOMINAL, SightSettings::default());
+        for (fault, amount, says) in [
+            (Fault::PositionError, 101.0, "`position_error` is 0.101"),
+            (Fault::AngleError, 12.0, "`angle_error`"),
+            (Fault::PictureLatency, 450.0, "450"),
+            (Fault::CommandLatency, 20.0, "12.5"),
+            (Fault::ExposureDrift, 101.0, "`exposure_drift`"),
+            (Fault::MaskGrowth, 1001.0, "mask-growth"),
+        ] {
+            let message = fault.set(amount, nominal).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+    }
+}

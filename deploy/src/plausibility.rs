@@ -1,0 +1,255 @@
+//! A calibration from a file, held to what the rig knows of its camera.
+
+use glam::DQuat;
+use inpainting::Calibration;
+
+use crate::DeployError;
+
+/// Largest distance (metres) and angle (degrees) between the two: half as much again as a rig may
+/// be wrong by (docs/deployment.md, "An arm of your own").
+const LARGEST: [f64; 2] = [0.15, 15.0];
+/// Largest difference of focal lengths, as a part of the rig's.
+const FOCAL: f64 = 0.1;
+/// Largest difference of optical axes, and of where the lens shows one direction, as a part of the
+/// picture's width.
+const SHIFT: f64 = 0.1;
+/// Places along a side of the picture at which lenses are compared.
+const PLACES: usize = 9;
+
+/// Refuses a calibration that cannot be of the camera that the rig takes for `known`.
+///
+/// # Errors
+/// [`DeployError::OtherCamera`].
+pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), DeployError> {
+    let (inside, expected) = (&file.intrinsics, &known.intrinsics);
+    let size = [inside.width, inside.height];
+    let known_size = [expected.width, expected.height];
+    require(
+        size == known_size,
+        "size",
+        format!("{size:?} pixels"),
+        || format!("{known_size:?}, the size of the rig's pictures"),
+    )?;
+    for (of, known) in inside.focal.iter().zip(expected.focal) {
+        let [low, high] = [1.0 - FOCAL, 1.0 + FOCAL].map(|part| part * known);
+        let value = format!("{of} pixels");
+        require((low..=high).contains(of), "focal length", value, || {
+            format!("{low:.0} to {high:.0} pixels, the rig's being {known:.0}")
+        })?;
+    }
+    let most = SHIFT * expected.width as f64;
+    let [x, y] = [0, 1].map(|axis| inside.centre[axis] - expected.centre[axis]);
+    let value = format!("at {:?} pixels", inside.centre);
+    require(x.hypot(y) <= most, "optical axis", value, || {
+        format!(
+            "at most {most:.0} pixels from {:?}, the rig's",
+            expected.centre
+        )
+    })?;
+    let value = |shift| match shift {
+        Shift::Pixels(pixels) => format!("bent by up to {pixels:.0} pixels against the rig's"),
+        Shift::Hidden(pixel) => {
+            format!("one that shows nothing at pixel {pixel:?}, where the rig's does")
+        }
+    };
+    let shift = shift(file, known);
+    let holds = matches!(shift, Shift::Pixels(pixels) if pixels <= most);
+    require(holds, "lens", value(shift), || {
+        format!("at most {most:.0} pixels from where the rig's shows a point")
+    })?;
+    let [place, angle] = apart(file, known);
+    let value = format!("{:.3} m", file.position());
+    require(place <= LARGEST[0], "position", value, || {
+        format!(
+            "at most {} m from {:.3} m, the rig's",
+            LARGEST[0],
+            known.position()
+        )
+    })?;
+    let value = format!("turned by {angle:.0} degrees against the rig's");
+    require(angle <= LARGEST[1], "rotation", value, || {
+        format!("at most {} degrees", LARGEST[1])
+    })
+}
+
+/// Distance (metres) between two cameras, and the angle between them (degrees).
+pub(super) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
+    let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
+    let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
+    let angle = angle.min(std::f64::consts::TAU - angle);
+    [
+        one.position().distance(other.position()),
+        angle.to_degrees(),
+    ]
+}
+
+/// Difference of two lenses.
+enum Shift {
+    /// Largest distance between the places at which they show one direction.
+    Pixels(f64),
+    /// Place at which the known lens shows a direction that the other one does not show.
+    Hidden([f64; 2]),
+}
+
+fn shift(file: &Calibration, known: &Calibration) -> Shift {
+    let bent = Calibration {
+        distortion: file.distortion,
+        ..*known
+    };
+    let size = [known.intrinsics.width, known.intrinsics.height];
+    let mut largest: f64 = 0.0;
+    for index in 0..PLACES * PLACES {
+        let parts = [index % PLACES, index / PLACES].map(|i| i as f64 / (PLACES - 1) as f64);
+        let pixel = [0, 1].map(|axis| parts[axis] * size[axis] as f64);
+        // a lens may leave the corners of its picture dark
+        let Some(way) = known.direction(pixel) else {
+            continue;
+        };
+        let Some([column, row]) = bent.pixel(way) else {
+            return Shift::Hidden(pixel);
+        };
+        largest = largest.max((column - pixel[0]).hypot(row - pixel[1]));
+    }
+    Shift::Pixels(largest)
+}
+
+fn require(
+    holds: bool,
+    what: &'static str,
+    value: String,
+    expected: impl Fn() -> String,
+) -> Result<(), DeployError> {
+    if holds {
+        return Ok(());
+    }
+    let expected = expected();
+    Err(DeployError::OtherCamera {
+        what,
+        value,
+        expected,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+    use inpainting::{Distortion, Extrinsics, Intrinsics};
+
+    use super::*;
+
+    fn known() -> Calibration {
+        Calibration {
+            intrinsics: Intrinsics::REALSENSE_D435,
+            distortion: Distortion::NONE,
+            extrinsics: Extrinsics::overhead(1.5),
+        }
+    }
+
+    fn hung(rotation: DMat3, position: DVec3) -> Calibration {
+        let rotation = rotation * Extrinsics::overhead(0.0).rotation;
+        Calibration {
+            extrinsics: Extrinsics {
+                rotation,
+                translation: -(rotation * position),
+            },
+            ..known()
+        }
+    }
+
+    fn inside(spoil: fn(&mut Intrinsics)) -> Calibration {
+        let mut calibration = known();
+        spoil(&mut calibration.intrinsics);
+        calibration
+    }
+
+    fn bent(radial: [f64; 2]) -> Calibration {
+        let distortion = Distortion {
+            radial,
+            tangential: [0.001; 2],
+        };
+        Calibration {
+            distortion,
+            ..known()
+        }
+    }
+
+    /// A right file is accepted for rigs that are wrong by as much as a rig may be.
+    #[test]
+    fn cameras_within_10_cm_and_10_degrees_are_plausible() {
+        let diagonal = DVec3::ONE.normalize();
+        for axis in [DVec3::X, -DVec3::Y, DVec3::Z, diagonal] {
+            let turn = DMat3::from_axis_angle(axis, 10_f64.to_radians());
+            check(&hung(turn, 1.5 * DVec3::Z + 0.1 * diagonal), &known()).unwrap();
+            check(&known(), &hung(turn, 1.5 * DVec3::Z - 0.1 * diagonal)).unwrap();
+        }
+        check(&bent([0.05, -0.05]), &known()).unwrap();
+        check(&inside(|of| of.focal = [600.0, 630.0]), &known()).unwrap();
+        check(&inside(|of| of.centre = [300.0, 255.0]), &known()).unwrap();
+    }
+
+    /// The corners of such a picture are dark.
+    #[test]
+    fn lenses_that_show_nothing_in_corners_are_compared_elsewhere() {
+        for radial in [[-0.37, 0.0], [-0.4, 0.0], [-0.49, -0.49]] {
+            let lens = bent(radial);
+            check(&lens, &lens).unwrap();
+            assert!(lens.direction([640.0, 480.0]).is_none());
+        }
+        check(&bent([-0.35, 0.0]), &bent([-0.35, 0.0])).unwrap();
+        let message = check(&known(), &bent([-0.4, 0.0])).unwrap_err().to_string();
+        assert!(message.contains("bent by up to"), "{message}");
+    }
+
+    #[test]
+    fn other_cameras_are_refused_with_what_was_expected() {
+        let at = |x: f64, z: f64| hung(DMat3::IDENTITY, DVec3::new(x, 0.0, z));
+        let turned = |axis: DVec3, degrees: f64| {
+            let turn = DMat3::from_axis_angle(axis, degrees.to_radians());
+            hung(turn, 1.5 * DVec3::Z)
+        };
+        for (file, says) in [
+            (
+                turned(DVec3::Z, 180.0),
+                ["rotation", "180 degrees", "15 degrees"],
+            ),
+            (
+                turned(DVec3::Z, 90.0),
+                ["rotation", "90 degrees", "15 degrees"],
+            ),
+            (
+                turned(DVec3::X, 180.0),
+                ["rotation", "180 degrees", "15 degrees"],
+            ),
+            (
+                turned(DVec3::X, 90.0),
+                ["rotation", "90 degrees", "15 degrees"],
+            ),
+            (
+                inside(|of| of.focal = [1.93; 2]),
+                ["focal length", "1.93", "554 to 676"],
+            ),
+            (
+                inside(|of| of.centre = [240.0, 318.0]),
+                ["optical axis", "[240.0, 318.0]", "[318.0, 240.0]"],
+            ),
+            (
+                inside(|of| (of.width, of.height) = (480, 640)),
+                ["size", "[480, 640]", "[640, 480]"],
+            ),
+            (at(0.0, 99.9), ["position", "99.900", "1.500"]),
+            (at(0.0, 3.0), ["position", "3.000", "0.15 m"]),
+            (at(0.2, 1.5), ["position", "0.200", "0.15 m"]),
+            (bent([0.49, 0.49]), ["lens", "bent by up to", "64 pixels"]),
+            (
+                bent([-0.49, -0.49]),
+                ["lens", "shows nothing at pixel [0.0, 0.0]", "64 pixels"],
+            ),
+        ] {
+            let message = check(&file, &known()).unwrap_err().to_string();
+            let advice = ["`covers calibrate`", "`covers check mask`"];
+            for words in says.iter().chain(&advice) {
+                assert!(message.contains(words), "{words}: {message}");
+            }
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! The folder that the results of a deployment go to.
+
+use std::path::{Path, PathBuf};
+
+use envs::TaskGroup;
+
+use crate::DeployError;
+use experiments::RunError;
+use learner::disk::{LocalDisk, replace};
+
+use super::faults::Fault;
+use super::sweep::{Swept, figure, swept_rows};
+use super::table::{TrialScore, deployment_markdown, trial_rows};
+
+/// A folder with `table.md` and `trials.csv`, and for each sweep a table (CSV) and a figure (SVG)
+/// named after the fault.
+pub struct Results {
+    folder: PathBuf,
+}
+
+impl Results {
+    /// In a folder, which is made where there is none; `faults` are those that will be swept.
+    ///
+    /// # Errors
+    /// [`RunError::FileExists`] where one of the files is there, and a folder that cannot be
+    /// made.
+    pub fn create(folder: &Path, faults: impl Iterator<Item = Fault>) -> Result<Self, DeployError> {
+        std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
+        let results = Self {
+            folder: folder.to_owned(),
+        };
+        let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
+        let table = ["table.md", "trials.csv"].map(|name| folder.join(name));
+        for path in table.into_iter().chain(swept) {
+            if path.exists() {
+                return Err(RunError::FileExists { path }.into());
+            }
+        }
+        Ok(results)
+    }
+
+    /// Writes the trials and their table.
+    ///
+    /// # Errors
+    /// Files that cannot be written.
+    pub fn write_trials(&self, scores: &[TrialScore]) -> Result<(), DeployError> {
+        let write = |name: &str, text: String| {
+            replace(&LocalDisk, &self.folder.join(name), text.as_bytes())
+        };
+        write("trials.csv", trial_rows(scores))?;
+        Ok(write("table.md", deployment_markdown(scores))?)
+    }
+
+    /// Writes what is known so far of a sweep.
+    ///
+    /// # Errors
+    /// Files that cannot be written.
+    pub fn write_sweep(
+        &self,
+        fault: Fault,
+        groups: &[TaskGroup],
+        swept: &Swept,
+    ) -> Result<(), DeployError> {
+        let write =
+            |ending, text: String| replace(&LocalDisk, &self.of(fault, ending), text.as_bytes());
+        write("csv", swept_rows(fault, swept))?;
+        Ok(write("svg", figure(fault, groups, swept))?)
+    }
+
+    fn of(&self, fault: Fault, ending: &str) -> PathBuf {
+        self.folder.join(format!("{}.{ending}", fault.name()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::D2;
+
+    use super::*;
+
+    fn score(number: usize) -> TrialScore {
+        TrialScore {
+            group: TaskGroup::BUTTON_PRESS,
+            element: D2::FlipX,
+            number,
+            policy: 1,
+            fits: true,
+            success: number == 0,
+            success_at_end: false,
+            refused: 2,
+        }
+    }
+
+    #[test]
+    fn what_another_run_wrote_is_kept() {
+        let folder = std::env::temp_dir().join(format!("covers-results-{}", std::process::id()));
+        let create = |fault: Fault| Results::create(&folder, std::iter::once(fault));
+        let results = create(Fault::MaskGrowth).unwrap();
+        let swept = vec![(0.0, vec![score(0)]), (10.0, vec![score(1)])];
+        let groups = [TaskGroup::BUTTON_PRESS];
+        for _ in 0..2 {
+            results
+                .write_sweep(Fault::MaskGrowth, &groups, &swept)
+                .unwrap();
+        }
+        let refused = create(Fault::MaskGrowth).err().unwrap();
+        assert!(refused.to_string().contains("mask-growth.csv"), "{refused}");
+        create(Fault::AngleError).unwrap();
+        let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+        assert_eq!(
+            read("mask-growth.csv"),
+            swept_rows(Fault::MaskGrowth, &swept)
+        );
+        results.write_trials(&[score(0), score(1)]).unwrap();
+        let lines = "button-press,flip x,0,1,1,1,0,2\nbutton-press,flip x,1,1,1,0,0,2\n";
+        assert!(read("trials.csv").ends_with(lines));
+        assert!(read("table.md").contains("| button-press | 2 | 0.50 |"));
+        let refused = create(Fault::AngleError).err().unwrap();
+        assert!(refused.to_string().contains("table.md"), "{refused}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,101 @@
+//! A close-up of what a real camera sees, beside that of the simulation in which a policy learns.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use envs::{
+    Beside, Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
+    TaskVariant,
+};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use robots::Robot;
+use symmetry::D2;
+
+use crate::{Deployment, Rig, SightSettings, SimulatedRig, SimulationSettings, Strip, Trial};
+use experiments::RunFolder;
+
+/// A button whose cap stands beside the hand's start.
+const TRIAL: Trial = Trial {
+    variant: TaskVariant {
+        group: TaskGroup::BUTTON_PRESS,
+        element: D2::FlipX,
+    },
+    number: 1,
+    seed: 1000,
+};
+
+/// The policies that come with the project and have learnt with close-ups.
+fn deployment() -> Deployment {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained");
+    let deployment = Deployment::load(&RunFolder::open(&folder), SightSettings::default()).unwrap();
+    assert_eq!(deployment.camera().beside, Beside::CloseUp);
+    deployment
+}
+
+/// What a learner of the simulation sees at the start of the trial: the whole picture and the
+/// close-up.
+fn learnt(camera: Camera) -> [Vec<u8>; 2] {
+    let TaskVariant { group, element } = TRIAL.variant;
+    let scene = Arc::new(Scene::new(group, Embodiment::HAND, camera).unwrap());
+    let mut rng = ChaCha8Rng::seed_from_u64(TRIAL.seed);
+    rng.set_stream(TRIAL.number as u64);
+    let placement = scene.place(&mut rng);
+    let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
+    table.reset_to(element, placement).unwrap();
+    let mut seen = vec![0; camera.size * camera.size * RGB];
+    let mut renderer = SceneRenderer::new(scene).unwrap();
+    renderer.render(&mut table, &mut seen).unwrap();
+    parts(|image| renderer.compose(&table, &seen, &[], image), camera)
+}
+
+/// The pictures of an observation's image.
+fn parts(compose: impl FnOnce(&mut [u8]), camera: Camera) -> [Vec<u8>; 2] {
+    let mut image = vec![0; camera.size * camera.size * 2 * RGB];
+    compose(&mut image);
+    [0, RGB].map(|start| {
+        let pixels = image.chunks(2 * RGB).map(|pixel| &pixel[start..][..RGB]);
+        pixels.flatten().copied().collect()
+    })
+}
+
+/// Mean difference of two pictures (levels).
+fn difference(a: &[u8], b: &[u8]) -> f64 {
+    let differences = a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b)));
+    differences.sum::<f64>() / a.len() as f64
+}
+
+#[test]
+fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
+    let deployment = deployment();
+    let camera = *deployment.camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
+    let arm = rig.arm().clone();
+    let set_up = rig.set_up(&TRIAL).unwrap();
+    let start = rig.state().unwrap();
+    let mut sight = deployment.sight(&rig, &arm, &set_up, start).unwrap();
+    sight.shoot(&mut rig).unwrap();
+    let mut seen = vec![0; camera.size * camera.size * RGB];
+    sight.paint(&arm, &mut seen).unwrap();
+    let seen = parts(|image| sight.compose(&seen, &[], image), camera);
+    for (on_robot, learnt) in seen.iter().zip(learnt(camera)) {
+        let off = difference(on_robot, &learnt);
+        for element in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
+            let mirrored = element.transform_image(&learnt, camera.size, camera.size, RGB);
+            let wrong = difference(on_robot, &mirrored);
+            assert!(off < 4.0 && 2.0 * off < wrong, "{off} {wrong} {element}");
+        }
+    }
+}
+
+#[test]
+fn a_trial_with_close_ups_is_filmed_as_any_other() {
+    let mut deployment = deployment();
+    let mut rig = SimulatedRig::new(SimulationSettings::OFF, *deployment.camera()).unwrap();
+    let arm = rig.arm().clone();
+    let mut strip = Strip::default();
+    let played = deployment.trial(&mut rig, &arm, &TRIAL, Some(&mut strip));
+    assert!(played.unwrap().refused == 0);
+    let picture = strip.picture();
+    assert_eq!((picture.width, picture.height), (11 * 196 + 4, 3 * 148 + 4));
+}

@@ -1,0 +1,121 @@
+//! Success against how much is wrong.
+
+use envs::TaskGroup;
+
+use experiments::colours::{Stroke, stroke};
+use report::svg::{DOT, Drawing};
+
+use super::faults::Fault;
+use super::table::{COLUMNS, TrialScore, cells, wilson};
+
+/// Height of a panel (pixels), and the shares from its lower to its upper edge.
+const HEIGHT: f64 = 100.0;
+const BOUNDS: [f64; 2] = [-0.05, 1.05];
+
+/// What came of a sweep: each amount, and the trials with it.
+pub type Swept = Vec<(f64, Vec<TrialScore>)>;
+
+/// A row a trial (CSV).
+pub fn swept_rows(fault: Fault, swept: &Swept) -> String {
+    let mut text = format!("fault,amount,{COLUMNS}\n");
+    for (amount, scores) in swept {
+        for score in scores {
+            text += &format!("{},{amount},{}\n", fault.name(), cells(score));
+        }
+    }
+    text
+}
+
+/// Success of each of `groups` over the amount (SVG), a panel each, with intervals of 95 % as bands.
+pub fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
+    let end = swept.last().map_or(0.0, |(amount, _)| *amount);
+    let mut drawing = Drawing::half(end, fault.axis());
+    for (number, group) in groups.iter().enumerate() {
+        drawing.panel(group.name(), HEIGHT, BOUNDS, &[0.0, 0.5, 1.0]);
+        curve(&mut drawing, &stroke(number), *group, swept);
+    }
+    drawing.finish(&format!("Success against {}", fault.axis()))
+}
+
+/// The line of one group, its band, and a dot for each amount.
+fn curve(drawing: &mut Drawing, stroke: &Stroke, group: TaskGroup, swept: &Swept) {
+    let counts = swept.iter().map(|(amount, scores)| {
+        let of_group: Vec<bool> = scores
+            .iter()
+            .filter(|score| score.group == group)
+            .map(|score| score.success)
+            .collect();
+        let successes = of_group.iter().filter(|success| **success).count();
+        (*amount, successes, of_group.len())
+    });
+    let counts: Vec<_> = counts.filter(|(_, _, trials)| *trials > 0).collect();
+    let bound = |side: usize| -> Vec<(f64, f64)> {
+        let points = counts.iter();
+        let point = |&(amount, successes, trials): &_| (amount, wilson(successes, trials)[side]);
+        points.map(point).collect()
+    };
+    drawing.band(&bound(0), &bound(1), stroke.colour);
+    let share = |&(amount, successes, trials): &(f64, usize, usize)| {
+        (amount, successes as f64 / trials as f64)
+    };
+    let points: Vec<_> = counts.iter().map(share).collect();
+    drawing.line(&points, stroke);
+    for (point, (amount, successes, trials)) in points.into_iter().zip(&counts) {
+        let title = format!("{} at {amount}: {successes} of {trials}", group.name());
+        drawing.dot(point, DOT, stroke.colour, &title);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::D2;
+
+    use super::*;
+
+    fn score(group: TaskGroup, success: bool) -> TrialScore {
+        TrialScore {
+            group,
+            element: D2::FlipX,
+            number: 3,
+            policy: 1,
+            fits: true,
+            success,
+            success_at_end: false,
+            refused: 2,
+        }
+    }
+
+    const GROUPS: [TaskGroup; 2] = [TaskGroup::GOAL_REACH, TaskGroup::BUTTON_PRESS];
+
+    fn swept() -> Swept {
+        let [reach, press] = GROUPS;
+        let trials = |successes| (0..4).map(move |n| score(press, n < successes));
+        vec![
+            (0.0, trials(4).chain([score(reach, true)]).collect()),
+            (10.0, trials(1).chain([score(reach, false)]).collect()),
+        ]
+    }
+
+    #[test]
+    fn every_trial_has_a_row() {
+        let text = swept_rows(Fault::MaskGrowth, &swept());
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 1 + 10);
+        assert_eq!(lines[1], "mask-growth,0,button-press,flip x,3,1,1,1,0,2");
+        assert_eq!(lines[10], "mask-growth,10,goal-reach,flip x,3,1,1,0,0,2");
+        let columns = lines[0].split(',').count();
+        assert!(lines.iter().all(|line| line.split(',').count() == columns));
+    }
+
+    /// From (0, 1) to (10, 0.25): the axis is 440 pixels long from 64 on, and the second panel begins
+    /// 14 below the first.
+    #[test]
+    fn a_group_has_a_line_through_its_shares() {
+        let text = figure(Fault::MaskGrowth, &GROUPS, &swept());
+        let y = |share: f64| 34.0 + HEIGHT + 14.0 + HEIGHT * (1.0 - (share + 0.05) / 1.1);
+        let line = format!("points=\"64.0,{:.1} 504.0,{:.1}\"", y(1.0), y(0.25));
+        assert!(text.contains(&line), "{line}: {text}");
+        assert!(text.contains("button-press at 10: 1 of 4"));
+        assert!(text.contains("growth of the mask (mm)"));
+    }
+}

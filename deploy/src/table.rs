@@ -1,0 +1,204 @@
+//! The table of a deployment, in the form of the paper's.
+
+use std::collections::BTreeMap;
+
+use envs::TaskGroup;
+use serde::Serialize;
+use symmetry::D2;
+
+use experiments::distinct::distinct;
+use report::Table;
+
+/// Success of the paper's policies on its Kinova Gen3 in 20 trials a group (Liu et al., CoRL 2023,
+/// section 5): a real arm.
+const PAPER: [(&str, f64); 4] = [
+    ("plate-slide", 0.45),
+    ("button-press", 0.60),
+    ("drawer-close", 0.65),
+    ("goal-reach", 0.95),
+];
+/// Standard deviations of an interval of 95 %.
+const DEVIATIONS: f64 = 1.959_963_984_540_054;
+
+/// What came of one trial.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct TrialScore {
+    /// The group of what stood on the table.
+    pub group: TaskGroup,
+    /// The variant's element of the group of symmetries.
+    pub element: D2,
+    /// Which trial of the variant it was.
+    pub number: usize,
+    /// Index of the policy that the learner chose by the first picture.
+    pub policy: usize,
+    /// Whether the learner took it for one that knows the group.
+    pub fits: bool,
+    /// Whether the task was solved at any time.
+    pub success: bool,
+    /// Whether it was solved at the end.
+    pub success_at_end: bool,
+    /// Commands that the arm refused because it could not follow them.
+    pub refused: usize,
+}
+
+/// Bounds of the share of successes: the score interval of 95 % (Wilson, "Probable inference, the
+/// law of succession, and statistical inference", JASA 22, 1927); all of `[0, 1]` without trials.
+pub(super) fn wilson(successes: usize, trials: usize) -> [f64; 2] {
+    if trials == 0 {
+        return [0.0, 1.0];
+    }
+    let (n, z) = (trials as f64, DEVIATIONS);
+    let share = successes as f64 / n;
+    let middle = share + z * z / (2.0 * n);
+    let half = z * (share * (1.0 - share) / n + z * z / (4.0 * n * n)).sqrt();
+    [-1.0, 1.0].map(|side| ((middle + side * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
+}
+
+/// A line a group: success with its interval, success at the end, the success that the paper had on
+/// its real arm, and the policies that were chosen with how often.
+pub fn deployment_table(scores: &[TrialScore]) -> String {
+    table(scores).text()
+}
+
+/// The same in Markdown.
+pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
+    table(scores).markdown()
+}
+
+fn table(scores: &[TrialScore]) -> Table {
+    let header = [
+        "group",
+        "trials",
+        "success",
+        "95 % interval",
+        "at end",
+        "paper, real arm",
+        "policies",
+    ];
+    let mut table = Table::new("Success in trials on a robot.", &header);
+    let groups = distinct(scores.iter().map(|score| score.group));
+    for &group in &groups {
+        let of = scores.iter().filter(|score| score.group == group);
+        let paper = PAPER.iter().find(|(name, _)| *name == group.name());
+        let paper = paper.map(|(_, success)| *success);
+        table
+            .rows
+            .push(row(group.name(), &of.collect::<Vec<_>>(), paper));
+    }
+    // the paper's average is of its four groups
+    let all = (groups.len() == PAPER.len()).then(|| {
+        let known = PAPER.iter().map(|(_, success)| success);
+        known.sum::<f64>() / PAPER.len() as f64
+    });
+    let scores: Vec<_> = scores.iter().collect();
+    table.rows.push(row("all", &scores, all));
+    table
+}
+
+fn row(name: &str, scores: &[&TrialScore], paper: Option<f64>) -> Vec<String> {
+    let trials = scores.len();
+    let share = |holds: fn(&TrialScore) -> bool| {
+        let count = scores.iter().filter(|score| holds(score)).count();
+        (count, count as f64 / trials.max(1) as f64)
+    };
+    let (successes, success) = share(|score| score.success);
+    let (_, at_end) = share(|score| score.success_at_end);
+    let [low, high] = wilson(successes, trials);
+    vec![
+        name.to_owned(),
+        trials.to_string(),
+        format!("{success:.2}"),
+        format!("{low:.2} to {high:.2}"),
+        format!("{at_end:.2}"),
+        paper.map_or_else(|| "-".to_owned(), |success| format!("{success:.2}")),
+        policies(scores),
+    ]
+}
+
+/// Names of the cells of [`cells`].
+pub(super) const COLUMNS: &str = "group,variant,number,policy,fits,success,success_at_end,refused";
+
+/// A trial as cells of a line (CSV).
+pub(super) fn cells(score: &TrialScore) -> String {
+    format!(
+        "{},{},{},{},{},{},{},{}",
+        score.group.name(),
+        score.element,
+        score.number,
+        score.policy,
+        u8::from(score.fits),
+        u8::from(score.success),
+        u8::from(score.success_at_end),
+        score.refused
+    )
+}
+
+/// A row a trial (CSV).
+pub(super) fn trial_rows(scores: &[TrialScore]) -> String {
+    let rows = scores.iter().map(|score| cells(score) + "\n");
+    format!("{COLUMNS}\n{}", rows.collect::<String>())
+}
+
+/// Policies with how often each was chosen.
+fn policies(scores: &[&TrialScore]) -> String {
+    let mut chosen: BTreeMap<usize, usize> = BTreeMap::new();
+    for score in scores {
+        *chosen.entry(score.policy).or_default() += 1;
+    }
+    let chosen: Vec<String> = chosen
+        .into_iter()
+        .map(|(policy, times)| format!("{policy} ({times})"))
+        .collect();
+    chosen.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_are_wilsons() {
+        // statsmodels.stats.proportion.proportion_confint(k, n, method="wilson")
+        for (successes, trials, expected) in [
+            (9, 20, [0.258_2, 0.657_9]),
+            (20, 20, [0.838_9, 1.0]),
+            (0, 5, [0.0, 0.434_5]),
+        ] {
+            let interval = wilson(successes, trials);
+            for (bound, expected) in interval.into_iter().zip(expected) {
+                assert!((bound - expected).abs() < 5e-4, "{interval:?}");
+            }
+        }
+        assert_eq!(wilson(0, 0), [0.0, 1.0]);
+    }
+
+    #[test]
+    fn a_group_has_a_line_with_its_policies_and_the_papers_figure() {
+        let score = |group, number, success| TrialScore {
+            group,
+            element: D2::Identity,
+            number,
+            policy: 2 + number / 3,
+            fits: true,
+            success,
+            success_at_end: false,
+            refused: 0,
+        };
+        let mut scores: Vec<_> = (0..4)
+            .map(|number| score(TaskGroup::PLATE_SLIDE, number, number > 0))
+            .collect();
+        // between the trials of the other group
+        scores.insert(2, score(TaskGroup::GOAL_REACH, 0, true));
+        let table = deployment_table(&scores);
+        let lines: Vec<Vec<&str>> = table
+            .lines()
+            .map(|l| l.split_whitespace().collect())
+            .collect();
+        let expected = "plate-slide 4 0.75 0.30 to 0.95 0.00 0.45 2 (3), 3 (1)";
+        assert_eq!(lines[2].join(" "), expected);
+        assert_eq!(lines[3][..3], ["goal-reach", "1", "1.00"]);
+        assert_eq!(lines[4][..3], ["all", "5", "0.80"]);
+        assert_eq!(lines[4][7], "-", "two groups of four");
+        assert_eq!(trial_rows(&scores).lines().count(), 1 + scores.len());
+    }
+}

@@ -1,0 +1,433 @@
+//! Trials on a rig without a simulation, whose camera may fail, and on the simulated one.
+
+use std::cell::Cell;
+use std::f64::consts::PI;
+use std::path::Path;
+use std::rc::Rc;
+use std::time::Duration;
+
+use envs::carriers::{Arm, KinovaGen3};
+use envs::{Layout, TaskGroup, TaskVariant};
+use glam::{DMat3, DVec3};
+use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
+use rl::BoxError;
+use robots::{
+    CartesianControl, Command, ControlError, ControlSettings, KinematicArm, Robot, RobotState,
+    Watchdog,
+};
+use symmetry::D2;
+
+use super::deployment::check;
+use super::dry_run::DryRun;
+use super::{
+    Deployment, MaskCheck, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Stage,
+    Trial, Verdict, Withheld, poses,
+};
+use crate::DeployError;
+use experiments::{Experiment, RunFolder};
+use learner::{LearnerSettings, OffPolicySettings};
+
+const TRIAL: Trial = Trial {
+    variant: TaskVariant {
+        group: TaskGroup::GOAL_REACH,
+        element: D2::FlipX,
+    },
+    number: 1,
+    seed: 1000,
+};
+
+fn deployment() -> Deployment {
+    seeing(SightSettings::default())
+}
+
+fn seeing(sight: SightSettings) -> Deployment {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
+    Deployment::load(&RunFolder::open(&folder), sight).unwrap()
+}
+
+type Camera = fn(Duration) -> Result<Duration, BoxError>;
+
+/// An arm without masses over a grey table: what somebody with an arm would write.
+struct DryRig {
+    robot: Watchdog<KinematicArm, Box<dyn Fn() -> Duration>>,
+    clock: Rc<Cell<Duration>>,
+    /// When the newest picture was taken.
+    camera: Camera,
+}
+
+fn arm() -> Arm {
+    KinovaGen3.arm().unwrap()
+}
+
+fn dry_rig(camera: Camera) -> DryRig {
+    let arm = arm();
+    let start = robots::Pose {
+        position: envs::HAND_START,
+        rotation: arm.chain().tip(&arm.settings().ready).rotation,
+    };
+    let posture = arm.chain().solve(&start, &arm.settings().ready).unwrap();
+    let settings = ControlSettings {
+        limits: arm.settings().control.limits,
+        ..ControlSettings::default()
+    };
+    let control = CartesianControl::new(arm.chain().clone(), &posture, settings).unwrap();
+    let clock = Rc::new(Cell::new(Duration::ZERO));
+    let time = Rc::clone(&clock);
+    DryRig {
+        robot: Watchdog::new(KinematicArm::new(control), Box::new(move || time.get())),
+        clock,
+        camera,
+    }
+}
+
+impl Robot for DryRig {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        self.robot.state()
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        self.robot.command(command)
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        self.robot.stop()
+    }
+}
+
+impl Rig for DryRig {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+        Ok(SetUp {
+            background: vec![100; 3 * 640 * 480],
+            parked: self.robot.state()?,
+            goal: Some(DVec3::new(0.15, -0.1, 0.15)),
+        })
+    }
+
+    fn calibration(&self) -> Calibration {
+        Calibration {
+            intrinsics: Intrinsics::REALSENSE_D435,
+            distortion: Distortion::NONE,
+            extrinsics: Extrinsics::overhead(1.5),
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.clock.get()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+        self.robot.robot_mut().advance(time.as_secs_f64())?;
+        self.clock.set(self.clock.get() + time);
+        Ok(())
+    }
+
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+        rgb.fill(100);
+        (self.camera)(self.clock.get())
+    }
+
+    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+        Ok(Verdict::default())
+    }
+}
+
+/// Whether the hand moves in the next second.
+fn moves(rig: &mut DryRig) -> bool {
+    let place = |rig: &mut DryRig| rig.robot.robot().control().tip().position;
+    let before = place(rig);
+    rig.robot.robot_mut().advance(1.0).unwrap();
+    place(rig).distance(before) > 1e-9
+}
+
+#[test]
+fn a_robot_without_a_simulation_runs_a_trial_and_stands_at_its_end() {
+    let mut rig = dry_rig(Ok);
+    let score = deployment().trial(&mut rig, &arm(), &TRIAL, None).unwrap();
+    assert!(!score.success);
+    // 50 decisions at 8 Hz
+    assert_eq!(rig.now(), Duration::from_millis(6250));
+    let way = rig.state().unwrap().tip.position.distance(envs::HAND_START);
+    assert!(way > 0.02, "{way}");
+    assert!(!moves(&mut rig));
+}
+
+#[test]
+fn a_camera_that_fails_or_stops_stops_the_arm() {
+    let fails: Camera = |now| match now < Duration::from_millis(700) {
+        true => Ok(now),
+        false => Err("the cable is loose".into()),
+    };
+    let freezes: Camera = |now| Ok(now.min(Duration::from_millis(300)));
+    let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
+    for (camera, says) in [
+        (fails, "the cable is loose"),
+        (freezes, "ms old"),
+        (ahead, "2 ms from now"),
+    ] {
+        let mut rig = dry_rig(camera);
+        let failed = deployment().trial(&mut rig, &arm(), &TRIAL, None);
+        let message = failed.unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+        assert!(rig.now() < Duration::from_secs(1) && !moves(&mut rig));
+    }
+}
+
+/// A rig whose table is set, and whose robot must be told nothing.
+struct Untouched(DryRig);
+
+impl Robot for Untouched {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        self.0.state()
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        panic!("{command:?} was sent")
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        panic!("a stop was sent")
+    }
+}
+
+impl Rig for Untouched {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+        panic!("the arm would have moved to its start")
+    }
+
+    fn calibration(&self) -> Calibration {
+        self.0.calibration()
+    }
+
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+        self.0.wait(time)
+    }
+
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+        self.0.picture(rgb)
+    }
+
+    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+        panic!("nobody is to be asked")
+    }
+}
+
+/// It goes all the way, within the arm's limits, and tells the robot nothing. Errors tell it
+/// nothing, either.
+#[test]
+fn a_rehearsal_sends_nothing_to_the_robot() {
+    let mut rig = Untouched(dry_rig(Ok));
+    let before = rig.state().unwrap();
+    let mut deployment = deployment();
+    let rehearsal = deployment.rehearse(&mut rig, &arm(), &TRIAL).unwrap();
+    assert_eq!(rig.state().unwrap(), before);
+    assert_eq!(
+        (rehearsal.actions.len(), rehearsal.withheld.len()),
+        (50, 250)
+    );
+    let limits = arm().settings().control.limits;
+    let mut last = robots::Twist::ZERO;
+    for Withheld {
+        command,
+        twist,
+        refusal,
+    } in &rehearsal.withheld
+    {
+        assert!(refusal.is_none() && command.check().is_ok());
+        assert!(command.twist.linear.length() <= limits.speed + 1e-12);
+        let sudden = (twist.linear - last.linear).length() / 0.025;
+        assert!(sudden <= limits.acceleration + 1e-9, "{sudden}");
+        last = *twist;
+    }
+    assert!(
+        rehearsal
+            .withheld
+            .iter()
+            .any(|one| one.twist.linear.length() > 0.05)
+    );
+    let text = rehearsal.text();
+    assert!(text.contains("decision  49") && text.contains("250 commands were withheld, 0"));
+    for (stage, count) in Stage::ALL.into_iter().zip([51, 51, 1, 50, 50]) {
+        assert_eq!(rehearsal.stages.count(stage), count, "{}", stage.name());
+        assert!(text.contains(stage.name()), "{text}");
+    }
+    let broken: Camera = |_| Err("the cable is loose".into());
+    let failed = deployment.rehearse(&mut Untouched(dry_rig(broken)), &arm(), &TRIAL);
+    assert!(
+        failed
+            .unwrap_err()
+            .to_string()
+            .contains("the cable is loose")
+    );
+}
+
+/// The robot is told nothing with a calibration of another camera, neither in a trial nor by a check
+/// of the mask.
+#[test]
+fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
+    let known = dry_rig(Ok).calibration();
+    let turned = |turn: DMat3| turn * known.extrinsics.rotation;
+    let hung = |rotation: DMat3, position: DVec3| Calibration {
+        extrinsics: Extrinsics {
+            rotation,
+            translation: -(rotation * position),
+        },
+        ..known
+    };
+    let mut millimetres = known;
+    millimetres.intrinsics.focal = [1.93; 2];
+    let mut bent = known;
+    bent.distortion.radial = [0.49; 2];
+    let trial = |calibration: Calibration, rig: &mut dyn Rig| {
+        let mut deployment = seeing(SightSettings {
+            calibration: Some(calibration),
+            ..SightSettings::default()
+        });
+        let first = &poses(&arm())[..1];
+        let masks = MaskCheck::measure(&deployment, rig, &arm(), first, &TRIAL);
+        let refusals = [
+            masks.map(|_| ()),
+            deployment.trial(rig, &arm(), &TRIAL, None).map(|_| ()),
+            deployment.rehearse(rig, &arm(), &TRIAL).map(|_| ()),
+        ];
+        refusals.map(Result::unwrap_err)
+    };
+    let down = known.extrinsics.rotation;
+    for (calibration, says) in [
+        (
+            hung(turned(DMat3::from_rotation_z(PI)), 1.5 * DVec3::Z),
+            "180 degrees",
+        ),
+        (hung(down, 99.9 * DVec3::Z), "99.9"),
+        (hung(down, DVec3::new(0.2, 0.0, 1.5)), "0.2"),
+        (millimetres, "1.93"),
+        (bent, "lens"),
+    ] {
+        for error in trial(calibration, &mut Untouched(dry_rig(Ok))) {
+            assert!(matches!(error, DeployError::OtherCamera { .. }), "{error}");
+            assert!(error.to_string().contains(says), "{says}: {error}");
+        }
+    }
+}
+
+/// Every trial misjudges the camera in its own way, and none of that is held against the file.
+#[test]
+fn calibrations_are_held_to_the_same_camera_in_every_trial() {
+    let mut settings = SimulationSettings::OFF;
+    settings.imperfections.position_error = 0.08;
+    let camera = *deployment().camera();
+    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let (arm, truth) = (rig.arm().clone(), rig.truth());
+    rig.set_up(&TRIAL).unwrap();
+    let misjudged = rig.calibration().position() - truth.position();
+    assert!((misjudged.length() - 0.08).abs() < 1e-9, "{misjudged}");
+    // 18 cm from what the first trial takes the camera for
+    let position = truth.position() - 0.1 * misjudged.normalize();
+    let rotation = truth.extrinsics.rotation;
+    let file = Calibration {
+        extrinsics: Extrinsics {
+            rotation,
+            translation: -(rotation * position),
+        },
+        ..truth
+    };
+    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut deployment = seeing(SightSettings {
+        calibration: Some(file),
+        ..SightSettings::default()
+    });
+    for number in [1, 2] {
+        let trial = Trial { number, ..TRIAL };
+        deployment.trial(&mut rig, &arm, &trial, None).unwrap();
+    }
+    MaskCheck::measure(&deployment, &mut rig, &arm, &poses(&arm)[..1], &TRIAL).unwrap();
+}
+
+/// Its background is taken before any decision, and must show the table as it is now.
+#[test]
+fn a_rehearsal_takes_no_old_background() {
+    let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
+    for (camera, says) in [
+        ((|_| Ok(Duration::ZERO)) as Camera, "1000 ms old"),
+        (ahead, "2 ms from now"),
+    ] {
+        let mut rig = dry_rig(camera);
+        rig.wait(Duration::from_secs(1)).unwrap();
+        let set_up = DryRun::new(&mut rig, &arm()).unwrap().set_up(&TRIAL);
+        let message = set_up.unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}
+
+#[test]
+fn a_rehearsal_without_a_table_is_refused() {
+    let mut deployment = deployment();
+    let camera = *deployment.camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
+    let arm = rig.arm().clone();
+    let failed = deployment.rehearse(&mut rig, &arm, &TRIAL);
+    assert!(matches!(failed, Err(DeployError::Rig { .. })));
+}
+
+/// The policy was trained with another arm, and sees this one through a camera with all faults.
+#[test]
+fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
+    let mut deployment = deployment();
+    let camera = *deployment.camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL, camera).unwrap();
+    assert!(rig.state().is_err(), "no table is set");
+    let arm = rig.arm().clone();
+    let mut strip = super::Strip::default();
+    let score = deployment
+        .trial(&mut rig, &arm, &TRIAL, Some(&mut strip))
+        .unwrap();
+    assert!(
+        score.success && score.fits && score.refused == 0,
+        "{score:?}"
+    );
+    // decisions 0, 5, ... 50
+    let picture = strip.picture();
+    assert_eq!((picture.width, picture.height), (11 * 196 + 4, 3 * 148 + 4));
+    let again = deployment.trial(&mut rig, &arm, &TRIAL, None).unwrap();
+    assert_eq!(again.policy, score.policy);
+}
+
+#[test]
+fn a_camera_that_sees_too_little_is_refused() {
+    let mut settings = SimulationSettings::OFF;
+    settings.imperfections.position_error = 0.5;
+    let mut rig = SimulatedRig::new(settings, *deployment().camera()).unwrap();
+    let arm = rig.arm().clone();
+    let error = deployment()
+        .trial(&mut rig, &arm, &TRIAL, None)
+        .unwrap_err();
+    assert!(matches!(error, DeployError::Rig { .. }), "{error}");
+    assert!(
+        error.to_string().contains("`position_error` is 0.5"),
+        "{error}"
+    );
+}
+
+#[test]
+fn policies_that_would_act_otherwise_are_refused() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
+    let learnt = RunFolder::open(&folder).experiment().unwrap();
+    type Spoil = fn(&mut Experiment);
+    let cases: [(&str, Spoil); 3] = [
+        ("envs.layout", |e| e.envs.layout = Layout::MetaWorld),
+        ("action_repeat", |e| e.envs.control.action_repeat = 5),
+        ("context", |e| {
+            e.learner = LearnerSettings::OffPolicy(OffPolicySettings::three_rl());
+        }),
+    ];
+    check(&learnt.learner, &learnt.envs).unwrap();
+    for (name, spoil) in cases {
+        let mut spoilt = learnt.clone();
+        spoil(&mut spoilt);
+        let refusal = check(&spoilt.learner, &spoilt.envs).unwrap_err();
+        assert!(refusal.to_string().contains(name), "{refusal}");
+    }
+}

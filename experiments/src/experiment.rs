@@ -1,0 +1,427 @@
+//! Settings of one run over a stream.
+
+use std::path::Path;
+
+use envs::{Embodiment, TaskRegistry, VecEnvSettings};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::RlError;
+use serde::{Deserialize, Serialize};
+use symmetry::Group;
+
+use crate::error::RunError;
+use crate::schedule::{Clock, Schedule};
+use crate::stream::Stream;
+use crate::timetable::Timetable;
+use learner::overrides::{parse, read};
+use learner::{DeviceChoice, Labels, LearnerSettings};
+
+/// Random streams of the experiment, counted from the top: the learner's are counted from 0 under
+/// the same seed.
+const SCHEDULE: u64 = u64::MAX;
+const ENVIRONMENTS: u64 = u64::MAX - 1;
+const EVALUATION: u64 = u64::MAX - 2;
+/// Words of a random stream from one number to the next: a block of ChaCha.
+const BLOCK: u128 = 16;
+
+/// Settings of a run: what `experiment.json` holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Experiment {
+    /// The learner; its seed is the seed of the whole run.
+    pub learner: LearnerSettings,
+    /// The environments; `threads` counts for the learner, too, and `seed` is drawn from the run's.
+    pub envs: VecEnvSettings,
+    /// Which groups come when.
+    pub schedule: Schedule,
+    /// How the run is scored.
+    pub evaluation: EvaluationPlan,
+    /// When the run leaves checkpoints.
+    pub checkpoints: CheckpointPlan,
+}
+
+/// When a run leaves checkpoints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CheckpointPlan {
+    /// Rollouts from one checkpoint to the next, at least 1; the last rollout always leaves one.
+    pub every: usize,
+    /// Checkpoints kept, at least 1: the newest ones. Where the newest is damaged, a run goes on
+    /// from an older one.
+    pub keep: usize,
+}
+
+impl Default for CheckpointPlan {
+    fn default() -> Self {
+        Self { every: 10, keep: 3 }
+    }
+}
+
+/// How a run is scored; every evaluation shows all four variants of each group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationPlan {
+    /// Episodes in each environment and variant after the stream, at least 1.
+    pub rounds: usize,
+    /// The same before the stream and after each visit; none where it is 0.
+    pub visit_rounds: usize,
+    /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the
+    /// stream, each as after a visit, where `visit_rounds` is then at least 1, too. Without a
+    /// number there are none within visits.
+    #[serde(default)]
+    pub every: Option<usize>,
+    /// How often the learner is asked, after the stream, which policy a variant belongs to, for
+    /// each of 1, 4 and 20 episodes that it is shown; not at all where it is 0, and where there is
+    /// one policy for everything or the learner is told the group.
+    #[serde(default)]
+    pub looks: usize,
+    /// Seed of the placements: runs of other methods and seeds are scored on the same episodes.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+impl EvaluationPlan {
+    /// After the stream alone.
+    pub const AT_THE_END: Self = Self {
+        rounds: 1,
+        visit_rounds: 0,
+        every: None,
+        looks: 0,
+        seed: 0,
+    };
+
+    /// Rounds of the evaluation after `rollouts` rollouts within a visit.
+    pub(crate) fn within_visit(&self, rollouts: usize) -> usize {
+        let due = |every| rollouts.is_multiple_of(every);
+        if self.every.is_some_and(due) {
+            self.visit_rounds
+        } else {
+            0
+        }
+    }
+}
+
+impl Experiment {
+    /// Reads settings from a JSON file, as a run's folder holds them.
+    ///
+    /// # Errors
+    /// [`RunError::Read`] names the file and what is wrong in it: for an unknown field the
+    /// nearest known one, too.
+    pub fn read(path: &Path) -> Result<Self, RunError> {
+        Ok(read(path)?)
+    }
+
+    /// Reads settings from JSON.
+    ///
+    /// # Errors
+    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
+    pub fn parse(text: &str) -> Result<Self, RunError> {
+        Ok(parse(text)?)
+    }
+
+    /// The same run with another seed.
+    pub fn with_seed(mut self, seed: u64) -> Self {
+        self.learner.set_seed(seed);
+        self
+    }
+
+    /// The same run on `threads` threads; results do not depend on them.
+    pub fn with_threads(mut self, threads: usize) -> Self {
+        self.envs.threads = threads;
+        self
+    }
+
+    /// The same run with policies that learn elsewhere.
+    ///
+    /// # Errors
+    /// Those of [`LearnerSettings::set_device`].
+    pub fn with_device(mut self, choice: DeviceChoice) -> Result<Self, RunError> {
+        self.learner.set_device(choice)?;
+        Ok(self)
+    }
+
+    /// The same run with another embodiment.
+    pub fn with_embodiment(mut self, embodiment: Embodiment) -> Self {
+        self.envs.embodiment = embodiment;
+        self
+    }
+
+    /// The same run with networks of equal width that are equivariant under `group`; under
+    /// [`Group::C1`] they are ordinary ones.
+    pub fn with_group(mut self, group: Group) -> Self {
+        self.learner.set_group(group);
+        self
+    }
+
+    /// Refuses a run over groups of `tasks` that could not be finished.
+    ///
+    /// # Errors
+    /// The first setting that is out of range, or that does not fit the others.
+    pub fn check(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
+        for (name, value) in [
+            ("evaluation.rounds", self.evaluation.rounds),
+            ("evaluation.every", self.evaluation.every.unwrap_or(1)),
+            ("checkpoints.every", self.checkpoints.every),
+            ("checkpoints.keep", self.checkpoints.keep),
+        ] {
+            if value == 0 {
+                return Err(RunError::Setting {
+                    name,
+                    value: value.to_string(),
+                    expected: "at least 1",
+                });
+            }
+        }
+        if self.evaluation.every.is_some() && self.evaluation.visit_rounds == 0 {
+            return Err(RunError::Setting {
+                name: "evaluation.visit_rounds",
+                value: "0".to_owned(),
+                expected: "at least 1 with `evaluation.every`, whose evaluations have as many rounds",
+            });
+        }
+        self.schedule.check()?;
+        self.schedule.resolve(tasks)?;
+        self.envs.check()?;
+        self.check_seed()?;
+        self.check_rollouts()?;
+        self.check_visits()?;
+        self.check_still_channels()?;
+        let spec = Stream::spec_of(&self.envs);
+        self.learner.start(&spec, &Labels::default())?;
+        Ok(())
+    }
+
+    /// Refuses rollouts that end before an episode does: every rollout begins with a reset.
+    fn check_rollouts(&self) -> Result<(), RunError> {
+        let horizon = self.envs.control.decisions();
+        let steps = self.learner.rollout_steps() / self.envs.num_envs;
+        if steps >= horizon {
+            return Ok(());
+        }
+        Err(RlError::ShortRollout { steps, horizon }.into())
+    }
+
+    /// Refuses a replay that would keep once an episode what changes within it.
+    fn check_still_channels(&self) -> Result<(), RunError> {
+        match &self.learner {
+            LearnerSettings::OffPolicy(settings)
+                if settings.still_channels > self.envs.camera.beside.still_channels() =>
+            {
+                Err(RunError::Setting {
+                    name: "off_policy.still_channels",
+                    value: settings.still_channels.to_string(),
+                    expected: "at most 3 where `envs.camera.beside` is `first`, and 0 with close-ups",
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// A seed of the environments would change nothing.
+    fn check_seed(&self) -> Result<(), RunError> {
+        match self.envs.seed {
+            0 => Ok(()),
+            seed => Err(RunError::Setting {
+                name: "envs.seed",
+                value: seed.to_string(),
+                expected: "0: placements are drawn from the learner's seed",
+            }),
+        }
+    }
+
+    /// Decisions of one episode of every environment: the world's clock lets a group give way at
+    /// its multiples.
+    fn block(&self) -> usize {
+        self.envs.num_envs * self.envs.control.decisions()
+    }
+
+    /// On the world's clock, refuses what would make the stream depend on the learner, or hide a
+    /// visit.
+    fn check_visits(&self) -> Result<(), RunError> {
+        if self.schedule.clock == Clock::Turns {
+            return Ok(());
+        }
+        let (rollout, block) = (self.learner.rollout_steps(), self.block());
+        if !rollout.is_multiple_of(block) {
+            return Err(RunError::Setting {
+                name: "rollout_steps",
+                value: rollout.to_string(),
+                expected: "whole episodes of all environments, or `schedule.clock` = `turns`",
+            });
+        }
+        let mut plans = self.schedule.groups.iter();
+        match plans.find(|plan| plan.decisions < block) {
+            None => Ok(()),
+            Some(plan) => Err(RunError::Setting {
+                name: "schedule.groups",
+                value: format!("{} decisions of {}", plan.decisions, plan.group),
+                expected: "at least one episode of all environments",
+            }),
+        }
+    }
+
+    /// The visits of the stream, drawn from the run's seed.
+    pub(crate) fn timetable(&self) -> Timetable {
+        let period = match self.schedule.clock {
+            Clock::World => self.block(),
+            Clock::Turns => self.learner.rollout_steps(),
+        };
+        let rng = &mut self.stream_rng(SCHEDULE);
+        Timetable::new(self.schedule.visits(period, rng))
+    }
+
+    /// The seeds of the environments.
+    pub(crate) fn environment_seeds(&self) -> Seeds {
+        Seeds(self.stream_rng(ENVIRONMENTS))
+    }
+
+    /// The seed of evaluation episodes.
+    pub fn evaluation_seed(&self) -> u64 {
+        random_stream(self.evaluation.seed, EVALUATION).random()
+    }
+
+    fn stream_rng(&self, stream: u64) -> ChaCha8Rng {
+        random_stream(self.learner.seed(), stream)
+    }
+}
+
+fn random_stream(seed: u64, stream: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(stream);
+    rng
+}
+
+/// Seeds by number: an interrupted run needs to know nothing but the number of the next.
+#[derive(Clone, Debug)]
+pub(crate) struct Seeds(ChaCha8Rng);
+
+impl Seeds {
+    /// The seed of this number.
+    pub fn nth(&self, number: usize) -> u64 {
+        let mut rng = self.0.clone();
+        rng.set_word_pos(BLOCK * number as u128);
+        rng.random()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+    use learner::CoversSettings;
+
+    fn smoke() -> Experiment {
+        Budget::Smoke.experiment(Method::Covers)
+    }
+
+    fn covers(experiment: &mut Experiment) -> &mut CoversSettings {
+        match &mut experiment.learner {
+            LearnerSettings::Covers(settings) => settings,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_replay_that_would_keep_a_close_up_once_an_episode_is_refused() {
+        let tasks = TaskRegistry::standard();
+        let mut run = Budget::Smoke.experiment(Method::Clear);
+        run.envs.camera.beside = envs::Beside::CloseUp;
+        let message = run.check(&tasks).unwrap_err().to_string();
+        assert!(
+            message.contains("`off_policy.still_channels` is 3"),
+            "{message}"
+        );
+        match &mut run.learner {
+            LearnerSettings::OffPolicy(settings) => settings.still_channels = 0,
+            other => panic!("{other:?}"),
+        }
+        assert!(run.check(&tasks).is_ok());
+    }
+
+    #[test]
+    fn no_two_purposes_share_a_random_stream() {
+        let experiment = smoke().with_seed(7);
+        let first_words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };
+        let seeds = experiment.environment_seeds();
+        let seeds = (0..20).map(|number| seeds.nth(number));
+        let seeds = seeds.chain([experiment.evaluation_seed()]);
+        let slots = seeds.flat_map(|seed| (0..20).map(move |stream| (seed, stream)));
+        let slots = slots.map(|(seed, stream)| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(stream);
+            rng
+        });
+        let learner = (0..4).map(|stream| experiment.stream_rng(stream));
+        let own = [SCHEDULE, ENVIRONMENTS, EVALUATION].map(|stream| experiment.stream_rng(stream));
+        let all: Vec<_> = learner.chain(own).chain(slots).map(first_words).collect();
+        let different: std::collections::HashSet<_> = all.iter().collect();
+        assert_eq!(different.len(), all.len());
+    }
+
+    #[test]
+    fn all_runs_are_scored_on_the_same_episodes_unless_told() {
+        let seed = |run, evaluation| {
+            let mut experiment = smoke().with_seed(run);
+            experiment.evaluation.seed = evaluation;
+            experiment.evaluation_seed()
+        };
+        assert_eq!(seed(1, 0), seed(2, 0));
+        assert_ne!(seed(1, 0), seed(1, 1));
+    }
+
+    #[test]
+    fn runs_that_could_not_finish_are_refused() {
+        type Spoil = fn(&mut Experiment);
+        let cases: [Spoil; 15] = [
+            |e| e.schedule.cycles = 0,
+            |e| e.evaluation.rounds = 0,
+            |e| e.evaluation.every = Some(0),
+            |e| e.evaluation.every = Some(3),
+            |e| e.checkpoints.every = 0,
+            |e| e.checkpoints.keep = 0,
+            |e| e.envs.threads = 0,
+            |e| e.envs.num_envs *= 2,
+            |e| e.envs.camera.size = 44,
+            |e| e.schedule.groups[0].group = "peg-insert".to_owned(),
+            |e| covers(e).rollout_steps += 1,
+            |e| e.envs.control.horizon *= 2,
+            |e| e.envs.seed = 1,
+            |e| e.schedule.groups[1].decisions = 79,
+            |e| covers(e).rollout_steps = 120,
+        ];
+        for spoil in cases {
+            let mut experiment = smoke();
+            assert!(experiment.check(&TaskRegistry::standard()).is_ok());
+            spoil(&mut experiment);
+            assert!(
+                experiment.check(&TaskRegistry::standard()).is_err(),
+                "{experiment:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_field_that_is_there_twice_is_refused() {
+        let text = serde_json::to_string(&smoke()).unwrap();
+        let twice = text.replace("\"cycles\":1", "\"cycles\":1,\"cycles\":2");
+        assert_ne!(twice, text);
+        let message = Experiment::parse(&twice).unwrap_err().to_string();
+        assert!(message.contains("duplicate field `cycles`"), "{message}");
+    }
+
+    #[test]
+    fn settings_survive_json() {
+        let experiment = Budget::ZeroShot
+            .experiment(Method::Covers)
+            .with_group(Group::C1)
+            .with_seed(u64::MAX);
+        let text = serde_json::to_string_pretty(&experiment).unwrap();
+        assert_eq!(
+            serde_json::from_str::<Experiment>(&text).unwrap(),
+            experiment
+        );
+        let wrong = text.replace("\"order\"", "\"odrer\"");
+        let message = serde_json::from_str::<Experiment>(&wrong).unwrap_err();
+        assert!(message.to_string().contains("odrer"), "{message}");
+    }
+}

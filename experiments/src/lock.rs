@@ -1,0 +1,180 @@
+//! One writer to a run's folder, and a file system that stops a writer that lost the folder.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::error::{RunError, TakenOver};
+use learner::disk::{Disk, random_number};
+
+/// File of a run's folder that its writer locks. Nobody reads it: some file servers let no other
+/// handle read a locked file.
+const LOCK: &str = "lock";
+/// File that names the process which took the lock last.
+const OWNER: &str = "owner";
+
+/// Exclusive right to write to a folder. The system releases it when the process ends, however it
+/// ends.
+#[derive(Debug)]
+pub(crate) struct Lock {
+    _file: File,
+    claim: Claim,
+}
+
+/// Name that the holder of a lock left in the folder.
+#[derive(Clone, Debug)]
+struct Claim {
+    folder: PathBuf,
+    /// Text that names this process and ends with a random number.
+    owner: String,
+}
+
+impl Lock {
+    /// Takes the right to write to `folder` and leaves this process's name there.
+    ///
+    /// # Errors
+    /// [`RunError::Locked`] names the process that has it; [`RunError::Write`].
+    pub fn take(folder: &Path) -> Result<Self, RunError> {
+        let path = folder.join(LOCK);
+        let write = |error| RunError::write(&path, error);
+        let mut options = OpenOptions::new();
+        let options = options.read(true).write(true).create(true).truncate(false);
+        let file = options.open(&path).map_err(write)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::Error(error)) => return Err(write(error)),
+            Err(TryLockError::WouldBlock) => {
+                return Err(RunError::Locked {
+                    folder: folder.to_owned(),
+                    holder: first_line(&fs::read_to_string(folder.join(OWNER)).unwrap_or_default()),
+                });
+            }
+        }
+        let owner = owner();
+        let path = folder.join(OWNER);
+        let written = fs::write(&path, &owner);
+        written.map_err(|error| RunError::write(&path, error))?;
+        let folder = folder.to_owned();
+        let claim = Claim { folder, owner };
+        Ok(Self { _file: file, claim })
+    }
+
+    /// File system of the holder of this lock, on top of `disk`. The lock is released with this
+    /// value, also while the file system is still in use.
+    pub fn fence(&self, disk: Arc<dyn Disk>) -> FencedDisk {
+        let claim = self.claim.clone();
+        FencedDisk { disk, claim }
+    }
+}
+
+impl Claim {
+    /// Checks that no other process has taken the folder over since.
+    ///
+    /// The system's own lock does not tell: a file server that lost a client grants the client's
+    /// lock to another one, and a folder that was moved takes the locked file along.
+    ///
+    /// # Errors
+    /// [`TakenOver`], which [`RunError::write`] recognises.
+    fn verify(&self) -> io::Result<()> {
+        let holder = match fs::read_to_string(self.folder.join(OWNER)) {
+            Ok(owner) if owner == self.owner => return Ok(()),
+            Ok(owner) => Some(first_line(&owner)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => return Err(error),
+        };
+        let folder = self.folder.clone();
+        Err(io::Error::other(TakenOver { folder, holder }))
+    }
+}
+
+/// Text that names this process and differs from that of every other lock.
+fn owner() -> String {
+    let command: Vec<String> = std::env::args().collect();
+    let system = |name: &str| {
+        let text = fs::read_to_string(Path::new("/proc/sys/kernel").join(name));
+        text.map_or_else(|_| "unknown".to_owned(), |text| text.trim().to_owned())
+    };
+    format!(
+        "process {} on {}, `{}`\nboot {}\nclaim {:016x}\n",
+        std::process::id(),
+        system("hostname"),
+        command.join(" "),
+        system("random/boot_id"),
+        random_number()
+    )
+}
+
+/// First line of an owner's text, which names the process.
+fn first_line(owner: &str) -> String {
+    match owner.lines().next() {
+        Some(name) => name.to_owned(),
+        None => "a process that has just begun".to_owned(),
+    }
+}
+
+/// File system that rejects every change once another process has taken the folder over.
+///
+/// A process can be frozen for longer than its lock lasts, by a suspended machine or a network that
+/// is down. When it continues, another one may have finished the run, and stale rows must not
+/// replace newer ones.
+#[derive(Debug)]
+pub(crate) struct FencedDisk {
+    disk: Arc<dyn Disk>,
+    claim: Claim,
+}
+
+impl Disk for FencedDisk {
+    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.write(path, bytes)
+    }
+
+    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.append(path, bytes)
+    }
+
+    fn sync(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.sync(path)
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.rename(from, to)
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.remove(path)
+    }
+
+    fn create_folder(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.create_folder(path)
+    }
+
+    fn sync_folder(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.sync_folder(path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_writer_is_told_who_the_first_is() {
+        let folder = std::env::temp_dir().join(format!("covers-lock-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let first = Lock::take(&folder).unwrap();
+        let message = Lock::take(&folder).unwrap_err().to_string();
+        let process = format!("process {}", std::process::id());
+        assert!(message.contains(&process), "{message}");
+        drop(first);
+        Lock::take(&folder).unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,223 @@
+//! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal
+//! bytes.
+
+use std::collections::BTreeMap;
+
+use crate::error::RunError;
+use crate::evaluation::{Dormancy, Recognition, Score};
+
+use crate::folder::{RunFolder, TIMINGS, checksum};
+use crate::progress::{Evaluation, Progress};
+use crate::rows::Rows;
+use crate::schema::{RecognitionRow, ScoreRow, TimingRow, UnitsRow};
+use crate::table::Table;
+use crate::timings::{Timings, first_rows};
+
+/// The files; every row is written before the next rollout.
+pub(crate) struct Logs {
+    metrics: Table,
+    scores: Table,
+    units: Table,
+    recognition: Table,
+    timings: Table,
+}
+
+impl Logs {
+    /// Makes `metrics.csv` and `timings.csv`, one row a rollout, `evaluation.csv`, one row a
+    /// variant, `units.csv`, one row a policy, and `recognition.csv`, one row an answer, hold what
+    /// they held after this many rollouts.
+    pub fn open(folder: &RunFolder, rollouts: usize, rows: Rows) -> Result<Self, RunError> {
+        let open = |name: &str, text: String| {
+            Table::open(folder.file(name), folder.shared_disk(), text.into_bytes())
+        };
+        let timings = std::fs::read(folder.file(TIMINGS)).unwrap_or_default();
+        Ok(Self {
+            metrics: open("metrics.csv", rows.metrics)?,
+            scores: open("evaluation.csv", rows.scores)?,
+            units: open("units.csv", rows.units)?,
+            recognition: open("recognition.csv", rows.recognition)?,
+            timings: open(TIMINGS, first_rows(&timings, rollouts))?,
+        })
+    }
+
+    /// What a checkpoint keeps.
+    pub fn rows(&self) -> Rows {
+        let text = |table: &Table| String::from_utf8_lossy(table.text()).into_owned();
+        Rows {
+            metrics: text(&self.metrics),
+            scores: text(&self.scores),
+            units: text(&self.units),
+            recognition: text(&self.recognition),
+        }
+    }
+
+    /// The timings of rollouts so far, as far as they are known.
+    pub fn timings(&self) -> Timings {
+        Timings::read(self.timings.text())
+    }
+
+    /// Brings all rows to the disk.
+    pub fn sync(&self) -> Result<(), RunError> {
+        self.tables().into_iter().try_for_each(Table::sync)
+    }
+
+    /// Checksums of all tables by file name.
+    pub fn checksums(&self) -> BTreeMap<String, String> {
+        let sum = |table: &Table| (table.name(), checksum(table.text()));
+        self.tables().map(sum).into_iter().collect()
+    }
+
+    fn tables(&self) -> [&Table; 5] {
+        [
+            &self.metrics,
+            &self.scores,
+            &self.units,
+            &self.recognition,
+            &self.timings,
+        ]
+    }
+
+    /// Adds the row of a rollout.
+    pub fn write_rollout(&mut self, progress: &Progress) -> Result<(), RunError> {
+        self.metrics.write_named(row(progress))?;
+        self.timings.write([timing_row(progress)])
+    }
+
+    /// Adds the rows of an evaluation.
+    pub fn write_scores(&mut self, evaluation: &Evaluation) -> Result<(), RunError> {
+        let findings = &evaluation.findings;
+        let row = |score| score_row(evaluation, score);
+        self.scores.write(findings.scores.iter().map(row))?;
+        let row = |dormancy| units_row(evaluation, dormancy);
+        self.units.write(findings.dormancies().iter().map(row))?;
+        self.recognition
+            .write(findings.recognition.iter().map(recognition_row))
+    }
+}
+
+/// Seconds of one rollout and of its parts.
+fn timing_row(progress: &Progress) -> TimingRow {
+    let seconds = &progress.turn.seconds;
+    TimingRow {
+        rollout: progress.rollout,
+        decisions: progress.turn.decisions,
+        total: progress.seconds,
+        environments: progress.environment_seconds,
+        inference: seconds.collection - progress.environment_seconds,
+        assignment: seconds.assignment,
+        update: seconds.update,
+    }
+}
+
+/// One evaluated variant.
+fn score_row(evaluation: &Evaluation, score: &Score) -> ScoreRow {
+    ScoreRow {
+        rollouts: evaluation.rollouts,
+        decisions: evaluation.decisions,
+        group: score.group.name().to_owned(),
+        element: score.element.to_string(),
+        seen: score.seen,
+        policy: Some(score.policy),
+        episodes: score.episodes,
+        success: score.success,
+        success_at_end: score.success_at_end,
+        reward: score.reward,
+        own_policy: score.own.map(|own| own.policy),
+        own_success: score.own.map(|own| own.success),
+        own_success_at_end: score.own.map(|own| own.success_at_end),
+        own_reward: score.own.map(|own| own.reward),
+    }
+}
+
+/// The units of one policy's network.
+fn units_row(evaluation: &Evaluation, dormancy: &Dormancy) -> UnitsRow {
+    UnitsRow {
+        rollouts: evaluation.rollouts,
+        decisions: evaluation.decisions,
+        policy: dormancy.policy,
+        units: dormancy.units,
+        dormant: dormancy.dormant,
+    }
+}
+
+/// How often the learner gave one answer.
+fn recognition_row(recognition: &Recognition) -> RecognitionRow {
+    RecognitionRow {
+        group: recognition.group.name().to_owned(),
+        element: recognition.element.to_string(),
+        episodes: recognition.episodes,
+        policy: recognition.policy,
+        times: recognition.times,
+    }
+}
+
+/// The row of one rollout: what a run knows of every learner, then what this learner logs.
+fn row(progress: &Progress) -> Vec<(String, String)> {
+    let turn = &progress.turn;
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    let known = [
+        ("rollout", progress.rollout.to_string()),
+        ("decisions", progress.decisions.to_string()),
+        ("group", progress.group.name().to_owned()),
+        ("last_group", progress.last_group.name().to_owned()),
+        ("straddles", progress.straddles.to_string()),
+        ("policy", turn.policy.to_string()),
+        ("created", turn.created.to_string()),
+        ("reward", number(progress.reward())),
+        ("success", number(progress.success())),
+        ("success_at_end", number(turn.rollout.success_at_end_rate())),
+    ];
+    let known = known.map(|(name, cell)| (name.to_owned(), cell));
+    let logged = turn.metrics.iter();
+    let logged = logged.map(|(name, metric)| (name.to_owned(), metric.to_string()));
+    known.into_iter().chain(logged).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use envs::TaskGroup;
+    use symmetry::D2;
+
+    use super::*;
+    use crate::evaluation::{Findings, PolicyScore};
+    use crate::rows::OWN;
+
+    #[test]
+    fn scores_end_with_those_of_the_groups_own_policy() {
+        let evaluation = Evaluation {
+            rollouts: 3,
+            decisions: 240,
+            findings: Findings::default(),
+        };
+        let score = |own| Score {
+            group: TaskGroup::GOAL_REACH,
+            element: D2::FlipX,
+            seen: true,
+            policy: 1,
+            episodes: 4,
+            success: 0.5,
+            success_at_end: 0.25,
+            reward: 100.0,
+            own,
+        };
+        let own = PolicyScore {
+            policy: 0,
+            success: 1.0,
+            success_at_end: 0.75,
+            reward: 400.5,
+        };
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        for score in [score(None), score(Some(own))] {
+            writer.serialize(score_row(&evaluation, &score)).unwrap();
+        }
+        let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].ends_with(&format!("reward,{}", OWN.join(","))));
+        assert_eq!(
+            lines[1],
+            "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,,,,"
+        );
+        let expected = "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,0,1.0,0.75,400.5";
+        assert_eq!(lines[2], expected);
+    }
+}

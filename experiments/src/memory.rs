@@ -1,0 +1,213 @@
+//! Memory that a run takes, compared with the limits of its process.
+//!
+//! A library that cannot get memory ends the process, some without any message. A limit that is
+//! too low is therefore an error before the first environment is made.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::error::RunError;
+use crate::experiment::Experiment;
+use crate::stream::Stream;
+use learner::{GroupingSettings, LearnerSettings};
+
+const MEBIBYTE: u64 = 1 << 20;
+/// Resident memory of a small run, measured as 0.44 GiB.
+const RESIDENT: u64 = 450 * MEBIBYTE;
+/// Address space of a small run with one thread, and of each further thread, which has a renderer
+/// and an arena of its own. One thread ran with 0.86 GiB and failed with 0.76; 4 threads ran with
+/// 1.43 GiB and failed with 1.14; 16 ran with 2.38 and failed with 1.43.
+const ADDRESS_SPACE: u64 = 900 * MEBIBYTE;
+const ADDRESS_SPACE_OF_THREAD: u64 = 112 * MEBIBYTE;
+
+/// Checks that the limits of this process leave enough memory for a run.
+///
+/// # Errors
+/// [`RunError::Memory`].
+pub fn check_run(experiment: &Experiment) -> Result<(), RunError> {
+    check(experiment.envs.threads, replay_bytes(experiment))
+}
+
+/// Checks that the limits of this process leave enough memory for environments on these threads.
+///
+/// # Errors
+/// [`RunError::Memory`].
+pub fn check_environments(threads: usize) -> Result<(), RunError> {
+    check(threads, 0)
+}
+
+fn check(threads: usize, replay: u64) -> Result<(), RunError> {
+    let further = threads.saturating_sub(1) as u64 * ADDRESS_SPACE_OF_THREAD;
+    let address_space = address_space_limit().into_iter();
+    let address_space = address_space.map(|limit| (limit, ADDRESS_SPACE + further + replay));
+    let container = container_limit().into_iter();
+    let container = container.map(|limit| (limit, RESIDENT + replay));
+    address_space
+        .chain(container)
+        .try_for_each(|(limit, needed)| limit.check(needed))
+}
+
+/// Bytes of the replays of an off-policy learner when the stream ends: of each step the channels of
+/// the image that change, three quarters of them twice while a checkpoint is unpacked.
+fn replay_bytes(experiment: &Experiment) -> u64 {
+    let LearnerSettings::OffPolicy(settings) = &experiment.learner else {
+        return 0;
+    };
+    let [height, width, channels] = Stream::spec_of(&experiment.envs).image;
+    let image = height * width * channels.saturating_sub(settings.still_channels);
+    let replays = match settings.grouping {
+        GroupingSettings::Single => 1,
+        _ => experiment.schedule.groups.len(),
+    };
+    let held = settings.capacity.saturating_mul(replays);
+    let steps = held.min(experiment.schedule.total_decisions());
+    let bytes = (steps as u64).saturating_mul(image as u64);
+    bytes.saturating_add(bytes / 4 * 3)
+}
+
+/// Upper bound on this process's memory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Limit {
+    name: String,
+    /// Bytes that are left below it.
+    left: u64,
+}
+
+impl Limit {
+    fn check(self, needed: u64) -> Result<(), RunError> {
+        if needed <= self.left {
+            return Ok(());
+        }
+        Err(RunError::Memory {
+            needed: needed.div_ceil(MEBIBYTE),
+            left: self.left / MEBIBYTE,
+            limit: self.name,
+        })
+    }
+}
+
+/// Limit of `ulimit -v`; `None` without one.
+fn address_space_limit() -> Option<Limit> {
+    let limits = fs::read_to_string("/proc/self/limits").ok()?;
+    let mut lines = limits.lines();
+    let line = lines.find_map(|line| line.strip_prefix("Max address space"))?;
+    let bytes: u64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(Limit {
+        name: "the limit of its address space (`ulimit -v`)".to_owned(),
+        left: bytes.saturating_sub(used()),
+    })
+}
+
+/// Smallest limit of the control groups that this process is in, as containers and batch systems
+/// set it; `None` without one.
+fn container_limit() -> Option<Limit> {
+    let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
+    smallest_limit(&groups, |path| fs::read_to_string(path).ok())
+}
+
+/// Smallest limit of control groups of version 2 (a line `0::/path`) and 1 (`N:memory:/path`).
+fn smallest_limit(groups: &str, read: impl Fn(&Path) -> Option<String>) -> Option<Limit> {
+    let files = groups.lines().flat_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (kind, path) = (parts.next().unwrap_or(""), parts.next().unwrap_or(""));
+        let (root, file) = match kind {
+            "" => ("/sys/fs/cgroup", "memory.max"),
+            "memory" => ("/sys/fs/cgroup/memory", "memory.limit_in_bytes"),
+            _ => return Vec::new(),
+        };
+        let folder = Path::new(root).join(path.trim_start_matches('/'));
+        let folders = folder.ancestors().take_while(|path| path.starts_with(root));
+        folders.map(|folder| folder.join(file)).collect()
+    });
+    let number = |path: PathBuf| Some((read(&path)?.trim().parse().ok()?, path));
+    let (left, path): (u64, PathBuf) = files.filter_map(number).min()?;
+    let name = format!("the limit of its container ({})", path.display());
+    Some(Limit { name, left })
+}
+
+/// Bytes of this process's address space; 0 where the system does not say.
+fn used() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    line_kibibytes(&status, "VmSize").unwrap_or(0) << 10
+}
+
+/// Bytes that programs may still take, where the system says so.
+pub fn available() -> Option<u64> {
+    let text = fs::read_to_string("/proc/meminfo").ok()?;
+    Some(line_kibibytes(&text, "MemAvailable")? << 10)
+}
+
+/// Number in a line such as `VmSize:  1024 kB`.
+fn line_kibibytes(text: &str, name: &str) -> Option<u64> {
+    let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
+    rest.strip_prefix(':')?
+        .split_whitespace()
+        .next()?
+        .parse()
+        .ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+
+    #[test]
+    fn the_system_says_what_is_used_and_free() {
+        assert!(used() > MEBIBYTE);
+        assert!(available().is_some_and(|bytes| bytes > MEBIBYTE));
+        assert_eq!(line_kibibytes("VmSize:\t  12 kB\n", "VmSize"), Some(12));
+        assert_eq!(line_kibibytes("VmSizes: 12 kB\n", "VmSize"), None);
+    }
+
+    #[test]
+    fn a_replay_takes_the_memory_of_its_images() {
+        let mut experiment = Budget::Table.experiment(Method::Clear);
+        let bytes = replay_bytes(&experiment);
+        // 2.05 GB were measured of the program with a full replay, 2.9 GB after a resumption
+        assert!(((2 << 30)..(3 << 30)).contains(&bytes), "{bytes}");
+        experiment.schedule.cycles *= 10;
+        let longer = replay_bytes(&experiment);
+        assert!(
+            longer < bytes / 10 * 11,
+            "one replay holds no more: {longer}"
+        );
+        experiment.schedule.groups.truncate(1);
+        experiment.schedule.groups[0].decisions = 500;
+        experiment.schedule.cycles = 1;
+        assert_eq!(replay_bytes(&experiment), 500 * 48 * 48 * 3 / 4 * 7);
+        assert_eq!(replay_bytes(&Budget::Full.experiment(Method::Covers)), 0);
+    }
+
+    #[test]
+    fn a_limit_that_is_too_low_is_named_with_what_is_left_and_needed() {
+        let limit = Limit {
+            name: "the limit".to_owned(),
+            left: 5 * MEBIBYTE + 7,
+        };
+        limit.clone().check(5 * MEBIBYTE + 7).unwrap();
+        let message = limit.check(5 * MEBIBYTE + 8).unwrap_err().to_string();
+        assert!(
+            message.contains("the limit leaves 5 MiB of memory, and about 6 MiB are needed"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn the_smallest_limit_of_all_control_groups_counts() {
+        let read = |path: &Path| {
+            let text = match path.to_str()? {
+                "/sys/fs/cgroup/a/b/memory.max" => "max\n",
+                "/sys/fs/cgroup/a/memory.max" => "4096\n",
+                "/sys/fs/cgroup/memory/job/memory.limit_in_bytes" => "8192\n",
+                _ => return None,
+            };
+            Some(text.to_owned())
+        };
+        let smallest = |groups| smallest_limit(groups, read).map(|limit| limit.left);
+        assert_eq!(smallest("0::/a/b\n"), Some(4096));
+        assert_eq!(smallest("8:pids:/\n3:memory:/job\n"), Some(8192));
+        assert_eq!(smallest("3:memory:/job\n0::/a/b\n"), Some(4096));
+        assert_eq!(smallest("8:pids:/a\n"), None);
+    }
+}

@@ -1,0 +1,57 @@
+//! Text of files and folders, made safe for terminals.
+
+/// The text with every control character, line ends included, and every character that turns the
+/// direction of writing as a code like `\u001b`: printed, it moves no cursor and hides nothing.
+/// The codes are those of JSON, in whose strings they mean the same.
+pub fn printable(text: &str) -> String {
+    escaped_but(text, |_| false)
+}
+
+/// Escapes the characters of several lines that steer a terminal; line ends and tabs stay.
+pub fn printable_lines(text: &str) -> String {
+    escaped_but(text, |sign| matches!(sign, '\n' | '\t'))
+}
+
+fn escaped_but(text: &str, stays: fn(char) -> bool) -> String {
+    let mut printable = String::with_capacity(text.len());
+    for sign in text.chars() {
+        if steers(sign) && !stays(sign) {
+            printable += &format!("\\u{:04x}", u32::from(sign));
+        } else {
+            printable.push(sign);
+        }
+    }
+    printable
+}
+
+/// `true` for characters that a terminal or a page obeys instead of showing them.
+fn steers(sign: char) -> bool {
+    let turns = matches!(sign, '\u{61c}' | '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    // separators of lines and paragraphs
+    let ends = matches!(sign, '\u{2028}'..='\u{2029}');
+    sign.is_control() || turns || ends
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_that_steers_a_terminal_is_left() {
+        let cases = [
+            ("\u{1b}]0;title\u{7}", "\\u001b]0;title\\u0007"),
+            ("\u{9b}2J\u{7f}", "\\u009b2J\\u007f"),
+            ("a\u{202e}b\u{2028}", "a\\u202eb\\u2028"),
+            ("plate-slide é 測", "plate-slide é 測"),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(printable(text), expected);
+            assert_eq!(printable_lines(text), expected);
+        }
+        assert_eq!(printable("a\nb\tc\rd"), "a\\u000ab\\u0009c\\u000dd");
+        assert_eq!(printable_lines("a\nb\tc\rd"), "a\nb\tc\\u000dd");
+        let json = printable_lines("{\"name\":\"\u{9b}\"}");
+        let value: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(value["name"], "\u{9b}");
+    }
+}

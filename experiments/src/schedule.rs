@@ -1,0 +1,400 @@
+//! Which groups come when, and in which variants.
+
+use envs::{TaskGroup, TaskRegistry};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use symmetry::D2;
+
+use crate::error::RunError;
+
+/// Decisions of the longest stream, a thousand times the full one's.
+pub const MAX_DECISIONS: usize = 288_000_000;
+
+/// The stream's plan: nothing of it is told to the learner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Schedule {
+    /// The groups of one cycle, each once.
+    pub groups: Vec<GroupPlan>,
+    /// Number of cycles, at least 1.
+    pub cycles: usize,
+    /// Who comes after whom.
+    pub order: Order,
+    /// What a visit's decisions are counted by.
+    pub clock: Clock,
+}
+
+/// What a visit's decisions are counted by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clock {
+    /// The world's own clock, which counts every decision, also of rollouts that a learner throws
+    /// away. When a visit is over, the next group comes at the end of the running episodes,
+    /// whatever the learner does: a rollout may straddle a change. All learners see the same
+    /// stream.
+    #[default]
+    World,
+    /// The learner's turns: each counts as one rollout's decisions, and groups change between them.
+    Turns,
+}
+
+/// How one group appears in the stream.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GroupPlan {
+    /// The group's name.
+    pub group: String,
+    /// Decisions of a visit, at least 1; the mean number with [`Order::Switching`].
+    pub decisions: usize,
+    /// Variants that episodes are drawn from; the others are held out and appear in evaluations
+    /// alone.
+    pub variants: Vec<D2>,
+}
+
+/// Who comes after whom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Order {
+    /// Every cycle in the order of the list.
+    Fixed,
+    /// Every cycle in an order of its own; no group follows itself.
+    Shuffled,
+    /// No cycles: after as many decisions as a rollout has, the group gives way to any other with
+    /// equal probability, so often that its visits last `decisions` on average. The stream is as
+    /// long as it would be with cycles.
+    Switching,
+}
+
+/// One stay of a group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Visit {
+    /// The group's name; known to the stream and to reports, never to the learner.
+    pub group: String,
+    /// Variants that episodes are drawn from.
+    pub variants: Vec<D2>,
+    /// Decisions until the next visit.
+    pub decisions: usize,
+}
+
+impl Schedule {
+    /// All variants of these groups, shuffled, on the world's clock; each comes with the decisions
+    /// of one visit.
+    pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
+        let groups = visits.iter().map(|(group, decisions)| GroupPlan {
+            group: group.name().to_owned(),
+            decisions: *decisions,
+            variants: D2::ALL.to_vec(),
+        });
+        Self {
+            groups: groups.collect(),
+            cycles,
+            order: Order::Shuffled,
+            clock: Clock::default(),
+        }
+    }
+
+    /// Refuses a plan without groups, cycles, decisions or variants, and one that names a group or
+    /// a variant twice.
+    ///
+    /// # Errors
+    /// [`RunError::Setting`].
+    pub fn check(&self) -> Result<(), RunError> {
+        if self.groups.is_empty() {
+            return refuse("schedule.groups", "empty", "at least one group");
+        }
+        if self.cycles == 0 {
+            return refuse("schedule.cycles", "0", "at least 1");
+        }
+        for (index, plan) in self.groups.iter().enumerate() {
+            plan.check(&self.groups[..index])?;
+        }
+        if self.checked_decisions().is_none() {
+            return refuse(
+                "schedule.cycles",
+                &self.cycles.to_string(),
+                "fewer: no run is so long",
+            );
+        }
+        if self.order == Order::Switching && self.groups.len() == 1 {
+            let expected = "at least two groups to switch between";
+            return refuse("schedule.order", "switching", expected);
+        }
+        Ok(())
+    }
+
+    /// Decisions of the whole stream, at most [`MAX_DECISIONS`].
+    pub fn total_decisions(&self) -> usize {
+        self.checked_decisions().unwrap_or(MAX_DECISIONS)
+    }
+
+    /// The same, where it is not too many.
+    fn checked_decisions(&self) -> Option<usize> {
+        let mut cycle = self.groups.iter().map(|plan| plan.decisions);
+        let cycle = cycle.try_fold(0, usize::checked_add)?;
+        let total = cycle.checked_mul(self.cycles)?;
+        (total <= MAX_DECISIONS).then_some(total)
+    }
+
+    /// The groups by their names.
+    ///
+    /// # Errors
+    /// A name that `tasks` does not hold.
+    pub fn resolve(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, RunError> {
+        let groups = self.groups.iter();
+        let groups = groups.map(|plan| Ok(tasks.get(&plan.group)?));
+        groups.collect()
+    }
+
+    /// The group of this name, or all of them.
+    ///
+    /// # Errors
+    /// A name that `tasks` or this schedule does not hold.
+    pub fn chosen(
+        &self,
+        name: Option<&str>,
+        tasks: &TaskRegistry,
+    ) -> Result<Vec<TaskGroup>, RunError> {
+        let groups = self.resolve(tasks)?;
+        let Some(name) = name else {
+            return Ok(groups);
+        };
+        let chosen = tasks.get(name)?;
+        match groups.contains(&chosen) {
+            true => Ok(vec![chosen]),
+            false => Err(RunError::Setting {
+                name: "group",
+                value: name.to_owned(),
+                expected: "a group that the run has learnt",
+            }),
+        }
+    }
+
+    /// Where a group stands among those of the schedule, which says its colour.
+    pub fn number(&self, group: &str) -> Option<usize> {
+        self.groups.iter().position(|plan| plan.group == group)
+    }
+
+    /// Whether the learner meets this variant; evaluations show it all of them.
+    pub fn shows(&self, group: &str, element: D2) -> bool {
+        let plan = self.groups.iter().find(|plan| plan.group == group);
+        plan.is_some_and(|plan| plan.variants.contains(&element))
+    }
+
+    /// Draws the visits of a stream in which [`Order::Switching`] has a chance to switch every
+    /// `period` decisions; [`Schedule::check`] it first.
+    pub fn visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+        match self.order {
+            Order::Fixed => (0..self.cycles)
+                .flat_map(|_| self.groups.iter().map(GroupPlan::visit))
+                .collect(),
+            Order::Shuffled => self.shuffled_visits(rng),
+            Order::Switching => self.switching_visits(period, rng),
+        }
+    }
+
+    fn shuffled_visits(&self, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+        let mut visits: Vec<Visit> = Vec::with_capacity(self.groups.len() * self.cycles);
+        for _ in 0..self.cycles {
+            let mut order: Vec<usize> = (0..self.groups.len()).collect();
+            for last in (1..order.len()).rev() {
+                order.swap(last, rng.random_range(0..=last));
+            }
+            if visits.last().map(|visit| &visit.group) == Some(&self.groups[order[0]].group) {
+                order.rotate_left(1);
+            }
+            visits.extend(order.into_iter().map(|i| self.groups[i].visit()));
+        }
+        visits
+    }
+
+    fn switching_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+        let others = self.groups.len() - 1;
+        let mut current = rng.random_range(0..=others);
+        let mut visits = vec![self.groups[current].empty_visit()];
+        for nth in 0..self.total_decisions().div_ceil(period) {
+            let mean = self.groups[current].decisions.div_ceil(period);
+            let leaves = rng.random_range(0..mean) == 0;
+            if nth > 0 && leaves {
+                current = (current + 1 + rng.random_range(0..others)) % self.groups.len();
+                visits.push(self.groups[current].empty_visit());
+            }
+            if let Some(visit) = visits.last_mut() {
+                visit.decisions += period;
+            }
+        }
+        visits
+    }
+}
+
+fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(), RunError> {
+    Err(RunError::Setting {
+        name,
+        value: value.to_owned(),
+        expected,
+    })
+}
+
+impl GroupPlan {
+    fn check(&self, before: &[Self]) -> Result<(), RunError> {
+        let group = &self.group;
+        let refuse = |value: String, expected| refuse("schedule.groups", &value, expected);
+        if before.iter().any(|other| other.group == *group) {
+            return refuse(format!("{group} twice"), "every group at most once");
+        }
+        if self.decisions == 0 {
+            return refuse(
+                format!("0 of {group}"),
+                "at least 1 decision of every group",
+            );
+        }
+        if self.variants.is_empty() {
+            let expected = "at least one variant of every group";
+            return refuse(format!("none of {group}"), expected);
+        }
+        for (index, variant) in self.variants.iter().enumerate() {
+            if self.variants[..index].contains(variant) {
+                let value = format!("{variant} of {group} twice");
+                return refuse(value, "every variant at most once");
+            }
+        }
+        Ok(())
+    }
+
+    fn visit(&self) -> Visit {
+        Visit {
+            decisions: self.decisions,
+            ..self.empty_visit()
+        }
+    }
+
+    fn empty_visit(&self) -> Visit {
+        Visit {
+            group: self.group.clone(),
+            variants: self.variants.clone(),
+            decisions: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+    use rand::SeedableRng;
+
+    fn shuffled(cycles: usize, decisions: [usize; 4]) -> Schedule {
+        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
+        Schedule::shuffled(cycles, &visits)
+    }
+
+    fn visits(schedule: &Schedule, seed: u64) -> Vec<Visit> {
+        schedule.visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    fn never_twice_running(visits: &[Visit]) -> bool {
+        visits.windows(2).all(|pair| pair[0].group != pair[1].group)
+    }
+
+    #[test]
+    fn a_shuffled_stream_visits_every_group_each_cycle_and_never_twice_running() {
+        let schedule = shuffled(3, [1, 2, 3, 4]);
+        for seed in 0..50 {
+            let visits = visits(&schedule, seed);
+            assert!(visits.len() == 12 && never_twice_running(&visits));
+            for cycle in visits.chunks(4) {
+                let groups: HashSet<_> = cycle.iter().map(|visit| &visit.group).collect();
+                assert_eq!(groups.len(), 4);
+                assert_eq!(cycle.iter().map(|v| v.decisions).sum::<usize>(), 10);
+            }
+        }
+    }
+
+    #[test]
+    fn a_fixed_stream_repeats_its_list() {
+        let schedule = Schedule {
+            order: Order::Fixed,
+            ..shuffled(2, [1; 4])
+        };
+        let groups = visits(&schedule, 0).into_iter().map(|visit| visit.group);
+        let groups: Vec<String> = groups.collect();
+        let names = TaskGroup::STANDARD.map(|group| group.name().to_owned());
+        assert_eq!(groups, [names.clone(), names].concat());
+    }
+
+    #[test]
+    fn a_switching_stream_is_as_long_and_its_visits_have_the_mean_length() {
+        let schedule = Schedule {
+            order: Order::Switching,
+            ..shuffled(500, [2, 8, 4, 2])
+        };
+        let visits = visits(&schedule, 1);
+        assert!(never_twice_running(&visits));
+        let total: usize = visits.iter().map(|visit| visit.decisions).sum();
+        assert_eq!(total, schedule.total_decisions());
+        for plan in &schedule.groups {
+            let of_group = visits.iter().filter(|visit| visit.group == plan.group);
+            let lengths: Vec<usize> = of_group.map(|visit| visit.decisions).collect();
+            let mean = lengths.iter().sum::<usize>() as f64 / lengths.len() as f64;
+            let expected = plan.decisions as f64;
+            assert!((mean / expected - 1.0).abs() < 0.15, "{mean} {expected}");
+        }
+    }
+
+    #[test]
+    fn held_out_variants_are_not_shown() {
+        let mut schedule = shuffled(1, [1; 4]);
+        schedule.groups[0].variants = vec![D2::Identity];
+        schedule.groups.truncate(3);
+        assert!(schedule.shows("goal-reach", D2::Identity));
+        assert!(!schedule.shows("goal-reach", D2::FlipX));
+        assert!(schedule.shows("button-press", D2::FlipX));
+        assert!(!schedule.shows("plate-slide", D2::Identity));
+    }
+
+    #[test]
+    fn plans_that_make_no_stream_are_refused_by_name() {
+        type Spoil = fn(&mut Schedule);
+        let cases: [(Spoil, &str); 8] = [
+            (|s| s.groups.clear(), "at least one group"),
+            (|s| s.cycles = 0, "`schedule.cycles` is 0"),
+            (|s| s.cycles = usize::MAX, "no run is so long"),
+            (|s| s.groups[1].decisions = 0, "0 of button-press"),
+            (|s| s.groups[2].variants.clear(), "none of drawer-close"),
+            (
+                |s| s.groups[2].variants.push(D2::FlipX),
+                "flip x of drawer-close twice",
+            ),
+            (
+                |s| s.groups[3].group = "goal-reach".to_owned(),
+                "goal-reach twice",
+            ),
+            (
+                |s| {
+                    s.order = Order::Switching;
+                    s.groups.truncate(1);
+                },
+                "at least two groups",
+            ),
+        ];
+        for (spoil, expected) in cases {
+            let mut schedule = shuffled(1, [1; 4]);
+            assert!(schedule.check().is_ok());
+            spoil(&mut schedule);
+            let message = schedule.check().unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn names_are_resolved_and_unknown_ones_refused_with_the_known() {
+        let mut schedule = shuffled(1, [1; 4]);
+        let tasks = TaskRegistry::standard();
+        let groups = schedule.resolve(&tasks).unwrap();
+        assert_eq!(groups, TaskGroup::STANDARD);
+        schedule.groups[1].group = "peg-insert".to_owned();
+        let message = schedule.resolve(&tasks).unwrap_err().to_string();
+        assert!(message.contains("peg-insert") && message.contains("drawer-close"));
+    }
+}

@@ -1,0 +1,162 @@
+//! The contact sheet: every variant as the learner sees it in evaluations, the whole picture.
+
+use std::sync::Arc;
+
+use envs::{Mark, RGB, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+use crate::error::RunError;
+
+/// An RGB picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// `[height, width, 3]`, row 0 on top.
+    pub rgb: Vec<u8>,
+}
+
+impl Picture {
+    /// The picture as a PNG file.
+    ///
+    /// # Errors
+    /// A picture whose bytes do not fit its size.
+    pub fn to_png(&self) -> Result<Vec<u8>, png::EncodingError> {
+        let mut bytes = Vec::new();
+        let (width, height) = (self.width as u32, self.height as u32);
+        let mut encoder = png::Encoder::new(&mut bytes, width, height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.rgb)?;
+        writer.finish()?;
+        Ok(bytes)
+    }
+
+    /// Reads a PNG file of RGB bytes; nothing of any other.
+    pub fn from_png(bytes: &[u8]) -> Option<Self> {
+        let reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info();
+        let mut reader = reader.ok()?;
+        let mut rgb = vec![0; reader.output_buffer_size()?];
+        let info = reader.next_frame(&mut rgb).ok()?;
+        let fits = (info.color_type, info.bit_depth) == (png::ColorType::Rgb, png::BitDepth::Eight);
+        fits.then_some(Self {
+            width: info.width as usize,
+            height: info.height as usize,
+            rgb,
+        })
+    }
+}
+
+/// Each pixel of a variant becomes a square of this side.
+const ENLARGE: usize = 4;
+/// White pixels around each variant.
+const GAP: usize = 6;
+
+/// A goal that the learner is told as a vector is marked in this colour; its picture does not show
+/// it.
+const TOLD_GOAL: [u8; 3] = [0, 200, 0];
+
+/// The first picture of every variant, `[group][element]`, each `[size, size, 3]`; the four
+/// variants of a group share one placement.
+///
+/// A goal that is told and not seen is marked by a green disc.
+///
+/// # Errors
+/// What the environments say.
+pub fn variant_pictures(
+    settings: &VecEnvSettings,
+    groups: &[TaskGroup],
+) -> Result<Vec<Vec<Vec<u8>>>, RunError> {
+    let groups = groups.iter();
+    groups
+        .map(|&group| group_pictures(group, settings))
+        .collect()
+}
+
+fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec<u8>>, RunError> {
+    let (embodiment, camera) = (settings.embodiment, settings.camera);
+    let scene = Scene::in_layout(settings.layout, group, embodiment, camera)?;
+    let scene = Arc::new(scene);
+    let mut table = TableTop::new(Arc::clone(&scene), settings.control)?;
+    let mut renderer = SceneRenderer::new(scene)?;
+    let placement = group
+        .task()
+        .place(&mut ChaCha8Rng::seed_from_u64(settings.seed));
+    D2::ALL
+        .into_iter()
+        .map(|element| {
+            let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB];
+            table.reset_to(element, placement)?;
+            renderer.render(&mut table, &mut rgb)?;
+            mark_goal(&table, &mut rgb);
+            Ok(rgb)
+        })
+        .collect()
+}
+
+/// Draws a mark over a picture `[size, size, 3]` of `table` where a goal is told.
+pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
+    if let Some(goal) = table.observable_goal() {
+        let camera = table.scene().camera;
+        let mark = Mark {
+            color: TOLD_GOAL,
+            ..camera.mark
+        };
+        camera.draw_mark(&mark, goal, rgb);
+    }
+}
+
+/// Groups down, elements across (identity, flip x, flip y, half turn), enlarged on white.
+///
+/// # Errors
+/// What the environments say.
+pub fn contact_sheet(settings: &VecEnvSettings, groups: &[TaskGroup]) -> Result<Picture, RunError> {
+    let pictures = variant_pictures(settings, groups)?;
+    let size = settings.camera.size;
+    let cell = size * ENLARGE + GAP;
+    let (width, height) = (D2::ALL.len() * cell + GAP, pictures.len() * cell + GAP);
+    let mut rgb = vec![255; width * height * RGB];
+    for (row, variants) in pictures.iter().enumerate() {
+        for (column, picture) in variants.iter().enumerate() {
+            let origin = (GAP + row * cell, GAP + column * cell);
+            paste(picture, size, &mut rgb, width, origin);
+        }
+    }
+    Ok(Picture { width, height, rgb })
+}
+
+/// The first variant of a group on a contact sheet of pictures of `size` pixels a side; none where
+/// the sheet does not reach so far.
+pub fn first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Picture> {
+    let side = size * ENLARGE;
+    let (top, left) = (GAP + group * (side + GAP), GAP);
+    if left + side > sheet.width || top + side > sheet.height {
+        return None;
+    }
+    let rows = sheet
+        .rgb
+        .chunks_exact(sheet.width * RGB)
+        .skip(top)
+        .take(side);
+    let rows = rows.map(|row| &row[left * RGB..(left + side) * RGB]);
+    Some(Picture {
+        width: side,
+        height: side,
+        rgb: rows.flatten().copied().collect(),
+    })
+}
+
+fn paste(picture: &[u8], size: usize, sheet: &mut [u8], width: usize, origin: (usize, usize)) {
+    for y in 0..size * ENLARGE {
+        for x in 0..size * ENLARGE {
+            let from = ((y / ENLARGE) * size + x / ENLARGE) * RGB;
+            let to = ((origin.0 + y) * width + origin.1 + x) * RGB;
+            sheet[to..to + RGB].copy_from_slice(&picture[from..from + RGB]);
+        }
+    }
+}

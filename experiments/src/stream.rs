@@ -1,0 +1,221 @@
+//! The stream of tasks: groups come, go and come back, and nothing tells the learner.
+
+use std::time::Instant;
+
+use envs::{Control, EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
+use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use symmetry::D2;
+
+use crate::error::RunError;
+
+/// Return of a perfect episode on the paper's scale.
+const PERFECT_EPISODE: f64 = 500.0;
+/// Network inputs per metre: positions become numbers of order one.
+const INPUTS_PER_METRE: f32 = 10.0;
+/// Height (metres) and aperture that become zero: about the middle of their ranges.
+const MIDDLE_HEIGHT: f32 = 0.2;
+const MIDDLE_APERTURE: f32 = 0.6;
+
+/// A component of the vector that networks read: (value - offset) * factor.
+pub struct Input {
+    pub name: &'static str,
+    pub unit: &'static str,
+    pub offset: f32,
+    pub factor: f32,
+}
+
+/// A hidden goal stays zero, and flips stay flips.
+pub const INPUTS: [Input; envs::VECTOR_DIM] = [
+    position("hand x", 0.0),
+    position("hand y", 0.0),
+    position("hand z", MIDDLE_HEIGHT),
+    Input {
+        name: "aperture",
+        unit: "share of the fingers' opening",
+        offset: MIDDLE_APERTURE,
+        factor: 1.0,
+    },
+    position("goal x", 0.0),
+    position("goal y", 0.0),
+    position("goal z", 0.0),
+];
+
+const fn position(name: &'static str, offset: f32) -> Input {
+    Input {
+        name,
+        unit: "metre",
+        offset,
+        factor: INPUTS_PER_METRE,
+    }
+}
+
+/// The environments as the learner sees them. Which group they run is set from outside; it shows in
+/// the picture, and in the goal where a group tells one.
+pub struct Stream {
+    env: VecEnv,
+    spec: EnvSpec,
+    truncated: Vec<bool>,
+    failures: usize,
+    seconds: f64,
+}
+
+impl Stream {
+    /// Environments of the first of `groups`, with variants drawn from all four elements. The other
+    /// groups are prepared, so that a switch costs nothing.
+    ///
+    /// # Errors
+    /// [`RunError::Setting`] for no groups, or what the environments say.
+    pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, RunError> {
+        let first = *groups.first().ok_or_else(|| RunError::Setting {
+            name: "groups",
+            value: "empty".to_owned(),
+            expected: "at least one task group",
+        })?;
+        let mut env = VecEnv::new(settings, first, &D2::ALL)?;
+        env.prepare(groups)?;
+        Ok(Self {
+            env,
+            spec: Self::spec_of(&settings),
+            truncated: vec![false; settings.num_envs],
+            failures: 0,
+            seconds: 0.0,
+        })
+    }
+
+    /// What environments of `settings` show and take; starts none.
+    pub fn spec_of(settings: &VecEnvSettings) -> EnvSpec {
+        let size = settings.camera.size;
+        EnvSpec {
+            num_envs: settings.num_envs,
+            image: [size, size, settings.camera.beside.channels()],
+            vector: envs::VECTOR_IRREPS.to_vec(),
+            action: envs::ACTION_IRREPS.to_vec(),
+        }
+    }
+
+    /// Lets another group in, with variants drawn from `elements`; its episodes begin with the next
+    /// reset.
+    ///
+    /// # Errors
+    /// What the environments say.
+    pub fn switch_to(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
+        self.env.set_tasks(group, elements)
+    }
+
+    /// Draws placements and variants from the streams of `seed`; see [`VecEnv::reseed`].
+    ///
+    /// # Errors
+    /// What the environments say.
+    pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
+        self.env.reseed(seed)
+    }
+
+    /// Wall-clock seconds in which the environments worked so far.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
+    }
+
+    /// Failures of single environments so far. Each cut an episode short, which the learner takes
+    /// for a time-out.
+    pub fn failures(&self) -> usize {
+        self.failures
+    }
+
+    /// Factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on which a perfect
+    /// episode earns 500.
+    pub fn reward_scale(&self) -> f64 {
+        reward_scale(&self.env.settings().control)
+    }
+}
+
+/// As [`Stream::reward_scale`], for episodes under `control`.
+pub(crate) fn reward_scale(control: &Control) -> f64 {
+    PERFECT_EPISODE / control.decisions() as f64
+}
+
+impl VectorEnv for Stream {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        Some(self.env.settings().control.decisions())
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        let clock = Instant::now();
+        self.failures += self.env.reset(borrow(out))?.len();
+        self.seconds += clock.elapsed().as_secs_f64();
+        scale(&mut out.vectors);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        let clock = Instant::now();
+        let failures = self.env.step(
+            actions,
+            StepMut {
+                observations: borrow(&mut out.observations),
+                final_observations: borrow(&mut out.final_observations),
+                rewards: &mut out.rewards,
+                success: &mut out.success,
+                success_at_end: &mut out.success_at_end,
+                truncated: &mut self.truncated,
+            },
+        )?;
+        self.failures += failures.len();
+        self.seconds += clock.elapsed().as_secs_f64();
+        for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
+            *outcome = if truncated {
+                Outcome::Truncated
+            } else {
+                Outcome::Running
+            };
+        }
+        scale(&mut out.observations.vectors);
+        scale_rows(&mut out.final_observations.vectors, &self.truncated);
+        Ok(())
+    }
+}
+
+fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
+    ObservationsMut {
+        images: &mut observations.images,
+        vectors: &mut observations.vectors,
+    }
+}
+
+/// Makes rows of the environments' numbers `[N, 7]` those that networks read, in place.
+pub fn scale(vectors: &mut [f32]) {
+    vectors
+        .chunks_exact_mut(envs::VECTOR_DIM)
+        .for_each(scale_row);
+}
+
+fn scale_rows(vectors: &mut [f32], which: &[bool]) {
+    let rows = vectors.chunks_exact_mut(envs::VECTOR_DIM).zip(which);
+    rows.filter(|(_, which)| **which)
+        .for_each(|(row, _)| scale_row(row));
+}
+
+/// Centres and scales hand x, y, z, aperture and goal x, y, z.
+fn scale_row(row: &mut [f32]) {
+    for (value, input) in row.iter_mut().zip(&INPUTS) {
+        *value = (*value - input.offset) * input.factor;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hidden_goal_stays_zero_and_a_flip_stays_a_flip() {
+        let mut row = [0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0];
+        scale_row(&mut row);
+        assert_eq!(row, [1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let mut mirrored = [-0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0];
+        scale_row(&mut mirrored);
+        assert_eq!(mirrored[0], -row[0]);
+    }
+}

@@ -1,0 +1,271 @@
+//! One CSV file of a run, of which the run keeps a copy: whatever becomes of the file, it can be
+//! written again.
+
+use std::fs;
+use std::io::Error;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use crate::error::RunError;
+use learner::disk::{Disk, replace};
+
+/// A CSV file and its contents.
+#[derive(Debug)]
+pub(crate) struct Table {
+    path: PathBuf,
+    disk: Arc<dyn Disk>,
+    text: Vec<u8>,
+    /// Names of the columns of a file whose rows are written by name, once there are any.
+    names: Vec<String>,
+}
+
+impl Table {
+    /// Makes the file hold exactly `text`. Rows behind it are forgotten, a lost tail is written
+    /// again; a file that holds something else is put aside under another name.
+    pub fn open(path: PathBuf, disk: Arc<dyn Disk>, text: Vec<u8>) -> Result<Self, RunError> {
+        let names = header(&text).map_err(|error| RunError::read(&path, error))?;
+        let table = Self {
+            path,
+            disk,
+            text,
+            names,
+        };
+        table.restore()?;
+        Ok(table)
+    }
+
+    /// Makes the file hold exactly the contents. A file that is neither a part of them nor begins
+    /// with them is put aside.
+    fn restore(&self) -> Result<(), RunError> {
+        let file = fs::read(&self.path).ok();
+        let there = file.as_deref().unwrap_or_default();
+        if !there.starts_with(&self.text) && !self.text.starts_with(there) {
+            put_aside(&*self.disk, &self.path)?;
+        }
+        if file.as_ref() != Some(&self.text) {
+            self.rewrite()?;
+        }
+        Ok(())
+    }
+
+    /// The contents.
+    pub fn text(&self) -> &[u8] {
+        &self.text
+    }
+
+    /// Name of the file.
+    pub fn name(&self) -> String {
+        let name = self.path.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    }
+
+    /// Adds one row of named cells. All rows of a file have the same names.
+    pub fn write_named(&mut self, row: Vec<(String, String)>) -> Result<(), RunError> {
+        let (names, cells): (Vec<String>, Vec<String>) = row.into_iter().unzip();
+        if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
+            return Err(self.refuse(format!("two columns are called `{}`", names[twice])));
+        }
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        if self.names.is_empty() {
+            let written = writer.write_record(&names);
+            written.map_err(|error| RunError::write(&self.path, error))?;
+            self.names = names;
+        } else if self.names != names {
+            let known = &self.names;
+            return Err(self.refuse(format!(
+                "a row of {names:?} does not fit the columns {known:?}"
+            )));
+        }
+        let written = writer.write_record(&cells);
+        written.map_err(|error| RunError::write(&self.path, error))?;
+        self.add(writer)
+    }
+
+    /// Adds rows.
+    pub fn write<R: Serialize>(
+        &mut self,
+        rows: impl IntoIterator<Item = R>,
+    ) -> Result<(), RunError> {
+        let mut writer = csv::WriterBuilder::new()
+            .has_headers(self.text.is_empty())
+            .from_writer(Vec::new());
+        rows.into_iter()
+            .try_for_each(|row| writer.serialize(row))
+            .map_err(|error| RunError::write(&self.path, error))?;
+        self.add(writer)
+    }
+
+    /// Brings the file to the disk, and restores it if somebody changed it.
+    pub fn sync(&self) -> Result<(), RunError> {
+        self.restore()?;
+        let synced = self.disk.sync(&self.path);
+        synced.map_err(|error| RunError::write(&self.path, error))
+    }
+
+    fn add(&mut self, writer: csv::Writer<Vec<u8>>) -> Result<(), RunError> {
+        let rows = writer.into_inner();
+        let rows = rows.map_err(|error| RunError::write(&self.path, error.into_error()))?;
+        let before = self.text.len();
+        self.text.extend(&rows);
+        if self.is_there(before) {
+            let added = self.disk.append(&self.path, &rows);
+            return added.map_err(|error| RunError::write(&self.path, error));
+        }
+        self.restore()
+    }
+
+    /// `true` if the file has this length: somebody may have removed or cut it. Other changes are
+    /// found by [`Table::sync`], which reads the whole file.
+    fn is_there(&self, length: usize) -> bool {
+        fs::metadata(&self.path).is_ok_and(|file| file.len() == length as u64)
+    }
+
+    fn rewrite(&self) -> Result<(), RunError> {
+        Ok(replace(&*self.disk, &self.path, &self.text)?)
+    }
+
+    fn refuse(&self, problem: String) -> RunError {
+        RunError::write(&self.path, Error::other(problem))
+    }
+}
+
+/// Gives a file another name.
+///
+/// # Errors
+/// [`RunError::Write`].
+pub(crate) fn put_aside(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
+    let aside = free_name(path);
+    let moved = disk.rename(path, &aside);
+    moved.map_err(|error| RunError::write(&aside, error))
+}
+
+/// The path with the first ending of `old`, `old2` and so on that no file has.
+fn free_name(path: &Path) -> PathBuf {
+    let mut aside = path.with_added_extension("old");
+    let mut number = 2;
+    while aside.exists() {
+        aside = path.with_added_extension(format!("old{number}"));
+        number += 1;
+    }
+    aside
+}
+
+/// The names of a table's columns.
+fn header(text: &[u8]) -> Result<Vec<String>, csv::Error> {
+    let mut reader = csv::Reader::from_reader(text);
+    let names = reader.headers()?;
+    Ok(names.iter().map(str::to_owned).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use learner::disk::LocalDisk;
+
+    fn cells(row: &[(&str, &str)]) -> Vec<(String, String)> {
+        let row = row.iter();
+        row.map(|(name, cell)| (name.to_string(), cell.to_string()))
+            .collect()
+    }
+
+    /// A table of this test's own with one row.
+    fn table(name: &str) -> Table {
+        let path = std::env::temp_dir().join(format!("covers-{name}-{}.csv", std::process::id()));
+        let _ = fs::remove_file(&path);
+        let mut table = reopen(path, b"");
+        table
+            .write_named(cells(&[("rollout", "0"), ("loss", "1.5")]))
+            .unwrap();
+        table
+    }
+
+    fn reopen(path: PathBuf, text: &[u8]) -> Table {
+        Table::open(path, Arc::new(LocalDisk), text.to_vec()).unwrap()
+    }
+
+    const ONE: &[u8] = b"rollout,loss\n0,1.5\n";
+
+    #[test]
+    fn rows_of_other_columns_are_refused_also_after_a_resumption() {
+        let mut table = table("columns");
+        let mut resumed = reopen(table.path.clone(), ONE);
+        let other = [("rollout", "1"), ("entropy", "2")];
+        for table in [&mut table, &mut resumed] {
+            let message = table.write_named(cells(&other)).unwrap_err().to_string();
+            assert!(message.contains("entropy") && message.contains("loss"));
+        }
+        let same = cells(&[("rollout", "1"), ("loss", "2")]);
+        resumed.write_named(same).unwrap();
+        let twice = cells(&[("rollout", "1"), ("rollout", "2")]);
+        let message = resumed.write_named(twice).unwrap_err().to_string();
+        assert!(
+            message.contains("two columns are called `rollout`"),
+            "{message}"
+        );
+        let text = fs::read_to_string(&table.path).unwrap();
+        assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n");
+        fs::remove_file(&table.path).unwrap();
+    }
+
+    #[test]
+    fn a_file_that_lost_its_tail_or_has_more_is_made_right() {
+        let path = table("tail").path;
+        for there in [&ONE[..5], b"", b"rollout,loss\n0,1.5\n1,7\n2,", ONE] {
+            fs::write(&path, there).unwrap();
+            assert_eq!(reopen(path.clone(), ONE).text(), ONE);
+            assert_eq!(fs::read(&path).unwrap(), ONE);
+        }
+        fs::remove_file(&path).unwrap();
+        reopen(path.clone(), ONE);
+        assert_eq!(fs::read(&path).unwrap(), ONE);
+        fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_file_of_other_contents_is_put_aside() {
+        let path = table("aside").path;
+        for (notes, ending) in [("notes of my own", "old"), ("and others", "old2")] {
+            fs::write(&path, notes).unwrap();
+            reopen(path.clone(), ONE);
+            assert_eq!(fs::read(&path).unwrap(), ONE);
+            let aside = fs::read_to_string(path.with_added_extension(ending));
+            assert_eq!(aside.unwrap(), notes);
+        }
+        for ending in ["old", "old2"] {
+            fs::remove_file(path.with_added_extension(ending)).unwrap();
+        }
+        fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn an_edit_that_keeps_the_length_is_found_and_put_aside() {
+        let table = table("edited");
+        let edited = b"rollout,loss\n0,9.9\n";
+        assert_eq!(edited.len(), ONE.len());
+        fs::write(&table.path, edited).unwrap();
+        table.sync().unwrap();
+        assert_eq!(fs::read(&table.path).unwrap(), ONE);
+        let aside = table.path.with_added_extension("old");
+        assert_eq!(fs::read(&aside).unwrap(), edited);
+        fs::remove_file(aside).unwrap();
+        fs::remove_file(&table.path).unwrap();
+    }
+
+    #[test]
+    fn a_file_that_is_removed_or_cut_while_rows_are_written_comes_back_whole() {
+        let mut table = table("removed");
+        fs::remove_file(&table.path).unwrap();
+        table
+            .write_named(cells(&[("rollout", "1"), ("loss", "2")]))
+            .unwrap();
+        fs::write(&table.path, "rollout").unwrap();
+        table
+            .write_named(cells(&[("rollout", "2"), ("loss", "3")]))
+            .unwrap();
+        let text = fs::read_to_string(&table.path).unwrap();
+        assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n2,3\n");
+        fs::remove_file(&table.path).unwrap();
+    }
+}

@@ -1,0 +1,246 @@
+//! What a person reads: one line a rollout, and a table at the end.
+
+use std::fmt::{self, Write};
+
+use crate::evaluation::{Score, by_group};
+use crate::{Event, Progress, Summary};
+
+/// What is told of one step of a run.
+pub fn event_text(event: &Event) -> String {
+    match event {
+        Event::Rollout(progress) => rollout_line(progress),
+        Event::Evaluation(evaluation) => score_table(&evaluation.findings.scores),
+    }
+}
+
+/// The line of one rollout: decisions, true group, assigned policy (`new`, or `2nd` where it took a
+/// second rollout to recall it), mean reward, success, W1 to each policy that was compared.
+pub fn rollout_line(progress: &Progress) -> String {
+    let turn = &progress.turn;
+    let evidence = turn.evidence.iter();
+    let line = RolloutLine {
+        decisions: progress.decisions,
+        group: progress.group.name(),
+        policy: turn.policy,
+        created: turn.created,
+        second_look: turn.first_look.is_some(),
+        reward: progress.reward(),
+        success: progress.success(),
+        evidence: evidence
+            .map(|evidence| (Some(evidence.distance), evidence.score()))
+            .collect(),
+    };
+    line.to_string()
+}
+
+/// What is told of a rollout, by the run itself or by who reads its tables.
+pub struct RolloutLine<'a> {
+    /// Decisions taken by its end.
+    pub decisions: usize,
+    /// The group that ran when it began.
+    pub group: &'a str,
+    /// The policy that learnt.
+    pub policy: usize,
+    /// `true` if the policy was opened for it.
+    pub created: bool,
+    /// `true` if a second rollout was needed to name the policy.
+    pub second_look: bool,
+    /// Mean return, in `[0, 500]`; `None` if no episode ended.
+    pub reward: Option<f64>,
+    /// Share of episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
+    pub success: Option<f64>,
+    /// The distance to each policy that was compared, and its score.
+    pub evidence: Vec<(Option<f64>, Option<f64>)>,
+}
+
+impl fmt::Display for RolloutLine<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let evidence = self.evidence.iter().map(|&(distance, score)| match score {
+            Some(score) => format!("{} (z {score:.1})", number(distance, 2)),
+            None => number(distance, 2),
+        });
+        let remark = match (self.created, self.second_look) {
+            (true, _) => " new",
+            (false, true) => " 2nd",
+            (false, false) => "    ",
+        };
+        write!(
+            f,
+            "{:>7}  {:<12}  policy {}{remark}  reward {:>5}  success {:>4}  W1 [{}]",
+            self.decisions,
+            self.group,
+            self.policy,
+            number(self.reward, 1),
+            number(self.success, 2),
+            evidence.collect::<Vec<_>>().join(", "),
+        )
+    }
+}
+
+/// A figure with `digits` decimals; a dash where there is none.
+pub fn number(value: Option<f64>, digits: usize) -> String {
+    let finite = value.filter(|value| value.is_finite());
+    finite.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+/// The table of one evaluation: a line for each group, with the success of its variants, those that
+/// were held out in brackets. Below it stands a line for each group of which the learner played a
+/// variant with another policy than the group's own.
+pub fn score_table(scores: &[Score]) -> String {
+    let mut table = String::from(
+        "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
+         ------------  ------  --------  -------  ------  -------------  --------  ------  ------  ---------",
+    );
+    let groups = by_group(scores);
+    for group in &groups {
+        let policies: Vec<String> = group.policies.iter().map(usize::to_string).collect();
+        // writing to a String cannot fail
+        let _ = write!(
+            table,
+            "\n{:<12}  {:>6}  {:>8}  {:>7.2}  {:>6.2}  {:>13.1}",
+            group.group.name(),
+            policies.join(","),
+            group.episodes,
+            group.success,
+            group.success_at_end,
+            group.reward
+        );
+        let variants = scores.iter().filter(|score| score.group == group.group);
+        for (score, width) in variants.zip([8, 6, 6, 9]) {
+            let success = if score.seen {
+                format!("{:.2}", score.success)
+            } else {
+                format!("({:.2})", score.success)
+            };
+            let _ = write!(table, "  {success:>width$}");
+        }
+    }
+    for group in groups.iter().filter(|group| group.mismatches > 0) {
+        let variants = scores.iter().filter(|score| score.group == group.group);
+        let _ = write!(
+            table,
+            "\n{}: {} of {} variants were played by another policy than the group's own",
+            group.group.name(),
+            group.mismatches,
+            variants.count(),
+        );
+        if let Some(own) = group.own {
+            let _ = write!(
+                table,
+                "; policy {}, its own, has success {:.2}, at end {:.2}, reward {:.1}",
+                own.policy, own.success, own.success_at_end, own.reward
+            );
+        }
+    }
+    table
+}
+
+/// The table of a whole run.
+pub fn summary_table(summary: &Summary) -> String {
+    let mut table = score_table(&summary.variants);
+    let _ = write!(
+        table,
+        "\nassignment accuracy {} ({} when groups come back), {} policies, {} decisions in {:.0} s \
+         ({} per second)",
+        number(summary.assignment_accuracy, 3),
+        number(summary.return_accuracy, 3),
+        summary.policies,
+        summary.decisions,
+        summary.seconds,
+        number(summary.decisions_per_second, 0),
+    );
+    if summary.merged > 0 {
+        let _ = write!(table, ", {} policies merged into others", summary.merged);
+    }
+    if summary.straddled > 0 {
+        let _ = write!(table, ", {} rollouts of two groups", summary.straddled);
+    }
+    if summary.failures > 0 {
+        let _ = write!(table, ", {} failures of environments", summary.failures);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use envs::TaskGroup;
+    use symmetry::D2;
+
+    use super::*;
+    use crate::evaluation::PolicyScore;
+
+    #[test]
+    fn failures_and_merges_are_mentioned_where_there_were_any() {
+        let mut summary = Summary {
+            decisions: 100,
+            seconds: 2.0,
+            decisions_per_second: Some(50.0),
+            policies: 1,
+            merged: 0,
+            failures: 0,
+            straddled: 0,
+            assignment_accuracy: Some(1.0),
+            return_accuracy: None,
+            groups: Vec::new(),
+            variants: Vec::new(),
+            tables: BTreeMap::new(),
+        };
+        assert!(!summary_table(&summary).contains("failures"));
+        summary.failures = 3;
+        assert!(summary_table(&summary).ends_with(", 3 failures of environments"));
+        summary.merged = 2;
+        assert!(summary_table(&summary).contains(", 2 policies merged into others, 3 failures"));
+    }
+
+    #[test]
+    fn held_out_variants_stand_in_brackets() {
+        let scores = D2::ALL.map(|element| Score {
+            group: TaskGroup::PLATE_SLIDE,
+            element,
+            seen: element == D2::Identity,
+            policy: 2,
+            episodes: 20,
+            success: 0.95,
+            success_at_end: 0.5,
+            reward: 312.0,
+            own: None,
+        });
+        let table = score_table(&scores);
+        let row: Vec<&str> = table.lines().nth(2).unwrap().split_whitespace().collect();
+        let expected = "plate-slide 2 80 0.95 0.50 312.0 0.95 (0.95) (0.95) (0.95)";
+        assert_eq!(row.join(" "), expected);
+    }
+
+    #[test]
+    fn another_groups_policy_is_mentioned_where_one_played() {
+        let own = PolicyScore {
+            policy: 1,
+            success: 0.9,
+            success_at_end: 0.8,
+            reward: 400.0,
+        };
+        let with = |policy| {
+            let own = Some(own);
+            let scores = D2::ALL.map(|element| Score {
+                group: TaskGroup::PLATE_SLIDE,
+                element,
+                seen: true,
+                policy: if element == D2::FlipX { policy } else { 1 },
+                episodes: 20,
+                success: 0.5,
+                success_at_end: 0.5,
+                reward: 200.0,
+                own,
+            });
+            score_table(&scores)
+        };
+        let (right, wrong) = (with(1), with(0));
+        assert_eq!(right.lines().count(), 3, "{right}");
+        assert_eq!(wrong.lines().count(), 4, "{wrong}");
+        let expected = "plate-slide: 1 of 4 variants were played by another policy than the \
+            group's own; policy 1, its own, has success 0.90, at end 0.80, reward 400.0";
+        assert_eq!(wrong.lines().last(), Some(expected));
+    }
+}

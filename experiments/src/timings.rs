@@ -1,0 +1,76 @@
+//! Sums of `timings.csv`, and its rows up to a checkpoint.
+
+use crate::schema::TimingRow;
+
+/// Sums over the rollouts whose seconds are known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Timings {
+    /// Seconds of learning.
+    pub seconds: f64,
+    decisions: f64,
+}
+
+impl Timings {
+    /// Sums a table up, as far as it can be read.
+    pub fn read(table: &[u8]) -> Self {
+        let mut reader = csv::Reader::from_reader(table);
+        let rows = reader.deserialize().map_while(Result::ok);
+        rows.fold(Self::default(), |sums, row: TimingRow| Self {
+            seconds: sums.seconds + row.total,
+            decisions: sums.decisions + row.decisions as f64,
+        })
+    }
+
+    /// Decisions per second; none where no rollout's seconds are known.
+    pub fn decisions_per_second(&self) -> Option<f64> {
+        (self.decisions > 0.0).then(|| self.decisions / self.seconds)
+    }
+}
+
+/// The header and those rows of a table that are whole and of the first rollouts.
+pub fn first_rows(table: &[u8], rollouts: usize) -> String {
+    let text = String::from_utf8_lossy(table);
+    let mut lines = text.split_inclusive('\n');
+    let Some(header) = lines.next().filter(|line| line.ends_with('\n')) else {
+        return String::new();
+    };
+    let commas = |line: &str| line.matches(',').count();
+    let mut kept = header.to_owned();
+    for row in lines {
+        let rollout = row.split(',').next().and_then(|cell| cell.parse().ok());
+        let early = rollout.is_some_and(|rollout: usize| rollout < rollouts);
+        if early && row.ends_with('\n') && commas(row) == commas(header) {
+            kept.push_str(row);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn timings_are_kept_up_to_the_checkpoint() {
+        let text = "rollout,total\n0,1.5\n1,2.5\n2,3.5\n";
+        let kept = |text: &str, rollouts| first_rows(text.as_bytes(), rollouts);
+        assert_eq!(kept(text, 2), "rollout,total\n0,1.5\n1,2.5\n");
+        assert_eq!(kept(text, 9), text);
+        assert_eq!(kept(&text[..text.len() - 1], 9), kept(text, 2));
+        let gap = text.replace("1,2.5\n", "");
+        assert_eq!(kept(&gap, 9), gap);
+        assert_eq!((kept("", 2), kept("rollout,to", 2)), Default::default());
+    }
+
+    #[test]
+    fn rows_that_can_be_read_are_summed_up() {
+        let names = "rollout,decisions,total,environments,inference,assignment,update\n";
+        let text = format!("{names}0,80,2,1,0,0,1\n1,40,1,1,0,0,0\n2,x,1,1,0,0,0\n");
+        let sums = Timings::read(text.as_bytes());
+        assert_eq!(
+            (sums.seconds, sums.decisions_per_second()),
+            (3.0, Some(40.0))
+        );
+        assert_eq!(Timings::read(names.as_bytes()).decisions_per_second(), None);
+    }
+}

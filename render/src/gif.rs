@@ -1,0 +1,147 @@
+//! Films as GIF files.
+
+use ::gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
+
+use super::film::{DELAY, Film, HOLD};
+use super::palette::Palette;
+
+/// The index of what stays as it was.
+const UNCHANGED: u8 = Palette::MOST as u8;
+
+/// The film as a GIF file that repeats for ever.
+///
+/// # Errors
+/// A picture with a side above 65535 pixels, or no pixels.
+pub fn encode(film: &Film) -> Result<Vec<u8>, EncodingError> {
+    let side = |side: usize| u16::try_from(side).map_err(std::io::Error::other);
+    let (width, height) = (side(film.width)?, side(film.height)?);
+    let palette = Palette::of(film.frames.iter().map(Vec::as_slice));
+    let mut colours = palette.bytes();
+    // a smaller palette would not hold the index of what stays
+    colours.resize(3 * (Palette::MOST + 1), 0);
+    let mut bytes = Vec::new();
+    let mut encoder = Encoder::new(&mut bytes, width, height, &colours)?;
+    encoder.set_repeat(Repeat::Infinite)?;
+    let mut before = Vec::new();
+    for (number, picture) in film.frames.iter().enumerate() {
+        let now = palette.indices(picture);
+        let mut frame = difference(&before, &now, film.width);
+        let last = number + 1 == film.frames.len();
+        frame.delay = DELAY * if last { HOLD } else { 1 };
+        encoder.write_frame(&frame)?;
+        before = now;
+    }
+    drop(encoder);
+    Ok(bytes)
+}
+
+/// What changes from one picture of a film to the next, cut out.
+fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
+    let changed = |pixel: &usize| before.get(*pixel) != now.get(*pixel);
+    let changes = || (0..now.len()).filter(changed);
+    let columns = || changes().map(|pixel| pixel % width);
+    let (left, right) = (columns().min().unwrap_or(0), columns().max().unwrap_or(0));
+    let rows = |pixel: Option<usize>| pixel.unwrap_or(0) / width;
+    let (top, bottom) = (rows(changes().next()), rows(changes().next_back()));
+    let pixels = (top..=bottom).flat_map(|row| (left..=right).map(move |x| row * width + x));
+    let pixels = pixels.map(|pixel| match changed(&pixel) {
+        true => now[pixel],
+        false => UNCHANGED,
+    });
+    Frame {
+        left: left as u16,
+        top: top as u16,
+        width: (right - left + 1) as u16,
+        height: (bottom - top + 1) as u16,
+        transparent: Some(UNCHANGED),
+        dispose: DisposalMethod::Keep,
+        buffer: pixels.collect(),
+        ..Frame::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ::gif::{ColorOutput, DecodeOptions};
+
+    use super::*;
+
+    /// Three pictures of a dot that moves, and then rests.
+    fn film() -> Film {
+        let (width, height) = (5, 3);
+        let frame = |dot: usize| {
+            let colour = |pixel| {
+                if pixel == dot {
+                    [200, 0, 7]
+                } else {
+                    [pixel as u8, 90, 90]
+                }
+            };
+            (0..width * height).flat_map(colour).collect()
+        };
+        Film {
+            width,
+            height,
+            frames: [1, 8, 8].map(frame).to_vec(),
+        }
+    }
+
+    /// What a viewer shows, picture by picture, and for how long.
+    fn shown(bytes: &[u8]) -> Vec<(Vec<u8>, u16)> {
+        let mut options = DecodeOptions::new();
+        options.set_color_output(ColorOutput::RGBA);
+        let mut decoder = options.read_info(bytes).unwrap();
+        let colours = decoder.global_palette().unwrap().len() / 3;
+        assert!(colours > usize::from(UNCHANGED), "{colours}");
+        let (width, height) = (usize::from(decoder.width()), usize::from(decoder.height()));
+        let mut screen = vec![0; width * height * 3];
+        let mut pictures = Vec::new();
+        while let Some(frame) = decoder.read_next_frame().unwrap() {
+            let [left, top, across] = [frame.left, frame.top, frame.width].map(usize::from);
+            for (pixel, rgba) in frame.buffer.chunks_exact(4).enumerate() {
+                let at = ((top + pixel / across) * width + left + pixel % across) * 3;
+                if rgba[3] > 0 {
+                    screen[at..at + 3].copy_from_slice(&rgba[..3]);
+                }
+            }
+            pictures.push((screen.clone(), frame.delay));
+        }
+        pictures
+    }
+
+    #[test]
+    fn a_viewer_shows_the_pictures_of_the_film() {
+        let film = film();
+        let bytes = encode(&film).unwrap();
+        let shown = shown(&bytes);
+        let delays = [DELAY, DELAY, DELAY * HOLD];
+        assert_eq!(shown.len(), 3);
+        for ((picture, delay), (frame, expected)) in
+            shown.iter().zip(film.frames.iter().zip(delays))
+        {
+            assert_eq!((picture, *delay), (frame, expected));
+        }
+    }
+
+    #[test]
+    fn only_what_changes_is_kept() {
+        let frame = difference(&[1, 2, 3, 4, 5, 6], &[1, 2, 9, 4, 7, 6], 3);
+        assert_eq!(
+            (frame.left, frame.top, frame.width, frame.height),
+            (1, 0, 2, 2)
+        );
+        assert_eq!(frame.buffer[..], [UNCHANGED, 9, 7, UNCHANGED]);
+        let same = difference(&[1, 2], &[1, 2], 2);
+        assert_eq!((same.width, same.height, same.buffer[0]), (1, 1, UNCHANGED));
+    }
+
+    #[test]
+    fn pictures_that_are_too_large_for_the_format_are_refused() {
+        let film = Film {
+            width: 70_000,
+            height: 1,
+            frames: vec![vec![0; 210_000]],
+        };
+        assert!(encode(&film).is_err());
+    }
+}

@@ -1,0 +1,101 @@
+//! Other people's programs that this one hands work to: they read standard input.
+
+use std::ffi::OsStr;
+use std::io::{Error, ErrorKind, Write};
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::thread;
+
+/// The first program of this name in these folders, as `PATH` lists them.
+pub fn find(folders: &OsStr, name: &str) -> Option<PathBuf> {
+    let mut programs = std::env::split_paths(folders).map(|folder| folder.join(name));
+    programs.find(|program| program.is_file())
+}
+
+/// Runs a program, feeds it by `feed`, and returns what it printed.
+///
+/// # Errors
+/// What the system says, and, of a program that fails, what it said last.
+pub fn run(
+    command: &mut Command,
+    feed: impl FnOnce(&mut dyn Write) -> std::io::Result<()> + Send,
+) -> std::io::Result<Vec<u8>> {
+    let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut program = piped.stderr(Stdio::piped()).spawn()?;
+    let pipe = program.stdin.take();
+    // it may complain while it is being fed: neither waits for the other
+    let (fed, output) = thread::scope(|scope| {
+        let feeder = scope.spawn(|| {
+            let mut pipe = pipe.ok_or(ErrorKind::BrokenPipe)?;
+            feed(&mut pipe)
+        });
+        let output = program.wait_with_output();
+        (feeder.join(), output)
+    });
+    let output = output?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        let last = said.trim().lines().last().unwrap_or("nothing");
+        let name = command.get_program().display();
+        let message = format!("{name} failed ({}): {last}", output.status);
+        return Err(Error::other(message));
+    }
+    fed.unwrap_or_else(|_| Err(ErrorKind::BrokenPipe.into()))?;
+    Ok(output.stdout)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
+    use std::path::Path;
+
+    use super::*;
+
+    /// A folder with one program, which a shell runs; removed with all that is in it in the end.
+    pub struct Programs(pub PathBuf);
+
+    impl Programs {
+        pub fn new(test: &str, program: &str, script: &str) -> Self {
+            let folder = std::env::temp_dir().join(format!("covers-{test}-{}", std::process::id()));
+            fs::create_dir_all(&folder).unwrap();
+            let program = folder.join(program);
+            fs::write(&program, format!("#!/bin/sh\n{script}\n")).unwrap();
+            fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+            Self(folder)
+        }
+
+        pub fn path(&self) -> &Path {
+            &self.0
+        }
+    }
+
+    impl Drop for Programs {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn fed(programs: &Programs, input: &[u8]) -> std::io::Result<Vec<u8>> {
+        let program = find(programs.path().as_os_str(), "helper").unwrap();
+        run(&mut Command::new(program), |pipe| pipe.write_all(input))
+    }
+
+    #[test]
+    fn a_program_gets_all_and_its_answer_comes_back() {
+        let programs = Programs::new("helper", "helper", "cat");
+        assert!(find(programs.path().as_os_str(), "another").is_none());
+        // more than a pipe holds
+        let input = [7; 1 << 20];
+        assert_eq!(fed(&programs, &input).unwrap(), input);
+    }
+
+    #[test]
+    fn what_a_program_says_last_is_told() {
+        let script = "echo first >&2; echo no such codec >&2; exit 3";
+        let programs = Programs::new("helper-fails", "helper", script);
+        let message = fed(&programs, b"text").unwrap_err().to_string();
+        assert!(message.contains("helper failed"), "{message}");
+        assert!(message.ends_with("no such codec"), "{message}");
+    }
+}

@@ -1,0 +1,205 @@
+//! Many films beside each other as one.
+
+use super::film::Film;
+use super::font::{LETTER, pixels};
+
+/// About the height of a cell (pixels): pictures are enlarged to it by a whole number.
+const HEIGHT: usize = 144;
+/// Pixels of a cell's border, and from cell to cell.
+const BORDER: usize = 3;
+const GAP: usize = 6;
+/// Height of a line of text, the gap under it included.
+const LINE: usize = 2 * LETTER[1] + 4;
+/// Paper and ink.
+const WHITE: u8 = 255;
+const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
+
+/// A film in a mosaic. After its end its last picture stays.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Cell {
+    /// Pixels of a row.
+    pub width: usize,
+    /// Pixels of a column.
+    pub height: usize,
+    /// Each `[height, width, 3]`; at least one.
+    pub frames: Vec<Vec<u8>>,
+}
+
+impl Cell {
+    /// How many pixels of the mosaic each pixel has along a side.
+    fn enlarge(&self) -> usize {
+        ((HEIGHT + self.height / 2) / self.height).max(1)
+    }
+
+    /// Its sides in the mosaic, the border included.
+    fn size(&self) -> [usize; 2] {
+        [self.width, self.height].map(|side| side * self.enlarge() + 2 * BORDER)
+    }
+}
+
+/// Cells beside each other.
+pub struct Row {
+    /// Title above the row.
+    pub title: String,
+    /// Colour of the title (RGB).
+    pub colour: [u8; 3],
+    /// Films of the row, from left to right.
+    pub cells: Vec<Cell>,
+}
+
+/// Rows of films below each other, with a title over each row and a name over each column.
+pub fn mosaic(columns: &[&str], rows: &[Row]) -> Film {
+    let plan = Plan::of(rows);
+    let empty = plan.paper(columns, rows);
+    let lengths = rows.iter().flat_map(|row| &row.cells);
+    let length = lengths.map(|cell| cell.frames.len()).max().unwrap_or(0);
+    let frame = |time| {
+        let mut paper = empty.clone();
+        for (cell, [left, top]) in plan.cells(rows) {
+            paper.paste(cell, time, [left + BORDER, top + BORDER]);
+        }
+        paper.rgb
+    };
+    Film {
+        width: empty.width,
+        height: empty.height,
+        frames: (0..length).map(frame).collect(),
+    }
+}
+
+/// From one column of cells to the next, and from one row to the next.
+struct Plan {
+    across: usize,
+    down: usize,
+}
+
+impl Plan {
+    fn of(rows: &[Row]) -> Self {
+        let sizes = || rows.iter().flat_map(|row| &row.cells).map(Cell::size);
+        let [width, height] = [0, 1].map(|side| sizes().map(|size| size[side]).max().unwrap_or(0));
+        Self {
+            across: width + GAP,
+            down: height + GAP + LINE,
+        }
+    }
+
+    /// Cells, and where they are.
+    fn cells<'a>(&self, rows: &'a [Row]) -> impl Iterator<Item = (&'a Cell, [usize; 2])> {
+        let (across, down) = (self.across, self.down);
+        rows.iter().enumerate().flat_map(move |(number, row)| {
+            let top = GAP + 2 * LINE + number * down;
+            let cells = row.cells.iter().enumerate();
+            cells.map(move |(column, cell)| (cell, [GAP + column * across, top]))
+        })
+    }
+
+    /// Names, titles and borders.
+    fn paper(&self, columns: &[&str], rows: &[Row]) -> Paper {
+        let (across, down) = (self.across, self.down);
+        let mut paper = Paper::of(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
+        for (column, name) in columns.iter().enumerate() {
+            paper.write(name, [GAP + column * across, GAP], INK);
+        }
+        for (number, row) in rows.iter().enumerate() {
+            let top = GAP + LINE + number * down;
+            paper.write(&row.title, [GAP, top], row.colour);
+            for (column, cell) in row.cells.iter().enumerate() {
+                paper.fill([GAP + column * across, top + LINE], cell.size(), row.colour);
+            }
+        }
+        paper
+    }
+}
+
+/// A picture that is drawn on.
+#[derive(Clone)]
+struct Paper {
+    width: usize,
+    height: usize,
+    rgb: Vec<u8>,
+}
+
+impl Paper {
+    fn of(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            rgb: vec![WHITE; width * height * 3],
+        }
+    }
+
+    fn dot(&mut self, [x, y]: [usize; 2], rgb: [u8; 3]) {
+        if x < self.width && y < self.height {
+            self.rgb[(y * self.width + x) * 3..][..3].copy_from_slice(&rgb);
+        }
+    }
+
+    fn fill(&mut self, [left, top]: [usize; 2], [width, height]: [usize; 2], rgb: [u8; 3]) {
+        for y in top..top + height {
+            (left..left + width).for_each(|x| self.dot([x, y], rgb));
+        }
+    }
+
+    fn write(&mut self, text: &str, [left, top]: [usize; 2], rgb: [u8; 3]) {
+        pixels(text).for_each(|[x, y]| self.dot([left + x, top + y], rgb));
+    }
+
+    fn paste(&mut self, cell: &Cell, time: usize, [left, top]: [usize; 2]) {
+        let enlarge = cell.enlarge();
+        let Some(picture) = cell.frames.get(time).or(cell.frames.last()) else {
+            return;
+        };
+        for (pixel, rgb) in picture.as_chunks().0.iter().enumerate() {
+            let [x, y] = [pixel % cell.width, pixel / cell.width].map(|at| at * enlarge);
+            self.fill([left + x, top + y], [enlarge; 2], *rgb);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cell(frames: usize) -> Cell {
+        let frame = |number| (0..72 * 48).flat_map(|_| [number as u8, 9, 9]).collect();
+        Cell {
+            width: 72,
+            height: 48,
+            frames: (0..frames).map(frame).collect(),
+        }
+    }
+
+    fn count(film: &Film, time: usize, rgb: [u8; 3]) -> usize {
+        let pixels = film.frames[time].chunks_exact(3);
+        pixels.filter(|pixel| **pixel == rgb).count()
+    }
+
+    #[test]
+    fn cells_are_enlarged_side_by_side_with_borders_and_the_shorter_film_waits() {
+        let row = Row {
+            title: String::new(),
+            colour: [0, 0, 255],
+            cells: vec![cell(2), cell(3)],
+        };
+        let film = mosaic(&["", ""], &[row]);
+        assert_eq!((film.frames.len(), film.width), (3, 6 + 2 * (216 + 12)));
+        assert_eq!(film.height, 6 + 20 + 20 + 144 + 12);
+        let area = 216 * 144;
+        assert_eq!(count(&film, 1, [1, 9, 9]), 2 * area);
+        assert_eq!(count(&film, 2, [1, 9, 9]), area);
+        assert_eq!(count(&film, 2, [2, 9, 9]), area);
+        assert_eq!(count(&film, 0, [0, 0, 255]), 2 * (222 * 150 - area));
+    }
+
+    #[test]
+    fn titles_have_the_colour_of_their_row_and_stay_on_the_paper() {
+        let row = Row {
+            title: "a long title ".repeat(9),
+            colour: [1, 2, 3],
+            cells: vec![cell(1)],
+        };
+        let film = mosaic(&["seen"], &[row]);
+        assert!(count(&film, 0, INK) > 50);
+        assert!(count(&film, 0, [1, 2, 3]) > 222 * 150 - 216 * 144);
+    }
+}

@@ -1,0 +1,132 @@
+//! What methods make of groups that come back.
+
+use super::cells::{dash, title};
+use super::method::MethodRuns;
+use super::table::Table;
+use super::visits;
+use experiments::RunData;
+use experiments::evaluation::mean;
+
+/// Success in each group after each visit to it; nothing where nobody looked within a stream.
+pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+    let mut runs = methods.iter().flat_map(|method| &method.runs);
+    if !runs.any(|run| groups.iter().any(|group| looked_within(run, group))) {
+        return None;
+    }
+    let mut header = vec!["method"];
+    header.extend(groups.iter().map(String::as_str));
+    let caption = "Success in a group after each of its visits, when the turn was over in which it \
+        ended, means over seeds and variants; after the last visit of the stream, in the evaluation \
+        after the stream. Where not every run was scored then, there is none.";
+    let mut table = Table::new(caption, &header);
+    for method in methods {
+        let mut row = vec![title(&mut table, method)];
+        row.extend(groups.iter().map(|group| {
+            let runs = method.runs.iter().map(|run| after_visits(run, group));
+            cell(&over_runs(&runs.collect::<Vec<_>>()))
+        }));
+        table.rows.push(row);
+    }
+    Some(table)
+}
+
+/// Whether a group was scored after one of its visits, and before the stream was over.
+fn looked_within(run: &RunData, group: &str) -> bool {
+    let ends = visits::ends(&run.rollouts, group).into_iter();
+    let mut within = ends.filter(|&end| end < run.rollouts.len());
+    within.any(|end| success(run, group, end).is_some())
+}
+
+/// Success in a group after each visit to it; none where nobody looked then.
+fn after_visits(run: &RunData, group: &str) -> Vec<Option<f64>> {
+    let ends = visits::ends(&run.rollouts, group).into_iter();
+    ends.map(|end| success(run, group, end)).collect()
+}
+
+fn success(run: &RunData, group: &str, rollouts: usize) -> Option<f64> {
+    let scored = run.scored(rollouts, group, |row| row.success);
+    scored.map(|(_, success)| success)
+}
+
+/// The mean over runs of each visit's figure; none where a run lacks it.
+fn over_runs(runs: &[Vec<Option<f64>>]) -> Vec<Option<f64>> {
+    let visits = runs.iter().map(Vec::len).max().unwrap_or(0);
+    let of = |visit: usize| {
+        let figures = runs.iter().map(|run| run.get(visit).copied().flatten());
+        let figures: Option<Vec<f64>> = figures.collect();
+        figures.map(|figures| mean(&figures))
+    };
+    (0..visits).map(of).collect()
+}
+
+fn cell(means: &[Option<f64>]) -> String {
+    let figure = |mean: &Option<f64>| mean.map_or_else(dash, |mean| format!("{mean:.2}"));
+    match means {
+        [] => dash(),
+        _ => means.iter().map(figure).collect::<Vec<_>>().join(", "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiments::presets::{Budget, Method};
+    use experiments::{RolloutRow, ScoreRow};
+
+    /// A stream of one rollout a letter, and scores of group `a` after some of them.
+    fn run(stream: &str, scores: &[(usize, f64)]) -> RunData {
+        let row = |group: char| RolloutRow {
+            group: group.to_string(),
+            last_group: group.to_string(),
+            ..RolloutRow::default()
+        };
+        let score = |&(rollouts, success): &(usize, f64)| ScoreRow {
+            rollouts,
+            decisions: 500 * rollouts,
+            group: "a".to_owned(),
+            element: "identity".to_owned(),
+            seen: true,
+            episodes: 20,
+            success,
+            ..ScoreRow::default()
+        };
+        RunData {
+            rollouts: stream.chars().map(row).collect(),
+            scores: scores.iter().map(score).collect(),
+            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
+        }
+    }
+
+    #[test]
+    fn a_visit_is_scored_where_it_ends() {
+        let scores = [(0, 0.1), (1, 0.2), (2, 0.3), (3, 0.4), (6, 0.5)];
+        let run = run("aabaab", &scores);
+        assert_eq!(after_visits(&run, "a"), [Some(0.3), None]);
+        assert_eq!(after_visits(&run, "b"), [None, None]);
+        assert!(after_visits(&run, "c").is_empty());
+    }
+
+    #[test]
+    fn there_is_a_table_where_somebody_looked_within_the_stream() {
+        let table = |scores: &[(usize, f64)]| {
+            let methods = MethodRuns::sort(vec![run("aba", scores)]).unwrap();
+            super::table(&methods, &["a".to_owned()]).map(|table| table.rows)
+        };
+        assert_eq!(table(&[(0, 0.1), (2, 0.2), (3, 0.5)]), None);
+        let rows = table(&[(1, 0.25), (3, 0.5)]);
+        assert_eq!(
+            rows,
+            Some(vec![vec!["covers".to_owned(), "0.25, 0.50".to_owned()]])
+        );
+    }
+
+    #[test]
+    fn what_a_run_lacks_has_no_mean() {
+        let means = over_runs(&[vec![Some(0.5), Some(1.0)], vec![Some(0.25)]]);
+        assert_eq!(means, [Some(0.375), None]);
+        assert_eq!(
+            (cell(&means), cell(&[])),
+            ("0.38, -".to_owned(), "-".to_owned())
+        );
+    }
+}

@@ -1,0 +1,93 @@
+//! `covers report`: tables, curves and the page from the folders of runs.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::events::write_events;
+use experiments::cli::{Threads, say};
+use experiments::{GroupFilm, RunData, RunError, RunFolder};
+use render::gallery;
+
+use super::document::Report;
+use super::error::ReportError;
+
+/// What to report.
+#[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers report runs/covers-seed* runs/equi-seed* --out report\n  \
+    covers report runs/covers-seed0 --out report --films\n  \
+    covers report runs/covers-seed0 --tensorboard boards"
+)]
+pub struct ReportOptions {
+    /// The folders of runs, named METHOD-seedN as `covers sweep` names them; the first method is
+    /// compared with the others.
+    #[arg(required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Folder for the tables (Markdown, CSV, LaTeX) and the curves (SVG); the tables are printed
+    /// in any case.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Put a GIF of each group's policies at work into `report.html`, some 10 kB each. Runs without
+    /// checkpoints have none.
+    #[arg(long, requires = "out")]
+    pub films: bool,
+    /// Folder for TensorBoard's event files of the runs, finished or not, instead of the report.
+    #[arg(long, value_name = "DIR", conflicts_with = "out")]
+    pub tensorboard: Option<PathBuf>,
+}
+
+impl ReportOptions {
+    /// Writes what was asked for and prints the tables to `out`.
+    ///
+    /// # Errors
+    /// Runs that cannot be read or compared, files that cannot be written, or an `out` that cannot
+    /// be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), ReportError> {
+        if let Some(folder) = &self.tensorboard {
+            let written = write_events(&self.runs, folder)?;
+            let mut paths = written.iter().map(|path| path.display().to_string());
+            return Ok(paths.try_for_each(|path| say(out, &path))?);
+        }
+        let runs = self.runs.iter().map(|run| RunData::read(run));
+        let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
+        let mut films = Vec::new();
+        if self.films {
+            let own = self.runs.iter().zip(&mut runs);
+            films = own
+                .map(|(path, run)| film(path, run))
+                .collect::<Result<_, _>>()?;
+        }
+        let report = Report::new(runs)?;
+        if let Some(folder) = &self.out {
+            report.write(folder)?;
+        }
+        say(out, report.markdown().trim_end())?;
+        Ok(films.iter().try_for_each(|line| say(out, line))?)
+    }
+}
+
+/// Films the policies of a run, and says how large the films are or why there are none.
+fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
+    let threads = Threads { threads: None }.count();
+    match gallery(&RunFolder::open(path), threads) {
+        Ok(films) => {
+            let films = films.into_iter();
+            run.films = films.map(|(group, gif)| GroupFilm { group, gif }).collect();
+            let size: usize = run.films.iter().map(|film| film.gif.len()).sum();
+            let (number, size) = (run.films.len(), size.div_ceil(1000));
+            Ok(format!(
+                "\n{}: {number} films, {size} kB in report.html",
+                run.name
+            ))
+        }
+        Err(RunError::NoCheckpoint { problems, .. }) => {
+            let name = &run.name;
+            Ok(format!(
+                "\n{name}: no films, for want of policies ({problems})"
+            ))
+        }
+        Err(error) => Err(error),
+    }
+}

@@ -1,0 +1,43 @@
+//! Errors of this crate.
+
+use std::path::PathBuf;
+
+use experiments::RunError;
+
+/// Error of a report.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReportError {
+    /// A run.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// Runs that cannot stand in one table.
+    #[error(
+        "run {run} does not belong to the others ({differences}): report runs of one stream and \
+         evaluation, give runs of other settings other names, and each seed once"
+    )]
+    MixedRuns {
+        /// The run that differs.
+        run: String,
+        /// In what it differs.
+        differences: String,
+    },
+    /// Runs whose events would go to one folder.
+    #[error(
+        "{} and {} have one name, and their events would go to one folder: give one of the runs \
+         another name, or call the command for each with a folder of its own",
+        first.display(), second.display()
+    )]
+    SameName {
+        /// The folder of a run.
+        first: PathBuf,
+        /// The folder of another one.
+        second: PathBuf,
+    },
+}
+
+impl From<learner::LearnerError> for ReportError {
+    fn from(error: learner::LearnerError) -> Self {
+        Self::Run(error.into())
+    }
+}

@@ -1,0 +1,157 @@
+//! Messages of an event file (tensorflow/core/util/event.proto, framework/summary.proto).
+
+use prost::Message;
+
+use super::record::append;
+
+/// Decisions and seconds since the run began.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Moment {
+    pub step: usize,
+    pub seconds: f64,
+}
+
+/// A record of an event file.
+#[derive(Clone, PartialEq, Message)]
+pub(super) struct Event {
+    #[prost(double, tag = "1")]
+    pub wall_time: f64,
+    #[prost(int64, tag = "2")]
+    pub step: i64,
+    #[prost(string, optional, tag = "3")]
+    pub file_version: Option<String>,
+    #[prost(message, optional, tag = "5")]
+    pub summary: Option<Summary>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+pub(super) struct Summary {
+    #[prost(message, repeated, tag = "1")]
+    pub values: Vec<Value>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+pub(super) struct Value {
+    #[prost(string, tag = "1")]
+    pub tag: String,
+    #[prost(float, optional, tag = "2")]
+    pub simple_value: Option<f32>,
+    #[prost(message, optional, tag = "4")]
+    pub image: Option<Image>,
+    #[prost(message, optional, tag = "5")]
+    pub histogram: Option<Histogram>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+pub(super) struct Image {
+    #[prost(int32, tag = "1")]
+    pub height: i32,
+    #[prost(int32, tag = "2")]
+    pub width: i32,
+    /// 3: red, green, blue.
+    #[prost(int32, tag = "3")]
+    pub colorspace: i32,
+    /// A PNG file.
+    #[prost(bytes = "vec", tag = "4")]
+    pub encoded: Vec<u8>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+pub(super) struct Histogram {
+    #[prost(double, tag = "1")]
+    pub min: f64,
+    #[prost(double, tag = "2")]
+    pub max: f64,
+    #[prost(double, tag = "3")]
+    pub num: f64,
+    #[prost(double, tag = "4")]
+    pub sum: f64,
+    #[prost(double, tag = "5")]
+    pub sum_squares: f64,
+    #[prost(double, repeated, tag = "6")]
+    pub bucket_limit: Vec<f64>,
+    #[prost(double, repeated, tag = "7")]
+    pub bucket: Vec<f64>,
+}
+
+/// The bytes of an event file, as it grows.
+pub(super) struct EventFile(Vec<u8>);
+
+impl EventFile {
+    pub fn new() -> Self {
+        let mut file = Self(Vec::new());
+        file.append(Event {
+            file_version: Some("brain.Event:2".to_owned()),
+            ..Event::default()
+        });
+        file
+    }
+
+    fn append(&mut self, event: Event) {
+        append(&mut self.0, &event.encode_to_vec());
+    }
+
+    fn value(&mut self, moment: Moment, value: Value) {
+        let values = vec![value];
+        self.append(Event {
+            wall_time: moment.seconds,
+            step: moment.step as i64,
+            summary: Some(Summary { values }),
+            ..Event::default()
+        });
+    }
+
+    /// Adds a number.
+    pub fn scalar(&mut self, moment: Moment, tag: &str, value: f64) {
+        let value = Value {
+            tag: tag.to_owned(),
+            simple_value: Some(value as f32),
+            ..Value::default()
+        };
+        self.value(moment, value);
+    }
+
+    /// Adds a picture, the bytes of a PNG file of this size.
+    pub fn image(&mut self, moment: Moment, tag: &str, [height, width]: [u32; 2], png: &[u8]) {
+        let image = Image {
+            height: height as i32,
+            width: width as i32,
+            colorspace: 3,
+            encoded: png.to_vec(),
+        };
+        let value = Value {
+            tag: tag.to_owned(),
+            image: Some(image),
+            ..Value::default()
+        };
+        self.value(moment, value);
+    }
+
+    /// Adds the distribution of numbers: each has a bucket that ends at it.
+    pub fn histogram(&mut self, moment: Moment, tag: &str, values: &[f64]) {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
+            return;
+        };
+        let histogram = Histogram {
+            min,
+            max,
+            num: sorted.len() as f64,
+            sum: sorted.iter().sum(),
+            sum_squares: sorted.iter().map(|value| value * value).sum(),
+            bucket: vec![1.0; sorted.len()],
+            bucket_limit: sorted,
+        };
+        let value = Value {
+            tag: tag.to_owned(),
+            histogram: Some(histogram),
+            ..Value::default()
+        };
+        self.value(moment, value);
+    }
+
+    pub fn into_bytes(self) -> Vec<u8> {
+        self.0
+    }
+}

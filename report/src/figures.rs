@@ -1,0 +1,373 @@
+//! The figures of one run, as docs/results/protocol.md defines them.
+
+use experiments::evaluation::mean;
+use experiments::{Ledger, RunData, ScoreRow};
+
+use super::visits;
+
+/// Why a figure does not exist.
+pub type Undefined = &'static str;
+
+/// The last visit is not followed by anything that could be forgotten.
+const ENDS: Undefined = "the stream ends with the group";
+const NOT_MET: Undefined = "the group did not run";
+const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
+const FIRST: Undefined = "nothing was learnt before the group's first visit";
+const NO_RETURN: Undefined = "no group came back";
+const ONE_POLICY: Undefined = "there is one policy for everything";
+const NEVER_ALONE: Undefined = "no rollout was of the group alone, so no policy is its own";
+const UNNAMED: Undefined = "`evaluation.csv` does not name the policies that the learner chose";
+const UNRECORDED: Undefined = "the run did not record the scores of the groups' own policies";
+const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its units";
+
+/// The figures of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figures {
+    /// Those of each group, in the order in which they are scored.
+    pub groups: Vec<GroupFigures>,
+    /// Share of rollouts of one group that went to the policy of that group
+    /// ([`Ledger::right`](experiments::Ledger::right)).
+    pub accuracy: Result<f64, Undefined>,
+    /// That share among rollouts of groups that came back.
+    pub return_accuracy: Result<f64, Undefined>,
+    /// Share of dormant units after the stream, all policies that were scored together.
+    pub dormant: Result<f64, Undefined>,
+    /// Policies opened.
+    pub policies: usize,
+    /// Rollouts, and those of them within which the group changed.
+    pub rollouts: [usize; 2],
+    /// Decisions taken while learning.
+    pub decisions: usize,
+}
+
+/// Figures of one group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupFigures {
+    /// The group.
+    pub group: String,
+    /// Success after the stream, the mean over variants, in `[0, 1]`.
+    pub success: f64,
+    /// Success at the last step, likewise.
+    pub success_at_end: f64,
+    /// Reward after the stream, likewise, in `[0, 500]`.
+    pub reward: f64,
+    /// Variants for which the learner chose another policy than the group's own after the stream,
+    /// and all variants ([`Ledger::own_policies`](experiments::Ledger::own_policies)).
+    pub mismatches: Result<[usize; 2], Undefined>,
+    /// Success of the group's own policy after the stream, likewise.
+    pub own_success: Result<f64, Undefined>,
+    /// Reward of the group's own policy, likewise.
+    pub own_reward: Result<f64, Undefined>,
+    /// Success after the group's last visit less that after the stream.
+    pub forgetting: Result<f64, Undefined>,
+    /// Success before anything of the group was seen less that of the untrained learner (Lopez-Paz
+    /// and Ranzato, "Gradient Episodic Memory", NeurIPS 2017).
+    pub transfer: Result<f64, Undefined>,
+}
+
+impl Figures {
+    /// The figures of a run.
+    pub fn of(run: &RunData) -> Self {
+        let (ledger, grouped) = (
+            Ledger::of(&run.rollouts),
+            run.experiment.learner.tells_groups_apart(),
+        );
+        let told = |share: Option<f64>| match (grouped, share) {
+            (false, _) => Err(ONE_POLICY),
+            (true, None) => Err(NO_RETURN),
+            (true, Some(share)) => Ok(share),
+        };
+        let own = ledger.own_policies();
+        let groups = run.groups().into_iter();
+        Self {
+            groups: groups
+                .map(|group| GroupFigures::new(run, group, own.get(group).copied()))
+                .collect(),
+            accuracy: told(ledger.accuracy()),
+            return_accuracy: told(ledger.return_accuracy()),
+            dormant: dormant(run),
+            policies: ledger.opened_for.len(),
+            rollouts: [ledger.rollouts, ledger.straddled],
+            decisions: run.rollouts.last().map_or(0, |row| row.decisions),
+        }
+    }
+
+    /// The mean of a figure over groups; where none has it, why.
+    pub fn mean(
+        &self,
+        figure: fn(&GroupFigures) -> Result<f64, Undefined>,
+    ) -> Result<f64, Undefined> {
+        let figures: Vec<_> = self.groups.iter().map(figure).collect();
+        let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
+        match (known.len(), figures.first()) {
+            (0, Some(&Err(reason))) => Err(reason),
+            (0, _) => Err(NOT_MET),
+            _ => Ok(mean(&known)),
+        }
+    }
+}
+
+impl GroupFigures {
+    fn new(run: &RunData, group: &str, own: Option<usize>) -> Self {
+        let scored = |rollouts, figure| {
+            let scored = run.scored(rollouts, group, figure);
+            scored.map(|(_, figure)| figure)
+        };
+        let success = |rollouts| scored(rollouts, |row| row.success);
+        let end = run.scores.last().map_or(0, |row| row.rollouts);
+        let after = |figure| scored(end, figure).unwrap_or(0.0);
+        let last = after(|row| row.success);
+        Self {
+            group: group.to_owned(),
+            success: last,
+            success_at_end: after(|row| row.success_at_end),
+            reward: after(|row| row.reward),
+            mismatches: mismatches(run, group, own),
+            own_success: of_own(run, group, own, |row| [Some(row.success), row.own_success]),
+            own_reward: of_own(run, group, own, |row| [Some(row.reward), row.own_reward]),
+            forgetting: end_of_last_visit(run, group)
+                .and_then(|rollouts| success(rollouts).ok_or(UNSCORED))
+                .map(|then| then - last),
+            transfer: before_first_visit(run, group).and_then(|rollouts| {
+                let before = success(0).ok_or(UNSCORED)?;
+                Ok(success(rollouts).ok_or(UNSCORED)? - before)
+            }),
+        }
+    }
+}
+
+/// The rows of a group after the stream, each with whether its policy is another than the group's
+/// own.
+fn choices<'a>(
+    run: &'a RunData,
+    group: &str,
+    own: Option<usize>,
+) -> Result<Vec<(&'a ScoreRow, bool)>, Undefined> {
+    let own = own.ok_or(NEVER_ALONE)?;
+    let rows = run.last_scores().filter(|row| row.group == group);
+    rows.map(|row| Ok((row, row.policy.ok_or(UNNAMED)? != own)))
+        .collect()
+}
+
+fn mismatches(run: &RunData, group: &str, own: Option<usize>) -> Result<[usize; 2], Undefined> {
+    let choices = choices(run, group, own)?;
+    let others = choices.iter().filter(|(_, is_other)| *is_other);
+    Ok([others.count(), choices.len()])
+}
+
+/// The mean of a figure of the group's own policy over episodes. `figure` gives that of the policy
+/// which the learner chose, and that of the own one as far as it was recorded.
+fn of_own(
+    run: &RunData,
+    group: &str,
+    own: Option<usize>,
+    figure: fn(&ScoreRow) -> [Option<f64>; 2],
+) -> Result<f64, Undefined> {
+    let (mut sum, mut episodes) = (0.0, 0);
+    for (row, is_other) in choices(run, group, own)? {
+        // where the two agree, nothing has to be recorded
+        let figure = figure(row)[usize::from(is_other)].ok_or(UNRECORDED)?;
+        sum += figure * row.episodes as f64;
+        episodes += row.episodes;
+    }
+    Ok(sum / episodes as f64)
+}
+
+/// The share of dormant units in the last evaluation.
+fn dormant(run: &RunData) -> Result<f64, Undefined> {
+    let last = run.units.last().ok_or(UNSEEN)?.rollouts;
+    let rows = run.units.iter().filter(|row| row.rollouts == last);
+    let [dormant, units] = rows.fold([0, 0], |[dormant, units], row| {
+        [dormant + row.dormant, units + row.units]
+    });
+    Ok(dormant as f64 / units as f64)
+}
+
+/// How many rollouts had been learnt from when the group had run for the last time.
+fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
+    match visits::ends(&run.rollouts, group).last() {
+        None => Err(NOT_MET),
+        Some(&end) if end == run.rollouts.len() => Err(ENDS),
+        Some(&end) => Ok(end),
+    }
+}
+
+/// After how many rollouts the last evaluation came before anything of the group was seen.
+fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
+    let mut rows = run.rollouts.iter();
+    let first = rows.position(|row| row.group == group || row.last_group == group);
+    match first {
+        None => Err(NOT_MET),
+        Some(0) => Err(FIRST),
+        Some(first) => {
+            let evaluations = run.scores.iter().map(|row| row.rollouts);
+            let last = evaluations.filter(|&rollouts| rollouts <= first).max();
+            // with the evaluation before the stream alone, nothing is compared
+            last.filter(|&rollouts| rollouts > 0).ok_or(UNSCORED)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiments::presets::{Budget, Method};
+    use experiments::{RolloutRow, UnitsRow};
+
+    /// Rollouts of a stream that goes from one group to the next, the policy assigned to each; `*`
+    /// marks one that ends in the next rollout's group.
+    fn run(method: Method, rollouts: &[(&str, usize)]) -> RunData {
+        let name = |(group, _): &(&str, usize)| group.trim_end_matches('*').to_owned();
+        let row = |index: usize| RolloutRow {
+            decisions: 100 * (index + 1),
+            group: name(&rollouts[index]),
+            last_group: name(&rollouts[index + usize::from(rollouts[index].0.ends_with('*'))]),
+            straddles: rollouts[index].0.ends_with('*'),
+            policy: rollouts[index].1,
+            ..RolloutRow::default()
+        };
+        RunData {
+            rollouts: (0..rollouts.len()).map(row).collect(),
+            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(method))
+        }
+    }
+
+    /// Scores of groups `a` and `b` after a number of rollouts, two variants each.
+    fn score(run: &mut RunData, rollouts: usize, a: f64, b: f64) {
+        for (group, success) in [("a", a), ("b", b)] {
+            for (element, shift) in [("identity", 0.05), ("flip x", -0.05)] {
+                run.scores.push(ScoreRow {
+                    rollouts,
+                    decisions: 100 * rollouts,
+                    group: group.to_owned(),
+                    element: element.to_owned(),
+                    seen: true,
+                    episodes: 10,
+                    success: success + shift,
+                    reward: 100.0 * success,
+                    ..ScoreRow::default()
+                });
+            }
+        }
+    }
+
+    fn near(figure: Result<f64, Undefined>, expected: f64) -> bool {
+        figure.is_ok_and(|figure| (figure - expected).abs() < 1e-12)
+    }
+
+    #[test]
+    fn forgetting_and_transfer_compare_the_right_moments() {
+        let stream = [("a", 0), ("a", 0), ("b", 1), ("b", 1), ("a", 0), ("b", 1)];
+        let mut run = run(Method::Covers, &stream);
+        for (rollouts, a, b) in [
+            (0, 0.1, 0.05),
+            (2, 0.6, 0.2),
+            (4, 0.5, 0.7),
+            (5, 0.9, 0.65),
+            (6, 0.7, 0.8),
+        ] {
+            score(&mut run, rollouts, a, b);
+        }
+        let figures = Figures::of(&run);
+        let [a, b] = &figures.groups[..] else {
+            panic!()
+        };
+        assert!(near(Ok(a.success), 0.7) && near(Ok(b.reward), 80.0));
+        // a left for the last time after 5 rollouts; b is there at the end
+        assert!(near(a.forgetting, 0.2), "{a:?}");
+        assert_eq!(b.forgetting, Err(ENDS));
+        // b came first after 2 rollouts; nothing came before a
+        assert!(near(b.transfer, 0.15), "{b:?}");
+        assert_eq!(a.transfer, Err(FIRST));
+        assert!(near(figures.mean(|group| group.forgetting), 0.2));
+        assert_eq!(
+            (figures.accuracy, figures.return_accuracy),
+            (Ok(1.0), Ok(1.0))
+        );
+        assert_eq!((figures.policies, figures.rollouts), (2, [6, 0]));
+    }
+
+    #[test]
+    fn what_a_straddling_rollout_saw_of_a_group_comes_not_before_it() {
+        let mut run = run(
+            Method::Covers,
+            &[("a", 0), ("a*", 0), ("b", 1), ("b", 1), ("a", 1)],
+        );
+        for (rollouts, b) in [(0, 0.0), (1, 0.1), (2, 0.4), (5, 0.8)] {
+            score(&mut run, rollouts, 0.5, b);
+        }
+        let figures = Figures::of(&run);
+        // the second rollout learnt from b already
+        assert!(near(figures.groups[1].transfer, 0.1), "{figures:?}");
+        assert_eq!(figures.rollouts, [5, 1]);
+        assert_eq!(
+            (figures.accuracy, figures.return_accuracy),
+            (Ok(0.75), Ok(0.0))
+        );
+    }
+
+    #[test]
+    fn an_heir_is_right_where_its_policy_was() {
+        let mut run = run(Method::Covers, &[("a", 0), ("b", 1), ("a", 2), ("a", 2)]);
+        assert_eq!(Figures::of(&run).return_accuracy, Ok(0.0));
+        run.rollouts[2].heirs = vec![Some(2), None, None];
+        assert_eq!(Figures::of(&run).return_accuracy, Ok(0.5));
+    }
+
+    /// The learner plays one variant of `a` with the policy of `b`.
+    #[test]
+    fn the_own_policy_counts_where_another_one_played() {
+        let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
+        score(&mut run, 2, 0.5, 0.8);
+        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(UNNAMED));
+        let chosen = [1, 0, 1, 1];
+        for (row, policy) in run.scores.iter_mut().zip(chosen) {
+            row.policy = Some(policy);
+        }
+        let figures = Figures::of(&run);
+        let [a, b] = &figures.groups[..] else {
+            panic!()
+        };
+        assert_eq!((a.mismatches, b.mismatches), (Ok([1, 2]), Ok([0, 2])));
+        assert_eq!(a.own_success, Err(UNRECORDED));
+        assert!(near(b.own_success, 0.8) && near(b.own_reward, 80.0));
+        run.scores[0].own_success = Some(0.95);
+        run.scores[0].own_reward = Some(450.0);
+        let figures = Figures::of(&run);
+        let a = &figures.groups[0];
+        assert!(near(a.own_success, f64::midpoint(0.95, 0.45)), "{a:?}");
+        assert!(near(a.own_reward, f64::midpoint(450.0, 50.0)), "{a:?}");
+        assert!(near(Ok(a.success), 0.5));
+        run.rollouts[0].group = "c".to_owned();
+        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(NEVER_ALONE));
+    }
+
+    #[test]
+    fn dormant_units_are_those_of_the_last_evaluation_over_all_policies() {
+        let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
+        assert_eq!(Figures::of(&run).dormant, Err(UNSEEN));
+        let row = |(rollouts, policy, dormant)| UnitsRow {
+            rollouts,
+            decisions: 500 * rollouts,
+            policy,
+            units: 40,
+            dormant,
+        };
+        run.units = [(0, 0, 39), (2, 0, 1), (2, 1, 3)].map(row).to_vec();
+        assert!(near(Figures::of(&run).dormant, 0.05));
+    }
+
+    #[test]
+    fn undefined_figures_say_why() {
+        let mut run = run(Method::Equi, &[("a", 0), ("b", 0)]);
+        score(&mut run, 2, 0.5, 0.5);
+        let figures = Figures::of(&run);
+        assert_eq!(figures.accuracy, Err(ONE_POLICY));
+        assert_eq!(figures.groups[0].forgetting, Err(UNSCORED));
+        assert_eq!(figures.groups[1].transfer, Err(UNSCORED));
+        run.rollouts.truncate(1);
+        assert_eq!(Figures::of(&run).groups[1].forgetting, Err(NOT_MET));
+        run.experiment = Budget::Smoke.experiment(Method::Covers);
+        assert_eq!(Figures::of(&run).return_accuracy, Err(NO_RETURN));
+    }
+}

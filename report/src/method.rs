@@ -1,0 +1,159 @@
+//! Runs of one method with different seeds.
+
+use envs::{Camera, VecEnvSettings};
+
+use crate::ReportError;
+use experiments::{CheckpointPlan, Experiment, RunData};
+use learner::LearnerSettings;
+use learner::overrides::differences;
+
+use super::figures::{Figures, GroupFigures};
+use super::identity::Identity;
+use super::statistics::Scores;
+
+/// The part of a folder's name before the seed.
+const SEED: &str = "-seed";
+
+/// The runs of one method, which differ in their seeds alone.
+#[derive(Clone, Debug)]
+pub struct MethodRuns {
+    /// The method: the name of the runs' folders up to their seeds.
+    pub name: String,
+    /// What the settings say, which all runs share.
+    pub identity: Identity,
+    /// The runs.
+    pub runs: Vec<RunData>,
+    /// The figures of each.
+    pub figures: Vec<Figures>,
+}
+
+impl MethodRuns {
+    /// Sorts runs into methods, in the order in which they appear.
+    ///
+    /// # Errors
+    /// [`ReportError::MixedRuns`] for runs of another stream or evaluation than the first one's,
+    /// for runs of one name whose settings differ in more than the seed and the number of threads,
+    /// and for two of one seed.
+    pub fn sort(runs: Vec<RunData>) -> Result<Vec<Self>, ReportError> {
+        let mut methods: Vec<Self> = Vec::new();
+        for run in runs {
+            if let Some(first) = methods.first() {
+                let [first, own] = [&first.runs[0], &run].map(|run| world(&run.experiment));
+                refuse(&run, differences(&first, &own)?)?;
+            }
+            let name = run.name.split(SEED).next().unwrap_or(&run.name).to_owned();
+            match methods.iter_mut().find(|method| method.name == name) {
+                Some(method) => method.add(run)?,
+                None => methods.push(Self {
+                    identity: Identity::of(&name, &run.experiment)?,
+                    name,
+                    figures: vec![Figures::of(&run)],
+                    runs: vec![run],
+                }),
+            }
+        }
+        Ok(methods)
+    }
+
+    fn add(&mut self, run: RunData) -> Result<(), ReportError> {
+        let seed = |run: &RunData| run.experiment.learner.seed();
+        let mut others = self.runs.iter();
+        let problem = match others.find(|other| seed(other) == seed(&run)) {
+            Some(_) => format!("two runs have seed {}", seed(&run)),
+            None => differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
+        };
+        refuse(&run, problem)?;
+        self.figures.push(Figures::of(&run));
+        self.runs.push(run);
+        Ok(())
+    }
+
+    /// A figure `[groups][seeds]` of these groups.
+    pub fn scores(&self, groups: &[String], figure: fn(&GroupFigures) -> f64) -> Scores {
+        let of = |group: &String| -> Vec<f64> {
+            let figures = self.figures.iter().flat_map(|figures| &figures.groups);
+            figures
+                .filter(|own| own.group == *group)
+                .map(figure)
+                .collect()
+        };
+        Scores(groups.iter().map(of).collect())
+    }
+}
+
+/// The settings without what runs of one method may differ in.
+fn unseeded(run: &RunData) -> Experiment {
+    run.experiment.clone().with_seed(0).with_threads(1)
+}
+
+/// What all methods share: the stream and the evaluation. A method has pictures of its own (their
+/// size, how finely they are drawn, what is beside them, randomisation), its own number of
+/// environments, and a learner of its own: what evaluations have in common are episodes of a
+/// variant, and decisions from one to the next.
+fn world(experiment: &Experiment) -> Experiment {
+    let mut world = experiment.clone().with_threads(1);
+    let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());
+    let plan = &mut world.evaluation;
+    plan.rounds = plan.rounds.saturating_mul(envs);
+    plan.visit_rounds = plan.visit_rounds.saturating_mul(envs);
+    plan.every = plan.every.map(|every| every.saturating_mul(rollout));
+    let any = Camera::default();
+    world.envs = VecEnvSettings {
+        num_envs: VecEnvSettings::default().num_envs,
+        camera: Camera {
+            size: any.size,
+            oversampling: any.oversampling,
+            beside: any.beside,
+            ..world.envs.camera
+        },
+        ..world.envs.clean()
+    };
+    world.learner = LearnerSettings::default();
+    world.checkpoints = CheckpointPlan::default();
+    world
+}
+
+/// Refuses a run with a problem.
+fn refuse(run: &RunData, differences: String) -> Result<(), ReportError> {
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(ReportError::MixedRuns {
+        run: run.name.clone(),
+        differences,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiments::presets::{Budget, Method};
+
+    #[test]
+    fn evaluations_are_compared_by_their_episodes_and_the_decisions_between_them() {
+        let mut few = Budget::Full.experiment(Method::Covers);
+        few.evaluation.every = Some(8);
+        let mut many = few.clone();
+        many.envs.num_envs *= 2;
+        if let LearnerSettings::Covers(settings) = &mut many.learner {
+            settings.rollout_steps *= 2;
+        }
+        assert_ne!(world(&few), world(&many));
+        many.evaluation.rounds /= 2;
+        many.evaluation.visit_rounds /= 2;
+        assert_ne!(world(&few), world(&many));
+        many.evaluation.every = Some(4);
+        assert_eq!(world(&few), world(&many));
+    }
+
+    #[test]
+    fn methods_have_pictures_of_their_own_of_one_table() {
+        let methods = [Method::Covers, Method::CoversRandomised, Method::Paper];
+        let mut runs = methods.map(|method| Budget::Full.experiment(method));
+        let worlds = runs.each_ref().map(world);
+        assert!(runs[0].envs != runs[1].envs && runs[1].envs != runs[2].envs);
+        assert!(worlds.iter().all(|world| *world == worlds[0]));
+        runs[1].envs.camera.height += 0.1;
+        assert_ne!(world(&runs[1]), worlds[0]);
+    }
+}

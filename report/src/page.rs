@@ -1,0 +1,187 @@
+//! The report as one HTML page that needs nothing beside it.
+
+use super::matrix::Matrix;
+use super::method::MethodRuns;
+use super::svg::escaped;
+use super::table::Table;
+use super::{bands, curves, films};
+use experiments::colours::colour;
+use experiments::distinct::distinct;
+use experiments::evaluation::SHOWN;
+use experiments::{RunData, TimingRow};
+
+/// What the page looks like, light or dark.
+const STYLE: &str = include_str!("page.css");
+/// Shows at once, and on a touch, what a browser shows late and to a pointer alone.
+const SCRIPT: &str = include_str!("page.js");
+
+/// The page of these methods, scored on these groups, with these tables.
+pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
+    let mut text = String::new();
+    text.push_str(&section(
+        "Results",
+        &tables_named(tables, &["results", "comparisons"]),
+    ));
+    text.push_str(&section("Learning", &learning(methods, groups, tables)));
+    let rest = ["seeds", "visits", "variants", "recognition"];
+    text.push_str(&section(
+        "Over the whole stream",
+        &tables_named(tables, &rest),
+    ));
+    let runs: Vec<&RunData> = methods.iter().flat_map(|method| &method.runs).collect();
+    // of what was scored once, at the end, there is no curve
+    if runs.iter().any(|run| run.evaluated().count() > 1) {
+        let seeds = curves::seeds(methods).into_iter();
+        let seeds = seeds.map(|(seed, curve)| format!("<h3>Seed {seed}</h3>\n{}", wide(&curve)));
+        text.push_str(&section("Each seed", &seeds.collect::<String>()));
+    }
+    // a single run is not folded away
+    let open = if runs.len() == 1 { " open" } else { "" };
+    let runs: String = runs.iter().map(|run| of_run(run, open)).collect();
+    text.push_str(&section(
+        "Each run",
+        &(tables_named(tables, &["runs"]) + &runs),
+    ));
+    let names: Vec<&str> = methods.iter().map(|method| method.name.as_str()).collect();
+    let title = escaped(&format!("Report on {}", names.join(", ")));
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n<title>{title}</title>\n\
+         <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n{}{text}</main>\n\
+         <script>\n{SCRIPT}</script>\n</body>\n</html>\n",
+        command(methods)
+    )
+}
+
+/// How the runs were made.
+fn command(methods: &[MethodRuns]) -> String {
+    let runs = methods.iter().flat_map(|method| &method.runs);
+    let first = runs.flat_map(|run| run.provenance.first());
+    let commands = distinct(first.map(|process| process.command.join(" ")));
+    match commands.is_empty() {
+        true => String::new(),
+        false => format!(
+            "<p>The runs were made by</p>\n<pre>{}</pre>\n",
+            escaped(&commands.join("\n"))
+        ),
+    }
+}
+
+fn section(title: &str, body: &str) -> String {
+    format!("<section>\n<h2>{title}</h2>\n{body}</section>\n")
+}
+
+/// What scrolls where the screen is narrow.
+fn wide(body: &str) -> String {
+    format!("<div class=\"wide\">\n{body}</div>\n")
+}
+
+fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
+    let drawings: Vec<String> = groups
+        .iter()
+        .filter_map(|group| bands::of_group(methods, group))
+        .collect();
+    if drawings.is_empty() {
+        return "<p>No run was scored while it learnt (<code>evaluation.visit_rounds</code> and \
+            <code>evaluation.every</code> do it).</p>\n"
+            .to_owned();
+    }
+    format!(
+        "<p>Lines are means over seeds; bands go from the lowest seed to the highest. Of the \
+         evaluations between which a group did not run the first one is shown; what was \
+         forgotten since stands in the tables below.</p>\n\
+         <div class=\"grid\">\n{}</div>\n{}",
+        drawings.concat(),
+        tables_named(tables, &["efficiency"])
+    )
+}
+
+fn tables_named(tables: &[(&str, Table)], names: &[&str]) -> String {
+    let named = names.iter().flat_map(|name| {
+        let found = tables.iter().find(|(own, _)| own == name);
+        found.map(|(_, table)| table.html())
+    });
+    named.collect()
+}
+
+fn of_run(run: &RunData, open: &str) -> String {
+    let mut matrices = vec![Matrix::assigned(run)];
+    matrices.extend(SHOWN.iter().filter_map(|&n| Matrix::recognised(run, n)));
+    let matrices: String = matrices.iter().map(Matrix::html).collect();
+    format!(
+        "<details{open}>\n<summary>{}</summary>\n{}<div class=\"row\">\n{matrices}</div>\n{}{}\
+         <h4>Settings</h4>\n<pre>{}</pre>\n<h4>Where it ran</h4>\n<pre>{}</pre>\n</details>\n",
+        escaped(&run.name),
+        wide(&curves::run(run)),
+        films::html(run),
+        time(&run.timings),
+        escaped(&format!("{:#}", serde_json::json!(run.experiment))),
+        escaped(&format!("{:#}", serde_json::json!(run.provenance))),
+    )
+}
+
+/// Where the time went, as a bar; evaluations are not timed.
+fn time(timings: &[TimingRow]) -> String {
+    let sum = |part: fn(&TimingRow) -> f64| timings.iter().map(part).sum::<f64>();
+    let total = sum(|row| row.total);
+    if total <= 0.0 {
+        return String::new();
+    }
+    let parts = [
+        ("environments", sum(|row| row.environments)),
+        ("decisions", sum(|row| row.inference)),
+        ("assignment", sum(|row| row.assignment)),
+        ("updates", sum(|row| row.update)),
+    ];
+    let rest = total - parts.iter().map(|part| part.1).sum::<f64>();
+    let parts = parts.into_iter().chain([("the rest", rest.max(0.0))]);
+    let bar = parts.enumerate().map(|(number, (name, seconds))| {
+        let share = 100.0 * seconds / total;
+        format!(
+            "<span style=\"width:{share:.2}%;background:{}\" title=\"{name}: {seconds:.1} s, \
+             {share:.1} %\">{name}</span>",
+            colour(number)
+        )
+    });
+    format!(
+        "<h4>Where {total:.0} s of learning went</h4>\n<div class=\"bar\">{}</div>\n",
+        bar.collect::<String>()
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiments::presets::{Budget, Method};
+
+    #[test]
+    fn the_parts_of_the_time_make_up_the_whole() {
+        let row = TimingRow {
+            total: 2.0,
+            environments: 1.0,
+            inference: 0.2,
+            assignment: 0.1,
+            update: 0.6,
+            ..TimingRow::default()
+        };
+        let bar = time(&[row, row]);
+        assert!(bar.contains("4 s of learning"), "{bar}");
+        for part in ["width:50.00%", "width:10.00%", "the rest: 0.2 s, 5.0 %"] {
+            assert!(bar.contains(part), "{part}: {bar}");
+        }
+        assert_eq!(time(&[]), "");
+    }
+
+    #[test]
+    fn a_page_needs_nothing_beside_it_and_escapes_names() {
+        let mut run = RunData::empty("<b>-seed0", Budget::Smoke.experiment(Method::Covers));
+        run.timings = vec![TimingRow::default()];
+        let methods = MethodRuns::sort(vec![run]).unwrap();
+        let page = page(&methods, &[], &[]);
+        assert!(page.contains("Report on &lt;b&gt;") && !page.contains("<b>"));
+        for outside in ["src=", "href=", "url(", "@import"] {
+            assert!(!page.contains(outside), "{outside}");
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! From how little learners recognise groups.
+
+use experiments::evaluation::{SHOWN, mean};
+
+use super::cells::{cell, title};
+use super::figures::Undefined;
+use super::method::MethodRuns;
+use super::partners::{last_acting, partner};
+use super::table::Table;
+use experiments::RunData;
+
+const UNASKED: Undefined = "the run did not ask (`evaluation.looks` makes it)";
+
+/// For each number of episodes shown, how often the policy that belongs to the group was named;
+/// nothing where no run asked.
+pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+    let mut runs = methods.iter().flat_map(|method| &method.runs);
+    if runs.all(|run| run.recognition.is_empty()) {
+        return None;
+    }
+    let mut header = vec!["method", "episodes shown"];
+    header.extend(groups.iter().map(String::as_str));
+    header.extend(["average", "named none"]);
+    let caption = "Recognition after the stream: share of looks at some first frames of a group from \
+        which the policy that belongs to it was named, and share from which none was; means over \
+        variants and seeds. A group that no policy belongs to has no right answers.";
+    let mut table = Table::new(caption, &header);
+    for method in methods {
+        for episodes in SHOWN {
+            let mut row = vec![title(&mut table, method), episodes.to_string()];
+            for group in groups {
+                let own = std::slice::from_ref(group);
+                row.push(cell(
+                    &mut table,
+                    &over(method, |run| right(run, own, episodes)),
+                ));
+            }
+            row.push(cell(
+                &mut table,
+                &over(method, |run| right(run, groups, episodes)),
+            ));
+            row.push(cell(
+                &mut table,
+                &over(method, |run| none(run, groups, episodes)),
+            ));
+            table.rows.push(row);
+        }
+    }
+    Some(table)
+}
+
+/// A figure of each run.
+fn over(
+    method: &MethodRuns,
+    of: impl Fn(&RunData) -> Result<f64, Undefined>,
+) -> Vec<Result<f64, Undefined>> {
+    method.runs.iter().map(of).collect()
+}
+
+/// The share of right answers; a group that no policy belongs to has none.
+fn right(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+    let right = |named: Option<usize>, partner| named.is_some() && named == partner;
+    share(run, groups, episodes, right)
+}
+
+/// The share of looks from which no policy was named.
+fn none(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+    share(run, groups, episodes, |named, _| named.is_none())
+}
+
+/// The share of looks with answers of a kind, the mean over groups. The kind depends on the policy
+/// that was named and on the one that belongs to the group.
+fn share(
+    run: &RunData,
+    groups: &[String],
+    episodes: usize,
+    kind: fn(Option<usize>, Option<usize>) -> bool,
+) -> Result<f64, Undefined> {
+    if let Some(reason) = run.experiment.learner.cannot_be_asked() {
+        return Err(reason);
+    }
+    let of = |group: &String| {
+        let partner = partner(&run.rollouts, group);
+        let rows = run.recognition.iter();
+        let rows = rows.filter(|row| row.group == *group && row.episodes == episodes);
+        let [all, counted] = rows.fold([0, 0], |[all, counted], row| {
+            let named = row.policy.map(|policy| last_acting(&run.rollouts, policy));
+            let times = usize::from(kind(named, partner)) * row.times;
+            [all + row.times, counted + times]
+        });
+        (all > 0).then(|| counted as f64 / all as f64)
+    };
+    let shares: Option<Vec<f64>> = groups.iter().map(of).collect();
+    shares.map(|shares| mean(&shares)).ok_or(UNASKED)
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::D2;
+
+    use super::*;
+    use experiments::presets::{Budget, Method};
+    use experiments::{RecognitionRow, RolloutRow};
+
+    /// A run in which policy 0 belongs to group `a` and 1 to `b`, with these answers.
+    fn run(method: Method, answers: &[(&str, usize, Option<usize>, usize)]) -> RunData {
+        let rollout = |(policy, group): (usize, &str)| RolloutRow {
+            decisions: 100 * (policy + 1),
+            group: group.to_owned(),
+            last_group: group.to_owned(),
+            policy,
+            ..RolloutRow::default()
+        };
+        let answer = |&(group, episodes, policy, times): &(&str, usize, _, _)| RecognitionRow {
+            group: group.to_owned(),
+            element: D2::Identity.to_string(),
+            episodes,
+            policy,
+            times,
+        };
+        let name = format!("{}-seed0", method.name());
+        RunData {
+            rollouts: [(0, "a"), (1, "b")].map(rollout).to_vec(),
+            recognition: answers.iter().map(answer).collect(),
+            ..RunData::empty(&name, Budget::Smoke.experiment(method))
+        }
+    }
+
+    fn rows(run: RunData) -> Vec<Vec<String>> {
+        let methods = MethodRuns::sort(vec![run]).unwrap();
+        let groups = ["a".to_owned(), "b".to_owned()];
+        table(&methods, &groups).unwrap().rows
+    }
+
+    #[test]
+    fn answers_are_right_that_name_the_policy_of_the_group() {
+        let rows = rows(run(
+            Method::Covers,
+            &[
+                ("a", 1, Some(0), 3),
+                ("a", 1, Some(1), 1),
+                ("b", 1, Some(0), 4),
+                ("b", 1, Some(1), 4),
+                ("a", 4, Some(0), 2),
+                ("b", 4, None, 2),
+            ],
+        ));
+        let cells = |row: usize| rows[row][1..].to_vec();
+        assert_eq!(cells(0), ["1", "0.750", "0.500", "0.625", "0.000"]);
+        assert_eq!(cells(1), ["4", "1.000", "0.000", "0.500", "0.500"]);
+        assert_eq!(cells(2), ["20", "- (1)", "- (1)", "- (1)", "- (1)"]);
+    }
+
+    /// One policy serves both groups, `a` more often.
+    #[test]
+    fn a_group_that_shares_its_policy_has_no_right_answers() {
+        let answers = [("a", 1, Some(0), 4), ("b", 1, Some(0), 4)];
+        let mut lumping = run(Method::Covers, &answers);
+        lumping.rollouts[1].policy = 0;
+        lumping.rollouts.push(lumping.rollouts[0].clone());
+        assert_eq!(rows(lumping)[0][2..5], ["1.000", "0.000", "0.500"]);
+    }
+
+    /// Policy 2 went on for policy 0, which served group `a` for longer.
+    #[test]
+    fn the_answer_of_an_heir_is_right_where_its_policy_was() {
+        let mut merged = run(
+            Method::Covers,
+            &[("a", 1, Some(2), 4), ("b", 1, Some(1), 4)],
+        );
+        merged.rollouts.push(merged.rollouts[0].clone());
+        merged.rollouts.push(RolloutRow {
+            policy: 2,
+            ..merged.rollouts[0].clone()
+        });
+        assert_eq!(rows(merged.clone())[0][2..5], ["0.000", "1.000", "0.500"]);
+        merged.rollouts[3].heirs = vec![Some(2), None, None];
+        assert_eq!(rows(merged)[0][2..5], ["1.000", "1.000", "1.000"]);
+    }
+
+    #[test]
+    fn who_cannot_be_asked_says_why() {
+        for (method, reason) in [
+            (Method::Cnn, "one policy"),
+            (Method::CoversGt, "told the group"),
+            (Method::Covers, "did not ask"),
+        ] {
+            let groups = ["a".to_owned()];
+            let silent = run(method, &[]);
+            let alone = MethodRuns::sort(vec![silent.clone()]).unwrap();
+            assert!(table(&alone, &groups).is_none());
+            let asked = run(Method::CoversCnn, &[("a", 1, Some(0), 4)]);
+            let both = MethodRuns::sort(vec![silent, asked]).unwrap();
+            let table = table(&both, &groups).unwrap();
+            assert_eq!(table.rows[0][2..], ["- (1)", "- (1)", "- (1)"]);
+            assert_eq!(table.rows[3][2], "1.000");
+            assert!(table.notes[0].contains(reason), "{:?}", table.notes);
+        }
+    }
+}

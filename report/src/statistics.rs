@@ -1,0 +1,243 @@
+//! Figures over seeds, as Agarwal et al. define them ("Deep Reinforcement Learning at the Edge of
+//! the Statistical Precipice", NeurIPS 2021; their library is rliable).
+
+use experiments::evaluation::mean;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// Resamplings of an interval; rliable's default.
+const DRAWS: usize = 50_000;
+/// Bounds of an interval of 95 %.
+const BOUNDS: [f64; 2] = [0.025, 0.975];
+
+/// Scores of one method `[groups][seeds]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scores(pub Vec<Vec<f64>>);
+
+/// The bounds of a 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// The 2.5th percentile.
+    pub low: f64,
+    /// The 97.5th percentile.
+    pub high: f64,
+}
+
+/// The interquartile mean: that of what is left without the lowest and the highest quarter, each
+/// rounded down; NaN of nothing. It is scipy's `trim_mean` with 0.25.
+pub fn iqm(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let cut = sorted.len() / 4;
+    mean(&sorted[cut..sorted.len() - cut])
+}
+
+/// The median; NaN of nothing.
+pub fn median(values: &[f64]) -> f64 {
+    quantile(values.to_vec(), 0.5)
+}
+
+/// The value below which a share of them lies, interpolated between neighbours as NumPy does it;
+/// NaN of nothing. Values may be infinite.
+pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    quantile_of_sorted(&values, share)
+}
+
+fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else {
+        return f64::NAN;
+    };
+    let place = share * last as f64;
+    let (below, part) = (place.floor() as usize, place.fract());
+    let (low, high) = (values[below], values[(below + 1).min(last)]);
+    // two infinite neighbours have no difference
+    if part == 0.0 || low == high {
+        return low;
+    }
+    low + part * (high - low)
+}
+
+impl Scores {
+    /// A statistic of all scores together.
+    pub fn of(&self, statistic: fn(&[f64]) -> f64) -> f64 {
+        statistic(&self.0.concat())
+    }
+
+    /// The fewest seeds of a group.
+    pub fn seeds(&self) -> usize {
+        self.0.iter().map(Vec::len).min().unwrap_or(0)
+    }
+
+    /// The 95 % interval of a statistic by the stratified bootstrap: seeds are drawn again with
+    /// replacement within each group. None for fewer than two seeds.
+    pub fn interval(&self, statistic: fn(&[f64]) -> f64) -> Option<Interval> {
+        self.resampled(|scores| scores.of(statistic))
+    }
+
+    /// The interval of the difference of means, this method's less the other's. Whole runs are
+    /// drawn again: one learner made the scores of all its groups, so they are not independent.
+    pub fn difference(&self, other: &Self) -> Option<Interval> {
+        pair_interval(self, other, |one, other| one.of(mean) - other.of(mean))
+    }
+
+    /// The probability that a run of this method scores above a run of the other in the same group,
+    /// where equal counts one half, averaged over groups; and its interval, for which whole runs
+    /// are drawn again.
+    pub fn improvement(&self, other: &Self) -> (f64, Option<Interval>) {
+        let interval = pair_interval(self, other, probability);
+        (probability(self, other), interval)
+    }
+
+    fn resampled(&self, statistic: impl Fn(&Self) -> f64) -> Option<Interval> {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let enough = self.seeds() > 1;
+        enough.then(|| percentiles((0..DRAWS).map(|_| statistic(&self.draw(rng))).collect()))
+    }
+
+    /// As many scores of each group, drawn with replacement.
+    fn draw(&self, rng: &mut ChaCha8Rng) -> Self {
+        let draw = |scores: &Vec<f64>| -> Vec<f64> {
+            let draws = scores
+                .iter()
+                .map(|_| scores[rng.random_range(0..scores.len())]);
+            draws.collect()
+        };
+        Self(self.0.iter().map(draw).collect())
+    }
+
+    /// As many runs, drawn with replacement, each with its scores of all groups.
+    fn draw_runs(&self, rng: &mut ChaCha8Rng) -> Self {
+        let seeds = self.seeds();
+        let drawn: Vec<usize> = (0..seeds).map(|_| rng.random_range(0..seeds)).collect();
+        let of = |scores: &Vec<f64>| drawn.iter().map(|&seed| scores[seed]).collect();
+        Self(self.0.iter().map(of).collect())
+    }
+}
+
+fn pair_interval(
+    one: &Scores,
+    other: &Scores,
+    statistic: fn(&Scores, &Scores) -> f64,
+) -> Option<Interval> {
+    let rng = &mut ChaCha8Rng::seed_from_u64(0);
+    let enough = one.seeds().min(other.seeds()) > 1;
+    let mut draw = |_| statistic(&one.draw_runs(rng), &other.draw_runs(rng));
+    enough.then(|| percentiles((0..DRAWS).map(&mut draw).collect()))
+}
+
+fn probability(one: &Scores, other: &Scores) -> f64 {
+    let groups = one.0.iter().zip(&other.0);
+    let above = groups.map(|(one, other)| {
+        let pairs = one.iter().flat_map(|a| other.iter().map(move |b| (a, b)));
+        let worth = pairs
+            .map(|(a, b)| f64::midpoint(f64::from(u8::from(a > b)), f64::from(u8::from(a >= b))));
+        mean(&worth.collect::<Vec<_>>())
+    });
+    mean(&above.collect::<Vec<_>>())
+}
+
+/// The percentiles of [`BOUNDS`], interpolated between neighbours.
+fn percentiles(mut values: Vec<f64>) -> Interval {
+    values.sort_by(f64::total_cmp);
+    let [low, high] = BOUNDS.map(|share| quantile_of_sorted(&values, share));
+    Interval { low, high }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interquartile_mean_is_that_of_scipy() {
+        // scipy.stats.trim_mean(v, 0.25)
+        assert_eq!(iqm(&[5.0, 1.0, 2.0, 9.0]), 3.5);
+        assert_eq!(iqm(&[5.0, 1.0, 2.0]), mean(&[5.0, 1.0, 2.0]));
+        assert_eq!(iqm(&[7.0, 1.0, 0.0, 2.0, 3.0, 90.0, 4.0, 5.0, 6.0]), 4.0);
+        assert!(iqm(&[]).is_nan());
+    }
+
+    #[test]
+    fn percentiles_are_interpolated() {
+        // numpy.percentile(range(101), [2.5, 97.5])
+        let interval = percentiles((0..101).map(f64::from).rev().collect());
+        assert_eq!((interval.low, interval.high), (2.5, 97.5));
+    }
+
+    #[test]
+    fn quantiles_are_numpys_and_know_infinity() {
+        // numpy.quantile([3, 1, 2, 10], [0.5, 0.9])
+        assert_eq!(median(&[3.0, 1.0, 2.0, 10.0]), 2.5);
+        assert!((quantile(vec![3.0, 1.0, 2.0, 10.0], 0.9) - 7.9).abs() < 1e-12);
+        let never = f64::INFINITY;
+        assert_eq!(median(&[1.0, never, 5.0]), 5.0);
+        assert_eq!(median(&[1.0, never, never]), never);
+        assert_eq!(median(&[1.0, 2.0, never, never]), never);
+        assert!(median(&[]).is_nan());
+    }
+
+    #[test]
+    fn seeds_are_drawn_within_their_group() {
+        // groups far apart: their difference is no part of the interval
+        let scores = Scores(vec![
+            vec![0.0, 0.2, 0.4, 0.6],
+            vec![100.0, 100.0, 100.0, 100.0],
+        ]);
+        let interval = scores.interval(mean).unwrap();
+        // the standard error of the first group's mean is sqrt(0.05 / 4) = 0.112; half of it counts
+        let expected = 1.96 * 0.5 * (0.05_f64 / 4.0).sqrt();
+        let centre = scores.of(mean);
+        assert!(
+            (interval.low - (centre - expected)).abs() < 0.01,
+            "{interval:?}"
+        );
+        assert!(
+            (interval.high - (centre + expected)).abs() < 0.01,
+            "{interval:?}"
+        );
+        assert_eq!(scores.interval(mean), scores.interval(mean));
+    }
+
+    #[test]
+    fn one_seed_has_no_interval() {
+        let (one, two) = (Scores(vec![vec![1.0]]), Scores(vec![vec![1.0, 0.5]]));
+        assert_eq!(one.interval(iqm), None);
+        assert_eq!(two.difference(&one), None);
+        assert_eq!(two.improvement(&one).1, None);
+    }
+
+    #[test]
+    fn improvement_counts_pairs_and_halves_ties() {
+        let one = Scores(vec![vec![1.0, 0.5], vec![0.0, 0.0]]);
+        let other = Scores(vec![vec![0.5, 0.0], vec![0.0, 1.0]]);
+        // group one: 1 above both, 0.5 equal and above: 3.5 of 4; group two: 2 halves of 4
+        let (share, interval) = one.improvement(&other);
+        assert_eq!(share, (3.5 / 4.0 + 1.0 / 4.0) / 2.0);
+        let (back, _) = other.improvement(&one);
+        assert_eq!(share + back, 1.0);
+        let interval = interval.unwrap();
+        assert!(interval.low < share && share < interval.high);
+    }
+
+    #[test]
+    fn runs_that_fail_in_all_groups_are_drawn_whole_where_methods_are_compared() {
+        // one of two seeds fails everywhere: the mean of two draws is 0 in a quarter of all cases
+        let halves = Scores(vec![vec![0.0, 1.0]; 4]);
+        let none = Scores(vec![vec![0.0, 0.0]; 4]);
+        let interval = halves.difference(&none).unwrap();
+        assert_eq!((interval.low, interval.high), (0.0, 1.0));
+        // drawn within each group, as rliable has it, 8 draws rarely agree
+        let interval = halves.interval(mean).unwrap();
+        assert!(interval.low > 0.1 && interval.high < 0.9, "{interval:?}");
+    }
+
+    #[test]
+    fn a_difference_that_is_always_there_does_not_reach_zero() {
+        let one = Scores(vec![vec![0.9, 1.0, 0.95]]);
+        let other = Scores(vec![vec![0.2, 0.4, 0.3]]);
+        let interval = one.difference(&other).unwrap();
+        assert!(interval.low > 0.5 && interval.high < 0.8, "{interval:?}");
+        let against = one.difference(&one).unwrap();
+        assert!(against.low < 0.0 && against.high > 0.0);
+    }
+}

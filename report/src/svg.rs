@@ -1,0 +1,375 @@
+//! Drawings of curves over decisions or amounts, as SVG 1.1 without scripts or fonts of their own.
+
+use std::fmt::Write;
+
+use experiments::colours::Stroke;
+use experiments::printable::printable_lines;
+
+/// The colour of what belongs to no group: that of the text.
+pub const INK: &str = "currentColor";
+
+/// Where the x axis begins, and what is right of it.
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 26.0;
+/// Heights above the panels, for the legend, and below them, for the axis.
+const OUTSIDE: [f64; 2] = [34.0, 40.0];
+/// Between two panels.
+const GAP: f64 = 14.0;
+/// Height of a line of the legend, and length of the stroke before a name.
+const LINE: f64 = 18.0;
+const KEY: f64 = 28.0;
+/// From a stroke to its name and between two names of the legend.
+const SPACE: f64 = 6.0;
+/// Radius of a dot, and of one among many.
+pub const DOT: f64 = 3.5;
+/// Colour of neutral lines and of curves without a group.
+pub const SMALL_DOT: f64 = 1.6;
+
+/// Panels one below the other over the same axis.
+pub struct Drawing {
+    text: String,
+    /// The largest value on the x axis, and what the axis is.
+    end: f64,
+    axis: &'static str,
+    /// The length of the x axis (pixels).
+    length: f64,
+    /// Where the current panel begins, and its height.
+    panel: [f64; 2],
+    /// Bounds of its y axis.
+    bounds: [f64; 2],
+    /// Position at which the next name of the legend begins (pixels).
+    legend: [f64; 2],
+}
+
+impl Drawing {
+    /// A drawing over x from 0 to `end`, with a name for it, as wide as a page.
+    pub fn new(end: f64, axis: &'static str) -> Self {
+        Self {
+            text: String::new(),
+            end: end.max(f64::MIN_POSITIVE),
+            axis,
+            length: 880.0,
+            panel: [OUTSIDE[0] - GAP, 0.0],
+            bounds: [0.0, 1.0],
+            legend: [LEFT, OUTSIDE[0] - 14.0],
+        }
+    }
+
+    /// One of two that stand side by side on a page.
+    pub fn half(end: f64, axis: &'static str) -> Self {
+        Self {
+            length: 440.0,
+            ..Self::new(end, axis)
+        }
+    }
+
+    /// Begins a panel of this height (pixels) over `bounds` with a name and ticks.
+    pub fn panel(&mut self, name: &str, height: f64, bounds: [f64; 2], ticks: &[f64]) {
+        self.panel = [self.panel[0] + self.panel[1] + GAP, height];
+        self.bounds = bounds;
+        let [top, height] = self.panel;
+        let (width, middle) = (self.length, top + height / 2.0);
+        self.add(format_args!(
+            "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
+             <text x=\"14\" y=\"{middle}\" transform=\"rotate(-90 14 {middle})\" class=\"name\">{}</text>",
+            fitted(name, height + 2.0 * GAP)
+        ));
+        for &tick in ticks {
+            let (x, y) = (LEFT - 6.0, self.y(tick));
+            self.add(format_args!(
+                "<text x=\"{x}\" y=\"{:.1}\" class=\"tick\">{tick}</text>",
+                y + 4.0
+            ));
+        }
+    }
+
+    /// Fills the panel from one x to another.
+    pub fn span(&mut self, from: f64, to: f64, colour: &str, title: &str) {
+        let ([top, height], x) = (self.panel, self.x(from));
+        let width = self.x(to) - x;
+        self.add(format_args!(
+            "<rect x=\"{x:.1}\" y=\"{top}\" width=\"{width:.1}\" height=\"{height}\" fill=\"{colour}\" \
+             fill-opacity=\"0.16\"><title>{}</title></rect>",
+            escaped(title)
+        ));
+    }
+
+    /// A line through points.
+    pub fn line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+        self.polyline(points, stroke, "line");
+    }
+
+    /// A line so wide that it shows on both sides of others that are drawn upon it.
+    pub fn wide_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+        self.polyline(points, stroke, "line wide");
+    }
+
+    fn polyline(&mut self, points: &[(f64, f64)], stroke: &Stroke, class: &str) {
+        let (path, stroke) = (self.path(points.iter()), attributes(stroke));
+        self.add(format_args!(
+            "<polyline points=\"{path}\" {stroke} class=\"{class}\"/>"
+        ));
+    }
+
+    /// What lies between two lines.
+    pub fn band(&mut self, low: &[(f64, f64)], high: &[(f64, f64)], colour: &str) {
+        let path = self.path(low.iter().chain(high.iter().rev()));
+        self.add(format_args!(
+            "<polygon points=\"{path}\" fill=\"{colour}\" class=\"band\"/>"
+        ));
+    }
+
+    fn path<'a>(&self, points: impl Iterator<Item = &'a (f64, f64)>) -> String {
+        let points = points.map(|&(x, y)| format!("{:.1},{:.1}", self.x(x), self.y(y)));
+        points.collect::<Vec<_>>().join(" ")
+    }
+
+    /// A dot of this radius (pixels), whose value shows where the pointer rests on it.
+    pub fn dot(&mut self, (x, y): (f64, f64), radius: f64, colour: &str, title: &str) {
+        let (x, y) = (self.x(x), self.y(y));
+        self.add(format_args!(
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"><title>{}</title>\
+             </circle>",
+            escaped(title)
+        ));
+    }
+
+    /// Adds a name to the legend, on a new line where the last one is full. The legend comes before
+    /// the first panel, which begins below it.
+    pub fn legend(&mut self, name: &str, stroke: &Stroke) {
+        let end = LEFT + self.length + RIGHT;
+        let room = end - LEFT - KEY - 2.0 * SPACE;
+        let width = KEY + 2.0 * SPACE + text_width(name).min(room);
+        if self.legend[0] > LEFT && self.legend[0] + width > end {
+            self.legend = [LEFT, self.legend[1] + LINE];
+            self.panel[0] += LINE;
+        }
+        let ([x, y], stroke) = (self.legend, attributes(stroke));
+        self.add(format_args!(
+            "<path d=\"M{x} {y}h{KEY}\" {stroke} class=\"line key\"/>\
+             <text x=\"{}\" y=\"{}\" class=\"legend\">{}</text>",
+            x + KEY + SPACE,
+            y + 4.5,
+            fitted(name, room)
+        ));
+        self.legend[0] += width + SPACE;
+    }
+
+    /// The drawing with its axis and a title for those who cannot see it.
+    pub fn finish(mut self, title: &str) -> String {
+        let bottom = self.panel[0] + self.panel[1];
+        for tick in ticks(self.end) {
+            let (x, y) = (self.x(tick), bottom + 16.0);
+            self.add(format_args!(
+                "<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"
+            ));
+        }
+        let (middle, y, axis) = (LEFT + self.length / 2.0, bottom + 33.0, self.axis);
+        self.add(format_args!(
+            "<text x=\"{middle}\" y=\"{y}\" class=\"below\">{axis}</text>"
+        ));
+        let (width, height) = (LEFT + self.length + RIGHT, bottom + OUTSIDE[1]);
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
+             font-family=\"sans-serif\" font-size=\"12\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
+             <rect width=\"100%\" height=\"100%\" class=\"paper\"/>\n{}</svg>\n",
+            escaped(title),
+            self.text
+        )
+    }
+
+    fn x(&self, x: f64) -> f64 {
+        LEFT + x / self.end * self.length
+    }
+
+    fn y(&self, y: f64) -> f64 {
+        let ([top, height], [low, high]) = (self.panel, self.bounds);
+        top + height * (1.0 - (y - low) / (high - low))
+    }
+
+    fn add(&mut self, element: std::fmt::Arguments) {
+        let _ = writeln!(self.text, "{element}");
+    }
+}
+
+/// Alone or in a page, a drawing is light or dark as the reader has set it.
+const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
+    .frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}.wide,.key{stroke-width:3.4}\
+    .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.name,.below{text-anchor:middle}\
+    @media(prefers-color-scheme:dark){svg{color:#d6dbe0}.paper{fill:#16191d}}";
+
+/// The attributes of a stroke.
+fn attributes(Stroke { colour, dashes }: &Stroke) -> String {
+    let dashes = match dashes.as_str() {
+        "" => String::new(),
+        dashes => format!(" stroke-dasharray=\"{dashes}\""),
+    };
+    format!("stroke=\"{colour}\"{dashes}")
+}
+
+/// The most that a text takes (pixels): no font is known here, so letters count as those of a wide
+/// one.
+fn text_width(text: &str) -> f64 {
+    let width = |sign: char| match sign {
+        'm' | 'w' => 12.0,
+        ' '..='@' | '_' | 'a'..='z' => 7.5,
+        _ => 12.0,
+    };
+    text.chars().map(width).sum()
+}
+
+/// The text as XML, cut off with an ellipsis where it is wider than `room` (pixels); the whole then
+/// shows where the pointer rests on it.
+fn fitted(text: &str, room: f64) -> String {
+    if text_width(text) <= room {
+        return escaped(text);
+    }
+    let mut cut = String::new();
+    for sign in text.chars() {
+        cut.push(sign);
+        if text_width(&cut) + text_width("…") > room {
+            cut.pop();
+            break;
+        }
+    }
+    format!("{}…<title>{}</title>", escaped(&cut), escaped(text))
+}
+
+/// Round numbers from 0 to `end`, at most eight.
+fn ticks(end: f64) -> Vec<f64> {
+    let rough = end / 7.0;
+    let exponent = rough.log10().floor() as i32;
+    // a quotient of whole numbers is the nearest number to a decimal, a product need not be
+    let multiple = |n: f64| match exponent {
+        0.. => n * 10_f64.powi(exponent),
+        _ => n / 10_f64.powi(-exponent),
+    };
+    let steps = [1.0, 2.0, 5.0, 10.0];
+    let step = steps.into_iter().find(|&step| multiple(step) >= rough);
+    let step = step.unwrap_or(10.0);
+    let ticks = (0..=7).map(|n| multiple(f64::from(n) * step));
+    ticks
+        .take_while(|&tick| tick <= end * (1.0 + 1e-9))
+        .collect()
+}
+
+/// Text with the signs of XML and HTML escaped, and control characters, which XML has no place for.
+pub fn escaped(text: &str) -> String {
+    let text = printable_lines(text);
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    text.replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::read::check_texts;
+    use super::*;
+    use experiments::colours::stroke;
+
+    #[test]
+    fn ticks_are_round_and_few() {
+        assert_eq!(
+            ticks(305_000.0),
+            (0..=6).map(|n| 5e4 * f64::from(n)).collect::<Vec<_>>()
+        );
+        assert_eq!(ticks(4.0), [0.0, 1.0, 2.0, 3.0, 4.0]);
+        for end in [0.3, 0.5, 1.0, 7.0, 80.0, 999.0, 68_000.0, 1e6] {
+            let ticks = ticks(end);
+            assert!((2..=8).contains(&ticks.len()), "{end}");
+            let labels = ticks.iter().map(f64::to_string);
+            assert!(labels.clone().all(|label| label.len() <= 7), "{ticks:?}");
+        }
+        assert_eq!(ticks(0.3).last(), Some(&0.3));
+    }
+
+    #[test]
+    fn points_lie_inside_their_panel() {
+        let mut drawing = Drawing::new(100.0, "decisions");
+        drawing.panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
+        drawing.panel("a < b", 50.0, [0.0, 500.0], &[]);
+        drawing.line(&[(0.0, 0.0), (100.0, 500.0)], &stroke(0));
+        let text = drawing.finish("two");
+        // the second panel begins at 34 + 100 + 14 and is 50 high
+        assert!(text.contains("points=\"64.0,198.0 944.0,148.0\""), "{text}");
+        assert!(text.contains("a &lt; b") && text.ends_with("</svg>\n"));
+    }
+    #[test]
+    fn names_of_any_length_lie_inside_the_drawing() {
+        let long = "w".repeat(300);
+        for names in [
+            vec!["covers"; 3],
+            vec!["a-rather-long-name"; 24],
+            vec![long.as_str(); 2],
+        ] {
+            let mut drawing = Drawing::half(1.0, "decisions");
+            for (number, name) in names.iter().enumerate() {
+                drawing.legend(name, &stroke(number));
+            }
+            drawing.panel(names[0], 90.0, [0.0, 1.0], &[]);
+            check_texts(&drawing.finish("names"), names.len());
+        }
+    }
+}
+
+/// Elements of a drawing, for tests.
+#[cfg(test)]
+pub(super) mod read {
+    use super::text_width;
+
+    /// The tags of a drawing, each as it stands, with the text up to the next one.
+    pub fn tags(svg: &str) -> Vec<(&str, &str)> {
+        let parts = svg.split('<').skip(1);
+        parts.map(|part| part.split_once('>').unwrap()).collect()
+    }
+
+    /// The value of an attribute.
+    pub fn attribute<'a>(tag: &'a str, name: &str) -> Option<&'a str> {
+        let (_, value) = tag.split_once(&format!(" {name}=\""))?;
+        value.split('"').next()
+    }
+
+    pub fn number(tag: &str, name: &str) -> f64 {
+        attribute(tag, name).unwrap().parse().unwrap()
+    }
+
+    /// The tags of a class.
+    pub fn of_class<'a>(svg: &'a str, class: &str) -> Vec<(&'a str, &'a str)> {
+        let mut tags = tags(svg);
+        tags.retain(|(tag, _)| attribute(tag, "class") == Some(class));
+        tags
+    }
+
+    /// Holds the legend's texts to the view box and to each other: they are so many, none leaves
+    /// the box, none lies upon another or reaches into the first panel.
+    pub fn check_texts(svg: &str, names: usize) {
+        let view: Vec<f64> = attribute(svg, "viewBox")
+            .unwrap()
+            .split(' ')
+            .map(|side| side.parse().unwrap())
+            .collect();
+        let frame = number(of_class(svg, "frame")[0].0, "y");
+        let texts = of_class(svg, "legend");
+        assert_eq!(texts.len(), names);
+        let boxes: Vec<[f64; 3]> = texts
+            .iter()
+            .map(|(tag, text)| {
+                let x = number(tag, "x");
+                [x, x + text_width(text), number(tag, "y")]
+            })
+            .collect();
+        for &[from, to, y] in &boxes {
+            assert!(
+                from >= 0.0 && to <= view[2] && y > 0.0 && y < frame,
+                "{svg}"
+            );
+        }
+        for pair in boxes.windows(2) {
+            let [[_, to, above], [from, _, below]] = [pair[0], pair[1]];
+            assert!(to < from || above + 12.0 < below, "{pair:?}");
+        }
+        let [(tag, name), ..] = of_class(svg, "name")[..] else {
+            panic!("{svg}")
+        };
+        assert!(number(tag, "y") - text_width(name) / 2.0 >= 0.0, "{name}");
+    }
+}

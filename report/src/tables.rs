@@ -1,0 +1,316 @@
+//! The tables of a report.
+
+use experiments::evaluation::{TAU, mean};
+
+use super::cells::{brackets, cell, dash, marked, title};
+use super::comparison::Comparison;
+use super::figures::{Figures, GroupFigures, Undefined};
+use super::method::MethodRuns;
+use super::statistics::iqm;
+use super::table::Table;
+use super::{after_visits, efficiency, paper, recognition};
+use experiments::RunData;
+
+/// The remark that stands beside the paper's figures.
+const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
+    built for exact symmetry, so success rates do not compare one to one";
+
+/// Tables that not every report has.
+pub const SOMETIMES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
+
+/// All tables of these methods, each with a name, for the groups that every run was scored on; the
+/// first method is compared with the others.
+pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
+    let groups = common_groups(methods);
+    let mut tables = vec![
+        ("results", results(methods, &groups)),
+        ("seeds", over_seeds(methods, &groups)),
+    ];
+    if methods.len() > 1 {
+        tables.push(("comparisons", comparisons(methods, &groups)));
+    }
+    if let Some(table) = after_visits::table(methods, &groups) {
+        tables.push(("visits", table));
+    }
+    if let Some(table) = efficiency::table(methods, &groups) {
+        tables.push(("efficiency", table));
+    }
+    tables.push(("variants", variants(methods, &groups)));
+    if let Some(table) = recognition::table(methods, &groups) {
+        tables.push(("recognition", table));
+    }
+    tables.push(("runs", runs(methods)));
+    tables
+}
+
+/// The groups that all runs were scored on, in the order of the first.
+pub fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
+    let mut figures = methods.iter().flat_map(|method| &method.figures);
+    let first = figures.next();
+    let mut groups: Vec<String> = first
+        .into_iter()
+        .flat_map(|figures| figures.groups.iter().map(|group| group.group.clone()))
+        .collect();
+    for figures in figures {
+        groups.retain(|group| figures.groups.iter().any(|own| own.group == *group));
+    }
+    groups
+}
+
+/// The table in the paper's form, the paper's figures below ours.
+fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let mut header = vec!["method"];
+    header.extend(groups.iter().map(String::as_str));
+    header.extend([
+        "average",
+        "average with own policies",
+        "mismatched variants",
+    ]);
+    let caption = "Success and reward (of 500) after the stream: means over seeds and variants, with \
+        95 % intervals of success. A variant is played by the policy that the method recognises; it \
+        is mismatched where that is not the group's own, which served the group in most rollouts.";
+    let mut table = Table::new(caption, &header);
+    for method in methods {
+        let of = |groups: &[String]| {
+            let success = method.scores(groups, |group| group.success);
+            let reward = method.scores(groups, |group| group.reward).of(mean);
+            let interval = brackets(success.interval(mean), 2);
+            format!("{:.3}{interval} / {reward:.0}", success.of(mean))
+        };
+        let mut row = vec![title(&mut table, method)];
+        row.extend(groups.chunks(1).map(of));
+        row.push(of(groups));
+        row.extend(own_policies(&mut table, method, groups));
+        table.rows.push(row);
+        if let Some(paper) = method.identity.method.and_then(paper::row) {
+            let sign = table.note(NOT_ONE_TO_ONE);
+            let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
+            let of = |group: &String| paper.group(group).map_or_else(dash, cell);
+            let mut row = vec![format!("{} in the paper {sign}", paper.method.name())];
+            row.extend(groups.iter().map(of));
+            row.push(cell(paper.average));
+            row.extend([dash(), dash()]);
+            table.rows.push(row);
+        }
+    }
+    table
+}
+
+/// Success and reward with the groups' own policies, and in how many variants another one played.
+/// Scores that one run lacks have no mean.
+fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [String; 2] {
+    let figures = method.figures.iter().flat_map(|figures| &figures.groups);
+    let of_groups: Vec<&GroupFigures> = figures
+        .filter(|group| groups.contains(&group.group))
+        .collect();
+    let scores = of_groups
+        .iter()
+        .map(|group| Ok((group.own_success?, group.own_reward?)))
+        .collect::<Result<Vec<(f64, f64)>, Undefined>>();
+    let score = scores.map(|scores| {
+        let (success, reward): (Vec<f64>, Vec<f64>) = scores.into_iter().unzip();
+        format!("{:.3} / {:.0}", mean(&success), mean(&reward))
+    });
+    let counts = of_groups.iter().map(|group| group.mismatches);
+    let counts = counts.collect::<Result<Vec<[usize; 2]>, Undefined>>();
+    let count = counts.map(|counts| {
+        let [others, all] = counts
+            .into_iter()
+            .fold([0, 0], |sum, group| [sum[0] + group[0], sum[1] + group[1]]);
+        format!("{others} of {all}")
+    });
+    let mut cell = |figure: Result<String, Undefined>| {
+        figure.unwrap_or_else(|reason| format!("- {}", table.note(reason)))
+    };
+    [cell(score), cell(count)]
+}
+
+/// Columns of [`over_seeds`].
+const OVER_SEEDS: [&str; 14] = [
+    "method",
+    "seeds",
+    "decisions",
+    "mean",
+    "IQM",
+    "at the last step",
+    "forgetting",
+    "forward transfer",
+    "assignment",
+    "when groups come back",
+    "policies",
+    "rollouts of two groups",
+    "dormant units",
+    "seconds of learning",
+];
+
+/// What each method is like over seeds and the whole stream.
+fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let caption = format!(
+        "Over seeds: mean and interquartile mean of success with stratified bootstrap intervals of \
+         95 %; forgetting, transfer and accuracy are means over groups and seeds. Dormant units put \
+         out at most {TAU} of their layer's mean."
+    );
+    let mut table = Table::new(&caption, &OVER_SEEDS);
+    for method in methods {
+        let row = over_seeds_row(&mut table, method, groups);
+        table.rows.push(row);
+    }
+    table
+}
+
+fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> Vec<String> {
+    let title = title(table, method);
+    let success = method.scores(groups, |group| group.success);
+    let at_end = method.scores(groups, |group| group.success_at_end);
+    let with_interval = |statistic: fn(&[f64]) -> f64| {
+        let interval = brackets(success.interval(statistic), 3);
+        format!("{:.3}{interval}", success.of(statistic))
+    };
+    let figures = || method.figures.iter();
+    let mut mean_of = |figure: fn(&Figures) -> Result<f64, Undefined>| {
+        cell(table, &figures().map(figure).collect::<Vec<_>>())
+    };
+    let seconds: Option<Vec<f64>> = method.runs.iter().map(RunData::seconds).collect();
+    vec![
+        title,
+        method.runs.len().to_string(),
+        range(figures().map(|figures| figures.decisions)),
+        with_interval(mean),
+        with_interval(iqm),
+        format!("{:.3}", at_end.of(mean)),
+        mean_of(|figures| figures.mean(|group| group.forgetting)),
+        mean_of(|figures| figures.mean(|group| group.transfer)),
+        mean_of(|figures| figures.accuracy),
+        mean_of(|figures| figures.return_accuracy),
+        range(figures().map(|figures| figures.policies)),
+        share(figures().map(|figures| figures.rollouts)),
+        mean_of(|figures| figures.dormant),
+        whole(seconds.map(|seconds| mean(&seconds))),
+    ]
+}
+
+/// The first method against each of the others.
+fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let success = |method: &MethodRuns| method.scores(groups, |group| group.success);
+    let first = &methods[0];
+    let header = [
+        "against",
+        "difference",
+        "probability of improvement",
+        "by the interval",
+        "in the paper (1)",
+    ];
+    let mut table = Table::new("", &header);
+    table.note(NOT_ONE_TO_ONE);
+    table.caption = format!(
+        "{} against the other methods, by success.",
+        title(&mut table, first)
+    );
+    let printed = |method: &MethodRuns| {
+        let row = method.identity.method.and_then(paper::row);
+        row.map(|row| row.average.0)
+    };
+    for other in &methods[1..] {
+        let comparison = Comparison::new(&success(first), &success(other));
+        let (improvement, interval) = comparison.improvement;
+        let paper = printed(first).zip(printed(other));
+        let against = title(&mut table, other);
+        table.rows.push(vec![
+            against,
+            format!(
+                "{:+.3}{}",
+                comparison.difference,
+                brackets(comparison.interval, 3)
+            ),
+            format!("{improvement:.2}{}", brackets(interval, 2)),
+            comparison.verdict().word().to_owned(),
+            paper.map_or_else(dash, |(own, other)| format!("{:+.2}", own - other)),
+        ]);
+    }
+    table
+}
+
+/// Success in each variant; those that the learner never met stand in brackets.
+fn variants(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let elements = ["identity", "flip x", "flip y", "half turn"];
+    let mut header = vec!["method", "group"];
+    header.extend(elements);
+    let caption = "Success in each variant, means over seeds; variants that were never trained on \
+        stand in brackets.";
+    let mut table = Table::new(caption, &header);
+    for method in methods {
+        let name = title(&mut table, method);
+        for group in groups {
+            let mut row = vec![name.clone(), group.clone()];
+            row.extend(elements.map(|element| variant(&method.runs, group, element)));
+            table.rows.push(row);
+        }
+    }
+    table
+}
+
+fn variant(runs: &[RunData], group: &str, element: &str) -> String {
+    let of = |run: &RunData| {
+        let mut rows = run.last_scores();
+        let row = rows.find(|row| row.group == group && row.element == element);
+        row.map(|row| (row.success, row.seen))
+    };
+    let scores: Vec<(f64, bool)> = runs.iter().filter_map(of).collect();
+    let successes: Vec<f64> = scores.iter().map(|score| score.0).collect();
+    match scores.first() {
+        None => dash(),
+        Some((_, true)) => format!("{:.3}", mean(&successes)),
+        Some((_, false)) => format!("({:.3})", mean(&successes)),
+    }
+}
+
+/// One row a run.
+fn runs(methods: &[MethodRuns]) -> Table {
+    let header = [
+        "run",
+        "success",
+        "reward",
+        "policies",
+        "decisions",
+        "seconds",
+        "commit",
+    ];
+    let mut table = Table::new("Each run.", &header);
+    for method in methods {
+        for (run, figures) in method.runs.iter().zip(&method.figures) {
+            let average = |figure: fn(&GroupFigures) -> f64| {
+                mean(&figures.groups.iter().map(figure).collect::<Vec<_>>())
+            };
+            let name = marked(&mut table, method, &run.name);
+            table.rows.push(vec![
+                name,
+                format!("{:.3}", average(|group| group.success)),
+                format!("{:.1}", average(|group| group.reward)),
+                figures.policies.to_string(),
+                figures.decisions.to_string(),
+                whole(run.seconds()),
+                run.commits().join(", "),
+            ]);
+        }
+    }
+    table
+}
+
+/// A figure without decimals, where there is one.
+fn whole(figure: Option<f64>) -> String {
+    figure.map_or_else(dash, |figure| format!("{figure:.0}"))
+}
+
+/// The least and the largest of some counts.
+fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
+    match (counts.clone().min(), counts.max()) {
+        (Some(least), Some(most)) if least == most => least.to_string(),
+        (Some(least), Some(most)) => format!("{least} to {most}"),
+        _ => dash(),
+    }
+}
+
+fn share(rollouts: impl Iterator<Item = [usize; 2]>) -> String {
+    let [all, straddled] = rollouts.fold([0, 0], |sum, run| [sum[0] + run[0], sum[1] + run[1]]);
+    format!("{straddled} of {all}")
+}

@@ -1,0 +1,53 @@
+//! When a group's visits ended.
+
+use std::iter::repeat_n;
+
+use experiments::RolloutRow;
+
+/// After how many rollouts each visit of a group was over, as the rows of turns tell: a visit that
+/// neither began nor ended a turn is not among them.
+pub fn ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
+    let over = |index: usize| {
+        let row = &rollouts[index];
+        let next = rollouts.get(index + 1).map(|row| row.group.as_str());
+        let first = row.group == group && (row.straddles || next != Some(group));
+        // the group came within the turn, and the next turn has another one
+        let last = row.straddles && row.last_group == group && next != Some(group);
+        repeat_n(index + 1, usize::from(first) + usize::from(last))
+    };
+    (0..rollouts.len()).flat_map(over).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ends of `a` in turns that are written as the groups they showed.
+    fn ends_of_a(turns: &[&str]) -> Vec<usize> {
+        let row = |turn: &&str| RolloutRow {
+            group: turn[..1].to_owned(),
+            last_group: turn[turn.len() - 1..].to_owned(),
+            straddles: turn.len() > 1,
+            ..RolloutRow::default()
+        };
+        ends(&turns.iter().map(row).collect::<Vec<_>>(), "a")
+    }
+
+    #[test]
+    fn a_visit_ends_where_another_group_comes_or_the_stream_ends() {
+        assert_eq!(ends_of_a(&["a", "a", "b", "a"]), [2, 4]);
+        assert_eq!(ends_of_a(&["a", "ab", "b", "ba", "a", "b"]), [2, 5]);
+        assert!(ends_of_a(&["b"]).is_empty());
+    }
+
+    #[test]
+    fn short_visits_count_where_a_turn_begins_or_ends_with_them() {
+        // there is another group within a turn
+        assert_eq!(ends_of_a(&["a", "aba", "a"]), [2, 3]);
+        // the whole visit is within a turn
+        assert_eq!(ends_of_a(&["b", "ba", "c"]), [2]);
+        assert_eq!(ends_of_a(&["b", "ba"]), [2]);
+        // one visit ends within the turn and one with it
+        assert_eq!(ends_of_a(&["aba", "c"]), [1, 1]);
+    }
+}

@@ -1,0 +1,90 @@
+//! How far the newest rollout was from what each policy remembers.
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::Style;
+use ratatui::text::Span;
+use ratatui::widgets::{Block, Cell, Row, Table};
+
+use experiments::RunData;
+use experiments::text::number;
+
+use super::{ink, ratios};
+
+/// Cells of a bar; half of them are the threshold.
+const BAR: usize = 20;
+
+/// Least rows of a panel that shows earlier rollouts, too.
+const BOTH: u16 = 14;
+
+/// Draws a row for each policy that the newest rollout was compared with: the distance, the
+/// threshold, and a bar of their ratio in whose middle the threshold stands. Where there is room,
+/// the ratios of all rollouts are below.
+pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
+    let newest = run.rollouts.last();
+    let distances = newest.map_or(&[][..], |row| &row.distances[..]);
+    let thresholds = newest.map_or_else(Vec::new, |row| run.thresholds(row));
+    let title = match (run.rollouts.len(), distances) {
+        (0, _) => "W1: no rollout yet".to_owned(),
+        (rollouts, []) => format!("W1: none in rollout {}", rollouts - 1),
+        (rollouts, _) => format!("W1 of rollout {} and its threshold", rollouts - 1),
+    };
+    let thresholds = thresholds.into_iter().chain(std::iter::repeat(None));
+    let rows = distances.iter().zip(thresholds).enumerate();
+    let rows = rows.map(|(policy, (&distance, threshold))| {
+        let colour = Style::new().fg(ink::of_policy(run, policy));
+        let ratio = distance.zip(threshold).map(|(own, most)| own / most);
+        Row::new([
+            Cell::new(Span::styled(format!("policy {policy}"), colour)),
+            Cell::new(number(distance, 2)),
+            Cell::new(number(threshold, 2)),
+            Cell::new(Span::styled(bar(ratio), colour)),
+        ])
+    });
+    let widths = [10, 6, 9, BAR as u16].map(Constraint::Length);
+    let header = Row::new(["", "W1", "threshold", ""]).style(Style::new().bold());
+    let table = Table::new(rows, widths).header(header);
+    let block = Block::bordered().title(title);
+    let inner = block.inner(area);
+    frame.render_widget(block, area);
+    let height = match inner.height >= BOTH {
+        true => (inner.height / 2).min(distances.len().min(99) as u16 + 1),
+        false => inner.height,
+    };
+    let rows = [Constraint::Length(height), Constraint::Fill(1)];
+    let [newest, all] = Layout::vertical(rows).areas(inner);
+    frame.render_widget(table, newest);
+    if !all.is_empty() {
+        ratios::draw(run, frame, all);
+    }
+}
+
+/// A bar that is full at twice the threshold; a dash where there is no ratio.
+fn bar(ratio: Option<f64>) -> String {
+    let Some(ratio) = ratio.filter(|ratio| ratio.is_finite() && *ratio >= 0.0) else {
+        return "-".to_owned();
+    };
+    let middle = BAR / 2;
+    let full = ((ratio * middle as f64).round() as usize).min(BAR);
+    let cell = |at: usize| match (at == middle, at < full) {
+        (true, _) => '│',
+        (false, true) => '█',
+        (false, false) => ' ',
+    };
+    (0..BAR).map(cell).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_threshold_stands_in_the_middle_of_a_bar() {
+        let filled = |ratio| bar(Some(ratio)).matches('█').count();
+        assert_eq!(bar(Some(0.5)), "█████     │         ");
+        assert_eq!((filled(0.0), filled(1.0), filled(9.0)), (0, 10, 19));
+        for none in [None, Some(f64::NAN), Some(f64::INFINITY), Some(-1.0)] {
+            assert_eq!(bar(none), "-");
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! What stands on screens of several sizes.
+
+use std::time::Duration;
+
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+use ratatui::buffer::Buffer;
+use ratatui::style::Color;
+use symmetry::D2;
+
+use super::draw::{Shown, draw};
+use experiments::colours::rgb;
+use experiments::presets::{Budget, Method};
+use experiments::sheet::Picture;
+use experiments::{RolloutRow, RunData, ScoreRow, TimingRow};
+
+const WIDE: (u16, u16) = (160, 50);
+const NARROW: (u16, u16) = (40, 12);
+
+/// A run that visits two groups, whose rewards rise; the second rollout of the second group is
+/// assigned to the policy of the first.
+fn run() -> RunData {
+    let mut run = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers));
+    let stream = run.experiment.schedule.total_decisions();
+    let groups = [0, 1].map(|number: usize| run.experiment.schedule.groups[number].group.clone());
+    for (turn, (group, policy)) in [(0, 0), (0, 0), (0, 0), (1, 1), (1, 0), (1, 1)]
+        .into_iter()
+        .enumerate()
+    {
+        run.rollouts.push(RolloutRow {
+            decisions: (turn + 1) * stream / 8,
+            group: groups[group].clone(),
+            last_group: groups[group].clone(),
+            policy,
+            created: turn == 0 || turn == 3,
+            reward: Some(100.0 + 60.0 * turn as f64),
+            success: Some(turn as f64 / 5.0),
+            distances: vec![Some(1.5), Some(f64::NAN)],
+            null_maxima: vec![Some(1.0), Some(0.7)],
+            ..RolloutRow::default()
+        });
+        run.timings.push(TimingRow {
+            decisions: stream / 8,
+            total: 10.0,
+            ..TimingRow::default()
+        });
+    }
+    run.scores = D2::ALL.map(|element| score(&groups[0], element)).to_vec();
+    run
+}
+
+fn score(group: &str, element: D2) -> ScoreRow {
+    ScoreRow {
+        rollouts: 3,
+        decisions: 10,
+        group: group.to_owned(),
+        element: element.to_string(),
+        seen: true,
+        episodes: 4,
+        success: 0.25,
+        success_at_end: 0.25,
+        reward: 100.0,
+        ..ScoreRow::default()
+    }
+}
+
+fn red() -> Picture {
+    Picture {
+        width: 2,
+        height: 2,
+        rgb: [[200, 0, 0]; 4].concat(),
+    }
+}
+
+fn drawn(run: &RunData, (width, height): (u16, u16)) -> Buffer {
+    let shown = Shown {
+        run,
+        finished: false,
+        silence: Some(Duration::from_secs(70)),
+        picture: Some(("how it begins".to_owned(), red())),
+        keys: "q quits",
+    };
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    terminal.draw(|frame| draw(&shown, frame)).unwrap();
+    terminal.backend().buffer().clone()
+}
+
+fn lines(buffer: &Buffer) -> Vec<String> {
+    let area = buffer.area;
+    let line = |y| (0..area.width).map(|x| buffer[(x, y)].symbol()).collect();
+    (0..area.height).map(line).collect()
+}
+
+fn colour(number: usize) -> Color {
+    let [r, g, b] = rgb(number);
+    Color::Rgb(r, g, b)
+}
+
+/// The line that begins with a name, and where its signs are.
+fn strip(buffer: &Buffer, name: &str) -> (u16, u16) {
+    let lines = lines(buffer);
+    let found = lines.iter().enumerate().find_map(|(y, line)| {
+        let x = line
+            .trim_start_matches('│')
+            .starts_with(&format!("{name:<7}"));
+        x.then_some(y as u16)
+    });
+    let y = found.unwrap_or_else(|| panic!("{name}: {lines:#?}"));
+    let border = u16::from(lines[usize::from(y)].starts_with('│'));
+    (border + 7, y)
+}
+
+#[test]
+fn a_wide_screen_shows_everything() {
+    let run = run();
+    let text = lines(&drawn(&run, WIDE)).join("\n");
+    let plans = &run.experiment.schedule.groups;
+    for expected in [
+        "covers-seed0",
+        "policy 1",
+        "75 %, ",
+        "decisions/s",
+        "reward of 500",
+        "success",
+        "threshold",
+        "W1 / threshold",
+        "how it begins",
+        "q quits  newest row 1 min old",
+        &format!("■ {}", plans[0].group),
+        &format!("■ {}", plans[1].group),
+    ] {
+        assert!(text.contains(expected), "{expected}: {text}");
+    }
+    let row = |name: &str| {
+        let row = text.lines().find(|line| line.contains(name)).unwrap();
+        row.split_whitespace()
+            .map(str::to_owned)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(
+        row(&format!("■ {}", plans[0].group))[2..7],
+        ["3", "0", "220.0", "0.40", "0.25"]
+    );
+    // a group that has not come
+    assert_eq!(
+        row(&format!("■ {}", plans[2].group))[2..7],
+        ["0", "-", "-", "-", "-"]
+    );
+    // the distance, its threshold, and a bar where there is a ratio
+    let policy = |name: &str| {
+        let line = text.lines().find(|line| line.contains(name)).unwrap();
+        let (_, after) = line.split_once(name).unwrap();
+        let cells = after.split_whitespace().take(3);
+        cells.map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(policy("│policy 0   ")[..2], ["1.50", "1.00"]);
+    assert_eq!(policy("│policy 1   "), ["-", "0.70", "-"]);
+}
+
+#[test]
+fn strips_have_the_colours_of_reports_on_every_screen() {
+    let run = run();
+    for size in [WIDE, NARROW, (80, 24), (120, 28)] {
+        let buffer = drawn(&run, size);
+        let colours = |name: &str| {
+            let (left, y) = strip(&buffer, name);
+            (0..6).map(|x| buffer[(left + x, y)].bg).collect::<Vec<_>>()
+        };
+        let of = |numbers: [usize; 6]| numbers.map(colour).to_vec();
+        assert_eq!(colours("group"), of([0, 0, 0, 1, 1, 1]), "{size:?}");
+        // the fifth was wrong
+        assert_eq!(colours("policy"), of([0, 0, 0, 1, 0, 1]), "{size:?}");
+        let (left, y) = strip(&buffer, "policy");
+        let signs: String = (0..6).map(|x| buffer[(left + x, y)].symbol()).collect();
+        assert_eq!(signs, "000101");
+    }
+}
+
+/// Where there is a curve in a group's colour: columns and rows.
+fn points(buffer: &Buffer, number: usize) -> Vec<(u16, u16)> {
+    let area = buffer.area;
+    let all = (0..area.width).flat_map(|x| (0..area.height).map(move |y| (x, y)));
+    let is_braille = |symbol: &str| {
+        symbol
+            .chars()
+            .all(|sign| ('\u{2801}'..='\u{28ff}').contains(&sign))
+    };
+    all.filter(|&at| buffer[at].fg == colour(number) && is_braille(buffer[at].symbol()))
+        .collect()
+}
+
+#[test]
+fn a_curve_rises_where_the_data_rises() {
+    let run = run();
+    for size in [NARROW, (60, 24)] {
+        let buffer = drawn(&run, size);
+        let mut both = points(&buffer, 0);
+        both.extend(points(&buffer, 1));
+        let first = both.iter().min_by_key(|(x, _)| x).unwrap();
+        let last = both.iter().max_by_key(|(x, _)| x).unwrap();
+        // rows are counted from above
+        assert!(last.1 < first.1, "{size:?}: {both:?}");
+        assert!(points(&buffer, 0).iter().max() < points(&buffer, 1).iter().min());
+    }
+}
+
+#[test]
+fn a_picture_has_its_own_colours() {
+    let buffer = drawn(&run(), WIDE);
+    let red = buffer
+        .content
+        .iter()
+        .filter(|cell| cell.fg == Color::Rgb(200, 0, 0));
+    let red: Vec<_> = red.collect();
+    assert!(red.len() > 100, "{}", red.len());
+    assert!(
+        red.iter()
+            .all(|cell| cell.symbol() == "▀" && cell.bg == cell.fg)
+    );
+}
+
+#[test]
+fn a_run_without_rows_and_screens_of_any_size_are_drawn() {
+    let empty = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers));
+    let text = lines(&drawn(&empty, WIDE)).join("\n");
+    for expected in ["begins", "0 %, - left, - decisions/s", "no rollout yet"] {
+        assert!(text.contains(expected), "{expected}: {text}");
+    }
+    let mut undefined = run();
+    for row in &mut undefined.rollouts {
+        (row.reward, row.success) = (Some(f64::NAN), None);
+        row.distances = vec![None, Some(f64::INFINITY)];
+        row.group = "a group of nobody's".to_owned();
+    }
+    for run in [&empty, &run(), &undefined] {
+        for width in [1, 2, 7, 8, 40, 99, 100, 300] {
+            for height in [1, 2, 3, 5, 12, 20, 30, 90] {
+                drawn(run, (width, height));
+            }
+        }
+    }
+}
