@@ -26,7 +26,7 @@ test: export CARGO_INCREMENTAL := 0
 test: deps
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	cargo clippy -p covers --lib --no-default-features --locked -- -D warnings
+	cargo clippy -p covers-rs --lib --no-default-features --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items --locked
 	cargo test --workspace --locked
 	$(EXAMPLES)/embed_cluster
@@ -41,7 +41,7 @@ test: deps
 
 # Tables, curves and strips of docs/results/table1.md from the runs that are kept: seconds, once the
 # program is compiled. A report compares its first method with the others.
-METHODS := covers 3rl clear cnn equi covers-gt covers-cnn covers-cnn-slim cnn-aug clear-bc equi-sac
+METHODS := covers 3rl clear cnn equi covers-gt covers-cnn covers-cnn-slim clear-bc equi-sac
 STRIPS := covers covers-cnn equi equi-sac clear 3rl
 # Runs are kept as an archive for each study.
 DATA := docs/results/data
@@ -75,7 +75,7 @@ efficiency: deps
 	rm -rf $(EFFICIENCY) && cp -r "$(TARGET)/efficiency" $(EFFICIENCY)
 
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
-GPU := -p covers-equivariant -p covers-rl -p covers --features covers/wgpu
+GPU := -p covers-equivariant -p covers-rl -p covers-rs --features covers-rs/wgpu
 
 # The tests of packages (1) and a target (2) with one of these words (3) in their names; fails where
 # none has a word.

@@ -1,10 +1,14 @@
 //! Generates the declarations from the installed `mujoco/mujoco.h` and links `libmujoco`.
 
 use std::env;
+use std::fs;
 use std::panic;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Declarations for documentation that is built where MuJoCo is not installed, as on docs.rs.
+const PREPARED: &str = include_str!("docs_rs.in");
 
 /// The MuJoCo release that this workspace is written for, as `mj_version()` reports it.
 const SUPPORTED_VERSION: u32 = 222;
@@ -28,6 +32,13 @@ fn main() -> ExitCode {
 }
 
 fn generate() -> Result<(), String> {
+    let folder = env::var_os("OUT_DIR").ok_or("cargo set no OUT_DIR")?;
+    let file = PathBuf::from(folder).join("bindings.rs");
+    let unwritable = |error| format!("cannot write {}: {error}", file.display());
+    if env::var_os("DOCS_RS").is_some() {
+        println!("cargo::rustc-env=MUJOCO_HEADER_FOLDER=");
+        return fs::write(&file, PREPARED).map_err(unwritable);
+    }
     require_libclang()?;
     let headers = Headers::default();
     let bindings = declarations(&headers)?;
@@ -37,11 +48,7 @@ fn generate() -> Result<(), String> {
         "cargo::rustc-env=MUJOCO_HEADER_FOLDER={}",
         headers.folder()?
     );
-    let folder = env::var_os("OUT_DIR").ok_or("cargo set no OUT_DIR")?;
-    let file = PathBuf::from(folder).join("bindings.rs");
-    bindings
-        .write_to_file(&file)
-        .map_err(|error| format!("cannot write {}: {error}", file.display()))
+    bindings.write_to_file(&file).map_err(unwritable)
 }
 
 /// bindgen panics when it cannot load libclang; asking for its version first, with the panic

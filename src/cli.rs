@@ -113,7 +113,7 @@ pub struct RunOptions {
 
 /// Learns from a stream of table-top tasks that nobody labels.
 #[derive(Clone, Debug, Parser)]
-#[command(version)]
+#[command(name = "covers", version)]
 pub struct StreamOptions {
     /// How long the run may take.
     #[arg(long, value_enum, default_value = "short")]

@@ -34,7 +34,7 @@ Exit codes:
 
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]
-#[command(version, after_help = BELOW)]
+#[command(name = "covers", version, after_help = BELOW)]
 pub struct Program {
     #[command(subcommand)]
     subcommand: Subcommands,

@@ -112,7 +112,7 @@ fn the_environments_bring_the_simulator() {
 #[test]
 fn the_learner_embeds_without_a_screen() {
     for (features, expected) in [("", true), (", default-features = false", false)] {
-        let lines = format!("covers = {{ path = \"{ROOT}\"{features} }}\n");
+        let lines = format!("covers = {{ package = \"covers-rs\", path = \"{ROOT}\"{features} }}\n");
         let stranger = Stranger::with(&format!("learner-{expected}"), &lines);
         let screen = stranger.unwanted().iter().any(|name| name == "ratatui");
         assert_eq!(screen, expected, "{features}");

@@ -221,7 +221,7 @@ fn replays_mirrored_decisions_and_randomised_pictures_go_on_to_the_same_bytes_on
         Method::ThreeRl,
         Method::EquiSac,
     ];
-    let others = [Method::CnnAug, Method::CnnDrac, Method::CoversRandomised];
+    let others = [Method::CnnDrac, Method::CoversRandomised];
     for method in [&off_policy[..], &others].concat() {
         let (summary, reference) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();

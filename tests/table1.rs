@@ -137,7 +137,6 @@ fn other_groups_policies_played_for_ordinary_networks() {
         ("covers-gt", "0 of 80"),
         ("covers-cnn", "17 of 80"),
         ("covers-cnn-slim", "23 of 80"),
-        ("cnn-aug", "12 of 80"),
         ("equi-sac", "0 of 48"),
     ] {
         let name = format!("| {method}");

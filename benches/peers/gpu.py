@@ -34,7 +34,7 @@ NETWORKS = {
 TASKS = ["training", "decisions"]
 # of a measurement in PyTorch, at least
 SECONDS = 0.15
-TESTS = [("equivariant", []), ("rl", []), ("covers", ["device::"])]
+TESTS = [("equivariant", []), ("rl", []), ("covers-rs", ["device::"])]
 # of all tests, at most: a driver in software needs minutes
 TEST_SECONDS = 150
 FRAMES = [("hand", "button-press"), ("sawyer", "button-press")]

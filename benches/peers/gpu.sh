@@ -7,7 +7,7 @@ cd "$here/../.."
 folder=${1:?usage: gpu.sh FOLDER}
 target=${CARGO_TARGET_DIR:-target}
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_RELEASE_DEBUG=0 CARGO_PROFILE_RELEASE_STRIP=symbols
-packages=(-p covers-equivariant -p covers-rl -p covers -p covers-envs -p covers-benches --features covers/wgpu,covers-benches/wgpu)
+packages=(-p covers-equivariant -p covers-rl -p covers-rs -p covers-envs -p covers-benches --features covers-rs/wgpu,covers-benches/wgpu)
 
 mkdir -p "$folder/bin" "$folder/lib" "$folder/tests"
 cargo build --release --locked "${packages[@]}" --bin covers --example gpu_times --example env_times

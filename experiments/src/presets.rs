@@ -35,8 +35,6 @@ pub enum Method {
     Equi,
     /// One ordinary policy for everything.
     Cnn,
-    /// COVERS with ordinary networks that learn from randomly mirrored decisions.
-    CnnAug,
     /// COVERS with ordinary networks that pay for what is not equivariant.
     CnnDrac,
     /// Soft actor-critic with a replay: one ordinary policy for everything.
@@ -55,7 +53,7 @@ pub enum Method {
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 13] = [
         Self::Covers,
         Self::CoversGt,
         Self::CoversCnn,
@@ -63,7 +61,6 @@ impl Method {
         Self::CoversRandomised,
         Self::Equi,
         Self::Cnn,
-        Self::CnnAug,
         Self::CnnDrac,
         Self::Clear,
         Self::ClearBc,
@@ -82,7 +79,6 @@ impl Method {
             Self::CoversRandomised => "covers-randomised",
             Self::Equi => "equi",
             Self::Cnn => "cnn",
-            Self::CnnAug => "cnn-aug",
             Self::CnnDrac => "cnn-drac",
             Self::Clear => "clear",
             Self::ClearBc => "clear-bc",
@@ -109,7 +105,7 @@ impl Method {
             Self::Paper => CoversSettings::paper(),
             _ => CoversSettings::default(),
         };
-        let plain = [Self::CoversCnn, Self::Cnn, Self::CnnAug, Self::CnnDrac];
+        let plain = [Self::CoversCnn, Self::Cnn, Self::CnnDrac];
         if plain.contains(&self) {
             settings.network.group = Group::C1;
         }
@@ -117,7 +113,6 @@ impl Method {
             Self::CoversCnnSlim => settings.network = slim(),
             Self::CoversGt => settings.grouping = GroupingSettings::Oracle,
             Self::Equi | Self::Cnn => settings.grouping = GroupingSettings::Single,
-            Self::CnnAug => settings.augmentation = Group::D2,
             Self::CnnDrac => settings.ppo = symmetrised(settings.ppo),
             _ => {}
         }

@@ -22,7 +22,7 @@
 )]
 
 /// Folder of the headers that these declarations were generated from, for what bindgen does not
-/// read: the tables of `mjxmacro.h`.
+/// read: the tables of `mjxmacro.h`. Empty on docs.rs.
 pub const HEADER_FOLDER: &str = env!("MUJOCO_HEADER_FOLDER");
 
 include!(concat!(env!("OUT_DIR"), "/bindings.rs"));

@@ -15,3 +15,12 @@ fn layout_tests_are_generated() {
     assert!(declarations.contains("Size of mjData_"));
     assert!(declarations.contains("Offset of field: mjModel_::nq"));
 }
+
+#[test]
+fn documentation_without_mujoco_shows_the_same_declarations() {
+    let generated = concat!(env!("OUT_DIR"), "/bindings.rs");
+    let prepared = concat!(env!("CARGO_MANIFEST_DIR"), "/docs_rs.in");
+    let [generated_text, prepared_text] =
+        [generated, prepared].map(|path| std::fs::read_to_string(path).unwrap());
+    assert!(generated_text == prepared_text, "copy {generated} to {prepared}");
+}

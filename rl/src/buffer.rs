@@ -2,12 +2,10 @@
 
 use std::fmt;
 
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use symmetry::Group;
 
 use crate::distributions::ActionNoise;
-use crate::env::{EnvSpec, Observations, Outcome, Transition, signed};
+use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::error::{RlError, check_all_finite, check_finite, check_len};
 use crate::gae::{GaeInputs, gae};
 use crate::policy::{Assess, Decisions, OnPolicy, Values};
@@ -183,27 +181,6 @@ impl RolloutBuffer {
         self.last_values = last_values;
         for (&sample, value) in self.truncated.iter().zip(final_values) {
             self.final_values[sample] = value;
-        }
-        Ok(())
-    }
-
-    /// Moves every decision by a random element of `group`: pictures, vectors and actions. Call
-    /// [`RolloutBuffer::revalue`] next: log-probabilities and values are still those of what was
-    /// collected, and a network without the symmetry says something else of what was moved.
-    ///
-    /// # Errors
-    /// [`RlError::BufferNotFinished`] before `finish`.
-    pub fn augment(&mut self, group: Group, rng: &mut ChaCha8Rng) -> Result<(), RlError> {
-        self.check_finished()?;
-        let (spec, elements) = (&self.spec, group.elements());
-        let actions = self.decisions.actions.chunks_exact_mut(spec.action.len());
-        for (i, action) in actions.enumerate() {
-            let g = elements[rng.random_range(0..elements.len())];
-            self.observations.transform(spec, i, g);
-            action.copy_from_slice(&signed(g, action, &spec.action));
-            if let Ok(k) = self.truncated.binary_search(&i) {
-                self.finals.transform(spec, k, g);
-            }
         }
         Ok(())
     }

@@ -100,7 +100,6 @@ fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy 
         let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
         assert!(stats.steps > 0 && stats.grad_norm > 0.0);
     }
-    buffer.augment(Group::D2, &mut rng).unwrap();
     buffer.revalue(&mut policy).unwrap();
     let network = policy.network();
     for own in [network.encoder(), network.heads()] {

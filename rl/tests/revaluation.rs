@@ -146,48 +146,6 @@ fn an_unfinished_rollout_is_refused() {
         buffer.revalue(&mut policy(2)),
         Err(RlError::BufferNotFinished { got: 0, .. })
     ));
-    let augmented = buffer.augment(Group::D2, &mut ChaCha8Rng::seed_from_u64(4));
-    assert!(matches!(
-        augmented,
-        Err(RlError::BufferNotFinished { got: 0, .. })
-    ));
-}
-
-/// A rollout moved by elements of `by`.
-fn augmented(buffer: &RolloutBuffer, by: Group) -> RolloutBuffer {
-    let (mut moved, mut rng) = (buffer.clone(), ChaCha8Rng::seed_from_u64(4));
-    moved.augment(by, &mut rng).unwrap();
-    moved
-}
-
-/// Change of a policy's view of its own rollout when it is moved by elements of `by`.
-fn change(group: Group, by: Group) -> f32 {
-    let mut policy = policy_of(group, 2);
-    let mut buffer = rollout(&mut policy);
-    buffer.revalue(&mut policy).unwrap();
-    let mut moved = augmented(&buffer, by);
-    moved.revalue(&mut policy).unwrap();
-    largest_difference(&moved, &buffer)
-}
-
-#[test]
-fn a_symmetric_policy_sees_no_difference_in_what_was_moved_and_a_plain_one_does() {
-    assert!(change(Group::D2, Group::D2) < 1e-4);
-    assert!(change(Group::D1x, Group::D1x) < 1e-4);
-    assert!(change(Group::D1x, Group::D2) > 1e-2);
-    assert!(change(Group::C1, Group::D2) > 1e-2);
-}
-
-#[test]
-fn pictures_vectors_and_actions_move_and_the_trivial_group_moves_nothing() {
-    let buffer = rollout(&mut policy_of(Group::C1, 2));
-    let [all, none] = [Group::D2, Group::C1].map(|by| augmented(&buffer, by));
-    assert_ne!(all.observations().images, buffer.observations().images);
-    assert_ne!(all.observations().vectors, buffer.observations().vectors);
-    assert_ne!(all.decisions().actions, buffer.decisions().actions);
-    assert_eq!(all.rewards(), buffer.rewards());
-    assert_eq!(none.observations(), buffer.observations());
-    assert_eq!(none.decisions(), buffer.decisions());
 }
 
 /// Assesses like a policy of its own, but spoils one of its answers: 0 is the assessment, 1 the

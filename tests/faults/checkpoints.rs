@@ -142,7 +142,7 @@ fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
 fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
     let scratch = Scratch::new("newer");
     let (folder, path, whole) = newest_of(&scratch);
-    let newer = resealed(&whole, br#"\"format\":4"#, br#"\"format\":5"#);
+    let newer = resealed(&whole, br#"\"format\":5"#, br#"\"format\":6"#);
     fs::write(&path, &newer).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(

@@ -116,14 +116,12 @@ fn methods_of_covers_differ_in_networks_groupings_and_symmetries_alone() {
         Method::CoversCnnSlim,
         Method::Equi,
         Method::Cnn,
-        Method::CnnAug,
         Method::CnnDrac,
     ] {
         let mut settings = method.covers();
         assert_ne!(settings, covers, "{method:?}");
         settings.network = covers.network.clone();
         settings.grouping = covers.grouping;
-        settings.augmentation = covers.augmentation;
         if method == Method::CnnDrac {
             assert_eq!(2 * settings.ppo.epochs, covers.ppo.epochs);
             settings.ppo.epochs = covers.ppo.epochs;

@@ -9,7 +9,7 @@ use rl::{
     BoxError, ContextSettings, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome,
     PpoSettings, SacSettings, Transition, VectorEnv,
 };
-use symmetry::{Group, Irrep};
+use symmetry::Irrep;
 
 use super::small::small_network;
 
@@ -41,10 +41,7 @@ fn of_covers() -> [CoversSettings; 5] {
         ..covers()
     };
     [
-        CoversSettings {
-            augmentation: Group::D2,
-            ..grouped(GroupingSettings::Oracle)
-        },
+        grouped(GroupingSettings::Oracle),
         grouped(GroupingSettings::Single),
         grouped(calibrated()),
         CoversSettings {

@@ -10,7 +10,6 @@ use rl::{
     PpoSettings, RlError, RolloutBuffer,
 };
 use serde::{Deserialize, Serialize};
-use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
 
@@ -50,10 +49,6 @@ pub struct CoversSettings {
     pub handover: Handover,
     /// Start of a new policy.
     pub new_policy: NewPolicy,
-    /// Before an update, every decision of the rollout is moved by a random element of this group:
-    /// picture, vector and action. The policy says anew how probable it was and what it is worth
-    /// ([`RolloutBuffer::augment`](rl::RolloutBuffer::augment)). C1 leaves decisions as they are.
-    pub augmentation: Group,
     /// Seed of everything that the learner draws.
     pub seed: u64,
     /// Device on which policies learn: not in a file.
@@ -73,7 +68,6 @@ impl Default for CoversSettings {
             buffer_episodes: Some(100),
             handover: Handover::default(),
             new_policy: NewPolicy::default(),
-            augmentation: Group::C1,
             seed: 0,
             device: LearningDevice::default(),
         }
@@ -142,7 +136,6 @@ impl CollectionSettings for CoversSettings {
     fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {
         Ok(PpoTraining {
             ppo: self.ppo(policy)?,
-            augmentation: self.augmentation,
         })
     }
 }
@@ -150,7 +143,6 @@ impl CollectionSettings for CoversSettings {
 /// Learns from one rollout after the other and keeps none.
 pub struct PpoTraining {
     ppo: Ppo,
-    augmentation: Group,
 }
 
 impl Training for PpoTraining {
@@ -170,10 +162,6 @@ impl Training for PpoTraining {
         rollout: &mut RolloutBuffer,
         rng: &mut ChaCha8Rng,
     ) -> Result<Vec<(String, f64)>, RlError> {
-        if self.augmentation != Group::C1 {
-            rollout.augment(self.augmentation, rng)?;
-            rollout.revalue(policy)?;
-        }
         Ok(self.ppo.update(policy, rollout, rng)?.metrics())
     }
 

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::LearnerError;
 
 /// The format of files, counted up with every change that older versions could not read.
-pub(super) const FORMAT: u32 = 4;
+pub(super) const FORMAT: u32 = 5;
 /// The key of the header.
 const KEY: &str = "covers";
 /// The array that holds the checksum.
