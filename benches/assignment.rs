@@ -11,9 +11,7 @@ const DIM: usize = 64;
 const FRAMES: usize = 4;
 
 fn cloud(points: usize, shift: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
-    (0..points * DIM)
-        .map(|_| shift + rng.random_range(-1.0..1.0))
-        .collect()
+    (0..points * DIM).map(|_| shift + rng.random_range(-1.0..1.0)).collect()
 }
 
 fn distances(c: &mut Criterion) {

@@ -23,10 +23,7 @@ fn embodiment() -> Result<Embodiment, EnvError> {
 }
 
 fn camera() -> Camera {
-    Camera {
-        size: SIZE,
-        ..Camera::default()
-    }
+    Camera { size: SIZE, ..Camera::default() }
 }
 
 /// One decision of the expert; a new episode where one ended.
@@ -45,9 +42,7 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut group = c.benchmark_group(task.name());
     table.reset(D2::Identity, &mut rng)?;
-    group.throughput(Throughput::Elements(
-        Control::default().action_repeat as u64,
-    ));
+    group.throughput(Throughput::Elements(Control::default().action_repeat as u64));
     group.bench_function("decision", |b| {
         b.iter(|| assert!(decide(&mut table, &mut rng).is_ok()));
     });
@@ -62,13 +57,7 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     let whole = rgb.clone();
     renderer.draw_backdrop(&mut table, &mut backdrop)?;
     group.bench_function("picture_over_backdrop", |b| {
-        b.iter(|| {
-            assert!(
-                renderer
-                    .render_over(&mut table, &mut backdrop, &mut rgb)
-                    .is_ok()
-            )
-        });
+        b.iter(|| assert!(renderer.render_over(&mut table, &mut backdrop, &mut rgb).is_ok()));
     });
     assert!(rgb == whole);
     group.finish();
@@ -86,11 +75,7 @@ fn vector(
         embodiment: embodiment()?,
         camera: camera(),
         randomisation,
-        control: Control {
-            action_repeat: 1,
-            displacement: 0.01,
-            ..Control::default()
-        },
+        control: Control { action_repeat: 1, displacement: 0.01, ..Control::default() },
         ..VecEnvSettings::default()
     };
     let mut env = VecEnv::new(settings, task, &D2::ALL)?;

@@ -47,9 +47,8 @@ impl Batch {
         let mut params = vec![0.0; layer.num_params()];
         layer.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
         let (in_len, out_len) = (layer.in_shape().len(), layer.out_shape().len());
-        let x: Vec<f32> = (0..SAMPLES * in_len)
-            .map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0)
-            .collect();
+        let x: Vec<f32> =
+            (0..SAMPLES * in_len).map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0).collect();
         Batch {
             gradient: vec![0.0; params.len()],
             params,

@@ -26,11 +26,7 @@ pub struct Noise {
 
 impl Noise {
     pub fn new() -> Self {
-        Self {
-            spec: spec(),
-            steps: 0,
-            rng: ChaCha8Rng::seed_from_u64(0),
-        }
+        Self { spec: spec(), steps: 0, rng: ChaCha8Rng::seed_from_u64(0) }
     }
 }
 

@@ -22,12 +22,7 @@ fn perception() -> Perception {
         },
         policy: PinholeCamera::overhead(SIZE, 1.5, 0.44),
         oversampling: 3,
-        links: (0..LINKS)
-            .map(|link| Link {
-                joints: [link, link + 1],
-                radius: 0.05,
-            })
-            .collect(),
+        links: (0..LINKS).map(|link| Link { joints: [link, link + 1], radius: 0.05 }).collect(),
         growth: 0.015,
         correction: ColorCorrection::GreyWorld,
         mark: Mark::disc(0.03, [0, 0, 255], 1.5),
@@ -49,9 +44,7 @@ fn joints(sway: f64) -> Vec<DVec3> {
 fn look(criterion: &mut Criterion) {
     let mut perception = perception();
     let frames = [100_u8, 97].map(|level| {
-        (0..3 * 640 * 480_u32)
-            .map(|i| level + (i * 7 % 5) as u8)
-            .collect::<Vec<u8>>()
+        (0..3 * 640 * 480_u32).map(|i| level + (i * 7 % 5) as u8).collect::<Vec<u8>>()
     });
     let arms = [joints(0.1), joints(-0.2)];
     let mut out = vec![0; 3 * SIZE * SIZE];

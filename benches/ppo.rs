@@ -24,10 +24,7 @@ fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<Rollo
 
 /// An optimiser without a limit on the divergence, so that every update runs all of its epochs.
 fn unlimited(policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
-    let settings = PpoSettings {
-        max_kl: 1e9,
-        ..PpoSettings::default()
-    };
+    let settings = PpoSettings { max_kl: 1e9, ..PpoSettings::default() };
     Ppo::new(settings, policy)
 }
 

@@ -41,11 +41,7 @@ impl Case<'_> {
         let mut policy = ActorCriticPolicy::new(&self.network, &spec(), 0)?;
         let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
         self.fill(&mut policy, &mut buffer)?;
-        let settings = PpoSettings {
-            epochs: 2,
-            max_kl: 1e9,
-            ..PpoSettings::default()
-        };
+        let settings = PpoSettings { epochs: 2, max_kl: 1e9, ..PpoSettings::default() };
         let fresh = || Ok((Ppo::new(settings.clone(), &policy)?, policy.clone()));
         let samples = 2 * HORIZON * spec().num_envs;
         self.measure(c, "ppo", (samples, "epochs", 2.0), fresh, &buffer)
@@ -59,10 +55,7 @@ impl Case<'_> {
         settings: SacSettings,
     ) -> Result<(), RlError> {
         let mut policy = SacPolicy::new(&self.network, context, &spec(), 0)?;
-        let replay = ReplaySettings {
-            steps: HORIZON,
-            ..ReplaySettings::default()
-        };
+        let replay = ReplaySettings { steps: HORIZON, ..ReplaySettings::default() };
         let mut replay = Replay::new(replay, &spec())?;
         self.fill(&mut policy, &mut replay)?;
         let samples = 512 * STEPS;
@@ -110,29 +103,16 @@ impl Case<'_> {
 fn all(c: &mut Criterion) -> Result<(), RlError> {
     let plain = Case {
         name: "plain",
-        network: NetworkSettings {
-            group: Group::C1,
-            ..NetworkSettings::default()
-        },
+        network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
     };
     plain.ppo(c)?;
     plain.sac(c, "sac", None, SacSettings::paper())?;
-    let windows = SacSettings {
-        window: 16,
-        ..SacSettings::paper()
-    };
+    let windows = SacSettings { window: 16, ..SacSettings::paper() };
     let context = Some(ContextSettings::default());
     plain.sac(c, "sac_with_context", context, windows)?;
-    let equivariant = Case {
-        name: "equivariant",
-        network: NetworkSettings::default(),
-    };
+    let equivariant = Case { name: "equivariant", network: NetworkSettings::default() };
     equivariant.ppo(c)?;
-    let augmented = SacSettings {
-        batch: 128,
-        augmentation: Group::D2,
-        ..SacSettings::paper()
-    };
+    let augmented = SacSettings { batch: 128, augmentation: Group::D2, ..SacSettings::paper() };
     equivariant.sac(c, "sac_augmented", None, augmented)
 }
 

@@ -24,13 +24,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let name = arguments.next();
     let name = name.as_deref().unwrap_or("drawer-close");
     let group = TaskRegistry::standard().get(name)?;
-    let path = arguments
-        .next()
-        .map_or("runs/embed_env.gif".into(), PathBuf::from);
-    let camera = Camera {
-        size: SIZE,
-        ..Camera::default()
-    };
+    let path = arguments.next().map_or("runs/embed_env.gif".into(), PathBuf::from);
+    let camera = Camera { size: SIZE, ..Camera::default() };
     let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera)?);
     let mut renderer = SceneRenderer::with_arm(Arc::clone(&scene))?;
     let films = D2::ALL
@@ -79,11 +74,8 @@ fn write_gif(path: &Path, films: &[Vec<Vec<u8>>]) -> Result<(), Box<dyn Error>> 
     let mut encoder = gif::Encoder::new(File::create(path)?, width, height, &[])?;
     encoder.set_repeat(gif::Repeat::Infinite)?;
     for index in 0..films[0].len() {
-        let line = |y| {
-            films
-                .iter()
-                .flat_map(move |film| &film[index][y * SIZE * RGB..][..SIZE * RGB])
-        };
+        let line =
+            |y| films.iter().flat_map(move |film| &film[index][y * SIZE * RGB..][..SIZE * RGB]);
         let rgb: Vec<u8> = (0..SIZE).flat_map(line).copied().collect();
         let mut frame = gif::Frame::from_rgb_speed(width, height, &rgb, 10);
         frame.delay = DELAY;

@@ -100,10 +100,7 @@ struct Data {
 
 /// Glyphs of random pixels, each with a random flip and place, in noise.
 fn pictures(glyphs: &[Vec<f32>], count: usize, rng: &mut ChaCha8Rng) -> Data {
-    let mut data = Data {
-        pictures: Vec::new(),
-        labels: Vec::new(),
-    };
+    let mut data = Data { pictures: Vec::new(), labels: Vec::new() };
     for _ in 0..count {
         let label = rng.random_range(0..CLASSES);
         let flip = D2::from_bits(rng.random_range(0..4));
@@ -127,13 +124,9 @@ fn noise(len: usize, rng: &mut impl Rng) -> impl Iterator<Item = f32> {
 
 fn main() -> Result<(), LayerError> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let glyphs: Vec<Vec<f32>> = (0..CLASSES)
-        .map(|_| noise(GLYPH * GLYPH, &mut rng).collect())
-        .collect();
-    let (few, new) = (
-        pictures(&glyphs, 200, &mut rng),
-        pictures(&glyphs, 1000, &mut rng),
-    );
+    let glyphs: Vec<Vec<f32>> =
+        (0..CLASSES).map(|_| noise(GLYPH * GLYPH, &mut rng).collect()).collect();
+    let (few, new) = (pictures(&glyphs, 200, &mut rng), pictures(&glyphs, 1000, &mut rng));
     for group in [Group::D2, Group::C1] {
         let net = network(group)?;
         let params = train(&net, &few, 60);

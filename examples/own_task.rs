@@ -50,10 +50,7 @@ impl Task for BlockPush {
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let (x, y) = (rng.random_range(0.08..0.2), rng.random_range(0.08..0.14));
         let object = DVec3::new(x, y, 0.07);
-        Placement {
-            object,
-            goal: object + DVec3::new(0.0, TRAVEL, 0.0),
-        }
+        Placement { object, goal: object + DVec3::new(0.0, TRAVEL, 0.0) }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
@@ -87,10 +84,7 @@ impl Task for BlockPush {
         } else {
             now.object + DVec3::new(0.0, 0.1, 0.0)
         };
-        ExpertCommand {
-            hand: aim + (now.hand - now.tcp),
-            finger: 0.0,
-        }
+        ExpertCommand { hand: aim + (now.hand - now.tcp), finger: 0.0 }
     }
 }
 
@@ -149,10 +143,7 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
     let rollout = experiment.learner.rollout_steps();
     let others = TaskGroup::STANDARD.map(|group| (group, others * rollout));
     let visits = [others.as_slice(), &[(group, own * rollout)]].concat();
-    Experiment {
-        schedule: Schedule::shuffled(cycles, &visits),
-        ..experiment
-    }
+    Experiment { schedule: Schedule::shuffled(cycles, &visits), ..experiment }
 }
 
 fn finish(run: &mut Run) -> Result<(), CoversError> {

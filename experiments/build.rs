@@ -13,9 +13,7 @@ fn main() {
     }
     // whether sources are those of the commit follows from every crate's files
     let tracked = git(&["ls-tree", "--name-only", "HEAD", "../"]).unwrap_or_default();
-    let crates = tracked
-        .lines()
-        .filter(|entry| Path::new(entry).join("Cargo.toml").exists());
+    let crates = tracked.lines().filter(|entry| Path::new(entry).join("Cargo.toml").exists());
     for path in crates.chain(["../src", "../Cargo.toml", "../Cargo.lock"]) {
         println!("cargo::rerun-if-changed={path}");
     }
@@ -37,11 +35,7 @@ fn main() {
 /// Standard output of git; `None` if it fails. It takes no locks, so that it disturbs no other git.
 fn git(arguments: &[&str]) -> Option<String> {
     let mut command = Command::new("git");
-    let output = command
-        .arg("--no-optional-locks")
-        .args(arguments)
-        .output()
-        .ok()?;
+    let output = command.arg("--no-optional-locks").args(arguments).output().ok()?;
     let text = String::from_utf8(output.stdout).ok()?;
     output.status.success().then(|| text.trim().to_owned())
 }

@@ -44,10 +44,7 @@ fn generate() -> Result<(), String> {
     let bindings = declarations(&headers)?;
     require_version(&bindings.to_string())?;
     // what bindgen cannot read, the macro tables of mjxmacro.h, is found in the same folder
-    println!(
-        "cargo::rustc-env=MUJOCO_HEADER_FOLDER={}",
-        headers.folder()?
-    );
+    println!("cargo::rustc-env=MUJOCO_HEADER_FOLDER={}", headers.folder()?);
     bindings.write_to_file(&file).map_err(unwritable)
 }
 
@@ -107,9 +104,7 @@ fn require_version(declarations: &str) -> Result<(), String> {
     if declarations.contains(&expected) {
         return Ok(());
     }
-    let found = declarations
-        .lines()
-        .find(|line| line.contains("mjVERSION_HEADER"));
+    let found = declarations.lines().find(|line| line.contains("mjVERSION_HEADER"));
     Err(format!(
         "mujoco/mujoco.h is not of MuJoCo 2.2.2: expected mjVERSION_HEADER {SUPPORTED_VERSION}, \
          got `{}`.",

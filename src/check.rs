@@ -77,16 +77,12 @@ impl Check {
         match *self {
             Self::Mask(ref options) => Ok(options.run(out)?),
             Self::Parity { ref folder, json } => Ok(check_parity(folder, json, out)?),
-            Self::Experts {
-                embodiment,
-                seeds,
-                json,
-            } => Ok(check_experts(embodiment, seeds, json, out)?),
-            Self::Symmetry {
-                embodiment,
-                seeds,
-                json,
-            } => Ok(check_symmetry(embodiment, seeds, json, out)?),
+            Self::Experts { embodiment, seeds, json } => {
+                Ok(check_experts(embodiment, seeds, json, out)?)
+            }
+            Self::Symmetry { embodiment, seeds, json } => {
+                Ok(check_symmetry(embodiment, seeds, json, out)?)
+            }
         }
     }
 }
@@ -118,15 +114,9 @@ fn of_variants<R: Send>(
     let mut jobs = Vec::new();
     for group in TaskGroup::STANDARD {
         let scene = Arc::new(Scene::new(group, embodiment, Camera::default())?);
-        jobs.extend(
-            elements
-                .iter()
-                .map(|&element| (Arc::clone(&scene), element)),
-        );
+        jobs.extend(elements.iter().map(|&element| (Arc::clone(&scene), element)));
     }
-    let rows = jobs
-        .par_iter()
-        .map(|(scene, element)| check(scene, *element));
+    let rows = jobs.par_iter().map(|(scene, element)| check(scene, *element));
     rows.collect()
 }
 
@@ -144,9 +134,7 @@ fn check_symmetry(
     out: &mut impl Write,
 ) -> Result<bool, RunError> {
     let others = [D2::FlipX, D2::FlipY, D2::HalfTurn];
-    let rows = of_variants(embodiment, &others, |scene, element| {
-        symmetry(scene, element, seeds)
-    })?;
+    let rows = of_variants(embodiment, &others, |scene, element| symmetry(scene, element, seeds))?;
     print(&rows, json, out, symmetry_line)?;
     Ok(rows.iter().all(SymmetryRow::passes))
 }
@@ -210,11 +198,7 @@ mod tests {
 
     #[test]
     fn json_holds_every_row() {
-        let check = Check::Experts {
-            embodiment: Some(Embodiment::HAND),
-            seeds: 1,
-            json: true,
-        };
+        let check = Check::Experts { embodiment: Some(Embodiment::HAND), seeds: 1, json: true };
         let mut out = Vec::new();
         assert!(check.run(&mut out).unwrap());
         let rows: serde_json::Value = serde_json::from_slice(&out).unwrap();

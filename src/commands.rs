@@ -167,10 +167,7 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, Covers
     if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
         return Err(CoversError::NoTerminal);
     }
-    let folder = options
-        .run
-        .output
-        .run_folder(&options.run_name(&experiment))?;
+    let folder = options.run.output.run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
     #[cfg(feature = "tui")]
     if options.tui {
@@ -226,12 +223,7 @@ fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError>
     let program = std::env::current_exe();
     let program = program.map_err(|error| RunError::read(Path::new("covers"), error))?;
     let (plan, runs) = (&plan, &runs);
-    Ok(ArrayJob {
-        plan,
-        runs,
-        ..array
-    }
-    .slurm(&program))
+    Ok(ArrayJob { plan, runs, ..array }.slurm(&program))
 }
 
 /// Runs to the end, or to a signal, and prints every step. An output that is closed stops the run
@@ -304,9 +296,7 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
 
 fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError> {
     let folder = RunFolder::open(&options.run);
-    let mut experiment = folder
-        .experiment()?
-        .with_threads(options.work.threads.count());
+    let mut experiment = folder.experiment()?.with_threads(options.work.threads.count());
     memory::check_environments(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
@@ -322,9 +312,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
-    let scores = pool
-        .install(|| evaluator.all(&mut *learner, &own, rounds))?
-        .scores;
+    let scores = pool.install(|| evaluator.all(&mut *learner, &own, rounds))?.scores;
     if options.work.json {
         say(out, &serde_json::json!(scores).to_string())
     } else {
@@ -335,10 +323,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
 /// Environments with pictures that are wrong by the amounts that they have, or by nominal ones.
 fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
     let amounts = envs.randomisation.unwrap_or_default();
-    VecEnvSettings {
-        randomisation: Some(amounts),
-        ..envs
-    }
+    VecEnvSettings { randomisation: Some(amounts), ..envs }
 }
 
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
@@ -351,8 +336,5 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
     let episodes = options.episodes;
     let extent = Extent::Policies { episodes };
     let to = RunFolder::pack(&options.folder, &experiment, &*learner, extent)?;
-    say(
-        out,
-        &format!("{} policies in {}", learner.policies(), to.path().display()),
-    )
+    say(out, &format!("{} policies in {}", learner.policies(), to.path().display()))
 }

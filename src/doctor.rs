@@ -71,12 +71,7 @@ pub struct Finding {
 impl Finding {
     fn good(part: &'static str, found: impl Into<String>) -> Self {
         let (found, cure) = (found.into(), None);
-        Self {
-            part,
-            health: Health::Good,
-            found,
-            cure,
-        }
+        Self { part, health: Health::Good, found, cure }
     }
 
     fn bad(part: &'static str, error: &impl std::fmt::Display, cure: &str) -> Self {
@@ -87,18 +82,12 @@ impl Finding {
     fn unless(self, well: bool, health: Health, cure: impl Into<String>) -> Self {
         match well {
             true => self,
-            false => Self {
-                health,
-                cure: Some(cure.into()),
-                ..self
-            },
+            false => Self { health, cure: Some(cure.into()), ..self },
         }
     }
 
     fn line(&self) -> String {
-        let Self {
-            part, found, cure, ..
-        } = self;
+        let Self { part, found, cure, .. } = self;
         let mark = match self.health {
             Health::Good => "ok",
             Health::Fair => "fair",
@@ -177,11 +166,7 @@ fn the_processor() -> Finding {
 
 fn the_memory() -> Finding {
     if let Err(limit) = memory::check_environments(1) {
-        return Finding::bad(
-            "memory",
-            &limit.to_string(),
-            "raise the limit of this process",
-        );
+        return Finding::bad("memory", &limit.to_string(), "raise the limit of this process");
     }
     let Some(free) = memory::available() else {
         return Finding::good("memory", "unknown");
@@ -190,9 +175,11 @@ fn the_memory() -> Finding {
     let found = Finding::good("memory", found);
     let cure = "a run of COVERS takes up to 1 GiB: close other programs";
     let replays = "enough for COVERS; a full replay (clear, 3rl, equi-sac) takes 3 GiB more";
-    found
-        .unless(free >= MEMORY + REPLAY, Health::Fair, replays)
-        .unless(free >= MEMORY, Health::Bad, cure)
+    found.unless(free >= MEMORY + REPLAY, Health::Fair, replays).unless(
+        free >= MEMORY,
+        Health::Bad,
+        cure,
+    )
 }
 
 fn the_disk(runs: &Path) -> Finding {
@@ -377,10 +364,7 @@ mod tests {
         let any = adapters.iter().any(|adapter| adapter.kind.is_hardware());
         assert_eq!(found.len(), adapters.len().max(1));
         for (finding, adapter) in found.iter().zip(adapters) {
-            assert_eq!(
-                (finding.part, &finding.found),
-                ("gpu", &adapter.to_string())
-            );
+            assert_eq!((finding.part, &finding.found), ("gpu", &adapter.to_string()));
             let good = finding.health == Health::Good;
             assert_eq!(good, any, "{adapter}: {finding:?}");
         }

@@ -70,9 +70,7 @@ fn write(command: &Command, folder: &Path) -> Result<usize, RunError> {
 
 /// The name of a command's page: its words with hyphens between them.
 fn title(command: &Command) -> &str {
-    command
-        .get_display_name()
-        .unwrap_or_else(|| command.get_name())
+    command.get_display_name().unwrap_or_else(|| command.get_name())
 }
 
 fn render(command: &Command) -> std::io::Result<Vec<u8>> {

@@ -30,11 +30,7 @@ impl PresetsOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         let text = match self.preset {
             Some(preset) => format!("{:#}", serde_json::json!(self.budget.experiment(preset))),
-            None => format!(
-                "presets:\n{}\n\nbudgets:\n{}",
-                lines::<Method>(),
-                lines::<Budget>()
-            ),
+            None => format!("presets:\n{}\n\nbudgets:\n{}", lines::<Method>(), lines::<Budget>()),
         };
         let written = writeln!(out, "{text}");
         written.map_err(|error| RunError::write(Path::new("standard output"), error))

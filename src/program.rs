@@ -55,10 +55,7 @@ enum Subcommands {
     /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
     Export(ExportOptions),
     /// Checks the environments, and a robot's mask; fails where a figure misses its bound.
-    #[command(
-        subcommand,
-        after_help = "Example: covers check symmetry --embodiment hand"
-    )]
+    #[command(subcommand, after_help = "Example: covers check symmetry --embodiment hand")]
     Check(Check),
     /// Says what this machine has, how fast it is, and how to cure what is missing.
     Doctor(DoctorOptions),
@@ -161,10 +158,7 @@ mod tests {
             assert!(below.contains(&example), "{example}: {help}");
         }
         let help = Program::command().render_help().to_string();
-        assert!(
-            help.contains("Example") && help.contains("Exit codes"),
-            "{help}"
-        );
+        assert!(help.contains("Example") && help.contains("Exit codes"), "{help}");
     }
 
     #[test]
@@ -195,10 +189,7 @@ mod tests {
             let words: Vec<&str> = words.iter().map(String::as_str).collect();
             let page = printed(&[&["man"], &words[..]].concat()).unwrap();
             let title = format!(".TH covers-{} 1", words.join("-"));
-            assert!(
-                page.contains(&title) && page.contains("Example"),
-                "{title}: {page}"
-            );
+            assert!(page.contains(&title) && page.contains("Example"), "{title}: {page}");
         }
         let unknown = printed(&["man", "fly"]).unwrap_err().to_string();
         assert!(unknown.contains("`command` is fly"), "{unknown}");

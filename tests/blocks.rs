@@ -90,12 +90,8 @@ fn wrong_command(own: &[&str]) -> Option<String> {
                 None => refused::<Program>(arguments),
                 Some("continual_stream") => refused::<StreamOptions>(arguments),
                 Some(name) => {
-                    let folders = [
-                        "examples",
-                        "evidence/examples",
-                        "benches/studies",
-                        "benches/peers",
-                    ];
+                    let folders =
+                        ["examples", "evidence/examples", "benches/studies", "benches/peers"];
                     let known = folders.iter().any(|folder| {
                         let examples = Path::new(folder);
                         examples.join(format!("{name}.rs")).exists() || examples.join(name).exists()
@@ -121,9 +117,7 @@ fn commands_are_those_of_the_program() {
         if page.ends_with("fuzz/README.md") {
             return Vec::new();
         }
-        let commands = blocks_of(text, "sh")
-            .into_iter()
-            .flat_map(|block| commands(&block));
+        let commands = blocks_of(text, "sh").into_iter().flat_map(|block| commands(&block));
         commands
             .filter_map(|words| Some(format!("{}: {}", words.join(" "), wrong(&words)?)))
             .collect()
@@ -183,9 +177,7 @@ fn has_rust(text: &str) -> bool {
 #[test]
 fn rust_is_compiled_with_the_documentation_of_a_crate() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let crates = fs::read_dir(root)
-        .unwrap()
-        .map(|entry| entry.unwrap().path());
+    let crates = fs::read_dir(root).unwrap().map(|entry| entry.unwrap().path());
     let crates = crates.chain([root.to_owned()]);
     let included = crates.flat_map(|folder| {
         let source = fs::read_to_string(folder.join("src/lib.rs")).unwrap_or_default();

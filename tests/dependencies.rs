@@ -77,28 +77,11 @@ const IMPORTS: [(&str, &[&str], &[&str]); 19] = [
     ),
     (
         "experiments",
-        &[
-            "cluster",
-            "envs",
-            "evidence",
-            "inpainting",
-            "learner",
-            "rl",
-            "robots",
-            "symmetry",
-        ],
+        &["cluster", "envs", "evidence", "inpainting", "learner", "rl", "robots", "symmetry"],
         &[],
     ),
-    (
-        "render",
-        &["envs", "experiments", "learner", "rl", "symmetry"],
-        &[],
-    ),
-    (
-        "report",
-        &["envs", "experiments", "learner", "render", "symmetry"],
-        &[],
-    ),
+    ("render", &["envs", "experiments", "learner", "rl", "symmetry"], &[]),
+    ("report", &["envs", "experiments", "learner", "render", "symmetry"], &[]),
     ("watch", &["envs", "experiments", "symmetry"], &[]),
     (
         "deploy",
@@ -230,17 +213,9 @@ fn acceptable(expression: &str) -> bool {
 
 /// Packages that a build of the workspace's libraries and programs compiles, tests left out.
 fn compiled(metadata: &Metadata) -> BTreeSet<&str> {
-    let nodes: BTreeMap<&str, &Node> = metadata
-        .resolve
-        .nodes
-        .iter()
-        .map(|n| (&n.id[..], n))
-        .collect();
-    let mut open: Vec<&str> = metadata
-        .workspace_members
-        .iter()
-        .map(|id| &id[..])
-        .collect();
+    let nodes: BTreeMap<&str, &Node> =
+        metadata.resolve.nodes.iter().map(|n| (&n.id[..], n)).collect();
+    let mut open: Vec<&str> = metadata.workspace_members.iter().map(|id| &id[..]).collect();
     let mut found = BTreeSet::new();
     while let Some(id) = open.pop() {
         if found.insert(id) {
@@ -294,9 +269,7 @@ fn forbidden_of(package: &Package) -> Vec<String> {
         let for_tests = is_dev(&d.kind) && tests.contains(&imported);
         !code.contains(&imported) && !for_tests
     });
-    wrong
-        .map(|d| format!("{name} imports {}", short(&d.name)))
-        .collect()
+    wrong.map(|d| format!("{name} imports {}", short(&d.name))).collect()
 }
 
 #[test]
@@ -390,19 +363,10 @@ fn a_forbidden_import_is_found() {
         let packages = [package(from, "0.1.0", "\"MIT\"", &dependency)];
         forbidden(&made_up(&format!("{from} 0.1.0"), &packages, "")).join("")
     };
-    assert_eq!(
-        import("covers-rl", "covers-envs", "null"),
-        "rl imports envs"
-    );
-    assert_eq!(
-        import("covers-rs", "covers-mujoco", "null"),
-        "covers imports mujoco"
-    );
+    assert_eq!(import("covers-rl", "covers-envs", "null"), "rl imports envs");
+    assert_eq!(import("covers-rs", "covers-mujoco", "null"), "covers imports mujoco");
     let wrong = import("covers-envs", "covers-inpainting", "null");
     assert_eq!(wrong, "envs imports inpainting");
     assert_eq!(import("covers-envs", "covers-inpainting", "\"dev\""), "");
-    assert_eq!(
-        import("covers-python", "covers-rl", "null"),
-        "python is not in the table"
-    );
+    assert_eq!(import("covers-python", "covers-rl", "null"), "python is not in the table");
 }

@@ -23,11 +23,7 @@ fn a_sweep_runs_the_first_trials_again_but_for_nominal_amounts() {
     let folder = std::env::temp_dir().join(format!("covers-deploy-{}", std::process::id()));
     let sweep = "--trials 2 --sweep-trials 1 --sweep mask-growth=20,60";
     let printed = deployed(&folder, sweep).unwrap();
-    assert_eq!(
-        printed.matches("among the trials above").count(),
-        1,
-        "{printed}"
-    );
+    assert_eq!(printed.matches("among the trials above").count(), 1, "{printed}");
 
     let read = |name: &str| fs::read_to_string(folder.join(name)).unwrap();
     let trials = read("trials.csv");
@@ -40,10 +36,7 @@ fn a_sweep_runs_the_first_trials_again_but_for_nominal_amounts() {
         let rows = swept.lines().filter_map(|row| row.strip_prefix(&start));
         rows.map(str::to_owned).collect::<Vec<_>>()
     };
-    let first = trials
-        .lines()
-        .skip(1)
-        .filter(|row| row.split(',').nth(2) == Some("0"));
+    let first = trials.lines().skip(1).filter(|row| row.split(',').nth(2) == Some("0"));
     assert_eq!(rows("20"), first.collect::<Vec<_>>());
     assert_eq!((rows("20").len(), rows("60").len()), (4, 4));
     assert!(read("mask-growth.svg").contains("goal-reach at 60: "));

@@ -11,10 +11,9 @@ fn on(method: Method, device: DeviceChoice) -> Result<Experiment, String> {
 
 #[test]
 fn learners_with_replays_or_a_symmetry_loss_learn_on_the_processor() {
-    for (method, reason) in [
-        (Method::Clear, "a learner with replays"),
-        (Method::CnnDrac, "a symmetry loss"),
-    ] {
+    for (method, reason) in
+        [(Method::Clear, "a learner with replays"), (Method::CnnDrac, "a symmetry loss")]
+    {
         let message = on(method, DeviceChoice::Gpu).unwrap_err();
         assert!(message.contains("setting `device` is gpu"), "{message}");
         assert!(message.contains(reason), "{message}");
@@ -77,10 +76,7 @@ mod gpu {
             let numbers = [expected, got].map(|text| text.parse::<f64>());
             if let [Ok(expected), Ok(got)] = numbers {
                 let allowed = 1e-3 * expected.abs().max(0.1);
-                assert!(
-                    (expected - got).abs() <= allowed,
-                    "{name}: {expected} {got}"
-                );
+                assert!((expected - got).abs() <= allowed, "{name}: {expected} {got}");
                 losses += usize::from(name.contains("loss"));
             }
         }
@@ -95,10 +91,7 @@ mod gpu {
         let (again, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
         let mut run = Run::resume_with(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
         run.advance().unwrap();
-        let gpus = Provenance::read(folder)
-            .unwrap()
-            .into_iter()
-            .map(|line| line.gpu);
+        let gpus = Provenance::read(folder).unwrap().into_iter().map(|line| line.gpu);
         let gpus: Vec<bool> = gpus.map(|gpu| gpu.is_some()).collect();
         assert_eq!(gpus, [true, false, true]);
     }

@@ -54,11 +54,7 @@ impl Stranger {
         fs::create_dir_all(folder.join("src")).unwrap();
         fs::write(folder.join("Cargo.toml"), manifest).unwrap();
         fs::write(folder.join("src/main.rs"), "fn main() {}\n").unwrap();
-        fs::copy(
-            Path::new(ROOT).join("Cargo.lock"),
-            folder.join("Cargo.lock"),
-        )
-        .unwrap();
+        fs::copy(Path::new(ROOT).join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
         Self(folder)
     }
 
@@ -96,23 +92,16 @@ fn networks_and_update_need_neither_simulator_nor_command_line() {
 fn the_environments_bring_the_simulator() {
     let stranger = Stranger::new(&[("covers-envs", "envs")]);
     let unwanted = stranger.unwanted();
-    for expected in [
-        "bindgen",
-        "covers-envs",
-        "covers-mujoco",
-        "covers-mujoco-sys",
-    ] {
-        assert!(
-            unwanted.iter().any(|name| name == expected),
-            "{expected}: {unwanted:?}"
-        );
+    for expected in ["bindgen", "covers-envs", "covers-mujoco", "covers-mujoco-sys"] {
+        assert!(unwanted.iter().any(|name| name == expected), "{expected}: {unwanted:?}");
     }
 }
 
 #[test]
 fn the_learner_embeds_without_a_screen() {
     for (features, expected) in [("", true), (", default-features = false", false)] {
-        let lines = format!("covers = {{ package = \"covers-rs\", path = \"{ROOT}\"{features} }}\n");
+        let lines =
+            format!("covers = {{ package = \"covers-rs\", path = \"{ROOT}\"{features} }}\n");
         let stranger = Stranger::with(&format!("learner-{expected}"), &lines);
         let screen = stranger.unwanted().iter().any(|name| name == "ratatui");
         assert_eq!(screen, expected, "{features}");

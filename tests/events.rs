@@ -33,11 +33,9 @@ const SCORES: &str = "rollouts,decisions,group,element,seen,policy,episodes,succ
 /// how long its second rollout took.
 fn running(scratch: &Scratch) -> std::path::PathBuf {
     let run = scratch.pack(&small(Method::Covers));
-    for (name, text) in [
-        ("metrics.csv", METRICS),
-        ("timings.csv", TIMINGS),
-        ("evaluation.csv", SCORES),
-    ] {
+    for (name, text) in
+        [("metrics.csv", METRICS), ("timings.csv", TIMINGS), ("evaluation.csv", SCORES)]
+    {
         fs::write(run.join(name), text).unwrap();
     }
     let sheet = fs::File::create(run.join("contact_sheet.png")).unwrap();
@@ -63,11 +61,7 @@ fn checksum(bytes: &[u8]) -> u32 {
     for byte in bytes {
         crc ^= u32::from(*byte);
         for _ in 0..8 {
-            crc = if crc & 1 == 1 {
-                crc >> 1 ^ 0x82f6_3b78
-            } else {
-                crc >> 1
-            };
+            crc = if crc & 1 == 1 { crc >> 1 ^ 0x82f6_3b78 } else { crc >> 1 };
         }
     }
     let crc = !crc;
@@ -116,27 +110,14 @@ fn figures_come_with_their_decisions_and_seconds() {
     assert_eq!(scalars("reward"), [(500, 2.5, 20.5), (1500, 4.0, 30.0)]);
     assert_eq!(scalars("policy").len(), 3);
     assert_eq!(scalars("straddles").len(), 3);
-    assert_eq!(
-        scalars("loss"),
-        [(500, 2.5, 0.5), (1500, 4.0, 1.0)],
-        "no number, no point"
-    );
-    assert_eq!(
-        scalars("distances/policy 0"),
-        [(1000, 2.5, 1.5), (1500, 4.0, 2.0)]
-    );
+    assert_eq!(scalars("loss"), [(500, 2.5, 0.5), (1500, 4.0, 1.0)], "no number, no point");
+    assert_eq!(scalars("distances/policy 0"), [(1000, 2.5, 1.5), (1500, 4.0, 2.0)]);
     assert_eq!(scalars("distances/policy 2"), [(1000, 2.5, 0.5)]);
     assert_eq!(scalars("distances/policy 1"), []);
-    assert_eq!(
-        scalars("seconds/update"),
-        [(500, 2.5, 1.0), (1500, 4.0, 0.5)]
-    );
+    assert_eq!(scalars("seconds/update"), [(500, 2.5, 1.0), (1500, 4.0, 0.5)]);
     let evaluation = "evaluation/goal-reach/success";
     assert_eq!(scalars(evaluation), [(1000, 2.5, 0.75)]);
-    assert_eq!(
-        scalars("evaluation/goal-reach/success/flip x"),
-        [(1000, 2.5, 0.5)]
-    );
+    assert_eq!(scalars("evaluation/goal-reach/success/flip x"), [(1000, 2.5, 0.5)]);
     for word in ["rollout", "decisions", "group"] {
         assert_eq!(scalars(word), []);
     }
@@ -151,9 +132,8 @@ fn pictures_and_histograms_are_whole() {
     let records = records(&file).unwrap();
     assert_eq!(Message::parse(records[0]).text(3), "brain.Event:2");
     let events = records[1..].iter().map(|bytes| Message::parse(bytes));
-    let values: Vec<Message<'_>> = events
-        .map(|e| e.message(5).unwrap().message(1).unwrap())
-        .collect();
+    let values: Vec<Message<'_>> =
+        events.map(|e| e.message(5).unwrap().message(1).unwrap()).collect();
     let image = values.iter().find_map(|value| value.message(4)).unwrap();
     let png = fs::read(run.join("contact_sheet.png")).unwrap();
     assert_eq!(image.blobs(4).next(), Some(&png[..]));
@@ -164,10 +144,7 @@ fn pictures_and_histograms_are_whole() {
         [0.5, 1.5, 2.0, 2.0, 2.5]
     );
     let limits = histogram.blobs(6).next().unwrap();
-    assert_eq!(
-        limits,
-        [0.5f64.to_le_bytes(), 1.5f64.to_le_bytes()].concat()
-    );
+    assert_eq!(limits, [0.5f64.to_le_bytes(), 1.5f64.to_le_bytes()].concat());
 }
 
 #[test]

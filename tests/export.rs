@@ -39,12 +39,9 @@ fn arrays(path: &Path) -> Vec<(String, Tensor)> {
         let data = view.data();
         let values: Vec<f64> = match view.dtype() {
             Dtype::U8 => data.iter().map(|&byte| byte.into()).collect(),
-            Dtype::F32 => data
-                .as_chunks()
-                .0
-                .iter()
-                .map(|b| f32::from_le_bytes(*b).into())
-                .collect(),
+            Dtype::F32 => {
+                data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b).into()).collect()
+            }
             other => panic!("{other:?}"),
         };
         (name.to_owned(), Tensor::new(view.shape(), values))
@@ -56,12 +53,7 @@ fn arrays(path: &Path) -> Vec<(String, Tensor)> {
 fn difference(folder: &Path) -> f64 {
     let model = fs::read(folder.join("policy.onnx")).unwrap();
     let golden = arrays(&folder.join("golden.safetensors"));
-    let named = |name| {
-        golden
-            .iter()
-            .find(|(n, _)| n == name)
-            .map(|(_, t)| t.clone())
-    };
+    let named = |name| golden.iter().find(|(n, _)| n == name).map(|(_, t)| t.clone());
     let inputs = ["image", "vector"].map(|name| (name, named(name).unwrap()));
     let outputs = run(&model, &inputs);
     let mut names: Vec<&str> = outputs.keys().map(String::as_str).collect();
@@ -106,14 +98,9 @@ fn network(experiment: &mut Experiment) -> &mut NetworkSettings {
 
 /// Policies of every group, of both learners, and with every part that can be exported.
 fn policies() -> Vec<Experiment> {
-    let groups = Group::ALL
-        .into_iter()
-        .map(|group| narrow(Method::Covers, group));
+    let groups = Group::ALL.into_iter().map(|group| narrow(Method::Covers, group));
     let mut pooled = narrow(Method::Covers, Group::D2);
-    network(&mut pooled).encoder = Encoder::Pooled {
-        fields: vec![1],
-        inner: [2, 1],
-    };
+    network(&mut pooled).encoder = Encoder::Pooled { fields: vec![1], inner: [2, 1] };
     network(&mut pooled).critic = Critic::Pooled { width: 5 };
     let mut blind = narrow(Method::Covers, Group::C2);
     network(&mut blind).encoder = Encoder::Blind;
@@ -164,27 +151,12 @@ fn weights_and_their_description_belong_to_the_model() {
 #[test]
 fn a_description_says_what_the_pictures_show() {
     for (beside, channels, shown) in [
-        (
-            Beside::First,
-            6,
-            "picture; red, green, blue of the episode's first",
-        ),
-        (
-            Beside::CloseUp,
-            6,
-            "picture; red, green, blue of the close-up",
-        ),
-        (
-            Beside::FirstAndCloseUp,
-            9,
-            "of the episode's first; red, green, blue of the close-up",
-        ),
+        (Beside::First, 6, "picture; red, green, blue of the episode's first"),
+        (Beside::CloseUp, 6, "picture; red, green, blue of the close-up"),
+        (Beside::FirstAndCloseUp, 9, "of the episode's first; red, green, blue of the close-up"),
     ] {
         let mut experiment = narrow(Method::Covers, Group::D2);
-        (
-            experiment.envs.camera.oversampling,
-            experiment.envs.camera.beside,
-        ) = (2, beside);
+        (experiment.envs.camera.oversampling, experiment.envs.camera.beside) = (2, beside);
         let scratch = Scratch::new("export-pictures");
         let folder = scratch.0.join("new");
         export(&scratch.pack(&experiment), "0", &folder).unwrap();
@@ -192,10 +164,7 @@ fn a_description_says_what_the_pictures_show() {
         let about: serde_json::Value = serde_json::from_str(&text).unwrap();
         let image = &about["inputs"]["image"];
         assert_eq!(image["shape"][3], channels);
-        assert!(
-            image["channels"].as_str().unwrap().ends_with(shown),
-            "{text}"
-        );
+        assert!(image["channels"].as_str().unwrap().ends_with(shown), "{text}");
         // the camera reads back as it was, so that a program can ask for the same images
         let camera: Camera = serde_json::from_value(image["camera"].clone()).unwrap();
         assert_eq!(camera, experiment.envs.camera);
@@ -208,11 +177,7 @@ fn a_description_says_what_the_pictures_show() {
 fn a_description_names_the_environments_of_the_training() {
     let mut experiment = narrow(Method::Covers, Group::D2);
     experiment.envs.embodiment = Embodiment::HAND;
-    experiment.envs.control = Control {
-        action_repeat: 5,
-        displacement: 0.03,
-        horizon: 45,
-    };
+    experiment.envs.control = Control { action_repeat: 5, displacement: 0.03, horizon: 45 };
     let scratch = Scratch::new("export-environment");
     let folder = scratch.0.join("new");
     export(&scratch.pack(&experiment), "0", &folder).unwrap();
@@ -239,10 +204,7 @@ fn what_cannot_be_exported_is_refused_with_the_reason() {
     let covers = narrow(Method::Covers, Group::D2);
     assert!(refusal(&covers, "1").contains("`policy` is 1"));
     let mut keypoints = covers.clone();
-    let encoder = Encoder::Keypoints {
-        fields: vec![1],
-        maps: 2,
-    };
+    let encoder = Encoder::Keypoints { fields: vec![1], maps: 2 };
     network(&mut keypoints).encoder = encoder;
     assert!(refusal(&keypoints, "0").contains("keypoints is no ordinary layer"));
     let recurrent = narrow(Method::ThreeRl, Group::C1);

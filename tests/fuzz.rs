@@ -20,11 +20,7 @@ fn inputs(target: &Target) -> Vec<Vec<u8>> {
     assert!(!inputs.is_empty(), "{}: no seeds", target.name);
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
     let files = std::fs::read_dir(corpus.join(target.name));
-    let mut files: Vec<_> = files
-        .into_iter()
-        .flatten()
-        .map(|f| f.unwrap().path())
-        .collect();
+    let mut files: Vec<_> = files.into_iter().flatten().map(|f| f.unwrap().path()).collect();
     files.sort();
     inputs.extend(files.iter().map(|file| std::fs::read(file).unwrap()));
     inputs
@@ -107,9 +103,7 @@ targets! {
 /// The targets that `make fuzz` runs, of a Makefile's text: those of its list, then those that it
 /// names alone.
 fn made(makefile: &str) -> Vec<&str> {
-    let list = makefile
-        .lines()
-        .filter_map(|line| line.strip_prefix("FUZZ_TARGETS := "));
+    let list = makefile.lines().filter_map(|line| line.strip_prefix("FUZZ_TARGETS := "));
     let alone = makefile.split("FUZZ=").skip(1);
     let alone = alone.filter_map(|rest| rest.split(' ').next());
     let named = list.flat_map(|list| list.split(' ')).chain(alone);

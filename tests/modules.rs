@@ -27,9 +27,7 @@ fn stems(folder: &Path) -> io::Result<Vec<String>> {
 
 /// The folders of the packages whose tests cargo does not find by itself.
 fn packages(root: &Path) -> Vec<PathBuf> {
-    let folders = fs::read_dir(root)
-        .unwrap()
-        .map(|entry| entry.unwrap().path());
+    let folders = fs::read_dir(root).unwrap().map(|entry| entry.unwrap().path());
     let takes_no_files = |folder: &PathBuf| {
         let manifest = fs::read_to_string(folder.join("Cargo.toml"));
         manifest.is_ok_and(|manifest| manifest.contains("autotests = false"))

@@ -31,10 +31,7 @@ fn any_field_can_be_set() {
     assert_eq!(changed.evaluation.every, Some(5));
     assert_eq!(changed.schedule.groups[0].decisions, 9);
     let list = differences(&smoke(), &changed).unwrap();
-    assert!(
-        list.contains("`learner.covers.ppo.gamma` 0.95 and 0.97"),
-        "{list}"
-    );
+    assert!(list.contains("`learner.covers.ppo.gamma` 0.95 and 0.97"), "{list}");
     assert_eq!(list.split("; ").count(), 6, "{list}");
 }
 
@@ -45,10 +42,7 @@ fn unknown_fields_name_the_nearest_known_one() {
         ("gamma=0.9", "covers.ppo.gamma"),
         ("seed=5", "covers.seed"),
         ("evaluation.round=2", "evaluation.rounds"),
-        (
-            "schedule.groups.9.decisions=9",
-            "schedule.groups.0.decisions",
-        ),
+        ("schedule.groups.9.decisions=9", "schedule.groups.0.decisions"),
     ] {
         let message = set(&[text]).unwrap_err().to_string();
         let asked = format!("did you mean `{nearest}`?");

@@ -50,18 +50,13 @@ fn prose(text: &str) -> impl Iterator<Item = &str> {
 fn links(text: &str) -> Vec<&str> {
     let targets = prose(text).flat_map(|line| line.split("](").skip(1));
     let targets = targets.filter_map(|rest| rest.split([')', '#']).next());
-    targets
-        .filter(|target| !target.is_empty() && !target.contains("://"))
-        .collect()
+    targets.filter(|target| !target.is_empty() && !target.contains("://")).collect()
 }
 
 /// Links of a page in `folder` that lead nowhere.
 fn dangling(folder: &Path, text: &str) -> Vec<String> {
     let links = links(text).into_iter();
-    links
-        .filter(|target| !folder.join(target).exists())
-        .map(str::to_owned)
-        .collect()
+    links.filter(|target| !folder.join(target).exists()).map(str::to_owned).collect()
 }
 
 /// Lines of prose that are longer than they may be.
@@ -84,10 +79,7 @@ pub fn on_any_page(wrong: impl Fn(&Path, &str) -> Vec<String>) -> Vec<String> {
     let findings = pages().into_iter().map(|page| {
         let text = fs::read_to_string(&page).unwrap();
         let found = wrong(&page, &text);
-        found
-            .iter()
-            .map(|what| format!("{}: {what}", page.display()))
-            .collect::<Vec<_>>()
+        found.iter().map(|what| format!("{}: {what}", page.display())).collect::<Vec<_>>()
     });
     findings.flatten().collect()
 }

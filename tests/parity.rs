@@ -34,12 +34,8 @@ fn rewards_steps_and_replays_are_meta_worlds() {
 /// fingers.
 #[test]
 fn episodes_start_where_meta_worlds_do() {
-    let over_the_centre = [
-        1.882616, -0.593460, -0.959474, 1.648329, 0.923299, 1.026890, 2.323406,
-    ];
-    let further_back = [
-        2.163679, -0.562765, -1.225574, 2.173459, 1.237292, 1.003001, 1.918364,
-    ];
+    let over_the_centre = [1.882616, -0.593460, -0.959474, 1.648329, 0.923299, 1.026890, 2.323406];
+    let further_back = [2.163679, -0.562765, -1.225574, 2.173459, 1.237292, 1.003001, 1.918364];
     for group in TaskGroup::STANDARD {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
         let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
@@ -77,8 +73,7 @@ fn changed(test: &str, change: impl Fn(&str, &mut Vec<u8>)) -> PathBuf {
         member.read_to_end(&mut bytes).unwrap();
         change(name.trim_end_matches(".npy"), &mut bytes);
         if !bytes.is_empty() {
-            copy.start_file(&*name, SimpleFileOptions::default())
-                .unwrap();
+            copy.start_file(&*name, SimpleFileOptions::default()).unwrap();
             copy.write_all(&bytes).unwrap();
         }
     }
@@ -150,21 +145,14 @@ fn damaged_recordings_are_refused_by_name() {
         }
     });
     let text = message(&missing);
-    assert!(
-        text.contains(REACH) && text.contains("`qvel` is missing among"),
-        "{text}"
-    );
+    assert!(text.contains(REACH) && text.contains("`qvel` is missing among"), "{text}");
     type Damage = fn(&mut Vec<u8>);
     let cases: [(&str, &str, Damage); 6] = [
         ("cut", "more or fewer values than its shape says", |bytes| {
             bytes.truncate(bytes.len() - 8);
         }),
-        ("header", "its header ends early", |bytes| {
-            bytes.truncate(40)
-        }),
-        ("magic", "does not begin as an npy file", |bytes| {
-            bytes[0] = b'x'
-        }),
+        ("header", "its header ends early", |bytes| bytes.truncate(40)),
+        ("magic", "does not begin as an npy file", |bytes| bytes[0] = b'x'),
         ("kind", "holds values of kind `<f4`", |bytes| {
             let at = bytes.windows(3).position(|w| w == b"<f8").unwrap();
             bytes[at + 2] = b'4';
@@ -209,15 +197,9 @@ fn what_is_no_recording_is_refused_by_name() {
     assert!(message(&to).contains("no recording in it"));
     fs::write(to.join(REACH), b"not a zip").unwrap();
     let text = message(&to);
-    assert!(
-        text.contains(REACH) && text.contains("not an npz archive"),
-        "{text}"
-    );
+    assert!(text.contains(REACH) && text.contains("not an npz archive"), "{text}");
     fs::rename(to.join(REACH), to.join("mj222_basketball_expert.npz")).unwrap();
     let text = message(&to);
-    assert!(
-        text.contains("basketball") && text.contains("plate-slide"),
-        "{text}"
-    );
+    assert!(text.contains("basketball") && text.contains("plate-slide"), "{text}");
     assert!(message(&to.join("nowhere")).contains("cannot read"));
 }

@@ -16,9 +16,7 @@ fn rows() -> Vec<Vec<&'static str>> {
         cells.pop();
         cells
     });
-    cells
-        .filter(|cells| !["Detail", "Column"].contains(&cells[0]))
-        .collect()
+    cells.filter(|cells| !["Detail", "Column"].contains(&cells[0])).collect()
 }
 
 /// The pieces of a text between back-ticks.
@@ -28,8 +26,7 @@ fn names(text: &str) -> Vec<&str> {
 
 /// Whether `word` stands in `text` by itself.
 fn has_word(text: &str, word: &str) -> bool {
-    text.split(|c: char| !c.is_alphanumeric() && c != '_')
-        .any(|other| other == word)
+    text.split(|c: char| !c.is_alphanumeric() && c != '_').any(|other| other == word)
 }
 
 /// Names of a "`name` in [file](../file)" cell that the file lacks.
@@ -38,16 +35,10 @@ fn missing(cell: &str) -> Vec<String> {
     let mut missing = Vec::new();
     for part in cell.split("; ") {
         let (listed, link) = part.split_once(" in ").unwrap();
-        let file = link
-            .split(['(', ')'])
-            .nth(1)
-            .unwrap()
-            .trim_start_matches("../");
+        let file = link.split(['(', ')']).nth(1).unwrap().trim_start_matches("../");
         let text = std::fs::read_to_string(root.join(file)).unwrap();
         assert!(!names(listed).is_empty(), "{part}");
-        let absent = names(listed)
-            .into_iter()
-            .filter(|name| !has_word(&text, name));
+        let absent = names(listed).into_iter().filter(|name| !has_word(&text, name));
         missing.extend(absent.map(|name| format!("{name} in {file}")));
     }
     missing
@@ -70,16 +61,12 @@ fn setting(settings: &CoversSettings, name: &str) -> Value {
     let all: Value = serde_json::from_str(&text).unwrap();
     let places = [&all["ppo"], &all["network"], &all];
     let found = places.into_iter().find_map(|place| place.get(name));
-    found
-        .unwrap_or_else(|| panic!("no setting `{name}`"))
-        .clone()
+    found.unwrap_or_else(|| panic!("no setting `{name}`")).clone()
 }
 
 /// Whether a cell states the value: a number, or the name of a variant in words.
 fn states(cell: &str, value: &Value) -> bool {
-    let variant = value
-        .as_object()
-        .and_then(|fields| fields.keys().next().map(String::as_str));
+    let variant = value.as_object().and_then(|fields| fields.keys().next().map(String::as_str));
     match (cell.parse::<f64>(), value.as_f64()) {
         (Ok(stated), Some(value)) => stated == value,
         _ if value.is_null() => cell == "none",
@@ -93,10 +80,9 @@ fn every_value_is_that_of_the_presets() {
     let mut seen = 0;
     for cells in rows().into_iter().filter(|cells| cells.len() == 6) {
         for name in names(cells[1]) {
-            for (cell, preset) in [
-                (cells[2], CoversSettings::default()),
-                (cells[3], CoversSettings::paper()),
-            ] {
+            for (cell, preset) in
+                [(cells[2], CoversSettings::default()), (cells[3], CoversSettings::paper())]
+            {
                 let value = setting(&preset, name);
                 assert!(states(cell, &value), "{name}: {cell} is not {value}");
             }
@@ -105,10 +91,7 @@ fn every_value_is_that_of_the_presets() {
     }
     assert_eq!(seen, 22);
     assert!(!states("0.3", &setting(&CoversSettings::default(), "clip")));
-    assert!(!states(
-        "reuse",
-        &setting(&CoversSettings::default(), "handover")
-    ));
+    assert!(!states("reuse", &setting(&CoversSettings::default(), "handover")));
 }
 
 #[test]

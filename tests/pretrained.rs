@@ -29,9 +29,7 @@ fn know_their_groups_and_solve_them(name: &str, beside: Beside) {
     let mut findings = Findings::default();
     for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };
-        evaluator
-            .variant(&mut *learner, variant, &own, 1, &mut findings)
-            .unwrap();
+        evaluator.variant(&mut *learner, variant, &own, 1, &mut findings).unwrap();
     }
     let mut chosen = Vec::new();
     for score in findings.scores {

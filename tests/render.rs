@@ -62,17 +62,9 @@ fn twins_that_are_mirrored_back_are_the_same_pictures() {
     assert_eq!((width, height, count), (630, 6 + 20 + 4 * 176, 6));
     for row in [1, 3] {
         let identity = cell(&first, width, 0, row);
-        assert!(
-            identity
-                .concat()
-                .chunks(4)
-                .any(|rgba| rgba != &identity[0][..4])
-        );
+        assert!(identity.concat().chunks(4).any(|rgba| rgba != &identity[0][..4]));
         for column in 1..4 {
-            assert!(
-                cell(&first, width, column, row) == identity,
-                "{row} {column}"
-            );
+            assert!(cell(&first, width, column, row) == identity, "{row} {column}");
             assert!(cell(&first, width, column, row - 1) != identity);
         }
     }
@@ -99,12 +91,7 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
     let below_a_file = there.join("film.gif");
     for (run, out, more, expected) in [
         (&run, &film, &["--group", "button-pres"][..], "button-press"),
-        (
-            &run,
-            &film,
-            &["--group", "drawer-close"],
-            "that the run has learnt",
-        ),
+        (&run, &film, &["--group", "drawer-close"], "that the run has learnt"),
         (&scratch.0, &film, &[], "holds no run"),
         (&run, &there, &[], "exists already"),
         (&run, &below_a_file, &[], "cannot write"),

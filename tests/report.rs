@@ -135,9 +135,7 @@ fn a_report_says_what_the_runs_files_say() {
         .map(|(name, (method, seed))| scratch.run(name, small(method, seed)))
         .collect();
     let out = scratch.0.join("out");
-    let text = scratch
-        .report(&runs, &["--out", out.to_str().unwrap()])
-        .unwrap();
+    let text = scratch.report(&runs, &["--out", out.to_str().unwrap()]).unwrap();
     let rows = Rows::of(&text);
     check_covers(&rows, &summaries[..2]);
     check_cnn(&rows, &summaries[2]);
@@ -186,12 +184,7 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
         ("evaluation.csv", "element", "flip y", "twice"),
         ("evaluation.csv", "element", "turn", "cannot be"),
         ("evaluation.csv", "success", "NaN", "cannot be"),
-        (
-            "evaluation.csv",
-            "episodes",
-            "18446744073709551615",
-            "cannot be",
-        ),
+        ("evaluation.csv", "episodes", "18446744073709551615", "cannot be"),
         ("evaluation.csv", "own_policy", "1", "own policies"),
         ("evaluation.csv", "own_success", "", "cannot be"),
         ("evaluation.csv", "own_reward", "inf", "cannot be"),
@@ -204,10 +197,7 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
         let table = fs::read_to_string(file(name)).unwrap();
         fs::write(file(name), with_cell(&table, column, wrong)).unwrap();
         let refusal = scratch.refusal(&["covers-seed0"]);
-        assert!(
-            refusal.contains(name) && refusal.contains(problem),
-            "{refusal}"
-        );
+        assert!(refusal.contains(name) && refusal.contains(problem), "{refusal}");
         fs::write(file(name), table).unwrap();
     }
 }
@@ -217,22 +207,13 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
 fn tables_that_are_cut_off_are_refused() {
     let scratch = Scratch::new("cut");
     scratch.run_without_checksums("covers-seed0", alone(Method::Covers, 0));
-    for name in [
-        "metrics.csv",
-        "evaluation.csv",
-        "units.csv",
-        "recognition.csv",
-        "timings.csv",
-    ] {
+    for name in ["metrics.csv", "evaluation.csv", "units.csv", "recognition.csv", "timings.csv"] {
         let file = scratch.0.join("covers-seed0").join(name);
         let whole = fs::read(&file).unwrap();
         for cut in [1, 3] {
             fs::write(&file, &whole[..whole.len() - cut]).unwrap();
             let refusal = scratch.refusal(&["covers-seed0"]);
-            assert!(
-                refusal.contains(name) && refusal.contains("cut off"),
-                "{refusal}"
-            );
+            assert!(refusal.contains(name) && refusal.contains("cut off"), "{refusal}");
         }
         fs::write(&file, whole).unwrap();
     }
@@ -283,24 +264,15 @@ fn names_do_not_steer_the_terminal() {
         fs::write(run.join(name), text).unwrap();
     }
     let out = scratch.0.join("out");
-    let text = scratch
-        .report(&[hostile], &["--out", out.to_str().unwrap()])
-        .unwrap();
+    let text = scratch.report(&[hostile], &["--out", out.to_str().unwrap()]).unwrap();
     assert!(text.contains("| goal\\u001b[2J\\u202e\\u000a |"), "{text}");
     let files = fs::read_dir(&out).unwrap().map(|file| file.unwrap().path());
     let files = files.map(|file| {
-        assert_eq!(
-            steering(&file.to_string_lossy()),
-            None,
-            "{}",
-            file.display()
-        );
+        assert_eq!(steering(&file.to_string_lossy()), None, "{}", file.display());
         fs::read_to_string(file).unwrap()
     });
     let mut watched = Vec::new();
-    WatchOptions { run, json: false }
-        .print(&mut watched)
-        .unwrap();
+    WatchOptions { run, json: false }.print(&mut watched).unwrap();
     let watched = String::from_utf8(watched).unwrap();
     assert!(watched.contains("goal\\u001b[2J"), "{watched}");
     let refused = error_line(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
@@ -328,16 +300,10 @@ fn tables_that_changed_after_the_end_are_refused() {
     ] {
         let file = scratch.0.join("cnn-seed0").join(name);
         let table = fs::read_to_string(&file).unwrap();
-        for changed in [
-            with_cell(&table, column, plausible),
-            table[..table.len() - 7].to_owned(),
-        ] {
+        for changed in [with_cell(&table, column, plausible), table[..table.len() - 7].to_owned()] {
             fs::write(&file, changed).unwrap();
             let refusal = scratch.refusal(&["cnn-seed0"]);
-            assert!(
-                refusal.contains(name) && refusal.contains("was changed"),
-                "{refusal}"
-            );
+            assert!(refusal.contains(name) && refusal.contains("was changed"), "{refusal}");
         }
         fs::write(&file, table).unwrap();
     }
@@ -354,10 +320,7 @@ fn what_was_counted_twice_is_refused() {
         let last = table.lines().last().unwrap();
         fs::write(&file, format!("{table}{last}\n")).unwrap();
         let refusal = scratch.refusal(&["covers-seed0"]);
-        assert!(
-            refusal.contains(name) && refusal.contains("twice"),
-            "{refusal}"
-        );
+        assert!(refusal.contains(name) && refusal.contains("twice"), "{refusal}");
         fs::write(&file, table).unwrap();
     }
 }
@@ -394,21 +357,14 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     let folder = scratch.0.join("report");
     let html = |more: &[&str]| {
         let out = ["--out", folder.to_str().unwrap()];
-        let text = scratch
-            .report(&["equi-seed0"], &[&out, more].concat())
-            .unwrap();
-        (
-            text,
-            fs::read_to_string(folder.join("report.html")).unwrap(),
-        )
+        let text = scratch.report(&["equi-seed0"], &[&out, more].concat()).unwrap();
+        (text, fs::read_to_string(folder.join("report.html")).unwrap())
     };
     // of an earlier report
     fs::create_dir_all(&folder).unwrap();
     let stale =
         ["recognition.csv", "recognition.tex", "equi-seed0.png"].map(|own| folder.join(own));
-    stale
-        .iter()
-        .for_each(|file| fs::write(file, "stale").unwrap());
+    stale.iter().for_each(|file| fs::write(file, "stale").unwrap());
     let gifs = |page: &str| page.matches("src=\"data:image/gif;base64,R0lGODlh").count();
     let (text, page) = html(&[]);
     assert!(gifs(&page) == 0 && !text.contains("films"));
@@ -432,8 +388,7 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let scratch = Scratch::new("names");
     let paper = |text: &str| {
         let rows = text.lines().filter(|line| line.contains("in the paper ("));
-        rows.map(|row| row.split(" in ").next().unwrap().to_owned())
-            .collect::<Vec<_>>()
+        rows.map(|row| row.split(" in ").next().unwrap().to_owned()).collect::<Vec<_>>()
     };
     scratch.run("covers-seed0", small(Method::Equi, 0));
     let text = scratch.report(&["covers-seed0"], &[]).unwrap();
@@ -462,10 +417,7 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     assert!(text.contains("`envs.camera.size` 48 and 32"), "{text}");
     let both = ["covers-seed0", "equi-seed0"];
     let text = scratch.report(&both, &[]).unwrap();
-    assert!(
-        text.contains("covers (2) against the other methods"),
-        "{text}"
-    );
+    assert!(text.contains("covers (2) against the other methods"), "{text}");
     Rows::of(&text).find(&["equi (3)"], 5);
 }
 
@@ -478,10 +430,7 @@ fn runs_that_do_not_compare_are_refused() {
     other.schedule.cycles = 2;
     scratch.run("cnn-seed0", other);
     let refusal = scratch.refusal(&["equi-seed0", "equi-seed1"]);
-    assert!(
-        refusal.contains("learner.covers.network.group"),
-        "{refusal}"
-    );
+    assert!(refusal.contains("learner.covers.network.group"), "{refusal}");
     let refusal = scratch.refusal(&["equi-seed0", "cnn-seed0"]);
     assert!(refusal.contains("schedule.cycles"), "{refusal}");
     fs::create_dir(scratch.0.join("copy")).unwrap();

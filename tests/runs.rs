@@ -32,10 +32,7 @@ struct Options {
 /// Runs `covers` with these arguments; returns what it printed.
 fn command(arguments: &[&str]) -> Result<String, CoversError> {
     let mut out = Vec::new();
-    Options::try_parse_from([&["covers"], arguments].concat())
-        .unwrap()
-        .command
-        .run(&mut out)?;
+    Options::try_parse_from([&["covers"], arguments].concat()).unwrap().command.run(&mut out)?;
     Ok(String::from_utf8(out).unwrap())
 }
 
@@ -78,9 +75,7 @@ fn finish(mut run: Run) -> (Summary, Vec<Vec<u8>>) {
     while run.advance().unwrap().is_some() {}
     let folder = run.folder().path();
     let files = FILES.map(|file| folder.join(file)).into_iter();
-    let bytes = files
-        .chain([newest(folder)])
-        .map(|file| fs::read(file).unwrap());
+    let bytes = files.chain([newest(folder)]).map(|file| fs::read(file).unwrap());
     let bytes = bytes.collect();
     (run.summary().unwrap().unwrap(), bytes)
 }
@@ -105,27 +100,15 @@ fn lines(bytes: &[u8]) -> usize {
 #[test]
 fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let scratch = Scratch::new("bytes");
-    let whole = |seed, threads| {
-        finish(start(
-            &scratch.0,
-            smoke().with_seed(seed).with_threads(threads),
-        ))
-    };
+    let whole =
+        |seed, threads| finish(start(&scratch.0, smoke().with_seed(seed).with_threads(threads)));
     let (summary, reference) = whole(3, 1);
     assert_eq!((summary.groups.len(), summary.variants.len()), (4, 16));
     assert!(summary.policies >= 1 && summary.decisions >= 8 * 80);
     // two turns of one rollout, and two that open a policy and take three
     assert_eq!(lines(&reference[1]), 1 + 4, "a header and a row a turn");
-    assert_eq!(
-        lines(&reference[2]),
-        1 + 16,
-        "sixteen variants after the stream"
-    );
-    assert_eq!(
-        lines(&reference[4]),
-        1 + 16 * 3,
-        "an answer to 1, 4 and 20 episodes of each"
-    );
+    assert_eq!(lines(&reference[2]), 1 + 16, "sixteen variants after the stream");
+    assert_eq!(lines(&reference[4]), 1 + 16 * 3, "an answer to 1, 4 and 20 episodes of each");
     let (_, two_threads) = whole(3, 2);
     assert!(two_threads[1..] == reference[1..], "two threads differ");
     // the first turn shows it
@@ -167,10 +150,7 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     // what has ended stays as it is
     let mut ended = Run::resume(&folder, None).unwrap();
     assert!(ended.advance().unwrap().is_none());
-    assert_eq!(
-        timeless(&ended.summary().unwrap().unwrap()),
-        timeless(&summary)
-    );
+    assert_eq!(timeless(&ended.summary().unwrap().unwrap()), timeless(&summary));
 }
 
 /// A smoke run of two groups without an arm, which takes less time; the paper's with small
@@ -201,10 +181,7 @@ fn every_other_method_runs_its_smoke_budget() {
         let many = small(method).learner.tells_groups_apart();
         assert_eq!(summary.policies > 1, many, "{method:?}");
         if method == Method::CoversGt {
-            assert_eq!(
-                (summary.policies, summary.assignment_accuracy),
-                (2, Some(1.0))
-            );
+            assert_eq!((summary.policies, summary.assignment_accuracy), (2, Some(1.0)));
             let mut groups = summary.groups.iter();
             assert!(groups.all(|group| group.policies.len() == 1));
         }
@@ -215,12 +192,7 @@ fn every_other_method_runs_its_smoke_budget() {
 fn replays_mirrored_decisions_and_randomised_pictures_go_on_to_the_same_bytes_on_any_number_of_threads()
  {
     let scratch = Scratch::new("replays");
-    let off_policy = [
-        Method::Clear,
-        Method::ClearBc,
-        Method::ThreeRl,
-        Method::EquiSac,
-    ];
+    let off_policy = [Method::Clear, Method::ClearBc, Method::ThreeRl, Method::EquiSac];
     let others = [Method::CnnDrac, Method::CoversRandomised];
     for method in [&off_policy[..], &others].concat() {
         let (summary, reference) = finish(start(&scratch.0, small(method)));
@@ -235,14 +207,8 @@ fn replays_mirrored_decisions_and_randomised_pictures_go_on_to_the_same_bytes_on
             let metrics = String::from_utf8_lossy(&reference[1]);
             let mut names = metrics.lines().next().unwrap().split(',');
             let column = names.position(|name| name == "steps").unwrap();
-            let steps = metrics
-                .lines()
-                .skip(1)
-                .map(|row| row.split(',').nth(column));
-            assert!(
-                steps.flatten().any(|steps| steps != "0"),
-                "nothing is learnt"
-            );
+            let steps = metrics.lines().skip(1).map(|row| row.split(',').nth(column));
+            assert!(steps.flatten().any(|steps| steps != "0"), "nothing is learnt");
         }
     }
 }
@@ -309,12 +275,7 @@ fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
     let run = Run::resume_with(folder, Some(1), DeviceChoice::Cpu, tasks.clone()).unwrap();
     let (summary, bytes) = finish(run);
     assert!(bytes == reference);
-    assert!(
-        summary
-            .groups
-            .iter()
-            .any(|group| group.group.name() == "alias")
-    );
+    assert!(summary.groups.iter().any(|group| group.group.name() == "alias"));
 }
 
 #[test]
@@ -458,15 +419,9 @@ fn options_are_checked_and_named() {
     );
     let most = envs::MAX_THREADS;
     assert!(refuse(&["--threads", "0"]).contains(&format!("0 is not in 1..={most}")));
-    let threads = envs::VecEnvSettings {
-        threads: most + 1,
-        ..Default::default()
-    };
+    let threads = envs::VecEnvSettings { threads: most + 1, ..Default::default() };
     let message = threads.check().unwrap_err().to_string();
-    assert!(
-        message.contains(&format!("expected 1 to {most}")),
-        "{message}"
-    );
+    assert!(message.contains(&format!("expected 1 to {most}")), "{message}");
     assert!(refuse(&["--seed", "minus one"]).contains("minus one"));
     assert!(
         refuse(&["--embodiment", "ur5"])
@@ -478,28 +433,18 @@ fn options_are_checked_and_named() {
 fn changes_reach_the_experiment() {
     let line = "continual_stream --embodiment hand --group C1 --set covers.ppo.gamma=0.97";
     let options = StreamOptions::parse_from(line.split(' '));
-    let experiment = options
-        .run
-        .changes
-        .apply(options.budget.experiment(Method::Covers))
-        .unwrap();
+    let experiment = options.run.changes.apply(options.budget.experiment(Method::Covers)).unwrap();
     assert_eq!(experiment.envs.embodiment, Embodiment::HAND);
     let LearnerSettings::Covers(settings) = experiment.learner else {
         panic!("{:?}", experiment.learner);
     };
-    assert_eq!(
-        (settings.network.group, settings.ppo.gamma),
-        (Group::C1, 0.97)
-    );
+    assert_eq!((settings.network.group, settings.ppo.gamma), (Group::C1, 0.97));
 }
 
 fn spec(size: usize) -> EnvSpec {
     let settings = VecEnvSettings {
         num_envs: 2,
-        camera: Camera {
-            size,
-            ..Camera::default()
-        },
+        camera: Camera { size, ..Camera::default() },
         ..VecEnvSettings::default()
     };
     Stream::spec_of(&settings)
@@ -507,10 +452,7 @@ fn spec(size: usize) -> EnvSpec {
 
 /// How a learner on pictures of this size is refused.
 fn refusal(settings: CoversSettings, size: usize) -> String {
-    Covers::new(settings, &spec(size))
-        .err()
-        .unwrap()
-        .to_string()
+    Covers::new(settings, &spec(size)).err().unwrap().to_string()
 }
 
 #[test]
@@ -521,10 +463,7 @@ fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
 
 #[test]
 fn a_rollout_that_does_not_fit_the_environments_is_refused() {
-    let settings = CoversSettings {
-        rollout_steps: 7,
-        ..CoversSettings::default()
-    };
+    let settings = CoversSettings { rollout_steps: 7, ..CoversSettings::default() };
     let message = refusal(settings, 16);
     assert!(message.contains("`rollout_steps` is 7"), "{message}");
 }

@@ -26,10 +26,7 @@ fn results() -> PathBuf {
 /// Archives of kept runs.
 fn archives() -> Vec<String> {
     let names = files(&results().join("data"));
-    names
-        .into_iter()
-        .filter(|name| name.ends_with(".tar.gz"))
-        .collect()
+    names.into_iter().filter(|name| name.ends_with(".tar.gz")).collect()
 }
 
 /// Unpacks an archive of runs, which is one folder, and returns that folder.
@@ -141,9 +138,7 @@ fn other_groups_policies_played_for_ordinary_networks() {
     ] {
         let name = format!("| {method}");
         let row = rows.iter().find(|row| row[0] == name).unwrap();
-        let [average, own, counted] = row[5..] else {
-            panic!("{row:?}")
-        };
+        let [average, own, counted] = row[5..] else { panic!("{row:?}") };
         assert_eq!(counted, format!("{mismatches} |"), "{method}");
         let (success, rest) = average.split_once(" [").unwrap();
         let reward = rest.split_once("] ").unwrap().1;

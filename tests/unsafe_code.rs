@@ -24,9 +24,7 @@ fn only_bindings_are_unsafe() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let sources = files(".rs").into_iter();
     let found = sources.filter(|path| says_unsafe(&fs::read_to_string(path).unwrap()));
-    let found: Vec<_> = found
-        .map(|path| path.strip_prefix(root).unwrap().to_owned())
-        .collect();
+    let found: Vec<_> = found.map(|path| path.strip_prefix(root).unwrap().to_owned()).collect();
     let of_bindings = |path: &Path| BINDINGS.iter().any(|folder| path.starts_with(folder));
     assert!(found.iter().any(|path| of_bindings(path)), "none is seen");
     let others: Vec<_> = found.iter().filter(|path| !of_bindings(path)).collect();

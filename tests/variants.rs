@@ -31,10 +31,8 @@ fn the_contact_sheet_shows_every_picture_in_its_place() {
     let sheet = contact_sheet(&settings, &TaskGroup::STANDARD).unwrap();
     assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB);
     let cell = size * enlarge + gap;
-    for (row, variants) in variant_pictures(&settings, &TaskGroup::STANDARD)
-        .unwrap()
-        .iter()
-        .enumerate()
+    for (row, variants) in
+        variant_pictures(&settings, &TaskGroup::STANDARD).unwrap().iter().enumerate()
     {
         for (column, picture) in variants.iter().enumerate() {
             for (i, pixel) in picture.chunks(RGB).enumerate() {
@@ -49,17 +47,11 @@ fn the_contact_sheet_shows_every_picture_in_its_place() {
 
 /// One observation of a variant: its picture twice, and `vector` mapped by `element`.
 fn observation(picture: &[u8], vector: &[f32], element: D2) -> Observations {
-    let images = picture
-        .chunks_exact(RGB)
-        .flat_map(|pixel| [pixel, pixel].concat());
+    let images = picture.chunks_exact(RGB).flat_map(|pixel| [pixel, pixel].concat());
     let signs = VECTOR_IRREPS.map(|irrep| f32::from(irrep.sign(element)));
     Observations {
         images: images.collect(),
-        vectors: vector
-            .iter()
-            .zip(signs)
-            .map(|(value, sign)| value * sign)
-            .collect(),
+        vectors: vector.iter().zip(signs).map(|(value, sign)| value * sign).collect(),
     }
 }
 
@@ -88,29 +80,18 @@ fn deviation(map: impl Fn(D2) -> D2) -> f32 {
         action: ACTION_IRREPS.to_vec(),
     };
     // a large gain, so that actions are of order one and a relative error means something
-    let network = NetworkSettings {
-        action_gain: 1.0,
-        ..NetworkSettings::default()
-    };
+    let network = NetworkSettings { action_gain: 1.0, ..NetworkSettings::default() };
     let mut policy = ActorCriticPolicy::new(&network, &spec, 5).unwrap();
     let vector = [0.4, -0.9, 0.3, 0.2, 1.1, 0.7, -0.5];
     let mut act = |picture: &[u8], element| {
         let mut action = [0.0; 4];
-        policy
-            .mean_actions(
-                &observation(picture, &vector, element),
-                &mut (),
-                &mut action,
-            )
-            .unwrap();
+        policy.mean_actions(&observation(picture, &vector, element), &mut (), &mut action).unwrap();
         action
     };
     let mut worst = Worst::default();
     for variants in variant_pictures(&settings, &TaskGroup::STANDARD).unwrap() {
         let reference = act(&variants[0], D2::Identity);
-        let scale = reference
-            .iter()
-            .fold(0.0_f32, |scale, value| scale.max(value.abs()));
+        let scale = reference.iter().fold(0.0_f32, |scale, value| scale.max(value.abs()));
         for (element, picture) in D2::ALL.into_iter().zip(&variants) {
             let action = act(picture, map(element));
             for (i, irrep) in ACTION_IRREPS.into_iter().enumerate() {

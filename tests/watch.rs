@@ -73,9 +73,7 @@ fn lines_are_those_of_the_run_itself_and_end_with_it() {
 /// Objects, one a line.
 fn events(text: &str) -> Vec<Value> {
     let lines = text.lines();
-    lines
-        .map(|line| serde_json::from_str(line).unwrap())
-        .collect()
+    lines.map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
 #[test]

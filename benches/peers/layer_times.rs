@@ -30,34 +30,10 @@ struct Spec {
 }
 
 const SPECS: [Spec; 4] = [
-    Spec {
-        name: "reference",
-        size: 64,
-        batch: 64,
-        fields: &[8, 16, 32, 32],
-        pooled: false,
-    },
-    Spec {
-        name: "narrow",
-        size: 64,
-        batch: 64,
-        fields: &[4, 8, 16, 16],
-        pooled: false,
-    },
-    Spec {
-        name: "pooled",
-        size: 128,
-        batch: 16,
-        fields: &[8, 16, 32, 32, 32],
-        pooled: true,
-    },
-    Spec {
-        name: "wide",
-        size: 64,
-        batch: 16,
-        fields: &[16, 32, 64, 64],
-        pooled: false,
-    },
+    Spec { name: "reference", size: 64, batch: 64, fields: &[8, 16, 32, 32], pooled: false },
+    Spec { name: "narrow", size: 64, batch: 64, fields: &[4, 8, 16, 16], pooled: false },
+    Spec { name: "pooled", size: 128, batch: 16, fields: &[8, 16, 32, 32, 32], pooled: true },
+    Spec { name: "wide", size: 64, batch: 16, fields: &[16, 32, 64, 64], pooled: false },
 ];
 
 impl Spec {
@@ -100,10 +76,7 @@ impl Bench {
                 .map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0)
                 .collect(),
             y: vec![0.0; spec.batch * net.out_shape().len()],
-            alone: Workspace {
-                y: vec![0.0; net.out_shape().len()],
-                scratch: net.scratch(1),
-            },
+            alone: Workspace { y: vec![0.0; net.out_shape().len()], scratch: net.scratch(1) },
             params,
             net,
             spec,
@@ -115,14 +88,13 @@ impl Bench {
         let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
         self.gradient.fill(0.0);
         let samples = x.len() / in_len;
-        self.chunks
-            .accumulate(samples, &mut self.gradient, |range, w, gradient| {
-                let x = &x[range.start * in_len..range.end * in_len];
-                let y = &mut w.y[..range.len() * out_len];
-                net.forward(params, x, y, &mut w.scratch);
-                // the gradient of half the squared output
-                net.backward(params, x, y, y, None, gradient, &mut w.scratch);
-            });
+        self.chunks.accumulate(samples, &mut self.gradient, |range, w, gradient| {
+            let x = &x[range.start * in_len..range.end * in_len];
+            let y = &mut w.y[..range.len() * out_len];
+            net.forward(params, x, y, &mut w.scratch);
+            // the gradient of half the squared output
+            net.backward(params, x, y, y, None, gradient, &mut w.scratch);
+        });
     }
 
     fn inference(&mut self) {

@@ -10,11 +10,7 @@ pub const HALVING: Kernel = Kernel::new(4, 2, 1);
 /// Convolutions to so many regular fields of D2, each with a ReLU, on pictures of `size` x `size` x
 /// 6. They halve the picture, or are 3 x 3 and followed by pooling.
 pub fn network(size: usize, fields: &[usize], pooled: bool) -> Result<Sequential<f32>, LayerError> {
-    let kernel = if pooled {
-        Kernel::new(3, 1, 1)
-    } else {
-        HALVING
-    };
+    let kernel = if pooled { Kernel::new(3, 1, 1) } else { HALVING };
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     let (mut from, mut size) = (Group::D2.trivial(CHANNELS), size);
     for &n in fields {

@@ -55,11 +55,7 @@ impl Product {
     }
 
     fn backward(&mut self) {
-        multiply(
-            &mut self.d_weights,
-            self.patches.transpose(),
-            self.out.as_ref(),
-        );
+        multiply(&mut self.d_weights, self.patches.transpose(), self.out.as_ref());
         if let Some(d_patches) = &mut self.d_patches {
             multiply(d_patches, self.out.as_ref(), self.weights.transpose());
         }
@@ -110,15 +106,13 @@ impl Passes {
     }
 
     fn forward(&mut self) {
-        self.net
-            .forward(&self.params, &self.x, &mut self.y, &mut self.scratch);
+        self.net.forward(&self.params, &self.x, &mut self.y, &mut self.scratch);
     }
 
     fn backward(&mut self) {
         let (x, y, gradient) = (&self.x, &self.y, &mut self.gradient);
         // the gradient of half the squared output
-        self.net
-            .backward(&self.params, x, y, y, None, gradient, &mut self.scratch);
+        self.net.backward(&self.params, x, y, y, None, gradient, &mut self.scratch);
     }
 }
 
@@ -157,10 +151,7 @@ fn main() -> Result<(), LayerError> {
                 }));
             }
             let [ours, theirs] = times.map(|mut times| median(&mut times));
-            println!(
-                "{name:<10} {pass:<9} {ours:7.2}   {theirs:8.2}   {:13.2}",
-                theirs / ours
-            );
+            println!("{name:<10} {pass:<9} {ours:7.2}   {theirs:8.2}   {:13.2}", theirs / ours);
         }
     }
     Ok(())

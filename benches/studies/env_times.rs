@@ -34,11 +34,7 @@ const ENVS: usize = 16;
 const MANY: usize = 64;
 /// An action, and a picture, every control step of 12.5 ms; a full action moves the target 1 cm, as
 /// in Meta-World.
-const CONTROL: Control = Control {
-    action_repeat: 1,
-    displacement: 0.01,
-    horizon: 500,
-};
+const CONTROL: Control = Control { action_repeat: 1, displacement: 0.01, horizon: 500 };
 
 #[derive(Clone, Copy)]
 struct Subject {
@@ -52,10 +48,7 @@ impl Subject {
         Ok(Self {
             embodiment: embodiment.parse()?,
             group: TaskRegistry::standard().get(group)?,
-            camera: Camera {
-                size: 64,
-                ..Camera::default()
-            },
+            camera: Camera { size: 64, ..Camera::default() },
         })
     }
 
@@ -245,9 +238,7 @@ fn side_by_side(
 ) -> Result<f64, Failure> {
     let barrier = Barrier::new(threads);
     thread::scope(|scope| {
-        let running: Vec<_> = (0..threads)
-            .map(|_| scope.spawn(|| work(&barrier)))
-            .collect();
+        let running: Vec<_> = (0..threads).map(|_| scope.spawn(|| work(&barrier))).collect();
         let mut sum = 0.0;
         for thread in running {
             sum += thread.join().map_err(|_| "a thread panicked")??;

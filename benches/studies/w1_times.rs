@@ -29,11 +29,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         for _ in 0..repeats {
             // the larger cloud first, as the documentation recommends
             let (x, y) = ((&x[..], Weights::Uniform(n)), (&y[..], Weights::Uniform(m)));
-            let plan = if n < m {
-                workspace.solve(y, x, dim)?
-            } else {
-                workspace.solve(x, y, dim)?
-            };
+            let plan =
+                if n < m { workspace.solve(y, x, dim)? } else { workspace.solve(x, y, dim)? };
             value = plan.cost;
         }
         let seconds = start.elapsed().as_secs_f64() / f64::from(repeats);
@@ -49,11 +46,7 @@ fn points(path: &str, count: usize, dim: usize) -> Result<Vec<f32>, Box<dyn Erro
     if points.len() == count * dim {
         Ok(points)
     } else {
-        Err(format!(
-            "{path} holds {} values, expected {count} x {dim}",
-            points.len()
-        )
-        .into())
+        Err(format!("{path} holds {} values, expected {count} x {dim}", points.len()).into())
     }
 }
 

@@ -206,12 +206,7 @@ impl Assigner {
     ) -> Result<Option<usize>> {
         for candidate in candidates {
             let (expected, got) = (candidate.rollout.episodes(), began.len());
-            within(
-                "began",
-                got as f64,
-                got == expected,
-                "a time for each episode",
-            )?;
+            within("began", got as f64, got == expected, "a time for each episode")?;
         }
         let Rule::Calibrated(settings) = &self.settings.rule else {
             return Ok(None);
@@ -270,16 +265,8 @@ fn distance(candidate: &Candidate) -> Result<f64> {
 
 fn judge_fixed(candidate: &Candidate, limit: f64) -> Result<Evidence> {
     let distance = distance(candidate)?;
-    let verdict = if distance <= limit {
-        Verdict::Accepted
-    } else {
-        Verdict::Refused
-    };
-    Ok(Evidence {
-        distance,
-        judgement: Judgement::Threshold { limit },
-        verdict,
-    })
+    let verdict = if distance <= limit { Verdict::Accepted } else { Verdict::Refused };
+    Ok(Evidence { distance, judgement: Judgement::Threshold { limit }, verdict })
 }
 
 fn judge_calibrated<R: Rng + ?Sized>(
@@ -313,11 +300,7 @@ fn weigh(test: PermutationTest, settings: &Calibrated, look: Look) -> Evidence {
         Look::First => (settings.doubt, Verdict::Accepted),
         Look::Second => (settings.level, settle(&test, settings)),
     };
-    Evidence {
-        distance: test.distance,
-        judgement: Judgement::Tested { test, limit },
-        verdict,
-    }
+    Evidence { distance: test.distance, judgement: Judgement::Tested { test, limit }, verdict }
 }
 
 fn settle(test: &PermutationTest, settings: &Calibrated) -> Verdict {
@@ -364,13 +347,7 @@ mod tests {
             q95: 1.0,
             max: 1.0,
         };
-        PermutationTest {
-            distance,
-            null,
-            score: distance - 1.0,
-            p_value,
-            tail_p_value,
-        }
+        PermutationTest { distance, null, score: distance - 1.0, p_value, tail_p_value }
     }
 
     #[test]
@@ -386,10 +363,7 @@ mod tests {
         ];
         for (look, p_value, tail, distance, verdict) in cases {
             let evidence = weigh(test(p_value, tail, distance), &settings, look);
-            assert_eq!(
-                evidence.verdict, verdict,
-                "{look:?} {p_value} {tail} {distance}"
-            );
+            assert_eq!(evidence.verdict, verdict, "{look:?} {p_value} {tail} {distance}");
         }
     }
 
@@ -399,10 +373,7 @@ mod tests {
         let tested = |p, distance| weigh(test(p, 0.0, distance), &settings, Look::First);
         let small = |distance| Evidence {
             distance,
-            judgement: Judgement::BufferTooSmall {
-                episodes: 1,
-                needed: 8,
-            },
+            judgement: Judgement::BufferTooSmall { episodes: 1, needed: 8 },
             verdict: Verdict::Accepted,
         };
         let (near, far, doubted) = (tested(0.5, 1.0), tested(0.1, 3.0), tested(0.01, 0.1));

@@ -49,12 +49,7 @@ pub fn change_test<R: Rng + ?Sized>(
     let sources = sources.iter().map(Pairs::new);
     let sources = sources.collect::<Result<Vec<_>>>()?;
     let mut scans: Vec<Scan> = Vec::with_capacity(sources.len());
-    scans.extend(
-        sources
-            .into_iter()
-            .flatten()
-            .map(|pairs| Scan::new(pairs, cuts)),
-    );
+    scans.extend(sources.into_iter().flatten().map(|pairs| Scan::new(pairs, cuts)));
     let mut order: Vec<usize> = (0..episodes).collect();
     for split in 0..=permutations {
         if split > 0 {
@@ -71,9 +66,7 @@ pub fn change_test<R: Rng + ?Sized>(
 pub fn change_places(began: &[usize], least: usize) -> Vec<usize> {
     let least = least.max(1);
     let last = (began.len() + 1).saturating_sub(least);
-    (least..last)
-        .filter(|&at| began[at] != began[at - 1])
-        .collect()
+    (least..last).filter(|&at| began[at] != began[at - 1]).collect()
 }
 
 /// The number of episodes, which all sources must share.
@@ -113,11 +106,7 @@ impl Pairs {
             all[row * n + col] += (distance / largest * UNITS).round() as u64;
         }
         let rows = all.chunks_exact(n).map(|row| row.iter().sum()).collect();
-        Ok(Some(Self {
-            all,
-            episodes: n,
-            rows,
-        }))
+        Ok(Some(Self { all, episodes: n, rows }))
     }
 
     /// Writes for each `k` the sum of all distances among the first `k + 1` episodes of `order`.
@@ -145,12 +134,7 @@ struct Scan {
 
 impl Scan {
     fn new(pairs: Pairs, cuts: &[usize]) -> Self {
-        Self {
-            pairs,
-            cuts: cuts.to_vec(),
-            measured: Vec::new(),
-            sums: Vec::new(),
-        }
+        Self { pairs, cuts: cuts.to_vec(), measured: Vec::new(), sums: Vec::new() }
     }
 
     fn measure(&mut self, order: &[usize]) {
@@ -164,10 +148,7 @@ impl Scan {
             if cut < taken {
                 (taken, rows) = (0, 0);
             }
-            rows += order[taken..cut]
-                .iter()
-                .map(|&e| self.pairs.rows[e])
-                .sum::<u64>();
+            rows += order[taken..cut].iter().map(|&e| self.pairs.rows[e]).sum::<u64>();
             taken = cut;
             let left = self.sums[cut - 1];
             let between = rows - left;
@@ -213,15 +194,8 @@ fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
         }
     }
     let reaching = largest.iter().filter(|&&m| m >= largest[0] - EQUAL).count();
-    let p_value = if scans.is_empty() {
-        1.0
-    } else {
-        reaching as f64 / (1 + permutations) as f64
-    };
-    ChangeTest {
-        cut: cuts[best.1],
-        p_value,
-    }
+    let p_value = if scans.is_empty() { 1.0 } else { reaching as f64 / (1 + permutations) as f64 };
+    ChangeTest { cut: cuts[best.1], p_value }
 }
 
 #[cfg(test)]
@@ -269,18 +243,13 @@ mod tests {
         scan.measure(&order);
         for (&cut, got) in cuts.iter().zip(&scan.measured) {
             let mean = |left: &[usize], right: &[usize]| {
-                let pairs = left
-                    .iter()
-                    .flat_map(|&i| right.iter().map(move |&j| (i, j)));
+                let pairs = left.iter().flat_map(|&i| right.iter().map(move |&j| (i, j)));
                 let sum: u64 = pairs.map(|(i, j)| scan.pairs.all[i * 9 + j]).sum();
                 sum as f64 / (left.len() * right.len()) as f64
             };
             let (left, right) = order.split_at(cut);
             let expected = 2.0 * mean(left, right) - mean(left, left) - mean(right, right);
-            assert!(
-                (got - expected).abs() < 1e-6 * UNITS,
-                "{cut}: {got} {expected}"
-            );
+            assert!((got - expected).abs() < 1e-6 * UNITS, "{cut}: {got} {expected}");
         }
     }
 

@@ -15,12 +15,7 @@ pub(crate) fn rows(
     }
     if !values.len().is_multiple_of(row) {
         let len = values.len();
-        return Err(ClusterError::Ragged {
-            what,
-            len,
-            row,
-            unit,
-        });
+        return Err(ClusterError::Ragged { what, len, row, unit });
     }
     // the whole list, without a way out: such a loop compiles to vector code
     if values.iter().fold(true, |all, v| all & v.is_finite()) {
@@ -56,9 +51,5 @@ pub(crate) fn within(
     if inside {
         return Ok(());
     }
-    Err(ClusterError::OutOfRange {
-        name,
-        value,
-        expected,
-    })
+    Err(ClusterError::OutOfRange { name, value, expected })
 }

@@ -120,10 +120,7 @@ mod tests {
             Frames::new(features.collect(), 2, 1).unwrap()
         };
         let leads = (0..400).map(|_| {
-            let contest = Contest {
-                rollout: episodes(1),
-                rivals: [8, 100].map(&mut episodes),
-            };
+            let contest = Contest { rollout: episodes(1), rivals: [8, 100].map(&mut episodes) };
             lead(&[contest]).unwrap()
         });
         // with the distance of a frame to itself it was -0.09; chance moves it by some 0.03
@@ -146,9 +143,6 @@ mod tests {
         let mut other = contest(&[0.0], [&[0.0], &[1.0]]);
         other.rivals[1] = Frames::new(vec![0.0, 1.0], 1, 2).unwrap();
         let message = lead(&[other]).unwrap_err().to_string();
-        assert!(
-            message.contains("dim") && message.contains('2'),
-            "{message}"
-        );
+        assert!(message.contains("dim") && message.contains('2'), "{message}");
     }
 }

@@ -76,11 +76,7 @@ impl EuclideanCosts {
         centre.iter_mut().for_each(|c| *c /= (n + m) as f64);
         self.y.fill(y, centre);
         costs.resize(n * m, 0.0);
-        let columns = Columns {
-            centre,
-            centred: &self.y,
-            points: y,
-        };
+        let columns = Columns { centre, centred: &self.y, points: y };
         let (points, rows) = (BLOCK_ROWS * dim, BLOCK_ROWS * m);
         if n * m * dim > PARALLEL {
             let blocks = costs.par_chunks_mut(rows).zip(x.par_chunks(points));
@@ -114,16 +110,11 @@ impl Centred {
         self.points.clear();
         self.points.resize(cloud.len(), 0.0);
         self.norms.clear();
-        let rows = zip(
-            self.points.chunks_exact_mut(centre.len()),
-            cloud.chunks_exact(centre.len()),
-        );
+        let rows =
+            zip(self.points.chunks_exact_mut(centre.len()), cloud.chunks_exact(centre.len()));
         Arch::new().dispatch(
             #[inline(always)]
-            || {
-                self.norms
-                    .extend(rows.map(|(row, point)| centred_row(row, point, centre)))
-            },
+            || self.norms.extend(rows.map(|(row, point)| centred_row(row, point, centre))),
         );
     }
 }
@@ -166,10 +157,9 @@ impl Columns<'_> {
             Par::Seq,
         );
         let arch = Arch::new();
-        for ((row, &own), p) in zip(
-            zip(costs.chunks_exact_mut(m), &block.norms),
-            x.chunks_exact(dim),
-        ) {
+        for ((row, &own), p) in
+            zip(zip(costs.chunks_exact_mut(m), &block.norms), x.chunks_exact(dim))
+        {
             let cancelled = arch.dispatch(
                 #[inline(always)]
                 || finish_row(row, own, norms),

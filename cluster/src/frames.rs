@@ -19,17 +19,8 @@ impl Frames {
     pub fn new(features: Vec<f32>, frames_per_episode: usize, dim: usize) -> Result<Self> {
         positive("frames_per_episode", frames_per_episode)?;
         positive("dim", dim)?;
-        rows(
-            "features",
-            &features,
-            frames_per_episode.saturating_mul(dim),
-            "episode",
-        )?;
-        Ok(Self {
-            features,
-            frames_per_episode,
-            dim,
-        })
+        rows("features", &features, frames_per_episode.saturating_mul(dim), "episode")?;
+        Ok(Self { features, frames_per_episode, dim })
     }
 
     /// Returns all features, `[episodes, frames_per_episode, dim]`.
@@ -81,22 +72,16 @@ impl Frames {
     /// If an index is not below [`episodes`](Self::episodes).
     pub fn select(&self, indices: &[usize]) -> Result<Self> {
         let features: Vec<_> = indices.iter().flat_map(|&i| self.episode(i)).collect();
-        Self::new(
-            features.into_iter().copied().collect(),
-            self.frames_per_episode,
-            self.dim,
-        )
+        Self::new(features.into_iter().copied().collect(), self.frames_per_episode, self.dim)
     }
 
     /// Refuses frames of another size.
     pub(crate) fn check_alike(&self, other: &Self) -> Result<()> {
         let mut sizes = self.sizes(other).into_iter();
         match sizes.find(|(_, first, second)| first != second) {
-            Some((what, first, second)) => Err(ClusterError::FramesMismatch {
-                what,
-                first,
-                second,
-            }),
+            Some((what, first, second)) => {
+                Err(ClusterError::FramesMismatch { what, first, second })
+            }
             None => Ok(()),
         }
     }
@@ -104,10 +89,7 @@ impl Frames {
     /// The sizes that comparable frames share: name, ours, theirs.
     fn sizes(&self, other: &Self) -> [(&'static str, usize, usize); 2] {
         let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);
-        [
-            ("dim", self.dim, other.dim),
-            ("frames_per_episode", ours, theirs),
-        ]
+        [("dim", self.dim, other.dim), ("frames_per_episode", ours, theirs)]
     }
 
     fn episode_len(&self) -> usize {

@@ -147,11 +147,9 @@ pub(crate) fn shared(
     let expected = first.ok_or(ClusterError::Empty { what: "sources" })?;
     match counts.enumerate().find(|(_, got)| *got != expected) {
         None => Ok(expected),
-        Some((source_index, got)) => Err(ClusterError::SourceMismatch {
-            source_index,
-            got,
-            expected,
-        }),
+        Some((source_index, got)) => {
+            Err(ClusterError::SourceMismatch { source_index, got, expected })
+        }
     }
 }
 
@@ -182,11 +180,8 @@ impl Pool {
 
     /// Measures the two sides of the episodes in this order.
     fn measure(&mut self, order: &[usize]) -> Result<()> {
-        let distance = if self.counts(order) {
-            self.distances.between(order, self.split)?
-        } else {
-            0.0
-        };
+        let distance =
+            if self.counts(order) { self.distances.between(order, self.split)? } else { 0.0 };
         self.measured.push(distance);
         Ok(())
     }
@@ -274,10 +269,7 @@ mod tests {
 
     fn source(rollout: &[f32], buffer: &[f32], side: Side) -> Source {
         let frames = |values: &[f32]| Frames::new(values.to_vec(), 1, 1).unwrap();
-        let clouds = Candidate {
-            rollout: frames(rollout),
-            buffer: frames(buffer),
-        };
+        let clouds = Candidate { rollout: frames(rollout), buffer: frames(buffer) };
         Source { clouds, side }
     }
 
@@ -313,13 +305,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let alarms = (0..400).filter(|_| {
             let sources: Vec<Source> = (0..10)
-                .map(|_| {
-                    source(
-                        &draw(6, 0.0, &mut rng),
-                        &draw(12, 0.0, &mut rng),
-                        Side::Both,
-                    )
-                })
+                .map(|_| source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Both))
                 .collect();
             joint_test(&sources, 39, &mut rng).unwrap().p_value <= 0.05
         });
@@ -332,11 +318,7 @@ mod tests {
     #[test]
     fn a_test_that_is_never_decided_is_the_whole_test() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
-        let sources = [source(
-            &draw(8, 0.3, &mut rng),
-            &draw(9, 0.0, &mut rng),
-            Side::Both,
-        )];
+        let sources = [source(&draw(8, 0.3, &mut rng), &draw(9, 0.0, &mut rng), Side::Both)];
         let run = |stages: &[usize], splits: usize| {
             let mut rng = ChaCha8Rng::seed_from_u64(7);
             let decided = |test: &JointTest| test.null.permutations >= splits;
@@ -359,16 +341,8 @@ mod tests {
         let (mut alarms, mut splits) = (0, 0);
         for _ in 0..1000 {
             let sources = [
-                source(
-                    &draw(6, 0.0, &mut rng),
-                    &draw(12, 0.0, &mut rng),
-                    Side::Both,
-                ),
-                source(
-                    &draw(6, 0.0, &mut rng),
-                    &draw(12, 0.0, &mut rng),
-                    Side::Less,
-                ),
+                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Both),
+                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Less),
             ];
             let decided = |test: &JointTest| reaching(test) > 8.5;
             let test = joint_test_until(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
@@ -383,15 +357,9 @@ mod tests {
     #[test]
     fn what_cannot_be_compared_is_refused() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let sources = [
-            source(&[0.0, 1.0], &[2.0], Side::Both),
-            source(&[0.0], &[2.0], Side::Both),
-        ];
+        let sources = [source(&[0.0, 1.0], &[2.0], Side::Both), source(&[0.0], &[2.0], Side::Both)];
         let message = joint_test(&sources, 20, &mut rng).unwrap_err().to_string();
-        assert!(
-            message.contains("source 1 shows (1, 1) episodes, expected (2, 1)"),
-            "{message}"
-        );
+        assert!(message.contains("source 1 shows (1, 1) episodes, expected (2, 1)"), "{message}");
         assert!(joint_test(&[], 20, &mut rng).is_err());
     }
 }

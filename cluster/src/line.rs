@@ -36,9 +36,7 @@ pub fn wasserstein1_line(x: &[f32], a: Weights, y: &[f32], b: Weights) -> Result
     let mut balance = Balance::default();
     balance.fill(a, b);
     let units = balance.masses.iter().map(|mass| mass.units);
-    let signed = units
-        .enumerate()
-        .map(|(i, units)| if i < x.len() { units } else { -units });
+    let signed = units.enumerate().map(|(i, units)| if i < x.len() { units } else { -units });
     let points = x.iter().chain(y).map(|&p| f64::from(p));
     let mut steps: Vec<(f64, i64)> = points.zip(signed).collect();
     steps.sort_by(|(s, _), (t, _)| s.total_cmp(t));
@@ -60,11 +58,7 @@ pub fn wasserstein1_line(x: &[f32], a: Weights, y: &[f32], b: Weights) -> Result
     let tolerance = COST_TOLERANCE * cost;
     // equal distributions leave nothing but rounding, some 1e-16 of the distances: that is returned
     if unsure < area && excess > tolerance {
-        return Err(ClusterError::Imprecise {
-            cost,
-            excess,
-            tolerance,
-        });
+        return Err(ClusterError::Imprecise { cost, excess, tolerance });
     }
     Ok(cost)
 }

@@ -124,9 +124,7 @@ pub(crate) struct PooledDistances {
 
 impl PooledDistances {
     pub(crate) fn new(features: &[f32], like: &Frames) -> Result<Self> {
-        let all = EuclideanCosts::new()
-            .compute(features, features, like.dim())?
-            .to_vec();
+        let all = EuclideanCosts::new().compute(features, features, like.dim())?.to_vec();
         let frames = features.len() / like.dim();
         Ok(Self {
             all,
@@ -146,20 +144,12 @@ impl PooledDistances {
         let k = self.per_episode;
         let (left, right) = order.split_at(split);
         // the solver is fastest with more sources than sinks
-        let (sources, sinks) = if split < right.len() {
-            (right, left)
-        } else {
-            (left, right)
-        };
+        let (sources, sinks) = if split < right.len() { (right, left) } else { (left, right) };
         self.cost.clear();
-        for frame in sources
-            .iter()
-            .flat_map(|episode| episode * k..(episode + 1) * k)
-        {
+        for frame in sources.iter().flat_map(|episode| episode * k..(episode + 1) * k) {
             let row = &self.all[frame * self.frames..][..self.frames];
             for episode in sinks {
-                self.cost
-                    .extend_from_slice(&row[episode * k..(episode + 1) * k]);
+                self.cost.extend_from_slice(&row[episode * k..(episode + 1) * k]);
             }
         }
         let [a, b] = [sources, sinks].map(|side| Weights::Uniform(side.len() * k));
@@ -174,13 +164,7 @@ fn summarise(distance: f64, splits: Vec<f64>, rounding: f64) -> PermutationTest 
     let p_value = (1 + exceeding) as f64 / (1 + splits.len()) as f64;
     let null = describe(splits, rounding);
     let score = (distance - null.mean) / null.sd.max(rounding);
-    PermutationTest {
-        distance,
-        null,
-        score,
-        p_value,
-        tail_p_value: tail(score, &null),
-    }
+    PermutationTest { distance, null, score, p_value, tail_p_value: tail(score, &null) }
 }
 
 /// The probability of a score under the Pearson type III distribution of the null's moments.

@@ -37,17 +37,9 @@ impl<E> Reservoir<E> {
         positive("capacity", capacity)?;
         if episodes.len() as u64 != seen.min(capacity as u64) {
             let held = episodes.len();
-            return Err(ClusterError::ReservoirParts {
-                capacity,
-                seen,
-                held,
-            });
+            return Err(ClusterError::ReservoirParts { capacity, seen, held });
         }
-        Ok(Self {
-            capacity,
-            seen,
-            episodes,
-        })
+        Ok(Self { capacity, seen, episodes })
     }
 
     /// Offers an episode; returns the one that goes: none while there is room, else a held one or

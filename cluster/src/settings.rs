@@ -95,12 +95,7 @@ impl AssignerSettings {
         match &self.rule {
             Rule::Fixed { threshold } => {
                 let inside = (0.0..f64::INFINITY).contains(threshold);
-                within(
-                    "threshold",
-                    *threshold,
-                    inside,
-                    "a finite number, at least 0",
-                )
+                within("threshold", *threshold, inside, "a finite number, at least 0")
             }
             Rule::Calibrated(settings) => settings.check(),
         }
@@ -164,10 +159,7 @@ mod tests {
         for rule in rules {
             let settings = AssignerSettings { rule };
             let text = serde_json::to_string(&settings).unwrap();
-            assert_eq!(
-                serde_json::from_str::<AssignerSettings>(&text).unwrap(),
-                settings
-            );
+            assert_eq!(serde_json::from_str::<AssignerSettings>(&text).unwrap(), settings);
         }
     }
 
@@ -176,10 +168,7 @@ mod tests {
         let read = |text| serde_json::from_str::<AssignerSettings>(text);
         assert_eq!(read("{}").unwrap(), AssignerSettings::default());
         let doubtful = read(r#"{"rule": {"calibrated": {"doubt": 0.5}}}"#).unwrap();
-        let expected = Calibrated {
-            doubt: 0.5,
-            ..Calibrated::default()
-        };
+        let expected = Calibrated { doubt: 0.5, ..Calibrated::default() };
         assert_eq!(doubtful.rule, Rule::Calibrated(expected));
         for wrong in [
             r#"{"rules": {}}"#,

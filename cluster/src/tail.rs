@@ -25,10 +25,7 @@ mod tests {
     use super::*;
 
     fn assert_close(got: f64, expected: f64) {
-        assert!(
-            (got - expected).abs() <= 1e-11 * expected,
-            "{got:e} is not {expected:e}"
-        );
+        assert!((got - expected).abs() <= 1e-11 * expected, "{got:e} is not {expected:e}");
     }
 
     #[test]

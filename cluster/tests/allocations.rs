@@ -47,20 +47,14 @@ fn a_solver_allocates_nothing_on_smaller_problems() {
         let cost = random_costs(2, n * m);
         let (a, b) = (Weights::Uniform(n), Weights::Uniform(m));
         let count = measure(|| {
-            let plan = if warm {
-                solver.solve_again(&cost, a, b)
-            } else {
-                solver.solve(&cost, a, b)
-            };
+            let plan =
+                if warm { solver.solve_again(&cost, a, b) } else { solver.solve(&cost, a, b) };
             plan.unwrap();
         });
         count.count_total
     };
     assert!(solve(100, 600, false) > 0);
-    assert!(
-        solve(100, 600, true) > 0,
-        "a warm start keeps lists of its own"
-    );
+    assert!(solve(100, 600, true) > 0, "a warm start keeps lists of its own");
     for (n, m) in [(99, 600), (100, 550), (60, 200), (1, 1), (100, 600)] {
         assert_eq!((solve(n, m, false), solve(n, m, true)), (0, 0), "{n} x {m}");
     }

@@ -36,10 +36,7 @@ fn candidate(rng: &mut ChaCha8Rng, episodes: usize, shift: f32) -> Candidate {
 
 /// Episodes of the buffer, which is shifted, and of the rollout.
 fn sized(rng: &mut ChaCha8Rng, [buffer, rollout]: [usize; 2], shift: f32) -> Candidate {
-    Candidate {
-        buffer: frames(rng, buffer, shift),
-        rollout: frames(rng, rollout, 0.0),
-    }
+    Candidate { buffer: frames(rng, buffer, shift), rollout: frames(rng, rollout, 0.0) }
 }
 
 fn scaled(candidate: &Candidate, factor: f32) -> Candidate {
@@ -48,24 +45,17 @@ fn scaled(candidate: &Candidate, factor: f32) -> Candidate {
         Frames::new(features, frames.frames_per_episode(), frames.dim())
             .expect("finite after scaling")
     };
-    Candidate {
-        buffer: scale(&candidate.buffer),
-        rollout: scale(&candidate.rollout),
-    }
+    Candidate { buffer: scale(&candidate.buffer), rollout: scale(&candidate.rollout) }
 }
 
 fn settle(candidates: &[Candidate], seed: u64) -> Assignment {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    Assigner::default()
-        .settle(candidates, &mut rng)
-        .expect("comparable candidates")
+    Assigner::default().settle(candidates, &mut rng).expect("comparable candidates")
 }
 
 fn decide(candidates: &[Candidate], seed: u64) -> Assignment {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    Assigner::default()
-        .assign(candidates, &mut rng)
-        .expect("comparable candidates")
+    Assigner::default().assign(candidates, &mut rng).expect("comparable candidates")
 }
 
 /// The exact p-value of exchangeable episodes is uniform on its 101 steps, whatever the features.
@@ -89,10 +79,7 @@ fn the_level_is_exact_for_one_distribution() {
         let count = tests.iter().filter(|t| t.p_value <= level).count() as f64;
         // within four standard deviations of the binomial
         let deviation = 4.0 * (expected * (1.0 - nominal)).sqrt();
-        assert!(
-            (count - expected).abs() < deviation,
-            "{count} at {level}, expected {expected}"
-        );
+        assert!((count - expected).abs() < deviation, "{count} at {level}, expected {expected}");
     }
     let tail = tests.iter().filter(|t| t.tail_p_value <= 0.02).count();
     assert!((2..=24).contains(&tail), "{tail} of 12 expected");
@@ -105,10 +92,8 @@ fn a_shifted_distribution_is_doubted_and_then_refused() {
         let one = candidate(&mut rng, 20, 1.0);
         let first = decide(std::slice::from_ref(&one), seed);
         assert_eq!(first.decision, Decision::Undecided, "{:?}", first.evidence);
-        let both = Candidate {
-            rollout: one.rollout.joined(&frames(&mut rng, 20, 0.0)).unwrap(),
-            ..one
-        };
+        let both =
+            Candidate { rollout: one.rollout.joined(&frames(&mut rng, 20, 0.0)).unwrap(), ..one };
         let second = settle(&[both], seed);
         assert_eq!(second.decision, Decision::New, "{:?}", second.evidence);
         assert_eq!(second.evidence[0].verdict, Verdict::Refused);
@@ -143,14 +128,8 @@ fn a_small_effect_is_no_new_group() {
     let test = tolerant.evidence[0].test().unwrap();
     assert!(test.tail_p_value <= 1e-4 && test.ratio() < 1.1, "{test:?}");
     assert_eq!(tolerant.decision, Decision::Existing(0));
-    let strict = Calibrated {
-        min_ratio: 1.0,
-        ..Calibrated::default()
-    };
-    let strict = calibrated(strict)
-        .unwrap()
-        .settle(&[one], &mut rng)
-        .unwrap();
+    let strict = Calibrated { min_ratio: 1.0, ..Calibrated::default() };
+    let strict = calibrated(strict).unwrap().settle(&[one], &mut rng).unwrap();
     assert_eq!(strict.decision, Decision::New);
 }
 
@@ -159,20 +138,11 @@ fn the_right_one_of_several_policies_is_recalled() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for (seed, right) in [0, 1, 2, 3, 0].into_iter().enumerate() {
         let shift = |index: usize| {
-            if index == right {
-                0.0
-            } else {
-                1.0 + index as f32
-            }
+            if index == right { 0.0 } else { 1.0 + index as f32 }
         };
         let candidates: Vec<_> = (0..4).map(|i| candidate(&mut rng, 40, shift(i))).collect();
         let assignment = decide(&candidates, seed as u64);
-        assert_eq!(
-            assignment.decision,
-            Decision::Existing(right),
-            "{:?}",
-            assignment.evidence
-        );
+        assert_eq!(assignment.decision, Decision::Existing(right), "{:?}", assignment.evidence);
         assert_eq!(assignment.evidence.len(), 4);
     }
 }
@@ -221,15 +191,8 @@ fn frames_of_one_episode_stay_together() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let right = candidate(&mut rng, 20, 0.0);
     let torn = |frames: &Frames| Frames::new(frames.features().to_vec(), 1, DIM).unwrap();
-    let wrong = Candidate {
-        buffer: torn(&right.buffer),
-        rollout: torn(&right.rollout),
-    };
-    let all = Calibrated {
-        rollout_episodes: 40,
-        buffer_episodes: 40,
-        ..Calibrated::default()
-    };
+    let wrong = Candidate { buffer: torn(&right.buffer), rollout: torn(&right.rollout) };
+    let all = Calibrated { rollout_episodes: 40, buffer_episodes: 40, ..Calibrated::default() };
     let assigner = calibrated(all).unwrap();
     let score = |c, rng: &mut _| assigner.assign(&[c], rng).unwrap().evidence[0].score();
     assert!(score(right, &mut rng).unwrap() < 2.5);
@@ -241,19 +204,13 @@ fn equal_generators_give_equal_assignments() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     let candidates = [candidate(&mut rng, 60, 0.0), candidate(&mut rng, 60, 0.5)];
     assert_eq!(decide(&candidates, 9), decide(&candidates, 9));
-    assert_ne!(
-        decide(&candidates, 9).evidence,
-        decide(&candidates, 10).evidence
-    );
+    assert_ne!(decide(&candidates, 9).evidence, decide(&candidates, 10).evidence);
 }
 
 #[test]
 fn without_candidates_the_decision_is_new() {
     let assignment = decide(&[], 1);
-    assert_eq!(
-        (assignment.decision, assignment.evidence.len()),
-        (Decision::New, 0)
-    );
+    assert_eq!((assignment.decision, assignment.evidence.len()), (Decision::New, 0));
 }
 
 #[test]
@@ -262,22 +219,13 @@ fn the_papers_rule_compares_with_its_threshold() {
     // threshold
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let points = |x: f32| Frames::new(vec![x], 1, 1).unwrap();
-    let away = |x: f32| Candidate {
-        buffer: points(x),
-        rollout: points(0.0),
-    };
+    let away = |x: f32| Candidate { buffer: points(x), rollout: points(0.0) };
     let mut at = |threshold, candidates: &[Candidate]| {
-        fixed(threshold)
-            .unwrap()
-            .assign(candidates, &mut rng)
-            .unwrap()
+        fixed(threshold).unwrap().assign(candidates, &mut rng).unwrap()
     };
     assert_eq!(at(3.0, &[away(3.0)]).decision, Decision::Existing(0));
     assert_eq!(at(2.999, &[away(3.0)]).decision, Decision::New);
-    assert_eq!(
-        at(3.0, &[away(2.0), away(-1.0), away(1.0)]).decision,
-        Decision::Existing(1)
-    );
+    assert_eq!(at(3.0, &[away(2.0), away(-1.0), away(1.0)]).decision, Decision::Existing(1));
     let evidence = at(1.0, &[away(2.0)]).evidence[0];
     assert_eq!(
         (evidence.distance, evidence.judgement, evidence.score()),
@@ -291,13 +239,7 @@ fn the_papers_rule_compares_with_its_threshold() {
 #[test]
 fn identical_frames_are_accepted_without_nan() {
     let same = Frames::new(vec![7.0; 20 * K * DIM], K, DIM).unwrap();
-    let assignment = decide(
-        &[Candidate {
-            buffer: same.clone(),
-            rollout: same,
-        }],
-        1,
-    );
+    let assignment = decide(&[Candidate { buffer: same.clone(), rollout: same }], 1);
     let evidence = assignment.evidence[0];
     let test = evidence.test().unwrap();
     assert_eq!((test.score, test.ratio(), test.p_value), (0.0, 0.0, 1.0));
@@ -307,10 +249,7 @@ fn identical_frames_are_accepted_without_nan() {
 #[test]
 fn two_constant_clouds_are_told_apart() {
     let constant = |x: f32| Frames::new(vec![x; 20 * K * DIM], K, DIM).unwrap();
-    let candidates = [Candidate {
-        buffer: constant(1.0),
-        rollout: constant(2.0),
-    }];
+    let candidates = [Candidate { buffer: constant(1.0), rollout: constant(2.0) }];
     assert_eq!(decide(&candidates, 1).decision, Decision::Undecided);
     let settled = settle(&candidates, 1);
     assert_eq!(settled.decision, Decision::New);
@@ -328,15 +267,9 @@ fn a_small_buffer_is_taken_only_if_no_tested_one_fits() {
     assert_eq!(assignment.decision, Decision::Existing(1));
     assert_eq!(
         assignment.evidence[0].judgement,
-        Judgement::BufferTooSmall {
-            episodes: 1,
-            needed: 8
-        }
+        Judgement::BufferTooSmall { episodes: 1, needed: 8 }
     );
-    assert_eq!(
-        decide(&[small, refused, nearer], 1).decision,
-        Decision::Existing(2)
-    );
+    assert_eq!(decide(&[small, refused, nearer], 1).decision, Decision::Existing(2));
 }
 
 #[test]
@@ -344,23 +277,12 @@ fn rollouts_and_candidates_that_cannot_be_compared_are_refused() {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     let short = sized(&mut rng, [20, 7], 0.0);
     let error = Assigner::default().assign(&[short], &mut rng).unwrap_err();
-    assert_eq!(
-        error,
-        ClusterError::RolloutTooSmall {
-            episodes: 7,
-            needed: 8
-        }
-    );
+    assert_eq!(error, ClusterError::RolloutTooSmall { episodes: 7, needed: 8 });
 
     let narrow = Frames::new(vec![0.0; 40], 2, 2).unwrap();
     let good = candidate(&mut rng, 8, 0.0);
-    let odd = Candidate {
-        buffer: narrow,
-        rollout: good.rollout.clone(),
-    };
-    let error = Assigner::default()
-        .assign(&[good, odd], &mut rng)
-        .unwrap_err();
+    let odd = Candidate { buffer: narrow, rollout: good.rollout.clone() };
+    let error = Assigner::default().assign(&[good, odd], &mut rng).unwrap_err();
     let expected = "candidate 1: dim is 2 in the buffer and 64 in the rollout, expected the same";
     assert_eq!(error.to_string(), expected);
 
@@ -381,20 +303,13 @@ fn two_rounds() -> Vec<usize> {
 fn straddling(rng: &mut ChaCha8Rng, shift: f32) -> Candidate {
     let groups = [0.0, shift].map(|shift| frames(rng, 10, shift));
     let both = groups[0].joined(&groups[1]).unwrap();
-    let turns: Vec<usize> = (0..20)
-        .map(|episode| episode / 2 + 10 * (episode % 2))
-        .collect();
-    Candidate {
-        buffer: frames(rng, 20, 0.0),
-        rollout: both.select(&turns).unwrap(),
-    }
+    let turns: Vec<usize> = (0..20).map(|episode| episode / 2 + 10 * (episode % 2)).collect();
+    Candidate { buffer: frames(rng, 20, 0.0), rollout: both.select(&turns).unwrap() }
 }
 
 fn cut(candidates: &[Candidate], began: &[usize], seed: u64) -> Option<usize> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    Assigner::default()
-        .cut(candidates, began, &mut rng)
-        .expect("comparable candidates")
+    Assigner::default().cut(candidates, began, &mut rng).expect("comparable candidates")
 }
 
 #[test]
@@ -423,10 +338,7 @@ fn a_cut_needs_a_time_for_each_episode_and_a_test() {
     let both = [straddling(&mut rng, 1.0)];
     let short = Assigner::default().cut(&both, &[0; 19], &mut rng);
     let message = short.unwrap_err().to_string();
-    assert!(
-        message.contains("began is 19: expected a time for each episode"),
-        "{message}"
-    );
+    assert!(message.contains("began is 19: expected a time for each episode"), "{message}");
     let paper = fixed(1.0).unwrap().cut(&both, &two_rounds(), &mut rng);
     assert_eq!(paper.unwrap(), None);
 }

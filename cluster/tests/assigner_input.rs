@@ -6,19 +6,10 @@ use crate::common::{calibrated, fixed};
 
 #[test]
 fn malformed_frames_are_refused() {
-    let message = |features: &[f32], k, dim| {
-        Frames::new(features.to_vec(), k, dim)
-            .unwrap_err()
-            .to_string()
-    };
-    assert_eq!(
-        message(&[], 1, 1),
-        "features is empty: expected at least one value"
-    );
-    assert_eq!(
-        message(&[0.0], 0, 1),
-        "frames_per_episode is 0: expected at least 1"
-    );
+    let message =
+        |features: &[f32], k, dim| Frames::new(features.to_vec(), k, dim).unwrap_err().to_string();
+    assert_eq!(message(&[], 1, 1), "features is empty: expected at least one value");
+    assert_eq!(message(&[0.0], 0, 1), "frames_per_episode is 0: expected at least 1");
     assert_eq!(message(&[0.0], 1, 0), "dim is 0: expected at least 1");
     assert_eq!(
         message(&[0.0, f32::INFINITY], 2, 1),
@@ -52,10 +43,7 @@ fn settings_outside_their_range_are_refused() {
     }
     assert!(fixed(f64::INFINITY).is_err());
     let error = fixed(-0.5).unwrap_err().to_string();
-    assert_eq!(
-        error,
-        "threshold is -0.5: expected a finite number, at least 0"
-    );
+    assert_eq!(error, "threshold is -0.5: expected a finite number, at least 0");
 }
 
 #[test]

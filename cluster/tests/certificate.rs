@@ -27,38 +27,19 @@ fn refusal(spoil: impl Fn(&mut TransportPlan)) -> ClusterError {
 #[test]
 fn the_certificate_refuses_moved_mass() {
     let error = refusal(|plan| plan.entries[0].sink = (plan.entries[0].sink + 1) % 4);
-    assert!(
-        matches!(error, ClusterError::Marginal { side: "sink", .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::Marginal { side: "sink", .. }), "{error}");
     let error = refusal(|plan| plan.entries[0].mass += 0.01);
-    assert!(
-        matches!(error, ClusterError::Marginal { side: "source", .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::Marginal { side: "source", .. }), "{error}");
     let error = refusal(|plan| plan.entries.clear());
-    assert!(
-        matches!(error, ClusterError::Marginal { got: 0.0, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::Marginal { got: 0.0, .. }), "{error}");
     let error = refusal(|plan| plan.entries[0].mass = f64::NAN);
-    assert!(
-        matches!(error, ClusterError::NegativeMass { .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::NegativeMass { .. }), "{error}");
     // a negative entry that its row and column make good
     let error = refusal(|plan| {
-        let moved = |sink, mass| Entry {
-            source: 0,
-            sink,
-            mass,
-        };
+        let moved = |sink, mass| Entry { source: 0, sink, mass };
         plan.entries.extend([moved(0, -0.01), moved(0, 0.01)]);
     });
-    assert!(
-        matches!(error, ClusterError::NegativeMass { .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::NegativeMass { .. }), "{error}");
 }
 
 #[test]
@@ -67,62 +48,28 @@ fn the_certificate_refuses_a_feasible_plan_that_is_not_optimal() {
     let cost = [9.0, 2.0, 4.0, 1.0];
     let sides = (Weights::Uniform(2), Weights::Uniform(2));
     let mut plan = transport(&cost, sides.0, sides.1).unwrap();
-    plan.entries = vec![
-        Entry {
-            source: 0,
-            sink: 0,
-            mass: 0.5,
-        },
-        Entry {
-            source: 1,
-            sink: 1,
-            mass: 0.5,
-        },
-    ];
+    plan.entries =
+        vec![Entry { source: 0, sink: 0, mass: 0.5 }, Entry { source: 1, sink: 1, mass: 0.5 }];
     for claimed in [3.0, 5.0] {
         plan.cost = claimed;
         let error = certify(&cost, sides.0, sides.1, &plan).unwrap_err();
-        assert!(
-            matches!(error, ClusterError::DualityGap { primal: 5.0, .. }),
-            "{error}"
-        );
+        assert!(matches!(error, ClusterError::DualityGap { primal: 5.0, .. }), "{error}");
     }
 }
 
 #[test]
 fn the_certificate_refuses_spoilt_potentials() {
     let error = refusal(|plan| plan.source_potentials[2] += 0.01);
-    assert!(
-        matches!(
-            error,
-            ClusterError::DualInfeasible {
-                source_index: 2,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::DualInfeasible { source_index: 2, .. }), "{error}");
     let error = refusal(|plan| plan.sink_potentials[1] -= 0.01);
     assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
     let error = refusal(|plan| plan.sink_potentials[3] = f64::NAN);
-    assert!(
-        matches!(error, ClusterError::DualInfeasible { sink_index: 3, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::DualInfeasible { sink_index: 3, .. }), "{error}");
     // opposite shifts cancel in the dual value but not in the reduced costs of a plan with mixed
     // pairs
     let error =
         refusal(|plan| (plan.source_potentials[0], plan.source_potentials[1]) = (1e6, -1e6));
-    assert!(
-        matches!(
-            error,
-            ClusterError::DualInfeasible {
-                source_index: 0,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::DualInfeasible { source_index: 0, .. }), "{error}");
 }
 
 #[test]
@@ -132,32 +79,10 @@ fn the_certificate_refuses_false_claims_and_shapes() {
     let error = refusal(|plan| plan.cost = f64::NAN);
     assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
     let error = refusal(|plan| plan.sink_potentials.truncate(3));
-    assert!(
-        matches!(
-            error,
-            ClusterError::PlanShape {
-                got: 3,
-                expected: 4,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::PlanShape { got: 3, expected: 4, .. }), "{error}");
     let error = refusal(|plan| plan.entries[0].source = 6);
-    assert!(
-        matches!(
-            error,
-            ClusterError::EntryOutOfRange {
-                source_index: 6,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::EntryOutOfRange { source_index: 6, .. }), "{error}");
     let (cost, plan) = solved();
     let error = certify(&cost, Weights::Uniform(4), SIDES.1, &plan).unwrap_err();
-    assert!(
-        matches!(error, ClusterError::CostShape { len: 24, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::CostShape { len: 24, .. }), "{error}");
 }

@@ -22,10 +22,7 @@ fn replicated(x: &[f32], dim: usize, times: usize) -> Vec<f32> {
 
 #[track_caller]
 fn assert_close(got: f64, expected: f64) {
-    assert!(
-        (got - expected).abs() <= 1e-9 * expected.max(1.0),
-        "got {got}, expected {expected}"
-    );
+    assert!((got - expected).abs() <= 1e-9 * expected.max(1.0), "got {got}, expected {expected}");
 }
 
 #[test]
@@ -43,16 +40,7 @@ fn the_comparison_sees_a_nan_of_the_oracle() {
 #[test]
 fn agrees_with_the_closed_form_on_the_line() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    for (n, m) in [
-        (1, 1),
-        (1, 9),
-        (7, 7),
-        (12, 5),
-        (40, 40),
-        (40, 80),
-        (30, 31),
-        (64, 3),
-    ] {
+    for (n, m) in [(1, 1), (1, 9), (7, 7), (12, 5), (40, 40), (40, 80), (30, 31), (64, 3)] {
         let (x, y) = (normals(&mut rng, n), normals(&mut rng, m));
         let line = wasserstein1_line(&x, Weights::Uniform(n), &y, Weights::Uniform(m));
         assert_close(wasserstein1(&x, &y, 1).unwrap(), line.unwrap());
@@ -82,10 +70,7 @@ fn agree_with_replication(
         let (x, y) = (normals(&mut rng, n * dim), normals(&mut rng, m * dim));
         let mut multiples = (1..).map(|i| i * n);
         let common = multiples.find(|i| i.is_multiple_of(m)).unwrap();
-        let replicas = [
-            replicated(&x, dim, common / n),
-            replicated(&y, dim, common / m),
-        ];
+        let replicas = [replicated(&x, dim, common / n), replicated(&y, dim, common / m)];
         let distance = wasserstein1(&x, &y, dim).unwrap();
         assert_close(distance, expected(&replicas[0], &replicas[1], dim));
     }
@@ -123,25 +108,13 @@ fn the_largest_and_smallest_finite_features_are_accepted() {
 #[test]
 fn hostile_input_is_refused_with_its_values() {
     let message = |x: &[f32], y: &[f32], dim| wasserstein1(x, y, dim).unwrap_err().to_string();
-    assert_eq!(
-        message(&[], &[1.0], 1),
-        "x is empty: expected at least one value"
-    );
-    assert_eq!(
-        message(&[1.0], &[], 1),
-        "y is empty: expected at least one value"
-    );
+    assert_eq!(message(&[], &[1.0], 1), "x is empty: expected at least one value");
+    assert_eq!(message(&[1.0], &[], 1), "y is empty: expected at least one value");
     assert_eq!(message(&[1.0], &[1.0], 0), "dim is 0: expected at least 1");
     let ragged = "y has 3 values, which is not a multiple of 2 (the length of one point)";
     assert_eq!(message(&[1.0, 2.0], &[1.0, 2.0, 3.0], 2), ragged);
-    assert_eq!(
-        message(&[1.0, f32::NAN], &[1.0], 1),
-        "x[1] is NaN: expected a finite number"
-    );
-    assert_eq!(
-        message(&[1.0], &[f32::NEG_INFINITY], 1),
-        "y[0] is -inf: expected a finite number"
-    );
+    assert_eq!(message(&[1.0, f32::NAN], &[1.0], 1), "x[1] is NaN: expected a finite number");
+    assert_eq!(message(&[1.0], &[f32::NEG_INFINITY], 1), "y[0] is -inf: expected a finite number");
     assert!(matches!(
         EuclideanCosts::new().compute(&[1.0], &[], 1),
         Err(ClusterError::Empty { what: "y" })
@@ -160,9 +133,7 @@ fn distances_are_accurate_however_much_cancels() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for dim in [1, 3, 64, 130] {
         let mut x = normals(&mut rng, 70 * dim);
-        x.iter_mut()
-            .take(30 * dim)
-            .for_each(|v| *v = 1000.0 + *v * 1e-3);
+        x.iter_mut().take(30 * dim).for_each(|v| *v = 1000.0 + *v * 1e-3);
         let mut y = x.clone();
         y.iter_mut().skip(50 * dim).for_each(|v| *v += 1e-4);
         let mut costs = EuclideanCosts::new();
@@ -170,10 +141,7 @@ fn distances_are_accurate_however_much_cancels() {
         for (i, p) in x.chunks_exact(dim).enumerate() {
             for (j, q) in y.chunks_exact(dim).enumerate() {
                 let (got, expected) = (costs[i * 70 + j], naive(p, q));
-                assert!(
-                    (got - expected).abs() <= 1e-11 * expected,
-                    "{got} {expected}"
-                );
+                assert!((got - expected).abs() <= 1e-11 * expected, "{got} {expected}");
             }
         }
     }
@@ -184,10 +152,7 @@ fn distances_have_the_same_bits_on_any_number_of_threads() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     let (x, y) = (normals(&mut rng, 300 * 64), normals(&mut rng, 300 * 64));
     let on = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| EuclideanCosts::new().compute(&x, &y, 64).unwrap().to_vec())
     };
     let one = on(1);

@@ -17,10 +17,7 @@ fn hostile_inputs_get_the_verdict_they_deserve() {
     }
     let [solved @ .., imprecise] = counts;
     // each kind of verdict is met often, so none of the three is vacuous
-    assert!(
-        solved.iter().all(|&count| 20 * count > inputs),
-        "{counts:?}"
-    );
+    assert!(solved.iter().all(|&count| 20 * count > inputs), "{counts:?}");
     // a refusal for want of precision is rare even among these
     assert!(imprecise > 0 && 100 * imprecise < inputs, "{counts:?}");
 }
@@ -29,11 +26,7 @@ fn hostile_inputs_get_the_verdict_they_deserve() {
 fn the_verdicts_can_be_wrong() {
     let plan = cluster::TransportPlan::default();
     let malformed = cluster::ClusterError::Empty { what: "x" };
-    let imprecise = cluster::ClusterError::Imprecise {
-        cost: 1.0,
-        excess: 0.1,
-        tolerance: 1e-9,
-    };
+    let imprecise = cluster::ClusterError::Imprecise { cost: 1.0, excess: 0.1, tolerance: 1e-9 };
     for hard in [false, true] {
         assert_eq!(case::expected(true, hard, Ok(&plan)), Ok(Ok(&plan)));
         let refused = case::expected(false, hard, Err(malformed.clone()));
@@ -59,17 +52,9 @@ fn the_oracles_agree_with_one_another() {
     let transposed = [9.0, 4.0, 2.0, 1.0, 5.0, 7.0];
     assert_eq!(oracle::transport(&transposed, &b, &a), Some(value));
     // two points of weight a half each are four of a quarter
-    let doubled: Vec<f64> = (0..16)
-        .map(|k| [9.0, 2.0, 4.0, 1.0][k / 8 * 2 + k % 4 / 2])
-        .collect();
+    let doubled: Vec<f64> = (0..16).map(|k| [9.0, 2.0, 4.0, 1.0][k / 8 * 2 + k % 4 / 2]).collect();
     let quarters = [0.25; 4];
     assert_eq!(oracle::transport(&doubled, &quarters, &quarters), Some(3.0));
-    assert_eq!(
-        oracle::transport(&[9.0, 2.0, 4.0, 1.0], &a, &[0.5, 0.5]),
-        Some(3.0)
-    );
-    assert_eq!(
-        oracle::transport(&[0.0; 81], &[1.0 / 9.0; 9], &[1.0 / 9.0; 9]),
-        None
-    );
+    assert_eq!(oracle::transport(&[9.0, 2.0, 4.0, 1.0], &a, &[0.5, 0.5]), Some(3.0));
+    assert_eq!(oracle::transport(&[0.0; 81], &[1.0 / 9.0; 9], &[1.0 / 9.0; 9]), None);
 }

@@ -97,11 +97,7 @@ fn tolerance(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> f64 {
         0.0
     };
     let promised = (COST_TOLERANCE * plan.cost.abs()).max(RELATIVE_TOLERANCE * near_zero);
-    let rounded = if equal(a, b) {
-        0.0
-    } else {
-        1e-15 * largest(cost)
-    };
+    let rounded = if equal(a, b) { 0.0 } else { 1e-15 * largest(cost) };
     promised + rounded + 1e-320
 }
 
@@ -131,11 +127,7 @@ fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> 
         Err(refused) => return Ok(refused),
     };
     recertify(&cost, &a, &b, plan)?;
-    agree(
-        plan.cost,
-        oracle(&cost, &a, &b),
-        tolerance(&cost, &a, &b, plan),
-    )
+    agree(plan.cost, oracle(&cost, &a, &b), tolerance(&cost, &a, &b, plan))
 }
 
 /// Solves small whole costs of both signs and forbidden pairs between equal weights, for which
@@ -143,9 +135,7 @@ fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> 
 fn forbidden_pairs(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> {
     let n = rng.random_range(3..=8);
     let prices = [1e9, 1e16, 1e18, 1e30, MAX_COST];
-    let one_price = rng
-        .random::<bool>()
-        .then(|| rng.random_range(0..prices.len()));
+    let one_price = rng.random::<bool>().then(|| rng.random_range(0..prices.len()));
     let share = rng.random_range(1..6);
     let cost: Vec<f64> = (0..n * n)
         .map(|_| {
@@ -164,11 +154,7 @@ fn forbidden_pairs(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome,
     };
     let plan = plan.map_err(|error| format!("a well-formed input was refused: {error}"))?;
     recertify(&cost, &side, &side, plan)?;
-    agree(
-        plan.cost,
-        oracle(&cost, &side, &side),
-        tolerance(&cost, &side, &side, plan),
-    )
+    agree(plan.cost, oracle(&cost, &side, &side), tolerance(&cost, &side, &side, plan))
 }
 
 /// Returns `true` if the weights of both sides are equal.
@@ -215,8 +201,7 @@ fn distances(x: &[f32], y: &[f32], dim: usize) -> Vec<f64> {
     let square = |(a, b): (&f32, &f32)| (f64::from(*a) - f64::from(*b)).powi(2);
     let distance = |p: &[f32], q: &[f32]| p.iter().zip(q).map(square).sum::<f64>().sqrt();
     let rows = x.chunks_exact(dim);
-    rows.flat_map(|p| y.chunks_exact(dim).map(move |q| distance(p, q)))
-        .collect()
+    rows.flat_map(|p| y.chunks_exact(dim).map(move |q| distance(p, q))).collect()
 }
 
 /// Holds a verdict to the one that the input deserves: a plan, or the reason why there is none.
@@ -261,19 +246,13 @@ pub fn agree(got: f64, value: Option<f64>, tolerance: f64) -> Result<Outcome, St
 
 /// Small as a rule.
 fn size(rng: &mut ChaCha8Rng) -> usize {
-    if rng.random_ratio(1, 200) {
-        rng.random_range(13..80)
-    } else {
-        rng.random_range(1..=12)
-    }
+    if rng.random_ratio(1, 200) { rng.random_range(13..80) } else { rng.random_range(1..=12) }
 }
 
 fn costs(rng: &mut ChaCha8Rng, n: usize, m: usize) -> Vec<f64> {
     let kind = rng.random_range(0..13);
     let constant = rng.random_range(-3.0..3.0);
-    let forbidden = *[1e9, 1e15, 1e18, 1e30, MAX_COST]
-        .choose(rng)
-        .unwrap_or(&0.0);
+    let forbidden = *[1e9, 1e15, 1e18, 1e30, MAX_COST].choose(rng).unwrap_or(&0.0);
     let blocks = rng.random_range(2..5);
     (0..n * m)
         .map(|k| match kind {
@@ -333,13 +312,7 @@ fn spoil_matrix(rng: &mut ChaCha8Rng, cost: &mut Vec<f64>, a: &mut Side, b: &mut
 }
 
 fn unfit(rng: &mut ChaCha8Rng) -> f64 {
-    let unfit = [
-        f64::NAN,
-        f64::INFINITY,
-        f64::NEG_INFINITY,
-        2.0 * MAX_COST,
-        f64::MIN,
-    ];
+    let unfit = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 2.0 * MAX_COST, f64::MIN];
     *unfit.choose(rng).unwrap_or(&f64::NAN)
 }
 

@@ -22,16 +22,9 @@ fn miscounted_weights_are_refused_even_where_the_matrix_has_the_right_length() {
     // two points and three, weighted as three and two: 2 x 3 = 3 x 2
     let (x, y) = ([0.0, 1.0], [0.0, 1.0, 2.0]);
     let error = solved(&x, Weights::Uniform(3), &y, Weights::Uniform(2), 1).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "x has 2 points and 3 weights: expected a weight for each point"
-    );
+    assert_eq!(error.to_string(), "x has 2 points and 3 weights: expected a weight for each point");
     let error = wasserstein1_line(&x, Weights::Uniform(2), &y, Weights::Given(&[1.0]));
-    let counts = ClusterError::WeightCount {
-        side: "y",
-        points: 3,
-        weights: 1,
-    };
+    let counts = ClusterError::WeightCount { side: "y", points: 3, weights: 1 };
     assert_eq!(error.unwrap_err(), counts);
 }
 
@@ -41,18 +34,14 @@ fn absurd_numbers_of_points_overflow_nothing() {
         for other in [1, 2, 3, usize::MAX] {
             let (a, b) = (Weights::Uniform(absurd), Weights::Uniform(other));
             for (a, b) in [(a, b), (b, a)] {
-                assert!(matches!(
-                    transport(&[1.0], a, b),
-                    Err(ClusterError::CostShape { .. })
-                ));
+                assert!(matches!(transport(&[1.0], a, b), Err(ClusterError::CostShape { .. })));
                 assert!(matches!(
                     certify(&[1.0], a, b, &TransportPlan::default()),
                     Err(ClusterError::CostShape { .. })
                 ));
-                for error in [
-                    solved(&[1.0], a, &[1.0], b, 1),
-                    wasserstein1_line(&[1.0], a, &[1.0], b),
-                ] {
+                for error in
+                    [solved(&[1.0], a, &[1.0], b, 1), wasserstein1_line(&[1.0], a, &[1.0], b)]
+                {
                     assert!(matches!(error, Err(ClusterError::WeightCount { .. })));
                 }
             }
@@ -68,10 +57,7 @@ fn absurd_numbers_of_points_overflow_nothing() {
 fn a_matrix_that_no_memory_holds_is_refused() {
     let points = vec![0.0; 1 << 24];
     assert_eq!(
-        EuclideanCosts::new()
-            .compute(&points, &points, 1)
-            .unwrap_err()
-            .to_string(),
+        EuclideanCosts::new().compute(&points, &points, 1).unwrap_err().to_string(),
         "the distances between 16777216 and 16777216 points do not fit in memory; \
          compare samples of the clouds"
     );
@@ -96,14 +82,7 @@ fn an_infinite_cost_does_not_make_the_certificate_generous() {
     plan.cost = f64::INFINITY;
     for unfit in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
         let error = certify(&[0.0, unfit, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
-        assert!(matches!(
-            error,
-            ClusterError::NonFinite {
-                what: "cost",
-                index: 1,
-                ..
-            }
-        ));
+        assert!(matches!(error, ClusterError::NonFinite { what: "cost", index: 1, .. }));
     }
     let error = certify(&[0.0, 2.0 * MAX_COST, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
     assert!(matches!(error, ClusterError::CostTooLarge { index: 1, .. }));
@@ -125,10 +104,7 @@ fn every_scale_in_one_matrix_is_certified() {
         let random = random_costs(4, n * n);
         let cost: Vec<f64> = random.iter().map(|c| 10_f64.powf(30.0 * c)).collect();
         uniform(&cost, n, n).unwrap();
-        let signed: Vec<f64> = random
-            .iter()
-            .map(|c| c.signum() * 10_f64.powf(30.0 * c))
-            .collect();
+        let signed: Vec<f64> = random.iter().map(|c| c.signum() * 10_f64.powf(30.0 * c)).collect();
         uniform(&signed, n, n).unwrap();
     }
 }
@@ -138,24 +114,17 @@ fn ties_and_the_largest_costs_end_within_the_bound_on_pivots() {
     let n = 200;
     for levels in [1.0, 2.0, 10.0] {
         // tenths: sums along a path round
-        let tied: Vec<f64> = random_costs(5, n * n)
-            .iter()
-            .map(|c| (levels * c).round() * 0.1)
-            .collect();
+        let tied: Vec<f64> =
+            random_costs(5, n * n).iter().map(|c| (levels * c).round() * 0.1).collect();
         uniform(&tied, n, n).unwrap();
         uniform(&tied[..n * 7], n, 7).unwrap();
     }
-    let grid: Vec<f64> = (0..n * n)
-        .map(|k| (k / n).abs_diff(k % n) as f64 * 0.1)
-        .collect();
+    let grid: Vec<f64> = (0..n * n).map(|k| (k / n).abs_diff(k % n) as f64 * 0.1).collect();
     assert!(uniform(&grid, n, n).unwrap().cost.abs() < 1e-12);
     for cost in [[MAX_COST; 40], [-MAX_COST; 40]] {
         assert_eq!(uniform(&cost, 5, 8).unwrap().cost, cost[0]);
     }
-    let extremes: Vec<f64> = random_costs(6, n * n)
-        .iter()
-        .map(|c| MAX_COST * c.signum())
-        .collect();
+    let extremes: Vec<f64> = random_costs(6, n * n).iter().map(|c| MAX_COST * c.signum()).collect();
     uniform(&extremes, n, n).unwrap();
 }
 
@@ -244,12 +213,7 @@ fn costs_that_vanish_in_the_potentials_are_seen_by_the_certificate() {
         let three = [0.0, -1.0, f, -1.0, 0.0, f, f, f, 0.0];
         let got = uniform(&three, 3, 3).unwrap().cost;
         assert!((got + 2.0 / 3.0).abs() < 1e-12, "{f:e}: {got}");
-        let four = [
-            [-2.0, 1.0, f, f],
-            [2.0, f, -2.0, f],
-            [3.0, 1.0, f, f],
-            [1.0, 0.0, 3.0, -2.0],
-        ];
+        let four = [[-2.0, 1.0, f, f], [2.0, f, -2.0, f], [3.0, 1.0, f, f], [1.0, 0.0, 3.0, -2.0]];
         let got = uniform(four.as_flattened(), 4, 4).unwrap().cost;
         assert!((got + 1.25).abs() < 1e-12, "{f:e}: {got}");
     }
@@ -261,13 +225,7 @@ fn a_plan_with_potentials_that_hide_its_costs_is_refused() {
     for f in [1e18, 1e30, MAX_COST] {
         let cost = [0.0, -1.0, f, -1.0, 0.0, f, f, f, 0.0];
         let plan = TransportPlan {
-            entries: (0..3)
-                .map(|k| Entry {
-                    source: k,
-                    sink: k,
-                    mass: 1.0 / 3.0,
-                })
-                .collect(),
+            entries: (0..3).map(|k| Entry { source: k, sink: k, mass: 1.0 / 3.0 }).collect(),
             source_potentials: vec![f, f, 0.0],
             sink_potentials: vec![-f, -f, 0.0],
             ..TransportPlan::default()
@@ -284,22 +242,13 @@ fn a_plan_with_potentials_that_hide_its_costs_is_refused() {
 fn potentials_that_overflow_are_refused() {
     let (two, half) = (Weights::Uniform(2), 0.5);
     let plan = TransportPlan {
-        entries: (0..2)
-            .map(|k| Entry {
-                source: k,
-                sink: k,
-                mass: half,
-            })
-            .collect(),
+        entries: (0..2).map(|k| Entry { source: k, sink: k, mass: half }).collect(),
         source_potentials: vec![f64::MAX, 0.0],
         sink_potentials: vec![f64::MAX, 0.0],
         ..TransportPlan::default()
     };
     let error = certify(&[0.0; 4], two, two, &plan).unwrap_err();
-    assert!(
-        matches!(error, ClusterError::DualInfeasible { .. }),
-        "{error}"
-    );
+    assert!(matches!(error, ClusterError::DualInfeasible { .. }), "{error}");
 }
 
 #[test]
@@ -396,12 +345,7 @@ fn what_rounding_leaves_open_is_refused_and_never_returned() {
     let mut weights = vec![1.0 / 19.0; 20];
     weights[0] = 1e-17;
     let error = transport(&cost, Weights::Given(&weights), Weights::Uniform(20)).unwrap_err();
-    let ClusterError::Imprecise {
-        cost,
-        excess,
-        tolerance,
-    } = error
-    else {
+    let ClusterError::Imprecise { cost, excess, tolerance } = error else {
         panic!("{error}");
     };
     assert!(excess > tolerance && tolerance < 1e-8 * cost, "{error}");
@@ -429,21 +373,14 @@ fn a_far_point_costs_the_closed_form_no_precision_and_given_weights_are_refused(
     // as integers, thirds of the whole differ by some units, which go all the way
     let thirds = Weights::Given(&[1.0 / 3.0; 3]);
     let (x, y) = ([0.0, 0.5, 1e30], [1e30, 0.1, 0.7]);
-    for result in [
-        wasserstein1_line(&x, thirds, &y, thirds),
-        solved(&x, thirds, &y, thirds, 1),
-    ] {
-        assert!(
-            matches!(result, Err(ClusterError::Imprecise { .. })),
-            "{result:?}"
-        );
+    for result in [wasserstein1_line(&x, thirds, &y, thirds), solved(&x, thirds, &y, thirds, 1)] {
+        assert!(matches!(result, Err(ClusterError::Imprecise { .. })), "{result:?}");
     }
     let quarters = Weights::Given(&[0.25; 4]);
     let (x, y) = ([0.0, 0.25, 0.5, 1e30], [1e30, 0.1, 0.3, 0.7]);
-    for distance in [
-        wasserstein1_line(&x, quarters, &y, quarters),
-        solved(&x, quarters, &y, quarters, 1),
-    ] {
+    for distance in
+        [wasserstein1_line(&x, quarters, &y, quarters), solved(&x, quarters, &y, quarters, 1)]
+    {
         assert!((distance.unwrap() - expected).abs() < 1e-9);
     }
 }

@@ -1,11 +1,7 @@
 //! The integration tests of this crate as one program, which is compiled and linked once.
 //! `allocations.rs` is a program of its own.
 
-#![allow(
-    clippy::expect_used,
-    clippy::unwrap_used,
-    reason = "tests and their helpers"
-)]
+#![allow(clippy::expect_used, clippy::unwrap_used, reason = "tests and their helpers")]
 
 mod assigner;
 mod assigner_input;

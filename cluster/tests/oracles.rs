@@ -14,10 +14,7 @@ use crate::common::{normals, random_costs, random_weights, uniform};
 fn linear_program(cost: &[f64], a: &[f64], b: &[f64]) -> f64 {
     let (n, m) = (a.len(), b.len());
     let mut program = Problem::new(OptimizationDirection::Minimize);
-    let entries: Vec<_> = cost
-        .iter()
-        .map(|&c| program.add_var(c, (0.0, f64::INFINITY)))
-        .collect();
+    let entries: Vec<_> = cost.iter().map(|&c| program.add_var(c, (0.0, f64::INFINITY))).collect();
     for (i, &weight) in a.iter().enumerate() {
         let row: Vec<_> = (0..m).map(|j| (entries[i * m + j], 1.0)).collect();
         program.add_constraint(row.as_slice(), ComparisonOp::Eq, weight);
@@ -42,16 +39,10 @@ fn weights_with_zeros(seed: u64, len: usize, zeros: usize) -> Vec<f64> {
 
 #[test]
 fn weighted_problems_agree_with_a_linear_program() {
-    for (seed, (n, m, zeros)) in [
-        (2, 2, 0),
-        (1, 9, 0),
-        (9, 4, 2),
-        (5, 12, 1),
-        (13, 13, 3),
-        (30, 20, 5),
-    ]
-    .into_iter()
-    .enumerate()
+    for (seed, (n, m, zeros)) in
+        [(2, 2, 0), (1, 9, 0), (9, 4, 2), (5, 12, 1), (13, 13, 3), (30, 20, 5)]
+            .into_iter()
+            .enumerate()
     {
         let seed = seed as u64;
         let (a, b) = (
@@ -99,10 +90,7 @@ fn clouds_agree_with_an_assignment_solver_through_shortlists() {
     let (columns, _) = lapjv(&matrix).unwrap();
     let expected = lapjv::cost(&matrix, &columns) / n as f64;
     let got = cluster::wasserstein1(&x, &y, dim).unwrap();
-    assert!(
-        (got - expected).abs() <= 1e-12 * expected,
-        "{got} and {expected}"
-    );
+    assert!((got - expected).abs() <= 1e-12 * expected, "{got} and {expected}");
 }
 
 fn numbers(problem: &Value, key: &str) -> Vec<f64> {

@@ -25,9 +25,7 @@ fn mean(cloud: &[f32], d: usize) -> f64 {
 }
 
 fn shifted(x: &[f32], t: &[f32; DIM]) -> Vec<f32> {
-    x.chunks_exact(DIM)
-        .flat_map(|p| [p[0] + t[0], p[1] + t[1], p[2] + t[2]])
-        .collect()
+    x.chunks_exact(DIM).flat_map(|p| [p[0] + t[0], p[1] + t[1], p[2] + t[2]]).collect()
 }
 
 fn w1(x: &[f32], y: &[f32]) -> f64 {

@@ -21,10 +21,7 @@ fn each_episode_is_kept_equally_often() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut kept = [0u32; STREAM];
     for _ in 0..runs {
-        filled(&mut rng)
-            .episodes()
-            .iter()
-            .for_each(|&episode| kept[episode] += 1);
+        filled(&mut rng).episodes().iter().for_each(|&episode| kept[episode] += 1);
     }
     let share = CAPACITY as f64 / STREAM as f64;
     let expected = f64::from(runs) * share;
@@ -50,9 +47,8 @@ fn holds_every_episode_while_there_is_room() {
 fn each_episode_is_held_or_returned() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut reservoir = Reservoir::new(4).unwrap();
-    let mut all: Vec<u32> = (0..100)
-        .filter_map(|episode| reservoir.offer(episode, &mut rng))
-        .collect();
+    let mut all: Vec<u32> =
+        (0..100).filter_map(|episode| reservoir.offer(episode, &mut rng)).collect();
     all.extend(reservoir.episodes());
     all.sort_unstable();
     assert_eq!(all, (0..100).collect::<Vec<_>>());
@@ -72,10 +68,7 @@ fn a_restored_reservoir_goes_on_alike() {
             Reservoir::from_parts(capacity, seen, original.episodes().to_vec()).unwrap();
         let mut other = rng.clone();
         for episode in saved_at..4 * STREAM {
-            assert_eq!(
-                original.offer(episode, &mut rng),
-                restored.offer(episode, &mut other)
-            );
+            assert_eq!(original.offer(episode, &mut rng), restored.offer(episode, &mut other));
         }
         assert_eq!(original, restored);
     }
@@ -87,13 +80,6 @@ fn impossible_parts_are_refused() {
     assert_eq!(zero, "capacity is 0: expected at least 1");
     for (seen, held) in [(0, 1), (2, 1), (9, 2), (9, 4)] {
         let error = Reservoir::from_parts(3, seen, vec![0u8; held]).unwrap_err();
-        assert_eq!(
-            error,
-            ClusterError::ReservoirParts {
-                capacity: 3,
-                seen,
-                held
-            }
-        );
+        assert_eq!(error, ClusterError::ReservoirParts { capacity: 3, seen, held });
     }
 }

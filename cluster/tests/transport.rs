@@ -6,23 +6,11 @@ use crate::common::{random_costs, random_weights, transposed, uniform};
 
 #[test]
 fn certifies_random_problems_of_all_shapes() {
-    for (n, m) in [
-        (1, 1),
-        (1, 50),
-        (50, 1),
-        (37, 23),
-        (23, 37),
-        (40, 40),
-        (30, 45),
-        (60, 20),
-    ] {
+    for (n, m) in [(1, 1), (1, 50), (50, 1), (37, 23), (23, 37), (40, 40), (30, 45), (60, 20)] {
         let plan = uniform(&random_costs((n * m) as u64, n * m), n, m).unwrap();
         let mass: f64 = plan.entries.iter().map(|e| e.mass).sum();
         assert!((mass - 1.0).abs() < 1e-12);
-        assert_eq!(
-            (plan.source_potentials.len(), plan.sink_potentials.len()),
-            (n, m)
-        );
+        assert_eq!((plan.source_potentials.len(), plan.sink_potentials.len()), (n, m));
     }
 }
 
@@ -32,11 +20,7 @@ fn solves_a_problem_worked_by_hand() {
     // cheaper
     let plan = uniform(&[9.0, 2.0, 4.0, 1.0], 2, 2).unwrap();
     assert_eq!(plan.cost, 3.0);
-    let pairs: Vec<_> = plan
-        .entries
-        .iter()
-        .map(|e| (e.source, e.sink, e.mass))
-        .collect();
+    let pairs: Vec<_> = plan.entries.iter().map(|e| (e.source, e.sink, e.mass)).collect();
     assert_eq!(pairs, [(0, 1, 0.5), (1, 0, 0.5)]);
 }
 
@@ -54,10 +38,7 @@ fn transposition_exchanges_the_sides() {
 #[test]
 fn extreme_scales_are_certified() {
     for scale in [1e-300, 1e-12, 1e12, 1e99] {
-        let cost: Vec<f64> = random_costs(11, 20 * 12)
-            .iter()
-            .map(|c| c * scale)
-            .collect();
+        let cost: Vec<f64> = random_costs(11, 20 * 12).iter().map(|c| c * scale).collect();
         uniform(&cost, 20, 12).unwrap();
     }
     assert_eq!(uniform(&[0.0; 30], 5, 6).unwrap().cost, 0.0);
@@ -65,10 +46,7 @@ fn extreme_scales_are_certified() {
 
 #[test]
 fn costs_of_very_different_size_are_certified() {
-    let cost: Vec<f64> = random_costs(12, 900)
-        .iter()
-        .map(|c| (40.0 * c).exp())
-        .collect();
+    let cost: Vec<f64> = random_costs(12, 900).iter().map(|c| (40.0 * c).exp()).collect();
     uniform(&cost, 30, 30).unwrap();
 }
 
@@ -77,31 +55,16 @@ fn malformed_matrices_are_refused() {
     let message = |cost: &[f64], n, m| uniform(cost, n, m).unwrap_err().to_string();
     assert_eq!(message(&[], 0, 3), "sources is 0: expected at least 1");
     assert_eq!(message(&[], 3, 0), "sinks is 0: expected at least 1");
-    assert_eq!(
-        message(&[1.0; 5], 2, 3),
-        "cost has 5 entries: expected sources x sinks = 2 x 3"
-    );
-    assert!(matches!(
-        uniform(&[1.0], usize::MAX, 2),
-        Err(ClusterError::CostShape { .. })
-    ));
-    assert_eq!(
-        message(&[1.0, f64::NAN], 1, 2),
-        "cost[1] is NaN: expected a finite number"
-    );
-    assert_eq!(
-        message(&[f64::INFINITY], 1, 1),
-        "cost[0] is inf: expected a finite number"
-    );
+    assert_eq!(message(&[1.0; 5], 2, 3), "cost has 5 entries: expected sources x sinks = 2 x 3");
+    assert!(matches!(uniform(&[1.0], usize::MAX, 2), Err(ClusterError::CostShape { .. })));
+    assert_eq!(message(&[1.0, f64::NAN], 1, 2), "cost[1] is NaN: expected a finite number");
+    assert_eq!(message(&[f64::INFINITY], 1, 1), "cost[0] is inf: expected a finite number");
     assert!(message(&[-1e200], 1, 1).starts_with("cost[0] is -1e200: expected at most 1e100"));
 }
 
 /// The costs of the first `m` of `wider` columns.
 fn columns(cost: &[f64], wider: usize, m: usize) -> Vec<f64> {
-    cost.chunks_exact(wider)
-        .flat_map(|row| &row[..m])
-        .copied()
-        .collect()
+    cost.chunks_exact(wider).flat_map(|row| &row[..m]).copied().collect()
 }
 
 #[test]
@@ -133,9 +96,7 @@ fn a_reused_solver_gives_the_bits_of_a_new_one() {
     let mut solver = Solver::new();
     for (n, m) in [(20, 30), (7, 600), (20, 30), (1, 1)] {
         let cost = random_costs(23, n * m);
-        let reused = solver
-            .solve(&cost, Weights::Uniform(n), Weights::Uniform(m))
-            .unwrap();
+        let reused = solver.solve(&cost, Weights::Uniform(n), Weights::Uniform(m)).unwrap();
         assert_eq!(*reused, uniform(&cost, n, m).unwrap());
     }
 }
@@ -164,9 +125,7 @@ fn weights_may_be_zero_or_very_small() {
 fn weights_that_are_no_distribution_are_refused() {
     let message = |weights: &[f64]| {
         let sides = (Weights::Given(weights), Weights::Uniform(1));
-        transport(&vec![0.0; weights.len()], sides.0, sides.1)
-            .unwrap_err()
-            .to_string()
+        transport(&vec![0.0; weights.len()], sides.0, sides.1).unwrap_err().to_string()
     };
     assert_eq!(
         message(&[0.5, 0.25]),

@@ -22,10 +22,7 @@ fn measure() -> impl Strategy<Value = Measure> {
         points[0].1 += 1;
         let sum: f64 = points.iter().map(|(_, count)| f64::from(*count)).sum();
         Measure {
-            weights: points
-                .iter()
-                .map(|(_, count)| f64::from(*count) / sum)
-                .collect(),
+            weights: points.iter().map(|(_, count)| f64::from(*count) / sum).collect(),
             points: points.into_iter().map(|(point, _)| point).collect(),
         }
     })
@@ -35,10 +32,7 @@ fn plan(x: &Measure, y: &Measure) -> TransportPlan {
     let (a, b) = (Weights::Given(&x.weights), Weights::Given(&y.weights));
     let (from, to) = (x.points.as_flattened(), y.points.as_flattened());
     let mut workspace = Wasserstein::new();
-    workspace
-        .solve((from, a), (to, b), DIM)
-        .expect("two measures")
-        .clone()
+    workspace.solve((from, a), (to, b), DIM).expect("two measures").clone()
 }
 
 fn w1(x: &Measure, y: &Measure) -> f64 {
@@ -53,10 +47,7 @@ fn distance(p: &[f32; DIM], q: &[f32; DIM]) -> f64 {
 /// Moves half of each point's weight to a copy at the end.
 fn halved(x: &Measure) -> Measure {
     let halves: Vec<f64> = x.weights.iter().map(|w| w / 2.0).collect();
-    Measure {
-        points: x.points.repeat(2),
-        weights: halves.repeat(2),
-    }
+    Measure { points: x.points.repeat(2), weights: halves.repeat(2) }
 }
 
 proptest! {

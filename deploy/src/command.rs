@@ -64,12 +64,7 @@ pub struct DeployOptions {
     /// `position-error=0,5,10,20,30`: position-error and mask-growth (mm), angle-error (degrees),
     /// picture-latency and command-latency (ms), exposure-drift and balance-drift (%). May be given
     /// several times, for one fault each.
-    #[arg(
-        long,
-        value_name = "FAULT=AMOUNTS",
-        requires = "out",
-        conflicts_with = "json"
-    )]
+    #[arg(long, value_name = "FAULT=AMOUNTS", requires = "out", conflicts_with = "json")]
     pub sweep: Vec<FaultSweep>,
     /// Trials of each variant for each amount of a sweep (default: as many as `--trials`).
     #[arg(long, value_name = "TRIALS", requires = "sweep")]
@@ -165,11 +160,7 @@ impl DeployOptions {
 
     /// The first trial of a group.
     fn first(&self, group: TaskGroup) -> Trial {
-        Trial {
-            variant: group.variants()[0],
-            number: 0,
-            seed: self.site.rig.seed,
-        }
+        Trial { variant: group.variants()[0], number: 0, seed: self.site.rig.seed }
     }
 
     fn groups(&self) -> Result<Vec<TaskGroup>, RunError> {
@@ -259,11 +250,7 @@ impl DeployOptions {
         for variant in groups.iter().flat_map(|group| group.variants()) {
             let of_variant = scores.len();
             for number in 0..trials {
-                let trial = Trial {
-                    variant,
-                    number,
-                    seed: self.site.rig.seed,
-                };
+                let trial = Trial { variant, number, seed: self.site.rig.seed };
                 let mut strip = video.map(|_| Strip::default());
                 let score = deployment.trial(rig, arm, &trial, strip.as_mut())?;
                 if let (Some(folder), Some(strip)) = (video, strip) {

@@ -49,9 +49,7 @@ impl Deployment {
     /// empty table; [`RunError::Setting`] for policies that have learnt in another layout, with
     /// decisions that twists cannot follow, or with a context, which reads rewards.
     pub fn load(folder: &RunFolder, sight: SightSettings) -> Result<Self, DeployError> {
-        let Experiment {
-            learner, mut envs, ..
-        } = folder.experiment()?;
+        let Experiment { learner, mut envs, .. } = folder.experiment()?;
         check(&learner, &envs)?;
         envs.num_envs = 1;
         let spec = Stream::spec_of(&envs);
@@ -129,11 +127,7 @@ impl Deployment {
         let env = self.env(&mut *rig, arm, trial, strip);
         let played = env.and_then(|mut env| {
             let score = self.play(&mut env, trial)?;
-            Ok(Played {
-                score,
-                actions: env.actions,
-                stages: env.stages,
-            })
+            Ok(Played { score, actions: env.actions, stages: env.stages })
         });
         then_stop(rig, played)
     }
@@ -145,9 +139,7 @@ impl Deployment {
     /// [`DeployError::OtherCamera`].
     pub(super) fn check_calibration(&self, rig: &dyn Rig) -> Result<(), DeployError> {
         let file = self.sight.calibration;
-        file.map_or(Ok(()), |file| {
-            plausibility::check(&file, &rig.standing_calibration())
-        })
+        file.map_or(Ok(()), |file| plausibility::check(&file, &rig.standing_calibration()))
     }
 
     /// What a policy sees of a table that was set as `set_up` says, from `start` on.
@@ -161,14 +153,7 @@ impl Deployment {
         let calibration = self.sight.calibration;
         let calibration = calibration.unwrap_or_else(|| rig.calibration());
         let known = (&self.camera, &self.table[..]);
-        Sight::new(
-            &self.sight,
-            arm,
-            calibration,
-            known,
-            set_up,
-            (rig.now(), start),
-        )
+        Sight::new(&self.sight, arm, calibration, known, set_up, (rig.now(), start))
     }
 
     /// The table of a trial once it is set, as an environment.
@@ -205,10 +190,7 @@ impl Deployment {
     fn play(&mut self, env: &mut TrialEnv, trial: &Trial) -> Result<TrialScore, DeployError> {
         env.begin()?;
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
-        let mut look = FirstPicture {
-            spec: &self.spec,
-            first: &env.start,
-        };
+        let mut look = FirstPicture { spec: &self.spec, first: &env.start };
         let started = Instant::now();
         let Recognised { policy, fits } = self.learner.recognise(&mut look, Some(1), &mut rng)?;
         env.stages.note(Stage::Recognition, started.elapsed());
@@ -235,14 +217,8 @@ struct Played {
 
 /// Refuses policies that would act otherwise than they have learnt to.
 pub(super) fn check(learner: &LearnerSettings, envs: &VecEnvSettings) -> Result<(), DeployError> {
-    let refuse = |name, value: String, expected| {
-        Err(RunError::Setting {
-            name,
-            value,
-            expected,
-        }
-        .into())
-    };
+    let refuse =
+        |name, value: String, expected| Err(RunError::Setting { name, value, expected }.into());
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }

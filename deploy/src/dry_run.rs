@@ -163,11 +163,7 @@ impl Rig for DryRun<'_> {
             DeployError::Rig { source } => source,
             other => other.into(),
         })?;
-        Ok(SetUp {
-            background,
-            parked: self.rig.state()?,
-            goal: None,
-        })
+        Ok(SetUp { background, parked: self.rig.state()?, goal: None })
     }
 
     fn calibration(&self) -> Calibration {

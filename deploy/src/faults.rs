@@ -118,17 +118,12 @@ impl FromStr for FaultSweep {
     type Err = DeployError;
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
-        let refused = |expected| RunError::Setting {
-            name: "sweep",
-            value: text.to_owned(),
-            expected,
-        };
+        let refused =
+            |expected| RunError::Setting { name: "sweep", value: text.to_owned(), expected };
         let (fault, amounts) = named(text)?;
         let amounts: Result<Vec<f64>, _> = amounts.split(',').map(str::parse).collect();
         let amounts = amounts.map_err(|_| refused(FORM))?;
-        let from_zero = amounts
-            .iter()
-            .all(|amount| *amount >= 0.0 && amount.is_finite());
+        let from_zero = amounts.iter().all(|amount| *amount >= 0.0 && amount.is_finite());
         let rising = amounts.windows(2).all(|pair| pair[0] < pair[1]);
         match from_zero && rising && amounts.last() > Some(&0.0) {
             true => Ok(Self { fault, amounts }),
@@ -164,11 +159,7 @@ impl FromStr for FaultAmount {
 
 /// The fault that a text begins with, and what stands behind its `=`.
 fn named(text: &str) -> Result<(Fault, &str), DeployError> {
-    let refused = |expected| RunError::Setting {
-        name: "fault",
-        value: text.to_owned(),
-        expected,
-    };
+    let refused = |expected| RunError::Setting { name: "fault", value: text.to_owned(), expected };
     let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
     let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
     Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))
@@ -207,10 +198,7 @@ mod tests {
             ("angle-error=0", "rising"),
         ] {
             let message = text.parse::<FaultSweep>().unwrap_err().to_string();
-            assert!(
-                message.contains(says) && message.contains(text),
-                "{message}"
-            );
+            assert!(message.contains(says) && message.contains(text), "{message}");
         }
     }
 
@@ -240,12 +228,7 @@ mod tests {
         for (fault, amount) in Fault::ALL.into_iter().zip(amounts) {
             let none = fault.set(0.0, nominal).unwrap();
             assert_ne!(none, nominal, "{}", fault.name());
-            assert_eq!(
-                fault.set(amount, none).unwrap(),
-                nominal,
-                "{}",
-                fault.name()
-            );
+            assert_eq!(fault.set(amount, none).unwrap(), nominal, "{}", fault.name());
         }
     }
 

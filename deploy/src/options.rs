@@ -112,9 +112,6 @@ impl CameraOptions {
     /// As [`CalibrationFile::read`].
     pub fn apply(&self, settings: SightSettings) -> Result<SightSettings, DeployError> {
         let read = self.calibration.as_deref().map(CalibrationFile::read);
-        Ok(SightSettings {
-            calibration: read.transpose()?.or(settings.calibration),
-            ..settings
-        })
+        Ok(SightSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
     }
 }

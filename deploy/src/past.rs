@@ -18,21 +18,14 @@ pub(super) struct Past {
 impl Past {
     /// Begins with where the arm is at a time.
     pub fn new(start: (Duration, RobotState), kept: Duration) -> Self {
-        Self {
-            earlier: VecDeque::new(),
-            last: start,
-            kept,
-        }
+        Self { earlier: VecDeque::new(), last: start, kept }
     }
 
     /// Takes note of where the arm is at the time `now`, which does not go back.
     pub fn note(&mut self, now: Duration, state: RobotState) {
-        self.earlier
-            .push_back(std::mem::replace(&mut self.last, (now, state)));
+        self.earlier.push_back(std::mem::replace(&mut self.last, (now, state)));
         // one from before all that count is kept
-        let old = self
-            .earlier
-            .partition_point(|(then, _)| *then + self.kept < now);
+        let old = self.earlier.partition_point(|(then, _)| *then + self.kept < now);
         self.earlier.drain(..old.saturating_sub(1));
     }
 

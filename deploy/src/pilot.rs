@@ -110,17 +110,14 @@ impl Pilot {
             };
             self.move_target(DVec3::new(x, y, z), finger, &state);
             let command = self.command(&state);
-            self.twist = self
-                .limits
-                .ramp(self.twist, command.twist, TICK.as_secs_f64());
+            self.twist = self.limits.ramp(self.twist, command.twist, TICK.as_secs_f64());
             self.reference += TICK.as_secs_f64() * self.twist.linear;
             match rig.command(&command) {
                 Err(ControlError::OutOfReach { .. }) => self.refused += 1,
                 sent => sent?,
             }
             self.spent += started.elapsed();
-            rig.wait(TICK)
-                .map_err(|source| DeployError::Rig { source })?;
+            rig.wait(TICK).map_err(|source| DeployError::Rig { source })?;
             self.note(rig, sight)?;
         }
         Ok(())
@@ -147,15 +144,9 @@ impl Pilot {
     }
 
     fn command(&self, state: &RobotState) -> Command {
-        let target = Pose {
-            position: self.target,
-            rotation: self.rotation,
-        };
+        let target = Pose { position: self.target, rotation: self.rotation };
         let [_, turn] = state.tip.way_to(&target);
         let way = [self.target - self.reference, TURNING * turn];
-        Command {
-            twist: self.limits.towards(way, RATE),
-            closing: self.closing,
-        }
+        Command { twist: self.limits.towards(way, RATE), closing: self.closing }
     }
 }

@@ -24,12 +24,9 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     let (inside, expected) = (&file.intrinsics, &known.intrinsics);
     let size = [inside.width, inside.height];
     let known_size = [expected.width, expected.height];
-    require(
-        size == known_size,
-        "size",
-        format!("{size:?} pixels"),
-        || format!("{known_size:?}, the size of the rig's pictures"),
-    )?;
+    require(size == known_size, "size", format!("{size:?} pixels"), || {
+        format!("{known_size:?}, the size of the rig's pictures")
+    })?;
     for (of, known) in inside.focal.iter().zip(expected.focal) {
         let [low, high] = [1.0 - FOCAL, 1.0 + FOCAL].map(|part| part * known);
         let value = format!("{of} pixels");
@@ -41,10 +38,7 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     let [x, y] = [0, 1].map(|axis| inside.centre[axis] - expected.centre[axis]);
     let value = format!("at {:?} pixels", inside.centre);
     require(x.hypot(y) <= most, "optical axis", value, || {
-        format!(
-            "at most {most:.0} pixels from {:?}, the rig's",
-            expected.centre
-        )
+        format!("at most {most:.0} pixels from {:?}, the rig's", expected.centre)
     })?;
     let value = |shift| match shift {
         Shift::Pixels(pixels) => format!("bent by up to {pixels:.0} pixels against the rig's"),
@@ -60,16 +54,10 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     let [place, angle] = apart(file, known);
     let value = format!("{:.3} m", file.position());
     require(place <= LARGEST[0], "position", value, || {
-        format!(
-            "at most {} m from {:.3} m, the rig's",
-            LARGEST[0],
-            known.position()
-        )
+        format!("at most {} m from {:.3} m, the rig's", LARGEST[0], known.position())
     })?;
     let value = format!("turned by {angle:.0} degrees against the rig's");
-    require(angle <= LARGEST[1], "rotation", value, || {
-        format!("at most {} degrees", LARGEST[1])
-    })
+    require(angle <= LARGEST[1], "rotation", value, || format!("at most {} degrees", LARGEST[1]))
 }
 
 /// Distance (metres) between two cameras, and the angle between them (degrees).
@@ -77,10 +65,7 @@ pub(super) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
     let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
     let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
     let angle = angle.min(std::f64::consts::TAU - angle);
-    [
-        one.position().distance(other.position()),
-        angle.to_degrees(),
-    ]
+    [one.position().distance(other.position()), angle.to_degrees()]
 }
 
 /// Difference of two lenses.
@@ -92,10 +77,7 @@ enum Shift {
 }
 
 fn shift(file: &Calibration, known: &Calibration) -> Shift {
-    let bent = Calibration {
-        distortion: file.distortion,
-        ..*known
-    };
+    let bent = Calibration { distortion: file.distortion, ..*known };
     let size = [known.intrinsics.width, known.intrinsics.height];
     let mut largest: f64 = 0.0;
     for index in 0..PLACES * PLACES {
@@ -123,11 +105,7 @@ fn require(
         return Ok(());
     }
     let expected = expected();
-    Err(DeployError::OtherCamera {
-        what,
-        value,
-        expected,
-    })
+    Err(DeployError::OtherCamera { what, value, expected })
 }
 
 #[cfg(test)]
@@ -148,10 +126,7 @@ mod tests {
     fn hung(rotation: DMat3, position: DVec3) -> Calibration {
         let rotation = rotation * Extrinsics::overhead(0.0).rotation;
         Calibration {
-            extrinsics: Extrinsics {
-                rotation,
-                translation: -(rotation * position),
-            },
+            extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..known()
         }
     }
@@ -163,14 +138,8 @@ mod tests {
     }
 
     fn bent(radial: [f64; 2]) -> Calibration {
-        let distortion = Distortion {
-            radial,
-            tangential: [0.001; 2],
-        };
-        Calibration {
-            distortion,
-            ..known()
-        }
+        let distortion = Distortion { radial, tangential: [0.001; 2] };
+        Calibration { distortion, ..known() }
     }
 
     /// A right file is accepted for rigs that are wrong by as much as a rig may be.
@@ -208,42 +177,21 @@ mod tests {
             hung(turn, 1.5 * DVec3::Z)
         };
         for (file, says) in [
-            (
-                turned(DVec3::Z, 180.0),
-                ["rotation", "180 degrees", "15 degrees"],
-            ),
-            (
-                turned(DVec3::Z, 90.0),
-                ["rotation", "90 degrees", "15 degrees"],
-            ),
-            (
-                turned(DVec3::X, 180.0),
-                ["rotation", "180 degrees", "15 degrees"],
-            ),
-            (
-                turned(DVec3::X, 90.0),
-                ["rotation", "90 degrees", "15 degrees"],
-            ),
-            (
-                inside(|of| of.focal = [1.93; 2]),
-                ["focal length", "1.93", "554 to 676"],
-            ),
+            (turned(DVec3::Z, 180.0), ["rotation", "180 degrees", "15 degrees"]),
+            (turned(DVec3::Z, 90.0), ["rotation", "90 degrees", "15 degrees"]),
+            (turned(DVec3::X, 180.0), ["rotation", "180 degrees", "15 degrees"]),
+            (turned(DVec3::X, 90.0), ["rotation", "90 degrees", "15 degrees"]),
+            (inside(|of| of.focal = [1.93; 2]), ["focal length", "1.93", "554 to 676"]),
             (
                 inside(|of| of.centre = [240.0, 318.0]),
                 ["optical axis", "[240.0, 318.0]", "[318.0, 240.0]"],
             ),
-            (
-                inside(|of| (of.width, of.height) = (480, 640)),
-                ["size", "[480, 640]", "[640, 480]"],
-            ),
+            (inside(|of| (of.width, of.height) = (480, 640)), ["size", "[480, 640]", "[640, 480]"]),
             (at(0.0, 99.9), ["position", "99.900", "1.500"]),
             (at(0.0, 3.0), ["position", "3.000", "0.15 m"]),
             (at(0.2, 1.5), ["position", "0.200", "0.15 m"]),
             (bent([0.49, 0.49]), ["lens", "bent by up to", "64 pixels"]),
-            (
-                bent([-0.49, -0.49]),
-                ["lens", "shows nothing at pixel [0.0, 0.0]", "64 pixels"],
-            ),
+            (bent([-0.49, -0.49]), ["lens", "shows nothing at pixel [0.0, 0.0]", "64 pixels"]),
         ] {
             let message = check(&file, &known()).unwrap_err().to_string();
             let advice = ["`covers calibrate`", "`covers check mask`"];

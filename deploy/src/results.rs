@@ -26,9 +26,7 @@ impl Results {
     /// made.
     pub fn create(folder: &Path, faults: impl Iterator<Item = Fault>) -> Result<Self, DeployError> {
         std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
-        let results = Self {
-            folder: folder.to_owned(),
-        };
+        let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
         let table = ["table.md", "trials.csv"].map(|name| folder.join(name));
         for path in table.into_iter().chain(swept) {
@@ -99,18 +97,13 @@ mod tests {
         let swept = vec![(0.0, vec![score(0)]), (10.0, vec![score(1)])];
         let groups = [TaskGroup::BUTTON_PRESS];
         for _ in 0..2 {
-            results
-                .write_sweep(Fault::MaskGrowth, &groups, &swept)
-                .unwrap();
+            results.write_sweep(Fault::MaskGrowth, &groups, &swept).unwrap();
         }
         let refused = create(Fault::MaskGrowth).err().unwrap();
         assert!(refused.to_string().contains("mask-growth.csv"), "{refused}");
         create(Fault::AngleError).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-        assert_eq!(
-            read("mask-growth.csv"),
-            swept_rows(Fault::MaskGrowth, &swept)
-        );
+        assert_eq!(read("mask-growth.csv"), swept_rows(Fault::MaskGrowth, &swept));
         results.write_trials(&[score(0), score(1)]).unwrap();
         let lines = "button-press,flip x,0,1,1,1,0,2\nbutton-press,flip x,1,1,1,0,0,2\n";
         assert!(read("trials.csv").ends_with(lines));

@@ -26,10 +26,7 @@ impl Trial {
     /// One of a task that puts nothing on the table.
     pub fn on_empty_table(seed: u64) -> Self {
         Self {
-            variant: TaskVariant {
-                group: TaskGroup::GOAL_REACH,
-                element: D2::Identity,
-            },
+            variant: TaskVariant { group: TaskGroup::GOAL_REACH, element: D2::Identity },
             number: 0,
             seed,
         }
@@ -65,11 +62,10 @@ pub(super) fn then_stop<T>(
     done: Result<T, DeployError>,
 ) -> Result<T, DeployError> {
     match (done, rig.stop()) {
-        (Err(error), Err(source)) => Err(ControlError::NotStopped {
-            cause: error.to_string(),
-            source: Box::new(source),
+        (Err(error), Err(source)) => {
+            Err(ControlError::NotStopped { cause: error.to_string(), source: Box::new(source) }
+                .into())
         }
-        .into()),
         (done, Ok(())) => done,
         (Ok(_), Err(source)) => Err(source.into()),
     }

@@ -38,10 +38,8 @@ impl SightSettings {
         camera: &Camera,
         radii: impl Iterator<Item = f64>,
     ) -> PerceptionSettings {
-        let link = |(index, radius): (usize, f64)| Link {
-            joints: [2 * index, 2 * index + 1],
-            radius,
-        };
+        let link =
+            |(index, radius): (usize, f64)| Link { joints: [2 * index, 2 * index + 1], radius };
         PerceptionSettings {
             calibration,
             policy: pinhole(&camera.with_size(camera.drawn_size())),

@@ -75,8 +75,7 @@ impl Sight {
     pub fn paint(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), DeployError> {
         let joints = joints(arm, &self.past.at(self.taken));
         let gripper = self.state().tip.position;
-        self.perception
-            .look(&self.picture, &joints, gripper, &mut self.painted)?;
+        self.perception.look(&self.picture, &joints, gripper, &mut self.painted)?;
         self.camera.shrink(&self.painted, out);
         self.camera.draw_mark(&self.camera.mark, gripper, out);
         Ok(())
@@ -85,12 +84,8 @@ impl Sight {
     /// Makes the image of an observation, `[size, size, C]`, of the picture that was painted last,
     /// `now`, and the episode's first one.
     pub fn compose(&self, now: &[u8], first: &[u8], image: &mut [u8]) {
-        let pictures = Pictures {
-            now,
-            first,
-            drawn: &self.painted,
-            hand: self.state().tip.position,
-        };
+        let pictures =
+            Pictures { now, first, drawn: &self.painted, hand: self.state().tip.position };
         self.camera.compose(&pictures, image);
     }
 

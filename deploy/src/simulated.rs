@@ -35,15 +35,10 @@ pub struct SimulationSettings {
 
 impl SimulationSettings {
     /// A camera and an arm that do at once what they should.
-    pub const OFF: Self = Self {
-        imperfections: Imperfections::OFF,
-        command_latency: 0.0,
-    };
+    pub const OFF: Self = Self { imperfections: Imperfections::OFF, command_latency: 0.0 };
     /// A camera as real ones are, and an arm that takes a cycle of 40 Hz to obey.
-    pub const NOMINAL: Self = Self {
-        imperfections: Imperfections::NOMINAL,
-        command_latency: 0.025,
-    };
+    pub const NOMINAL: Self =
+        Self { imperfections: Imperfections::NOMINAL, command_latency: 0.025 };
 }
 
 type Watched = Watchdog<SimulatedArm, Box<dyn Fn() -> Duration>>;
@@ -92,12 +87,7 @@ impl SimulatedRig {
     /// # Errors
     /// None but those of an arm that the crate's tests make.
     pub fn new(settings: SimulationSettings, policy: Camera) -> Result<Self, DeployError> {
-        Ok(Self::of(
-            settings,
-            policy,
-            KinovaGen3.arm()?,
-            Embodiment::KINOVA_GEN3,
-        ))
+        Ok(Self::of(settings, policy, KinovaGen3.arm()?, Embodiment::KINOVA_GEN3))
     }
 
     /// A rig whose arm carries a ball in magenta that `covers calibrate` looks for.
@@ -136,20 +126,16 @@ impl SimulatedRig {
     }
 
     fn table(&mut self) -> Result<&mut Table, ControlError> {
-        self.table.as_mut().ok_or_else(|| ControlError::Driver {
-            source: Box::new(EnvError::NotReset),
-        })
+        self.table
+            .as_mut()
+            .ok_or_else(|| ControlError::Driver { source: Box::new(EnvError::NotReset) })
     }
 
     /// A camera for one trial: each is calibrated anew, and wrong in its own way.
     fn camera(&self, trial: &Trial) -> Result<SimulatedCamera, DeployError> {
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         rng.set_stream(camera_stream(trial));
-        Ok(SimulatedCamera::new(
-            self.truth(),
-            self.settings.imperfections,
-            rng,
-        )?)
+        Ok(SimulatedCamera::new(self.truth(), self.settings.imperfections, rng)?)
     }
 
     /// The scene of a group, drawn by a perfect camera with the lens of `camera`.
@@ -197,11 +183,7 @@ impl SimulatedRig {
         let goal = table.ghost.observable_goal();
         self.table = Some(table);
         self.verdict = Verdict::default();
-        Ok(SetUp {
-            background,
-            parked,
-            goal,
-        })
+        Ok(SetUp { background, parked, goal })
     }
 
     /// Lets a control step pass.
@@ -237,8 +219,7 @@ impl Table {
         let simulation = self.ghost.simulation_mut();
         simulation.restore(state)?;
         simulation.forward_kinematics()?;
-        self.renderer
-            .render(&mut self.ghost, &mut self.ideal[which])
+        self.renderer.render(&mut self.ghost, &mut self.ideal[which])
     }
 
     /// The camera's picture of the table with the arm parked.
@@ -265,8 +246,7 @@ impl Table {
         let Intrinsics { width, height, .. } = self.camera.calibration().intrinsics;
         let mut rgb = vec![0; width * height * RGB];
         let ideal = self.ideal.each_ref().map(|picture| &picture[..]);
-        self.camera
-            .shoot(&ideal[..instants], now.as_secs_f64(), &mut rgb)?;
+        self.camera.shoot(&ideal[..instants], now.as_secs_f64(), &mut rgb)?;
         Ok(rgb)
     }
 
@@ -292,11 +272,9 @@ impl Table {
 fn camera_stream(trial: &Trial) -> u64 {
     let variant = trial.variant.to_string();
     // FNV-1a (Fowler, Noll and Vo), which depends on no version of a library
-    let name = variant
-        .bytes()
-        .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-        });
+    let name = variant.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    });
     CAMERAS | name.wrapping_add(trial.number as u64)
 }
 
@@ -330,11 +308,7 @@ fn parked(arm: &Arm) -> RobotState {
     if let Some(pan) = joints.first_mut() {
         *pan += std::f64::consts::PI;
     }
-    RobotState {
-        tip: arm.chain().tip(&joints),
-        joints,
-        closing: 0.0,
-    }
+    RobotState { tip: arm.chain().tip(&joints), joints, closing: 0.0 }
 }
 
 impl Robot for SimulatedRig {

@@ -19,13 +19,8 @@ pub enum Stage {
 
 impl Stage {
     /// All, in their order.
-    pub const ALL: [Self; 5] = [
-        Self::Picture,
-        Self::InPainting,
-        Self::Recognition,
-        Self::Policy,
-        Self::Commands,
-    ];
+    pub const ALL: [Self; 5] =
+        [Self::Picture, Self::InPainting, Self::Recognition, Self::Policy, Self::Commands];
 
     /// Its name in tables.
     pub fn name(self) -> &'static str {

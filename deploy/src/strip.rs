@@ -27,9 +27,7 @@ impl Strip {
         let Intrinsics { width, height, .. } = perception.settings().calibration.intrinsics;
         let view = perception.view().intrinsics;
         let mask = perception.mask().iter();
-        let mask: Vec<u8> = mask
-            .flat_map(|&hidden| [if hidden { 255 } else { 0 }; 3])
-            .collect();
+        let mask: Vec<u8> = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; 3]).collect();
         let side = (seen.len() / RGB).isqrt();
         self.columns.push([
             fitted(raw, [width, height]),
@@ -41,10 +39,7 @@ impl Strip {
     /// Three rows on white; each column is one decision, the first and every fifth after it.
     pub fn picture(&self) -> Picture {
         let [wide, high] = CELL.map(|side| side + GAP);
-        let (width, height) = (
-            self.columns.len().div_ceil(EVERY) * wide + GAP,
-            3 * high + GAP,
-        );
+        let (width, height) = (self.columns.len().div_ceil(EVERY) * wide + GAP, 3 * high + GAP);
         let mut rgb = vec![255; width * height * 3];
         for (column, cells) in self.columns.iter().step_by(EVERY).enumerate() {
             for (row, cell) in cells.iter().enumerate() {
@@ -62,17 +57,10 @@ impl Strip {
         let cell = |row: usize| Cell {
             width: CELL[0],
             height: CELL[1],
-            frames: self
-                .columns
-                .iter()
-                .map(|cells| cells[row].clone())
-                .collect(),
+            frames: self.columns.iter().map(|cells| cells[row].clone()).collect(),
         };
-        let row = Row {
-            title: title.to_owned(),
-            colour: rgb(0),
-            cells: [0, 1, 2].map(cell).to_vec(),
-        };
+        let row =
+            Row { title: title.to_owned(), colour: rgb(0), cells: [0, 1, 2].map(cell).to_vec() };
         mosaic(&["camera", "mask", "policy"], &[row])
     }
 }
@@ -107,9 +95,7 @@ mod tests {
         assert_eq!(dark(&square), 144 * 144);
         assert!(square[..3] == [255; 3] && square[24 * 3..][..3] == [10; 3]);
         assert_eq!(dark(&fitted(&[10; 640 * 480 * 3], [640, 480])), 192 * 144);
-        let strip = Strip {
-            columns: vec![[square.clone(), square.clone(), square]; 6],
-        };
+        let strip = Strip { columns: vec![[square.clone(), square.clone(), square]; 6] };
         let picture = strip.picture();
         assert_eq!((picture.width, picture.height), (2 * 196 + 4, 3 * 148 + 4));
         assert_eq!(dark(&picture.rgb), 6 * 144 * 144);

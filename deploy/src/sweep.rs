@@ -40,11 +40,8 @@ pub fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
 /// The line of one group, its band, and a dot for each amount.
 fn curve(drawing: &mut Drawing, stroke: &Stroke, group: TaskGroup, swept: &Swept) {
     let counts = swept.iter().map(|(amount, scores)| {
-        let of_group: Vec<bool> = scores
-            .iter()
-            .filter(|score| score.group == group)
-            .map(|score| score.success)
-            .collect();
+        let of_group: Vec<bool> =
+            scores.iter().filter(|score| score.group == group).map(|score| score.success).collect();
         let successes = of_group.iter().filter(|success| **success).count();
         (*amount, successes, of_group.len())
     });

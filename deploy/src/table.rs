@@ -11,12 +11,8 @@ use report::Table;
 
 /// Success of the paper's policies on its Kinova Gen3 in 20 trials a group (Liu et al., CoRL 2023,
 /// section 5): a real arm.
-const PAPER: [(&str, f64); 4] = [
-    ("plate-slide", 0.45),
-    ("button-press", 0.60),
-    ("drawer-close", 0.65),
-    ("goal-reach", 0.95),
-];
+const PAPER: [(&str, f64); 4] =
+    [("plate-slide", 0.45), ("button-press", 0.60), ("drawer-close", 0.65), ("goal-reach", 0.95)];
 /// Standard deviations of an interval of 95 %.
 const DEVIATIONS: f64 = 1.959_963_984_540_054;
 
@@ -66,24 +62,15 @@ pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
 }
 
 fn table(scores: &[TrialScore]) -> Table {
-    let header = [
-        "group",
-        "trials",
-        "success",
-        "95 % interval",
-        "at end",
-        "paper, real arm",
-        "policies",
-    ];
+    let header =
+        ["group", "trials", "success", "95 % interval", "at end", "paper, real arm", "policies"];
     let mut table = Table::new("Success in trials on a robot.", &header);
     let groups = distinct(scores.iter().map(|score| score.group));
     for &group in &groups {
         let of = scores.iter().filter(|score| score.group == group);
         let paper = PAPER.iter().find(|(name, _)| *name == group.name());
         let paper = paper.map(|(_, success)| *success);
-        table
-            .rows
-            .push(row(group.name(), &of.collect::<Vec<_>>(), paper));
+        table.rows.push(row(group.name(), &of.collect::<Vec<_>>(), paper));
     }
     // the paper's average is of its four groups
     let all = (groups.len() == PAPER.len()).then(|| {
@@ -145,10 +132,8 @@ fn policies(scores: &[&TrialScore]) -> String {
     for score in scores {
         *chosen.entry(score.policy).or_default() += 1;
     }
-    let chosen: Vec<String> = chosen
-        .into_iter()
-        .map(|(policy, times)| format!("{policy} ({times})"))
-        .collect();
+    let chosen: Vec<String> =
+        chosen.into_iter().map(|(policy, times)| format!("{policy} ({times})")).collect();
     chosen.join(", ")
 }
 
@@ -159,11 +144,9 @@ mod tests {
     #[test]
     fn intervals_are_wilsons() {
         // statsmodels.stats.proportion.proportion_confint(k, n, method="wilson")
-        for (successes, trials, expected) in [
-            (9, 20, [0.258_2, 0.657_9]),
-            (20, 20, [0.838_9, 1.0]),
-            (0, 5, [0.0, 0.434_5]),
-        ] {
+        for (successes, trials, expected) in
+            [(9, 20, [0.258_2, 0.657_9]), (20, 20, [0.838_9, 1.0]), (0, 5, [0.0, 0.434_5])]
+        {
             let interval = wilson(successes, trials);
             for (bound, expected) in interval.into_iter().zip(expected) {
                 assert!((bound - expected).abs() < 5e-4, "{interval:?}");
@@ -184,16 +167,12 @@ mod tests {
             success_at_end: false,
             refused: 0,
         };
-        let mut scores: Vec<_> = (0..4)
-            .map(|number| score(TaskGroup::PLATE_SLIDE, number, number > 0))
-            .collect();
+        let mut scores: Vec<_> =
+            (0..4).map(|number| score(TaskGroup::PLATE_SLIDE, number, number > 0)).collect();
         // between the trials of the other group
         scores.insert(2, score(TaskGroup::GOAL_REACH, 0, true));
         let table = deployment_table(&scores);
-        let lines: Vec<Vec<&str>> = table
-            .lines()
-            .map(|l| l.split_whitespace().collect())
-            .collect();
+        let lines: Vec<Vec<&str>> = table.lines().map(|l| l.split_whitespace().collect()).collect();
         let expected = "plate-slide 4 0.75 0.30 to 0.95 0.00 0.45 2 (3), 3 (1)";
         assert_eq!(lines[2].join(" "), expected);
         assert_eq!(lines[3][..3], ["goal-reach", "1", "1.00"]);

@@ -28,10 +28,7 @@ use experiments::{Experiment, RunFolder};
 use learner::{LearnerSettings, OffPolicySettings};
 
 const TRIAL: Trial = Trial {
-    variant: TaskVariant {
-        group: TaskGroup::GOAL_REACH,
-        element: D2::FlipX,
-    },
+    variant: TaskVariant { group: TaskGroup::GOAL_REACH, element: D2::FlipX },
     number: 1,
     seed: 1000,
 };
@@ -66,10 +63,8 @@ fn dry_rig(camera: Camera) -> DryRig {
         rotation: arm.chain().tip(&arm.settings().ready).rotation,
     };
     let posture = arm.chain().solve(&start, &arm.settings().ready).unwrap();
-    let settings = ControlSettings {
-        limits: arm.settings().control.limits,
-        ..ControlSettings::default()
-    };
+    let settings =
+        ControlSettings { limits: arm.settings().control.limits, ..ControlSettings::default() };
     let control = CartesianControl::new(arm.chain().clone(), &posture, settings).unwrap();
     let clock = Rc::new(Cell::new(Duration::ZERO));
     let time = Rc::clone(&clock);
@@ -159,11 +154,9 @@ fn a_camera_that_fails_or_stops_stops_the_arm() {
     };
     let freezes: Camera = |now| Ok(now.min(Duration::from_millis(300)));
     let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
-    for (camera, says) in [
-        (fails, "the cable is loose"),
-        (freezes, "ms old"),
-        (ahead, "2 ms from now"),
-    ] {
+    for (camera, says) in
+        [(fails, "the cable is loose"), (freezes, "ms old"), (ahead, "2 ms from now")]
+    {
         let mut rig = dry_rig(camera);
         let failed = deployment().trial(&mut rig, &arm(), &TRIAL, None);
         let message = failed.unwrap_err().to_string();
@@ -224,30 +217,17 @@ fn a_rehearsal_sends_nothing_to_the_robot() {
     let mut deployment = deployment();
     let rehearsal = deployment.rehearse(&mut rig, &arm(), &TRIAL).unwrap();
     assert_eq!(rig.state().unwrap(), before);
-    assert_eq!(
-        (rehearsal.actions.len(), rehearsal.withheld.len()),
-        (50, 250)
-    );
+    assert_eq!((rehearsal.actions.len(), rehearsal.withheld.len()), (50, 250));
     let limits = arm().settings().control.limits;
     let mut last = robots::Twist::ZERO;
-    for Withheld {
-        command,
-        twist,
-        refusal,
-    } in &rehearsal.withheld
-    {
+    for Withheld { command, twist, refusal } in &rehearsal.withheld {
         assert!(refusal.is_none() && command.check().is_ok());
         assert!(command.twist.linear.length() <= limits.speed + 1e-12);
         let sudden = (twist.linear - last.linear).length() / 0.025;
         assert!(sudden <= limits.acceleration + 1e-9, "{sudden}");
         last = *twist;
     }
-    assert!(
-        rehearsal
-            .withheld
-            .iter()
-            .any(|one| one.twist.linear.length() > 0.05)
-    );
+    assert!(rehearsal.withheld.iter().any(|one| one.twist.linear.length() > 0.05));
     let text = rehearsal.text();
     assert!(text.contains("decision  49") && text.contains("250 commands were withheld, 0"));
     for (stage, count) in Stage::ALL.into_iter().zip([51, 51, 1, 50, 50]) {
@@ -256,12 +236,7 @@ fn a_rehearsal_sends_nothing_to_the_robot() {
     }
     let broken: Camera = |_| Err("the cable is loose".into());
     let failed = deployment.rehearse(&mut Untouched(dry_rig(broken)), &arm(), &TRIAL);
-    assert!(
-        failed
-            .unwrap_err()
-            .to_string()
-            .contains("the cable is loose")
-    );
+    assert!(failed.unwrap_err().to_string().contains("the cable is loose"));
 }
 
 /// The robot is told nothing with a calibration of another camera, neither in a trial nor by a check
@@ -271,10 +246,7 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     let known = dry_rig(Ok).calibration();
     let turned = |turn: DMat3| turn * known.extrinsics.rotation;
     let hung = |rotation: DMat3, position: DVec3| Calibration {
-        extrinsics: Extrinsics {
-            rotation,
-            translation: -(rotation * position),
-        },
+        extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..known
     };
     let mut millimetres = known;
@@ -282,10 +254,8 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     let mut bent = known;
     bent.distortion.radial = [0.49; 2];
     let trial = |calibration: Calibration, rig: &mut dyn Rig| {
-        let mut deployment = seeing(SightSettings {
-            calibration: Some(calibration),
-            ..SightSettings::default()
-        });
+        let mut deployment =
+            seeing(SightSettings { calibration: Some(calibration), ..SightSettings::default() });
         let first = &poses(&arm())[..1];
         let masks = MaskCheck::measure(&deployment, rig, &arm(), first, &TRIAL);
         let refusals = [
@@ -297,10 +267,7 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     };
     let down = known.extrinsics.rotation;
     for (calibration, says) in [
-        (
-            hung(turned(DMat3::from_rotation_z(PI)), 1.5 * DVec3::Z),
-            "180 degrees",
-        ),
+        (hung(turned(DMat3::from_rotation_z(PI)), 1.5 * DVec3::Z), "180 degrees"),
         (hung(down, 99.9 * DVec3::Z), "99.9"),
         (hung(down, DVec3::new(0.2, 0.0, 1.5)), "0.2"),
         (millimetres, "1.93"),
@@ -328,17 +295,12 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
     let position = truth.position() - 0.1 * misjudged.normalize();
     let rotation = truth.extrinsics.rotation;
     let file = Calibration {
-        extrinsics: Extrinsics {
-            rotation,
-            translation: -(rotation * position),
-        },
+        extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
     let mut rig = SimulatedRig::new(settings, camera).unwrap();
-    let mut deployment = seeing(SightSettings {
-        calibration: Some(file),
-        ..SightSettings::default()
-    });
+    let mut deployment =
+        seeing(SightSettings { calibration: Some(file), ..SightSettings::default() });
     for number in [1, 2] {
         let trial = Trial { number, ..TRIAL };
         deployment.trial(&mut rig, &arm, &trial, None).unwrap();
@@ -350,10 +312,9 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
 #[test]
 fn a_rehearsal_takes_no_old_background() {
     let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
-    for (camera, says) in [
-        ((|_| Ok(Duration::ZERO)) as Camera, "1000 ms old"),
-        (ahead, "2 ms from now"),
-    ] {
+    for (camera, says) in
+        [((|_| Ok(Duration::ZERO)) as Camera, "1000 ms old"), (ahead, "2 ms from now")]
+    {
         let mut rig = dry_rig(camera);
         rig.wait(Duration::from_secs(1)).unwrap();
         let set_up = DryRun::new(&mut rig, &arm()).unwrap().set_up(&TRIAL);
@@ -381,13 +342,8 @@ fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     assert!(rig.state().is_err(), "no table is set");
     let arm = rig.arm().clone();
     let mut strip = super::Strip::default();
-    let score = deployment
-        .trial(&mut rig, &arm, &TRIAL, Some(&mut strip))
-        .unwrap();
-    assert!(
-        score.success && score.fits && score.refused == 0,
-        "{score:?}"
-    );
+    let score = deployment.trial(&mut rig, &arm, &TRIAL, Some(&mut strip)).unwrap();
+    assert!(score.success && score.fits && score.refused == 0, "{score:?}");
     // decisions 0, 5, ... 50
     let picture = strip.picture();
     assert_eq!((picture.width, picture.height), (11 * 196 + 4, 3 * 148 + 4));
@@ -401,14 +357,9 @@ fn a_camera_that_sees_too_little_is_refused() {
     settings.imperfections.position_error = 0.5;
     let mut rig = SimulatedRig::new(settings, *deployment().camera()).unwrap();
     let arm = rig.arm().clone();
-    let error = deployment()
-        .trial(&mut rig, &arm, &TRIAL, None)
-        .unwrap_err();
+    let error = deployment().trial(&mut rig, &arm, &TRIAL, None).unwrap_err();
     assert!(matches!(error, DeployError::Rig { .. }), "{error}");
-    assert!(
-        error.to_string().contains("`position_error` is 0.5"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("`position_error` is 0.5"), "{error}");
 }
 
 #[test]

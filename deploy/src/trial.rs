@@ -93,8 +93,7 @@ impl TrialEnv<'_> {
         let (hand, goal) = (self.sight.state().tip.position, self.goal);
         let aperture = self.arm.aperture(self.sight.state());
         let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];
-        out.vectors
-            .copy_from_slice(&numbers.map(|number| number as f32));
+        out.vectors.copy_from_slice(&numbers.map(|number| number as f32));
         scale(&mut out.vectors);
         Ok(())
     }
@@ -115,11 +114,10 @@ impl TrialEnv<'_> {
         out.rewards.fill(0.0);
         out.success.fill(verdict.success || verdict.success_at_end);
         out.success_at_end.fill(verdict.success_at_end);
-        out.outcomes
-            .fill(match self.actions.len() < self.control.decisions() {
-                true => Outcome::Running,
-                false => Outcome::Truncated,
-            });
+        out.outcomes.fill(match self.actions.len() < self.control.decisions() {
+            true => Outcome::Running,
+            false => Outcome::Truncated,
+        });
         self.told = Some(Instant::now());
         Ok(())
     }

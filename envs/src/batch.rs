@@ -70,19 +70,13 @@ impl Batch {
 
     /// What a reset fills.
     pub fn observations(&mut self) -> ObservationsMut<'_> {
-        ObservationsMut {
-            images: &mut self.images,
-            vectors: &mut self.vectors,
-        }
+        ObservationsMut { images: &mut self.images, vectors: &mut self.vectors }
     }
 
     /// What a step fills.
     pub fn step(&mut self) -> StepMut<'_> {
         StepMut {
-            observations: ObservationsMut {
-                images: &mut self.images,
-                vectors: &mut self.vectors,
-            },
+            observations: ObservationsMut { images: &mut self.images, vectors: &mut self.vectors },
             final_observations: ObservationsMut {
                 images: &mut self.final_images,
                 vectors: &mut self.final_vectors,

@@ -95,21 +95,13 @@ impl Default for Camera {
 
 impl Default for Light {
     fn default() -> Self {
-        Self {
-            ambient: 0.4,
-            camera: 0.4,
-            overhead: 0.3,
-        }
+        Self { ambient: 0.4, camera: 0.4, overhead: 0.3 }
     }
 }
 
 impl Default for Mark {
     fn default() -> Self {
-        Self {
-            radius: 0.03,
-            hole: 0.0,
-            color: [0, 0, 255],
-        }
+        Self { radius: 0.03, hole: 0.0, color: [0, 0, 255] }
     }
 }
 
@@ -125,12 +117,7 @@ impl Camera {
         let samples = OVERSAMPLING.contains(&self.oversampling);
         require(samples, "oversampling", &self.oversampling, SAMPLES)?;
         let drawn = self.drawn_size();
-        require(
-            drawn <= LARGEST,
-            "image size times oversampling",
-            &drawn,
-            DRAWN,
-        )?;
+        require(drawn <= LARGEST, "image size times oversampling", &drawn, DRAWN)?;
         let high = self.height >= LOWEST && self.height.is_finite();
         require(high, "camera height", &self.height, HEIGHT)?;
         let wide = self.half_extent > 0.0 && self.half_extent.is_finite();
@@ -147,11 +134,7 @@ impl Camera {
         let fovy = 2.0 * (self.half_extent / self.height).atan().to_degrees();
         let height = self.height;
         let [r, g, b] = self.background;
-        let Light {
-            ambient,
-            camera,
-            overhead,
-        } = self.light;
+        let Light { ambient, camera, overhead } = self.light;
         format!(
             r#"<asset><material name="floor" rgba="{r} {g} {b} 1"/></asset>
             <visual><headlight ambient="{ambient} {ambient} {ambient}" diffuse="{camera} {camera} {camera}" specular="0 0 0"/></visual>

@@ -23,11 +23,7 @@ pub struct Control {
 
 impl Default for Control {
     fn default() -> Self {
-        Self {
-            action_repeat: 10,
-            displacement: 0.04,
-            horizon: 500,
-        }
+        Self { action_repeat: 10, displacement: 0.04, horizon: 500 }
     }
 }
 
@@ -39,11 +35,7 @@ impl Control {
 
     /// Meta-World's: an action is held for one control step and moves the target by a centimetre.
     pub fn meta_world() -> Self {
-        Self {
-            action_repeat: 1,
-            displacement: 0.01,
-            horizon: 500,
-        }
+        Self { action_repeat: 1, displacement: 0.01, horizon: 500 }
     }
 
     /// Decisions in an episode; 0 for an action repeat of 0, which [`Control::check`] refuses.
@@ -76,10 +68,7 @@ pub(crate) fn clip<const N: usize>(action: &[f32; N]) -> Result<[f64; N], EnvErr
 pub(crate) fn check_action(action: &[f32]) -> Result<(), EnvError> {
     match action.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
-        Some(component) => Err(EnvError::NonFiniteAction {
-            component,
-            value: action[component],
-        }),
+        Some(component) => Err(EnvError::NonFiniteAction { component, value: action[component] }),
     }
 }
 
@@ -89,10 +78,7 @@ mod tests {
 
     #[test]
     fn decisions_of_settings_that_are_refused_are_none() {
-        let never = Control {
-            action_repeat: 0,
-            ..Control::default()
-        };
+        let never = Control { action_repeat: 0, ..Control::default() };
         assert_eq!(never.decisions(), 0);
         let message = never.check().unwrap_err().to_string();
         assert!(message.contains("500 with action repeat 0"), "{message}");

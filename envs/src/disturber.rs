@@ -39,12 +39,7 @@ impl Sight {
     pub fn new(seed: u64, index: usize) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(PICTURES | index as u64);
-        Self {
-            rng,
-            view: View::RIGHT,
-            gains: [1.0; RGB],
-            blur: (0, 0.0),
-        }
+        Self { rng, view: View::RIGHT, gains: [1.0; RGB], blur: (0, 0.0) }
     }
 }
 
@@ -61,12 +56,7 @@ impl Disturber {
     /// For pictures of `camera`.
     pub fn new(amounts: Randomisation, camera: Camera) -> Self {
         let room = vec![Pixel::default(); camera.size * camera.size];
-        Self {
-            amounts,
-            camera,
-            levels: room.clone(),
-            spare: room,
-        }
+        Self { amounts, camera, levels: room.clone(), spare: room }
     }
 
     /// Draws what is wrong with a camera in the episode that begins.
@@ -143,9 +133,7 @@ impl Disturber {
         for _ in 0..rng.random_range(0..=amounts.patches) {
             let [x, y, _] = normals(rng).map(|aside| self.camera.pixels(SPREAD * f64::from(aside)));
             let offset = [right + x, y - up];
-            let radius = self
-                .camera
-                .pixels(rng.random::<f64>() * amounts.patch_radius);
+            let radius = self.camera.pixels(rng.random::<f64>() * amounts.patch_radius);
             let color = normals(rng).map(|off| amounts.patch_color as f32 * off);
             on_ring(offset, [radius, 0.0], self.camera.size, |pixel| {
                 let levels = self.levels[pixel].iter_mut().zip(color);

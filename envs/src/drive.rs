@@ -114,10 +114,7 @@ impl ServoDrive {
     /// Holds hand and fingers where they are.
     pub(crate) fn stop(&mut self) {
         self.control.stop();
-        self.commanded = Command {
-            twist: Twist::ZERO,
-            closing: self.closing,
-        };
+        self.commanded = Command { twist: Twist::ZERO, closing: self.closing };
     }
 
     /// Tells the servos of one control step of what was commanded. Returns the speed of the
@@ -132,9 +129,9 @@ impl ServoDrive {
             self.stop();
         }
         let way = self.commanded.closing - self.closing;
-        let finger = self.closing_speed().map_or(0.0, |(speed, travel)| {
-            (way * travel / (speed * seconds)).clamp(-1.0, 1.0)
-        });
+        let finger = self
+            .closing_speed()
+            .map_or(0.0, |(speed, travel)| (way * travel / (speed * seconds)).clamp(-1.0, 1.0));
         self.close(finger, seconds);
         data.set_ctrl(&self.controls(&self.positions(data)))?;
         Ok((finger, stopped))
@@ -164,11 +161,7 @@ impl ServoDrive {
             let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
             ((positions[dof] - open) / (closed - open)).clamp(0.0, 1.0)
         });
-        RobotState {
-            tip: chain.tip(&joints),
-            joints,
-            closing,
-        }
+        RobotState { tip: chain.tip(&joints), joints, closing }
     }
 
     /// Positions of the arm's free joints.
@@ -191,10 +184,7 @@ impl ServoDrive {
     }
 
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
-        let target = Pose {
-            position: target,
-            rotation: self.servos.rotation,
-        };
+        let target = Pose { position: target, rotation: self.servos.rotation };
         let way = self.control.tip().way_to(&target);
         let twist = self.servos.limits.towards(way, RATE);
         let followed = self.control.command(twist);
@@ -215,9 +205,7 @@ impl ServoDrive {
     /// Controls of all servos for joints that are at `positions`: where they should be, how fast
     /// they should move, and what holds the arm up.
     fn controls(&self, positions: &[f64]) -> Vec<f64> {
-        let Servos {
-            arm, servo, finger, ..
-        } = &*self.servos;
+        let Servos { arm, servo, finger, .. } = &*self.servos;
         let forces = arm.holding_forces(positions);
         let mut controls = vec![0.0; arm.dofs()];
         let velocities = self.control.velocities();

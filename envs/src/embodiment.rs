@@ -167,10 +167,7 @@ mod tests {
         assert!(read.unwrap_err().to_string().contains("sawyer, hand"));
         let written = serde_json::to_string(&Embodiment::HAND).unwrap();
         assert_eq!(written, "\"hand\"");
-        assert_eq!(
-            serde_json::from_str::<Embodiment>(&written).unwrap(),
-            Embodiment::HAND
-        );
+        assert_eq!(serde_json::from_str::<Embodiment>(&written).unwrap(), Embodiment::HAND);
     }
 
     #[test]
@@ -179,13 +176,7 @@ mod tests {
         crane.register().unwrap();
         crane.register().unwrap();
         assert_eq!("crane_2".parse::<Embodiment>().unwrap(), crane);
-        assert_eq!(
-            Embodiment::known()
-                .iter()
-                .filter(|&&known| known == crane)
-                .count(),
-            1
-        );
+        assert_eq!(Embodiment::known().iter().filter(|&&known| known == crane).count(), 1);
         let message = "spot".parse::<Embodiment>().unwrap_err().to_string();
         assert!(message.contains("crane_2"), "{message}");
         static OTHER: [Named; 3] = [Named("crane_2"), Named("sawyer"), Named("My Arm")];

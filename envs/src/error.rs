@@ -205,10 +205,7 @@ pub enum EnvError {
 impl EnvError {
     /// Says which environment of many the error is from.
     pub(crate) fn of(self, index: usize) -> Self {
-        Self::InEnv {
-            index,
-            source: Box::new(self),
-        }
+        Self::InEnv { index, source: Box::new(self) }
     }
 }
 
@@ -223,9 +220,5 @@ pub(crate) fn require(
         return Ok(());
     }
     let value = value.to_string();
-    Err(EnvError::Setting {
-        name,
-        value,
-        expected,
-    })
+    Err(EnvError::Setting { name, value, expected })
 }

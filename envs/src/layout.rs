@@ -117,11 +117,7 @@ impl Layout {
             Self::Symmetric => SETTLED,
             Self::MetaWorld => STOCK_RESET,
         };
-        Ok(Settling {
-            hand_target,
-            posture,
-            steps,
-        })
+        Ok(Settling { hand_target, posture, steps })
     }
 
     /// The part of a scene that the embodiment has in this layout alone.
@@ -145,10 +141,7 @@ impl Layout {
         if self.elements().contains(&element) {
             return Ok(());
         }
-        Err(EnvError::NoSuchVariant {
-            layout: self.name(),
-            element,
-        })
+        Err(EnvError::NoSuchVariant { layout: self.name(), element })
     }
 }
 
@@ -167,9 +160,5 @@ pub(crate) fn map(element: D2, point: DVec3) -> DVec3 {
 /// Orientation (w, x, y, z) of an object under `element`: flips along y turn it by half a turn
 /// instead of mirroring it, which is the same for objects that are their own mirror image along x.
 pub(crate) fn facing(element: D2) -> [f64; 4] {
-    if element.flips_y() {
-        [0.0, 0.0, 0.0, 1.0]
-    } else {
-        [1.0, 0.0, 0.0, 0.0]
-    }
+    if element.flips_y() { [0.0, 0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0, 0.0] }
 }

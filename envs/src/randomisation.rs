@@ -90,12 +90,7 @@ impl Randomisation {
         }
         let blurred = (0.0..=WIDEST).contains(&camera.pixels(self.blur));
         require(blurred, "blur", &self.blur, BLUR)?;
-        require(
-            self.sees_the_table(camera),
-            "angle_error",
-            &self.angle_error,
-            SEEN,
-        )?;
+        require(self.sees_the_table(camera), "angle_error", &self.angle_error, SEEN)?;
         let few = self.patches <= 100;
         require(few, "patches", &self.patches, "0 to 100")
     }
@@ -149,16 +144,9 @@ mod tests {
 
     #[test]
     fn a_wide_camera_may_turn_by_less() {
-        let turned = Randomisation {
-            angle_error: 10.0,
-            ..Randomisation::NOMINAL
-        };
+        let turned = Randomisation { angle_error: 10.0, ..Randomisation::NOMINAL };
         turned.check(&Camera::default()).unwrap();
-        let wide = Camera {
-            height: 0.6,
-            half_extent: 2.0,
-            ..Camera::default()
-        };
+        let wide = Camera { height: 0.6, half_extent: 2.0, ..Camera::default() };
         let message = turned.check(&wide).unwrap_err().to_string();
         assert!(message.contains("below the horizon"), "{message}");
         Randomisation::NOMINAL.check(&wide).unwrap();
@@ -169,10 +157,7 @@ mod tests {
         let read = serde_json::from_str::<Randomisation>;
         assert_eq!(read("{}").unwrap(), Randomisation::NOMINAL);
         let little = read(r#"{"noise": 0.5}"#).unwrap();
-        let expected = Randomisation {
-            noise: 0.5,
-            ..Randomisation::NOMINAL
-        };
+        let expected = Randomisation { noise: 0.5, ..Randomisation::NOMINAL };
         assert_eq!(little, expected);
         let message = read(r#"{"nois": 1}"#).unwrap_err().to_string();
         assert!(message.contains("nois"), "{message}");

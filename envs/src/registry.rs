@@ -15,12 +15,8 @@ impl TaskGroup {
     pub const PLATE_SLIDE: Self = Self::of(&PlateSlide);
 
     /// The paper's four groups, in the order of reports.
-    pub const STANDARD: [Self; 4] = [
-        Self::GOAL_REACH,
-        Self::BUTTON_PRESS,
-        Self::DRAWER_CLOSE,
-        Self::PLATE_SLIDE,
-    ];
+    pub const STANDARD: [Self; 4] =
+        [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
 
     /// Refuses a group whose name is not in kebab-case.
     ///
@@ -30,9 +26,7 @@ impl TaskGroup {
         if self.name().split('-').all(is_word) {
             return Ok(());
         }
-        Err(EnvError::TaskName {
-            name: self.name().to_owned(),
-        })
+        Err(EnvError::TaskName { name: self.name().to_owned() })
     }
 }
 
@@ -60,9 +54,7 @@ pub struct TaskRegistry {
 impl TaskRegistry {
     /// A registry of [`TaskGroup::STANDARD`].
     pub fn standard() -> Self {
-        Self {
-            groups: TaskGroup::STANDARD.to_vec(),
-        }
+        Self { groups: TaskGroup::STANDARD.to_vec() }
     }
 
     /// Adds a group.
@@ -86,12 +78,10 @@ impl TaskRegistry {
     /// [`EnvError::UnknownTask`], which lists the known names.
     pub fn get(&self, name: &str) -> Result<TaskGroup, EnvError> {
         let mut groups = self.groups.iter().copied();
-        groups
-            .find(|group| group.name() == name)
-            .ok_or_else(|| EnvError::UnknownTask {
-                name: name.to_owned(),
-                known: self.groups.iter().map(|group| group.name()).collect(),
-            })
+        groups.find(|group| group.name() == name).ok_or_else(|| EnvError::UnknownTask {
+            name: name.to_owned(),
+            known: self.groups.iter().map(|group| group.name()).collect(),
+        })
     }
 
     /// The groups in the order of their registration.
@@ -120,10 +110,7 @@ mod tests {
         }
 
         fn place(&self, _: &mut ChaCha8Rng) -> Placement {
-            Placement {
-                object: DVec3::ZERO,
-                goal: DVec3::ZERO,
-            }
+            Placement { object: DVec3::ZERO, goal: DVec3::ZERO }
         }
 
         fn reward(&self, _: &EpisodeStart, _: &Measurement, _: f64) -> StepReward {
@@ -138,19 +125,14 @@ mod tests {
     #[test]
     fn names_are_found_again_and_unknown_ones_list_the_known() {
         let mut registry = TaskRegistry::standard();
-        registry
-            .register(TaskGroup::of(&Named("peg-insert-2")))
-            .unwrap();
+        registry.register(TaskGroup::of(&Named("peg-insert-2"))).unwrap();
         assert_eq!(registry.groups().len(), 5);
         for &group in registry.groups() {
             assert_eq!(registry.get(group.name()).unwrap(), group);
         }
         let message = registry.get("basketball").unwrap_err().to_string();
         let all = "goal-reach, button-press, drawer-close, plate-slide, peg-insert-2";
-        assert!(
-            message.contains("`basketball`") && message.contains(all),
-            "{message}"
-        );
+        assert!(message.contains("`basketball`") && message.contains(all), "{message}");
     }
 
     #[test]
@@ -158,10 +140,7 @@ mod tests {
         let made: &'static Named = Box::leak(Box::new(Named("made-at-run-time")));
         let group = TaskGroup::of(made);
         assert_eq!(group.to_string(), "made-at-run-time");
-        assert_eq!(
-            serde_json::to_string(&group).unwrap(),
-            "\"made-at-run-time\""
-        );
+        assert_eq!(serde_json::to_string(&group).unwrap(), "\"made-at-run-time\"");
     }
 
     #[test]
@@ -190,9 +169,7 @@ mod tests {
 
     #[test]
     fn there_are_sixteen_variants_of_the_standard_groups() {
-        let all = TaskGroup::STANDARD
-            .into_iter()
-            .flat_map(TaskGroup::variants);
+        let all = TaskGroup::STANDARD.into_iter().flat_map(TaskGroup::variants);
         let distinct: std::collections::HashSet<_> = all.collect();
         assert_eq!(distinct.len(), 16);
     }

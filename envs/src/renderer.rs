@@ -52,12 +52,7 @@ impl SceneRenderer {
         let mut options = RenderOptions::default();
         options.geom_groups[ARM_GEOM_GROUP] = arm;
         let renderer = Renderer::new(Arc::clone(&scene.model), drawn, drawn, options)?;
-        Ok(Self {
-            scene,
-            renderer,
-            mark,
-            drawn: vec![0; drawn * drawn * RGB],
-        })
+        Ok(Self { scene, renderer, mark, drawn: vec![0; drawn * drawn * RGB] })
     }
 
     /// Draws what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest
@@ -67,8 +62,7 @@ impl SceneRenderer {
     /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
     pub fn render(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
         let view = self.view(table)?;
-        self.renderer
-            .render(table.simulation_mut(), view, &mut self.drawn)?;
+        self.renderer.render(table.simulation_mut(), view, &mut self.drawn)?;
         self.develop(table, rgb);
         Ok(())
     }
@@ -84,9 +78,7 @@ impl SceneRenderer {
         backdrop: &mut Backdrop,
     ) -> Result<(), EnvError> {
         let view = self.view(table)?;
-        let drawn = self
-            .renderer
-            .draw_backdrop(table.simulation_mut(), view, backdrop);
+        let drawn = self.renderer.draw_backdrop(table.simulation_mut(), view, backdrop);
         Ok(drawn?)
     }
 
@@ -102,8 +94,7 @@ impl SceneRenderer {
         rgb: &mut [u8],
     ) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
-        self.renderer
-            .render_over(table.simulation_mut(), backdrop, &mut self.drawn)?;
+        self.renderer.render_over(table.simulation_mut(), backdrop, &mut self.drawn)?;
         self.develop(table, rgb);
         Ok(())
     }
@@ -126,12 +117,7 @@ impl SceneRenderer {
     /// Makes the image of an observation of `table`, `[size, size, C]`, of the picture that was
     /// drawn last, `now`, and the episode's first one.
     pub fn compose(&self, table: &TableTop, now: &[u8], first: &[u8], image: &mut [u8]) {
-        let pictures = Pictures {
-            now,
-            first,
-            drawn: &self.drawn,
-            hand: table.hand(),
-        };
+        let pictures = Pictures { now, first, drawn: &self.drawn, hand: table.hand() };
         self.scene.camera.compose(&pictures, image);
     }
 

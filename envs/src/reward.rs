@@ -30,11 +30,7 @@ fn tolerance(distance: f64, bound: f64, margin: f64, tail: impl Fn(f64) -> f64) 
 /// denominator is.
 pub fn hamacher(a: f64, b: f64) -> f64 {
     let denominator = a + b - a * b;
-    if denominator > 0.0 {
-        a * b / denominator
-    } else {
-        0.0
-    }
+    if denominator > 0.0 { a * b / denominator } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -120,13 +120,7 @@ impl Rows {
         let vectors = &mut batch.final_vectors;
         copy_row(&batch.vectors, row, vectors, row, VECTOR_DIM);
         let truncated = true;
-        self.write_outcome(
-            row,
-            &Step {
-                truncated,
-                ..Step::default()
-            },
-        );
+        self.write_outcome(row, &Step { truncated, ..Step::default() });
     }
 }
 

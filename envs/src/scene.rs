@@ -165,21 +165,11 @@ impl SceneKey {
     pub(crate) fn words(&self, other: &Self) -> String {
         let [task, carrier] = [0, 1].map(|of| self.identities[of] != other.identities[of]);
         let remark = |differs, what| {
-            if differs {
-                format!(" (another {what} of that name)")
-            } else {
-                String::new()
-            }
+            if differs { format!(" (another {what} of that name)") } else { String::new() }
         };
         let of_task = remark(self.group == other.group && task, "task");
         let of_carrier = remark(self.embodiment == other.embodiment && carrier, "embodiment");
-        let Self {
-            layout,
-            embodiment,
-            group,
-            control,
-            ..
-        } = self;
+        let Self { layout, embodiment, group, control, .. } = self;
         format!("{group}{of_task} with {embodiment}{of_carrier}, {layout}, {control:?}")
     }
 }
@@ -224,17 +214,10 @@ fn compile(
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // what the parts above include by name
-    parts.extend(
-        carrier
-            .included
-            .iter()
-            .map(|(name, text)| (*name, &text[..])),
-    );
+    parts.extend(carrier.included.iter().map(|(name, text)| (*name, &text[..])));
     parts.extend(layout.included());
-    let files: Vec<(&str, &[u8])> = parts
-        .iter()
-        .map(|&(name, text)| (name, text.as_bytes()))
-        .collect();
+    let files: Vec<(&str, &[u8])> =
+        parts.iter().map(|&(name, text)| (name, text.as_bytes())).collect();
     Ok(Model::from_files(MAIN, &files)?)
 }
 

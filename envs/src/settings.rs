@@ -61,10 +61,7 @@ impl VecEnvSettings {
 
     /// The same environments with perfect pictures.
     pub fn clean(self) -> Self {
-        Self {
-            randomisation: None,
-            ..self
-        }
+        Self { randomisation: None, ..self }
     }
 
     /// Refuses settings out of range.

@@ -101,10 +101,7 @@ impl SubEnvs {
         work: fn(&mut Self, &mut Rows) -> Result<(), EnvError>,
     ) -> Reply {
         let result = work(self, &mut rows);
-        Reply {
-            rows: Some(rows),
-            result,
-        }
+        Reply { rows: Some(rows), result }
     }
 
     fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
@@ -302,20 +299,12 @@ mod tests {
             envs.tables.as_ptr()
         };
         let first = switch(&mut envs, &reach);
-        envs.tables[0]
-            .reset(D2::Identity, &mut slot_rng(0, 0))
-            .unwrap();
+        envs.tables[0].reset(D2::Identity, &mut slot_rng(0, 0)).unwrap();
         assert_eq!(switch(&mut envs, &reach), first);
-        assert!(
-            envs.tables[0].step(&[0.0; ACTION_DIM]).is_ok(),
-            "its episode goes on"
-        );
+        assert!(envs.tables[0].step(&[0.0; ACTION_DIM]).is_ok(), "its episode goes on");
         assert_ne!(switch(&mut envs, &drawer), first);
         assert_eq!(switch(&mut envs, &reach), first);
-        let message = envs.tables[0]
-            .step(&[0.0; ACTION_DIM])
-            .unwrap_err()
-            .to_string();
+        let message = envs.tables[0].step(&[0.0; ACTION_DIM]).unwrap_err().to_string();
         assert!(message.contains("reset"), "{message}");
     }
 }

@@ -27,15 +27,8 @@ pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivi
 /// `[0, 1]`, goal x, y, z (metres; zero where hidden).
 pub const VECTOR_DIM: usize = 7;
 /// Irreps of the vector observation's components.
-pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
-    Irrep::X,
-    Irrep::Y,
-    Irrep::Trivial,
-    Irrep::Trivial,
-    Irrep::X,
-    Irrep::Y,
-    Irrep::Trivial,
-];
+pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
+    [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::Trivial];
 
 /// Rewards of control steps lie in `[0, 10]`, as Meta-World's; those of decisions in `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
@@ -91,12 +84,7 @@ impl TableTop {
     pub fn new(scene: Arc<Scene>, control: Control) -> Result<Self, EnvError> {
         control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
-        Ok(Self {
-            scene,
-            control,
-            data,
-            episode: None,
-        })
+        Ok(Self { scene, control, data, episode: None })
     }
 
     /// The scene.
@@ -162,10 +150,7 @@ impl TableTop {
     /// Puts the objects where `placement` says, with their joints as an episode starts them.
     fn put_objects(&mut self, element: D2, placement: &Placement) -> Result<(), EnvError> {
         let scene = &self.scene;
-        for (body, position) in [
-            (scene.object, placement.object),
-            (scene.goal, placement.goal),
-        ] {
+        for (body, position) in [(scene.object, placement.object), (scene.goal, placement.goal)] {
             if let Some(body) = body {
                 let position = map(element, position).to_array();
                 self.data.set_mocap_position(body, position)?;
@@ -226,9 +211,7 @@ impl TableTop {
         let [x, y, z, finger] = clip(action)?;
         let decisions = self.control.decisions();
         // taken out, so that nothing goes on from a simulation that failed
-        let running = self
-            .episode
-            .take_if(|episode| episode.decisions < decisions);
+        let running = self.episode.take_if(|episode| episode.decisions < decisions);
         let mut episode = running.ok_or(EnvError::NotReset)?;
         let repeat = self.control.action_repeat as f64;
         let move_by = DVec3::new(x, y, z) * self.control.displacement / repeat;
@@ -258,8 +241,7 @@ impl TableTop {
             episode.target = drive.within_lead(episode.target, self.hand());
         }
         let target = episode.target;
-        self.data
-            .set_mocap_position(self.scene.hand_target, target.to_array())?;
+        self.data.set_mocap_position(self.scene.hand_target, target.to_array())?;
         match &mut episode.drive {
             None => self.data.set_ctrl(&[finger, -finger])?,
             Some(drive) => drive.advance(&mut self.data, target, finger)?,
@@ -326,21 +308,12 @@ impl TableTop {
         let ExpertCommand { hand, finger } = self.expert_command()?;
         if !(hand.is_finite() && finger.is_finite()) {
             let group = self.scene.group;
-            return Err(EnvError::NonFiniteCommand {
-                group,
-                hand,
-                finger,
-            });
+            return Err(EnvError::NonFiniteCommand { group, hand, finger });
         }
         let here = map(episode.element, self.hand());
         let wanted = map(episode.element, hand - here) / self.control.displacement;
         let bounded = wanted.clamp(DVec3::NEG_ONE, DVec3::ONE);
-        Ok([
-            bounded.x as f32,
-            bounded.y as f32,
-            bounded.z as f32,
-            finger as f32,
-        ])
+        Ok([bounded.x as f32, bounded.y as f32, bounded.z as f32, finger as f32])
     }
 
     /// What the scripted expert asks for now.
@@ -367,18 +340,14 @@ impl TableTop {
     }
 
     fn aperture(&self) -> f64 {
-        let [right, left] = self
-            .scene
-            .claws
-            .map(|body| DVec3::from_array(self.data.body_position(body)));
+        let [right, left] =
+            self.scene.claws.map(|body| DVec3::from_array(self.data.body_position(body)));
         (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0)
     }
 
     fn measure(&self, element: D2, placement: &Placement) -> Measurement {
-        let [right, left] = self
-            .scene
-            .tips
-            .map(|site| DVec3::from_array(self.data.site_position(site)));
+        let [right, left] =
+            self.scene.tips.map(|site| DVec3::from_array(self.data.site_position(site)));
         let object = match self.scene.object_body {
             Some(body) => map(element, DVec3::from_array(self.data.body_position(body))),
             None => placement.object,

@@ -44,10 +44,7 @@ impl TaskGroup {
 
     /// The group's variants, one for each element of [`D2::ALL`].
     pub fn variants(self) -> [TaskVariant; 4] {
-        D2::ALL.map(|element| TaskVariant {
-            group: self,
-            element,
-        })
+        D2::ALL.map(|element| TaskVariant { group: self, element })
     }
 }
 

@@ -30,22 +30,12 @@ const STOCK_HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.2);
 
 /// The parts of a task about a body of its scene, of which it reads the point at `offset`.
 fn scene(mjcf: &'static str, body: &'static str, offset: DVec3) -> Parts<'static> {
-    Parts {
-        mjcf: Some(mjcf),
-        object_body: Some(body),
-        object_offset: offset,
-        ..Parts::default()
-    }
+    Parts { mjcf: Some(mjcf), object_body: Some(body), object_offset: offset, ..Parts::default() }
 }
 
 /// Meta-World's figures of a task whose scene has no addition.
 fn stock(name: &'static str, place: fn(&mut ChaCha8Rng) -> Placement) -> Stock<'static> {
-    Stock {
-        name,
-        hand_target: STOCK_HAND_START,
-        addition: None,
-        place,
-    }
+    Stock { name, hand_target: STOCK_HAND_START, addition: None, place }
 }
 
 fn uniform(rng: &mut ChaCha8Rng, range: Range<f64>) -> f64 {

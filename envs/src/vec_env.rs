@@ -135,12 +135,7 @@ impl VecEnv {
             let name = group.name().to_owned();
             return Err(EnvError::DuplicateTask { name });
         }
-        let VecEnvSettings {
-            layout,
-            embodiment,
-            camera,
-            ..
-        } = self.settings;
+        let VecEnvSettings { layout, embodiment, camera, .. } = self.settings;
         let scene = Arc::new(Scene::in_layout(layout, group, embodiment, camera)?);
         self.scenes.insert(group, Arc::clone(&scene));
         Ok(scene)
@@ -153,9 +148,7 @@ impl VecEnv {
     pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_observations(&out)?;
         self.prepare_rows();
-        self.rows
-            .iter_mut()
-            .for_each(|rows| rows.turns.fill(Turn::Reset));
+        self.rows.iter_mut().for_each(|rows| rows.turns.fill(Turn::Reset));
         self.run(Command::Advance)?;
         self.copy_observations(out);
         Ok(&self.failures)
@@ -171,9 +164,7 @@ impl VecEnv {
     pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_step(actions, &out)?;
         self.require_running()?;
-        self.rows
-            .iter_mut()
-            .for_each(|rows| rows.turns.fill(Turn::Step));
+        self.rows.iter_mut().for_each(|rows| rows.turns.fill(Turn::Step));
         self.take_turns(actions, out)
     }
 
@@ -210,11 +201,7 @@ impl VecEnv {
     /// [`EnvError::Length`], [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`]; episodes go
     /// on.
     pub fn expert_actions(&mut self, actions: &mut [f32]) -> Result<(), EnvError> {
-        check_len(
-            "actions",
-            actions.len(),
-            self.settings.num_envs * ACTION_DIM,
-        )?;
+        check_len("actions", actions.len(), self.settings.num_envs * ACTION_DIM)?;
         self.require_running()?;
         self.send_rows(Command::Experts)?;
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
@@ -293,10 +280,7 @@ impl VecEnv {
     fn prepare_rows(&mut self) {
         if self.rows.len() != self.workers.len() {
             let rows = |worker: &Worker| {
-                Rows::new(&VecEnvSettings {
-                    num_envs: worker.envs.len(),
-                    ..self.settings
-                })
+                Rows::new(&VecEnvSettings { num_envs: worker.envs.len(), ..self.settings })
             };
             self.rows = self.workers.iter().map(rows).collect();
         }
@@ -386,11 +370,7 @@ fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), EnvE
     if got == expected {
         return Ok(());
     }
-    Err(EnvError::Length {
-        what,
-        got,
-        expected,
-    })
+    Err(EnvError::Length { what, got, expected })
 }
 
 #[cfg(test)]

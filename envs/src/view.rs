@@ -16,10 +16,8 @@ pub(crate) struct View {
 
 impl View {
     /// The camera as it should hang.
-    pub const RIGHT: Self = Self {
-        rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        shift: [0.0; 2],
-    };
+    pub const RIGHT: Self =
+        Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], shift: [0.0; 2] };
 
     /// `camera`, moved by `position` (metres) and then turned by the length of `turn` (radians)
     /// about its direction.
@@ -102,9 +100,6 @@ mod tests {
         assert!((x + moved).abs() < 1e-4 && y == 0.0, "{x} {y} {moved}");
         let high = View::new(&camera, 0.15 * DVec3::Z, DVec3::ZERO);
         let [x, y] = high.place([10.0, -20.0]);
-        assert!(
-            (x - 11.0).abs() < 1e-4 && (y + 22.0).abs() < 1e-4,
-            "{x} {y}"
-        );
+        assert!((x - 11.0).abs() < 1e-4 && (y + 22.0).abs() < 1e-4, "{x} {y}");
     }
 }

@@ -39,17 +39,8 @@ impl Worker {
                     }
                 }
             })
-            .map_err(|source| EnvError::Spawn {
-                worker: index,
-                source,
-            })?;
-        Ok(Self {
-            envs,
-            index,
-            commands: Some(commands),
-            replies,
-            thread: Some(thread),
-        })
+            .map_err(|source| EnvError::Spawn { worker: index, source })?;
+        Ok(Self { envs, index, commands: Some(commands), replies, thread: Some(thread) })
     }
 
     /// Hands over a command; that the thread is gone shows when its answer is awaited.
@@ -64,10 +55,7 @@ impl Worker {
         self.replies.recv().unwrap_or_else(|_| {
             let worker = self.index;
             let message = self.exit_message();
-            Reply {
-                rows: None,
-                result: Err(EnvError::WorkerLost { worker, message }),
-            }
+            Reply { rows: None, result: Err(EnvError::WorkerLost { worker, message }) }
         })
     }
 

@@ -33,10 +33,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     let settings = VecEnvSettings {
         num_envs: N,
         threads: 2,
-        control: Control {
-            horizon: 30,
-            ..Control::default()
-        },
+        control: Control { horizon: 30, ..Control::default() },
         ..VecEnvSettings::default()
     };
     // perfect pictures are on the way to randomised ones
@@ -45,11 +42,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
         ..settings
     });
     steps_allocate_nothing(VecEnvSettings {
-        camera: Camera {
-            oversampling: 3,
-            beside: Beside::FirstAndCloseUp,
-            ..settings.camera
-        },
+        camera: Camera { oversampling: 3, beside: Beside::FirstAndCloseUp, ..settings.camera },
         ..settings
     });
     let counted = allocations(|| (0..200).for_each(|_| drop(black_box(vec![0; 3]))));

@@ -21,9 +21,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
 /// A table at the start of an episode.
 fn started(group: TaskGroup, embodiment: Embodiment) -> TableTop {
     let mut table = TableTop::new(scene(group, embodiment), Control::default()).unwrap();
-    table
-        .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000))
-        .unwrap();
+    table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
     table
 }
 
@@ -49,11 +47,7 @@ fn the_gen3_rests_at_the_start() {
     let now = table.measurement().unwrap();
     let fingers = now.hand - now.tcp;
     assert!(fingers.distance(0.045 * DVec3::Z) < 3e-3, "{fingers}");
-    let fastest = table
-        .simulation()
-        .qvel()
-        .iter()
-        .fold(0.0_f64, |most, v| most.max(v.abs()));
+    let fastest = table.simulation().qvel().iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     assert!(fastest < 1e-3, "{fastest}");
 }
 
@@ -64,19 +58,12 @@ fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
     let arm = KinovaGen3.arm().unwrap();
     let joints = arm.settings().ready.clone();
     let tip = arm.chain().tip(&joints);
-    let closing = |closing| RobotState {
-        tip,
-        joints: joints.clone(),
-        closing,
-    };
+    let closing = |closing| RobotState { tip, joints: joints.clone(), closing };
     for (state, reach) in [(closing(0.0), 0.053), (closing(1.0), 0.0335)] {
         let out = arm.capsules(&state).into_iter().filter_map(|capsule| {
             // pads and fingers: what reaches below the hand, and is near it
             let finger = capsule.ends.iter().any(|end| end.z < tip.position.z)
-                && capsule
-                    .ends
-                    .iter()
-                    .all(|end| end.distance(tip.position) < 0.1);
+                && capsule.ends.iter().all(|end| end.distance(tip.position) < 0.1);
             let out = capsule.ends.map(|end| (end.y - tip.position.y).abs());
             finger.then_some(out[0].max(out[1]) + capsule.radius)
         });
@@ -111,10 +98,7 @@ fn the_gen3_keeps_to_its_limits() {
             assert!(speed < 1.2 * motion.speed, "{}: {speed}", joint.name);
         }
     }
-    assert!(
-        spent > 0.1 && (0.15..0.5).contains(&fastest),
-        "{spent} {fastest}"
-    );
+    assert!(spent > 0.1 && (0.15..0.5).contains(&fastest), "{spent} {fastest}");
 }
 
 /// The target does not run away from a hand that cannot follow it, so the way back is short.
@@ -168,11 +152,7 @@ const READY: [f64; 6] = [0.2, 0.1, 0.7, -0.3, -0.6, -1.1];
 /// An arm of a URDF that knows nothing of this crate, with a peg for a gripper.
 fn six_joint(name: &str) -> ArmSettings {
     let robot = envs::robots::Description::from_urdf(SIX_JOINT).unwrap();
-    let peg = Finger {
-        link: "tip".to_owned(),
-        claw: DVec3::ZERO,
-        tip: DVec3::ZERO,
-    };
+    let peg = Finger { link: "tip".to_owned(), claw: DVec3::ZERO, tip: DVec3::ZERO };
     ArmSettings {
         name: name.to_owned(),
         robot: robot.placed(envs::robots::Pose::at(BASE)).unwrap(),
@@ -206,10 +186,7 @@ fn an_arm_names_the_pairs_of_links_that_do_not_collide() {
                 </link>";
     let urdf = SIX_JOINT.replacen("<link name=\"tip\"/>", ball, 1);
     let robot = envs::robots::Description::from_urdf(&urdf).unwrap();
-    let arm = Arm::new(ArmSettings {
-        robot,
-        ..six_joint("six_joint_with_a_ball")
-    });
+    let arm = Arm::new(ArmSettings { robot, ..six_joint("six_joint_with_a_ball") });
     let pair = ["column", "tip"].map(str::to_owned);
     assert!(arm.unwrap().excluded().contains(&pair));
     let thin = Arm::new(six_joint("six_joint")).unwrap();
@@ -220,10 +197,8 @@ fn an_arm_names_the_pairs_of_links_that_do_not_collide() {
 #[test]
 fn an_arm_of_somebody_elses_drives_a_scripted_expert() {
     let arm = made(six_joint("six-joint"));
-    let text = serde_json::to_string(&VecEnvSettings {
-        embodiment: arm,
-        ..VecEnvSettings::default()
-    });
+    let text =
+        serde_json::to_string(&VecEnvSettings { embodiment: arm, ..VecEnvSettings::default() });
     let text = text.unwrap();
     let read = || serde_json::from_str::<VecEnvSettings>(&text);
     let message = read().unwrap_err().to_string();
@@ -235,53 +210,30 @@ fn an_arm_of_somebody_elses_drives_a_scripted_expert() {
     let scene = scene(TaskGroup::GOAL_REACH, settings.embodiment);
     let of = |element| experts(&scene, element, settings.control, 5).unwrap();
     let rows = D2::ALL.map(of);
-    assert!(
-        rows.iter().all(|row| row.success_rate() == 1.0),
-        "{rows:#?}"
-    );
+    assert!(rows.iter().all(|row| row.success_rate() == 1.0), "{rows:#?}");
 }
 
 #[test]
 fn a_snapshot_with_a_namesake_is_refused() {
-    let [one, other] = [0.03, 0.02].map(|lead| {
-        made(ArmSettings {
-            lead,
-            ..six_joint("twin")
-        })
-    });
+    let [one, other] = [0.03, 0.02].map(|lead| made(ArmSettings { lead, ..six_joint("twin") }));
     one.register().unwrap();
-    assert!(matches!(
-        other.register(),
-        Err(EnvError::DuplicateEmbodiment { .. })
-    ));
+    assert!(matches!(other.register(), Err(EnvError::DuplicateEmbodiment { .. })));
     let mut table = started(TaskGroup::GOAL_REACH, one);
     let saved = started(TaskGroup::GOAL_REACH, other).save().unwrap();
     let message = table.restore(&saved).unwrap_err().to_string();
-    assert!(
-        message.contains("another embodiment of that name"),
-        "{message}"
-    );
+    assert!(message.contains("another embodiment of that name"), "{message}");
 }
 
 #[test]
 fn arms_that_cannot_be_driven_are_refused() {
     type Change = fn(&mut ArmSettings);
     let cases: [(Change, &str); 7] = [
-        (
-            |arm| arm.hand = "claw".to_owned(),
-            "`claw`, which a chain names",
-        ),
+        (|arm| arm.hand = "claw".to_owned(), "`claw`, which a chain names"),
         (|arm| arm.ready = vec![0.0; 7], "`ready` is [0.0"),
         (|arm| arm.ready[1] = 0.5, "the joint `lift` is at 0.5"),
         (|arm| arm.gripper.link = "palm".to_owned(), "`palm`"),
-        (
-            |arm| arm.gripper.fingers[1].link = "thumb".to_owned(),
-            "`thumb`",
-        ),
-        (
-            |arm| arm.gripper.joint = Some("balance".to_owned()),
-            "`gripper.joint` is balance",
-        ),
+        (|arm| arm.gripper.fingers[1].link = "thumb".to_owned(), "`thumb`"),
+        (|arm| arm.gripper.joint = Some("balance".to_owned()), "`gripper.joint` is balance"),
         (|arm| arm.lead = f64::NAN, "`lead` is NaN"),
     ];
     for (change, says) in cases {
@@ -313,16 +265,11 @@ fn arms_move_alike_on_any_number_of_threads() {
         env.reset(batch.observations()).unwrap();
         let mut random = ChaCha8Rng::seed_from_u64(1003);
         for _ in 0..10 {
-            let actions: Vec<f32> = (0..4 * ACTION_DIM)
-                .map(|_| random.random_range(-1.0..1.0))
-                .collect();
+            let actions: Vec<f32> =
+                (0..4 * ACTION_DIM).map(|_| random.random_range(-1.0..1.0)).collect();
             env.step(&actions, batch.step()).unwrap();
         }
-        (
-            batch.images.clone(),
-            batch.vectors.clone(),
-            batch.rewards.clone(),
-        )
+        (batch.images.clone(), batch.vectors.clone(), batch.rewards.clone())
     };
     assert!(told(1) == told(3));
 }

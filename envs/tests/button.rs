@@ -35,11 +35,8 @@ fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
         let now = env.measurement().unwrap();
         let to = rest + (now.hand - now.tcp) - DVec3::Y * 0.08 - now.hand;
         pushing |= to.x.abs().max(to.z.abs()) < 0.006;
-        let move_by = if pushing {
-            DVec3::Y / 2.0
-        } else {
-            (to / 0.04).clamp(DVec3::NEG_ONE, DVec3::ONE)
-        };
+        let move_by =
+            if pushing { DVec3::Y / 2.0 } else { (to / 0.04).clamp(DVec3::NEG_ONE, DVec3::ONE) };
         let [x, y, z] = move_by.as_vec3().to_array();
         let outcome = env.step(&[x, y, z, finger]).unwrap();
         let way = (env.measurement().unwrap().object.y - rest.y).abs();

@@ -43,18 +43,8 @@ fn assert_flaw(what: &str, task: Spoilt, expected: &str) {
 fn scenes_with_a_flaw_are_refused() {
     let cases = [
         ("no name", "geom name=\"block\"", "geom", "has a name"),
-        (
-            "no object body",
-            "name=\"object\"",
-            "name=\"thing\"",
-            "`object`",
-        ),
-        (
-            "invisible",
-            "group=\"1\"",
-            "group=\"4\"",
-            "pictures show what happens",
-        ),
+        ("no object body", "name=\"object\"", "name=\"thing\"", "`object`"),
+        ("invisible", "group=\"1\"", "group=\"4\"", "pictures show what happens"),
         (
             "lopsided",
             "</body>\n    </body>",
@@ -106,18 +96,10 @@ fn rewards_with_a_flaw_are_refused() {
             |r, start, now, _| r.reward += peak(start, now) * 10.0,
             "in range",
         ),
-        (
-            "negative",
-            |r, start, now, _| r.reward -= peak(start, now),
-            "in range",
-        ),
+        ("negative", |r, start, now, _| r.reward -= peak(start, now), "in range"),
         ("approach", |r, _, _, _| r.approach = 1.5, "in range"),
         ("in place", |r, _, _, _| r.in_place = -0.5, "in range"),
-        (
-            "no distance",
-            |r, _, _, _| r.remaining = f64::NAN,
-            "in range",
-        ),
+        ("no distance", |r, _, _, _| r.remaining = f64::NAN, "in range"),
         ("easy", |r, _, _, _| r.success = true, "doing nothing"),
         ("impossible", |r, _, _, _| r.success = false, "expert"),
         (
@@ -127,10 +109,7 @@ fn rewards_with_a_flaw_are_refused() {
         ),
     ];
     for (what, reward, expected) in cases {
-        let spoilt = Spoilt {
-            reward,
-            ..Spoilt::default()
-        };
+        let spoilt = Spoilt { reward, ..Spoilt::default() };
         assert_flaw(what, spoilt, expected);
     }
 }
@@ -206,11 +185,7 @@ fn placements_and_experts_with_a_flaw_are_refused() {
     let straddling = Spoilt {
         place: |placement| {
             // about one placement in twenty is left of the centre
-            let left = if placement.object.x > 0.175 {
-                -1.0
-            } else {
-                1.0
-            };
+            let left = if placement.object.x > 0.175 { -1.0 } else { 1.0 };
             placement.object.x *= left;
             placement.goal.x *= left;
         },
@@ -227,29 +202,17 @@ fn placements_and_experts_with_a_flaw_are_refused() {
         ..Spoilt::default()
     };
     assert_flaw("one placement", constant, "the seed changes nothing");
-    let nowhere = Spoilt {
-        place: |placement| placement.goal.y = f64::NAN,
-        ..Spoilt::default()
-    };
+    let nowhere = Spoilt { place: |placement| placement.goal.y = f64::NAN, ..Spoilt::default() };
     assert_flaw("no number", nowhere, "the placement's goal is");
-    let lazy = Spoilt {
-        expert: |command, now| command.hand = now.hand,
-        ..Spoilt::default()
-    };
+    let lazy = Spoilt { expert: |command, now| command.hand = now.hand, ..Spoilt::default() };
     assert_flaw("lazy expert", lazy, "the expert solves it");
-    let grip = Spoilt {
-        expert: |command, _| command.finger = 1.5,
-        ..Spoilt::default()
-    };
+    let grip = Spoilt { expert: |command, _| command.finger = 1.5, ..Spoilt::default() };
     assert_flaw("fingers", grip, "in range");
 }
 
 #[test]
 fn a_malformed_name_is_refused() {
-    let task = PushBlock {
-        name: "Push Block".to_owned(),
-        ..PushBlock::default()
-    };
+    let task = PushBlock { name: "Push Block".to_owned(), ..PushBlock::default() };
     let flaw = check(leaked(task)).unwrap_err();
     let source = match flaw {
         Flaw::Failed { source, .. } => source,
@@ -283,10 +246,7 @@ fn a_flaw_of_the_stock_layout_alone_is_found() {
                 name: "push-block",
                 hand_target: DVec3::new(0.0, 0.0, 0.2),
                 addition: None,
-                place: |_| Placement {
-                    object: DVec3::ZERO,
-                    goal: DVec3::X,
-                },
+                place: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
             })
         }
     }
@@ -304,11 +264,7 @@ fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
 
 #[test]
 fn an_expert_that_cannot_get_there_does_not_succeed() {
-    let crawling = Control {
-        displacement: 1e-4,
-        horizon: 100,
-        ..Control::default()
-    };
+    let crawling = Control { displacement: 1e-4, horizon: 100, ..Control::default() };
     for (scene, element) in variants(Embodiment::HAND) {
         let row = experts(&scene, element, crawling, 1).unwrap();
         assert_eq!(row.success_rate(), 0.0, "{row:?}");

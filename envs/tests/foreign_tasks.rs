@@ -28,18 +28,12 @@ fn started(group: TaskGroup, control: Control) -> TableTop {
 
 /// The name and the parts of [`PushBlock`], and another reward.
 fn generous() -> TaskGroup {
-    let spoilt = Spoilt {
-        reward: |reward, _, _, _| reward.reward = 10.0,
-        ..Spoilt::default()
-    };
+    let spoilt = Spoilt { reward: |reward, _, _, _| reward.reward = 10.0, ..Spoilt::default() };
     spoilt.group()
 }
 
 fn with_scene(scene: String) -> TaskGroup {
-    let task = PushBlock {
-        scene,
-        ..PushBlock::default()
-    };
+    let task = PushBlock { scene, ..PushBlock::default() };
     TaskGroup::of(Box::leak(Box::new(task)))
 }
 
@@ -55,15 +49,10 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
     let mut batch = Batch::new(&settings);
     let mut env = VecEnv::new(settings, plain, &D2::ALL).unwrap();
     env.reset(batch.observations()).unwrap();
-    let objectless = PushBlock {
-        name: "objectless".to_owned(),
-        scene: "<mujocoinclude/>".to_owned(),
-    };
+    let objectless =
+        PushBlock { name: "objectless".to_owned(), scene: "<mujocoinclude/>".to_owned() };
     let objectless = TaskGroup::of(Box::leak(Box::new(objectless)));
-    let refused = [
-        (generous(), "called `push-block` already"),
-        (objectless, "MuJoCo cannot load"),
-    ];
+    let refused = [(generous(), "called `push-block` already"), (objectless, "MuJoCo cannot load")];
     for (refused, says) in refused {
         let message = env.set_tasks(refused, &D2::ALL).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
@@ -75,17 +64,11 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
 #[test]
 fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
     let plain = Spoilt::default().group();
-    let short = Control {
-        horizon: 100,
-        ..Control::default()
-    };
+    let short = Control { horizon: 100, ..Control::default() };
     let mut table = started(plain, Control::default());
     let before = table.save().unwrap();
     for (other, says) in [
-        (
-            started(generous(), Control::default()),
-            "another task of that name",
-        ),
+        (started(generous(), Control::default()), "another task of that name"),
         (started(plain, short), "horizon: 100"),
     ] {
         let refused = table.restore(&other.save().unwrap()).unwrap_err();
@@ -93,9 +76,7 @@ fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
         assert!(refused.to_string().contains(says), "{refused}");
         assert!(table.save().unwrap() == before);
     }
-    table
-        .restore(&started(plain, Control::default()).save().unwrap())
-        .unwrap();
+    table.restore(&started(plain, Control::default()).save().unwrap()).unwrap();
 }
 
 /// The loose cylinder's name is reserved in the stock layout alone.
@@ -114,26 +95,17 @@ fn a_goal_that_cannot_be_placed_is_refused() {
                 conaffinity=\"0\"/></body></worldbody>";
     let group = with_scene(common::SCENE.replace("</worldbody>", body));
     let message = scene(group).unwrap_err().to_string();
-    assert!(
-        message.contains("`goal`") && message.contains("mocap"),
-        "{message}"
-    );
+    assert!(message.contains("`goal`") && message.contains("mocap"), "{message}");
 }
 
 #[test]
 fn parts_that_are_not_numbers_are_refused() {
-    let offset = Spoilt {
-        parts: |parts| parts.object_offset.y = f64::NAN,
-        ..Spoilt::default()
-    };
+    let offset = Spoilt { parts: |parts| parts.object_offset.y = f64::NAN, ..Spoilt::default() };
     let joint = Spoilt {
         parts: |parts| parts.start_joints = &[("push", f64::INFINITY)],
         ..Spoilt::default()
     };
-    for (spoilt, says) in [
-        (offset, "`object_offset` is [0, NaN, 0]"),
-        (joint, "joint `push`"),
-    ] {
+    for (spoilt, says) in [(offset, "`object_offset` is [0, NaN, 0]"), (joint, "joint `push`")] {
         let error = scene(spoilt.group()).unwrap_err();
         assert!(matches!(error, EnvError::Setting { .. }), "{error}");
         assert!(error.to_string().contains(says), "{error}");
@@ -142,14 +114,8 @@ fn parts_that_are_not_numbers_are_refused() {
 
 #[test]
 fn an_expert_that_asks_for_what_is_no_number_is_refused() {
-    let lost = Spoilt {
-        expert: |command, _| command.hand.x = f64::INFINITY,
-        ..Spoilt::default()
-    };
-    let limp = Spoilt {
-        expert: |command, _| command.finger = f64::NAN,
-        ..Spoilt::default()
-    };
+    let lost = Spoilt { expert: |command, _| command.hand.x = f64::INFINITY, ..Spoilt::default() };
+    let limp = Spoilt { expert: |command, _| command.finger = f64::NAN, ..Spoilt::default() };
     for (spoilt, says) in [(lost, "inf"), (limp, "fingers of NaN")] {
         let table = started(spoilt.group(), Control::default());
         let message = table.expert_action().unwrap_err().to_string();
@@ -167,8 +133,5 @@ fn a_reset_that_fails_leaves_no_episode_running() {
     *table.simulation_mut() = mujoco::Data::new(Arc::new(other));
     table.reset_to(D2::Identity, placement).unwrap_err();
     assert!(matches!(table.save(), Err(EnvError::NotReset)));
-    assert!(matches!(
-        table.step(&[0.0; ACTION_DIM]),
-        Err(EnvError::NotReset)
-    ));
+    assert!(matches!(table.step(&[0.0; ACTION_DIM]), Err(EnvError::NotReset)));
 }

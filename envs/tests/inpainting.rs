@@ -48,11 +48,7 @@ impl Studio {
     }
 
     fn lit(group: TaskGroup, light: Light) -> Self {
-        let camera = Camera {
-            size: SIZE,
-            light,
-            ..Camera::default()
-        };
+        let camera = Camera { size: SIZE, light, ..Camera::default() };
         let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera).unwrap());
         Self {
             table: TableTop::new(Arc::clone(&scene), Control::default()).unwrap(),
@@ -72,10 +68,11 @@ impl Studio {
 
     fn inpainter(&mut self, correction: ColorCorrection) -> Inpainter {
         let camera = self.table.scene().camera;
-        let links = self.arm.links().iter().map(|link| Link {
-            radius: self.thickness * link.radius,
-            ..*link
-        });
+        let links = self
+            .arm
+            .links()
+            .iter()
+            .map(|link| Link { radius: self.thickness * link.radius, ..*link });
         let settings = InpainterSettings {
             camera: arm::pinhole(&camera),
             links: links.collect(),
@@ -151,15 +148,9 @@ fn painting_the_arm_out_equals_not_drawing_it() {
             let share = |count: usize| count as f64 / tally.pixels as f64;
             assert!(share(tally.arm) > 0.04, "{group} {element}: {tally:?}");
             assert!(tally.uncovered < 5, "{group} {element}: {tally:?}");
-            assert!(
-                share(tally.from_composed) < 1e-4,
-                "{group} {element}: {tally:?}"
-            );
+            assert!(share(tally.from_composed) < 1e-4, "{group} {element}: {tally:?}");
             let late = share(tally.from_live);
-            assert!(
-                late <= share(tally.least) + 2e-3,
-                "{group} {element}: {tally:?}"
-            );
+            assert!(late <= share(tally.least) + 2e-3, "{group} {element}: {tally:?}");
             let most = match group.name() {
                 "goal-reach" => 0.0,
                 "plate-slide" | "button-press" => 0.01,
@@ -182,11 +173,7 @@ fn a_mask_that_is_too_thin_is_noticed() {
 /// Mean difference (levels) of pictures taken under dim light, and painted with a background taken
 /// under full light, from the arm-free picture under full light, mark included.
 fn deviation_under_dim_light(correction: ColorCorrection) -> f64 {
-    let light = Light {
-        ambient: 0.3,
-        camera: 0.25,
-        overhead: 0.2,
-    };
+    let light = Light { ambient: 0.3, camera: 0.25, overhead: 0.2 };
     let group = TaskGroup::PLATE_SLIDE;
     let (mut full, mut dim) = (Studio::new(group), Studio::lit(group, light));
     for studio in [&mut full, &mut dim] {
@@ -212,16 +199,10 @@ fn deviation_under_dim_light(correction: ColorCorrection) -> f64 {
 #[test]
 fn other_light_is_corrected() {
     let none = deviation_under_dim_light(ColorCorrection::None);
-    for correction in [
-        ColorCorrection::MeanAndDeviation,
-        ColorCorrection::GreyWorld,
-    ] {
+    for correction in [ColorCorrection::MeanAndDeviation, ColorCorrection::GreyWorld] {
         let corrected = deviation_under_dim_light(correction);
         println!("{correction:?}: {none} -> {corrected}");
-        assert!(
-            corrected < none / 10.0,
-            "{correction:?}: {none} -> {corrected}"
-        );
+        assert!(corrected < none / 10.0, "{correction:?}: {none} -> {corrected}");
     }
 }
 

@@ -37,10 +37,7 @@ fn a_snapshot_of_another_scene_is_refused() {
 fn the_stock_layout_has_no_mirrored_variants() {
     let mut table = table(Layout::MetaWorld, TaskGroup::PLATE_SLIDE);
     let message = table.reset(D2::FlipX, &mut rng()).unwrap_err().to_string();
-    assert!(
-        message.contains("`metaworld` has no variant under flip x"),
-        "{message}"
-    );
+    assert!(message.contains("`metaworld` has no variant under flip x"), "{message}");
 }
 
 #[test]
@@ -49,10 +46,7 @@ fn a_task_without_stock_figures_has_no_stock_scene() {
     let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
     let refused = Scene::in_layout(layout, group, arm, Camera::default());
     let message = refused.unwrap_err().to_string();
-    assert!(
-        message.contains("`metaworld` has no figures of push-block"),
-        "{message}"
-    );
+    assert!(message.contains("`metaworld` has no figures of push-block"), "{message}");
 }
 
 #[test]
@@ -75,10 +69,7 @@ fn a_vector_environment_runs_the_stock_layout_and_refuses_mirrored_variants_of_i
 
 #[test]
 fn a_vector_environment_runs_a_task_of_somebody_elses() {
-    let settings = VecEnvSettings {
-        num_envs: 4,
-        ..VecEnvSettings::default()
-    };
+    let settings = VecEnvSettings { num_envs: 4, ..VecEnvSettings::default() };
     let group = TaskGroup::of(Box::leak(Box::new(PushBlock::default())));
     let mut batch = Batch::new(&settings);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
@@ -93,10 +84,7 @@ fn a_vector_environment_runs_a_task_of_somebody_elses() {
 /// Groups are told apart by their names; the second would silently get the scene of the first.
 #[test]
 fn two_tasks_of_one_name_are_refused() {
-    let settings = VecEnvSettings {
-        num_envs: 1,
-        ..VecEnvSettings::default()
-    };
+    let settings = VecEnvSettings { num_envs: 1, ..VecEnvSettings::default() };
     let wide = PushBlock {
         scene: common::SCENE.replace("0.04 0.04 0.04", "0.06 0.04 0.04"),
         ..PushBlock::default()

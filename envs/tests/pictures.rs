@@ -20,10 +20,7 @@ struct Studio {
 
 impl Studio {
     fn new(group: TaskGroup, embodiment: Embodiment, size: usize) -> Self {
-        let camera = Camera {
-            size,
-            ..Camera::default()
-        };
+        let camera = Camera { size, ..Camera::default() };
         Self::seen_by(group, embodiment, camera)
     }
 
@@ -32,12 +29,7 @@ impl Studio {
         let scene = Arc::new(Scene::new(group, embodiment, camera).unwrap());
         let table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
         let renderer = SceneRenderer::new(scene).unwrap();
-        Self {
-            group,
-            size,
-            table,
-            renderer,
-        }
+        Self { group, size, table, renderer }
     }
 
     /// The first pictures `[size, size, 3]` of the four variants, at the placement that `seed`
@@ -75,10 +67,7 @@ fn assert_few_and_off_by_an_edge(differing: &[usize], size: usize) {
     assert!(*most <= size / 2, "{most} pixels of picture {index}");
     let pictures = differing.len();
     let inexact = differing.iter().filter(|&&pixels| pixels > 0).count();
-    assert!(
-        inexact > 0 && inexact * 8 < pictures,
-        "{inexact} of {pictures} pictures"
-    );
+    assert!(inexact > 0 && inexact * 8 < pictures, "{inexact} of {pictures} pictures");
 }
 
 #[test]
@@ -107,21 +96,12 @@ fn variants_are_mirror_images_bit_for_bit() {
 /// it.
 #[test]
 fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
-    let camera = Camera {
-        oversampling: 3,
-        beside: Beside::FirstAndCloseUp,
-        ..Camera::default()
-    };
+    let camera = Camera { oversampling: 3, beside: Beside::FirstAndCloseUp, ..Camera::default() };
     let channels = camera.beside.channels();
     for group in TaskGroup::STANDARD {
         let mut studio = Studio::seen_by(group, Embodiment::HAND, camera);
-        for (seed, [x, y, z]) in [[1.0, 0.7, -1.0], [-0.3, 1.0, -1.0]]
-            .into_iter()
-            .enumerate()
-        {
-            let placement = group
-                .task()
-                .place(&mut ChaCha8Rng::seed_from_u64(seed as u64));
+        for (seed, [x, y, z]) in [[1.0, 0.7, -1.0], [-0.3, 1.0, -1.0]].into_iter().enumerate() {
+            let placement = group.task().place(&mut ChaCha8Rng::seed_from_u64(seed as u64));
             let mut image = |element: D2| {
                 studio.table.reset_to(element, placement).unwrap();
                 for _ in 0..8 {
@@ -130,15 +110,10 @@ fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
                     studio.table.step(&action).unwrap();
                 }
                 let mut seen = vec![0; studio.size * studio.size * RGB];
-                studio
-                    .renderer
-                    .render(&mut studio.table, &mut seen)
-                    .unwrap();
+                studio.renderer.render(&mut studio.table, &mut seen).unwrap();
                 let mut image = vec![0; studio.size * studio.size * channels];
                 let first = vec![7; seen.len()];
-                studio
-                    .renderer
-                    .compose(&studio.table, &seen, &first, &mut image);
+                studio.renderer.compose(&studio.table, &seen, &first, &mut image);
                 image
             };
             let canonical = image(D2::Identity);
@@ -170,14 +145,8 @@ fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edg
 
 /// A camera that draws no disc at the hand.
 fn without_mark() -> Camera {
-    let mark = envs::Mark {
-        radius: 0.0,
-        ..envs::Mark::default()
-    };
-    Camera {
-        mark,
-        ..Camera::default()
-    }
+    let mark = envs::Mark { radius: 0.0, ..envs::Mark::default() };
+    Camera { mark, ..Camera::default() }
 }
 
 /// The hand's variants are drawn in a mirror, the arm's as they stand; neither picture shows what
@@ -217,11 +186,7 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
         .into_iter()
         .flat_map(|embodiment| TaskGroup::STANDARD.map(|group| (group, embodiment)));
     for (group, embodiment) in cases {
-        let Studio {
-            mut table,
-            mut renderer,
-            ..
-        } = Studio::new(group, embodiment, size);
+        let Studio { mut table, mut renderer, .. } = Studio::new(group, embodiment, size);
         let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; size * size * RGB]);
         let mut expected = rgb.clone();
         for element in D2::ALL {
@@ -230,9 +195,7 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
             renderer.draw_backdrop(&mut table, &mut backdrop).unwrap();
             loop {
                 renderer.render(&mut table, &mut expected).unwrap();
-                renderer
-                    .render_over(&mut table, &mut backdrop, &mut rgb)
-                    .unwrap();
+                renderer.render_over(&mut table, &mut backdrop, &mut rgb).unwrap();
                 assert!(rgb == expected, "{group} {embodiment} {element}");
                 let action = table.expert_action().unwrap();
                 if table.step(&action).unwrap().truncated {
@@ -247,12 +210,9 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
 fn every_variant_with_objects_looks_different() {
     // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper
     // over the centre.
-    let groups = TaskGroup::STANDARD
-        .into_iter()
-        .filter(|&group| group != TaskGroup::GOAL_REACH);
-    let pictures: HashSet<Vec<u8>> = groups
-        .flat_map(|group| Studio::new(group, Embodiment::SAWYER, 48).pictures(4))
-        .collect();
+    let groups = TaskGroup::STANDARD.into_iter().filter(|&group| group != TaskGroup::GOAL_REACH);
+    let pictures: HashSet<Vec<u8>> =
+        groups.flat_map(|group| Studio::new(group, Embodiment::SAWYER, 48).pictures(4)).collect();
     assert_eq!(pictures.len(), 12);
 }
 
@@ -273,11 +233,7 @@ fn the_canonical_drawer_is_up_and_to_the_right() {
     }
     assert!(count > 50, "only {count} green pixels");
     assert!(rows / count < size / 2, "mean row {}", rows / count);
-    assert!(
-        columns / count > size / 2,
-        "mean column {}",
-        columns / count
-    );
+    assert!(columns / count > size / 2, "mean column {}", columns / count);
 }
 
 /// The middle of the red button, against the camera's own projection.
@@ -285,10 +241,7 @@ fn the_canonical_drawer_is_up_and_to_the_right() {
 fn a_point_projects_to_its_pixel() {
     let camera = Camera {
         size: 96,
-        mark: envs::Mark {
-            radius: 0.0,
-            ..envs::Mark::default()
-        },
+        mark: envs::Mark { radius: 0.0, ..envs::Mark::default() },
         ..Camera::default()
     };
     for embodiment in Embodiment::STANDARD {
@@ -310,10 +263,7 @@ fn a_point_projects_to_its_pixel() {
 
 #[test]
 fn odd_sizes_are_refused() {
-    let camera = Camera {
-        size: 47,
-        ..Camera::default()
-    };
+    let camera = Camera { size: 47, ..Camera::default() };
     let error = Scene::new(TaskGroup::GOAL_REACH, Embodiment::SAWYER, camera).unwrap_err();
     assert!(error.to_string().contains("image size` is 47"));
 }

@@ -55,10 +55,7 @@ fn pictures_alone_are_others_and_they_have_the_same_shape() {
         assert_eq!(random.images.len(), clean.images.len());
         let image = clean.images.len() / N;
         for (clean, random) in clean.images.chunks(image).zip(random.images.chunks(image)) {
-            let off = clean
-                .iter()
-                .zip(random)
-                .map(|(a, b)| f64::from(a.abs_diff(*b)));
+            let off = clean.iter().zip(random).map(|(a, b)| f64::from(a.abs_diff(*b)));
             let off = off.sum::<f64>() / image as f64;
             assert!(off > 1.0 && off < 60.0, "{off} levels off on average");
         }
@@ -77,10 +74,7 @@ fn any_number_of_threads_shows_the_same_and_so_does_a_seed_given_later() {
     let group = TaskGroup::BUTTON_PRESS;
     let one = walk(settings(1, amounts), group, None);
     for threads in [2, 3] {
-        assert!(
-            walk(settings(threads, amounts), group, None) == one,
-            "{threads} threads"
-        );
+        assert!(walk(settings(threads, amounts), group, None) == one, "{threads} threads");
     }
     assert!(walk(settings(2, amounts), group, Some(11)) == one);
     assert!(walk(settings(2, amounts), group, Some(12)) != one);
@@ -89,18 +83,12 @@ fn any_number_of_threads_shows_the_same_and_so_does_a_seed_given_later() {
 /// Light and white balance show in a corner of the table, where nothing moves.
 #[test]
 fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another() {
-    let amounts = Randomisation {
-        exposure: 20.0,
-        balance: 10.0,
-        ..Randomisation::OFF
-    };
+    let amounts = Randomisation { exposure: 20.0, balance: 10.0, ..Randomisation::OFF };
     let walk = walk(settings(2, Some(amounts)), TaskGroup::GOAL_REACH, None);
     let corners = |batch: &Batch| -> Vec<Vec<u8>> {
         let image = batch.images.len() / N;
         let images = batch.images.chunks(image);
-        images
-            .map(|image| image[..Beside::First.channels()].to_vec())
-            .collect()
+        images.map(|image| image[..Beside::First.channels()].to_vec()).collect()
     };
     let mut episodes = vec![corners(&walk[0])];
     for (step, batch) in walk.iter().enumerate().skip(1) {
@@ -122,17 +110,11 @@ fn settings_without_it_read_and_write_as_before() {
     assert!(!clean.contains("random"), "{clean}");
     let random = settings(2, Some(Randomisation::NOMINAL));
     let text = serde_json::to_string(&random).unwrap();
-    assert_eq!(
-        serde_json::from_str::<VecEnvSettings>(&text).unwrap(),
-        random
-    );
+    assert_eq!(serde_json::from_str::<VecEnvSettings>(&text).unwrap(), random);
     assert_eq!(random.clean(), settings(2, None));
     let mut wild = Randomisation::NOMINAL;
     wild.position_error = 500.0;
     let refused = VecEnv::new(settings(2, Some(wild)), TaskGroup::GOAL_REACH, &D2::ALL);
     let message = refused.err().unwrap().to_string();
-    assert!(
-        message.contains("`position_error` is 500, expected 0 to 100 mm"),
-        "{message}"
-    );
+    assert!(message.contains("`position_error` is 500, expected 0 to 100 mm"), "{message}");
 }

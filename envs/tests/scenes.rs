@@ -36,10 +36,7 @@ fn everything_in_every_scene_has_a_name() {
                 let scene = Scene::in_layout(layout, group, embodiment, Camera::default()).unwrap();
                 let unnamed = scene.model.unnamed();
                 let warning = scene.model.warning();
-                assert!(
-                    unnamed.is_empty(),
-                    "{layout}, {embodiment}, {group}: {unnamed:?}"
-                );
+                assert!(unnamed.is_empty(), "{layout}, {embodiment}, {group}: {unnamed:?}");
                 assert_eq!(warning, None, "{layout}, {embodiment}, {group}");
             }
         }
@@ -72,15 +69,12 @@ fn the_hand_follows_its_target_as_the_arm_does() {
         let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
         data.restore(scene.settled()).unwrap();
-        let (target, hand) = (
-            scene.model.mocap("hand_target").unwrap(),
-            scene.model.body("hand").unwrap(),
-        );
+        let (target, hand) =
+            (scene.model.mocap("hand_target").unwrap(), scene.model.body("hand").unwrap());
         let mut lags = Vec::new();
         for step in 1..=40 {
             let x = 0.004 * f64::from(step);
-            data.set_mocap_position(target, [x, 0.0, HAND_START.z])
-                .unwrap();
+            data.set_mocap_position(target, [x, 0.0, HAND_START.z]).unwrap();
             data.step(5).unwrap();
             data.forward_kinematics().unwrap();
             lags.push(x - data.body_position(hand)[0]);
@@ -109,31 +103,21 @@ fn the_hand_cannot_reach_the_walls() {
     let walls = [inside("wall_right", 0), inside("wall_far", 1)];
     let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
     for corner in D2::ALL {
-        table
-            .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))
-            .unwrap();
+        table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
         let [x, y] = corner.apply_xy([1.0, 1.0]);
         let mut furthest = [0.0_f64; 2];
         for _ in 0..20 {
             table.step(&[x as f32, y as f32, -1.0, -1.0]).unwrap();
             for ball in model.geoms().filter(|&geom| model.geom_group(geom) == 3) {
-                let (place, radius) = (
-                    table.simulation().geom_position(ball),
-                    model.geom_size(ball)[0],
-                );
+                let (place, radius) =
+                    (table.simulation().geom_position(ball), model.geom_size(ball)[0]);
                 for axis in 0..2 {
                     furthest[axis] = larger(furthest[axis], place[axis].abs() + radius);
                 }
             }
         }
-        assert!(
-            furthest[0] > 0.3 && furthest[1] > 0.34,
-            "{corner}: only {furthest:?}"
-        );
-        assert!(
-            furthest[0] < walls[0] && furthest[1] < walls[1],
-            "{corner}: {furthest:?}"
-        );
+        assert!(furthest[0] > 0.3 && furthest[1] > 0.34, "{corner}: only {furthest:?}");
+        assert!(furthest[0] < walls[0] && furthest[1] < walls[1], "{corner}: {furthest:?}");
     }
 }
 
@@ -143,24 +127,17 @@ fn the_hand_cannot_reach_the_walls() {
 fn a_shut_drawer_stands_against_the_wall() {
     for embodiment in Embodiment::STANDARD {
         let scene = Arc::new(scene(TaskGroup::DRAWER_CLOSE, embodiment));
-        let slide = scene
-            .model
-            .joint_qpos_address(scene.model.joint("slide").unwrap());
+        let slide = scene.model.joint_qpos_address(scene.model.joint("slide").unwrap());
         let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
         for element in D2::ALL {
-            table
-                .reset(element, &mut ChaCha8Rng::seed_from_u64(1))
-                .unwrap();
+            table.reset(element, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
             let mut furthest = f64::NEG_INFINITY;
             for _ in 0..50 {
                 let action = table.expert_action().unwrap();
                 table.step(&action).unwrap();
                 furthest = larger(furthest, table.simulation().qpos()[slide]);
             }
-            assert!(
-                (-0.002..0.015).contains(&furthest),
-                "{embodiment} {element}: {furthest}"
-            );
+            assert!((-0.002..0.015).contains(&furthest), "{embodiment} {element}: {furthest}");
         }
     }
 }

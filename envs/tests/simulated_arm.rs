@@ -21,19 +21,13 @@ fn scene(embodiment: Embodiment) -> Arc<Scene> {
 /// An arm at the start of an episode.
 fn started(latency: f64) -> SimulatedArm {
     let mut arm = SimulatedArm::new(scene(Embodiment::KINOVA_GEN3), latency).unwrap();
-    let placement = Placement {
-        object: DVec3::ZERO,
-        goal: DVec3::new(0.1, 0.1, 0.1),
-    };
+    let placement = Placement { object: DVec3::ZERO, goal: DVec3::new(0.1, 0.1, 0.1) };
     arm.start(D2::Identity, placement).unwrap();
     arm
 }
 
 fn moving(linear: DVec3, closing: f64) -> Command {
-    Command {
-        twist: Twist::moving(linear),
-        closing,
-    }
+    Command { twist: Twist::moving(linear), closing }
 }
 
 fn advance(arm: &mut SimulatedArm, steps: usize) {
@@ -52,16 +46,10 @@ fn a_twist_moves_the_tip_at_its_speed_and_closes_the_fingers() {
     let state = arm.state().unwrap();
     let way = state.tip.position - start.tip.position;
     // a second, less half of the 50 ms in which it speeds up, and the lag of its servos
-    assert!(
-        (0.09..0.1).contains(&way.x) && way.y.abs() < 0.003 && way.z.abs() < 0.003,
-        "{way}"
-    );
+    assert!((0.09..0.1).contains(&way.x) && way.y.abs() < 0.003 && way.z.abs() < 0.003, "{way}");
     assert!(state.closing > 0.95, "{}", state.closing);
     let hand = arm.table().hand();
-    assert!(
-        hand.distance(state.tip.position) < 1e-6,
-        "its joints tell where it is"
-    );
+    assert!(hand.distance(state.tip.position) < 1e-6, "its joints tell where it is");
     arm.stop().unwrap();
     advance(&mut arm, 40);
     let stopped = arm.state().unwrap().tip.position;
@@ -74,8 +62,7 @@ fn a_twist_moves_the_tip_at_its_speed_and_closes_the_fingers() {
 fn latency_shifts_what_is_commanded_and_nothing_else() {
     let way = |latency| {
         let mut arm = started(latency);
-        arm.command(&moving(DVec3::new(0.1, -0.1, 0.0), 0.3))
-            .unwrap();
+        arm.command(&moving(DVec3::new(0.1, -0.1, 0.0), 0.3)).unwrap();
         let place = |_| {
             advance(&mut arm, 1);
             arm.state().unwrap().tip.position
@@ -100,10 +87,7 @@ fn an_arm_that_cannot_follow_says_so_and_stands() {
             advance(&mut arm, 1);
             arm.state().err()
         });
-        assert!(
-            matches!(fault, Some(ControlError::OutOfReach { .. })),
-            "{fault:?}"
-        );
+        assert!(matches!(fault, Some(ControlError::OutOfReach { .. })), "{fault:?}");
         advance(&mut arm, 40);
         let stands = arm.state().unwrap().tip.position;
         advance(&mut arm, 40);
@@ -127,16 +111,9 @@ fn nonsense_is_refused_and_stops_the_arm() {
     advance(&mut arm, 20);
     assert!(arm.state().unwrap().tip.position.distance(stands) < 1e-4);
 
-    let welded = SimulatedArm::new(scene(Embodiment::SAWYER), 0.0)
-        .err()
-        .unwrap();
-    assert!(
-        welded.to_string().contains("`embodiment` is sawyer"),
-        "{welded}"
-    );
-    let late = SimulatedArm::new(scene(Embodiment::KINOVA_GEN3), f64::NAN)
-        .err()
-        .unwrap();
+    let welded = SimulatedArm::new(scene(Embodiment::SAWYER), 0.0).err().unwrap();
+    assert!(welded.to_string().contains("`embodiment` is sawyer"), "{welded}");
+    let late = SimulatedArm::new(scene(Embodiment::KINOVA_GEN3), f64::NAN).err().unwrap();
     assert!(late.to_string().contains("`latency` is NaN"), "{late}");
     let mut nowhere = SimulatedArm::new(scene(Embodiment::KINOVA_GEN3), 0.0).unwrap();
     assert!(nowhere.state().is_err() && nowhere.command(&moving(DVec3::X, 0.0)).is_err());
@@ -166,26 +143,18 @@ fn a_watchdog_stops_an_arm_that_nobody_commands() {
 #[test]
 fn capsules_follow_the_joints_that_the_arm_tells() {
     let mut arm = started(0.0);
-    arm.command(&moving(DVec3::new(0.2, 0.1, -0.1), 1.0))
-        .unwrap();
+    arm.command(&moving(DVec3::new(0.2, 0.1, -0.1), 1.0)).unwrap();
     advance(&mut arm, 30);
     let capsules = KinovaGen3.arm().unwrap().capsules(&arm.state().unwrap());
     let data = arm.table().simulation();
     let model = data.model();
     let mut seen = 0;
-    for geom in model
-        .geoms()
-        .filter(|&geom| model.geom_group(geom) == envs::ARM_GEOM_GROUP)
-    {
+    for geom in model.geoms().filter(|&geom| model.geom_group(geom) == envs::ARM_GEOM_GROUP) {
         let middle = DVec3::from_array(data.geom_position(geom));
         let inside = capsules.iter().map(|capsule| capsule.distance(middle));
         let inside = inside.fold(f64::INFINITY, f64::min);
         assert!(inside < 0.0, "{:?}: {inside}", model.name(geom));
         seen += 1;
     }
-    assert!(
-        seen >= 10 && capsules.len() == seen,
-        "{seen} {}",
-        capsules.len()
-    );
+    assert!(seen >= 10 && capsules.len() == seen, "{seen} {}", capsules.len());
 }

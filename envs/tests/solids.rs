@@ -26,11 +26,7 @@ fn named<'a>(table: &'a TableTop, name: &str) -> Solid<'a> {
 #[test]
 fn every_scene_has_solids_of_its_table_and_its_arm() {
     for group in TaskGroup::STANDARD {
-        for embodiment in [
-            Embodiment::SAWYER,
-            Embodiment::HAND,
-            Embodiment::KINOVA_GEN3,
-        ] {
+        for embodiment in [Embodiment::SAWYER, Embodiment::HAND, Embodiment::KINOVA_GEN3] {
             let table = started(group, embodiment, D2::Identity);
             let names: BTreeSet<_> = table.solids().map(|solid| solid.name.unwrap()).collect();
             assert_eq!(names.len(), table.solids().count(), "{names:?}");
@@ -74,20 +70,11 @@ fn shapes_have_the_sizes_and_axes_of_the_scene() {
     let top = named(&table, "table_top");
     let half = [0.7, 0.4, 0.027];
     assert_eq!(top.shape, Shape::Box { half });
-    assert_eq!(
-        (top.position, top.rgba),
-        (DVec3::new(0.0, 0.0, -0.027), [0.44, 0.34, 0.28, 1.0])
-    );
+    assert_eq!((top.position, top.rgba), (DVec3::new(0.0, 0.0, -0.027), [0.44, 0.34, 0.28, 1.0]));
     assert!(!top.is_arm);
     let puck = named(&table, "puck_visual").shape;
     let (radius, half_length) = (0.05, 0.015);
-    assert_eq!(
-        puck,
-        Shape::Cylinder {
-            radius,
-            half_length
-        }
-    );
+    assert_eq!(puck, Shape::Cylinder { radius, half_length });
     // the net's back leans about x
     let net = named(&table, "net_back").axes;
     let (sine, cosine) = 0.2406_f64.sin_cos();

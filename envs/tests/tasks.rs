@@ -12,9 +12,7 @@ use symmetry::D2;
 
 static SCENES: LazyLock<Vec<Arc<Scene>>> = LazyLock::new(|| {
     let scene = |group| Scene::new(group, Embodiment::SAWYER, Camera::default()).unwrap();
-    TaskGroup::STANDARD
-        .map(|group| Arc::new(scene(group)))
-        .to_vec()
+    TaskGroup::STANDARD.map(|group| Arc::new(scene(group))).to_vec()
 });
 
 fn table(group: TaskGroup) -> TableTop {
@@ -31,9 +29,7 @@ fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
     let variants = TaskGroup::STANDARD.map(TaskGroup::variants);
     for variant in variants.concat() {
         let mut table = table(variant.group);
-        table
-            .reset(variant.element, &mut ChaCha8Rng::seed_from_u64(2))
-            .unwrap();
+        table.reset(variant.element, &mut ChaCha8Rng::seed_from_u64(2)).unwrap();
         let goal = &observe(&table)[4..];
         let told = variant.group == TaskGroup::GOAL_REACH;
         assert_eq!(goal.iter().any(|&value| value != 0.0), told, "{variant}");
@@ -50,31 +46,17 @@ fn bad_actions_and_early_steps_are_errors() {
     let early = table.step(&[0.0; ACTION_DIM]).unwrap_err();
     assert!(matches!(table.observe(), Err(EnvError::NotReset)));
     assert!(matches!(early, EnvError::NotReset));
-    table
-        .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))
-        .unwrap();
+    table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
     let before = observe(&table);
-    let message = table
-        .step(&[0.0, f32::NAN, 0.0, 0.0])
-        .unwrap_err()
-        .to_string();
-    assert!(
-        message.contains("component 1 of the action is NaN"),
-        "{message}"
-    );
-    assert_eq!(
-        observe(&table),
-        before,
-        "a refused action must change nothing"
-    );
+    let message = table.step(&[0.0, f32::NAN, 0.0, 0.0]).unwrap_err().to_string();
+    assert!(message.contains("component 1 of the action is NaN"), "{message}");
+    assert_eq!(observe(&table), before, "a refused action must change nothing");
 }
 
 #[test]
 fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
     let mut table = table(TaskGroup::BUTTON_PRESS);
-    table
-        .reset(D2::FlipY, &mut ChaCha8Rng::seed_from_u64(0))
-        .unwrap();
+    table.reset(D2::FlipY, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
     while !table.step(&[0.3; ACTION_DIM]).unwrap().truncated {}
     let last = observe(&table);
     let error = table.step(&[0.3; ACTION_DIM]).unwrap_err();
@@ -85,10 +67,7 @@ fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
 #[test]
 fn impossible_control_settings_are_refused() {
     let scene = Arc::clone(&SCENES[0]);
-    let control = Control {
-        action_repeat: 7,
-        ..Control::default()
-    };
+    let control = Control { action_repeat: 7, ..Control::default() };
     let message = TableTop::new(scene, control).err().unwrap().to_string();
     assert!(message.contains("500 with action repeat 7"), "{message}");
 }
@@ -138,10 +117,7 @@ fn placements_that_are_not_numbers_are_refused_and_change_nothing() {
             for (what, placement) in [("goal", goal), ("object", object)] {
                 let refused = table.reset_to(D2::Identity, placement);
                 let message = refused.unwrap_err().to_string();
-                assert!(
-                    message.contains(&format!("placement's {what} is")),
-                    "{message}"
-                );
+                assert!(message.contains(&format!("placement's {what} is")), "{message}");
                 assert!(table.save().unwrap() == before, "{group}: {what}");
             }
         }

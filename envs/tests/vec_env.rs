@@ -14,21 +14,15 @@ use symmetry::D2;
 const N: usize = 3;
 
 fn settings(threads: usize) -> VecEnvSettings {
-    let mut settings = VecEnvSettings {
-        num_envs: N,
-        threads,
-        seed: 11,
-        ..VecEnvSettings::default()
-    };
+    let mut settings =
+        VecEnvSettings { num_envs: N, threads, seed: 11, ..VecEnvSettings::default() };
     settings.camera.size = 16;
     settings.control.horizon = 60;
     settings
 }
 
 fn action(step: usize) -> Vec<f32> {
-    (0..N * ACTION_DIM)
-        .map(|i| ((i * 7 + step * 3) % 5) as f32 / 2.0 - 1.0)
-        .collect()
+    (0..N * ACTION_DIM).map(|i| ((i * 7 + step * 3) % 5) as f32 / 2.0 - 1.0).collect()
 }
 
 /// Everything that 15 steps over a switch of groups show, in one list of numbers.
@@ -37,11 +31,7 @@ fn trace(threads: usize) -> Vec<u32> {
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
     let mut trace = Vec::new();
-    for group in [
-        TaskGroup::DRAWER_CLOSE,
-        TaskGroup::PLATE_SLIDE,
-        TaskGroup::DRAWER_CLOSE,
-    ] {
+    for group in [TaskGroup::DRAWER_CLOSE, TaskGroup::PLATE_SLIDE, TaskGroup::DRAWER_CLOSE] {
         env.set_tasks(group, &D2::ALL).unwrap();
         env.reset(buffers.observations()).unwrap();
         for step in 0..7 {
@@ -75,10 +65,7 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     env.reset(buffers.observations()).unwrap();
     let start = buffers.vectors.clone();
     for step in 1..=settings.control.decisions() {
-        assert!(
-            buffers.truncated.iter().all(|&end| !end),
-            "before step {step}"
-        );
+        assert!(buffers.truncated.iter().all(|&end| !end), "before step {step}");
         env.step(&[1.0; N * ACTION_DIM], buffers.step()).unwrap();
     }
     assert!(buffers.truncated.iter().all(|&end| end));
@@ -90,22 +77,14 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
             "a new episode starts at rest"
         );
         let moved = buffers.final_vectors[row.start] - start[row.start];
-        assert!(
-            moved > 0.1,
-            "environment {env} moved {moved} m in its episode"
-        );
+        assert!(moved > 0.1, "environment {env} moved {moved} m in its episode");
     }
     // the second half of the channels is the episode's first picture, which is also the current one
     // now
     for pixel in buffers.images.chunks_exact(6) {
         assert_eq!(pixel[..3], pixel[3..]);
     }
-    assert!(
-        buffers
-            .final_images
-            .chunks_exact(6)
-            .any(|pixel| pixel[..3] != pixel[3..])
-    );
+    assert!(buffers.final_images.chunks_exact(6).any(|pixel| pixel[..3] != pixel[3..]));
 }
 
 /// One environment driven by hand: the slow twin of a row.
@@ -137,9 +116,7 @@ impl Twin {
         let element = D2::ALL[self.rng.random_range(0..4)];
         self.large.0.reset(element, &mut self.rng.clone()).unwrap();
         self.table.reset(element, &mut self.rng).unwrap();
-        self.renderer
-            .render(&mut self.table, &mut self.first)
-            .unwrap();
+        self.renderer.render(&mut self.table, &mut self.first).unwrap();
         self.observe()
     }
 
@@ -228,9 +205,7 @@ fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
         let actions = action(step);
         env.step(&actions, buffers.step()).unwrap();
         for (env, twin) in twins.iter_mut().enumerate() {
-            let action = actions[env * ACTION_DIM..][..ACTION_DIM]
-                .try_into()
-                .unwrap();
+            let action = actions[env * ACTION_DIM..][..ACTION_DIM].try_into().unwrap();
             let expected = twin.table.step(action).unwrap();
             twin.large.0.step(action).unwrap();
             assert_eq!(buffers.rewards[env], expected.reward as f32);
@@ -251,10 +226,7 @@ fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
 
 #[test]
 fn success_at_any_step_and_at_the_end_are_told_apart() {
-    let settings = VecEnvSettings {
-        control: Control::default(),
-        ..settings(2)
-    };
+    let settings = VecEnvSettings { control: Control::default(), ..settings(2) };
     let group = TaskGroup::GOAL_REACH;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut batch = Batch::new(&settings);
@@ -271,10 +243,7 @@ fn success_at_any_step_and_at_the_end_are_told_apart() {
         env.step(actions.as_flattened(), batch.step()).unwrap();
         let expected = [0, 1, 2].map(|i| twins[i].table.step(&actions[i]).unwrap());
         assert_eq!(batch.success, expected.map(|step| step.success));
-        assert_eq!(
-            batch.success_at_end,
-            expected.map(|step| step.success_at_end)
-        );
+        assert_eq!(batch.success_at_end, expected.map(|step| step.success_at_end));
         apart += usize::from(batch.success != batch.success_at_end);
     }
     assert!(apart > 0);
@@ -301,14 +270,8 @@ fn a_seed_given_later_is_as_good_as_one_given_at_first() {
 #[test]
 fn settings_travel_as_json_and_unknown_ones_are_refused() {
     let text = serde_json::to_string(&settings(2)).unwrap();
-    assert!(
-        text.contains(r#""layout":"symmetric","embodiment":"sawyer""#),
-        "{text}"
-    );
-    assert_eq!(
-        serde_json::from_str::<VecEnvSettings>(&text).unwrap(),
-        settings(2)
-    );
+    assert!(text.contains(r#""layout":"symmetric","embodiment":"sawyer""#), "{text}");
+    assert_eq!(serde_json::from_str::<VecEnvSettings>(&text).unwrap(), settings(2));
     let wrong = text.replace("num_envs", "number_of_envs");
     let message = serde_json::from_str::<VecEnvSettings>(&wrong).unwrap_err();
     assert!(message.to_string().contains("number_of_envs"), "{message}");
@@ -316,10 +279,7 @@ fn settings_travel_as_json_and_unknown_ones_are_refused() {
 
 #[test]
 fn variants_are_drawn_from_the_elements_given() {
-    let settings = VecEnvSettings {
-        num_envs: 12,
-        ..settings(2)
-    };
+    let settings = VecEnvSettings { num_envs: 12, ..settings(2) };
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &[D2::FlipX]).unwrap();
     let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
@@ -327,11 +287,7 @@ fn variants_are_drawn_from_the_elements_given() {
         let rows = buffers.vectors.chunks_exact(VECTOR_DIM);
         rows.map(|row| (row[4] < 0.0, row[5] < 0.0)).collect()
     };
-    assert!(
-        goals(&buffers)
-            .iter()
-            .all(|&quadrant| quadrant == (true, false))
-    );
+    assert!(goals(&buffers).iter().all(|&quadrant| quadrant == (true, false)));
     env.set_tasks(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     env.reset(buffers.observations()).unwrap();
     let quadrants: std::collections::HashSet<_> = goals(&buffers).into_iter().collect();
@@ -344,24 +300,14 @@ fn bad_input_is_refused_and_changes_nothing() {
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
     let early = env.step(&action(0), buffers.step()).unwrap_err();
-    assert!(
-        early.to_string().contains("no episode is running"),
-        "{early}"
-    );
+    assert!(early.to_string().contains("no episode is running"), "{early}");
     env.reset(buffers.observations()).unwrap();
     let short = env.step(&[0.0; 3], buffers.step()).unwrap_err();
-    assert!(
-        short
-            .to_string()
-            .contains("`actions` has 3 elements, expected 12")
-    );
+    assert!(short.to_string().contains("`actions` has 3 elements, expected 12"));
     let mut bad = action(0);
     bad[6] = f32::INFINITY;
     let message = env.step(&bad, buffers.step()).unwrap_err().to_string();
-    assert!(
-        message.contains("environment 1: component 2 of the action is inf"),
-        "{message}"
-    );
+    assert!(message.contains("environment 1: component 2 of the action is inf"), "{message}");
     let none = env.set_tasks(TaskGroup::GOAL_REACH, &[]).unwrap_err();
     assert!(none.to_string().contains("no variants of goal-reach"));
     env.step(&action(0), buffers.step()).unwrap();
@@ -381,13 +327,9 @@ fn a_switch_ends_running_episodes() {
     env.reset(buffers.observations()).unwrap();
     env.set_tasks(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     env.reset(buffers.observations()).unwrap();
-    env.set_tasks(TaskGroup::DRAWER_CLOSE, &[D2::HalfTurn])
-        .unwrap();
+    env.set_tasks(TaskGroup::DRAWER_CLOSE, &[D2::HalfTurn]).unwrap();
     let stale = env.step(&action(0), buffers.step()).unwrap_err();
-    assert!(
-        stale.to_string().contains("no episode is running"),
-        "{stale}"
-    );
+    assert!(stale.to_string().contains("no episode is running"), "{stale}");
     env.reset(buffers.observations()).unwrap();
     env.step(&action(0), buffers.step()).unwrap();
 }
@@ -415,10 +357,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
 /// Settings with pictures that cannot be randomised.
 fn randomised(beside: Beside) -> VecEnvSettings {
     VecEnvSettings {
-        camera: Camera {
-            beside,
-            ..Camera::default()
-        },
+        camera: Camera { beside, ..Camera::default() },
         randomisation: Some(Randomisation::NOMINAL),
         ..settings(1)
     }
@@ -427,31 +366,14 @@ fn randomised(beside: Beside) -> VecEnvSettings {
 #[test]
 fn settings_out_of_range_are_refused() {
     for broken in [
-        VecEnvSettings {
-            num_envs: 0,
-            ..settings(1)
-        },
-        VecEnvSettings {
-            threads: 0,
-            ..settings(1)
-        },
-        VecEnvSettings {
-            threads: 1025,
-            ..settings(1)
-        },
-        VecEnvSettings {
-            camera: Camera {
-                size: 15,
-                ..Camera::default()
-            },
-            ..settings(1)
-        },
+        VecEnvSettings { num_envs: 0, ..settings(1) },
+        VecEnvSettings { threads: 0, ..settings(1) },
+        VecEnvSettings { threads: 1025, ..settings(1) },
+        VecEnvSettings { camera: Camera { size: 15, ..Camera::default() }, ..settings(1) },
         randomised(Beside::CloseUp),
         randomised(Beside::FirstAndCloseUp),
     ] {
-        let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL)
-            .err()
-            .unwrap();
+        let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL).err().unwrap();
         assert!(matches!(error, EnvError::Setting { .. }), "{error}");
     }
 }

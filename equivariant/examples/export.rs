@@ -62,22 +62,15 @@ fn export(dir: &Path, group: Group) -> Result<(), Box<dyn Error>> {
     let mut params = vec![0.0; net.num_params()];
     net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
     save(dir.join(format!("{group}.safetensors")), &net, &params)?;
-    let x: Vec<f32> = (0..SAMPLES * net.in_shape().len())
-        .map(|i| (i as f32 * 0.37).sin())
-        .collect();
+    let x: Vec<f32> =
+        (0..SAMPLES * net.in_shape().len()).map(|i| (i as f32 * 0.37).sin()).collect();
     let mut y = vec![0.0; SAMPLES * net.out_shape().len()];
     let mut scratch = net.scratch(SAMPLES);
     net.forward(&params, &x, &mut y, &mut scratch);
     let (x, y) = (bytes(&x), bytes(&y));
     let tensors = [
-        (
-            "x",
-            TensorView::new(Dtype::F32, vec![SAMPLES, 64, 64, 6], &x)?,
-        ),
-        (
-            "y",
-            TensorView::new(Dtype::F32, vec![SAMPLES, 1, 1, 5], &y)?,
-        ),
+        ("x", TensorView::new(Dtype::F32, vec![SAMPLES, 64, 64, 6], &x)?),
+        ("y", TensorView::new(Dtype::F32, vec![SAMPLES, 1, 1, 5], &y)?),
     ];
     let file = safetensors::serialize(tensors, None)?;
     std::fs::write(dir.join(format!("{group}-samples.safetensors")), file)?;

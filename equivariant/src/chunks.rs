@@ -101,16 +101,10 @@ impl<T: Real, W: Send> Chunks<T, W> {
         gradient: &mut [T],
         f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
     ) -> Vec<S> {
-        assert_eq!(
-            gradient.len(),
-            self.num_params,
-            "wrong number of parameters"
-        );
+        assert_eq!(gradient.len(), self.num_params, "wrong number of parameters");
         let count = self.prepare(num_samples);
         let mut buffers = std::mem::take(&mut self.gradients);
-        buffers.resize_with(buffers.len().max(count.min(WAVE)), || {
-            vec![T::ZERO; self.num_params]
-        });
+        buffers.resize_with(buffers.len().max(count.min(WAVE)), || vec![T::ZERO; self.num_params]);
         let mut results = Vec::with_capacity(count);
         for first in (0..count).step_by(WAVE) {
             let wave = first..count.min(first + WAVE);
@@ -197,9 +191,7 @@ impl<T: Real, W: Send> Chunks<T, W> {
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<W>> {
         // the list is whole even when a chunk panicked: its workspace is then merely lost
-        self.workspaces
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+        self.workspaces.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

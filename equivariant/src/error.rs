@@ -163,11 +163,7 @@ impl LayerError {
         if first.group() == second.group() {
             return Ok(());
         }
-        Err(LayerError::Groups {
-            layer,
-            first,
-            second,
-        })
+        Err(LayerError::Groups { layer, first, second })
     }
 
     /// Refuses more output channels than a field type can have.
@@ -191,10 +187,7 @@ impl LayerError {
     /// [`EmptyMap`](LayerError::EmptyMap) and [`TooLarge`](LayerError::TooLarge).
     pub fn check_map(layer: &'static str, shape: Shape, padding: usize) -> Result<(), LayerError> {
         match shape.padded_len(padding) {
-            None => Err(LayerError::TooLarge {
-                layer,
-                what: "a map",
-            }),
+            None => Err(LayerError::TooLarge { layer, what: "a map" }),
             Some(_) if shape.is_empty() => Err(LayerError::EmptyMap { layer, shape }),
             Some(_) => Ok(()),
         }

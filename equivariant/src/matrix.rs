@@ -28,30 +28,15 @@ pub struct StridedMut<'a, T> {
 
 impl<'a, T> Strided<'a, T> {
     pub(crate) fn new(data: &'a [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
-        Strided {
-            data,
-            rows,
-            cols,
-            stride,
-            transposed: false,
-        }
+        Strided { data, rows, cols, stride, transposed: false }
     }
 
     pub(crate) fn transpose(self) -> Self {
-        Strided {
-            transposed: !self.transposed,
-            ..self
-        }
+        Strided { transposed: !self.transposed, ..self }
     }
 
     fn view(self) -> MatRef<'a, T> {
-        let Strided {
-            data,
-            rows,
-            cols,
-            stride,
-            transposed,
-        } = self;
+        let Strided { data, rows, cols, stride, transposed } = self;
         let view = MatRef::from_row_major_slice_with_stride(data, rows, cols, stride);
         if transposed { view.transpose() } else { view }
     }
@@ -59,12 +44,7 @@ impl<'a, T> Strided<'a, T> {
 
 impl<'a, T> StridedMut<'a, T> {
     pub(crate) fn new(data: &'a mut [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
-        StridedMut {
-            data,
-            rows,
-            cols,
-            stride,
-        }
+        StridedMut { data, rows, cols, stride }
     }
 
     fn view(self) -> MatMut<'a, T> {
@@ -84,14 +64,7 @@ pub(crate) fn product<T: RealField + Copy>(
     b: Strided<T>,
 ) {
     let accumulate = if add { Accum::Add } else { Accum::Replace };
-    matmul(
-        to.view(),
-        accumulate,
-        a.view(),
-        b.view(),
-        T::one_impl(),
-        Par::Seq,
-    );
+    matmul(to.view(), accumulate, a.view(), b.view(), T::one_impl(), Par::Seq);
     clear_upper_halves();
 }
 

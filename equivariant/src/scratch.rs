@@ -150,9 +150,6 @@ mod tests {
             starts.extend([scratch.start, clone.start]);
         }
         assert!(starts.len() > 1, "all at one offset: {starts:?}");
-        assert_eq!(
-            Scratch::filled(9, 0.0f64).front(9).as_ptr() as usize % LINE,
-            0
-        );
+        assert_eq!(Scratch::filled(9, 0.0f64).front(9).as_ptr() as usize % LINE, 0);
     }
 }

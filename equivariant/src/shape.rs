@@ -25,11 +25,7 @@ pub struct Shape {
 impl Shape {
     /// A map of `height` x `width` pixels.
     pub const fn image(height: usize, width: usize, fields: FieldType) -> Shape {
-        Shape {
-            height,
-            width,
-            fields,
-        }
+        Shape { height, width, fields }
     }
 
     /// A vector: a map of one pixel.

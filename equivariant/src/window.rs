@@ -21,11 +21,7 @@ pub struct Kernel {
 impl Kernel {
     /// A window of this side, step and padding.
     pub const fn new(size: usize, stride: usize, padding: usize) -> Kernel {
-        Kernel {
-            size,
-            stride,
-            padding,
-        }
+        Kernel { size, stride, padding }
     }
 }
 

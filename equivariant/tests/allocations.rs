@@ -36,9 +36,7 @@ fn check(net: &Sequential<f32>) {
     let scratch = net.scratch(CHUNK);
     let of_chunk = scratch.clone();
     let mut chunks: Chunks<f32, (Vec<f32>, Scratch<f32>)> =
-        Chunks::new(params.len(), CHUNK, move || {
-            (vec![0.0; CHUNK * out_len], of_chunk.clone())
-        });
+        Chunks::new(params.len(), CHUNK, move || (vec![0.0; CHUNK * out_len], of_chunk.clone()));
     // the matrix products of `Linear` keep buffers per thread: every thread needs to have run once
     rayon::broadcast(|_| {
         let (mut y, mut gradient) = (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
@@ -66,10 +64,7 @@ fn check(net: &Sequential<f32>) {
 }
 
 fn main() {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(2)
-        .build()
-        .unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     // inside the pool: handing it work from outside allocates now and then
     pool.install(|| {
         for group in Group::ALL {

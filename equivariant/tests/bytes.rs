@@ -47,9 +47,7 @@ fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
     deep.push(Box::new(FieldNorm::new(out, Statistics::Sample).unwrap()));
     deep.push(Box::new(next()));
     let networks = [first(1), first(2), first(3), deep].into_iter();
-    networks
-        .map(|layers| Sequential::new(layers).unwrap())
-        .collect()
+    networks.map(|layers| Sequential::new(layers).unwrap()).collect()
 }
 
 fn pictures(layer: &impl Signature, samples: usize) -> Vec<u8> {
@@ -94,10 +92,7 @@ fn assert_same<T: Scalar>(conv: &R2Conv) {
         let levels = of_levels(&network, &pictures);
         assert!(bits(&found) == bits(&levels), "{network}");
         let largest = |values: &[T]| values.iter().fold(0.0, |m: f64, v| m.max(v.to_f64().abs()));
-        assert!(
-            found.iter().all(|values| largest(values) > 0.1),
-            "{network}"
-        );
+        assert!(found.iter().all(|values| largest(values) > 0.1), "{network}");
         let mut others = pictures;
         let middle = others.len() / 2;
         others[middle] ^= 128;
@@ -125,14 +120,8 @@ fn two_threads_give_the_bits_of_one() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build();
     for network in networks::<f32>(&conv) {
         let picture = pictures(&network, 1);
-        let found = pool
-            .as_ref()
-            .unwrap()
-            .install(|| of_bytes(&network, &picture));
-        assert!(
-            bits(&found) == bits(&of_levels(&network, &picture)),
-            "{network}"
-        );
+        let found = pool.as_ref().unwrap().install(|| of_bytes(&network, &picture));
+        assert!(bits(&found) == bits(&of_levels(&network, &picture)), "{network}");
     }
 }
 

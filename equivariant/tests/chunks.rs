@@ -59,11 +59,7 @@ fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
     assert_eq!(expected.1.len(), SAMPLES / CHUNK);
     for threads in [1, 2, 3] {
         for rounds in [1, 3] {
-            assert_eq!(
-                gradient(threads, rounds),
-                expected,
-                "{threads} threads, {rounds} rounds"
-            );
+            assert_eq!(gradient(threads, rounds), expected, "{threads} threads, {rounds} rounds");
         }
     }
 }
@@ -116,10 +112,7 @@ fn one_image_has_the_same_bits_on_one_thread_and_on_several() {
             let expected = one_image(layer.as_ref(), 1);
             assert!(expected.iter().flatten().all(|v| v.is_finite()));
             for threads in [2, 3] {
-                assert!(
-                    one_image(layer.as_ref(), threads) == expected,
-                    "layer {i} of {group}"
-                );
+                assert!(one_image(layer.as_ref(), threads) == expected, "layer {i} of {group}");
             }
         }
     }
@@ -152,11 +145,7 @@ fn accumulate_adds_to_what_is_there() {
     });
     assert_eq!(sizes, [3, 3, 1]);
     assert_eq!(gradient, [17.0, 20.0]);
-    assert!(
-        chunks
-            .accumulate(0, &mut gradient, |_, (), _| ())
-            .is_empty()
-    );
+    assert!(chunks.accumulate(0, &mut gradient, |_, (), _| ()).is_empty());
 }
 
 #[test]

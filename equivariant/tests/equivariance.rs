@@ -63,12 +63,7 @@ fn reference<T: Scalar>(group: Group) -> Sequential<T> {
     let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
     let mut shape = Shape::image(64, 64, group.trivial(6));
     for n in [8, 16, 32, 32] {
-        layers.push(conv(
-            shape.fields,
-            group.regular(n),
-            [4, 2, 1],
-            [shape.height; 2],
-        ));
+        layers.push(conv(shape.fields, group.regular(n), [4, 2, 1], [shape.height; 2]));
         shape = layers[layers.len() - 1].out_shape();
         layers.push(boxed(Relu::new(shape)));
     }
@@ -119,12 +114,7 @@ fn first_layers_are_exact_under_d2() {
 #[test]
 fn convolutions_are_exactly_equivariant() {
     for group in Group::ALL {
-        for (window, size) in [
-            ([4, 2, 1], 16),
-            ([3, 1, 1], 7),
-            ([3, 2, 1], 7),
-            ([5, 1, 0], 9),
-        ] {
+        for (window, size) in [([4, 2, 1], 16), ([3, 1, 1], 7), ([3, 2, 1], 7), ([5, 1, 0], 9)] {
             let regular = group.regular(3);
             let first = conv(group.trivial(3), regular, window, [size; 2]);
             let relu = boxed(Relu::new(first.out_shape()));
@@ -210,8 +200,5 @@ fn the_checker_refuses_no_trials() {
 fn the_checker_refuses_what_is_not_finite() {
     let shape = Shape::vector(Group::D2.trivial(2));
     let nan = |_: &[f64], y: &mut [f64]| y.fill(f64::NAN);
-    assert_eq!(
-        equivariance_error_of(shape, shape, nan, 1, &mut rng(0)),
-        f64::INFINITY
-    );
+    assert_eq!(equivariance_error_of(shape, shape, nan, 1, &mut rng(0)), f64::INFINITY);
 }

@@ -30,10 +30,7 @@ fn types_that_a_layer_does_not_take_are_refused() {
         ("MaxPool", message(pool)),
         ("SpatialSoftArgmax", message(keypoints)),
     ];
-    assert_refused(
-        "got the type `8 reg + 2 x`, expected regular fields only",
-        refused,
-    );
+    assert_refused("got the type `8 reg + 2 x`, expected regular fields only", refused);
 }
 
 #[test]
@@ -56,10 +53,7 @@ fn windows_that_are_inexact_or_do_not_fit_are_refused() {
     let image = Shape::image(5, 6, fields);
     let refused = |window| {
         [
-            (
-                "R2Conv",
-                message(R2Conv::new(fields, fields, window, [5, 6])),
-            ),
+            ("R2Conv", message(R2Conv::new(fields, fields, window, [5, 6]))),
             ("MaxPool", message(MaxPool::new(image, window))),
             ("AveragePool", message(AveragePool::new(image, window))),
         ]
@@ -77,10 +71,7 @@ fn maps_and_settings_that_do_not_fit_are_refused() {
     let fields = Group::D2.regular(2);
     let [odd, even] = [[5, 6], [4, 4]].map(|[height, width]| Shape::image(height, width, fields));
     let flatten = ("R2Conv::flatten", message(R2Conv::flatten(odd, fields)));
-    assert_refused(
-        "got a map of 5 x 6 pixels, expected a square one",
-        [flatten],
-    );
+    assert_refused("got a map of 5 x 6 pixels, expected a square one", [flatten]);
     let concat = ("Concat", message(Concat::new(odd, even)));
     let sizes = "got maps of 5 x 6 and 4 x 4 pixels, expected equal heights and widths";
     assert_refused(sizes, [concat]);
@@ -112,19 +103,12 @@ fn maps_without_values_are_refused() {
             message(Concat::new(shape, shape)),
         ]
     };
-    let empty = [
-        Shape::image(2, 3, none),
-        Shape::image(0, 3, some),
-        Shape::image(2, 0, some),
-    ];
+    let empty = [Shape::image(2, 3, none), Shape::image(0, 3, some), Shape::image(2, 0, some)];
     for shape in empty {
         for message in refused(shape) {
             let map = format!("got a map of {shape}, expected at least one pixel and one channel");
             let window = "expected 1 <= 1 <= 0 + 2 * 0";
-            assert!(
-                message.ends_with(&map) || message.contains(window),
-                "{message}"
-            );
+            assert!(message.ends_with(&map) || message.contains(window), "{message}");
         }
     }
     for (from, to) in [(none, some), (some, none)] {
@@ -167,17 +151,11 @@ fn sizes_that_no_memory_holds_are_refused() {
             [5, 7],
         )),
         message(Linear::new(many, many)),
-        message(Linear::new(
-            Group::C1.trivial(1 << 20),
-            Group::C1.trivial(1 << 20),
-        )),
+        message(Linear::new(Group::C1.trivial(1 << 20), Group::C1.trivial(1 << 20))),
         message(Relu::new(wide)),
         message(MaxPool::new(wide, window)),
         message(AveragePool::new(wide, window)),
-        message(AveragePool::new(
-            Shape::image(2, 3, one),
-            Kernel::new(large, 1, large / 2),
-        )),
+        message(AveragePool::new(Shape::image(2, 3, one), Kernel::new(large, 1, large / 2))),
         message(GroupMaxPool::new(wide)),
         message(FieldNorm::new(wide, Statistics::Sample)),
         message(SpatialSoftArgmax::new(wide, 1.0)),
@@ -189,8 +167,5 @@ fn sizes_that_no_memory_holds_are_refused() {
     }
     // 5 + 2 * padding is 5 in arithmetic that wraps
     let message = message(R2Conv::new(one, one, padded, [5, 7]));
-    assert!(
-        message.contains("on the height of 5, expected 1 <= 3 <= 5"),
-        "{message}"
-    );
+    assert!(message.contains("on the height of 5, expected 1 <= 3 <= 5"), "{message}");
 }

@@ -18,10 +18,7 @@ fn golden(name: &str) -> Vec<f64> {
     let tensor = SafeTensors::deserialize(LAYERS).unwrap();
     let tensor = tensor.tensor(name).unwrap();
     let (values, _) = tensor.data().as_chunks();
-    values
-        .iter()
-        .map(|&bytes| f64::from_le_bytes(bytes))
-        .collect()
+    values.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect()
 }
 
 /// Changes maps of a type between the regular basis of the file and the irrep basis of the layers.
@@ -127,10 +124,7 @@ fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
 /// Compares the gradient of a kernel, whose steerable part is that of the parameters.
 fn check_gradient(case: &str, layer: &R2Conv, gradient: &[f64]) {
     let dense = layer.dense();
-    let biases = dense
-        .out_shape()
-        .fields
-        .multiplicity(symmetry::Irrep::Trivial);
+    let biases = dense.out_shape().fields.multiplicity(symmetry::Irrep::Trivial);
     let weights = ..gradient.len() - biases;
     let dkernel = dense.project_regular(&golden(&format!("{case}.dkernel")));
     assert_close(case, &gradient[weights], &dkernel.params[weights]);
@@ -169,10 +163,7 @@ fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
     let (values, _) = tensor.data().as_chunks();
     let values: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();
     let blocks: Vec<&[f32]> = values.chunks(values.len() / 4).collect();
-    let kernel: Vec<f32> = elements
-        .into_iter()
-        .flat_map(|g| blocks[g].to_vec())
-        .collect();
+    let kernel: Vec<f32> = elements.into_iter().flat_map(|g| blocks[g].to_vec()).collect();
     dense.project_regular(&kernel).residual
 }
 

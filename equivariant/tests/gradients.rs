@@ -56,25 +56,13 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn backward_is_the_derivative_of_forward() {
-    for Case {
-        name,
-        layer,
-        params,
-        x,
-        dy,
-    } in cases()
-    {
+    for Case { name, layer, params, x, dy } in cases() {
         let layer = layer.as_ref();
         let [_, dx, dparams] = run(layer, &params, &x, &dy);
         let in_x = error(&dx, &x, |x| dot(&dy, &forward(layer, &params, x)));
         assert!(in_x < TOLERANCE, "{name}: error {in_x} in the input");
-        let in_params = error(&dparams, &params, |params| {
-            dot(&dy, &forward(layer, params, &x))
-        });
-        assert!(
-            in_params < TOLERANCE,
-            "{name}: error {in_params} in the parameters"
-        );
+        let in_params = error(&dparams, &params, |params| dot(&dy, &forward(layer, params, &x)));
+        assert!(in_params < TOLERANCE, "{name}: error {in_params} in the parameters");
     }
 }
 

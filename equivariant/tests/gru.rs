@@ -29,10 +29,7 @@ fn drawn<T: Scalar>(gru: &Gru) -> Vec<T> {
     // biases, too
     let shift = normal::<T>(params.len(), 4);
     let tenth = T::from_f64(0.1);
-    params
-        .iter_mut()
-        .zip(shift)
-        .for_each(|(p, s)| *p += tenth * s);
+    params.iter_mut().zip(shift).for_each(|(p, s)| *p += tenth * s);
     params
 }
 
@@ -67,10 +64,7 @@ fn backward_is_the_derivative_of_forward_for_every_group() {
         let gru = unit(group);
         let width = gru.out_type().dim();
         let d_out: Vec<f64> = normal(LENGTHS.len() * width, 5);
-        let at = [
-            drawn(&gru),
-            normal(STEPS * LENGTHS.len() * gru.in_type().dim(), 6),
-        ];
+        let at = [drawn(&gru), normal(STEPS * LENGTHS.len() * gru.in_type().dim(), 6)];
         let value = |params: &[f64], x: &[f64]| {
             let [out, ..] = run(&gru, params, x, &d_out);
             out.iter().zip(&d_out).map(|(a, b)| a * b).sum::<f64>()
@@ -86,11 +80,7 @@ fn backward_is_the_derivative_of_forward_for_every_group() {
                 });
                 let slope = (high - low) / 2e-5;
                 let error = (slope - gradient[i]).abs();
-                assert!(
-                    error < 1e-8,
-                    "{group}, {which}, {i}: {slope} {}",
-                    gradient[i]
-                );
+                assert!(error < 1e-8, "{group}, {which}, {i}: {slope} {}", gradient[i]);
             }
         }
     }
@@ -174,10 +164,7 @@ fn shared_rows_are_rows_of_their_own_added_up() {
             sum.iter_mut().zip(dx).for_each(|(sum, d)| *sum += d);
         }
         assert!(largest_deviation(&dshared, &sums) < 1e-13, "{group}");
-        assert!(
-            largest_deviation(&dshared_params, &dparams) < 1e-12,
-            "{group}"
-        );
+        assert!(largest_deviation(&dshared_params, &dparams) < 1e-12, "{group}");
     }
 }
 

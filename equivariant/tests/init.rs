@@ -123,8 +123,5 @@ fn chains_that_do_not_fit_are_refused_with_both_shapes() {
         message.contains("layer 1 takes 1 x 1 x (3 reg), but layer 0 gives 1 x 1 x (2 reg)"),
         "{message}"
     );
-    assert_eq!(
-        Sequential::<f32>::new(vec![]).unwrap_err(),
-        LayerError::Empty
-    );
+    assert_eq!(Sequential::<f32>::new(vec![]).unwrap_err(), LayerError::Empty);
 }

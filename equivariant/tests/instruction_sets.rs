@@ -30,10 +30,7 @@ fn run_pooled(conv: &R2Conv, set: InstructionSet, with_dx: bool, pooled: bool) -
         Err(_) => conv,
     };
     let wave = |n: usize| (0..n).map(|i| (i as f32 * 0.37).sin()).collect::<Vec<_>>();
-    let (params, x) = (
-        params(layer.as_ref(), 1),
-        wave(SAMPLES * layer.in_shape().len()),
-    );
+    let (params, x) = (params(layer.as_ref(), 1), wave(SAMPLES * layer.in_shape().len()));
     let mut y = unwritten(SAMPLES * layer.out_shape().len());
     let mut scratch = scratch(layer.as_ref(), SAMPLES);
     layer.forward(&params, &x, &mut y, &mut scratch);

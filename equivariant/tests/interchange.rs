@@ -12,10 +12,7 @@ struct File(PathBuf);
 
 impl File {
     fn new(name: &str) -> File {
-        let name = format!(
-            "covers-equivariant-{}-{name}.safetensors",
-            std::process::id()
-        );
+        let name = format!("covers-equivariant-{}-{name}.safetensors", std::process::id());
         File(std::env::temp_dir().join(name))
     }
 }
@@ -59,10 +56,7 @@ fn dense_kernels_lie_beside_the_parameters() {
     assert_eq!(shape("0.kernel"), [4, 3, 4, 4]);
     assert_eq!(shape("4.kernel"), [16, 8, 2, 2]);
     assert_eq!(shape("6.bias"), [4]);
-    assert!(
-        tensors.tensor("1.params").is_err(),
-        "a ReLU has no parameters"
-    );
+    assert!(tensors.tensor("1.params").is_err(), "a ReLU has no parameters");
 }
 
 fn message(file: &File, layer: &dyn Layer<f32>) -> String {
@@ -81,10 +75,7 @@ fn other_networks_are_refused_with_the_layer() {
                     `Linear(2 reg -> 1 reg | 9 parameters)` in the network";
     assert!(refused.contains(expected), "{refused}");
     let shorter = message(&file, linear(2).as_ref());
-    assert!(
-        shorter.ends_with("in the file and `nothing` in the network"),
-        "{shorter}"
-    );
+    assert!(shorter.ends_with("in the file and `nothing` in the network"), "{shorter}");
 }
 
 #[test]
@@ -104,18 +95,10 @@ fn files_that_are_not_ours_are_refused_by_name() {
 fn norms_of_other_statistics_are_refused() {
     let file = File::new("norms");
     let norm = |statistics| {
-        boxed::<f32, _>(FieldNorm::new(
-            Shape::image(2, 3, Group::D2.regular(1)),
-            statistics,
-        ))
+        boxed::<f32, _>(FieldNorm::new(Shape::image(2, 3, Group::D2.regular(1)), statistics))
     };
     let fixed = |mean: f64| Statistics::Fixed(vec![[mean, 2.0]]);
-    let all = [
-        Statistics::Sample,
-        Statistics::Batch,
-        fixed(0.1),
-        fixed(0.1f64.next_up()),
-    ];
+    let all = [Statistics::Sample, Statistics::Batch, fixed(0.1), fixed(0.1f64.next_up())];
     for (i, saved) in all.iter().enumerate() {
         save(&file.0, norm(saved.clone()).as_ref(), &[1.5, 0.5]).unwrap();
         for (j, built) in all.iter().enumerate() {
@@ -124,14 +107,8 @@ fn norms_of_other_statistics_are_refused() {
         }
     }
     let refused = message(&file, norm(Statistics::Batch).as_ref());
-    assert!(
-        refused.contains("fixed statistics) [[0.1000000000000000"),
-        "{refused}"
-    );
-    assert!(
-        refused.contains("statistics of the batch)` in the network"),
-        "{refused}"
-    );
+    assert!(refused.contains("fixed statistics) [[0.1000000000000000"), "{refused}");
+    assert!(refused.contains("statistics of the batch)` in the network"), "{refused}");
 }
 
 #[test]

@@ -5,9 +5,7 @@ use equivariant::{FieldNorm, FieldType, Group, Layer, Shape, Signature, Statisti
 use crate::common;
 
 fn waves(len: usize) -> Vec<f64> {
-    (0..len)
-        .map(|i| 0.5 + (i as f64 * 1.7).sin() + i as f64 * 0.01)
-        .collect()
+    (0..len).map(|i| 0.5 + (i as f64 * 1.7).sin() + i as f64 * 0.01).collect()
 }
 
 fn normalised(layer: &FieldNorm, x: &[f64]) -> Vec<f64> {
@@ -43,10 +41,7 @@ fn fields_have_mean_zero_and_variance_one_over_group_space_and_samples() {
         for f in 0..9 {
             for y in alone.chunks(shape.len()).chain([&y[..]]) {
                 let [mean, variance] = regular_moments(group, 9, f, y);
-                assert!(
-                    mean.abs() < 1e-12 && (variance - 1.0).abs() < 1e-3,
-                    "{group}"
-                );
+                assert!(mean.abs() < 1e-12 && (variance - 1.0).abs() < 1e-3, "{group}");
             }
         }
     }
@@ -59,10 +54,7 @@ fn fixed_moments_of_the_batch_do_what_the_batch_does() {
     let batch = FieldNorm::new(shape, Statistics::Batch).unwrap();
     let moments = batch.moments(&x);
     assert!(moments[..2].iter().all(|m| m[0] != 0.0));
-    assert!(
-        moments[2..].iter().all(|m| m[0] == 0.0),
-        "odd channels are not centred"
-    );
+    assert!(moments[2..].iter().all(|m| m[0] == 0.0), "odd channels are not centred");
     let fixed = FieldNorm::new(shape, Statistics::Fixed(moments)).unwrap();
     assert_eq!(normalised(&batch, &x), normalised(&fixed, &x));
 }
@@ -80,11 +72,7 @@ fn statistics_that_do_not_fit_are_refused() {
         vec![[0.0, f64::INFINITY]; 2],
     ] {
         let error = FieldNorm::new(shape, Statistics::Fixed(wrong)).unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .starts_with("FieldNorm: got the fixed statistics [[")
-        );
+        assert!(error.to_string().starts_with("FieldNorm: got the fixed statistics [["));
     }
 }
 

@@ -14,10 +14,7 @@ fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> 
     for (i, y) in y.iter_mut().enumerate() {
         let (pixel, out) = (i / c_out, i % c_out);
         let (oy, ox) = (pixel / output.width, pixel % output.width);
-        for (j, weight) in kernel[out * c_in * k * k..][..c_in * k * k]
-            .iter()
-            .enumerate()
-        {
+        for (j, weight) in kernel[out * c_in * k * k..][..c_in * k * k].iter().enumerate() {
             let (c, ty, tx) = (j / (k * k), j / k % k, j % k);
             let row = (oy * window.stride + ty).wrapping_sub(window.padding);
             let col = (ox * window.stride + tx).wrapping_sub(window.padding);
@@ -31,11 +28,7 @@ fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> 
 
 fn with_zero_bias(layer: &R2Conv, seed: u64) -> Vec<f64> {
     let mut params = params::<f64>(layer, seed);
-    let trivial = layer
-        .out_shape()
-        .fields
-        .range(symmetry::Irrep::Trivial)
-        .len();
+    let trivial = layer.out_shape().fields.range(symmetry::Irrep::Trivial).len();
     let weights = params.len() - trivial;
     params[weights..].fill(0.0);
     params
@@ -109,13 +102,9 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
     let params = with_zero_bias(&layer, 7);
     let x = normal::<f64>(layer.in_shape().len(), 8);
     let mut expected = forward(&layer, &params, &x);
-    expected
-        .chunks_mut(12)
-        .for_each(|pixel| hadamard(Group::D2, pixel));
+    expected.chunks_mut(12).for_each(|pixel| hadamard(Group::D2, pixel));
     let mut regular_x = x;
-    regular_x
-        .chunks_mut(8)
-        .for_each(|pixel| hadamard(Group::D2, pixel));
+    regular_x.chunks_mut(8).for_each(|pixel| hadamard(Group::D2, pixel));
     let kernel = layer.dense().regular_kernel(&params);
     let y = naive(&layer, &kernel, window, &regular_x);
     assert!(largest_deviation(&y, &expected) < 1e-12);
@@ -163,10 +152,7 @@ fn the_parameters_span_all_steerable_kernels() {
         for (j, b) in kernels.iter().enumerate().skip(i) {
             let product: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
             let expected = f64::from(u8::from(i == j));
-            assert!(
-                (product - expected).abs() < 1e-14,
-                "kernels {i} and {j}: {product}"
-            );
+            assert!((product - expected).abs() < 1e-14, "kernels {i} and {j}: {product}");
         }
     }
 }

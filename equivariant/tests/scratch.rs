@@ -50,10 +50,7 @@ fn clones_made_between_the_passes_give_the_same_gradients() {
 
 #[test]
 fn an_empty_scratch_in_its_place_is_noticed() {
-    for (name, layer) in layers::<f32>()
-        .into_iter()
-        .filter(|(_, l)| l.keeps_scratch())
-    {
+    for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.keeps_scratch()) {
         let len = layer.scratch_len(SAMPLES);
         let lost = || gradients(layer.as_ref(), |_| Scratch::filled(len, 0.0));
         let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(lost)).unwrap_err();
@@ -67,10 +64,7 @@ fn an_empty_scratch_in_its_place_is_noticed() {
 #[test]
 fn a_scratch_that_another_backward_pass_used_is_noticed() {
     let relu = Relu::new(Shape::vector(Group::D2.trivial(1))).unwrap();
-    for (name, layer) in layers::<f32>()
-        .into_iter()
-        .filter(|(_, l)| l.keeps_scratch())
-    {
+    for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.keeps_scratch()) {
         let used = |mut scratch| {
             let dx = &mut [0.0];
             relu.backward(&[], &[1.0], &[1.0], &[1.0], Some(dx), &mut [], &mut scratch);
@@ -79,9 +73,6 @@ fn a_scratch_that_another_backward_pass_used_is_noticed() {
         let spoilt = || gradients(layer.as_ref(), used);
         let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(spoilt)).unwrap_err();
         let message = panic.downcast_ref::<String>().unwrap();
-        assert!(
-            message.contains("forward left for 0 samples"),
-            "{name}: {message}"
-        );
+        assert!(message.contains("forward left for 0 samples"), "{name}: {message}");
     }
 }

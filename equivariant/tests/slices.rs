@@ -13,10 +13,7 @@ const SAMPLES: usize = 3;
 const SLICES: [&str; 7] = ["params", "x", "y", "dy", "dx", "dparams", "scratch"];
 
 fn lengths(layer: &dyn Layer<f32>) -> [usize; 7] {
-    let (x, y) = (
-        SAMPLES * layer.in_shape().len(),
-        SAMPLES * layer.out_shape().len(),
-    );
+    let (x, y) = (SAMPLES * layer.in_shape().len(), SAMPLES * layer.out_shape().len());
     let params = layer.num_params();
     [params, x, y, y, x, params, layer.scratch_len(SAMPLES)]
 }
@@ -66,9 +63,7 @@ fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
         "x" if got.is_multiple_of(right / SAMPLES) => message.ends_with("as its shapes and x say"),
         "x" => {
             let each = right / SAMPLES;
-            message.ends_with(&format!(
-                "got x of {got} values, expected a multiple of {each}"
-            ))
+            message.ends_with(&format!("got x of {got} values, expected a multiple of {each}"))
         }
         "scratch" => {
             let named = format!("got a scratch of {got} values, expected at least {right}");
@@ -110,11 +105,7 @@ fn right_lengths_are_taken() {
 fn lengths_beside_the_right_one_are_refused_by_every_layer() {
     for (name, layer) in layers::<f32>() {
         for (slice, right) in lengths(layer.as_ref()).into_iter().enumerate() {
-            let larger = if SLICES[slice] == "scratch" {
-                right
-            } else {
-                right + 1
-            };
+            let larger = if SLICES[slice] == "scratch" { right } else { right + 1 };
             for wrong in [0, right.saturating_sub(1), larger, 2 * right] {
                 if wrong == right || (SLICES[slice] == "scratch" && wrong > right) {
                     continue;
@@ -152,20 +143,14 @@ fn initial_weights_need_all_parameters() {
             let mut params = vec![0.0; wrong];
             let message = panic_of(|| layer.init(&mut rng(0), &mut params));
             let expected = format!("got params of {wrong} values, expected {right}");
-            assert!(
-                wrong == right || message.unwrap().contains(&expected),
-                "{name}"
-            );
+            assert!(wrong == right || message.unwrap().contains(&expected), "{name}");
         }
     }
 }
 
 #[test]
 fn a_scratch_of_another_number_of_samples_is_refused_where_it_is_kept() {
-    for (name, layer) in layers::<f32>()
-        .into_iter()
-        .filter(|(_, l)| l.keeps_scratch())
-    {
+    for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.keeps_scratch()) {
         let params = vec![0.1; layer.num_params()];
         let x = normal::<f32>(SAMPLES * layer.in_shape().len(), 1);
         let mut y = vec![0.0; SAMPLES * layer.out_shape().len()];

@@ -33,9 +33,7 @@ fn sums_are_those_of_the_layers_run_by_hand() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut params = vec![0.0; chain.num_params()];
         chain.init(&mut rng, &mut params);
-        let x: Vec<f64> = (0..2 * 4 * 4 * 2)
-            .map(|i| (0.7 * f64::from(i)).sin())
-            .collect();
+        let x: Vec<f64> = (0..2 * 4 * 4 * 2).map(|i| (0.7 * f64::from(i)).sin()).collect();
         let found = unit_sums(&chain, &params, &x);
         let layers = chain.layers();
         let first = forward(layers[0].as_ref(), &params[chain.params_of(0)], &x);
@@ -59,9 +57,8 @@ fn rectify(group: Group, fields: FieldType, rows: &[f64]) -> Vec<f64> {
         for (g, &element) in group.elements().iter().enumerate() {
             for f in 0..n {
                 let terms = group.irreps().iter().enumerate();
-                let value: f64 = terms
-                    .map(|(a, irrep)| f64::from(irrep.sign(element)) * row[a * n + f])
-                    .sum();
+                let value: f64 =
+                    terms.map(|(a, irrep)| f64::from(irrep.sign(element)) * row[a * n + f]).sum();
                 sums[g * n + f] += (value / (order as f64).sqrt()).max(0.0);
             }
         }

@@ -110,11 +110,7 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 asked += 1;
             }
         }
-        let used = if fewest == most {
-            format!("{most}")
-        } else {
-            format!("{fewest} to {most}")
-        };
+        let used = if fewest == most { format!("{most}") } else { format!("{fewest} to {most}") };
         println!("| {used} | {right} of {asked} | {none} of {asked} |");
     }
     Ok(())
@@ -125,11 +121,7 @@ fn read(folder: &Path) -> Answer<Vec<Group>> {
     let mut groups = Vec::new();
     let mut first = None;
     for path in sorted(folder)?.into_iter().filter(|path| path.is_dir()) {
-        let name = path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into();
         let mut accounts = Vec::new();
         for file in sorted(&path)? {
             let (size, pixels) = picture(&file)?;
@@ -162,30 +154,15 @@ fn picture(path: &Path) -> Answer<([usize; 3], Vec<u8>)> {
     let mut decoder = png::Decoder::new(BufReader::new(File::open(path)?));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let mut reader = decoder.read_info()?;
-    let mut pixels = vec![
-        0;
-        reader
-            .output_buffer_size()
-            .ok_or("the picture is too large")?
-    ];
+    let mut pixels = vec![0; reader.output_buffer_size().ok_or("the picture is too large")?];
     let info = reader.next_frame(&mut pixels)?;
     pixels.truncate(info.buffer_size());
     let channels = info.color_type.samples();
-    Ok((
-        [info.height as usize, info.width as usize, channels],
-        pixels,
-    ))
+    Ok(([info.height as usize, info.width as usize, channels], pixels))
 }
 
 fn account(began: usize, picture: Vec<f32>) -> Account {
-    Account {
-        began,
-        picture,
-        vector: vec![0.0],
-        motion: None,
-        slope: None,
-        earned: None,
-    }
+    Account { began, picture, vector: vec![0.0], motion: None, slope: None, earned: None }
 }
 
 /// 40 first frames of each group of a drawn world.
@@ -205,9 +182,7 @@ fn drawn() -> Answer<Vec<Group>> {
         let accounts = described.into_iter().enumerate();
         groups.push(Group {
             name: format!("{:?} {:?}", world.groups[group].look.shape, group),
-            accounts: accounts
-                .map(|(began, picture)| account(began, picture))
-                .collect(),
+            accounts: accounts.map(|(began, picture)| account(began, picture)).collect(),
         });
     }
     Ok(groups)

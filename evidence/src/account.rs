@@ -119,10 +119,7 @@ impl Accountant {
     /// # Errors
     /// Those of [`Accountant::account`].
     pub fn accounts(&self, courses: &[Course]) -> Result<Vec<Account>, EvidenceError> {
-        courses
-            .par_iter()
-            .map(|course| self.account(course))
-            .collect()
+        courses.par_iter().map(|course| self.account(course)).collect()
     }
 
     /// Accounts of several courses, whose pictures are looked up in `album` and kept there: what is
@@ -160,10 +157,7 @@ impl Accountant {
     fn motion(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {
         let steps = course.rewards.len();
         check_len("actions", course.actions.len(), steps * self.action.len())?;
-        Ok(motion(
-            (&course.vectors, &self.vector),
-            (&course.actions, &self.action),
-        ))
+        Ok(motion((&course.vectors, &self.vector), (&course.actions, &self.action)))
     }
 }
 
@@ -172,13 +166,5 @@ pub(crate) fn check_len(
     got: usize,
     expected: usize,
 ) -> Result<(), EvidenceError> {
-    if got == expected {
-        Ok(())
-    } else {
-        Err(EvidenceError::Length {
-            what,
-            got,
-            expected,
-        })
-    }
+    if got == expected { Ok(()) } else { Err(EvidenceError::Length { what, got, expected }) }
 }

@@ -22,10 +22,7 @@ pub(crate) struct Choice<'a> {
 
 impl<'a> Choice<'a> {
     pub(crate) fn new(opinions: &'a [Opinion], collector: usize) -> Self {
-        Self {
-            opinions,
-            collector,
-        }
+        Self { opinions, collector }
     }
 
     /// The opinion on the policy that acted, if it is one of them.
@@ -45,9 +42,7 @@ impl<'a> Choice<'a> {
         let is_unlikely = looks.any(|(_, source)| source.tail_p_value <= UNLIKELY);
         let better =
             |policy: &usize| self.opinions[*policy].look_score() + MARGIN < own.look_score();
-        let other = self
-            .fittest()
-            .filter(|policy| is_unlikely && better(policy));
+        let other = self.fittest().filter(|policy| is_unlikely && better(policy));
         Some(other.unwrap_or(self.collector))
     }
 
@@ -83,9 +78,8 @@ impl<'a> Choice<'a> {
         let mut eligible = tested.iter().copied().filter(|&policy| is_eligible(policy));
         let nearest = eligible.clone().next()?;
         let far = 1.0 + APART * (ratio(nearest) - 1.0).max(0.0);
-        let mut others = tested
-            .iter()
-            .filter(|&&other| other != nearest && !are_kin(nearest, other));
+        let mut others =
+            tested.iter().filter(|&&other| other != nearest && !are_kin(nearest, other));
         let is_apart = others.next().is_some_and(|&next| ratio(next) >= far);
         if is_apart && ratio(nearest) < farthest {
             return Some(nearest);

@@ -51,11 +51,7 @@ impl Filters {
     pub fn new(image: [usize; 3], count: usize) -> Result<Self, EvidenceError> {
         let [height, width, channels] = image;
         if height < 7 || width < 7 || !(1..=1000).contains(&channels) {
-            return Err(EvidenceError::PictureSize {
-                height,
-                width,
-                channels,
-            });
+            return Err(EvidenceError::PictureSize { height, width, channels });
         }
         if count == 0 {
             return Err(EvidenceError::Setting {
@@ -66,12 +62,7 @@ impl Filters {
         }
         // places of a filter must be mirror images of each other
         let kernel = [height, width].map(|size| if size.is_multiple_of(2) { 6 } else { 7 });
-        Ok(Self {
-            image,
-            kernel,
-            count,
-            weights: weights(kernel, channels, count),
-        })
+        Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
     /// The number of values that describe a picture.
@@ -87,11 +78,7 @@ impl Filters {
     pub fn describe(&self, image: &[u8]) -> Result<Vec<f32>, EvidenceError> {
         let expected = self.image.iter().product();
         if image.len() != expected {
-            return Err(EvidenceError::Length {
-                what: "a picture",
-                got: image.len(),
-                expected,
-            });
+            return Err(EvidenceError::Length { what: "a picture", got: image.len(), expected });
         }
         let responses = self.respond(image);
         let mut described = vec![0.0; self.dim()];
@@ -185,9 +172,8 @@ fn weights(kernel: [usize; 2], channels: usize, count: usize) -> Vec<f32> {
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let mut weights = vec![0.0; taps * channels * 4 * count];
     for filter in 0..count {
-        let mut drawn: Vec<i32> = (0..taps * channels)
-            .map(|_| rng.random_range(-most..=most))
-            .collect();
+        let mut drawn: Vec<i32> =
+            (0..taps * channels).map(|_| rng.random_range(-most..=most)).collect();
         for channel in 0..channels {
             centre(&mut drawn, channel, channels, taps as i32);
         }
@@ -259,10 +245,7 @@ mod tests {
         assert!(Filters::new([6, 48, 3], 4).is_err());
         assert!(Filters::new([48, 48, 0], 4).is_err());
         assert!(Filters::new([48, 48, 3], 0).is_err());
-        let message = Filters::new([8, 8, 1], 4)
-            .unwrap()
-            .describe(&[0; 3])
-            .unwrap_err();
+        let message = Filters::new([8, 8, 1], 4).unwrap().describe(&[0; 3]).unwrap_err();
         assert_eq!(message.to_string(), "a picture holds 3 values, expected 64");
     }
 

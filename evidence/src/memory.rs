@@ -114,10 +114,7 @@ fn spread(accounts: &[&Account]) -> f64 {
     let Some(mean) = mean_earned(accounts.iter().copied()) else {
         return 0.0;
     };
-    let squares = accounts
-        .iter()
-        .filter_map(|a| a.earned)
-        .map(|e| (f64::from(e) - mean).powi(2));
+    let squares = accounts.iter().filter_map(|a| a.earned).map(|e| (f64::from(e) - mean).powi(2));
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), s| (sum + s, count + 1.0));
     f64::sqrt(sum / count)
 }
@@ -126,11 +123,8 @@ fn spread(accounts: &[&Account]) -> f64 {
 pub(crate) fn check_heirs(memories: &[Memory]) -> Result<(), EvidenceError> {
     let heir = |&policy: &usize| memories[policy].heir;
     // without a circle nobody has more heirs than there are others
-    let circles = |policy: &usize| {
-        std::iter::successors(Some(*policy), heir)
-            .nth(memories.len())
-            .is_some()
-    };
+    let circles =
+        |policy: &usize| std::iter::successors(Some(*policy), heir).nth(memories.len()).is_some();
     match (0..memories.len()).find(circles) {
         Some(policy) => Err(EvidenceError::HeirsInCircle { policy }),
         None => Ok(()),
@@ -160,11 +154,7 @@ pub(crate) fn check<'a>(
 }
 
 fn finite(what: &'static str, value: f64) -> Result<(), EvidenceError> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(EvidenceError::NotFinite { what, value })
-    }
+    if value.is_finite() { Ok(()) } else { Err(EvidenceError::NotFinite { what, value }) }
 }
 
 #[cfg(test)]
@@ -208,11 +198,8 @@ mod tests {
     /// Two episodes that earn 40 and 80, beside a home without spread that earns 100.
     #[test]
     fn a_loss_is_known_up_to_the_spread_of_what_is_earned() {
-        let memory = Memory {
-            accounts: [paid(100.0)].into(),
-            beginning: Some(0.0),
-            ..Memory::default()
-        };
+        let memory =
+            Memory { accounts: [paid(100.0)].into(), beginning: Some(0.0), ..Memory::default() };
         let (low, high) = (paid(40.0), paid(80.0));
         assert_eq!(memory.lost(&[&low, &high]), 0.4);
         let error = memory.lost_error(&[&low, &high]);

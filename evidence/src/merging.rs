@@ -87,11 +87,8 @@ impl Recogniser {
             return Ok(None);
         }
         let lost = self.lost(policy, heard);
-        let (kept, gone) = if Examiner(self.settings()).is_loss(lost) {
-            (policy, twin)
-        } else {
-            (twin, policy)
-        };
+        let (kept, gone) =
+            if Examiner(self.settings()).is_loss(lost) { (policy, twin) } else { (twin, policy) };
         self.memories[gone].heir = Some(kept);
         let apart = self.memories[gone].apart.clone();
         self.memories[kept].apart.extend(apart);

@@ -57,10 +57,7 @@ pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> V
     let found = motion((rewards, &[Irrep::Trivial]), (later, directions));
     let squares: f64 = found.iter().map(|&m| f64::from(m).powi(2)).sum();
     let length = squares.sqrt().max(f64::MIN_POSITIVE);
-    found
-        .iter()
-        .map(|&m| (f64::from(m.abs()) / length) as f32)
-        .collect()
+    found.iter().map(|&m| (f64::from(m.abs()) / length) as f32).collect()
 }
 
 /// Solves `gram x = moment` in place, for a positive definite `gram` `[n, n]` and `moment`
@@ -78,9 +75,7 @@ fn solve(gram: &mut [f64], moment: &mut [f64], n: usize, m: usize) {
         }
     }
     for row in 0..n {
-        moment[row * m..(row + 1) * m]
-            .iter_mut()
-            .for_each(|value| *value /= gram[row * n + row]);
+        moment[row * m..(row + 1) * m].iter_mut().for_each(|value| *value /= gram[row * n + row]);
     }
 }
 
@@ -119,11 +114,7 @@ mod tests {
         for g in D2::ALL {
             let mirrored = |values: &[f32]| -> Vec<f32> {
                 let signs = IRREPS.map(|irrep| f32::from(irrep.sign(g)));
-                values
-                    .iter()
-                    .zip(signs.iter().cycle())
-                    .map(|(v, s)| v * s)
-                    .collect()
+                values.iter().zip(signs.iter().cycle()).map(|(v, s)| v * s).collect()
             };
             let (v, a) = (mirrored(&vectors), mirrored(&actions));
             assert_eq!(motion((&v, &IRREPS), (&a, &IRREPS)), found);
@@ -142,10 +133,7 @@ mod tests {
             steps.collect()
         };
         let low = slope(&pay(0.125), &actions, &IRREPS);
-        assert!(
-            (low[0] - 0.8).abs() < 1e-3 && (low[1] - 0.6).abs() < 1e-3,
-            "{low:?}"
-        );
+        assert!((low[0] - 0.8).abs() < 1e-3 && (low[1] - 0.6).abs() < 1e-3, "{low:?}");
         assert_eq!(slope(&pay(8.0), &actions, &IRREPS), low);
         let mirrored: Vec<f32> = actions.iter().map(|a| -a).collect();
         assert_eq!(slope(&pay(0.125), &mirrored, &IRREPS), low);

@@ -28,13 +28,8 @@ pub(crate) enum Kind {
 impl Kind {
     /// What is there before anybody acts.
     pub(crate) const LOOKS: [Self; 2] = [Self::Picture, Self::Vector];
-    pub(crate) const ALL: [Self; 5] = [
-        Self::Picture,
-        Self::Vector,
-        Self::Motion,
-        Self::Slope,
-        Self::Earnings,
-    ];
+    pub(crate) const ALL: [Self; 5] =
+        [Self::Picture, Self::Vector, Self::Motion, Self::Slope, Self::Earnings];
 
     /// Whether it is there before anybody acts.
     pub(crate) fn is_look(self) -> bool {
@@ -116,10 +111,7 @@ impl Opinion {
     /// The same in the words of the crate `cluster`: the distance of the first source that says
     /// something, and the test of the largest score.
     pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
-        let distance = self
-            .sources()
-            .next()
-            .map_or(0.0, |(_, source)| source.distance);
+        let distance = self.sources().next().map_or(0.0, |(_, source)| source.distance);
         let judgement = match &self.test {
             Some(test) => Judgement::Tested {
                 test: PermutationTest {
@@ -139,11 +131,7 @@ impl Opinion {
                 needed: settings.min_episodes,
             },
         };
-        Evidence {
-            distance,
-            judgement,
-            verdict: self.verdict,
-        }
+        Evidence { distance, judgement, verdict: self.verdict }
     }
 
     /// The outcome.
@@ -154,10 +142,7 @@ impl Opinion {
     /// The smallest p-value by the fitted tail, adjusted for the number of sources; 1 where nothing
     /// was tested.
     pub fn tail_p_value(&self) -> f64 {
-        let tests = self
-            .test
-            .iter()
-            .flat_map(|test| test.sources.iter().flatten());
+        let tests = self.test.iter().flat_map(|test| test.sources.iter().flatten());
         tests.map(|source| source.tail_p_value).fold(1.0, f64::min)
     }
 
@@ -195,8 +180,7 @@ impl Opinion {
 
     /// Whether what is seen at the beginning of episodes speaks against the policy at this level.
     pub(crate) fn looks_doubtful(&self, level: f64) -> bool {
-        self.sources()
-            .any(|(kind, source)| kind.is_look() && is_doubtful(source, level))
+        self.sources().any(|(kind, source)| kind.is_look() && is_doubtful(source, level))
     }
 
     /// The sources that say something.
@@ -220,12 +204,7 @@ impl fmt::Display for Opinion {
         write!(f, "{:?}", self.verdict)?;
         for (kind, source) in self.sources() {
             let (name, tail) = (kind.name(), source.tail_p_value);
-            write!(
-                f,
-                " {name} {:.1} ({:.2}, p {tail:.0e})",
-                source.score,
-                source.ratio()
-            )?;
+            write!(f, " {name} {:.1} ({:.2}, p {tail:.0e})", source.score, source.ratio())?;
         }
         let (changed, lost, learnt) = (self.changed, self.lost, self.learnt);
         let (gained, turned) = (self.gained, self.turned);
@@ -301,10 +280,7 @@ pub(crate) fn sources(
             Kind::Earnings => Side::Less,
             _ => Side::Both,
         };
-        Ok(Source {
-            clouds: Candidate { buffer, rollout },
-            side,
-        })
+        Ok(Source { clouds: Candidate { buffer, rollout }, side })
     };
     kinds.iter().map(source).collect()
 }

@@ -44,8 +44,7 @@ impl Probabilities {
         let best = policies.min_by(|(_, (p, misfit)), (_, (q, other))| {
             q.total_cmp(p).then(misfit.total_cmp(other))
         });
-        best.filter(|(_, (p, _))| **p >= self.none)
-            .map(|(index, _)| index)
+        best.filter(|(_, (p, _))| **p >= self.none).map(|(index, _)| index)
     }
 }
 
@@ -62,11 +61,7 @@ fn bayes_factor(p: f64) -> f64 {
 
 fn weight(weighed: &Weighed) -> f64 {
     let weight = weighed.p_value.map_or(0.0, bayes_factor);
-    if weighed.may_be_drift && weighed.p_value.is_some() {
-        weight.max(ACCEPTED)
-    } else {
-        weight
-    }
+    if weighed.may_be_drift && weighed.p_value.is_some() { weight.max(ACCEPTED) } else { weight }
 }
 
 #[cfg(test)]
@@ -100,10 +95,7 @@ mod tests {
     fn the_factor_falls_from_one_to_zero() {
         assert_eq!(bayes_factor(1.0), 1.0);
         assert_eq!(bayes_factor(0.0), 0.0);
-        assert!(
-            (bayes_factor(0.05) - 0.407).abs() < 1e-3,
-            "the paper's table 1"
-        );
+        assert!((bayes_factor(0.05) - 0.407).abs() < 1e-3, "the paper's table 1");
         assert!(bayes_factor(0.3) > bayes_factor(0.01));
     }
 }

@@ -38,9 +38,7 @@ impl Finding {
     /// Returns the policies that nothing speaks against.
     pub fn accepted(&self) -> Vec<usize> {
         let policies = 0..self.opinions.len();
-        policies
-            .filter(|&policy| self.opinions[policy].verdict() == Verdict::Accepted)
-            .collect()
+        policies.filter(|&policy| self.opinions[policy].verdict() == Verdict::Accepted).collect()
     }
 }
 
@@ -58,10 +56,7 @@ pub struct Situation<'a> {
 impl Situation<'_> {
     /// Nobody was refused, and nobody proposed the policy that acted.
     fn of(collector: usize) -> Self {
-        Self {
-            collector,
-            ..Self::default()
-        }
+        Self { collector, ..Self::default() }
     }
 }
 
@@ -79,10 +74,7 @@ impl Recogniser {
     /// A setting outside its range.
     pub fn new(settings: RecogniserSettings) -> Result<Self, EvidenceError> {
         settings.check()?;
-        Ok(Self {
-            settings,
-            memories: Vec::new(),
-        })
+        Ok(Self { settings, memories: Vec::new() })
     }
 
     /// The settings.
@@ -176,10 +168,7 @@ impl Recogniser {
             Look::First => self.look(later, situation, rng)?,
             Look::Second => self.decide(later, situation, Role::Stays, rng)?,
         };
-        Ok(Finding {
-            cut: cut.map(|_| later[0].began),
-            ..finding
-        })
+        Ok(Finding { cut: cut.map(|_| later[0].began), ..finding })
     }
 
     /// One first look.
@@ -222,11 +211,7 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let role = if situation.is_unproven {
-            Role::Excused
-        } else {
-            Role::Returns
-        };
+        let role = if situation.is_unproven { Role::Excused } else { Role::Returns };
         let mut finding = self.decide(&accounts, situation, role, rng)?;
         let keep = Decision::Existing(situation.collector);
         if finding.decision != keep
@@ -277,11 +262,7 @@ impl Recogniser {
     /// Refuses a policy that was never told of.
     pub(crate) fn check_policy(&self, policy: usize) -> Result<(), EvidenceError> {
         let policies = self.memories.len();
-        if policy < policies {
-            Ok(())
-        } else {
-            Err(EvidenceError::NoPolicy { policy, policies })
-        }
+        if policy < policies { Ok(()) } else { Err(EvidenceError::NoPolicy { policy, policies }) }
     }
 
     /// The accounts in the order in which their episodes began.
@@ -308,11 +289,7 @@ impl Recogniser {
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
         let examiner = Examiner(&self.settings);
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
-            let role = if policy == situation.collector {
-                role
-            } else {
-                Role::Stranger
-            };
+            let role = if policy == situation.collector { role } else { Role::Stranger };
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let memory = &self.memories[policy];
             let mut opinion = examiner.opine(memory, accounts, role, look, &mut rng)?;

@@ -84,12 +84,7 @@ impl RecogniserSettings {
         [
             size("filters", self.filters, 1, "at least 1"),
             size("min_episodes", self.min_episodes, 4, "at least 4"),
-            size(
-                "memory",
-                self.memory,
-                self.min_episodes,
-                "at least min_episodes",
-            ),
+            size("memory", self.memory, self.min_episodes, "at least min_episodes"),
             size("permutations", self.permutations, 20, "at least 20"),
         ]
     }
@@ -97,10 +92,8 @@ impl RecogniserSettings {
     fn levels(&self) -> [Check; 5] {
         let open = |level: f64| level > 0.0 && level < 1.0;
         let smallest = 1.0 / (1.0 + self.permutations as f64);
-        let (probability, below) = (
-            "a probability above 0 and below 1",
-            "a probability above 0 and at most doubt",
-        );
+        let (probability, below) =
+            ("a probability above 0 and below 1", "a probability above 0 and at most doubt");
         let reachable = "at least 1 / (1 + permutations), the smallest exact p-value";
         let level = self.level > 0.0 && self.level <= self.doubt;
         [
@@ -117,24 +110,9 @@ impl RecogniserSettings {
         let motion = self.min_motion > 0.0 && self.min_motion.is_finite();
         let loss = self.min_loss > 0.0 && self.min_loss <= 1.0;
         [
-            Check::new(
-                "min_ratio",
-                self.min_ratio,
-                ratio,
-                "a finite number, at least 1",
-            ),
-            Check::new(
-                "min_motion",
-                self.min_motion,
-                motion,
-                "a finite share above 0",
-            ),
-            Check::new(
-                "min_loss",
-                self.min_loss,
-                loss,
-                "a share above 0 and at most 1",
-            ),
+            Check::new("min_ratio", self.min_ratio, ratio, "a finite number, at least 1"),
+            Check::new("min_motion", self.min_motion, motion, "a finite share above 0"),
+            Check::new("min_loss", self.min_loss, loss, "a share above 0 and at most 1"),
         ]
     }
 }
@@ -149,12 +127,7 @@ struct Check {
 
 impl Check {
     fn new(name: &'static str, value: f64, holds: bool, expected: &'static str) -> Self {
-        Self {
-            name,
-            value,
-            holds,
-            expected,
-        }
+        Self { name, value, holds, expected }
     }
 }
 
@@ -164,35 +137,17 @@ mod tests {
 
     #[test]
     fn settings_survive_a_file_and_ranges_are_checked() {
-        let settings = RecogniserSettings {
-            memory: 33,
-            level: 3e-5,
-            ..RecogniserSettings::default()
-        };
+        let settings =
+            RecogniserSettings { memory: 33, level: 3e-5, ..RecogniserSettings::default() };
         let text = serde_json::to_string(&settings).unwrap();
-        assert_eq!(
-            serde_json::from_str::<RecogniserSettings>(&text).unwrap(),
-            settings
-        );
+        assert_eq!(serde_json::from_str::<RecogniserSettings>(&text).unwrap(), settings);
         assert!(serde_json::from_str::<RecogniserSettings>(r#"{"leval": 1}"#).is_err());
         assert!(settings.check().is_ok());
-        let wrong = RecogniserSettings {
-            min_loss: f64::NAN,
-            ..settings
-        };
+        let wrong = RecogniserSettings { min_loss: f64::NAN, ..settings };
         let message = wrong.check().unwrap_err().to_string();
-        assert!(
-            message.starts_with("setting `min_loss` is NaN"),
-            "{message}"
-        );
-        let coarse = RecogniserSettings {
-            permutations: 20,
-            ..settings
-        };
-        let unreachable_cut = RecogniserSettings {
-            permutations: 60,
-            ..settings
-        };
+        assert!(message.starts_with("setting `min_loss` is NaN"), "{message}");
+        let coarse = RecogniserSettings { permutations: 20, ..settings };
+        let unreachable_cut = RecogniserSettings { permutations: 60, ..settings };
         for (wrong, name) in [(coarse, "`doubt`"), (unreachable_cut, "`cut`")] {
             let message = wrong.check().unwrap_err().to_string();
             let says = message.contains(name) && message.contains("smallest exact");

@@ -30,10 +30,7 @@ fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
     if got == expected {
         return Ok(());
     }
-    Err(D::Error::custom(EvidenceError::StateVersion {
-        got,
-        expected,
-    }))
+    Err(D::Error::custom(EvidenceError::StateVersion { got, expected }))
 }
 
 impl Recogniser {

@@ -11,9 +11,7 @@ const DIM: usize = 12;
 
 /// Numbers around this one, which scatter widely: most of the distance of two clouds is chance.
 fn around(centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
-    (0..DIM)
-        .map(|_| centre + rng.random_range(-0.5..0.5))
-        .collect()
+    (0..DIM).map(|_| centre + rng.random_range(-0.5..0.5)).collect()
 }
 
 /// Episodes of which the picture scatters around one number and motion around another.
@@ -31,9 +29,7 @@ fn episodes(count: usize, picture: f32, motion: f32, rng: &mut ChaCha8Rng) -> Ve
 
 fn second_look(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
     let look = Look::Second;
-    recogniser
-        .assign(seen, collector, look, &mut rng())
-        .unwrap()
+    recogniser.assign(seen, collector, look, &mut rng()).unwrap()
 }
 
 /// Motion changes while a policy learns: what is certain and small beside chance is no other group.
@@ -49,10 +45,7 @@ fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
         finding.opinions[0].clone()
     };
     let small = opinion(1.3);
-    assert!(
-        small.changed() > 0.25 && small.tail_p_value() < 1e-6,
-        "{small}"
-    );
+    assert!(small.changed() > 0.25 && small.tail_p_value() < 1e-6, "{small}");
     assert_eq!(small.verdict(), Verdict::Accepted, "{small}");
     let large = opinion(2.2);
     assert_eq!(large.verdict(), Verdict::Refused, "{large}");
@@ -85,23 +78,14 @@ fn a_policy_that_strayed_is_asked_where_it_is_by_far_the_nearest() {
         assert_eq!(named, Decision::Existing(0), "{:?}", ratios(&finding));
         assert!(finding.is_unproven);
         // above what is excused of one that was away and looked alike, and above what is excused
-        for (seen, excused, expected) in [
-            (0.45, 1.5..1.8, Verdict::Accepted),
-            (0.8, 1.8..9.0, Verdict::Refused),
-        ] {
-            let situation = Situation {
-                collector: 0,
-                refused: &[1],
-                is_unproven: true,
-            };
+        for (seen, excused, expected) in
+            [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Refused)]
+        {
+            let situation = Situation { collector: 0, refused: &[1], is_unproven: true };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let seen = episodes(20, seen, 1.0, &mut rng);
             let finding = recogniser.review(&seen, situation, &mut rng).unwrap();
-            assert!(
-                excused.contains(&ratios(&finding)[0]),
-                "{:?}",
-                ratios(&finding)
-            );
+            assert!(excused.contains(&ratios(&finding)[0]), "{:?}", ratios(&finding));
             assert_eq!(finding.opinions[0].verdict(), expected);
         }
     }

@@ -19,27 +19,16 @@ fn policies_that_serve_one_group_are_merged() {
     recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
     recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
     let seen = rollout(kind, 1000, 0, 0);
-    let finding = recogniser
-        .assign(&seen, 0, Look::First, &mut rng())
-        .unwrap();
-    assert_eq!(
-        recogniser.twin(0, &finding.accepted()),
-        Some(1),
-        "it looks alike"
-    );
+    let finding = recogniser.assign(&seen, 0, Look::First, &mut rng()).unwrap();
+    assert_eq!(recogniser.twin(0, &finding.accepted()), Some(1), "it looks alike");
     let of_other = rollout(kind, 1000, 0, 1);
     assert!(!recogniser.compare(0, 1, &of_other, &mut rng()).unwrap());
     assert_eq!(recogniser.twin(0, &finding.accepted()), Some(2));
     assert!(recogniser.compare(0, 2, &seen[..5], &mut rng()).unwrap());
-    let merge = recogniser
-        .merge(0, 2, (&seen[..5], &seen[5..]), &mut rng())
-        .unwrap()
-        .unwrap();
+    let merge = recogniser.merge(0, 2, (&seen[..5], &seen[5..]), &mut rng()).unwrap().unwrap();
     assert_eq!((merge.kept, merge.gone), (2, 0), "policy 2 was heard");
     assert_eq!(recogniser.heirs(), [Some(2), None, None]);
-    let finding = recogniser
-        .assign(&seen, merge.kept, Look::First, &mut rng())
-        .unwrap();
+    let finding = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
     assert_eq!(finding.opinions[merge.gone].verdict(), Verdict::Refused);
     assert_eq!(recogniser.twin(merge.kept, &finding.accepted()), None);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
@@ -75,9 +64,7 @@ fn of_two_policies_the_one_that_was_heard_in_both_groups_goes_on() {
     let (recogniser, merge) = merged(1.05);
     assert_eq!((merge.kept, merge.gone), (1, 0));
     let seen = rollout(KIND, 1000, 1, 1);
-    let finding = recogniser
-        .assign(&seen, merge.kept, Look::First, &mut rng())
-        .unwrap();
+    let finding = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
     assert_eq!(finding.decision, Decision::Existing(1));
     let (_, merge) = merged(1.25);
     assert_eq!((merge.kept, merge.gone), (0, 1), "it earns clearly more");
@@ -90,19 +77,14 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         let (mut recogniser, Merge { kept, gone }) = merged(more);
         // the one that goes on acts as at home in the group of the other one
         let foreign = rollout(KIND, 1000, gone, kept);
-        let finding = recogniser
-            .assign(&foreign, kept, Look::Second, &mut rng())
-            .unwrap();
+        let finding = recogniser.assign(&foreign, kept, Look::Second, &mut rng()).unwrap();
         let proposed = Decision::Existing(gone);
         assert_eq!(finding.decision, proposed, "{:#?}", said(&finding));
         assert!(finding.is_contested && finding.is_unproven);
         assert!(!finding.refused.contains(&gone));
         let review = |seen: &[Account]| {
-            let situation = Situation {
-                collector: gone,
-                refused: &finding.refused,
-                is_unproven: true,
-            };
+            let situation =
+                Situation { collector: gone, refused: &finding.refused, is_unproven: true };
             recogniser.review(seen, situation, &mut rng()).unwrap()
         };
         let elsewhere = review(&rollout(KIND, 1000, kept, gone));
@@ -111,13 +93,7 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         assert_eq!(review(&own).decision, Decision::Existing(gone));
         recogniser.learn(gone, &own, &mut rng()).unwrap();
         assert_eq!(recogniser.heirs(), [None, None]);
-        let finding = recogniser
-            .assign(&own, gone, Look::First, &mut rng())
-            .unwrap();
-        assert_eq!(
-            recogniser.twin(gone, &finding.accepted()),
-            None,
-            "merged once"
-        );
+        let finding = recogniser.assign(&own, gone, Look::First, &mut rng()).unwrap();
+        assert_eq!(recogniser.twin(gone, &finding.accepted()), None, "merged once");
     }
 }

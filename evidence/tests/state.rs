@@ -9,30 +9,20 @@ use crate::common::{knowing, rng, rollout};
 fn memory_is_bounded_and_survives_a_file() {
     let mut recogniser = knowing(Kind::Appearance, 1000, 2);
     let size = |recogniser: &Recogniser| {
-        recogniser
-            .state(serde_json::value::Serializer)
-            .unwrap()
-            .to_string()
-            .len()
+        recogniser.state(serde_json::value::Serializer).unwrap().to_string().len()
     };
     let before = size(&recogniser);
     let seen = rollout(Kind::Appearance, 1000, 0, 0);
     for _ in 0..1000 {
         recogniser.learn(0, &seen, &mut rng()).unwrap();
     }
-    assert!(
-        size(&recogniser) < 11 * before / 10,
-        "a thousand visits later"
-    );
+    assert!(size(&recogniser) < 11 * before / 10, "a thousand visits later");
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
     let mut restored = Recogniser::new(*recogniser.settings()).unwrap();
     restored.restore(&state).unwrap();
     assert_eq!(restored, recogniser);
     assert!(restored.restore(&serde_json::json!("text")).is_err());
-    let message = restored
-        .learn(7, &seen, &mut rng())
-        .unwrap_err()
-        .to_string();
+    let message = restored.learn(7, &seen, &mut rng()).unwrap_err().to_string();
     assert_eq!(message, "policy 7 was named, 2 are known");
 }
 
@@ -51,23 +41,14 @@ fn damaged_states_are_refused() {
     let huge = damaged(|s| s["policies"][1]["accounts"][0]["picture"][0] = 1e300.into());
     assert!(huge.contains("picture holds inf"), "{huge}");
     let short = damaged(|s| s["policies"][0]["accounts"][3]["vector"] = serde_json::json!([0.5]));
-    assert!(
-        short.contains("vector holds 1 values, expected 2"),
-        "{short}"
-    );
+    assert!(short.contains("vector holds 1 values, expected 2"), "{short}");
     let empty = damaged(|s| s["policies"][1]["accounts"] = serde_json::json!([]));
     assert!(empty.contains("got 0 episodes"), "{empty}");
     let long = damaged(|s| {
         let first = s["policies"][0]["accounts"][0].clone();
-        s["policies"][0]["accounts"]
-            .as_array_mut()
-            .unwrap()
-            .push(first);
+        s["policies"][0]["accounts"].as_array_mut().unwrap().push(first);
     });
-    assert!(
-        long.contains("41 accounts of one policy, expected at most 40"),
-        "{long}"
-    );
+    assert!(long.contains("41 accounts of one policy, expected at most 40"), "{long}");
     let heir = damaged(|s| s["policies"][1]["heir"] = 2.into());
     assert!(heir.contains("policy 2 was named, 2 are known"), "{heir}");
     let apart = damaged(|s| s["policies"][1]["apart"] = serde_json::json!([0, 3]));
@@ -81,12 +62,7 @@ fn states_whose_heirs_lead_nowhere_are_refused() {
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
     let with_heirs = |heirs: [Option<usize>; 3]| {
         let mut state = state.clone();
-        for (policy, heir) in state["policies"]
-            .as_array_mut()
-            .unwrap()
-            .iter_mut()
-            .zip(heirs)
-        {
+        for (policy, heir) in state["policies"].as_array_mut().unwrap().iter_mut().zip(heirs) {
             policy["heir"] = serde_json::json!(heir);
         }
         let mut restored = recogniser.clone();
@@ -103,10 +79,7 @@ fn states_whose_heirs_lead_nowhere_are_refused() {
         [Some(1), Some(1), None],
     ] {
         let message = with_heirs(circle).unwrap_err();
-        assert!(
-            message.contains("follow each other in a circle"),
-            "{message}"
-        );
+        assert!(message.contains("follow each other in a circle"), "{message}");
     }
 }
 
@@ -179,9 +152,7 @@ fn an_error_leaves_everything_as_it_was() {
     for extreme in [f32::MAX, f32::MIN_POSITIVE] {
         let mut seen = rollout(Kind::Appearance, 1000, 0, 0);
         let pictures = seen.iter_mut().flat_map(|account| &mut account.picture);
-        pictures
-            .enumerate()
-            .for_each(|(i, v)| *v = if i % 3 == 0 { extreme } else { -extreme });
+        pictures.enumerate().for_each(|(i, v)| *v = if i % 3 == 0 { extreme } else { -extreme });
         let mut learning = recogniser.clone();
         let learnt = learning.learn(1, &seen, &mut rng());
         assert!(learnt.is_ok() || learning == recogniser, "{learnt:?}");

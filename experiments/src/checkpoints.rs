@@ -92,12 +92,7 @@ pub(crate) fn newest<T>(
     for (_, path) in list(folder)? {
         match read(&path) {
             Ok(value) => {
-                return Ok(Some(Found {
-                    value,
-                    path,
-                    passed_over,
-                    problems,
-                }));
+                return Ok(Some(Found { value, path, passed_over, problems }));
             }
             Err(error @ RunError::Read { .. }) => {
                 passed_over.push(path);
@@ -109,10 +104,7 @@ pub(crate) fn newest<T>(
     if passed_over.is_empty() {
         return Ok(None);
     }
-    Err(RunError::NoCheckpoint {
-        folder: folder.to_owned(),
-        problems: problems.join("; "),
-    })
+    Err(RunError::NoCheckpoint { folder: folder.to_owned(), problems: problems.join("; ") })
 }
 
 #[cfg(test)]

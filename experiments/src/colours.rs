@@ -2,9 +2,8 @@
 
 /// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on
 /// a light and on a dark page.
-const COLOURS: [&str; 8] = [
-    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00",
-];
+const COLOURS: [&str; 8] =
+    ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00"];
 
 /// The colour of the one with this number; from the ninth on, colours repeat.
 pub fn colour(number: usize) -> &'static str {
@@ -24,10 +23,7 @@ pub struct Stroke {
 impl Stroke {
     /// A line without gaps.
     pub fn solid(colour: &'static str) -> Self {
-        Self {
-            colour,
-            dashes: String::new(),
-        }
+        Self { colour, dashes: String::new() }
     }
 }
 

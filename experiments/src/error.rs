@@ -167,15 +167,9 @@ pub enum RunError {
 impl From<LearnerError> for RunError {
     fn from(error: LearnerError) -> Self {
         match error {
-            LearnerError::Setting {
-                name,
-                value,
-                expected,
-            } => Self::Setting {
-                name,
-                value,
-                expected,
-            },
+            LearnerError::Setting { name, value, expected } => {
+                Self::Setting { name, value, expected }
+            }
             LearnerError::Rl(error) => Self::Rl(error),
             LearnerError::Cluster(error) => Self::Cluster(error),
             LearnerError::Evidence(error) => Self::Evidence(error),

@@ -195,9 +195,8 @@ impl Evaluator {
         let stream = &mut self.stream;
         stream.reseed(self.seed)?;
         let what = (variant, rounds);
-        self.played.recall(what, learner, policy, |learner| {
-            Ok(learner.perform(policy, stream, rounds)?)
-        })
+        self.played
+            .recall(what, learner, policy, |learner| Ok(learner.perform(policy, stream, rounds)?))
     }
 
     fn policy_score(&self, policy: usize, stats: &RolloutStats) -> PolicyScore {

@@ -82,22 +82,13 @@ pub struct EvaluationPlan {
 
 impl EvaluationPlan {
     /// After the stream alone.
-    pub const AT_THE_END: Self = Self {
-        rounds: 1,
-        visit_rounds: 0,
-        every: None,
-        looks: 0,
-        seed: 0,
-    };
+    pub const AT_THE_END: Self =
+        Self { rounds: 1, visit_rounds: 0, every: None, looks: 0, seed: 0 };
 
     /// Rounds of the evaluation after `rollouts` rollouts within a visit.
     pub(crate) fn within_visit(&self, rollouts: usize) -> usize {
         let due = |every| rollouts.is_multiple_of(every);
-        if self.every.is_some_and(due) {
-            self.visit_rounds
-        } else {
-            0
-        }
+        if self.every.is_some_and(due) { self.visit_rounds } else { 0 }
     }
 }
 
@@ -327,10 +318,7 @@ mod tests {
         let mut run = Budget::Smoke.experiment(Method::Clear);
         run.envs.camera.beside = envs::Beside::CloseUp;
         let message = run.check(&tasks).unwrap_err().to_string();
-        assert!(
-            message.contains("`off_policy.still_channels` is 3"),
-            "{message}"
-        );
+        assert!(message.contains("`off_policy.still_channels` is 3"), "{message}");
         match &mut run.learner {
             LearnerSettings::OffPolicy(settings) => settings.still_channels = 0,
             other => panic!("{other:?}"),
@@ -393,10 +381,7 @@ mod tests {
             let mut experiment = smoke();
             assert!(experiment.check(&TaskRegistry::standard()).is_ok());
             spoil(&mut experiment);
-            assert!(
-                experiment.check(&TaskRegistry::standard()).is_err(),
-                "{experiment:?}"
-            );
+            assert!(experiment.check(&TaskRegistry::standard()).is_err(), "{experiment:?}");
         }
     }
 
@@ -411,15 +396,10 @@ mod tests {
 
     #[test]
     fn settings_survive_json() {
-        let experiment = Budget::ZeroShot
-            .experiment(Method::Covers)
-            .with_group(Group::C1)
-            .with_seed(u64::MAX);
+        let experiment =
+            Budget::ZeroShot.experiment(Method::Covers).with_group(Group::C1).with_seed(u64::MAX);
         let text = serde_json::to_string_pretty(&experiment).unwrap();
-        assert_eq!(
-            serde_json::from_str::<Experiment>(&text).unwrap(),
-            experiment
-        );
+        assert_eq!(serde_json::from_str::<Experiment>(&text).unwrap(), experiment);
         let wrong = text.replace("\"order\"", "\"odrer\"");
         let message = serde_json::from_str::<Experiment>(&wrong).unwrap_err();
         assert!(message.to_string().contains("odrer"), "{message}");

@@ -30,13 +30,8 @@ pub const SUMMARY: &str = "summary.json";
 /// Table of times, the only one that no checkpoint holds.
 pub(crate) const TIMINGS: &str = "timings.csv";
 /// Tables of a run.
-const TABLES: [&str; 5] = [
-    "evaluation.csv",
-    "metrics.csv",
-    "recognition.csv",
-    TIMINGS,
-    "units.csv",
-];
+const TABLES: [&str; 5] =
+    ["evaluation.csv", "metrics.csv", "recognition.csv", TIMINGS, "units.csv"];
 /// The files of a run beside its settings and checkpoints.
 const FILES: [&str; 9] = [
     "contact_sheet.png",
@@ -76,11 +71,7 @@ impl RunFolder {
         create_dir_all(parent).map_err(|error| RunError::write(parent, error))?;
         let mut attempt = 1;
         loop {
-            let suffix = if attempt == 1 {
-                String::new()
-            } else {
-                format!("-{attempt}")
-            };
+            let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
             let path = parent.join(format!("{name}{suffix}"));
             match create_dir(&path) {
                 Ok(()) => return Ok(Self::open(&path)),
@@ -98,12 +89,7 @@ impl RunFolder {
     /// Names a folder that an earlier run wrote.
     pub fn open(path: &Path) -> Self {
         let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
-        Self {
-            path: path.to_owned(),
-            unfenced: Arc::clone(&disk),
-            disk,
-            overwrite: false,
-        }
+        Self { path: path.to_owned(), unfenced: Arc::clone(&disk), disk, overwrite: false }
     }
 
     /// The same folder, changed by way of `disk`.
@@ -219,11 +205,7 @@ impl RunFolder {
             return Ok(());
         }
         let expected = expected.clone();
-        Err(RunError::ChangedTable {
-            path,
-            found,
-            expected,
-        })
+        Err(RunError::ChangedTable { path, found, expected })
     }
 
     /// Puts the timings of a finished run aside if they were changed: no checkpoint can restore
@@ -250,9 +232,7 @@ impl RunFolder {
             return Experiment::read(&self.file(EXPERIMENT));
         }
         let found = checkpoints::newest(&self.checkpoints(), Signed::read)?;
-        let found = found.ok_or_else(|| RunError::NoRun {
-            folder: self.path.clone(),
-        })?;
+        let found = found.ok_or_else(|| RunError::NoRun { folder: self.path.clone() })?;
         Ok(found.value.experiment)
     }
 
@@ -282,8 +262,7 @@ impl RunFolder {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<Box<dyn Learner>, RunError> {
-        self.load_with_policies(learner, spec, labels)
-            .map(|loaded| loaded.0)
+        self.load_with_policies(learner, spec, labels).map(|loaded| loaded.0)
     }
 
     /// The learner of the newest intact checkpoint, and the own policies of groups; none of a

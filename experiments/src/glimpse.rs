@@ -38,12 +38,8 @@ mod tests {
 
     #[test]
     fn the_picture_of_now_is_left_and_not_that_of_the_beginning() {
-        let spec = EnvSpec {
-            num_envs: 2,
-            image: [1, 2, 6],
-            vector: Vec::new(),
-            action: Vec::new(),
-        };
+        let spec =
+            EnvSpec { num_envs: 2, image: [1, 2, 6], vector: Vec::new(), action: Vec::new() };
         let mut observations = Observations::new(&spec);
         observations.images = (0..24).collect();
         let glimpse = Glimpse::default();

@@ -111,9 +111,8 @@ impl Ledger {
             for (&policy, &rollouts) in served {
                 *acted.entry(acting(&self.heirs, policy)).or_default() += rollouts;
             }
-            let most = acted
-                .into_iter()
-                .max_by_key(|&(policy, rollouts)| (rollouts, Reverse(policy)))?;
+            let most =
+                acted.into_iter().max_by_key(|&(policy, rollouts)| (rollouts, Reverse(policy)))?;
             Some((group.clone(), most.0))
         };
         self.served.iter().filter_map(own).collect()
@@ -279,10 +278,7 @@ mod tests {
     #[test]
     fn heirs_are_followed_to_one_that_acts() {
         let heirs = [Some(2), None, Some(1)];
-        assert_eq!(
-            [0, 1, 2, 3].map(|policy| acting(&heirs, policy)),
-            [1, 1, 1, 3]
-        );
+        assert_eq!([0, 1, 2, 3].map(|policy| acting(&heirs, policy)), [1, 1, 1, 3]);
         assert_eq!(acting(&[], 4), 4);
         assert!(acting(&[Some(1), Some(0)], 0) < 2, "a circle ends");
     }

@@ -68,13 +68,7 @@ impl Logs {
     }
 
     fn tables(&self) -> [&Table; 5] {
-        [
-            &self.metrics,
-            &self.scores,
-            &self.units,
-            &self.recognition,
-            &self.timings,
-        ]
+        [&self.metrics, &self.scores, &self.units, &self.recognition, &self.timings]
     }
 
     /// Adds the row of a rollout.
@@ -90,8 +84,7 @@ impl Logs {
         self.scores.write(findings.scores.iter().map(row))?;
         let row = |dormancy| units_row(evaluation, dormancy);
         self.units.write(findings.dormancies().iter().map(row))?;
-        self.recognition
-            .write(findings.recognition.iter().map(recognition_row))
+        self.recognition.write(findings.recognition.iter().map(recognition_row))
     }
 }
 
@@ -184,11 +177,7 @@ mod tests {
 
     #[test]
     fn scores_end_with_those_of_the_groups_own_policy() {
-        let evaluation = Evaluation {
-            rollouts: 3,
-            decisions: 240,
-            findings: Findings::default(),
-        };
+        let evaluation = Evaluation { rollouts: 3, decisions: 240, findings: Findings::default() };
         let score = |own| Score {
             group: TaskGroup::GOAL_REACH,
             element: D2::FlipX,
@@ -200,12 +189,7 @@ mod tests {
             reward: 100.0,
             own,
         };
-        let own = PolicyScore {
-            policy: 0,
-            success: 1.0,
-            success_at_end: 0.75,
-            reward: 400.5,
-        };
+        let own = PolicyScore { policy: 0, success: 1.0, success_at_end: 0.75, reward: 400.5 };
         let mut writer = csv::Writer::from_writer(Vec::new());
         for score in [score(None), score(Some(own))] {
             writer.serialize(score_row(&evaluation, &score)).unwrap();
@@ -213,10 +197,7 @@ mod tests {
         let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert!(lines[0].ends_with(&format!("reward,{}", OWN.join(","))));
-        assert_eq!(
-            lines[1],
-            "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,,,,"
-        );
+        assert_eq!(lines[1], "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,,,,");
         let expected = "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,0,1.0,0.75,400.5";
         assert_eq!(lines[2], expected);
     }

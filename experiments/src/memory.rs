@@ -42,9 +42,7 @@ fn check(threads: usize, replay: u64) -> Result<(), RunError> {
     let address_space = address_space.map(|limit| (limit, ADDRESS_SPACE + further + replay));
     let container = container_limit().into_iter();
     let container = container.map(|limit| (limit, RESIDENT + replay));
-    address_space
-        .chain(container)
-        .try_for_each(|(limit, needed)| limit.check(needed))
+    address_space.chain(container).try_for_each(|(limit, needed)| limit.check(needed))
 }
 
 /// Bytes of the replays of an off-policy learner when the stream ends: of each step the channels of
@@ -140,11 +138,7 @@ pub fn available() -> Option<u64> {
 /// Number in a line such as `VmSize:  1024 kB`.
 fn line_kibibytes(text: &str, name: &str) -> Option<u64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
-    rest.strip_prefix(':')?
-        .split_whitespace()
-        .next()?
-        .parse()
-        .ok()
+    rest.strip_prefix(':')?.split_whitespace().next()?.parse().ok()
 }
 
 #[cfg(test)]
@@ -168,10 +162,7 @@ mod tests {
         assert!(((2 << 30)..(3 << 30)).contains(&bytes), "{bytes}");
         experiment.schedule.cycles *= 10;
         let longer = replay_bytes(&experiment);
-        assert!(
-            longer < bytes / 10 * 11,
-            "one replay holds no more: {longer}"
-        );
+        assert!(longer < bytes / 10 * 11, "one replay holds no more: {longer}");
         experiment.schedule.groups.truncate(1);
         experiment.schedule.groups[0].decisions = 500;
         experiment.schedule.cycles = 1;
@@ -181,10 +172,7 @@ mod tests {
 
     #[test]
     fn a_limit_that_is_too_low_is_named_with_what_is_left_and_needed() {
-        let limit = Limit {
-            name: "the limit".to_owned(),
-            left: 5 * MEBIBYTE + 7,
-        };
+        let limit = Limit { name: "the limit".to_owned(), left: 5 * MEBIBYTE + 7 };
         limit.clone().check(5 * MEBIBYTE + 7).unwrap();
         let message = limit.check(5 * MEBIBYTE + 8).unwrap_err().to_string();
         assert!(

@@ -119,12 +119,7 @@ mod tests {
 
     fn note(change: impl FnOnce(&mut Note)) -> Result<Signed, RunError> {
         let mut note = Note {
-            ledger: Ledger {
-                rollouts: 2,
-                decisions: 160,
-                right: 2,
-                ..Ledger::default()
-            },
+            ledger: Ledger { rollouts: 2, decisions: 160, right: 2, ..Ledger::default() },
             due: 0,
             rows: rows("rollout,group\n0,a\n1,\"b\nc\"\n"),
         };

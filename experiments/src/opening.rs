@@ -47,16 +47,9 @@ pub(crate) fn start(
     memory::check_run(&experiment)?;
     let (folder, lock) = folder.lock()?;
     if !folder.is_free()? {
-        return Err(RunError::Occupied {
-            folder: folder.path().to_owned(),
-        });
+        return Err(RunError::Occupied { folder: folder.path().to_owned() });
     }
-    let claim = Claim {
-        experiment,
-        tasks,
-        folder,
-        lock,
-    };
+    let claim = Claim { experiment, tasks, folder, lock };
     begin(claim, true, "begun".to_owned())
 }
 
@@ -80,14 +73,7 @@ fn begin(claim: Claim, new: bool, notice: String) -> Result<Opened, RunError> {
         due: experiment.evaluation.visit_rounds,
         ..Note::default()
     };
-    Ok(Opened {
-        learner,
-        claim,
-        labels,
-        note,
-        passed_over: Vec::new(),
-        notice,
-    })
+    Ok(Opened { learner, claim, labels, note, passed_over: Vec::new(), notice })
 }
 
 /// Goes on from the newest intact checkpoint in `folder`, or from the beginning where there is
@@ -106,12 +92,7 @@ pub(crate) fn resume(
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
     memory::check_run(&experiment)?;
-    let claim = Claim {
-        lock,
-        experiment,
-        tasks,
-        folder,
-    };
+    let claim = Claim { lock, experiment, tasks, folder };
     let experiment = &claim.experiment;
     let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
     let read = |path: &Path| {
@@ -131,24 +112,13 @@ pub(crate) fn resume(
         return begin(claim, false, notice);
     };
     let (learner, signed) = found.value;
-    same(
-        &found.path,
-        &experiment.clone().with_threads(1),
-        &signed.experiment,
-    )?;
+    same(&found.path, &experiment.clone().with_threads(1), &signed.experiment)?;
     let mut notice = notice(&signed.note, &found.path, &found.problems);
     if !claim.folder.holds_settings() {
         claim.folder.write_experiment(experiment)?;
         notice += "; experiment.json was lost and is written again";
     }
-    Ok(Opened {
-        notice,
-        passed_over: found.passed_over,
-        claim,
-        learner,
-        labels,
-        note: signed.note,
-    })
+    Ok(Opened { notice, passed_over: found.passed_over, claim, learner, labels, note: signed.note })
 }
 
 /// What is told about a resumption.

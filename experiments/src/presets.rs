@@ -146,10 +146,7 @@ impl Method {
     }
 
     fn envs(self, budget: Budget) -> VecEnvSettings {
-        let mut envs = VecEnvSettings {
-            num_envs: NUM_ENVS,
-            ..VecEnvSettings::default()
-        };
+        let mut envs = VecEnvSettings { num_envs: NUM_ENVS, ..VecEnvSettings::default() };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
             Self::CoversRandomised => envs.randomisation = Some(Randomisation::NOMINAL),
@@ -166,20 +163,13 @@ impl Method {
 /// With a loss of broken symmetries, which runs every decision twice, in half as many passes: a
 /// decision goes through at most as many gradients as with other methods.
 fn symmetrised(ppo: PpoSettings) -> PpoSettings {
-    PpoSettings {
-        epochs: ppo.epochs / 2,
-        symmetry: Some(SymmetryLoss::default()),
-        ..ppo
-    }
+    PpoSettings { epochs: ppo.epochs / 2, symmetry: Some(SymmetryLoss::default()), ..ppo }
 }
 
 /// An ordinary network of half the width of the default one: a kernel between regular fields of D2
 /// has a quarter of the numbers of an ordinary one, so both have about as many parameters.
 fn slim() -> NetworkSettings {
-    NetworkSettings {
-        group: Group::C1,
-        ..NetworkSettings::strided(vec![2, 4, 8, 8], 16)
-    }
+    NetworkSettings { group: Group::C1, ..NetworkSettings::strided(vec![2, 4, 8, 8], 16) }
 }
 
 /// How long a run may take.
@@ -270,14 +260,8 @@ impl Budget {
 
     fn evaluation(self) -> EvaluationPlan {
         match self {
-            Self::Smoke => EvaluationPlan {
-                looks: 1,
-                ..EvaluationPlan::AT_THE_END
-            },
-            Self::Short => EvaluationPlan {
-                rounds: 2,
-                ..EvaluationPlan::AT_THE_END
-            },
+            Self::Smoke => EvaluationPlan { looks: 1, ..EvaluationPlan::AT_THE_END },
+            Self::Short => EvaluationPlan { rounds: 2, ..EvaluationPlan::AT_THE_END },
             Self::Full | Self::ZeroShot => EvaluationPlan {
                 rounds: 4,
                 // as many, so that what is forgotten by the end shows on the same episodes

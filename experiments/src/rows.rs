@@ -6,12 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::ledger::{Served, count_served};
 
 /// The columns of `evaluation.csv` that older versions do not write.
-pub(crate) const OWN: [&str; 4] = [
-    "own_policy",
-    "own_success",
-    "own_success_at_end",
-    "own_reward",
-];
+pub(crate) const OWN: [&str; 4] = ["own_policy", "own_success", "own_success_at_end", "own_reward"];
 
 /// The contents of the tables, so that a run can go on where the files are lost.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -43,11 +38,7 @@ impl Rows {
     pub fn served(&self) -> Result<Served, csv::Error> {
         let mut served = Served::default();
         for row in Reader::from_reader(self.metrics.as_bytes()).deserialize() {
-            let Service {
-                group,
-                straddles,
-                policy,
-            } = row?;
+            let Service { group, straddles, policy } = row?;
             if !straddles {
                 count_served(&mut served, &group, policy);
             }
@@ -106,19 +97,13 @@ mod tests {
         assert_eq!(served["b"], [(0, 1)].into());
         assert!(Rows::default().served().unwrap().is_empty());
         let metrics = "rollout,group\n0,a\n".to_owned();
-        let nameless = Rows {
-            metrics,
-            ..Rows::default()
-        };
+        let nameless = Rows { metrics, ..Rows::default() };
         assert!(nameless.served().is_err());
     }
 
     #[test]
     fn scores_of_an_older_version_get_the_new_columns_once() {
-        let mut rows = Rows {
-            scores: "rollouts,reward\n0,1.5\n".to_owned(),
-            ..Rows::default()
-        };
+        let mut rows = Rows { scores: "rollouts,reward\n0,1.5\n".to_owned(), ..Rows::default() };
         let expected = "rollouts,reward,own_policy,own_success,own_success_at_end,own_reward\n\
             0,1.5,,,,\n";
         for _ in 0..2 {

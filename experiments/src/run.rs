@@ -106,23 +106,9 @@ impl Run {
     }
 
     fn assemble(opened: Opened) -> Result<Self, RunError> {
-        let Opened {
-            claim,
-            labels,
-            note,
-            ..
-        } = opened;
-        let Claim {
-            experiment,
-            tasks,
-            folder,
-            lock,
-        } = claim;
-        let Note {
-            mut ledger,
-            due,
-            rows,
-        } = note;
+        let Opened { claim, labels, note, .. } = opened;
+        let Claim { experiment, tasks, folder, lock } = claim;
+        let Note { mut ledger, due, rows } = note;
         // environments before threads: the first model of a process tunes software rendering
         let world = World::new(&experiment, &tasks, labels.clone(), ledger.decisions)?;
         let evaluator = Evaluator::of(&experiment, &tasks, labels)?;
@@ -343,13 +329,7 @@ impl Run {
 
     fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {
         let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
-        Scoring::new(
-            &self.pool,
-            learner,
-            evaluator,
-            self.ledger.own_policies(),
-            stop,
-        )
+        Scoring::new(&self.pool, learner, evaluator, self.ledger.own_policies(), stop)
     }
 
     /// Writes a checkpoint, unless the newest is of this very moment.
@@ -366,11 +346,7 @@ impl Run {
             return Ok(());
         }
         let path = checkpoints::path(&self.folder.checkpoints(), rollouts);
-        let note = Note {
-            ledger: self.ledger.clone(),
-            due,
-            rows: self.logs.rows(),
-        };
+        let note = Note { ledger: self.ledger.clone(), due, rows: self.logs.rows() };
         let note = note.sign(&self.experiment);
         let note = note.map_err(|error| RunError::write(&path, error))?;
         let bytes = self.learner.encode(&path, Extent::Everything, &note)?;

@@ -166,11 +166,7 @@ impl RunData {
         distinct(self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
             let commit: String = printable(commit).chars().take(SHORT).collect();
-            let mark = if process.clean == Some(false) {
-                " (changed)"
-            } else {
-                ""
-            };
+            let mark = if process.clean == Some(false) { " (changed)" } else { "" };
             format!("{commit}{mark}")
         }))
     }
@@ -197,10 +193,7 @@ impl RunData {
     ) -> Option<(usize, f64)> {
         let rows = self.evaluation(Some(rollouts));
         let rows: Vec<&ScoreRow> = rows.filter(|row| row.group == group).collect();
-        let sum: f64 = rows
-            .iter()
-            .map(|row| figure(row) * row.episodes as f64)
-            .sum();
+        let sum: f64 = rows.iter().map(|row| figure(row) * row.episodes as f64).sum();
         let episodes: usize = rows.iter().map(|row| row.episodes).sum();
         (episodes > 0).then(|| (rows[0].decisions, sum / episodes as f64))
     }
@@ -237,11 +230,7 @@ fn check(
             && share(row.success)
             && share(row.success_at_end)
             && row.reward.is_finite()
-            && row
-                .own_success
-                .into_iter()
-                .chain(row.own_success_at_end)
-                .all(share)
+            && row.own_success.into_iter().chain(row.own_success_at_end).all(share)
             && row.own_reward.is_none_or(f64::is_finite)
             && [row.own_success, row.own_success_at_end, row.own_reward]
                 .iter()
@@ -265,17 +254,10 @@ fn check(
     }
     let in_order = scores.is_sorted_by_key(|row| row.rollouts);
     if !in_order || scores.last().map(|row| row.rollouts) != Some(rollouts.len()) {
-        return Err(unfit(
-            "the last rows of evaluation.csv and metrics.csv do not agree",
-        ));
+        return Err(unfit("the last rows of evaluation.csv and metrics.csv do not agree"));
     }
-    if !scores
-        .iter()
-        .all(|row| spent(rollouts, row.rollouts) == Some(row.decisions))
-    {
-        return Err(unfit(
-            "evaluation.csv and metrics.csv do not agree about decisions",
-        ));
+    if !scores.iter().all(|row| spent(rollouts, row.rollouts) == Some(row.decisions)) {
+        return Err(unfit("evaluation.csv and metrics.csv do not agree about decisions"));
     }
     let variants = scores.iter();
     if !are_distinct(variants.map(|row| (row.rollouts, &row.group, &row.element))) {
@@ -323,10 +305,9 @@ fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), R
         return Err(unfit(path, "units.csv counts a policy twice at a time"));
     }
     match units.last() {
-        Some(last) if last.rollouts != rollouts => Err(unfit(
-            path,
-            "the last rows of units.csv and metrics.csv do not agree",
-        )),
+        Some(last) if last.rollouts != rollouts => {
+            Err(unfit(path, "the last rows of units.csv and metrics.csv do not agree"))
+        }
         _ => Ok(()),
     }
 }
@@ -352,9 +333,7 @@ fn check_recognition(
     }
     let mut times: HashMap<(&str, &str, usize), usize> = HashMap::new();
     for row in answers {
-        *times
-            .entry((&row.group, &row.element, row.episodes))
-            .or_default() += row.times;
+        *times.entry((&row.group, &row.element, row.episodes)).or_default() += row.times;
     }
     let last = scores.last().map(|row| row.rollouts);
     let variants = scores.iter().filter(|row| Some(row.rollouts) == last);
@@ -385,10 +364,7 @@ fn counted(count: usize) -> bool {
 }
 
 fn unfit(folder: &Path, problem: &str) -> RunError {
-    RunError::UnfitRun {
-        folder: folder.to_owned(),
-        problem: problem.to_owned(),
-    }
+    RunError::UnfitRun { folder: folder.to_owned(), problem: problem.to_owned() }
 }
 
 /// The last part of a path, also of `.`.

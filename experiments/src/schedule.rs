@@ -86,12 +86,7 @@ impl Schedule {
             decisions: *decisions,
             variants: D2::ALL.to_vec(),
         });
-        Self {
-            groups: groups.collect(),
-            cycles,
-            order: Order::Shuffled,
-            clock: Clock::default(),
-        }
+        Self { groups: groups.collect(), cycles, order: Order::Shuffled, clock: Clock::default() }
     }
 
     /// Refuses a plan without groups, cycles, decisions or variants, and one that names a group or
@@ -110,11 +105,7 @@ impl Schedule {
             plan.check(&self.groups[..index])?;
         }
         if self.checked_decisions().is_none() {
-            return refuse(
-                "schedule.cycles",
-                &self.cycles.to_string(),
-                "fewer: no run is so long",
-            );
+            return refuse("schedule.cycles", &self.cycles.to_string(), "fewer: no run is so long");
         }
         if self.order == Order::Switching && self.groups.len() == 1 {
             let expected = "at least two groups to switch between";
@@ -185,9 +176,9 @@ impl Schedule {
     /// `period` decisions; [`Schedule::check`] it first.
     pub fn visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
-            Order::Fixed => (0..self.cycles)
-                .flat_map(|_| self.groups.iter().map(GroupPlan::visit))
-                .collect(),
+            Order::Fixed => {
+                (0..self.cycles).flat_map(|_| self.groups.iter().map(GroupPlan::visit)).collect()
+            }
             Order::Shuffled => self.shuffled_visits(rng),
             Order::Switching => self.switching_visits(period, rng),
         }
@@ -228,11 +219,7 @@ impl Schedule {
 }
 
 fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(), RunError> {
-    Err(RunError::Setting {
-        name,
-        value: value.to_owned(),
-        expected,
-    })
+    Err(RunError::Setting { name, value: value.to_owned(), expected })
 }
 
 impl GroupPlan {
@@ -243,10 +230,7 @@ impl GroupPlan {
             return refuse(format!("{group} twice"), "every group at most once");
         }
         if self.decisions == 0 {
-            return refuse(
-                format!("0 of {group}"),
-                "at least 1 decision of every group",
-            );
+            return refuse(format!("0 of {group}"), "at least 1 decision of every group");
         }
         if self.variants.is_empty() {
             let expected = "at least one variant of every group";
@@ -262,18 +246,11 @@ impl GroupPlan {
     }
 
     fn visit(&self) -> Visit {
-        Visit {
-            decisions: self.decisions,
-            ..self.empty_visit()
-        }
+        Visit { decisions: self.decisions, ..self.empty_visit() }
     }
 
     fn empty_visit(&self) -> Visit {
-        Visit {
-            group: self.group.clone(),
-            variants: self.variants.clone(),
-            decisions: 0,
-        }
+        Visit { group: self.group.clone(), variants: self.variants.clone(), decisions: 0 }
     }
 }
 
@@ -313,10 +290,7 @@ mod tests {
 
     #[test]
     fn a_fixed_stream_repeats_its_list() {
-        let schedule = Schedule {
-            order: Order::Fixed,
-            ..shuffled(2, [1; 4])
-        };
+        let schedule = Schedule { order: Order::Fixed, ..shuffled(2, [1; 4]) };
         let groups = visits(&schedule, 0).into_iter().map(|visit| visit.group);
         let groups: Vec<String> = groups.collect();
         let names = TaskGroup::STANDARD.map(|group| group.name().to_owned());
@@ -325,10 +299,7 @@ mod tests {
 
     #[test]
     fn a_switching_stream_is_as_long_and_its_visits_have_the_mean_length() {
-        let schedule = Schedule {
-            order: Order::Switching,
-            ..shuffled(500, [2, 8, 4, 2])
-        };
+        let schedule = Schedule { order: Order::Switching, ..shuffled(500, [2, 8, 4, 2]) };
         let visits = visits(&schedule, 1);
         assert!(never_twice_running(&visits));
         let total: usize = visits.iter().map(|visit| visit.decisions).sum();
@@ -362,14 +333,8 @@ mod tests {
             (|s| s.cycles = usize::MAX, "no run is so long"),
             (|s| s.groups[1].decisions = 0, "0 of button-press"),
             (|s| s.groups[2].variants.clear(), "none of drawer-close"),
-            (
-                |s| s.groups[2].variants.push(D2::FlipX),
-                "flip x of drawer-close twice",
-            ),
-            (
-                |s| s.groups[3].group = "goal-reach".to_owned(),
-                "goal-reach twice",
-            ),
+            (|s| s.groups[2].variants.push(D2::FlipX), "flip x of drawer-close twice"),
+            (|s| s.groups[3].group = "goal-reach".to_owned(), "goal-reach twice"),
             (
                 |s| {
                     s.order = Order::Switching;

@@ -179,14 +179,7 @@ pub struct TimingRow {
 impl TimingRow {
     /// Whether it can have been so.
     pub fn is_sound(&self) -> bool {
-        let Self {
-            total,
-            environments,
-            inference,
-            assignment,
-            update,
-            ..
-        } = *self;
+        let Self { total, environments, inference, assignment, update, .. } = *self;
         let seconds = [total, environments, inference, assignment, update];
         seconds.iter().all(|part| part.is_finite() && *part >= 0.0)
     }
@@ -201,10 +194,7 @@ mod tests {
         let header = "decisions,group,last_group,straddles,policy,reward,success,distances,heirs\n";
         let row = |cells: &str| -> Result<RolloutRow, csv::Error> {
             let text = format!("{header}500,a,a,false,0,,,{cells}\n");
-            csv::Reader::from_reader(text.as_bytes())
-                .deserialize()
-                .next()
-                .unwrap()
+            csv::Reader::from_reader(text.as_bytes()).deserialize().next().unwrap()
         };
         let read = row("0.5;;2,;1").unwrap();
         assert_eq!(read.distances, [Some(0.5), None, Some(2.0)]);

@@ -37,13 +37,7 @@ impl<'a> Scoring<'a> {
         own: OwnPolicies,
         stop: &'a Stop,
     ) -> Self {
-        Self {
-            pool,
-            learner,
-            evaluator,
-            own,
-            stop,
-        }
+        Self { pool, learner, evaluator, own, stop }
     }
 
     /// Scores all variants, with `rounds` episodes in each environment, then asks which policy each

@@ -44,11 +44,7 @@ impl Picture {
         let mut rgb = vec![0; reader.output_buffer_size()?];
         let info = reader.next_frame(&mut rgb).ok()?;
         let fits = (info.color_type, info.bit_depth) == (png::ColorType::Rgb, png::BitDepth::Eight);
-        fits.then_some(Self {
-            width: info.width as usize,
-            height: info.height as usize,
-            rgb,
-        })
+        fits.then_some(Self { width: info.width as usize, height: info.height as usize, rgb })
     }
 }
 
@@ -73,9 +69,7 @@ pub fn variant_pictures(
     groups: &[TaskGroup],
 ) -> Result<Vec<Vec<Vec<u8>>>, RunError> {
     let groups = groups.iter();
-    groups
-        .map(|&group| group_pictures(group, settings))
-        .collect()
+    groups.map(|&group| group_pictures(group, settings)).collect()
 }
 
 fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec<u8>>, RunError> {
@@ -84,9 +78,7 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
     let scene = Arc::new(scene);
     let mut table = TableTop::new(Arc::clone(&scene), settings.control)?;
     let mut renderer = SceneRenderer::new(scene)?;
-    let placement = group
-        .task()
-        .place(&mut ChaCha8Rng::seed_from_u64(settings.seed));
+    let placement = group.task().place(&mut ChaCha8Rng::seed_from_u64(settings.seed));
     D2::ALL
         .into_iter()
         .map(|element| {
@@ -103,10 +95,7 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
 pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     if let Some(goal) = table.observable_goal() {
         let camera = table.scene().camera;
-        let mark = Mark {
-            color: TOLD_GOAL,
-            ..camera.mark
-        };
+        let mark = Mark { color: TOLD_GOAL, ..camera.mark };
         camera.draw_mark(&mark, goal, rgb);
     }
 }
@@ -138,17 +127,9 @@ pub fn first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Pictu
     if left + side > sheet.width || top + side > sheet.height {
         return None;
     }
-    let rows = sheet
-        .rgb
-        .chunks_exact(sheet.width * RGB)
-        .skip(top)
-        .take(side);
+    let rows = sheet.rgb.chunks_exact(sheet.width * RGB).skip(top).take(side);
     let rows = rows.map(|row| &row[left * RGB..(left + side) * RGB]);
-    Some(Picture {
-        width: side,
-        height: side,
-        rgb: rows.flatten().copied().collect(),
-    })
+    Some(Picture { width: side, height: side, rgb: rows.flatten().copied().collect() })
 }
 
 fn paste(picture: &[u8], size: usize, sheet: &mut [u8], width: usize, origin: (usize, usize)) {

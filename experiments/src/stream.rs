@@ -41,12 +41,7 @@ pub const INPUTS: [Input; envs::VECTOR_DIM] = [
 ];
 
 const fn position(name: &'static str, offset: f32) -> Input {
-    Input {
-        name,
-        unit: "metre",
-        offset,
-        factor: INPUTS_PER_METRE,
-    }
+    Input { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
 }
 
 /// The environments as the learner sees them. Which group they run is set from outside; it shows in
@@ -166,11 +161,7 @@ impl VectorEnv for Stream {
         self.failures += failures.len();
         self.seconds += clock.elapsed().as_secs_f64();
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
-            *outcome = if truncated {
-                Outcome::Truncated
-            } else {
-                Outcome::Running
-            };
+            *outcome = if truncated { Outcome::Truncated } else { Outcome::Running };
         }
         scale(&mut out.observations.vectors);
         scale_rows(&mut out.final_observations.vectors, &self.truncated);
@@ -179,23 +170,17 @@ impl VectorEnv for Stream {
 }
 
 fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
-    ObservationsMut {
-        images: &mut observations.images,
-        vectors: &mut observations.vectors,
-    }
+    ObservationsMut { images: &mut observations.images, vectors: &mut observations.vectors }
 }
 
 /// Makes rows of the environments' numbers `[N, 7]` those that networks read, in place.
 pub fn scale(vectors: &mut [f32]) {
-    vectors
-        .chunks_exact_mut(envs::VECTOR_DIM)
-        .for_each(scale_row);
+    vectors.chunks_exact_mut(envs::VECTOR_DIM).for_each(scale_row);
 }
 
 fn scale_rows(vectors: &mut [f32], which: &[bool]) {
     let rows = vectors.chunks_exact_mut(envs::VECTOR_DIM).zip(which);
-    rows.filter(|(_, which)| **which)
-        .for_each(|(row, _)| scale_row(row));
+    rows.filter(|(_, which)| **which).for_each(|(row, _)| scale_row(row));
 }
 
 /// Centres and scales hand x, y, z, aperture and goal x, y, z.

@@ -26,12 +26,7 @@ impl Table {
     /// again; a file that holds something else is put aside under another name.
     pub fn open(path: PathBuf, disk: Arc<dyn Disk>, text: Vec<u8>) -> Result<Self, RunError> {
         let names = header(&text).map_err(|error| RunError::read(&path, error))?;
-        let table = Self {
-            path,
-            disk,
-            text,
-            names,
-        };
+        let table = Self { path, disk, text, names };
         table.restore()?;
         Ok(table)
     }
@@ -74,9 +69,9 @@ impl Table {
             self.names = names;
         } else if self.names != names {
             let known = &self.names;
-            return Err(self.refuse(format!(
-                "a row of {names:?} does not fit the columns {known:?}"
-            )));
+            return Err(
+                self.refuse(format!("a row of {names:?} does not fit the columns {known:?}"))
+            );
         }
         let written = writer.write_record(&cells);
         written.map_err(|error| RunError::write(&self.path, error))?;
@@ -88,9 +83,8 @@ impl Table {
         &mut self,
         rows: impl IntoIterator<Item = R>,
     ) -> Result<(), RunError> {
-        let mut writer = csv::WriterBuilder::new()
-            .has_headers(self.text.is_empty())
-            .from_writer(Vec::new());
+        let mut writer =
+            csv::WriterBuilder::new().has_headers(self.text.is_empty()).from_writer(Vec::new());
         rows.into_iter()
             .try_for_each(|row| writer.serialize(row))
             .map_err(|error| RunError::write(&self.path, error))?;
@@ -166,8 +160,7 @@ mod tests {
 
     fn cells(row: &[(&str, &str)]) -> Vec<(String, String)> {
         let row = row.iter();
-        row.map(|(name, cell)| (name.to_string(), cell.to_string()))
-            .collect()
+        row.map(|(name, cell)| (name.to_string(), cell.to_string())).collect()
     }
 
     /// A table of this test's own with one row.
@@ -175,9 +168,7 @@ mod tests {
         let path = std::env::temp_dir().join(format!("covers-{name}-{}.csv", std::process::id()));
         let _ = fs::remove_file(&path);
         let mut table = reopen(path, b"");
-        table
-            .write_named(cells(&[("rollout", "0"), ("loss", "1.5")]))
-            .unwrap();
+        table.write_named(cells(&[("rollout", "0"), ("loss", "1.5")])).unwrap();
         table
     }
 
@@ -200,10 +191,7 @@ mod tests {
         resumed.write_named(same).unwrap();
         let twice = cells(&[("rollout", "1"), ("rollout", "2")]);
         let message = resumed.write_named(twice).unwrap_err().to_string();
-        assert!(
-            message.contains("two columns are called `rollout`"),
-            "{message}"
-        );
+        assert!(message.contains("two columns are called `rollout`"), "{message}");
         let text = fs::read_to_string(&table.path).unwrap();
         assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n");
         fs::remove_file(&table.path).unwrap();
@@ -257,13 +245,9 @@ mod tests {
     fn a_file_that_is_removed_or_cut_while_rows_are_written_comes_back_whole() {
         let mut table = table("removed");
         fs::remove_file(&table.path).unwrap();
-        table
-            .write_named(cells(&[("rollout", "1"), ("loss", "2")]))
-            .unwrap();
+        table.write_named(cells(&[("rollout", "1"), ("loss", "2")])).unwrap();
         fs::write(&table.path, "rollout").unwrap();
-        table
-            .write_named(cells(&[("rollout", "2"), ("loss", "3")]))
-            .unwrap();
+        table.write_named(cells(&[("rollout", "2"), ("loss", "3")])).unwrap();
         let text = fs::read_to_string(&table.path).unwrap();
         assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n2,3\n");
         fs::remove_file(&table.path).unwrap();

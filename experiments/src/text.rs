@@ -26,9 +26,7 @@ pub fn rollout_line(progress: &Progress) -> String {
         second_look: turn.first_look.is_some(),
         reward: progress.reward(),
         success: progress.success(),
-        evidence: evidence
-            .map(|evidence| (Some(evidence.distance), evidence.score()))
-            .collect(),
+        evidence: evidence.map(|evidence| (Some(evidence.distance), evidence.score())).collect(),
     };
     line.to_string()
 }
@@ -215,12 +213,7 @@ mod tests {
 
     #[test]
     fn another_groups_policy_is_mentioned_where_one_played() {
-        let own = PolicyScore {
-            policy: 1,
-            success: 0.9,
-            success_at_end: 0.8,
-            reward: 400.0,
-        };
+        let own = PolicyScore { policy: 1, success: 0.9, success_at_end: 0.8, reward: 400.0 };
         let with = |policy| {
             let own = Some(own);
             let scores = D2::ALL.map(|element| Score {

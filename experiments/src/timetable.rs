@@ -17,10 +17,7 @@ impl Timetable {
             end += visit.decisions;
             end
         });
-        Self {
-            ends: ends.collect(),
-            visits,
-        }
+        Self { ends: ends.collect(), visits }
     }
 
     /// The index of the visit that the decision of this number belongs to; none behind the last.

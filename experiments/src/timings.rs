@@ -67,10 +67,7 @@ mod tests {
         let names = "rollout,decisions,total,environments,inference,assignment,update\n";
         let text = format!("{names}0,80,2,1,0,0,1\n1,40,1,1,0,0,0\n2,x,1,1,0,0,0\n");
         let sums = Timings::read(text.as_bytes());
-        assert_eq!(
-            (sums.seconds, sums.decisions_per_second()),
-            (3.0, Some(40.0))
-        );
+        assert_eq!((sums.seconds, sums.decisions_per_second()), (3.0, Some(40.0)));
         assert_eq!(Timings::read(names.as_bytes()).decisions_per_second(), None);
     }
 }

@@ -21,17 +21,13 @@ pub(crate) fn guarded<T: Send>(
     work: impl FnOnce() -> Result<T, RunError> + Send,
 ) -> Result<T, RunError> {
     let result = catch_unwind(AssertUnwindSafe(|| pool.install(work)));
-    result.unwrap_or_else(|panic| {
-        Err(RunError::Panicked {
-            message: message_of(&*panic).to_owned(),
-        })
-    })
+    result
+        .unwrap_or_else(|panic| Err(RunError::Panicked { message: message_of(&*panic).to_owned() }))
 }
 
 fn message_of(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied())
-        .unwrap_or("without a message")
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a message")
 }
 
 #[cfg(test)]
@@ -43,9 +39,7 @@ mod tests {
         use rayon::prelude::*;
         let pool = thread_pool(2).unwrap();
         let work = || {
-            (0..8)
-                .into_par_iter()
-                .for_each(|i| assert!(i != 5, "item {i} fell over"));
+            (0..8).into_par_iter().for_each(|i| assert!(i != 5, "item {i} fell over"));
             Ok(())
         };
         let message = guarded(&pool, work).unwrap_err().to_string();

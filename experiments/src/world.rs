@@ -122,11 +122,8 @@ impl World {
     /// Books that a step of the running visit is shown.
     fn show(&mut self) {
         let (running, group) = (self.running, |index| &self.timetable.visit(index).0.group);
-        let before = self.shown.unwrap_or(Shown {
-            first: running,
-            last: running,
-            straddles: false,
-        });
+        let before =
+            self.shown.unwrap_or(Shown { first: running, last: running, straddles: false });
         if self.shown.is_none() || before.last != running {
             self.labels.set(group(running));
         }
@@ -237,13 +234,7 @@ mod tests {
         experiment.schedule.groups.truncate(2);
         experiment.schedule.groups[0].decisions = 80;
         experiment.schedule.groups[1].decisions = 120;
-        World::new(
-            &experiment,
-            &TaskRegistry::standard(),
-            Labels::default(),
-            decisions,
-        )
-        .unwrap()
+        World::new(&experiment, &TaskRegistry::standard(), Labels::default(), decisions).unwrap()
     }
 
     /// The visit that runs after each step, and the last observation.
@@ -303,11 +294,7 @@ mod tests {
         out.observations.images.fill(7);
         let image = world(0).spec().image_len();
         cut(image, &mut out);
-        assert!(
-            out.outcomes
-                .iter()
-                .all(|&outcome| outcome == Outcome::Truncated)
-        );
+        assert!(out.outcomes.iter().all(|&outcome| outcome == Outcome::Truncated));
         let row = |n: usize| out.final_observations.images[n * image];
         assert_eq!((row(0), row(1)), (0, 7));
     }

@@ -46,10 +46,7 @@ impl Ball {
         let amounts = hue.amounts(picture);
         let spots = spots(&amounts, SEED * hue.strength, [width, height]);
         match &spots[..] {
-            [] => Err(InpaintingError::NoBall {
-                color: self.color,
-                least: LEAST,
-            }),
+            [] => Err(InpaintingError::NoBall { color: self.color, least: LEAST }),
             [spot] => outline(&amounts, spot, [width, height]),
             several => Err(InpaintingError::SeveralBalls {
                 color: self.color,
@@ -64,10 +61,7 @@ impl Ball {
         let value = format!("{:?}", self.color);
         let expected = "a strong colour, far from grey, as [255, 0, 255]";
         require(strength >= COLOURED, "colour of the ball", &value, expected)?;
-        Ok(Hue {
-            direction: chroma.map(|part| part / strength),
-            strength,
-        })
+        Ok(Hue { direction: chroma.map(|part| part / strength), strength })
     }
 }
 
@@ -84,11 +78,7 @@ impl Hue {
         let amount = |rgb: &[u8]| {
             let chroma = chroma([rgb[0], rgb[1], rgb[2]]);
             let along: f64 = chroma.iter().zip(self.direction).map(|(a, b)| a * b).sum();
-            if along >= SAME_HUE * length(chroma) {
-                along
-            } else {
-                0.0
-            }
+            if along >= SAME_HUE * length(chroma) { along } else { 0.0 }
         };
         picture.chunks_exact(3).map(amount).collect()
     }
@@ -158,9 +148,7 @@ fn outline(
     inner.sort_by(f64::total_cmp);
     let typical = inner[inner.len() / 2];
     let [none, full] = EDGE.map(|part| part * typical);
-    let around = spot
-        .iter()
-        .flat_map(|&pixel| neighbours(pixel, [width, height]));
+    let around = spot.iter().flat_map(|&pixel| neighbours(pixel, [width, height]));
     let mut pixels: Vec<usize> = spot.iter().copied().chain(around).collect();
     pixels.sort_unstable();
     pixels.dedup();
@@ -176,11 +164,7 @@ fn outline(
         column == 0 || row == 0 || column + 1 == width || row + 1 == height
     });
     let whole = !cut && moments.elongation() <= ROUND && moments.lopsidedness() <= EVEN;
-    if whole {
-        Ok(place)
-    } else {
-        Err(InpaintingError::NoDisc { place })
-    }
+    if whole { Ok(place) } else { Err(InpaintingError::NoDisc { place }) }
 }
 
 #[cfg(test)]
@@ -190,9 +174,7 @@ mod tests {
     use super::*;
 
     const SIZE: [usize; 2] = [96, 72];
-    const BALL: Ball = Ball {
-        color: [255, 0, 255],
-    };
+    const BALL: Ball = Ball { color: [255, 0, 255] };
     const TABLE: [f64; 3] = [123.0, 95.0, 78.0];
 
     /// A table with balls, shaded towards their edges, as a camera of this exposure sees them. A
@@ -203,9 +185,7 @@ mod tests {
                 let off = (x - column).hypot(y - row) / radius;
                 (off < 1.0).then(|| 0.55 + 0.45 * (1.0 - off * off).sqrt())
             });
-            ball.map_or(TABLE, |shade| {
-                BALL.color.map(|level| f64::from(level) * shade)
-            })
+            ball.map_or(TABLE, |shade| BALL.color.map(|level| f64::from(level) * shade))
         };
         let pixel = |index: usize| {
             let (column, row) = ((index % SIZE[0]) as f64, (index / SIZE[0]) as f64);
@@ -305,17 +285,12 @@ mod tests {
         for color in [[255, 0, 0], [0, 0, 255], [0, 255, 0], [255, 255, 0]] {
             assert!(Ball { color }.find(&seen, SIZE[0]).is_err(), "{color:?}");
         }
-        let grey = Ball {
-            color: [120, 110, 100],
-        };
+        let grey = Ball { color: [120, 110, 100] };
         let message = grey.find(&seen, SIZE[0]).unwrap_err().to_string();
         assert!(message.contains("far from grey"), "{message}");
         for level in [0, 128, 255] {
             let flat = vec![level; seen.len()];
-            assert!(matches!(
-                BALL.find(&flat, SIZE[0]),
-                Err(InpaintingError::NoBall { .. })
-            ));
+            assert!(matches!(BALL.find(&flat, SIZE[0]), Err(InpaintingError::NoBall { .. })));
         }
         for width in [0, 5, usize::MAX] {
             assert!(BALL.find(&seen[..7], width).is_err(), "{width}");

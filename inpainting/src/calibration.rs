@@ -32,10 +32,7 @@ impl Calibration {
 
     /// The same camera without distortion.
     pub fn pinhole(&self) -> PinholeCamera {
-        PinholeCamera {
-            intrinsics: self.intrinsics,
-            extrinsics: self.extrinsics,
-        }
+        PinholeCamera { intrinsics: self.intrinsics, extrinsics: self.extrinsics }
     }
 
     /// Where the camera is in the world (metres).
@@ -87,10 +84,7 @@ pub(crate) mod tests {
 
     use super::*;
 
-    const BENT: Distortion = Distortion {
-        radial: [0.03, -0.03],
-        tangential: [0.001, -0.001],
-    };
+    const BENT: Distortion = Distortion { radial: [0.03, -0.03], tangential: [0.001, -0.001] };
 
     /// A camera 1.5 m over the table that looks straight down, as far as anybody knows.
     pub fn overhead() -> Calibration {
@@ -125,10 +119,7 @@ pub(crate) mod tests {
     fn slopes_are_differences() {
         let camera = Calibration {
             distortion: BENT,
-            extrinsics: Extrinsics {
-                rotation: DMat3::IDENTITY,
-                translation: DVec3::ZERO,
-            },
+            extrinsics: Extrinsics { rotation: DMat3::IDENTITY, translation: DVec3::ZERO },
             ..overhead()
         };
         let seen = DVec3::new(0.3, -0.2, 1.1);
@@ -158,14 +149,8 @@ pub(crate) mod tests {
     #[test]
     fn nothing_shows_beyond_a_fold() {
         let camera = Calibration {
-            distortion: Distortion {
-                radial: [-0.5, 0.0],
-                tangential: [0.0; 2],
-            },
-            extrinsics: Extrinsics {
-                rotation: DMat3::IDENTITY,
-                translation: DVec3::ZERO,
-            },
+            distortion: Distortion { radial: [-0.5, 0.0], tangential: [0.0; 2] },
+            extrinsics: Extrinsics { rotation: DMat3::IDENTITY, translation: DVec3::ZERO },
             ..overhead()
         };
         let place = |x| camera.pixel(DVec3::new(x, 0.0, 1.0));
@@ -177,16 +162,10 @@ pub(crate) mod tests {
     #[test]
     fn a_lens_that_is_no_lens_is_refused() {
         let camera = Calibration {
-            distortion: Distortion {
-                radial: [f64::NAN, 0.0],
-                ..Distortion::NONE
-            },
+            distortion: Distortion { radial: [f64::NAN, 0.0], ..Distortion::NONE },
             ..overhead()
         };
         let message = camera.check().unwrap_err().to_string();
-        assert!(
-            message.contains("`distortion`") && message.contains("NaN"),
-            "{message}"
-        );
+        assert!(message.contains("`distortion`") && message.contains("NaN"), "{message}");
     }
 }

@@ -26,12 +26,8 @@ pub struct Intrinsics {
 impl Intrinsics {
     /// Of the colour camera of an Intel RealSense D435 at 640 x 480: about the mean of what owners
     /// report (focal lengths of 607 to 618 pixels, an axis within a few pixels of the middle).
-    pub const REALSENSE_D435: Self = Self {
-        width: 640,
-        height: 480,
-        focal: [615.0; 2],
-        centre: [318.0, 240.0],
-    };
+    pub const REALSENSE_D435: Self =
+        Self { width: 640, height: 480, focal: [615.0; 2], centre: [318.0, 240.0] };
 
     fn check(&self) -> Result<(), InpaintingError> {
         let size = format!("{} x {}", self.width, self.height);
@@ -41,10 +37,7 @@ impl Intrinsics {
         let expected = "at least 1 x 1, and a picture that fits into memory";
         require(holds, "picture size", &size, expected)?;
         let positive = self.focal.iter().all(|f| *f > 0.0 && f.is_finite());
-        let (value, expected) = (
-            format!("{:?}", self.focal),
-            "two positive numbers of pixels",
-        );
+        let (value, expected) = (format!("{:?}", self.focal), "two positive numbers of pixels");
         require(positive, "focal length", &value, expected)?;
         let finite = self.centre.iter().all(|c| c.is_finite());
         let value = format!("{:?}", self.centre);
@@ -78,10 +71,7 @@ impl Extrinsics {
     }
 
     fn check(&self) -> Result<(), InpaintingError> {
-        let Self {
-            rotation,
-            translation,
-        } = self;
+        let Self { rotation, translation } = self;
         let orthonormal = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6);
         let holds = orthonormal && rotation.determinant() > 0.0;
         let expected = "an orthonormal matrix of determinant 1";
@@ -175,10 +165,7 @@ pub(crate) mod tests {
                 focal: [35.0, 33.0],
                 centre: [21.0, 14.5],
             },
-            extrinsics: Extrinsics {
-                rotation,
-                translation: DVec3::new(0.1, -0.05, 1.2),
-            },
+            extrinsics: Extrinsics { rotation, translation: DVec3::new(0.1, -0.05, 1.2) },
         }
     }
 
@@ -186,10 +173,7 @@ pub(crate) mod tests {
     #[test]
     fn projections_are_where_rays_come_from() {
         let camera = askew();
-        let Extrinsics {
-            rotation,
-            translation,
-        } = camera.extrinsics;
+        let Extrinsics { rotation, translation } = camera.extrinsics;
         let [cx, cy] = camera.intrinsics.centre;
         for (index, depth) in (0..camera.pixels()).zip([0.01, 0.7, 30.0].into_iter().cycle()) {
             let (row, column) = (index / 40, index % 40);

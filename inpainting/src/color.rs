@@ -98,12 +98,7 @@ impl Map {
             ColorCorrection::GreyWorld => (DVec3::ZERO, ratio(to, from), DVec3::ZERO),
             _ => (from, spread_ratio(reference, now), to),
         };
-        Self {
-            correction,
-            from,
-            gain,
-            to,
-        }
+        Self { correction, from, gain, to }
     }
 
     /// The same, less what it takes from the deviations: what moved can have the most part in them.
@@ -215,19 +210,15 @@ mod tests {
     fn relit(picture: &[u8]) -> Vec<u8> {
         let gains = [0.95, 0.8, 0.6].into_iter().cycle();
         let pixels = picture.iter().zip(gains);
-        pixels
-            .map(|(&v, gain)| (f64::from(v) * gain).round() as u8)
-            .collect()
+        pixels.map(|(&v, gain)| (f64::from(v) * gain).round() as u8).collect()
     }
 
     fn worst(a: &[u8], b: &[u8]) -> u8 {
         a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
     }
 
-    const BOTH: [ColorCorrection; 2] = [
-        ColorCorrection::MeanAndDeviation,
-        ColorCorrection::GreyWorld,
-    ];
+    const BOTH: [ColorCorrection; 2] =
+        [ColorCorrection::MeanAndDeviation, ColorCorrection::GreyWorld];
 
     #[test]
     fn a_picture_under_the_same_light_stays_as_it_is_to_the_bit() {
@@ -274,10 +265,7 @@ mod tests {
                 correction.apply(&reference, &[false; 1600], &mut corrected);
                 assert!(corrected == rgb, "{correction:?}: the light is the same");
             }
-            let dim: Vec<u8> = rgb
-                .iter()
-                .map(|&v| (f64::from(v) * 0.7).round() as u8)
-                .collect();
+            let dim: Vec<u8> = rgb.iter().map(|&v| (f64::from(v) * 0.7).round() as u8).collect();
             for correction in BOTH {
                 let mut corrected = dim.clone();
                 correction.apply(&reference, &[false; 1600], &mut corrected);

@@ -25,10 +25,7 @@ pub struct Distortion {
 
 impl Distortion {
     /// A pinhole's.
-    pub const NONE: Self = Self {
-        radial: [0.0; 2],
-        tangential: [0.0; 2],
-    };
+    pub const NONE: Self = Self { radial: [0.0; 2], tangential: [0.0; 2] };
 
     pub(crate) fn check(&self) -> Result<(), InpaintingError> {
         let [k1, k2] = self.radial;
@@ -141,10 +138,7 @@ mod tests {
     /// cv2.projectPoints([[0.4, -0.3, 1]], 0, 0, eye(3), [0.03, -0.02, 0.001, -0.0005]) by hand.
     #[test]
     fn the_coefficients_are_opencvs() {
-        let lens = Distortion {
-            radial: [0.03, -0.02],
-            tangential: [0.001, -0.0005],
-        };
+        let lens = Distortion { radial: [0.03, -0.02], tangential: [0.001, -0.0005] };
         let radial = 1.0 + 0.03 * 0.25 - 0.02 * 0.0625;
         let u = 0.4 * radial + 2.0 * 0.001 * 0.4 * -0.3 - 0.0005 * (0.25 + 2.0 * 0.16);
         let v = -0.3 * radial + 0.001 * (0.25 + 2.0 * 0.09) - 2.0 * 0.0005 * 0.4 * -0.3;
@@ -155,10 +149,7 @@ mod tests {
 
     #[test]
     fn a_point_beyond_the_fold_has_no_inverse() {
-        let barrel = Distortion {
-            radial: [-0.5, 0.0],
-            ..Distortion::NONE
-        };
+        let barrel = Distortion { radial: [-0.5, 0.0], ..Distortion::NONE };
         assert!(barrel.invert([0.4, 0.0]).is_some());
         assert!(barrel.invert([0.9, 0.0]).is_none());
     }

@@ -55,9 +55,7 @@ mod tests {
         let rng = &mut ChaCha8Rng::seed_from_u64(1000);
         let mut drift = Drift::default();
         let times = (0..count).map(|i| i as f64 * period);
-        times
-            .map(|now| drift.gains(&DRIFTING, now, rng).map(f64::ln))
-            .collect()
+        times.map(|now| drift.gains(&DRIFTING, now, rng).map(f64::ln)).collect()
     }
 
     fn mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -78,11 +76,7 @@ mod tests {
             let balance = mean(drawn.iter().map(|gains| (gains[other] - gains[1]).powi(2)));
             assert!((balance.sqrt() - 0.05).abs() < 0.002, "{balance}");
         }
-        let shared = mean(
-            drawn
-                .iter()
-                .map(|gains| (gains[0] - gains[1]) * (gains[2] - gains[1])),
-        );
+        let shared = mean(drawn.iter().map(|gains| (gains[0] - gains[1]) * (gains[2] - gains[1])));
         assert!(shared.abs() < 1e-4, "red and blue wander apart: {shared}");
     }
 

@@ -131,11 +131,7 @@ pub(crate) fn check_picture(
     if picture.len() == 3 * pixels {
         return Ok(());
     }
-    Err(InpaintingError::Length {
-        what,
-        got: picture.len(),
-        expected: 3 * pixels,
-    })
+    Err(InpaintingError::Length { what, got: picture.len(), expected: 3 * pixels })
 }
 
 /// Refuses a value where a condition does not hold.
@@ -149,11 +145,7 @@ pub(crate) fn require(
         return Ok(());
     }
     let value = value.to_string();
-    Err(InpaintingError::Value {
-        name,
-        value,
-        expected,
-    })
+    Err(InpaintingError::Value { name, value, expected })
 }
 
 /// Refuses a length (metres) that is negative or not finite.

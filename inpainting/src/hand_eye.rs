@@ -142,21 +142,13 @@ fn check(
 ) -> Result<(), InpaintingError> {
     start.check()?;
     if sightings.len() < LEAST_POSES {
-        return Err(InpaintingError::TooFewPoses {
-            got: sightings.len(),
-            needed: LEAST_POSES,
-        });
+        return Err(InpaintingError::TooFewPoses { got: sightings.len(), needed: LEAST_POSES });
     }
     if let Offset::Known(offset) = offset {
         require(is_near(offset), "offset of the ball", &offset, NEAR)?;
     }
     for sighting in sightings {
-        let Sighting {
-            pose,
-            position,
-            rotation,
-            pixel,
-        } = sighting;
+        let Sighting { pose, position, rotation, pixel } = sighting;
         let value = format!("{position} in pose {pose}");
         require(is_near(*position), "position of the hand", &value, NEAR)?;
         let value = format!("{rotation} in pose {pose}");
@@ -222,11 +214,7 @@ fn check_focal(focal: Focal, start: &Calibration) -> Result<(), InpaintingError>
 
 fn dilution_of(variances: &[f64; UNKNOWNS]) -> Uncertainty {
     let of = |first: usize| DVec3::from_slice(&variances[first..]).map(f64::sqrt);
-    Uncertainty {
-        angle: of(0),
-        position: of(3),
-        offset: of(6),
-    }
+    Uncertainty { angle: of(0), position: of(3), offset: of(6) }
 }
 
 fn tolerable(dilution: &Uncertainty) -> bool {
@@ -255,9 +243,7 @@ fn unseen(start: &Calibration, offset: Offset, sightings: &[Sighting]) -> Inpain
     let alone =
         |sighting: &&Sighting| Fit::new(*start, offset, std::slice::from_ref(*sighting)).is_none();
     let pose = sightings.iter().find(alone).map(|sighting| sighting.pose);
-    InpaintingError::Unseen {
-        pose: pose.unwrap_or_default(),
-    }
+    InpaintingError::Unseen { pose: pose.unwrap_or_default() }
 }
 
 #[cfg(test)]

@@ -49,10 +49,7 @@ impl Imperfections {
     /// hand-eye calibration commonly reach. Its driver states no distortion, and some is left. The
     /// noise at a middle grey is 3 levels of 255. The exposure is the sensor's default, rounded.
     pub const NOMINAL: Self = Self {
-        distortion: Distortion {
-            radial: [0.01, -0.01],
-            tangential: [0.0005, -0.0005],
-        },
+        distortion: Distortion { radial: [0.01, -0.01], tangential: [0.0005, -0.0005] },
         position_error: 0.005,
         angle_error: 0.5_f64.to_radians(),
         exposure_drift: 0.1,

@@ -156,10 +156,7 @@ mod tests {
     fn settings() -> InpainterSettings {
         InpainterSettings {
             camera: askew(),
-            links: vec![Link {
-                joints: [0, 1],
-                radius: 0.1,
-            }],
+            links: vec![Link { joints: [0, 1], radius: 0.1 }],
             correction: ColorCorrection::None,
             mark: MARK,
         }
@@ -168,19 +165,14 @@ mod tests {
     /// What stands outside the mask is renewed; what is behind the arm stays as it was last seen.
     #[test]
     fn the_background_is_refreshed_where_the_arm_is_not() {
-        let mark = Mark {
-            radius: 0.0,
-            ..MARK
-        };
+        let mark = Mark { radius: 0.0, ..MARK };
         let settings = InpainterSettings { mark, ..settings() };
         let pixels = settings.camera.pixels();
         let mut inpainter = Inpainter::new(settings, &vec![10; 3 * pixels]).unwrap();
         let left = [DVec3::new(-0.3, -0.3, 0.0), DVec3::new(-0.3, 0.3, 0.0)];
         let right = left.map(|joint| DVec3::new(0.3, joint.y, joint.z));
         let mut out = vec![0; 3 * pixels];
-        inpainter
-            .inpaint(&vec![20; 3 * pixels], &left, DVec3::ZERO, &mut out)
-            .unwrap();
+        inpainter.inpaint(&vec![20; 3 * pixels], &left, DVec3::ZERO, &mut out).unwrap();
         let first = inpainter.mask().to_vec();
         assert!(inpainter.difference().all(|levels| levels == 10));
         let hidden = first.iter().filter(|&&hidden| hidden).count();
@@ -188,9 +180,7 @@ mod tests {
         for (pixel, &hidden) in out.chunks_exact(3).zip(&first) {
             assert_eq!(pixel, if hidden { [10; 3] } else { [20; 3] });
         }
-        inpainter
-            .inpaint(&vec![30; 3 * pixels], &right, DVec3::ZERO, &mut out)
-            .unwrap();
+        inpainter.inpaint(&vec![30; 3 * pixels], &right, DVec3::ZERO, &mut out).unwrap();
         assert_ne!(inpainter.mask(), first);
         for ((pixel, &now), &before) in out.chunks_exact(3).zip(inpainter.mask()).zip(&first) {
             let seen = match (now, before) {
@@ -209,9 +199,7 @@ mod tests {
         let mut inpainter = Inpainter::new(settings, &vec![0; 3 * pixels]).unwrap();
         let gripper = DVec3::new(0.05, 0.1, 0.1);
         let mut out = vec![0; 3 * pixels];
-        inpainter
-            .inpaint(&vec![0; 3 * pixels], &[gripper; 2], gripper, &mut out)
-            .unwrap();
+        inpainter.inpaint(&vec![0; 3 * pixels], &[gripper; 2], gripper, &mut out).unwrap();
         let [right, down] = camera.project(gripper).unwrap();
         let [cx, cy] = camera.intrinsics.centre;
         let pixel = ((cy + down) as usize * 40 + (cx + right) as usize) * 3;
@@ -221,10 +209,7 @@ mod tests {
             out.chunks_exact(3).filter(|pixel| pixel[2] == 255).count() as f64,
             std::f64::consts::PI * (0.1 / 1.2_f64).powi(2) * 35.0 * 33.0,
         );
-        assert!(
-            (area - expected).abs() < 5.0,
-            "{area} pixels, not {expected}"
-        );
+        assert!((area - expected).abs() < 5.0, "{area} pixels, not {expected}");
     }
 
     #[test]
@@ -236,20 +221,11 @@ mod tests {
                 |s| s.camera.intrinsics.width = usize::MAX / 40,
                 "picture size` is 461168601842738790 x 30",
             ),
-            (
-                |s| s.camera.extrinsics.translation.y = -1e200,
-                "translation",
-            ),
-            (
-                |s| s.camera.intrinsics.focal[1] = -3.0,
-                "focal length` is [35.0, -3.0]",
-            ),
+            (|s| s.camera.extrinsics.translation.y = -1e200, "translation"),
+            (|s| s.camera.intrinsics.focal[1] = -3.0, "focal length` is [35.0, -3.0]"),
             (|s| s.camera.intrinsics.centre[0] = f64::NAN, "optical axis"),
             (|s| s.camera.extrinsics.rotation = DMat3::ZERO, "rotation"),
-            (
-                |s| s.camera.extrinsics.translation.x = f64::INFINITY,
-                "translation",
-            ),
+            (|s| s.camera.extrinsics.translation.x = f64::INFINITY, "translation"),
             (|s| s.links[0].radius = -0.1, "link radius` is -0.1"),
             (|s| s.mark.depth = 0.0, "mark depth` is 0"),
             (|s| s.mark.hole = 0.2, "mark hole` is 0.2"),
@@ -274,12 +250,7 @@ mod tests {
         let cases: [(&[u8], &[DVec3], DVec3, &str); 6] = [
             (&[1, 2], &[zero; 2], zero, "`image` has 2"),
             (&bright, &[zero], zero, "joint of a link` is 1"),
-            (
-                &bright,
-                &[zero, nan],
-                zero,
-                "joint positions` is [NaN, NaN, NaN] at 1",
-            ),
+            (&bright, &[zero, nan], zero, "joint positions` is [NaN, NaN, NaN] at 1"),
             (&bright, &[zero; 2], nan, "gripper position"),
             (&bright, &[far, zero], zero, "joint positions"),
             (&bright, &[zero; 2], -far, "gripper position"),
@@ -291,10 +262,7 @@ mod tests {
             let message = refused.unwrap_err().to_string();
             assert!(message.contains(says), "{message}");
             assert!(out == dark, "{says}: the result was written");
-            assert!(
-                inpainter == before,
-                "{says}: the refused picture is remembered"
-            );
+            assert!(inpainter == before, "{says}: the refused picture is remembered");
         }
     }
 
@@ -304,10 +272,7 @@ mod tests {
         let before = inpainter.clone();
         let refused = inpainter.inpaint(&[9; 3600], &[DVec3::ZERO; 2], DVec3::ZERO, &mut [0; 3597]);
         let message = refused.unwrap_err().to_string();
-        assert!(
-            message.contains("`out` has 3597 elements, expected 3600"),
-            "{message}"
-        );
+        assert!(message.contains("`out` has 3597 elements, expected 3600"), "{message}");
         assert!(inpainter == before);
     }
 }

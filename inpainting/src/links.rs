@@ -71,10 +71,7 @@ impl Capsule {
             pixel(first)..pixel(last)
         };
         let ([fx, fy], [cx, cy]) = (intrinsics.focal, intrinsics.centre);
-        [
-            side(1, fy, cy, intrinsics.height),
-            side(0, fx, cx, intrinsics.width),
-        ]
+        [side(1, fy, cy, intrinsics.height), side(0, fx, cx, intrinsics.width)]
     }
 }
 

@@ -24,12 +24,7 @@ pub struct Mark {
 impl Mark {
     /// A filled disc of `radius` at `depth` (metres).
     pub fn disc(radius: f64, color: [u8; 3], depth: f64) -> Self {
-        Self {
-            radius,
-            hole: 0.0,
-            color,
-            depth,
-        }
+        Self { radius, hole: 0.0, color, depth }
     }
 
     pub(crate) fn check(&self) -> Result<(), InpaintingError> {
@@ -108,12 +103,7 @@ pub(crate) mod tests {
     use crate::camera::tests::askew;
     use crate::links::tests::point;
 
-    pub const MARK: Mark = Mark {
-        radius: 0.1,
-        hole: 0.0,
-        color: [0, 0, 255],
-        depth: 1.2,
-    };
+    pub const MARK: Mark = Mark { radius: 0.1, hole: 0.0, color: [0, 0, 255], depth: 1.2 };
 
     /// The definition, pixel by pixel over the whole picture.
     fn slow_mark(mark: &Mark, camera: &PinholeCamera, point: DVec3) -> Vec<u8> {

@@ -29,11 +29,7 @@ impl Moments {
             let [x, y] = off(place);
             [x * x * x, x * x * y, x * y * y, y * y * y]
         });
-        Self {
-            middle,
-            second: second.map(|sum| sum / all),
-            third: third.map(|sum| sum / all),
-        }
+        Self { middle, second: second.map(|sum| sum / all), third: third.map(|sum| sum / all) }
     }
 
     /// Column and row of the middle.

@@ -83,8 +83,7 @@ impl Perception {
     ) -> Result<(), InpaintingError> {
         check_picture("out", out, self.settings.policy.pixels())?;
         self.rectification.apply(frame, &mut self.rectified)?;
-        self.inpainter
-            .inpaint(&self.rectified, joints, gripper, &mut self.painted)?;
+        self.inpainter.inpaint(&self.rectified, joints, gripper, &mut self.painted)?;
         self.settings.shrink(&self.painted, out);
         self.settings.mark.draw(&self.settings.policy, gripper, out);
         Ok(())
@@ -151,10 +150,7 @@ mod tests {
             calibration: overhead(),
             policy: policy(),
             oversampling: 3,
-            links: vec![Link {
-                joints: [0, 1],
-                radius: 0.04,
-            }],
+            links: vec![Link { joints: [0, 1], radius: 0.04 }],
             growth: 0.01,
             correction: ColorCorrection::GreyWorld,
             mark: Mark::disc(0.03, [0, 0, 255], 1.5),
@@ -167,14 +163,8 @@ mod tests {
         let rotation = tilt * Extrinsics::overhead(0.0).rotation;
         let position = DVec3::new(0.05, -0.12, 1.8);
         Calibration {
-            distortion: Distortion {
-                radial: [0.03, -0.02],
-                tangential: [0.001, 0.0],
-            },
-            extrinsics: Extrinsics {
-                rotation,
-                translation: -(rotation * position),
-            },
+            distortion: Distortion { radial: [0.03, -0.02], tangential: [0.001, 0.0] },
+            extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..overhead()
         }
     }
@@ -190,10 +180,8 @@ mod tests {
         let pixel = |index: usize| {
             let middle = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
             let way = camera.direction(middle).unwrap();
-            let capsule = |ends: [DVec3; 2]| Capsule {
-                ends: ends.map(|end| end - eye),
-                radius: 0.04,
-            };
+            let capsule =
+                |ends: [DVec3; 2]| Capsule { ends: ends.map(|end| end - eye), radius: 0.04 };
             let on_table = eye - way * (eye.z / way.z);
             let on_block = (0.1..0.22).contains(&on_table.x) && (0.05..0.17).contains(&on_table.y);
             match link {
@@ -211,10 +199,7 @@ mod tests {
 
     /// What the policy's own camera sees of it.
     fn expected() -> Vec<u8> {
-        let camera = Calibration {
-            intrinsics: policy().intrinsics,
-            ..overhead()
-        };
+        let camera = Calibration { intrinsics: policy().intrinsics, ..overhead() };
         frame(&camera, None)
     }
 
@@ -224,10 +209,7 @@ mod tests {
     }
 
     fn without_mark(settings: PerceptionSettings) -> PerceptionSettings {
-        let mark = Mark {
-            radius: 0.0,
-            ..settings.mark
-        };
+        let mark = Mark { radius: 0.0, ..settings.mark };
         PerceptionSettings { mark, ..settings }
     }
 
@@ -238,28 +220,19 @@ mod tests {
     #[test]
     fn a_picture_from_elsewhere_becomes_the_policys_own() {
         for calibration in [overhead(), askew()] {
-            let settings = without_mark(PerceptionSettings {
-                calibration,
-                ..settings()
-            });
+            let settings = without_mark(PerceptionSettings { calibration, ..settings() });
             let mut perception = Perception::new(settings, &table()).unwrap();
             let parked = [DVec3::new(0.0, -3.0, 0.0); 2];
-            perception
-                .begin(&frame(&calibration, None), &parked)
-                .unwrap();
+            perception.begin(&frame(&calibration, None), &parked).unwrap();
             let mut out = vec![0; 3 * SIZE * SIZE];
             let seen = frame(&calibration, Some(LINK));
-            perception
-                .look(&seen, &LINK, DVec3::ZERO, &mut out)
-                .unwrap();
+            perception.look(&seen, &LINK, DVec3::ZERO, &mut out).unwrap();
             let off = differing(&out, &expected());
             assert!(off <= 8, "{off} pixels");
             let hidden = perception.mask().iter().filter(|hidden| **hidden).count();
             assert!(hidden > 500, "{hidden}");
             // an arm that nobody masks shows
-            perception
-                .look(&seen, &parked, DVec3::ZERO, &mut out)
-                .unwrap();
+            perception.look(&seen, &parked, DVec3::ZERO, &mut out).unwrap();
             assert!(differing(&out, &expected()) > 50);
         }
     }
@@ -272,9 +245,7 @@ mod tests {
         let seen = frame(&overhead(), Some(parked));
         perception.begin(&seen, &parked).unwrap();
         let mut out = vec![0; 3 * SIZE * SIZE];
-        perception
-            .look(&seen, &parked, DVec3::ZERO, &mut out)
-            .unwrap();
+        perception.look(&seen, &parked, DVec3::ZERO, &mut out).unwrap();
         assert!(differing(&out, &expected()) <= 8);
     }
 
@@ -284,19 +255,11 @@ mod tests {
         let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();
         let gains = [0.9, 0.85, 0.8].into_iter().cycle();
         let dim = frame(&overhead(), None).into_iter().zip(gains);
-        let dim: Vec<u8> = dim
-            .map(|(v, gain)| (f64::from(v) * gain).round() as u8)
-            .collect();
-        perception
-            .begin(&dim, &[DVec3::new(0.0, -3.0, 0.0); 2])
-            .unwrap();
+        let dim: Vec<u8> = dim.map(|(v, gain)| (f64::from(v) * gain).round() as u8).collect();
+        perception.begin(&dim, &[DVec3::new(0.0, -3.0, 0.0); 2]).unwrap();
         let mut out = vec![0; 3 * SIZE * SIZE];
         perception.look(&dim, &LINK, DVec3::ZERO, &mut out).unwrap();
-        let off = out
-            .iter()
-            .zip(&expected())
-            .filter(|(a, b)| a.abs_diff(**b) > 2)
-            .count();
+        let off = out.iter().zip(&expected()).filter(|(a, b)| a.abs_diff(**b) > 2).count();
         assert!(off <= 24, "{off}");
     }
 
@@ -305,17 +268,12 @@ mod tests {
         let mut perception = Perception::new(settings(), &table()).unwrap();
         let gripper = DVec3::new(-0.1, -0.2, 0.25);
         let mut out = vec![0; 3 * SIZE * SIZE];
-        perception
-            .look(&frame(&overhead(), None), &LINK, gripper, &mut out)
-            .unwrap();
+        perception.look(&frame(&overhead(), None), &LINK, gripper, &mut out).unwrap();
         let mut expected = table();
         settings().mark.draw(&policy(), gripper, &mut expected);
         let marked = |picture: &[u8]| -> Vec<usize> {
             let pixels = picture.chunks_exact(3).enumerate();
-            pixels
-                .filter(|(_, rgb)| rgb == &[0, 0, 255])
-                .map(|(i, _)| i)
-                .collect()
+            pixels.filter(|(_, rgb)| rgb == &[0, 0, 255]).map(|(i, _)| i).collect()
         };
         assert!(marked(&out).len() > 5);
         assert_eq!(marked(&out), marked(&expected));
@@ -325,18 +283,9 @@ mod tests {
     fn what_the_camera_does_not_see_and_nonsense_are_refused() {
         type Change = fn(&mut PerceptionSettings);
         let changes: [(Change, &str); 6] = [
-            (
-                |of| of.calibration.extrinsics = Extrinsics::overhead(0.9),
-                "640 x 480",
-            ),
-            (
-                |of| of.calibration.extrinsics = Extrinsics::overhead(-1.0),
-                "height of the camera",
-            ),
-            (
-                |of| of.policy.extrinsics = askew().extrinsics,
-                "policy's view",
-            ),
+            (|of| of.calibration.extrinsics = Extrinsics::overhead(0.9), "640 x 480"),
+            (|of| of.calibration.extrinsics = Extrinsics::overhead(-1.0), "height of the camera"),
+            (|of| of.policy.extrinsics = askew().extrinsics, "policy's view"),
             (|of| of.oversampling = 4, "`oversampling` is 4"),
             (|of| of.growth = -0.1, "`growth` is -0.1"),
             (|of| of.calibration.distortion.radial[0] = 3.0, "distortion"),
@@ -353,21 +302,9 @@ mod tests {
         let frame = vec![90; 3 * 640 * 480];
         let mut out = vec![0; 3 * SIZE * SIZE];
         let nan = [DVec3::NAN; 2];
-        assert!(
-            perception
-                .look(&frame[3..], &LINK, DVec3::ZERO, &mut out)
-                .is_err()
-        );
-        assert!(
-            perception
-                .look(&frame, &nan, DVec3::ZERO, &mut out)
-                .is_err()
-        );
-        assert!(
-            perception
-                .look(&frame, &LINK, DVec3::ZERO, &mut out[3..])
-                .is_err()
-        );
+        assert!(perception.look(&frame[3..], &LINK, DVec3::ZERO, &mut out).is_err());
+        assert!(perception.look(&frame, &nan, DVec3::ZERO, &mut out).is_err());
+        assert!(perception.look(&frame, &LINK, DVec3::ZERO, &mut out[3..]).is_err());
         assert!(out.iter().all(|&level| level == 0));
         assert_eq!(perception.mask(), before.mask());
     }

@@ -26,9 +26,7 @@ impl Sensor {
     pub(crate) fn new(pixels: usize) -> Self {
         let level = |step: usize| 255.0 * level(step as f64 / (STEPS - 1) as f64);
         Self {
-            light: (0..256)
-                .map(|of| light(f64::from(of) / 255.0) as f32)
-                .collect(),
+            light: (0..256).map(|of| light(f64::from(of) / 255.0) as f32).collect(),
             levels: (0..STEPS).map(|step| level(step).round() as u8).collect(),
             collected: vec![0.0; 3 * pixels],
             count: 0.0,
@@ -56,10 +54,7 @@ impl Sensor {
         let gains = gains.map(|gain| gain as f32 / self.count);
         let (shot, read) = (shot as f32, (read * read) as f32);
         let noisy = shot > 0.0 || read > 0.0;
-        let pixels = self
-            .collected
-            .chunks_exact_mut(3)
-            .zip(rgb.chunks_exact_mut(3));
+        let pixels = self.collected.chunks_exact_mut(3).zip(rgb.chunks_exact_mut(3));
         for (collected, levels) in pixels {
             for (channel, level) in levels.iter_mut().enumerate() {
                 let mut light = gains[channel] * std::mem::take(&mut collected[channel]);
@@ -76,20 +71,12 @@ impl Sensor {
 
 /// Linear light of an sRGB value, both in `[0, 1]`.
 fn light(value: f64) -> f64 {
-    if value <= 0.04045 {
-        value / 12.92
-    } else {
-        ((value + 0.055) / 1.055).powf(2.4)
-    }
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
 /// The sRGB value of linear light, both in `[0, 1]`.
 fn level(light: f64) -> f64 {
-    if light <= 0.003_130_8 {
-        12.92 * light
-    } else {
-        1.055 * light.powf(1.0 / 2.4) - 0.055
-    }
+    if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// A number of mean 0 and variance 1: the sum of four uniform ones, which is a normal one but for
@@ -146,9 +133,7 @@ mod tests {
 
     #[test]
     fn gains_multiply_light_and_stop_at_white() {
-        let [red, green, blue] = seen(&[128], [0.5, 1.0, 9.0], [0.0; 2], 1)[..] else {
-            panic!()
-        };
+        let [red, green, blue] = seen(&[128], [0.5, 1.0, 9.0], [0.0; 2], 1)[..] else { panic!() };
         // half of the light of 128 / 255
         let half = 255.0 * level(0.5 * light(128.0 / 255.0));
         assert_eq!((f64::from(red), green, blue), (half.round(), 128, 255));
@@ -167,19 +152,14 @@ mod tests {
         for (grey, noise) in [(128, [5e-4, 0.0]), (200, [5e-4, 1.5e-3]), (90, [0.0, 4e-3])] {
             let of = light(f64::from(grey) / 255.0);
             let lights = seen(&[grey], [1.0; 3], noise, 20_000).into_iter();
-            let off: Vec<f64> = lights
-                .map(|level| light(f64::from(level) / 255.0) - of)
-                .collect();
+            let off: Vec<f64> = lights.map(|level| light(f64::from(level) / 255.0) - of).collect();
             let mean = off.iter().sum::<f64>() / off.len() as f64;
             let variance = off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64;
             // the rounding of levels adds a twelfth of their distance squared
             let level = light(f64::from(grey + 1) / 255.0) - of;
             let expected = noise[0] * of + noise[1] * noise[1] + level * level / 12.0;
             assert!(mean.abs() < 0.03 * expected.sqrt(), "{grey}: {mean}");
-            assert!(
-                (variance / expected - 1.0).abs() < 0.03,
-                "{grey}: {variance} {expected}"
-            );
+            assert!((variance / expected - 1.0).abs() < 0.03, "{grey}: {variance} {expected}");
         }
     }
 
@@ -196,12 +176,7 @@ mod tests {
         let rng = &mut ChaCha8Rng::seed_from_u64(1000);
         let numbers: Vec<f64> = (0..100_000).map(|_| f64::from(normal(rng))).collect();
         let mean = |power: i32| numbers.iter().map(|n| n.powi(power)).sum::<f64>() / 1e5;
-        assert!(
-            mean(1).abs() < 0.01 && mean(3).abs() < 0.03,
-            "{} {}",
-            mean(1),
-            mean(3)
-        );
+        assert!(mean(1).abs() < 0.01 && mean(3).abs() < 0.03, "{} {}", mean(1), mean(3));
         assert!((mean(2) - 1.0).abs() < 0.01, "{}", mean(2));
         // 3 for a normal distribution; four uniform ones have 3 - 1.2 / 4
         assert!((mean(4) - 2.7).abs() < 0.05, "{}", mean(4));

@@ -48,10 +48,7 @@ impl SimulatedCamera {
     ) -> Result<Self, InpaintingError> {
         truth.check()?;
         imperfections.check()?;
-        let bent = Calibration {
-            distortion: truth.distortion + imperfections.distortion,
-            ..truth
-        };
+        let bent = Calibration { distortion: truth.distortion + imperfections.distortion, ..truth };
         let (ideal, lens) = lens(&bent)?;
         let Intrinsics { width, height, .. } = truth.intrinsics;
         let calibration = Calibration {
@@ -118,12 +115,7 @@ fn lens(bent: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
     let places = places(bent)?;
     let ideal = pinhole(bent, &places);
     ideal.check()?;
-    let Intrinsics {
-        width,
-        focal,
-        centre,
-        ..
-    } = ideal.intrinsics;
+    let Intrinsics { width, focal, centre, .. } = ideal.intrinsics;
     let pixel = |place: [f64; 2]| [0, 1].map(|axis| centre[axis] + focal[axis] * place[axis]);
     let places = places.into_iter().map(|place| Some(pixel(place)));
     let warp = Warp::new([width; 2], places)?;
@@ -150,12 +142,7 @@ fn pinhole(bent: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
     let half = (reach + BORDER).ceil();
     let side = 2 * half as usize;
     PinholeCamera {
-        intrinsics: Intrinsics {
-            width: side,
-            height: side,
-            focal: [focal; 2],
-            centre: [half; 2],
-        },
+        intrinsics: Intrinsics { width: side, height: side, focal: [focal; 2], centre: [half; 2] },
         extrinsics: bent.extrinsics,
     }
 }
@@ -169,10 +156,7 @@ fn misjudged(
     let (axis, way) = (direction(rng), direction(rng));
     let position: DVec3 = truth.position() + imperfections.position_error * way;
     let rotation = DMat3::from_axis_angle(axis, imperfections.angle_error) * truth.rotation;
-    Extrinsics {
-        rotation,
-        translation: -(rotation * position),
-    }
+    Extrinsics { rotation, translation: -(rotation * position) }
 }
 
 #[cfg(test)]
@@ -205,9 +189,7 @@ mod tests {
 
     /// A picture of the ideal camera in which every pixel differs from its neighbours.
     fn scene(camera: &SimulatedCamera) -> Vec<u8> {
-        (0..3 * camera.ideal().pixels())
-            .map(|i| (60 + i * 37 % 120) as u8)
-            .collect()
+        (0..3 * camera.ideal().pixels()).map(|i| (60 + i * 37 % 120) as u8).collect()
     }
 
     fn shot(camera: &mut SimulatedCamera, scene: &[u8]) -> Vec<u8> {
@@ -220,10 +202,7 @@ mod tests {
     fn without_imperfections_a_picture_is_a_part_of_the_ideal_one_to_the_bit() {
         let mut camera = SimulatedCamera::new(
             Calibration {
-                intrinsics: Intrinsics {
-                    centre: [31.0, 24.0],
-                    ..small().intrinsics
-                },
+                intrinsics: Intrinsics { centre: [31.0, 24.0], ..small().intrinsics },
                 ..small()
             },
             Imperfections::OFF,
@@ -242,11 +221,8 @@ mod tests {
 
     #[test]
     fn calibrations_are_wrong_by_as_much_as_they_should_be() {
-        let imperfections = Imperfections {
-            position_error: 0.01,
-            angle_error: 0.02,
-            ..Imperfections::OFF
-        };
+        let imperfections =
+            Imperfections { position_error: 0.01, angle_error: 0.02, ..Imperfections::OFF };
         for seed in 1000..1010 {
             let camera = SimulatedCamera::new(small(), imperfections, rng(seed)).unwrap();
             let (known, truth) = (camera.calibration(), small());
@@ -264,14 +240,8 @@ mod tests {
     /// A dot of the ideal picture shows where the lens bends it to.
     #[test]
     fn the_lens_bends_what_is_seen() {
-        let distortion = Distortion {
-            radial: [0.3, 0.0],
-            tangential: [0.0, 0.02],
-        };
-        let mut camera = made(Imperfections {
-            distortion,
-            ..Imperfections::OFF
-        });
+        let distortion = Distortion { radial: [0.3, 0.0], tangential: [0.0, 0.02] };
+        let mut camera = made(Imperfections { distortion, ..Imperfections::OFF });
         let side = camera.ideal().intrinsics.width;
         let (column, row) = (side / 2 + 20, side / 2 - 14);
         let mut scene = vec![0; 3 * side * side];
@@ -292,10 +262,7 @@ mod tests {
             let expected = 61.5 * bent[axis] + centre;
             assert!((found - expected).abs() < 0.3, "{axis}: {found} {expected}");
             let unbent = [21.0, -13.0][axis] + centre;
-            assert!(
-                (expected - unbent).abs() > 0.5,
-                "{axis}: too little to be seen"
-            );
+            assert!((expected - unbent).abs() > 0.5, "{axis}: too little to be seen");
         }
     }
 
@@ -307,16 +274,11 @@ mod tests {
         let mut out = vec![0; 3 * 64 * 48];
         camera.shoot(&[&black, &white], 0.0, &mut out).unwrap();
         assert!(out.iter().all(|&level| level == 188), "half of the light");
-        let mut drifting = made(Imperfections {
-            exposure_drift: 0.1,
-            ..Imperfections::OFF
-        });
+        let mut drifting = made(Imperfections { exposure_drift: 0.1, ..Imperfections::OFF });
         let grey = vec![120; white.len()];
         let mut levels: Vec<u8> = Vec::new();
         for second in 0..20 {
-            drifting
-                .shoot(&[&grey], f64::from(second), &mut out)
-                .unwrap();
+            drifting.shoot(&[&grey], f64::from(second), &mut out).unwrap();
             assert!(out.iter().all(|level| *level == out[0]));
             levels.push(out[0]);
         }
@@ -345,14 +307,8 @@ mod tests {
         let message = camera.shoot(&[], 0.0, &mut out).unwrap_err().to_string();
         assert!(message.contains("at least one"), "{message}");
         let wide = Calibration {
-            intrinsics: Intrinsics {
-                focal: [20.0; 2],
-                ..small().intrinsics
-            },
-            distortion: Distortion {
-                radial: [-0.4, 0.0],
-                ..Distortion::NONE
-            },
+            intrinsics: Intrinsics { focal: [20.0; 2], ..small().intrinsics },
+            distortion: Distortion { radial: [-0.4, 0.0], ..Distortion::NONE },
             ..small()
         };
         let refused = SimulatedCamera::new(wide, Imperfections::OFF, rng(1000));

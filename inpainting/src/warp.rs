@@ -38,25 +38,11 @@ impl Warp {
             let (left, right) = split(column, width)?;
             let (above, below) = split(row, height)?;
             let pixel = (above * width + left) as u32;
-            Some(Tap {
-                pixel,
-                right,
-                below,
-            })
+            Some(Tap { pixel, right, below })
         };
-        let tap = |place| {
-            tap(place).ok_or(InpaintingError::OutOfSight {
-                place,
-                width,
-                height,
-            })
-        };
+        let tap = |place| tap(place).ok_or(InpaintingError::OutOfSight { place, width, height });
         let taps = places.map(tap).collect::<Result<_, _>>()?;
-        Ok(Self {
-            taps,
-            width,
-            height,
-        })
+        Ok(Self { taps, width, height })
     }
 
     /// Fills `to`, of as many pixels as there were places.
@@ -89,10 +75,7 @@ fn split(place: f64, count: usize) -> Option<(usize, u16)> {
     let shown = from_first >= -ROUNDING && from_first <= last + ROUNDING;
     let from_first = shown.then_some(from_first.clamp(0.0, last))?;
     let pixel = from_first.min(last - 1.0).floor();
-    Some((
-        pixel as usize,
-        ((from_first - pixel) * PARTS).round() as u16,
-    ))
+    Some((pixel as usize, ((from_first - pixel) * PARTS).round() as u16))
 }
 
 #[cfg(test)]
@@ -136,15 +119,8 @@ mod tests {
 
     #[test]
     fn places_outside_of_the_picture_and_wrong_lengths_are_refused() {
-        for place in [
-            Some([0.4, 2.0]),
-            Some([2.0, 3.6]),
-            Some([f64::NAN; 2]),
-            None,
-        ] {
-            let message = Warp::new(SIZE, [place].into_iter())
-                .unwrap_err()
-                .to_string();
+        for place in [Some([0.4, 2.0]), Some([2.0, 3.6]), Some([f64::NAN; 2]), None] {
+            let message = Warp::new(SIZE, [place].into_iter()).unwrap_err().to_string();
             assert!(message.contains("5 x 4"), "{message}");
         }
         let warp = Warp::new(SIZE, middles().map(Some)).unwrap();

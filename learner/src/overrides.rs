@@ -32,9 +32,7 @@ impl FromStr for Override {
     fn from_str(text: &str) -> Result<Self, LearnerError> {
         let (path, value) = text
             .split_once('=')
-            .ok_or_else(|| LearnerError::NotAnOverride {
-                text: text.to_owned(),
-            })?;
+            .ok_or_else(|| LearnerError::NotAnOverride { text: text.to_owned() })?;
         let word = || Value::String(value.to_owned());
         Ok(Self {
             path: path.trim().to_owned(),
@@ -85,10 +83,7 @@ pub fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<(), Lea
     if differences.is_empty() {
         return Ok(());
     }
-    Err(LearnerError::OtherSettings {
-        path: path.to_owned(),
-        differences,
-    })
+    Err(LearnerError::OtherSettings { path: path.to_owned(), differences })
 }
 
 /// The fields in which two values differ, each with the value in one and in the other.
@@ -100,10 +95,7 @@ pub fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, LearnerEr
 
 fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) {
     let (ours, theirs) = (children(one), children(other));
-    let same_names = ours
-        .iter()
-        .map(|(name, _)| name)
-        .eq(theirs.iter().map(|(name, _)| name));
+    let same_names = ours.iter().map(|(name, _)| name).eq(theirs.iter().map(|(name, _)| name));
     if !ours.is_empty() && same_names {
         for ((name, a), (_, b)) in ours.iter().zip(&theirs) {
             compare(a, b, &join(path, name), differing);
@@ -181,10 +173,8 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);
     all.sort_by_key(|path| path.starts_with(LEARNER));
-    let all: Vec<&str> = all
-        .iter()
-        .map(|path| path.strip_prefix("learner.").unwrap_or(path))
-        .collect();
+    let all: Vec<&str> =
+        all.iter().map(|path| path.strip_prefix("learner.").unwrap_or(path)).collect();
     let ending = format!(".{wanted}");
     // the learner's come last, and are the likelier ones
     let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
@@ -235,11 +225,7 @@ fn children(tree: &Value) -> Vec<(String, &Value)> {
 }
 
 fn join(path: &str, name: &str) -> String {
-    if path.is_empty() {
-        name.to_owned()
-    } else {
-        format!("{path}.{name}")
-    }
+    if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") }
 }
 
 #[cfg(test)]
@@ -249,17 +235,9 @@ mod tests {
     #[test]
     fn the_nearest_name_is_that_of_the_fewest_edits_and_the_first_of_equals() {
         let names = ["seed", "speed", "gamma", "gala", "längen"];
-        for wanted in [
-            "sed", "seeds", "gam", "gamme", "laengen", "länge", "speeed", "g",
-        ] {
-            let slow = names
-                .iter()
-                .min_by_key(|name| strsim::osa_distance(name, wanted));
-            assert_eq!(
-                nearest(names.into_iter(), wanted),
-                slow.copied(),
-                "{wanted}"
-            );
+        for wanted in ["sed", "seeds", "gam", "gamme", "laengen", "länge", "speeed", "g"] {
+            let slow = names.iter().min_by_key(|name| strsim::osa_distance(name, wanted));
+            assert_eq!(nearest(names.into_iter(), wanted), slow.copied(), "{wanted}");
         }
         for wanted in ["nothing of that", &"seed".repeat(100)] {
             assert_eq!(nearest(names.into_iter(), wanted), None, "{wanted}");

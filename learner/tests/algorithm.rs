@@ -14,11 +14,7 @@ use crate::bars::{Bars, HORIZON, network, number};
 fn settings() -> CoversSettings {
     CoversSettings {
         network: network(Critic::Pooled { width: 8 }),
-        ppo: PpoSettings {
-            epochs: 1,
-            minibatch: 20,
-            ..PpoSettings::default()
-        },
+        ppo: PpoSettings { epochs: 1, minibatch: 20, ..PpoSettings::default() },
         first_frames: 2,
         rollout_steps: 100,
         ..CoversSettings::default()
@@ -45,10 +41,7 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
     let policies: Vec<usize> = assigned.iter().map(|report| report.policy).collect();
     assert_eq!(policies, [0, 0, 1, 1, 0, 1, 0, 0]);
     let created: Vec<bool> = assigned.iter().map(|report| report.created).collect();
-    assert_eq!(
-        created,
-        [false, false, true, false, false, false, false, false]
-    );
+    assert_eq!(created, [false, false, true, false, false, false, false, false]);
     assert_eq!(covers.policies(), 2);
     // the first rollout has nothing to be compared with; a rollout that changes hands is collected
     // twice, and a policy is opened after a second look
@@ -173,11 +166,7 @@ fn a_buffer_grows_up_to_its_bound_or_without() {
     assert!(bounded == Some(30) && shown >= 60);
     let (unbounded, shown) = grown(None);
     assert_eq!(unbounded, Some(shown));
-    assert_eq!(
-        after(settings(), &[0]).0.buffered_episodes(1),
-        None,
-        "there is one policy"
-    );
+    assert_eq!(after(settings(), &[0]).0.buffered_episodes(1), None, "there is one policy");
 }
 
 #[test]
@@ -236,10 +225,7 @@ struct Scripted {
 impl Scripted {
     fn new(decisions: &[Decision]) -> Box<Self> {
         let decisions = decisions.to_vec();
-        Box::new(Self {
-            decisions,
-            asked: 0,
-        })
+        Box::new(Self { decisions, asked: 0 })
     }
 }
 
@@ -318,20 +304,14 @@ fn rollouts_that_end_before_an_episode_does_are_refused() {
     env.spec.num_envs = 50;
     env.limited = true;
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    assert_refused(
-        covers.learn(&mut env),
-        "rollouts of 2 steps end before an episode of 5",
-    );
+    assert_refused(covers.learn(&mut env), "rollouts of 2 steps end before an episode of 5");
 }
 
 #[test]
 fn a_turn_logs_the_same_names_whatever_happens() {
     let (_, turns) = after(settings(), &[0, 1, 0]);
     let names = |turn: &Iteration| -> Vec<String> {
-        turn.metrics
-            .iter()
-            .map(|(name, _)| name.to_owned())
-            .collect()
+        turn.metrics.iter().map(|(name, _)| name.to_owned()).collect()
     };
     assert!(names(&turns[0]).contains(&"distances".to_owned()));
     for turn in &turns {
@@ -364,9 +344,7 @@ fn a_saved_learner_goes_on_alike() {
 }
 
 fn evident() -> CoversSettings {
-    with(settings(), |s| {
-        s.grouping = GroupingSettings::Evidence(Default::default())
-    })
+    with(settings(), |s| s.grouping = GroupingSettings::Evidence(Default::default()))
 }
 
 #[test]
@@ -384,10 +362,7 @@ fn evidence_that_no_policy_owns_opens_policies_and_recalls_them() {
     assert_eq!(policies, expected);
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     env.group = 0;
-    assert_eq!(
-        covers.recognise(&mut env, None, &mut rng).unwrap().policy,
-        0
-    );
+    assert_eq!(covers.recognise(&mut env, None, &mut rng).unwrap().policy, 0);
 }
 
 #[test]
@@ -402,10 +377,7 @@ fn evidence_is_saved_and_goes_on_to_the_same_bits() {
     covers.save(&path, Extent::Everything, "").unwrap();
     let (mut again, _) = Covers::load(&path, env.spec()).unwrap();
     let mut same = env.clone();
-    let (one, other) = (
-        covers.learn(&mut env).unwrap(),
-        again.learn(&mut same).unwrap(),
-    );
+    let (one, other) = (covers.learn(&mut env).unwrap(), again.learn(&mut same).unwrap());
     assert_eq!(one.evidence, other.evidence);
     assert_eq!((one.policy, one.rollout), (other.policy, other.rollout));
     std::fs::remove_file(&path).unwrap();

@@ -66,10 +66,7 @@ fn a_goal_that_is_shown_is_learnt() {
 #[test]
 fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
     let context = Some(ContextSettings { size: 8, length: 2 });
-    let remembering = OffPolicySettings {
-        context,
-        ..toy(OffPolicySettings::three_rl())
-    };
+    let remembering = OffPolicySettings { context, ..toy(OffPolicySettings::three_rl()) };
     let remembering = learned(remembering, false, 40);
     let forgetful = learned(toy(OffPolicySettings::clear()), false, 40);
     assert!(remembering > 5.0, "remembering {remembering}");
@@ -101,10 +98,7 @@ fn sorting() -> OffPolicySettings {
 #[test]
 fn every_group_has_a_policy_and_a_replay_and_no_decision_is_thrown_away() {
     let mut env = Bars::new();
-    let settings = OffPolicySettings {
-        capacity: 1000,
-        ..sorting()
-    };
+    let settings = OffPolicySettings { capacity: 1000, ..sorting() };
     let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
     let turns = env.teach(&mut learner, &[0, 0, 1, 1, 0]);
     let each = |figure: fn(&Iteration) -> usize| turns.iter().map(figure).collect::<Vec<_>>();
@@ -134,10 +128,7 @@ fn a_saved_learner_goes_on_alike() {
         env.teach(&mut learner, &[0, 1, 0]);
         learner.save(&path, Extent::Everything, "a note").unwrap();
         let (mut twin, note) = OffPolicy::load(&path, env.spec()).unwrap();
-        assert_eq!(
-            (note.as_str(), twin.policies()),
-            ("a note", learner.policies())
-        );
+        assert_eq!((note.as_str(), twin.policies()), ("a note", learner.policies()));
         let mut twin_env = env.clone();
         let turns = env.teach(&mut learner, &[0, 1, 1]);
         let again = twin_env.teach(&mut twin, &[0, 1, 1]);
@@ -153,10 +144,7 @@ fn a_saved_learner_goes_on_alike() {
 #[test]
 fn learners_from_vectors_or_pictures_alone_go_on_alike() {
     let path = std::env::temp_dir().join(format!("covers-half-blind-{}", std::process::id()));
-    let settings = OffPolicySettings {
-        grouping: GroupingSettings::Single,
-        ..sorting()
-    };
+    let settings = OffPolicySettings { grouping: GroupingSettings::Single, ..sorting() };
     for mut env in Bars::half_blind() {
         let mut learner = OffPolicy::new(settings.clone(), env.spec()).unwrap();
         env.teach(&mut learner, &[0, 1]);

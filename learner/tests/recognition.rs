@@ -16,11 +16,7 @@ fn settings(grouping: GroupingSettings) -> CoversSettings {
             actor_fields: 4,
             ..NetworkSettings::default()
         },
-        ppo: PpoSettings {
-            epochs: 1,
-            minibatch: 20,
-            ..PpoSettings::default()
-        },
+        ppo: PpoSettings { epochs: 1, minibatch: 20, ..PpoSettings::default() },
         grouping,
         rollout_steps: 100,
         ..CoversSettings::default()

@@ -45,10 +45,7 @@ struct Script {
 
 impl Grouping for Script {
     fn needs(&self) -> Needs {
-        Needs {
-            episodes: self.needs.max(1),
-            whole_episodes: self.whole_episodes,
-        }
+        Needs { episodes: self.needs.max(1), whole_episodes: self.whole_episodes }
     }
 
     fn assign(
@@ -69,17 +66,12 @@ impl Grouping for Script {
                 *self.kept.lock().unwrap() = kept.collect();
                 GroupingDecision {
                     cut: self.cuts[0].then_some(self.cut_at),
-                    ..said(if self.doubts {
-                        Decision::Undecided
-                    } else {
-                        decision
-                    })
+                    ..said(if self.doubts { Decision::Undecided } else { decision })
                 }
             }
-            Query::TwoRollouts => GroupingDecision {
-                cut: self.cuts[1].then_some(self.cut_at),
-                ..said(decision)
-            },
+            Query::TwoRollouts => {
+                GroupingDecision { cut: self.cuts[1].then_some(self.cut_at), ..said(decision) }
+            }
             Query::Trial(earlier) => {
                 let mut rejected = earlier.rejected.clone();
                 assert!(!rejected.contains(&collector), "{collector} was rejected");
@@ -88,11 +80,7 @@ impl Grouping for Script {
                 GroupingDecision {
                     cut: earlier.cut,
                     rejected,
-                    ..said(if stays {
-                        Decision::Existing(collector)
-                    } else {
-                        Decision::New
-                    })
+                    ..said(if stays { Decision::Existing(collector) } else { Decision::New })
                 }
             }
             Query::Recognition => panic!("nothing is recognised"),
@@ -102,9 +90,7 @@ impl Grouping for Script {
     fn learn(&mut self, lesson: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         let mut learned = Learned::default();
         match lesson {
-            Lesson::Rollout {
-                policy, episodes, ..
-            } => {
+            Lesson::Rollout { policy, episodes, .. } => {
                 self.turns += 1;
                 self.courses.lock().unwrap().push(episodes.courses.len());
                 let twins = self.twins.filter(|&(_, gone)| policy == gone);
@@ -135,10 +121,7 @@ fn said(decision: Decision, is_provisional: bool) -> GroupingDecision {
         judgement: Judgement::Threshold { limit: 0.0 },
         verdict: Verdict::Refused,
     };
-    let assignment = Assignment {
-        decision,
-        evidence: vec![against; 2],
-    };
+    let assignment = Assignment { decision, evidence: vec![against; 2] };
     GroupingDecision {
         trial: Trial::Episodes,
         provisional: is_provisional && matches!(decision, Decision::Existing(_)),
@@ -161,11 +144,7 @@ fn learner_of(rollout_steps: usize, script: Script) -> (Bars, Covers) {
     let env = bars();
     let settings = CoversSettings {
         network: network(Critic::Pooled { width: 8 }),
-        ppo: PpoSettings {
-            epochs: 1,
-            minibatch: 20,
-            ..PpoSettings::default()
-        },
+        ppo: PpoSettings { epochs: 1, minibatch: 20, ..PpoSettings::default() },
         rollout_steps,
         ..CoversSettings::default()
     };
@@ -179,10 +158,7 @@ fn off_policy(script: Script) -> (Bars, OffPolicy) {
     let method = OffPolicySettings::equi_sac();
     let settings = OffPolicySettings {
         network: network(Critic::Joint { fields: 4 }),
-        sac: SacSettings {
-            burn_in: 1000,
-            ..method.sac
-        },
+        sac: SacSettings { burn_in: 1000, ..method.sac },
         still_channels: 0,
         rollout_steps: 100,
         ..method
@@ -206,15 +182,9 @@ fn a_policy_that_is_refused_when_it_is_heard_costs_one_round() {
         ..Script::default()
     };
     let (mut env, mut covers) = learner(script(&[]));
-    assert_eq!(
-        turns(&mut covers, &mut env, 3),
-        [(0, 100), (1, 200), (0, 250)]
-    );
+    assert_eq!(turns(&mut covers, &mut env, 3), [(0, 100), (1, 200), (0, 250)]);
     let (mut env, mut covers) = learner(script(&[0]));
-    assert_eq!(
-        turns(&mut covers, &mut env, 3),
-        [(0, 100), (1, 200), (2, 250)]
-    );
+    assert_eq!(turns(&mut covers, &mut env, 3), [(0, 100), (1, 200), (2, 250)]);
 }
 
 /// Opens policy 1, which serves the group of policy 0.
@@ -234,10 +204,7 @@ fn of_twins_one_goes_on() {
     let expected = [(0, 100), (1, 300), (0, 100)];
     assert_eq!(turns(&mut covers, &mut env, 3), expected);
     // a rollout that lost its end says nothing of how long policies may be heard
-    let (mut env, mut covers) = learner(Script {
-        learns: Some(50),
-        ..twins()
-    });
+    let (mut env, mut covers) = learner(Script { learns: Some(50), ..twins() });
     assert_eq!(turns(&mut covers, &mut env, 3), expected);
 }
 
@@ -266,10 +233,7 @@ fn twins_are_looked_for_whatever_trains_them() {
 /// Ten environments show twenty episodes in two rounds, which must be less than a rollout.
 #[test]
 fn policies_are_heard_as_long_as_a_decision_takes_or_not_at_all() {
-    let script = Script {
-        needs: 20,
-        ..twins()
-    };
+    let script = Script { needs: 20, ..twins() };
     let (mut env, mut covers) = learner(script.clone());
     assert_eq!(turns(&mut covers, &mut env, 2), [(0, 100), (1, 200)]);
     let (mut env, mut covers) = learner_of(150, script);
@@ -279,10 +243,8 @@ fn policies_are_heard_as_long_as_a_decision_takes_or_not_at_all() {
 /// Decisions of three turns, and how many the replay holds that learnt, where the first policy goes
 /// on after another one was opened.
 fn held(script: Script) -> Vec<(usize, usize)> {
-    let (mut env, mut learner) = off_policy(Script {
-        decisions: vec![Decision::New, Decision::Existing(0)],
-        ..script
-    });
+    let (mut env, mut learner) =
+        off_policy(Script { decisions: vec![Decision::New, Decision::Existing(0)], ..script });
     let turns = (0..3).map(|_| learner.learn(&mut env).unwrap());
     let held = turns.map(|turn| (turn.decisions, number(&turn, "replay") as usize));
     held.collect()
@@ -291,12 +253,7 @@ fn held(script: Script) -> Vec<(usize, usize)> {
 /// A replay holds what its policy collected after a rollout of two groups, and nothing of that one.
 #[test]
 fn no_replay_takes_a_rollout_of_two_groups() {
-    let cut = |cuts| {
-        held(Script {
-            cuts,
-            ..Script::default()
-        })
-    };
+    let cut = |cuts| held(Script { cuts, ..Script::default() });
     assert_eq!(cut([false; 2]), [(100, 100), (100, 100), (100, 200)]);
     assert_eq!(cut([true; 2]), [(100, 100), (200, 100), (250, 200)]);
 }
@@ -304,13 +261,7 @@ fn no_replay_takes_a_rollout_of_two_groups() {
 /// A look at two rollouts leaves both for a replay, but the first of them if either look cuts it.
 #[test]
 fn no_replay_takes_what_either_look_cuts_off() {
-    let cut = |cuts| {
-        held(Script {
-            cuts,
-            doubts: true,
-            ..Script::default()
-        })
-    };
+    let cut = |cuts| held(Script { cuts, doubts: true, ..Script::default() });
     assert_eq!(cut([false; 2]), [(100, 100), (200, 200), (200, 300)]);
     assert_eq!(cut([true, false]), [(100, 100), (200, 100), (200, 200)]);
     assert_eq!(cut([false, true]), [(100, 100), (300, 100), (350, 200)]);
@@ -357,11 +308,7 @@ fn no_replay_of_one_that_stays_takes_what_is_cut_off() {
 #[test]
 fn who_is_named_against_the_looks_is_heard_where_rollouts_are_reused() {
     let heard = |refuses: &[usize]| {
-        held(Script {
-            is_provisional: true,
-            refuses: refuses.to_vec(),
-            ..Script::default()
-        })
+        held(Script { is_provisional: true, refuses: refuses.to_vec(), ..Script::default() })
     };
     assert_eq!(heard(&[]), [(100, 100), (100, 100), (250, 300)]);
     assert_eq!(heard(&[0]), [(100, 100), (100, 100), (250, 200)]);
@@ -371,11 +318,8 @@ fn who_is_named_against_the_looks_is_heard_where_rollouts_are_reused() {
 #[test]
 fn whole_episodes_are_collected_for_groupings_that_ask() {
     let shown = |whole_episodes| {
-        let script = Script {
-            decisions: vec![Decision::Existing(0)],
-            whole_episodes,
-            ..Script::default()
-        };
+        let script =
+            Script { decisions: vec![Decision::Existing(0)], whole_episodes, ..Script::default() };
         let courses = Arc::clone(&script.courses);
         let (mut env, mut covers) = learner(script);
         turns(&mut covers, &mut env, 2);
@@ -396,9 +340,7 @@ fn what_shows_another_group_is_not_learnt_from() {
             ..Script::default()
         });
         turns(&mut covers, &mut env, 2);
-        covers
-            .encode(Path::new("none"), Extent::Everything, "")
-            .unwrap()
+        covers.encode(Path::new("none"), Extent::Everything, "").unwrap()
     };
     assert_eq!(learnt(None), learnt(Some(100)));
     assert_ne!(learnt(None), learnt(Some(50)));

@@ -285,12 +285,7 @@ impl Data {
     }
 
     fn check_warnings(&mut self, time: f64) -> Result<(), SimError> {
-        if self
-            .as_raw()
-            .warning
-            .iter()
-            .all(|warning| warning.number == 0)
-        {
+        if self.as_raw().warning.iter().all(|warning| warning.number == 0) {
             return Ok(());
         }
         let divergence = self.divergence(time);
@@ -323,25 +318,13 @@ impl Data {
     fn overflow(&self, time: f64) -> Option<SimError> {
         let model = self.model.as_raw();
         let kinds = [
-            (
-                raw::mjWARN_CONTACTFULL,
-                "contacts",
-                model.nconmax,
-                "nconmax",
-            ),
+            (raw::mjWARN_CONTACTFULL, "contacts", model.nconmax, "nconmax"),
             (raw::mjWARN_CNSTRFULL, "constraints", model.njmax, "njmax"),
         ];
-        kinds
-            .into_iter()
-            .find_map(|(warning, what, limit, setting)| {
-                let raised = self.as_raw().warning[warning as usize].number > 0;
-                raised.then_some(SimError::Overflow {
-                    what,
-                    limit: limit as usize,
-                    setting,
-                    time,
-                })
-            })
+        kinds.into_iter().find_map(|(warning, what, limit, setting)| {
+            let raised = self.as_raw().warning[warning as usize].number > 0;
+            raised.then_some(SimError::Overflow { what, limit: limit as usize, setting, time })
+        })
     }
 
     pub(crate) fn clear_warnings(&mut self) {

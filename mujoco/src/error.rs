@@ -88,11 +88,7 @@ pub enum ModelError {
 }
 
 fn list(names: &[String]) -> String {
-    if names.is_empty() {
-        "(none)".into()
-    } else {
-        names.join(", ")
-    }
+    if names.is_empty() { "(none)".into() } else { names.join(", ") }
 }
 
 /// Why a simulation step, or a value handed to the simulation, was refused.
@@ -195,11 +191,7 @@ impl fmt::Display for Quantity {
 
 /// Refuses a slice whose length is not `expected`.
 pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
-    let error = SimError::Length {
-        what,
-        expected,
-        got,
-    };
+    let error = SimError::Length { what, expected, got };
     (got == expected).then_some(()).ok_or(error)
 }
 
@@ -207,11 +199,7 @@ pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Resul
 pub(crate) fn check_finite(what: Quantity, values: &[f64]) -> Result<(), SimError> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
-        Some(index) => Err(SimError::NotFinite {
-            what,
-            index,
-            value: values[index],
-        }),
+        Some(index) => Err(SimError::NotFinite { what, index, value: values[index] }),
     }
 }
 
@@ -384,8 +372,5 @@ pub enum ContextError {
 }
 
 fn attempts(tried: &[(Backend, ContextError)]) -> String {
-    tried
-        .iter()
-        .map(|(backend, reason)| format!("\n  {backend}: {reason}"))
-        .collect()
+    tried.iter().map(|(backend, reason)| format!("\n  {backend}: {reason}")).collect()
 }

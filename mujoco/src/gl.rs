@@ -112,10 +112,9 @@ impl GlContext {
 
     /// Makes this context the thread's current one, unless it is already.
     pub(crate) fn enter(&self) -> Result<Previous, RenderError> {
-        self.context.enter().map_err(|reason| RenderError::Current {
-            backend: self.backend,
-            reason,
-        })
+        self.context
+            .enter()
+            .map_err(|reason| RenderError::Current { backend: self.backend, reason })
     }
 
     /// The backend, and what stands behind it as OpenGL names it.
@@ -151,11 +150,7 @@ impl GlContext {
             return None;
         }
         // SAFETY: OpenGL's strings are NUL-terminated and static.
-        Some(
-            unsafe { CStr::from_ptr(text) }
-                .to_string_lossy()
-                .into_owned(),
-        )
+        Some(unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned())
     }
 }
 
@@ -191,12 +186,7 @@ mod tests {
             panic!("a library that does not exist gave a context");
         };
         let text = error.to_string();
-        for part in [
-            "EGL (surfaceless)",
-            "EGL (pixel buffer)",
-            "OSMesa",
-            "libNoSuchLibrary.so.1",
-        ] {
+        for part in ["EGL (surfaceless)", "EGL (pixel buffer)", "OSMesa", "libNoSuchLibrary.so.1"] {
             assert!(text.contains(part), "{part} is not in: {text}");
         }
         for package in ["libegl1", "libegl-mesa0", "libosmesa6"] {
@@ -209,10 +199,7 @@ mod tests {
         assert_eq!(parse_choice(""), Ok(Backend::ALL.as_slice()));
         assert_eq!(parse_choice("osmesa"), Ok([Backend::OsMesa].as_slice()));
         assert_eq!(parse_choice("egl").unwrap().len(), 2);
-        assert_eq!(
-            parse_choice("glx"),
-            Err(RenderError::UnknownBackend { got: "glx".into() })
-        );
+        assert_eq!(parse_choice("glx"), Err(RenderError::UnknownBackend { got: "glx".into() }));
     }
 
     #[test]

@@ -32,10 +32,7 @@ pub type MocapId = Id<Mocap>;
 
 impl<K> Id<K> {
     pub(crate) fn new(index: usize) -> Self {
-        Self {
-            index,
-            kind: PhantomData,
-        }
+        Self { index, kind: PhantomData }
     }
 
     /// Position in MuJoCo's arrays, from 0.
@@ -134,11 +131,7 @@ impl RendererId {
     /// An id that no other renderer has, of images of this size in pixels.
     pub(crate) fn next(width: usize, height: usize) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(0);
-        Self {
-            number: NEXT.fetch_add(1, Ordering::Relaxed),
-            width,
-            height,
-        }
+        Self { number: NEXT.fetch_add(1, Ordering::Relaxed), width, height }
     }
 }
 

@@ -63,11 +63,7 @@ extern "C" fn on_error(message: *const c_char) {
     // SAFETY: MuJoCo passes a NUL-terminated buffer that lives for the call.
     let text = unsafe { CStr::from_ptr(message) };
     // a closed stderr must not turn into a panic inside a C callback
-    let _ = writeln!(
-        std::io::stderr(),
-        "MuJoCo: fatal error: {}",
-        text.to_string_lossy()
-    );
+    let _ = writeln!(std::io::stderr(), "MuJoCo: fatal error: {}", text.to_string_lossy());
     process::abort();
 }
 
@@ -76,11 +72,7 @@ extern "C" fn on_error(message: *const c_char) {
 extern "C" fn on_warning(_message: *const c_char) {}
 
 fn check_version(header: i32, library: i32) -> Result<(), ModelError> {
-    if header == library {
-        Ok(())
-    } else {
-        Err(ModelError::VersionMismatch { header, library })
-    }
+    if header == library { Ok(()) } else { Err(ModelError::VersionMismatch { header, library }) }
 }
 
 #[cfg(test)]
@@ -95,21 +87,13 @@ mod tests {
 
     #[test]
     fn tests_run_beside_other_threads() {
-        std::thread::spawn(|| assert!(!is_only_thread()))
-            .join()
-            .unwrap();
+        std::thread::spawn(|| assert!(!is_only_thread())).join().unwrap();
     }
 
     #[test]
     fn another_library_is_an_error_naming_both() {
         let error = check_version(222, 237).unwrap_err();
-        assert_eq!(
-            error,
-            ModelError::VersionMismatch {
-                header: 222,
-                library: 237
-            }
-        );
+        assert_eq!(error, ModelError::VersionMismatch { header: 222, library: 237 });
         assert!(error.to_string().contains("222") && error.to_string().contains("237"));
     }
 }

@@ -15,10 +15,7 @@ pub(crate) fn check(main: &str, files: &[(&str, &[u8])]) -> Result<CString, Mode
     let c_main = path(main)?;
     if !files.iter().any(|(name, _)| *name == main) {
         let files = files.iter().map(|(name, _)| (*name).into()).collect();
-        return Err(ModelError::NoMainFile {
-            main: main.into(),
-            files,
-        });
+        return Err(ModelError::NoMainFile { main: main.into(), files });
     }
     check_references(main, files)?;
     Ok(c_main)
@@ -50,10 +47,7 @@ fn parse(main: &CStr, vfs: &Vfs) -> Result<(NonNull<raw::mjModel>, Option<String
     // SAFETY: NUL-terminated name, live file system, and a message buffer of the size given.
     let model = unsafe { raw::mj_loadXML(main.as_ptr(), vfs.as_ptr(), message.as_mut_ptr(), size) };
     // SAFETY: MuJoCo leaves a NUL-terminated text in the buffer, which began as all NUL.
-    let text = unsafe { CStr::from_ptr(message.as_ptr()) }
-        .to_string_lossy()
-        .trim()
-        .to_string();
+    let text = unsafe { CStr::from_ptr(message.as_ptr()) }.to_string_lossy().trim().to_string();
     match NonNull::new(model) {
         Some(raw) => Ok((raw, Some(text).filter(|text| !text.is_empty()))),
         None => Err(text),

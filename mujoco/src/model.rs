@@ -143,10 +143,9 @@ impl Model {
     pub fn mocap(&self, name: &str) -> Result<MocapId, ModelError> {
         let body = self.body(name)?;
         let index = self.mocap_index(body);
-        index.map(Id::new).ok_or_else(|| ModelError::NotMocap {
-            name: name.into(),
-            known: self.mocap_names(),
-        })
+        index
+            .map(Id::new)
+            .ok_or_else(|| ModelError::NotMocap { name: name.into(), known: self.mocap_names() })
     }
 
     /// Name of an object; `None` where the XML gives none.
@@ -218,14 +217,8 @@ impl Model {
         let kind = self.value(&GEOM_TYPE, geom);
         match kind.cast_unsigned() {
             raw::mjGEOM_SPHERE => Some(Shape::Sphere { radius: x }),
-            raw::mjGEOM_CAPSULE => Some(Shape::Capsule {
-                radius: x,
-                half_length: y,
-            }),
-            raw::mjGEOM_CYLINDER => Some(Shape::Cylinder {
-                radius: x,
-                half_length: y,
-            }),
+            raw::mjGEOM_CAPSULE => Some(Shape::Capsule { radius: x, half_length: y }),
+            raw::mjGEOM_CYLINDER => Some(Shape::Cylinder { radius: x, half_length: y }),
             raw::mjGEOM_BOX => Some(Shape::Box { half: [x, y, z] }),
             _ => None,
         }
@@ -249,10 +242,7 @@ impl Model {
 
     /// Collision masks of a geom: (contype, conaffinity); (0, 0) never collides.
     pub fn geom_collision_masks(&self, geom: GeomId) -> (i32, i32) {
-        (
-            self.value(&GEOM_CONTYPE, geom),
-            self.value(&GEOM_CONAFFINITY, geom),
-        )
+        (self.value(&GEOM_CONTYPE, geom), self.value(&GEOM_CONAFFINITY, geom))
     }
 
     /// The C struct, for reading what this crate has no method for, and for calls of MuJoCo's that
@@ -267,13 +257,11 @@ impl Model {
     }
 
     fn find<K: Named>(&self, name: &str) -> Result<Id<K>, ModelError> {
-        self.index_of::<K>(name)
-            .map(Id::new)
-            .ok_or_else(|| ModelError::UnknownName {
-                kind: K::NOUN,
-                name: name.into(),
-                known: self.names::<K>().map(Into::into).collect(),
-            })
+        self.index_of::<K>(name).map(Id::new).ok_or_else(|| ModelError::UnknownName {
+            kind: K::NOUN,
+            name: name.into(),
+            known: self.names::<K>().map(Into::into).collect(),
+        })
     }
 
     fn index_of<K: Named>(&self, name: &str) -> Option<usize> {
@@ -302,12 +290,9 @@ impl Model {
     }
 
     fn mocap_names(&self) -> Vec<String> {
-        let bodies = (0..self.nbody())
-            .map(Id::new)
-            .filter(|&body| self.mocap_index(body).is_some());
-        bodies
-            .filter_map(|body| self.name(body).map(Into::into))
-            .collect()
+        let bodies =
+            (0..self.nbody()).map(Id::new).filter(|&body| self.mocap_index(body).is_some());
+        bodies.filter_map(|body| self.name(body).map(Into::into)).collect()
     }
 
     fn rows<T, const N: usize>(&self, field: &Field<raw::mjModel, T, N>) -> &[[T; N]] {
@@ -330,10 +315,7 @@ impl Drop for Model {
 impl std::fmt::Debug for Model {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let mut debug = f.debug_struct("Model");
-        debug
-            .field("nq", &self.nq())
-            .field("nv", &self.nv())
-            .field("nu", &self.nu());
+        debug.field("nq", &self.nq()).field("nv", &self.nv()).field("nu", &self.nu());
         debug
             .field("nmocap", &self.nmocap())
             .field("nbody", &self.nbody())

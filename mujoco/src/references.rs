@@ -21,10 +21,8 @@ pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<()
     let missing: Vec<_> = references.files.iter().filter(is_missing).collect();
     let mut values = references.folders.iter().chain(&references.files);
     let outside = references.folders.iter().any(|folder| is_absolute(folder));
-    let mut nameless = references
-        .files
-        .iter()
-        .filter(|file| !file.is_empty() && plain(file).is_empty());
+    let mut nameless =
+        references.files.iter().filter(|file| !file.is_empty() && plain(file).is_empty());
     let mut absolute = missing.iter().copied().filter(|file| is_absolute(file));
     let refused = [
         (values.find(|value| value.contains('&')), ENTITY),
@@ -83,9 +81,7 @@ impl References {
         if let Some(at) = content.iter().position(is_control) {
             let line = content[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
             let byte = content[at];
-            return Err(format!(
-                "XML, line {line}: the control character {byte:#04x}"
-            ));
+            return Err(format!("XML, line {line}: the control character {byte:#04x}"));
         }
         let mut reader = Reader::from_reader(content);
         reader.config_mut().check_end_names = false;
@@ -151,10 +147,7 @@ mod tests {
 
     fn check(main: &str) -> Result<(), ModelError> {
         let obj = b"# file='/a' <mesh file='/tmp/cube.obj'/>\nv 0 0 0";
-        check_references(
-            "main.xml",
-            &[("main.xml", main.as_bytes()), ("Ball.obj", obj)],
-        )
+        check_references("main.xml", &[("main.xml", main.as_bytes()), ("Ball.obj", obj)])
     }
 
     fn assert_refused(result: Result<(), ModelError>, reason: &str) {
@@ -204,10 +197,7 @@ mod tests {
             ("<mesh name='a'\u{c}file='/tmp/cube.obj'/>", "0x0c"),
             ("<a <mesh file='/tmp/cube.obj'/>", "line 1"),
             ("< mesh file='/tmp/cube.obj'/>", "line 1"),
-            (
-                "<!DOCTYPE a [ > <mesh file='/tmp/cube.obj'/> ]>",
-                "a document type",
-            ),
+            ("<!DOCTYPE a [ > <mesh file='/tmp/cube.obj'/> ]>", "a document type"),
         ] {
             assert_refused(check(refused), reason);
         }
@@ -223,10 +213,7 @@ mod tests {
 
     #[test]
     fn character_references_in_paths_are_refused() {
-        for refused in [
-            "<mesh file='&#47;tmp/cube.obj'/>",
-            "<include file='a&#46;xml'/>",
-        ] {
+        for refused in ["<mesh file='&#47;tmp/cube.obj'/>", "<include file='a&#46;xml'/>"] {
             assert_refused(check(refused), "character reference");
         }
         assert_eq!(check("<body name='a&amp;b'/>"), Ok(()));
@@ -242,14 +229,8 @@ mod tests {
         assert_eq!(check(&start), Ok(()));
         assert_eq!(check(&[start[0], start[1], ("other.xml", bad)]), Ok(()));
         let deep = [b"<include file='deep.xml'/>".as_slice(), part].concat();
-        assert_refused(
-            check(&[start[0], ("part.xml", &deep), ("deep.xml", bad)]),
-            "absolute path",
-        );
+        assert_refused(check(&[start[0], ("part.xml", &deep), ("deep.xml", bad)]), "absolute path");
         // without the file that it includes
-        assert_refused(
-            check(&[start[0], start[1], ("Part.XML", good)]),
-            "absolute path",
-        );
+        assert_refused(check(&[start[0], start[1], ("Part.XML", good)]), "absolute path");
     }
 }

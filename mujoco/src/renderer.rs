@@ -109,11 +109,7 @@ impl Renderer {
     ) -> Result<Self, RenderError> {
         let sides = 1..=MAX_SIDE;
         if !sides.contains(&width) || !sides.contains(&height) {
-            return Err(RenderError::Size {
-                width,
-                height,
-                limit: MAX_SIDE,
-            });
+            return Err(RenderError::Size { width, height, limit: MAX_SIDE });
         }
         let (gl, previous) = GlContext::new(backends)?;
         let backend = gl.backend();
@@ -224,16 +220,10 @@ impl Renderer {
             return Err(RenderError::OtherModel);
         }
         if out.len() != self.image_len() {
-            return Err(RenderError::Buffer {
-                expected: self.image_len(),
-                got: out.len(),
-            });
+            return Err(RenderError::Buffer { expected: self.image_len(), got: out.len() });
         }
         if camera.index() >= cameras {
-            return Err(RenderError::UnknownCamera {
-                index: camera.index(),
-                count: cameras,
-            });
+            return Err(RenderError::UnknownCamera { index: camera.index(), count: cameras });
         }
         Ok(())
     }
@@ -261,21 +251,14 @@ impl Renderer {
         let full = &mut data.get_mut().warning[raw::mjWARN_VGEOMFULL as usize].number;
         match std::mem::take(full) {
             0 => self.reflect_scene(view.mirror),
-            _ => Err(RenderError::SceneFull {
-                limit: self.scene.maxgeom as usize,
-            }),
+            _ => Err(RenderError::SceneFull { limit: self.scene.maxgeom as usize }),
         }
     }
 
     /// Draws the scene and reads it back, bottom row first.
     fn draw(&mut self, out: &mut [u8], depth: Option<&mut [f32]>) {
         let (width, height) = (self.width as i32, self.height as i32);
-        let viewport = raw::mjrRect {
-            left: 0,
-            bottom: 0,
-            width,
-            height,
-        };
+        let viewport = raw::mjrRect { left: 0, bottom: 0, width, height };
         let depth = depth.map_or(std::ptr::null_mut(), <[f32]>::as_mut_ptr);
         // SAFETY: the context that `drawing` was made in is current; `out` and `depth` hold exactly
         // the viewport's pixels (checked by the callers); NULL asks for no depth.
@@ -302,19 +285,14 @@ impl Drop for Renderer {
 }
 
 fn restore(backend: Backend, previous: Previous) -> Result<(), RenderError> {
-    previous
-        .restore()
-        .map_err(|reason| RenderError::Restore { backend, reason })
+    previous.restore().map_err(|reason| RenderError::Restore { backend, reason })
 }
 
 fn check_opengl(during: &'static str) -> Result<(), RenderError> {
     // SAFETY: an OpenGL context is current and MuJoCo has loaded its functions.
     match unsafe { raw::mjr_getError() } {
         0 => Ok(()),
-        code => Err(RenderError::OpenGl {
-            code: code.cast_unsigned(),
-            during,
-        }),
+        code => Err(RenderError::OpenGl { code: code.cast_unsigned(), during }),
     }
 }
 
@@ -339,8 +317,7 @@ mod tests {
         let egl = unsafe { egl::DynamicInstance::<egl::EGL1_5>::load_required() }.unwrap();
         let (display, context) = (egl.get_current_display(), egl.get_current_context());
         let (mut other_data, mut other) = renderer();
-        egl.destroy_context(display.unwrap(), context.unwrap())
-            .unwrap();
+        egl.destroy_context(display.unwrap(), context.unwrap()).unwrap();
         let camera = data.model().camera("top").unwrap();
         let mut image = vec![0; lost.image_len()];
         let error = lost.render(&mut data, camera, &mut image).unwrap_err();

@@ -48,9 +48,7 @@ impl Data {
             self.rows(&QACC_WARMSTART).as_flattened(),
             self.rows(&CTRL).as_flattened(),
         ];
-        State {
-            values: parts.concat(),
-        }
+        State { values: parts.concat() }
     }
 
     /// Copies a saved state in, and sets applied forces to zero. Derived quantities are stale

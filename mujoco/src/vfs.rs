@@ -76,38 +76,26 @@ fn check_name(name: &str) -> Result<(), ModelError> {
         return Err(refused(name, "it has 1000 bytes or more"));
     }
     if name.contains(['/', '\\']) {
-        return Err(refused(
-            name,
-            "it holds a folder; files are found by their plain name",
-        ));
+        return Err(refused(name, "it holds a folder; files are found by their plain name"));
     }
     Ok(())
 }
 
 fn refused(name: &str, reason: &'static str) -> ModelError {
-    ModelError::FileName {
-        name: name.into(),
-        reason,
-    }
+    ModelError::FileName { name: name.into(), reason }
 }
 
 fn file_size(name: &str, content: &[u8]) -> Result<i32, ModelError> {
     match i32::try_from(content.len()) {
         Ok(size) if size > 0 => Ok(size),
-        _ => Err(ModelError::FileSize {
-            name: name.into(),
-            size: content.len(),
-        }),
+        _ => Err(ModelError::FileSize { name: name.into(), size: content.len() }),
     }
 }
 
 fn check_status(name: &str, status: i32) -> Result<(), ModelError> {
     match status {
         0 => Ok(()),
-        1 => Err(refused(
-            name,
-            "the virtual file system is full (2000 files)",
-        )),
+        1 => Err(refused(name, "the virtual file system is full (2000 files)")),
         _ => Err(refused(name, "another file of this name was given")),
     }
 }
@@ -131,19 +119,10 @@ mod tests {
         vfs.add("a.xml", b"one").unwrap();
         for (name, content) in [("a.xml", "x"), ("", "x"), ("f/a.xml", "x"), ("a\0b", "x")] {
             let error = vfs.add(name, content.as_bytes()).unwrap_err();
-            assert!(
-                matches!(error, ModelError::FileName { .. }),
-                "{name:?}: {error}"
-            );
+            assert!(matches!(error, ModelError::FileName { .. }), "{name:?}: {error}");
         }
         let error = vfs.add("empty.xml", b"").unwrap_err();
-        assert_eq!(
-            error,
-            ModelError::FileSize {
-                name: "empty.xml".into(),
-                size: 0
-            }
-        );
+        assert_eq!(error, ModelError::FileSize { name: "empty.xml".into(), size: 0 });
         let error = vfs.add(&"x".repeat(1000), b"x").unwrap_err();
         assert!(matches!(error, ModelError::FileName { .. }));
     }

@@ -73,10 +73,7 @@ fn a_backdrop_of_another_renderer_is_refused_whatever_its_size() {
         let mut other = renderer(data.model(), width, height);
         let mut out = vec![0; other.image_len()];
         let refused = other.render_over(&mut data, &mut backdrop, &mut out);
-        let expected = RenderError::OtherRenderer {
-            drawn_by: painter.id(),
-            used_by: other.id(),
-        };
+        let expected = RenderError::OtherRenderer { drawn_by: painter.id(), used_by: other.id() };
         assert_eq!(refused, Err(expected.clone()));
         let text = expected.to_string();
         assert!(text.contains("(8 x 4)"), "{text}");
@@ -100,9 +97,7 @@ fn a_backdrop_may_be_drawn_afresh_by_another_renderer() {
     let (_painter, mut backdrop) = drawn(&mut data, 8, 4);
     let mut other = renderer(data.model(), 4, 8);
     let camera = top(&data);
-    other
-        .draw_backdrop(&mut data, camera, &mut backdrop)
-        .unwrap();
+    other.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
     let out = over(&mut other, &mut data, &mut backdrop);
     assert_eq!(out, whole(&mut other, &mut data));
 }
@@ -158,11 +153,7 @@ fn what_an_error_has_spoilt_is_drawn_again() {
     let mut out = over(&mut renderer, &mut data, &mut backdrop);
     move_ball(&mut data, 0.3);
     let spoilt = Spoilt::new();
-    assert!(is_opengl_error(renderer.render_over(
-        &mut data,
-        &mut backdrop,
-        &mut out
-    )));
+    assert!(is_opengl_error(renderer.render_over(&mut data, &mut backdrop, &mut out)));
     drop(spoilt);
     // the ball has not moved since
     let out = over(&mut renderer, &mut data, &mut backdrop);
@@ -177,11 +168,7 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
     let (mut renderer, mut backdrop) = drawn(&mut data, 12, 8);
     let camera = top(&data);
     let spoilt = Spoilt::new();
-    assert!(is_opengl_error(renderer.draw_backdrop(
-        &mut data,
-        camera,
-        &mut backdrop
-    )));
+    assert!(is_opengl_error(renderer.draw_backdrop(&mut data, camera, &mut backdrop)));
     drop(spoilt);
     let mut out = vec![0; renderer.image_len()];
     let refused = renderer.render_over(&mut data, &mut backdrop, &mut out);

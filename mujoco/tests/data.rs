@@ -29,10 +29,7 @@ fn a_constant_force_accelerates() {
     assert!((data.time() - 0.02).abs() < 1e-12);
     assert!((data.qvel()[0] - 2.0 * 0.02).abs() < 1e-12);
     data.reset();
-    assert_eq!(
-        (data.time(), data.qvel()[0], data.ctrl()[0]),
-        (0.0, 0.0, 0.0)
-    );
+    assert_eq!((data.time(), data.qvel()[0], data.ctrl()[0]), (0.0, 0.0, 0.0));
 }
 
 #[test]
@@ -41,20 +38,11 @@ fn divergence_is_an_error_and_its_counters_are_cleared() {
     data.step(3).unwrap();
     data.qvel_mut()[0] = 1e11;
     let error = data.step(5).unwrap_err();
-    let SimError::Diverged {
-        what: Quantity::Qvel,
-        index: 0,
-        time,
-    } = error
-    else {
+    let SimError::Diverged { what: Quantity::Qvel, index: 0, time } = error else {
         panic!("{error}");
     };
     assert!((time - 0.006).abs() < 1e-12);
-    assert_eq!(
-        (data.time(), data.qvel()[0]),
-        (0.0, 0.0),
-        "the state is the initial one"
-    );
+    assert_eq!((data.time(), data.qvel()[0]), (0.0, 0.0), "the state is the initial one");
     data.step(5).unwrap();
 }
 
@@ -90,16 +78,7 @@ fn forward_tells_of_accelerations_that_are_not_finite() {
         "{error}"
     );
     let step = data.step(1).unwrap_err();
-    assert!(
-        matches!(
-            step,
-            SimError::Diverged {
-                what: Quantity::Qpos,
-                ..
-            }
-        ),
-        "{step}"
-    );
+    assert!(matches!(step, SimError::Diverged { what: Quantity::Qpos, .. }), "{step}");
     assert_eq!(data.forward(), Ok(()));
 }
 
@@ -119,20 +98,10 @@ fn controls_that_are_not_finite_are_refused() {
     data.set_ctrl(&[0.5]).unwrap();
     for value in [f64::NAN, f64::INFINITY] {
         let error = data.set_ctrl(&[value]).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            format!("ctrl[0] is {value}, which is not finite")
-        );
+        assert_eq!(error.to_string(), format!("ctrl[0] is {value}, which is not finite"));
     }
     let error = data.set_ctrl(&[0.0, 1.0]).unwrap_err();
-    assert_eq!(
-        error,
-        SimError::Length {
-            what: Quantity::Ctrl,
-            expected: 1,
-            got: 2
-        }
-    );
+    assert_eq!(error, SimError::Length { what: Quantity::Ctrl, expected: 1, got: 2 });
     assert_eq!(data.ctrl(), [0.5], "a refused control changes nothing");
 }
 
@@ -165,17 +134,10 @@ fn mocap_bodies_are_moved() {
     data.forward().unwrap();
     assert_eq!(data.body_position(body), [4.0, 5.0, 6.0]);
     assert_eq!(data.body_quat(body), [0.0, 1.0, 0.0, 0.0]);
-    assert!(
-        data.set_mocap_position(mocap, [0.0, f64::NAN, 0.0])
-            .is_err()
-    );
+    assert!(data.set_mocap_position(mocap, [0.0, f64::NAN, 0.0]).is_err());
     let zero = data.set_mocap_quat(mocap, [0.0; 4]);
     assert_eq!(zero, Err(SimError::ZeroQuaternion { value: [0.0; 4] }));
-    assert_eq!(
-        data.mocap_quat(mocap),
-        [0.0, 1.0, 0.0, 0.0],
-        "normalised by MuJoCo"
-    );
+    assert_eq!(data.mocap_quat(mocap), [0.0, 1.0, 0.0, 0.0], "normalised by MuJoCo");
 }
 
 const BALLS: &str = r#"<mujoco>SIZE<worldbody>
@@ -192,10 +154,7 @@ fn contacts_name_their_geoms() {
     assert_eq!(data.contact_count(), 2);
     let floor = data.model().geom("floor").unwrap();
     let right = data.model().geom("right").unwrap();
-    let touching = data
-        .contacts()
-        .find(|contact| contact.geoms.contains(&right))
-        .unwrap();
+    let touching = data.contacts().find(|contact| contact.geoms.contains(&right)).unwrap();
     assert_eq!(touching.geoms, [floor, right]);
     assert!((touching.distance + 0.01).abs() < 1e-12);
     assert!((touching.position[0] - 0.5).abs() < 1e-12);
@@ -205,17 +164,7 @@ fn contacts_name_their_geoms() {
 fn dropped_contacts_are_an_error() {
     let mut data = data(&BALLS.replace("SIZE", r#"<size nconmax="1"/>"#));
     let error = data.step(1).unwrap_err();
-    assert!(
-        matches!(
-            error,
-            SimError::Overflow {
-                what: "contacts",
-                limit: 1,
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, SimError::Overflow { what: "contacts", limit: 1, .. }), "{error}");
     assert!(error.to_string().contains("nconmax"), "{error}");
 }
 
@@ -245,13 +194,7 @@ fn what_the_wrapper_lacks_is_within_reach_of_the_c_library() {
     // SAFETY: model and data go together; the output holds 3 x nv numbers, NULL asks for none.
     unsafe {
         let (model, data) = (model.as_raw(), data.as_mut_ptr());
-        mujoco::raw::mj_jacBody(
-            model,
-            data,
-            jacobian.as_mut_ptr(),
-            std::ptr::null_mut(),
-            cart,
-        );
+        mujoco::raw::mj_jacBody(model, data, jacobian.as_mut_ptr(), std::ptr::null_mut(), cart);
         mujoco::raw::mj_energyPos(model, data);
     }
     assert_eq!(jacobian, [1.0, 0.0, 0.0]);

@@ -43,11 +43,7 @@ impl Program {
         let display = display.unwrap();
         egl.initialize(display).unwrap();
         let config = egl.choose_first_config(display, &CONFIG).unwrap().unwrap();
-        Self {
-            egl,
-            display,
-            config,
-        }
+        Self { egl, display, config }
     }
 
     fn context(&self, api: egl::Enum) -> Target {
@@ -61,15 +57,11 @@ impl Program {
 
     fn make_current(&self, (context, surface): Target) {
         let surface = Some(surface);
-        self.egl
-            .make_current(self.display, surface, surface, Some(context))
-            .unwrap();
+        self.egl.make_current(self.display, surface, surface, Some(context)).unwrap();
     }
 
     fn make_none_current(&self) {
-        self.egl
-            .make_current(self.display, None, None, None)
-            .unwrap();
+        self.egl.make_current(self.display, None, None, None).unwrap();
     }
 
     /// The current context with its surfaces for drawing and reading.
@@ -86,14 +78,7 @@ impl Program {
 
 fn renderer(model: &Arc<Model>) -> Renderer {
     let backends = [Backend::EglSurfaceless];
-    Renderer::with_backends(
-        Arc::clone(model),
-        12,
-        8,
-        RenderOptions::default(),
-        &backends,
-    )
-    .unwrap()
+    Renderer::with_backends(Arc::clone(model), 12, 8, RenderOptions::default(), &backends).unwrap()
 }
 
 #[test]
@@ -118,25 +103,15 @@ fn the_programs_context_is_current_again_after_every_call() {
         assert!(image.iter().any(|byte| *byte > 0));
 
         let (mut backdrop, mut over) = (Backdrop::default(), vec![0; image.len()]);
-        renderer
-            .draw_backdrop(&mut data, camera, &mut backdrop)
-            .unwrap();
+        renderer.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
         program.assert_current(target, "drawing a backdrop");
-        renderer
-            .render_over(&mut data, &mut backdrop, &mut over)
-            .unwrap();
+        renderer.render_over(&mut data, &mut backdrop, &mut over).unwrap();
         program.assert_current(target, "drawing over a backdrop");
         assert_eq!(over, image);
 
-        let mirror = Mirror {
-            columns: true,
-            rows: false,
-        };
+        let mirror = Mirror { columns: true, rows: false };
         let refused = renderer.render(&mut data, CameraView { camera, mirror }, &mut image);
-        assert!(matches!(
-            refused,
-            Err(RenderError::NotMirrorSymmetric { .. })
-        ));
+        assert!(matches!(refused, Err(RenderError::NotMirrorSymmetric { .. })));
         program.assert_current(target, "an error");
 
         drop(renderer);

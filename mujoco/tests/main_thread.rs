@@ -19,18 +19,11 @@ fn main() {
     }
     for (given, expected) in [(None, "0"), (Some("3"), "3")] {
         let mut child = Command::new(env::current_exe().unwrap());
-        child
-            .env(CHILD, "1")
-            .env_remove(THREADS)
-            .envs(given.map(|value| (THREADS, value)));
+        child.env(CHILD, "1").env_remove(THREADS).envs(given.map(|value| (THREADS, value)));
         let output = child.output().unwrap();
         assert!(output.status.success(), "{output:?}");
         assert_eq!(String::from_utf8_lossy(&output.stdout), expected);
-        assert_eq!(
-            String::from_utf8_lossy(&output.stderr),
-            "",
-            "OpenGL must not chatter"
-        );
+        assert_eq!(String::from_utf8_lossy(&output.stderr), "", "OpenGL must not chatter");
     }
 }
 

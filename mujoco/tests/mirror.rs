@@ -11,12 +11,8 @@ use mujoco::{Backdrop, CameraView, Data, Mirror, Model, RenderError, RenderOptio
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 80;
 const HEIGHT: usize = 64;
-const MIRRORS: [Mirror; 4] = [
-    mirror(false, false),
-    mirror(true, false),
-    mirror(false, true),
-    mirror(true, true),
-];
+const MIRRORS: [Mirror; 4] =
+    [mirror(false, false), mirror(true, false), mirror(false, true), mirror(true, true)];
 
 const fn mirror(columns: bool, rows: bool) -> Mirror {
     Mirror { columns, rows }
@@ -27,10 +23,8 @@ struct Numbers(u64);
 
 impl Numbers {
     fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 40) as f64 / (1_u64 << 24) as f64
     }
 
@@ -52,11 +46,8 @@ fn scene(seed: u64, mirror: Mirror) -> String {
             _ => (numbers.between(0.0, 6.0), numbers.between(0.0, 1.0)),
         };
         let axis = [f64::cos(turn), f64::sin(turn), 0.0];
-        let other = [
-            -f64::sin(turn) * f64::cos(tilt),
-            f64::cos(turn) * f64::cos(tilt),
-            f64::sin(tilt),
-        ];
+        let other =
+            [-f64::sin(turn) * f64::cos(tilt), f64::cos(turn) * f64::cos(tilt), f64::sin(tilt)];
         // the prop is its own mirror image across its x axis
         let sign = x * y;
         let [ax, ay, az] = [sign * x * axis[0], sign * y * axis[1], sign * axis[2]];
@@ -90,10 +81,7 @@ fn ready(xml: &str) -> (Data, Renderer) {
     let model = Arc::new(Model::from_xml(xml).unwrap());
     let mut data = Data::new(Arc::clone(&model));
     data.forward().unwrap();
-    (
-        data,
-        Renderer::new(model, WIDTH, HEIGHT, RenderOptions::default()).unwrap(),
-    )
+    (data, Renderer::new(model, WIDTH, HEIGHT, RenderOptions::default()).unwrap())
 }
 
 fn picture(
@@ -102,9 +90,7 @@ fn picture(
 ) -> Result<Vec<u8>, RenderError> {
     let camera = data.model().camera("top").unwrap();
     let mut image = vec![0; renderer.image_len()];
-    renderer
-        .render(data, CameraView { camera, mirror }, &mut image)
-        .map(|()| image)
+    renderer.render(data, CameraView { camera, mirror }, &mut image).map(|()| image)
 }
 
 fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
@@ -113,9 +99,7 @@ fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
         let row = at(mirror.rows, i / WIDTH, HEIGHT);
         row * WIDTH + at(mirror.columns, i % WIDTH, WIDTH)
     });
-    pixels
-        .flat_map(|pixel| image[3 * pixel..][..3].to_vec())
-        .collect()
+    pixels.flat_map(|pixel| image[3 * pixel..][..3].to_vec()).collect()
 }
 
 /// Pixels in which a channel differs by more than so many levels.
@@ -128,11 +112,8 @@ fn differing(a: &[u8], b: &[u8], levels: u8) -> usize {
 fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
     let mut inexact = 0;
     for seed in 0..60 {
-        let canonical = picture(
-            &mut ready(&scene(seed, Mirror::default())),
-            Mirror::default(),
-        )
-        .unwrap();
+        let canonical =
+            picture(&mut ready(&scene(seed, Mirror::default())), Mirror::default()).unwrap();
         for mirror in MIRRORS {
             let mut twin = ready(&scene(seed, mirror));
             let expected = mirrored(&canonical, mirror);
@@ -155,10 +136,7 @@ fn a_mirror_changes_nothing_but_edges() {
     for seed in 0..60 {
         let mut ready = ready(&scene(seed, Mirror::default()));
         let direct = picture(&mut ready, Mirror::default()).unwrap();
-        assert!(
-            differing(&direct, &vec![0; direct.len()], 0) > 100,
-            "scene {seed} is empty"
-        );
+        assert!(differing(&direct, &vec![0; direct.len()], 0) > 100, "scene {seed} is empty");
         for mirror in MIRRORS {
             let seen = picture(&mut ready, mirror).unwrap();
             let [edges, shades] = [24, 8].map(|levels| differing(&direct, &seen, levels));
@@ -176,20 +154,14 @@ fn a_backdrop_keeps_its_mirror() {
     let camera = data.model().camera("top").unwrap();
     for mirror in MIRRORS {
         let mut backdrop = Backdrop::default();
-        renderer
-            .draw_backdrop(&mut data, CameraView { camera, mirror }, &mut backdrop)
-            .unwrap();
+        renderer.draw_backdrop(&mut data, CameraView { camera, mirror }, &mut backdrop).unwrap();
         for height in [0.0, 0.2, 0.4] {
             data.qpos_mut()[0] = height;
             data.forward().unwrap();
             let (mut over, mut whole) =
                 (vec![0; renderer.image_len()], vec![0; renderer.image_len()]);
-            renderer
-                .render_over(&mut data, &mut backdrop, &mut over)
-                .unwrap();
-            renderer
-                .render(&mut data, CameraView { camera, mirror }, &mut whole)
-                .unwrap();
+            renderer.render_over(&mut data, &mut backdrop, &mut over).unwrap();
+            renderer.render(&mut data, CameraView { camera, mirror }, &mut whole).unwrap();
             assert!(over == whole, "{mirror:?} at {height}");
         }
     }
@@ -206,24 +178,10 @@ fn what_is_not_its_own_mirror_image_is_refused() {
     let direct = picture(&mut ready, MIRRORS[0]).unwrap();
     for mirror in [MIRRORS[1], MIRRORS[2]] {
         let refused = picture(&mut ready, mirror).unwrap_err();
-        assert_eq!(
-            refused,
-            RenderError::NotMirrorSymmetric {
-                what: "geom",
-                index: 0
-            }
-        );
-        assert!(
-            refused
-                .to_string()
-                .contains("geom 0 is not mirror-symmetric")
-        );
+        assert_eq!(refused, RenderError::NotMirrorSymmetric { what: "geom", index: 0 });
+        assert!(refused.to_string().contains("geom 0 is not mirror-symmetric"));
     }
     let turned = picture(&mut ready, MIRRORS[3]).unwrap();
     assert!(differing(&direct, &vec![0; direct.len()], 0) > 100);
-    assert!(
-        differing(&direct, &turned, 0) <= 8,
-        "{}",
-        differing(&direct, &turned, 0)
-    );
+    assert!(differing(&direct, &turned, 0) <= 8, "{}", differing(&direct, &turned, 0));
 }

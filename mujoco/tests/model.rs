@@ -20,26 +20,14 @@ const ARM: &str = r#"<mujoco>
 #[test]
 fn sizes_and_readers() {
     let model = Model::from_xml(ARM).unwrap();
-    assert_eq!(
-        (model.nq(), model.nv(), model.nu(), model.nmocap()),
-        (2, 2, 1, 1)
-    );
+    assert_eq!((model.nq(), model.nv(), model.nu(), model.nmocap()), (2, 2, 1, 1));
     assert_eq!((model.nbody(), model.ngeom()), (4, 2));
     assert_eq!(model.timestep(), 0.0025);
     let (lift, turn) = (model.joint("lift").unwrap(), model.joint("turn").unwrap());
-    assert_eq!(
-        (
-            model.joint_qpos_address(turn),
-            model.joint_dof_address(turn)
-        ),
-        (1, 1)
-    );
+    assert_eq!((model.joint_qpos_address(turn), model.joint_dof_address(turn)), (1, 1));
     assert_eq!(model.joint_range(lift), Some([-1.0, 2.0]));
     assert_eq!(model.joint_range(turn), None);
-    assert_eq!(
-        model.ctrl_range(model.actuator("drive").unwrap()),
-        Some([-3.0, 4.0])
-    );
+    assert_eq!(model.ctrl_range(model.actuator("drive").unwrap()), Some([-3.0, 4.0]));
     let block = model.geom("block").unwrap();
     assert_eq!(model.geom_group(block), 3);
     assert_eq!(model.geom_rgba(block), [0.25, 0.5, 0.75, 1.0]);
@@ -79,19 +67,10 @@ fn an_unknown_name_lists_the_known_ones() {
     );
     // the second geom has no name: it is neither listed nor found
     let error = model.geom("").unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "the model has no geom named ``; known: block"
-    );
+    assert_eq!(error.to_string(), "the model has no geom named ``; known: block");
     assert!(model.joint("li\0ft").is_err());
     let error = model.mocap("tip").unwrap_err();
-    assert_eq!(
-        error,
-        ModelError::NotMocap {
-            name: "tip".into(),
-            known: vec!["target".into()]
-        }
-    );
+    assert_eq!(error, ModelError::NotMocap { name: "tip".into(), known: vec!["target".into()] });
 }
 
 #[test]
@@ -127,10 +106,7 @@ fn bad_xml_carries_mujocos_message() {
         panic!("{error}");
     };
     assert_eq!(file, "model.xml");
-    assert!(
-        message.contains("bdy") && message.contains("line"),
-        "{message}"
-    );
+    assert!(message.contains("bdy") && message.contains("line"), "{message}");
 }
 
 #[test]
@@ -146,10 +122,7 @@ fn errors_of_the_compiler_and_the_engine_are_values() {
 #[test]
 fn the_main_file_must_be_given() {
     let error = Model::from_files("main.xml", &[("part.xml", b"<mujoco/>")]).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "main file `main.xml` is not among the files given: part.xml"
-    );
+    assert_eq!(error.to_string(), "main file `main.xml` is not among the files given: part.xml");
 }
 
 #[test]
@@ -160,12 +133,7 @@ fn models_load_on_several_threads_at_once() {
                 let xml =
                     format!(r#"<mujoco><worldbody><body name="b{thread}"/></worldbody></mujoco>"#);
                 for _ in 0..20 {
-                    assert!(
-                        Model::from_xml(&xml)
-                            .unwrap()
-                            .body(&format!("b{thread}"))
-                            .is_ok()
-                    );
+                    assert!(Model::from_xml(&xml).unwrap().body(&format!("b{thread}")).is_ok());
                     assert!(Model::from_xml("<mujoco><no/></mujoco>").is_err());
                 }
             });
@@ -191,14 +159,8 @@ fn geoms_have_shapes_and_axes() {
     let expected = [
         None,
         Some(Shape::Sphere { radius }),
-        Some(Shape::Capsule {
-            radius,
-            half_length: 0.2,
-        }),
-        Some(Shape::Cylinder {
-            radius,
-            half_length: 0.3,
-        }),
+        Some(Shape::Capsule { radius, half_length: 0.2 }),
+        Some(Shape::Cylinder { radius, half_length: 0.3 }),
         Some(Shape::Box { half }),
         None,
     ];
@@ -208,11 +170,7 @@ fn geoms_have_shapes_and_axes() {
     let mut data = Data::new(model.into());
     data.forward().unwrap();
     let [x, y, z] = data.geom_axes(capsule);
-    for (axis, expected) in [
-        (x, [0.0, 0.0, -1.0]),
-        (y, [0.0, 1.0, 0.0]),
-        (z, [1.0, 0.0, 0.0]),
-    ] {
+    for (axis, expected) in [(x, [0.0, 0.0, -1.0]), (y, [0.0, 1.0, 0.0]), (z, [1.0, 0.0, 0.0])] {
         let off = axis.iter().zip(expected).map(|(a, b)| (a - b).abs());
         assert!(off.sum::<f64>() < 1e-12, "{axis:?} is not {expected:?}");
     }

@@ -59,10 +59,7 @@ fn a_fatal_error_prints_and_aborts() {
     }
     let child = run_case(name);
     let message = String::from_utf8_lossy(&child.stderr);
-    assert!(
-        message.contains("MuJoCo: fatal error: out of cheese"),
-        "{message}"
-    );
+    assert!(message.contains("MuJoCo: fatal error: out of cheese"), "{message}");
     assert_eq!(child.status.signal(), Some(SIGABRT));
 }
 

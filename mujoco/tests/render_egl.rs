@@ -61,10 +61,7 @@ fn ready(xml: &str, options: RenderOptions) -> (Data, Renderer) {
     let model = Arc::new(Model::from_xml(xml).unwrap());
     let mut data = Data::new(model.clone());
     data.forward().unwrap();
-    (
-        data,
-        Renderer::with_backends(model, WIDTH, HEIGHT, options, &SURFACELESS).unwrap(),
-    )
+    (data, Renderer::with_backends(model, WIDTH, HEIGHT, options, &SURFACELESS).unwrap())
 }
 
 fn draw(data: &mut Data, renderer: &mut Renderer) -> Vec<u8> {
@@ -94,20 +91,11 @@ fn threads_draw_the_same_image() {
     let images = [0; 4].map(|_| {
         thread::spawn(|| {
             let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
-            (0..20)
-                .map(|_| draw(&mut data, &mut renderer))
-                .collect::<Vec<_>>()
+            (0..20).map(|_| draw(&mut data, &mut renderer)).collect::<Vec<_>>()
         })
     });
-    let images: Vec<_> = images
-        .into_iter()
-        .flat_map(|thread| thread.join().unwrap())
-        .collect();
-    assert!(
-        images
-            .iter()
-            .all(|image| image[..3] == [255, 0, 0] && *image == images[0])
-    );
+    let images: Vec<_> = images.into_iter().flat_map(|thread| thread.join().unwrap()).collect();
+    assert!(images.iter().all(|image| image[..3] == [255, 0, 0] && *image == images[0]));
 }
 
 #[test]
@@ -118,13 +106,8 @@ fn shadows_are_off_unless_asked_for() {
         <geom type="box" size="5 5 .1"/><geom type="box" size=".05 .05 .05" pos="-.5 0 .7"/>
       </worldbody></mujoco>"#;
     let image_with = |shadows| {
-        let (mut data, mut renderer) = ready(
-            xml,
-            RenderOptions {
-                shadows,
-                ..RenderOptions::default()
-            },
-        );
+        let (mut data, mut renderer) =
+            ready(xml, RenderOptions { shadows, ..RenderOptions::default() });
         draw(&mut data, &mut renderer)
     };
     assert_ne!(image_with(true), image_with(false));
@@ -179,10 +162,7 @@ fn bridge(ball: &str) -> String {
 
 #[test]
 fn pictures_over_a_backdrop_are_the_whole_pictures() {
-    let shadows = RenderOptions {
-        shadows: true,
-        ..RenderOptions::default()
-    };
+    let shadows = RenderOptions { shadows: true, ..RenderOptions::default() };
     let cases = [
         ("1 0 0 1", RenderOptions::default()),
         ("1 0 0 .5", RenderOptions::default()),
@@ -192,9 +172,7 @@ fn pictures_over_a_backdrop_are_the_whole_pictures() {
         let (mut data, mut renderer) = ready(&bridge(ball), options);
         let camera = data.model().camera("top").unwrap();
         let mut backdrop = Backdrop::default();
-        renderer
-            .draw_backdrop(&mut data, camera, &mut backdrop)
-            .unwrap();
+        renderer.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
         let still = draw(&mut data, &mut renderer);
         data.qpos_mut()[0] = -0.5;
         let mut moved = false;
@@ -202,9 +180,7 @@ fn pictures_over_a_backdrop_are_the_whole_pictures() {
             data.step(5).unwrap();
             data.forward().unwrap();
             let mut over = vec![9; renderer.image_len()];
-            renderer
-                .render_over(&mut data, &mut backdrop, &mut over)
-                .unwrap();
+            renderer.render_over(&mut data, &mut backdrop, &mut over).unwrap();
             let whole = draw(&mut data, &mut renderer);
             assert_eq!(over, whole, "ball {ball}");
             moved |= whole != still;
@@ -226,20 +202,11 @@ fn bad_arguments_are_refused() {
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
     let camera = data.model().camera("top").unwrap();
     let short = renderer.render(&mut data, camera, &mut [0; 5]);
-    assert_eq!(
-        short,
-        Err(RenderError::Buffer {
-            expected: 3 * WIDTH * HEIGHT,
-            got: 5
-        })
-    );
+    assert_eq!(short, Err(RenderError::Buffer { expected: 3 * WIDTH * HEIGHT, got: 5 }));
 
     let (mut other, _) = ready(SCENE, RenderOptions::default());
     let mut image = vec![0; renderer.image_len()];
-    assert_eq!(
-        renderer.render(&mut other, camera, &mut image),
-        Err(RenderError::OtherModel)
-    );
+    assert_eq!(renderer.render(&mut other, camera, &mut image), Err(RenderError::OtherModel));
 
     let model = data.model().clone();
     for (width, height) in [(0, 8), (8, 4097)] {
@@ -256,8 +223,5 @@ fn a_camera_of_a_larger_model_is_refused() {
     let camera = two.unwrap().camera("b").unwrap();
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
     let refused = renderer.render(&mut data, camera, &mut [0; 3 * WIDTH * HEIGHT]);
-    assert_eq!(
-        refused,
-        Err(RenderError::UnknownCamera { index: 1, count: 1 })
-    );
+    assert_eq!(refused, Err(RenderError::UnknownCamera { index: 1, count: 1 }));
 }

@@ -85,10 +85,7 @@ fn the_programs_context_is_current_again_after_every_call() {
         // the context.
         let context = unsafe {
             let context = (program.create)(OSMESA_RGBA, ptr::null_mut());
-            assert_ne!(
-                (program.make_current)(context, buffer, GL_UNSIGNED_BYTE, width, height),
-                0
-            );
+            assert_ne!((program.make_current)(context, buffer, GL_UNSIGNED_BYTE, width, height), 0);
             context
         };
         let assert_current = |after| {

@@ -33,8 +33,7 @@ fn drive(data: &mut Data, steps: std::ops::Range<usize>) {
     let target = data.model().mocap("target").unwrap();
     for step in steps {
         let phase = step as f64 * 0.05;
-        data.set_mocap_position(target, [0.2 * phase.sin(), 0.1 * phase.cos(), 0.05])
-            .unwrap();
+        data.set_mocap_position(target, [0.2 * phase.sin(), 0.1 * phase.cos(), 0.05]).unwrap();
         data.set_ctrl(&[phase.cos()]).unwrap();
         data.step(1).unwrap();
     }
@@ -49,10 +48,7 @@ fn a_restored_run_continues_bit_for_bit() {
     let model = model();
     let mut original = tumbling(&model);
     let saved = original.save();
-    assert!(
-        original.contact_count() > 0,
-        "contacts are what makes this hard"
-    );
+    assert!(original.contact_count() > 0, "contacts are what makes this hard");
     drive(&mut original, 100..300);
 
     // restored into fresh data, and into data in the middle of something else
@@ -102,11 +98,7 @@ fn foreign_states_are_refused() {
     let expected = before.values().len();
     assert_eq!(
         data.restore(&short),
-        Err(SimError::Length {
-            what: Quantity::State,
-            expected,
-            got: 3
-        })
+        Err(SimError::Length { what: Quantity::State, expected, got: 3 })
     );
     let mut values = before.values().to_vec();
     values[2] = f64::NAN;

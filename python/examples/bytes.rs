@@ -11,11 +11,7 @@ const N: usize = 3;
 const DECISIONS: usize = 6;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut settings = VecEnvSettings {
-        num_envs: N,
-        seed: 7,
-        ..VecEnvSettings::default()
-    };
+    let mut settings = VecEnvSettings { num_envs: N, seed: 7, ..VecEnvSettings::default() };
     settings.camera.size = 16;
     if let Some(beside) = std::env::args().nth(1) {
         settings.camera.beside = serde_json::from_value(beside.into())?;

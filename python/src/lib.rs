@@ -80,10 +80,7 @@ impl Core {
         control.horizon = horizon.unwrap_or(control.horizon);
         let (group, elements) = task::parse(&tasks, layout)?;
         let env = py.detach(|| VecEnv::new(settings, group, &elements));
-        Ok(Self {
-            env: Mutex::new(Some(env.map_err(error)?)),
-            process: std::process::id(),
-        })
+        Ok(Self { env: Mutex::new(Some(env.map_err(error)?)), process: std::process::id() })
     }
 
     /// Decisions in an episode.

@@ -70,10 +70,7 @@ impl RenderOptions {
         };
         let played = thread_pool(threads)?.install(|| show.play(&shot))?;
         let names = D2::ALL.map(|element| element.to_string());
-        let film = mosaic(
-            &names.each_ref().map(String::as_str),
-            &show.rows(&shot, &played),
-        );
+        let film = mosaic(&names.each_ref().map(String::as_str), &show.rows(&shot, &played));
         // a closed pipe loses no film
         target.write(&film)?;
         for played in &played {
@@ -87,13 +84,7 @@ impl RenderOptions {
 }
 
 fn line(played: &Played) -> String {
-    let outcome = if played.success {
-        "solved"
-    } else {
-        "not solved"
-    };
-    let Played {
-        variant, policy, ..
-    } = played;
+    let outcome = if played.success { "solved" } else { "not solved" };
+    let Played { variant, policy, .. } = played;
     format!("{variant}: policy {policy}, {outcome}")
 }

@@ -92,9 +92,7 @@ mod tests {
 
     #[test]
     fn letters_and_digits_differ() {
-        let all = ('a'..='z')
-            .chain('0'..='9')
-            .chain([' ', '-', ',', ':', '?']);
+        let all = ('a'..='z').chain('0'..='9').chain([' ', '-', ',', ':', '?']);
         let mut drawn: Vec<[u8; 5]> = all.map(columns).collect();
         let count = drawn.len();
         drawn.sort_unstable();

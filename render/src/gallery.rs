@@ -19,10 +19,7 @@ const DECISIONS: usize = 24;
 /// # Errors
 /// A folder without policies; what the environments or the learner say.
 pub fn gallery(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Vec<u8>)>, RunError> {
-    let groups = folder
-        .experiment()?
-        .schedule
-        .resolve(&TaskRegistry::standard())?;
+    let groups = folder.experiment()?.schedule.resolve(&TaskRegistry::standard())?;
     let mut show = Show::load(folder, threads)?;
     let pool = thread_pool(threads)?;
     let names = D2::ALL.map(|element| element.to_string());

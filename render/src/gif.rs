@@ -71,19 +71,11 @@ mod tests {
         let (width, height) = (5, 3);
         let frame = |dot: usize| {
             let colour = |pixel| {
-                if pixel == dot {
-                    [200, 0, 7]
-                } else {
-                    [pixel as u8, 90, 90]
-                }
+                if pixel == dot { [200, 0, 7] } else { [pixel as u8, 90, 90] }
             };
             (0..width * height).flat_map(colour).collect()
         };
-        Film {
-            width,
-            height,
-            frames: [1, 8, 8].map(frame).to_vec(),
-        }
+        Film { width, height, frames: [1, 8, 8].map(frame).to_vec() }
     }
 
     /// What a viewer shows, picture by picture, and for how long.
@@ -126,10 +118,7 @@ mod tests {
     #[test]
     fn only_what_changes_is_kept() {
         let frame = difference(&[1, 2, 3, 4, 5, 6], &[1, 2, 9, 4, 7, 6], 3);
-        assert_eq!(
-            (frame.left, frame.top, frame.width, frame.height),
-            (1, 0, 2, 2)
-        );
+        assert_eq!((frame.left, frame.top, frame.width, frame.height), (1, 0, 2, 2));
         assert_eq!(frame.buffer[..], [UNCHANGED, 9, 7, UNCHANGED]);
         let same = difference(&[1, 2], &[1, 2], 2);
         assert_eq!((same.width, same.height, same.buffer[0]), (1, 1, UNCHANGED));
@@ -137,11 +126,7 @@ mod tests {
 
     #[test]
     fn pictures_that_are_too_large_for_the_format_are_refused() {
-        let film = Film {
-            width: 70_000,
-            height: 1,
-            frames: vec![vec![0; 210_000]],
-        };
+        let film = Film { width: 70_000, height: 1, frames: vec![vec![0; 210_000]] };
         assert!(encode(&film).is_err());
     }
 }

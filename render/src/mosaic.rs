@@ -60,11 +60,7 @@ pub fn mosaic(columns: &[&str], rows: &[Row]) -> Film {
         }
         paper.rgb
     };
-    Film {
-        width: empty.width,
-        height: empty.height,
-        frames: (0..length).map(frame).collect(),
-    }
+    Film { width: empty.width, height: empty.height, frames: (0..length).map(frame).collect() }
 }
 
 /// From one column of cells to the next, and from one row to the next.
@@ -77,10 +73,7 @@ impl Plan {
     fn of(rows: &[Row]) -> Self {
         let sizes = || rows.iter().flat_map(|row| &row.cells).map(Cell::size);
         let [width, height] = [0, 1].map(|side| sizes().map(|size| size[side]).max().unwrap_or(0));
-        Self {
-            across: width + GAP,
-            down: height + GAP + LINE,
-        }
+        Self { across: width + GAP, down: height + GAP + LINE }
     }
 
     /// Cells, and where they are.
@@ -121,11 +114,7 @@ struct Paper {
 
 impl Paper {
     fn of(width: usize, height: usize) -> Self {
-        Self {
-            width,
-            height,
-            rgb: vec![WHITE; width * height * 3],
-        }
+        Self { width, height, rgb: vec![WHITE; width * height * 3] }
     }
 
     fn dot(&mut self, [x, y]: [usize; 2], rgb: [u8; 3]) {
@@ -162,11 +151,7 @@ mod tests {
 
     fn cell(frames: usize) -> Cell {
         let frame = |number| (0..72 * 48).flat_map(|_| [number as u8, 9, 9]).collect();
-        Cell {
-            width: 72,
-            height: 48,
-            frames: (0..frames).map(frame).collect(),
-        }
+        Cell { width: 72, height: 48, frames: (0..frames).map(frame).collect() }
     }
 
     fn count(film: &Film, time: usize, rgb: [u8; 3]) -> usize {
@@ -176,11 +161,7 @@ mod tests {
 
     #[test]
     fn cells_are_enlarged_side_by_side_with_borders_and_the_shorter_film_waits() {
-        let row = Row {
-            title: String::new(),
-            colour: [0, 0, 255],
-            cells: vec![cell(2), cell(3)],
-        };
+        let row = Row { title: String::new(), colour: [0, 0, 255], cells: vec![cell(2), cell(3)] };
         let film = mosaic(&["", ""], &[row]);
         assert_eq!((film.frames.len(), film.width), (3, 6 + 2 * (216 + 12)));
         assert_eq!(film.height, 6 + 20 + 20 + 144 + 12);
@@ -193,11 +174,7 @@ mod tests {
 
     #[test]
     fn titles_have_the_colour_of_their_row_and_stay_on_the_paper() {
-        let row = Row {
-            title: "a long title ".repeat(9),
-            colour: [1, 2, 3],
-            cells: vec![cell(1)],
-        };
+        let row = Row { title: "a long title ".repeat(9), colour: [1, 2, 3], cells: vec![cell(1)] };
         let film = mosaic(&["seen"], &[row]);
         assert!(count(&film, 0, INK) > 50);
         assert!(count(&film, 0, [1, 2, 3]) > 222 * 150 - 216 * 144);

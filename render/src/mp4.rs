@@ -21,9 +21,7 @@ impl Ffmpeg {
     /// [`RenderError::NoFfmpeg`].
     pub fn find(folders: &OsStr, film: &Path) -> Result<Self, RenderError> {
         let found = helper::find(folders, "ffmpeg");
-        found.map(Self).ok_or_else(|| RenderError::NoFfmpeg {
-            path: film.to_owned(),
-        })
+        found.map(Self).ok_or_else(|| RenderError::NoFfmpeg { path: film.to_owned() })
     }
 
     /// The bytes of an mp4 (H.264) of the film. What `ffmpeg` writes lies beside `path` meanwhile.
@@ -31,9 +29,7 @@ impl Ffmpeg {
     /// # Errors
     /// [`RunError::Write`] with what `ffmpeg` said last.
     pub fn encode(&self, film: &Film, path: &Path) -> Result<Vec<u8>, RunError> {
-        let scratch = path
-            .with_added_extension("ffmpeg")
-            .with_added_extension(PARTIAL);
+        let scratch = path.with_added_extension("ffmpeg").with_added_extension(PARTIAL);
         let made = self.make(film, &scratch).and_then(|()| fs::read(&scratch));
         // where nothing was made, there is nothing to remove
         let _ = fs::remove_file(&scratch);
@@ -48,15 +44,7 @@ impl Ffmpeg {
         file.push(to);
         let mut ffmpeg = Command::new(&self.0);
         ffmpeg
-            .args([
-                "-loglevel",
-                "error",
-                "-y",
-                "-f",
-                "rawvideo",
-                "-pix_fmt",
-                "rgb24",
-            ])
+            .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-s", &size, "-r", &rate, "-i", "-", "-an"])
             // H.264 takes even sides
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"])
@@ -87,11 +75,7 @@ mod tests {
     use crate::helper::tests::Programs;
 
     fn encoded(programs: &Programs) -> Result<Vec<u8>, RenderError> {
-        let film = Film {
-            width: 2,
-            height: 1,
-            frames: vec![vec![1; 6], vec![2; 6]],
-        };
+        let film = Film { width: 2, height: 1, frames: vec![vec![1; 6], vec![2; 6]] };
         let folder = programs.path();
         let path = folder.join("film.mp4");
         let found = Ffmpeg::find(folder.as_os_str(), &path)?.encode(&film, &path);

@@ -38,10 +38,8 @@ impl Palette {
             let [low, high] = sets.swap_remove(widest).cut();
             sets.extend([low, high]);
         }
-        let mut palette = Self {
-            colours: sets.iter().map(Set::colour).collect(),
-            index: HashMap::new(),
-        };
+        let mut palette =
+            Self { colours: sets.iter().map(Set::colour).collect(), index: HashMap::new() };
         for (number, set) in sets.iter().enumerate() {
             let members = set.pixels.iter().map(|&(rgb, _)| (rgb, number as u8));
             palette.index.extend(members);
@@ -83,11 +81,7 @@ impl Set {
             }
         }
         let mean = sum.map(|sum| sum / f64::max(weight, 1.0));
-        Self {
-            pixels,
-            mean,
-            spread: [0, 1, 2].map(|axis| squares[axis] - sum[axis] * mean[axis]),
-        }
+        Self { pixels, mean, spread: [0, 1, 2].map(|axis| squares[axis] - sum[axis] * mean[axis]) }
     }
 
     fn colour(&self) -> Rgb {
@@ -130,9 +124,7 @@ mod tests {
         assert_eq!(palette.colours.len(), 4);
         for picture in pictures {
             let shown = palette.indices(picture).into_iter();
-            let shown: Vec<u8> = shown
-                .flat_map(|i| palette.colours[usize::from(i)])
-                .collect();
+            let shown: Vec<u8> = shown.flat_map(|i| palette.colours[usize::from(i)]).collect();
             assert_eq!(shown, picture);
         }
     }
@@ -150,9 +142,7 @@ mod tests {
             let off = shown.iter().zip(rgb).map(|(a, b)| a.abs_diff(*b));
             assert!(off.max() <= Some(8), "{rgb:?} became {shown:?}");
         }
-        let mark = indices
-            .last()
-            .map(|&index| palette.colours[usize::from(index)]);
+        let mark = indices.last().map(|&index| palette.colours[usize::from(index)]);
         assert_eq!(mark, Some([0, 0, 255]));
     }
 }

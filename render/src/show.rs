@@ -50,11 +50,7 @@ impl Show {
         let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
         let learner = folder.load_learner(&experiment.learner, &spec, &labels)?;
         let evaluator = Evaluator::of(&experiment, &TaskRegistry::standard(), labels)?;
-        Ok(Self {
-            experiment,
-            learner,
-            evaluator,
-        })
+        Ok(Self { experiment, learner, evaluator })
     }
 
     /// Plays the variants of a shot, one episode each.
@@ -63,21 +59,14 @@ impl Show {
     /// What the environments or the learner say.
     pub(super) fn play(&mut self, shot: &Shot<'_>) -> Result<Vec<Played>, RunError> {
         let variants = shot.groups.iter().flat_map(|group| group.variants());
-        variants
-            .map(|variant| self.variant(variant, shot))
-            .collect()
+        variants.map(|variant| self.variant(variant, shot)).collect()
     }
 
     fn variant(&mut self, variant: TaskVariant, shot: &Shot<'_>) -> Result<Played, RunError> {
         let envs = &self.experiment.envs;
         let mut studio = Studio::new(envs, variant, shot.views, shot.seed)?;
         let (policy, success) = self.perform(variant, &mut studio)?;
-        Ok(Played {
-            variant,
-            policy,
-            success,
-            cells: studio.cells(shot.views, shot.decisions),
-        })
+        Ok(Played { variant, policy, success, cells: studio.cells(shot.views, shot.decisions) })
     }
 
     /// Plays one episode of `stage`, an environment of one that shows `variant`; returns the policy
@@ -155,10 +144,7 @@ fn mirrored(cell: &Cell, element: D2) -> Cell {
         });
         turned.collect()
     });
-    Cell {
-        frames: frames.collect(),
-        ..*cell
-    }
+    Cell { frames: frames.collect(), ..*cell }
 }
 
 #[cfg(test)]
@@ -167,11 +153,8 @@ mod tests {
 
     #[test]
     fn a_film_is_mirrored_as_its_variant_is() {
-        let cell = Cell {
-            width: 2,
-            height: 2,
-            frames: vec![(0..12).collect(), (12..24).collect()],
-        };
+        let cell =
+            Cell { width: 2, height: 2, frames: vec![(0..12).collect(), (12..24).collect()] };
         let first = |element| mirrored(&cell, element).frames[0].clone();
         assert_eq!(first(D2::Identity), cell.frames[0]);
         assert_eq!(first(D2::FlipX), [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]);

@@ -58,10 +58,7 @@ impl Studio {
         views: &[View],
         seed: u64,
     ) -> Result<Self, RunError> {
-        let alone = VecEnvSettings {
-            num_envs: 1,
-            ..*settings
-        };
+        let alone = VecEnvSettings { num_envs: 1, ..*settings };
         let (table, scene) = table(settings, variant, settings.camera)?;
         let filmed = views.iter().any(|view| *view != View::Seen);
         Ok(Self {
@@ -108,11 +105,7 @@ impl Studio {
     pub fn newest(&self, view: View) -> Option<Picture> {
         let (table, frames) = self.filmed(view);
         let size = table.scene().camera.size;
-        Some(Picture {
-            width: size,
-            height: size,
-            rgb: frames.last()?.clone(),
-        })
+        Some(Picture { width: size, height: size, rgb: frames.last()?.clone() })
     }
 
     fn filmed(&self, view: View) -> (&TableTop, &[Vec<u8>]) {
@@ -129,8 +122,7 @@ impl Studio {
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        self.renderer
-            .compose(&self.table, &picture, &self.first, &mut out.images);
+        self.renderer.compose(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
         scale(&mut out.vectors);
         mark_goal(&self.table, &mut picture);
@@ -191,8 +183,7 @@ impl CameraMan {
         self.without.render(&mut self.table, &mut bare)?;
         let pixels = raw.chunks_exact(RGB).zip(bare.chunks_exact(RGB));
         let hidden = pixels.map(|(with, without)| if with == without { 0 } else { 255 });
-        self.mask
-            .push(hidden.flat_map(|grey| [grey; RGB]).collect());
+        self.mask.push(hidden.flat_map(|grey| [grey; RGB]).collect());
         mark_goal(&self.table, &mut raw);
         self.raw.push(raw);
         Ok(())

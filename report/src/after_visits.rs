@@ -114,19 +114,13 @@ mod tests {
         };
         assert_eq!(table(&[(0, 0.1), (2, 0.2), (3, 0.5)]), None);
         let rows = table(&[(1, 0.25), (3, 0.5)]);
-        assert_eq!(
-            rows,
-            Some(vec![vec!["covers".to_owned(), "0.25, 0.50".to_owned()]])
-        );
+        assert_eq!(rows, Some(vec![vec!["covers".to_owned(), "0.25, 0.50".to_owned()]]));
     }
 
     #[test]
     fn what_a_run_lacks_has_no_mean() {
         let means = over_runs(&[vec![Some(0.5), Some(1.0)], vec![Some(0.25)]]);
         assert_eq!(means, [Some(0.375), None]);
-        assert_eq!(
-            (cell(&means), cell(&[])),
-            ("0.38, -".to_owned(), "-".to_owned())
-        );
+        assert_eq!((cell(&means), cell(&[])), ("0.38, -".to_owned(), "-".to_owned()));
     }
 }

@@ -76,9 +76,7 @@ struct Line<'a> {
 impl Line<'_> {
     fn points(&self, figure: fn(&Moment) -> f64) -> Vec<(f64, f64)> {
         let moments = self.moments.iter();
-        moments
-            .map(|moment| (moment.spent, figure(moment)))
-            .collect()
+        moments.map(|moment| (moment.spent, figure(moment))).collect()
     }
 
     fn draw_band(&self, drawing: &mut Drawing) {
@@ -227,19 +225,11 @@ mod tests {
         ];
         let found = moments(&curves);
         let near = |one: f64, other: f64| (one - other).abs() < 1e-12;
-        let expected = [
-            (0.0, 0.0, 0.2),
-            (50.0, 0.25, 0.4),
-            (100.0, 0.5, 0.5),
-            (150.0, 0.6, 0.75),
-        ];
+        let expected = [(0.0, 0.0, 0.2), (50.0, 0.25, 0.4), (100.0, 0.5, 0.5), (150.0, 0.6, 0.75)];
         assert_eq!(found.len(), expected.len());
         for (moment, (spent, low, high)) in found.iter().zip(expected) {
             assert!(near(moment.spent, spent), "{moment:?}");
-            assert!(
-                near(moment.low, low) && near(moment.high, high),
-                "{moment:?}"
-            );
+            assert!(near(moment.low, low) && near(moment.high, high), "{moment:?}");
             assert!(near(moment.mean, f64::midpoint(low, high)), "{moment:?}");
         }
         assert!(moments(&[vec![(0.0, 1.0)], vec![]]).is_empty());

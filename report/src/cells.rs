@@ -14,10 +14,7 @@ pub(super) fn title(table: &mut Table, method: &MethodRuns) -> String {
 /// The name of one of a method's runs, or of the method, marked likewise.
 pub(super) fn marked(table: &mut Table, method: &MethodRuns, name: &str) -> String {
     let remark = method.identity.remark.as_ref();
-    remark.map_or_else(
-        || name.to_owned(),
-        |remark| format!("{name} {}", table.note(remark)),
-    )
+    remark.map_or_else(|| name.to_owned(), |remark| format!("{name} {}", table.note(remark)))
 }
 
 /// The mean over seeds of a figure that some of them may not have; why, where none has it.

@@ -55,9 +55,7 @@ impl ReportOptions {
         let mut films = Vec::new();
         if self.films {
             let own = self.runs.iter().zip(&mut runs);
-            films = own
-                .map(|(path, run)| film(path, run))
-                .collect::<Result<_, _>>()?;
+            films = own.map(|(path, run)| film(path, run)).collect::<Result<_, _>>()?;
         }
         let report = Report::new(runs)?;
         if let Some(folder) = &self.out {
@@ -77,16 +75,11 @@ fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
             run.films = films.map(|(group, gif)| GroupFilm { group, gif }).collect();
             let size: usize = run.films.iter().map(|film| film.gif.len()).sum();
             let (number, size) = (run.films.len(), size.div_ceil(1000));
-            Ok(format!(
-                "\n{}: {number} films, {size} kB in report.html",
-                run.name
-            ))
+            Ok(format!("\n{}: {number} films, {size} kB in report.html", run.name))
         }
         Err(RunError::NoCheckpoint { problems, .. }) => {
             let name = &run.name;
-            Ok(format!(
-                "\n{name}: no films, for want of policies ({problems})"
-            ))
+            Ok(format!("\n{name}: no films, for want of policies ({problems})"))
         }
         Err(error) => Err(error),
     }

@@ -55,12 +55,7 @@ fn distances(drawing: &mut Drawing, run: &RunData) {
     if run.rollouts.iter().all(|row| row.distances.is_empty()) {
         return;
     }
-    drawing.panel(
-        "distance, of chance",
-        HIGH,
-        [0.0, MOST],
-        &[0.0, 1.0, 2.0, MOST],
-    );
+    drawing.panel("distance, of chance", HIGH, [0.0, MOST], &[0.0, 1.0, 2.0, MOST]);
     visits(drawing, run);
     let colours = colours_of_policies(run);
     for row in &run.rollouts {
@@ -172,9 +167,7 @@ fn visits(drawing: &mut Drawing, run: &RunData) {
 
 fn rollouts(drawing: &mut Drawing, run: &RunData, figure: fn(&RolloutRow) -> Option<f64>) {
     for (group, _, rows) in visits_of(run) {
-        let points = rows
-            .iter()
-            .filter_map(|row| Some((row.decisions as f64, figure(row)?)));
+        let points = rows.iter().filter_map(|row| Some((row.decisions as f64, figure(row)?)));
         drawing.line(&points.collect::<Vec<_>>(), &stroke_of(run, group));
     }
 }

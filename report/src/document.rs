@@ -27,10 +27,7 @@ impl Report {
     /// [`ReportError::MixedRuns`].
     pub fn new(runs: Vec<RunData>) -> Result<Self, ReportError> {
         let methods = MethodRuns::sort(runs)?;
-        Ok(Self {
-            tables: tables::all(&methods),
-            methods,
-        })
+        Ok(Self { tables: tables::all(&methods), methods })
     }
 
     /// The tables in Markdown.
@@ -41,11 +38,7 @@ impl Report {
 
     /// The report as one HTML page, which needs no network and nothing beside it.
     pub fn html(&self) -> String {
-        page(
-            &self.methods,
-            &tables::common_groups(&self.methods),
-            &self.tables,
-        )
+        page(&self.methods, &tables::common_groups(&self.methods), &self.tables)
     }
 
     /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run,

@@ -34,21 +34,14 @@ impl Efficiency {
         let decisions = solved.map_or(f64::INFINITY, |(decisions, _)| *decisions);
         let held = curve.iter().rev();
         let held = held.take_while(|(_, success)| *success >= SOLVED);
-        let lasting = held
-            .last()
-            .map_or(f64::INFINITY, |(decisions, _)| *decisions);
+        let lasting = held.last().map_or(f64::INFINITY, |(decisions, _)| *decisions);
         // while other groups run, nothing is spent
         curve.dedup_by_key(|(spent, _)| *spent);
         let whole = curve.last()?.0 - curve[0].0;
         let steps = curve.windows(2);
-        let area: f64 = steps
-            .map(|pair| (pair[1].0 - pair[0].0) * f64::midpoint(pair[0].1, pair[1].1))
-            .sum();
-        (whole > 0.0).then(|| Self {
-            area: area / whole,
-            decisions,
-            lasting,
-        })
+        let area: f64 =
+            steps.map(|pair| (pair[1].0 - pair[0].0) * f64::midpoint(pair[0].1, pair[1].1)).sum();
+        (whole > 0.0).then(|| Self { area: area / whole, decisions, lasting })
     }
 }
 
@@ -65,10 +58,7 @@ pub(super) fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
 fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     let rows = &run.rollouts[..rollouts];
     let before = std::iter::once(0).chain(rows.iter().map(|row| row.decisions));
-    let own = rows
-        .iter()
-        .zip(before)
-        .filter(|(row, _)| row.group == group);
+    let own = rows.iter().zip(before).filter(|(row, _)| row.group == group);
     own.map(|(row, before)| row.decisions - before).sum()
 }
 
@@ -116,11 +106,7 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
     let runs = method.runs.iter();
     let known: Vec<Efficiency> = runs.filter_map(|run| Efficiency::of(run, group)).collect();
     let of = |figure: fn(&Efficiency) -> f64| Scores(vec![known.iter().map(figure).collect()]);
-    [
-        of(|own| own.area),
-        of(|own| own.decisions),
-        of(|own| own.lasting),
-    ]
+    [of(|own| own.area), of(|own| own.decisions), of(|own| own.lasting)]
 }
 
 /// Cells of areas: the mean, and what it is more than another method's.
@@ -212,10 +198,7 @@ mod tests {
     #[test]
     fn what_was_never_solved_took_for_ever_and_one_evaluation_makes_no_curve() {
         let unsolved = run(&["a", "a"], &[(0, 0.0), (2, 0.89)]);
-        assert_eq!(
-            Efficiency::of(&unsolved, "a").unwrap().decisions,
-            f64::INFINITY
-        );
+        assert_eq!(Efficiency::of(&unsolved, "a").unwrap().decisions, f64::INFINITY);
         assert_eq!(Efficiency::of(&run(&["a"], &[(1, 1.0)]), "a"), None);
     }
 

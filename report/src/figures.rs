@@ -68,10 +68,8 @@ pub struct GroupFigures {
 impl Figures {
     /// The figures of a run.
     pub fn of(run: &RunData) -> Self {
-        let (ledger, grouped) = (
-            Ledger::of(&run.rollouts),
-            run.experiment.learner.tells_groups_apart(),
-        );
+        let (ledger, grouped) =
+            (Ledger::of(&run.rollouts), run.experiment.learner.tells_groups_apart());
         let told = |share: Option<f64>| match (grouped, share) {
             (false, _) => Err(ONE_POLICY),
             (true, None) => Err(NO_RETURN),
@@ -145,8 +143,7 @@ fn choices<'a>(
 ) -> Result<Vec<(&'a ScoreRow, bool)>, Undefined> {
     let own = own.ok_or(NEVER_ALONE)?;
     let rows = run.last_scores().filter(|row| row.group == group);
-    rows.map(|row| Ok((row, row.policy.ok_or(UNNAMED)? != own)))
-        .collect()
+    rows.map(|row| Ok((row, row.policy.ok_or(UNNAMED)? != own))).collect()
 }
 
 fn mismatches(run: &RunData, group: &str, own: Option<usize>) -> Result<[usize; 2], Undefined> {
@@ -177,9 +174,8 @@ fn of_own(
 fn dormant(run: &RunData) -> Result<f64, Undefined> {
     let last = run.units.last().ok_or(UNSEEN)?.rollouts;
     let rows = run.units.iter().filter(|row| row.rollouts == last);
-    let [dormant, units] = rows.fold([0, 0], |[dormant, units], row| {
-        [dormant + row.dormant, units + row.units]
-    });
+    let [dormant, units] =
+        rows.fold([0, 0], |[dormant, units], row| [dormant + row.dormant, units + row.units]);
     Ok(dormant as f64 / units as f64)
 }
 
@@ -259,19 +255,13 @@ mod tests {
     fn forgetting_and_transfer_compare_the_right_moments() {
         let stream = [("a", 0), ("a", 0), ("b", 1), ("b", 1), ("a", 0), ("b", 1)];
         let mut run = run(Method::Covers, &stream);
-        for (rollouts, a, b) in [
-            (0, 0.1, 0.05),
-            (2, 0.6, 0.2),
-            (4, 0.5, 0.7),
-            (5, 0.9, 0.65),
-            (6, 0.7, 0.8),
-        ] {
+        for (rollouts, a, b) in
+            [(0, 0.1, 0.05), (2, 0.6, 0.2), (4, 0.5, 0.7), (5, 0.9, 0.65), (6, 0.7, 0.8)]
+        {
             score(&mut run, rollouts, a, b);
         }
         let figures = Figures::of(&run);
-        let [a, b] = &figures.groups[..] else {
-            panic!()
-        };
+        let [a, b] = &figures.groups[..] else { panic!() };
         assert!(near(Ok(a.success), 0.7) && near(Ok(b.reward), 80.0));
         // a left for the last time after 5 rollouts; b is there at the end
         assert!(near(a.forgetting, 0.2), "{a:?}");
@@ -280,19 +270,13 @@ mod tests {
         assert!(near(b.transfer, 0.15), "{b:?}");
         assert_eq!(a.transfer, Err(FIRST));
         assert!(near(figures.mean(|group| group.forgetting), 0.2));
-        assert_eq!(
-            (figures.accuracy, figures.return_accuracy),
-            (Ok(1.0), Ok(1.0))
-        );
+        assert_eq!((figures.accuracy, figures.return_accuracy), (Ok(1.0), Ok(1.0)));
         assert_eq!((figures.policies, figures.rollouts), (2, [6, 0]));
     }
 
     #[test]
     fn what_a_straddling_rollout_saw_of_a_group_comes_not_before_it() {
-        let mut run = run(
-            Method::Covers,
-            &[("a", 0), ("a*", 0), ("b", 1), ("b", 1), ("a", 1)],
-        );
+        let mut run = run(Method::Covers, &[("a", 0), ("a*", 0), ("b", 1), ("b", 1), ("a", 1)]);
         for (rollouts, b) in [(0, 0.0), (1, 0.1), (2, 0.4), (5, 0.8)] {
             score(&mut run, rollouts, 0.5, b);
         }
@@ -300,10 +284,7 @@ mod tests {
         // the second rollout learnt from b already
         assert!(near(figures.groups[1].transfer, 0.1), "{figures:?}");
         assert_eq!(figures.rollouts, [5, 1]);
-        assert_eq!(
-            (figures.accuracy, figures.return_accuracy),
-            (Ok(0.75), Ok(0.0))
-        );
+        assert_eq!((figures.accuracy, figures.return_accuracy), (Ok(0.75), Ok(0.0)));
     }
 
     #[test]
@@ -325,9 +306,7 @@ mod tests {
             row.policy = Some(policy);
         }
         let figures = Figures::of(&run);
-        let [a, b] = &figures.groups[..] else {
-            panic!()
-        };
+        let [a, b] = &figures.groups[..] else { panic!() };
         assert_eq!((a.mismatches, b.mismatches), (Ok([1, 2]), Ok([0, 2])));
         assert_eq!(a.own_success, Err(UNRECORDED));
         assert!(near(b.own_success, 0.8) && near(b.own_reward, 80.0));

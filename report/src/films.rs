@@ -39,10 +39,7 @@ mod tests {
     fn a_run_shows_its_films_and_how_large_they_are() {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
         assert_eq!(html(&run), "");
-        run.films.push(GroupFilm {
-            group: "a<b".to_owned(),
-            gif: vec![0; 1001],
-        });
+        run.films.push(GroupFilm { group: "a<b".to_owned(), gif: vec![0; 1001] });
         let page = html(&run);
         assert!(page.contains("a&lt;b") && page.contains("(2 kB)"), "{page}");
         assert!(page.contains("data:image/gif;base64,AAAA"));

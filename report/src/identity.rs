@@ -27,9 +27,7 @@ impl Identity {
             (None, _) => Some(remark(named, run)?),
             (Some(own), Some(named)) if own != named => {
                 let (own, named) = (own.name(), named.name());
-                Some(format!(
-                    "the settings are those of the preset `{own}`, not of `{named}`"
-                ))
+                Some(format!("the settings are those of the preset `{own}`, not of `{named}`"))
             }
             _ => None,
         };
@@ -55,19 +53,14 @@ fn remark(named: Option<Method>, run: &Experiment) -> Result<String, RunError> {
     for method in methods.filter(|&method| named.is_none_or(|named| named == method)) {
         for budget in Budget::value_variants() {
             let found = differences(&budget.preset_like(method, run), run)?;
-            if nearest
-                .as_ref()
-                .is_none_or(|(_, least)| found.len() < least.len())
-            {
+            if nearest.as_ref().is_none_or(|(_, least)| found.len() < least.len()) {
                 nearest = Some((method, found));
             }
         }
     }
     let (method, found) = nearest.unwrap_or((Method::Covers, String::new()));
     let method = method.name();
-    Ok(format!(
-        "the settings are not those of the preset `{method}`, which differs in {found}"
-    ))
+    Ok(format!("the settings are not those of the preset `{method}`, which differs in {found}"))
 }
 
 #[cfg(test)]
@@ -83,10 +76,7 @@ mod tests {
     fn settings_count_and_not_the_name() {
         let run = Budget::Table.experiment(Method::CoversCnn).with_seed(21);
         for name in ["covers-cnn", "covers-cnn-table", "my-own"] {
-            let expected = Identity {
-                method: Some(Method::CoversCnn),
-                remark: None,
-            };
+            let expected = Identity { method: Some(Method::CoversCnn), remark: None };
             assert_eq!(identity(name, &run), expected);
         }
         let wrong = identity("covers", &run);
@@ -98,9 +88,7 @@ mod tests {
     #[test]
     fn settings_of_ones_own_are_no_method_and_say_what_differs() {
         let mut run = Budget::Smoke.experiment(Method::Equi);
-        let LearnerSettings::Covers(settings) = &mut run.learner else {
-            panic!()
-        };
+        let LearnerSettings::Covers(settings) = &mut run.learner else { panic!() };
         settings.ppo.gamma = 0.5;
         for name in ["equi", "my-own"] {
             let own = identity(name, &run);
@@ -112,9 +100,6 @@ mod tests {
             assert!(remark.ends_with("and 0.5"), "{remark}");
         }
         let other = identity("cnn", &run).remark.unwrap();
-        assert!(
-            other.contains("`cnn`") && other.contains("network.group"),
-            "{other}"
-        );
+        assert!(other.contains("`cnn`") && other.contains("network.group"), "{other}");
     }
 }

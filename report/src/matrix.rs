@@ -35,11 +35,7 @@ impl Matrix {
         let none = matrix.columns.len();
         matrix.columns.push("none".to_owned());
         matrix.rows.iter_mut().for_each(|row| row.1.push(0));
-        let asked = || {
-            run.recognition
-                .iter()
-                .filter(|row| row.episodes == episodes)
-        };
+        let asked = || run.recognition.iter().filter(|row| row.episodes == episodes);
         for row in asked() {
             let named = row.policy.map(|policy| last_acting(&run.rollouts, policy));
             matrix.count(&row.group, named.unwrap_or(none), row.times);
@@ -53,9 +49,7 @@ impl Matrix {
         let rows = run.groups().into_iter();
         Self {
             caption: caption.to_owned(),
-            rows: rows
-                .map(|group| (group.to_owned(), vec![0; policies.len()]))
-                .collect(),
+            rows: rows.map(|group| (group.to_owned(), vec![0; policies.len()])).collect(),
             columns: policies.map(|policy| format!("policy {policy}")).collect(),
         }
     }
@@ -140,10 +134,7 @@ mod tests {
         let rows = [("a".to_owned(), vec![2, 1]), ("b".to_owned(), vec![0, 1])];
         assert_eq!(matrix.rows, rows);
         let text = matrix.html();
-        assert!(
-            text.contains("--share:67%") && text.contains(">2</td>"),
-            "{text}"
-        );
+        assert!(text.contains("--share:67%") && text.contains(">2</td>"), "{text}");
     }
 
     #[test]

@@ -72,10 +72,7 @@ impl MethodRuns {
     pub fn scores(&self, groups: &[String], figure: fn(&GroupFigures) -> f64) -> Scores {
         let of = |group: &String| -> Vec<f64> {
             let figures = self.figures.iter().flat_map(|figures| &figures.groups);
-            figures
-                .filter(|own| own.group == *group)
-                .map(figure)
-                .collect()
+            figures.filter(|own| own.group == *group).map(figure).collect()
         };
         Scores(groups.iter().map(of).collect())
     }
@@ -118,10 +115,7 @@ fn refuse(run: &RunData, differences: String) -> Result<(), ReportError> {
     if differences.is_empty() {
         return Ok(());
     }
-    Err(ReportError::MixedRuns {
-        run: run.name.clone(),
-        differences,
-    })
+    Err(ReportError::MixedRuns { run: run.name.clone(), differences })
 }
 
 #[cfg(test)]

@@ -18,16 +18,10 @@ const SCRIPT: &str = include_str!("page.js");
 /// The page of these methods, scored on these groups, with these tables.
 pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
     let mut text = String::new();
-    text.push_str(&section(
-        "Results",
-        &tables_named(tables, &["results", "comparisons"]),
-    ));
+    text.push_str(&section("Results", &tables_named(tables, &["results", "comparisons"])));
     text.push_str(&section("Learning", &learning(methods, groups, tables)));
     let rest = ["seeds", "visits", "variants", "recognition"];
-    text.push_str(&section(
-        "Over the whole stream",
-        &tables_named(tables, &rest),
-    ));
+    text.push_str(&section("Over the whole stream", &tables_named(tables, &rest)));
     let runs: Vec<&RunData> = methods.iter().flat_map(|method| &method.runs).collect();
     // of what was scored once, at the end, there is no curve
     if runs.iter().any(|run| run.evaluated().count() > 1) {
@@ -38,10 +32,7 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     // a single run is not folded away
     let open = if runs.len() == 1 { " open" } else { "" };
     let runs: String = runs.iter().map(|run| of_run(run, open)).collect();
-    text.push_str(&section(
-        "Each run",
-        &(tables_named(tables, &["runs"]) + &runs),
-    ));
+    text.push_str(&section("Each run", &(tables_named(tables, &["runs"]) + &runs)));
     let names: Vec<&str> = methods.iter().map(|method| method.name.as_str()).collect();
     let title = escaped(&format!("Report on {}", names.join(", ")));
     format!(
@@ -61,10 +52,9 @@ fn command(methods: &[MethodRuns]) -> String {
     let commands = distinct(first.map(|process| process.command.join(" ")));
     match commands.is_empty() {
         true => String::new(),
-        false => format!(
-            "<p>The runs were made by</p>\n<pre>{}</pre>\n",
-            escaped(&commands.join("\n"))
-        ),
+        false => {
+            format!("<p>The runs were made by</p>\n<pre>{}</pre>\n", escaped(&commands.join("\n")))
+        }
     }
 }
 
@@ -78,10 +68,8 @@ fn wide(body: &str) -> String {
 }
 
 fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
-    let drawings: Vec<String> = groups
-        .iter()
-        .filter_map(|group| bands::of_group(methods, group))
-        .collect();
+    let drawings: Vec<String> =
+        groups.iter().filter_map(|group| bands::of_group(methods, group)).collect();
     if drawings.is_empty() {
         return "<p>No run was scored while it learnt (<code>evaluation.visit_rounds</code> and \
             <code>evaluation.every</code> do it).</p>\n"

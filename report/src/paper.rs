@@ -34,11 +34,7 @@ pub fn row(method: Method) -> Option<&'static PaperRow> {
 }
 
 const fn printed(method: Method, groups: [(f64, f64); 4], average: (f64, f64)) -> PaperRow {
-    PaperRow {
-        method,
-        groups,
-        average,
-    }
+    PaperRow { method, groups, average }
 }
 
 // a line of the table is a line here
@@ -63,17 +59,9 @@ mod tests {
             let mean =
                 |figure: fn(&(f64, f64)) -> f64| row.groups.iter().map(figure).sum::<f64>() / 4.0;
             let success = mean(|group| group.0);
-            assert!(
-                (success - row.average.0).abs() < 0.011,
-                "{:?} {success}",
-                row.method
-            );
+            assert!((success - row.average.0).abs() < 0.011, "{:?} {success}", row.method);
             let reward = mean(|group| group.1);
-            assert!(
-                (reward - row.average.1).abs() < 1.0,
-                "{:?} {reward}",
-                row.method
-            );
+            assert!((reward - row.average.1).abs() < 1.0, "{:?} {reward}", row.method);
         }
     }
 }

@@ -16,13 +16,10 @@ pub fn partner(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
     let served = |policy, group: &str| {
         let own = rollouts.iter().filter(|row| !row.straddles);
         let own = own.filter(|row| row.group == group);
-        own.filter(|row| last_acting(rollouts, row.policy) == policy)
-            .count()
+        own.filter(|row| last_acting(rollouts, row.policy) == policy).count()
     };
     // the last of equals in the reversed order is the first
-    let most = (0..policies)
-        .rev()
-        .max_by_key(|&policy| served(policy, group))?;
+    let most = (0..policies).rev().max_by_key(|&policy| served(policy, group))?;
     let mut others = rollouts.iter().map(|row| row.group.as_str());
     let own = served(most, group);
     (own > 0 && others.all(|other| served(most, other) <= own)).then_some(most)
@@ -53,10 +50,7 @@ mod tests {
     #[test]
     fn a_group_whose_policy_serves_another_one_more_has_none() {
         let rows = rollouts(&[("a", 0), ("a", 0), ("a", 0), ("b", 0), ("b", 0), ("b", 1)]);
-        assert_eq!(
-            ["a", "b"].map(|group| partner(&rows, group)),
-            [Some(0), None]
-        );
+        assert_eq!(["a", "b"].map(|group| partner(&rows, group)), [Some(0), None]);
         let equal = rollouts(&[("a", 1), ("b", 0), ("a", 0), ("b", 1)]);
         assert_eq!(["a", "b"].map(|group| partner(&equal, group)), [Some(0); 2]);
         assert_eq!(partner(&[], "a"), None);

@@ -30,19 +30,10 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
             let mut row = vec![title(&mut table, method), episodes.to_string()];
             for group in groups {
                 let own = std::slice::from_ref(group);
-                row.push(cell(
-                    &mut table,
-                    &over(method, |run| right(run, own, episodes)),
-                ));
+                row.push(cell(&mut table, &over(method, |run| right(run, own, episodes))));
             }
-            row.push(cell(
-                &mut table,
-                &over(method, |run| right(run, groups, episodes)),
-            ));
-            row.push(cell(
-                &mut table,
-                &over(method, |run| none(run, groups, episodes)),
-            ));
+            row.push(cell(&mut table, &over(method, |run| right(run, groups, episodes))));
+            row.push(cell(&mut table, &over(method, |run| none(run, groups, episodes))));
             table.rows.push(row);
         }
     }
@@ -164,15 +155,9 @@ mod tests {
     /// Policy 2 went on for policy 0, which served group `a` for longer.
     #[test]
     fn the_answer_of_an_heir_is_right_where_its_policy_was() {
-        let mut merged = run(
-            Method::Covers,
-            &[("a", 1, Some(2), 4), ("b", 1, Some(1), 4)],
-        );
+        let mut merged = run(Method::Covers, &[("a", 1, Some(2), 4), ("b", 1, Some(1), 4)]);
         merged.rollouts.push(merged.rollouts[0].clone());
-        merged.rollouts.push(RolloutRow {
-            policy: 2,
-            ..merged.rollouts[0].clone()
-        });
+        merged.rollouts.push(RolloutRow { policy: 2, ..merged.rollouts[0].clone() });
         assert_eq!(rows(merged.clone())[0][2..5], ["0.000", "1.000", "0.500"]);
         merged.rollouts[3].heirs = vec![Some(2), None, None];
         assert_eq!(rows(merged)[0][2..5], ["1.000", "1.000", "1.000"]);

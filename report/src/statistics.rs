@@ -98,9 +98,7 @@ impl Scores {
     /// As many scores of each group, drawn with replacement.
     fn draw(&self, rng: &mut ChaCha8Rng) -> Self {
         let draw = |scores: &Vec<f64>| -> Vec<f64> {
-            let draws = scores
-                .iter()
-                .map(|_| scores[rng.random_range(0..scores.len())]);
+            let draws = scores.iter().map(|_| scores[rng.random_range(0..scores.len())]);
             draws.collect()
         };
         Self(self.0.iter().map(draw).collect())
@@ -179,22 +177,13 @@ mod tests {
     #[test]
     fn seeds_are_drawn_within_their_group() {
         // groups far apart: their difference is no part of the interval
-        let scores = Scores(vec![
-            vec![0.0, 0.2, 0.4, 0.6],
-            vec![100.0, 100.0, 100.0, 100.0],
-        ]);
+        let scores = Scores(vec![vec![0.0, 0.2, 0.4, 0.6], vec![100.0, 100.0, 100.0, 100.0]]);
         let interval = scores.interval(mean).unwrap();
         // the standard error of the first group's mean is sqrt(0.05 / 4) = 0.112; half of it counts
         let expected = 1.96 * 0.5 * (0.05_f64 / 4.0).sqrt();
         let centre = scores.of(mean);
-        assert!(
-            (interval.low - (centre - expected)).abs() < 0.01,
-            "{interval:?}"
-        );
-        assert!(
-            (interval.high - (centre + expected)).abs() < 0.01,
-            "{interval:?}"
-        );
+        assert!((interval.low - (centre - expected)).abs() < 0.01, "{interval:?}");
+        assert!((interval.high - (centre + expected)).abs() < 0.01, "{interval:?}");
         assert_eq!(scores.interval(mean), scores.interval(mean));
     }
 

@@ -57,10 +57,7 @@ impl Drawing {
 
     /// One of two that stand side by side on a page.
     pub fn half(end: f64, axis: &'static str) -> Self {
-        Self {
-            length: 440.0,
-            ..Self::new(end, axis)
-        }
+        Self { length: 440.0, ..Self::new(end, axis) }
     }
 
     /// Begins a panel of this height (pixels) over `bounds` with a name and ticks.
@@ -106,17 +103,13 @@ impl Drawing {
 
     fn polyline(&mut self, points: &[(f64, f64)], stroke: &Stroke, class: &str) {
         let (path, stroke) = (self.path(points.iter()), attributes(stroke));
-        self.add(format_args!(
-            "<polyline points=\"{path}\" {stroke} class=\"{class}\"/>"
-        ));
+        self.add(format_args!("<polyline points=\"{path}\" {stroke} class=\"{class}\"/>"));
     }
 
     /// What lies between two lines.
     pub fn band(&mut self, low: &[(f64, f64)], high: &[(f64, f64)], colour: &str) {
         let path = self.path(low.iter().chain(high.iter().rev()));
-        self.add(format_args!(
-            "<polygon points=\"{path}\" fill=\"{colour}\" class=\"band\"/>"
-        ));
+        self.add(format_args!("<polygon points=\"{path}\" fill=\"{colour}\" class=\"band\"/>"));
     }
 
     fn path<'a>(&self, points: impl Iterator<Item = &'a (f64, f64)>) -> String {
@@ -160,14 +153,10 @@ impl Drawing {
         let bottom = self.panel[0] + self.panel[1];
         for tick in ticks(self.end) {
             let (x, y) = (self.x(tick), bottom + 16.0);
-            self.add(format_args!(
-                "<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"
-            ));
+            self.add(format_args!("<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"));
         }
         let (middle, y, axis) = (LEFT + self.length / 2.0, bottom + 33.0, self.axis);
-        self.add(format_args!(
-            "<text x=\"{middle}\" y=\"{y}\" class=\"below\">{axis}</text>"
-        ));
+        self.add(format_args!("<text x=\"{middle}\" y=\"{y}\" class=\"below\">{axis}</text>"));
         let (width, height) = (LEFT + self.length + RIGHT, bottom + OUTSIDE[1]);
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
@@ -248,9 +237,7 @@ fn ticks(end: f64) -> Vec<f64> {
     let step = steps.into_iter().find(|&step| multiple(step) >= rough);
     let step = step.unwrap_or(10.0);
     let ticks = (0..=7).map(|n| multiple(f64::from(n) * step));
-    ticks
-        .take_while(|&tick| tick <= end * (1.0 + 1e-9))
-        .collect()
+    ticks.take_while(|&tick| tick <= end * (1.0 + 1e-9)).collect()
 }
 
 /// Text with the signs of XML and HTML escaped, and control characters, which XML has no place for.
@@ -268,10 +255,7 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_few() {
-        assert_eq!(
-            ticks(305_000.0),
-            (0..=6).map(|n| 5e4 * f64::from(n)).collect::<Vec<_>>()
-        );
+        assert_eq!(ticks(305_000.0), (0..=6).map(|n| 5e4 * f64::from(n)).collect::<Vec<_>>());
         assert_eq!(ticks(4.0), [0.0, 1.0, 2.0, 3.0, 4.0]);
         for end in [0.3, 0.5, 1.0, 7.0, 80.0, 999.0, 68_000.0, 1e6] {
             let ticks = ticks(end);
@@ -296,11 +280,7 @@ mod tests {
     #[test]
     fn names_of_any_length_lie_inside_the_drawing() {
         let long = "w".repeat(300);
-        for names in [
-            vec!["covers"; 3],
-            vec!["a-rather-long-name"; 24],
-            vec![long.as_str(); 2],
-        ] {
+        for names in [vec!["covers"; 3], vec!["a-rather-long-name"; 24], vec![long.as_str(); 2]] {
             let mut drawing = Drawing::half(1.0, "decisions");
             for (number, name) in names.iter().enumerate() {
                 drawing.legend(name, &stroke(number));
@@ -358,18 +338,13 @@ pub(super) mod read {
             })
             .collect();
         for &[from, to, y] in &boxes {
-            assert!(
-                from >= 0.0 && to <= view[2] && y > 0.0 && y < frame,
-                "{svg}"
-            );
+            assert!(from >= 0.0 && to <= view[2] && y > 0.0 && y < frame, "{svg}");
         }
         for pair in boxes.windows(2) {
             let [[_, to, above], [from, _, below]] = [pair[0], pair[1]];
             assert!(to < from || above + 12.0 < below, "{pair:?}");
         }
-        let [(tag, name), ..] = of_class(svg, "name")[..] else {
-            panic!("{svg}")
-        };
+        let [(tag, name), ..] = of_class(svg, "name")[..] else { panic!("{svg}") };
         assert!(number(tag, "y") - text_width(name) / 2.0 >= 0.0, "{name}");
     }
 }

@@ -123,9 +123,7 @@ impl Table {
         let rows: String = self.rows.iter().map(line).collect();
         let header = line(&self.header);
         let notes = self.notes.iter().zip(1..);
-        let notes: String = notes
-            .map(|(note, n)| format!("% ({n}) {note}.\n"))
-            .collect();
+        let notes: String = notes.map(|(note, n)| format!("% ({n}) {note}.\n")).collect();
         format!(
             "% {}\n{notes}\\begin{{tabular}}{{{columns}}}\n\\toprule\n{header}\\midrule\n{rows}\\bottomrule\n\\end{{tabular}}\n",
             self.caption
@@ -171,9 +169,7 @@ mod tests {
         let mut table = Table::new("Two figures.", &["method", "success"]);
         let sign = table.note("one policy");
         assert_eq!(table.note("one policy"), sign);
-        table
-            .rows
-            .push(vec!["a_b, \"c\"".to_owned(), format!("5 % {sign}")]);
+        table.rows.push(vec!["a_b, \"c\"".to_owned(), format!("5 % {sign}")]);
         table
     }
 
@@ -213,10 +209,7 @@ mod tests {
     #[test]
     fn html_has_rows_and_notes() {
         let text = table().html();
-        assert!(
-            text.contains("<tr><td>a_b, &quot;c&quot;</td><td>5 % (1)</td></tr>"),
-            "{text}"
-        );
+        assert!(text.contains("<tr><td>a_b, &quot;c&quot;</td><td>5 % (1)</td></tr>"), "{text}");
         assert!(text.contains("(1) one policy.</p>"), "{text}");
     }
 

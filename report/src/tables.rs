@@ -22,10 +22,8 @@ pub const SOMETIMES: [&str; 4] = ["comparisons", "visits", "efficiency", "recogn
 /// first method is compared with the others.
 pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     let groups = common_groups(methods);
-    let mut tables = vec![
-        ("results", results(methods, &groups)),
-        ("seeds", over_seeds(methods, &groups)),
-    ];
+    let mut tables =
+        vec![("results", results(methods, &groups)), ("seeds", over_seeds(methods, &groups))];
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
     }
@@ -61,11 +59,7 @@ pub fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
 fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     let mut header = vec!["method"];
     header.extend(groups.iter().map(String::as_str));
-    header.extend([
-        "average",
-        "average with own policies",
-        "mismatched variants",
-    ]);
+    header.extend(["average", "average with own policies", "mismatched variants"]);
     let caption = "Success and reward (of 500) after the stream: means over seeds and variants, with \
         95 % intervals of success. A variant is played by the policy that the method recognises; it \
         is mismatched where that is not the group's own, which served the group in most rollouts.";
@@ -100,9 +94,8 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
 /// Scores that one run lacks have no mean.
 fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [String; 2] {
     let figures = method.figures.iter().flat_map(|figures| &figures.groups);
-    let of_groups: Vec<&GroupFigures> = figures
-        .filter(|group| groups.contains(&group.group))
-        .collect();
+    let of_groups: Vec<&GroupFigures> =
+        figures.filter(|group| groups.contains(&group.group)).collect();
     let scores = of_groups
         .iter()
         .map(|group| Ok((group.own_success?, group.own_reward?)))
@@ -114,9 +107,8 @@ fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [S
     let counts = of_groups.iter().map(|group| group.mismatches);
     let counts = counts.collect::<Result<Vec<[usize; 2]>, Undefined>>();
     let count = counts.map(|counts| {
-        let [others, all] = counts
-            .into_iter()
-            .fold([0, 0], |sum, group| [sum[0] + group[0], sum[1] + group[1]]);
+        let [others, all] =
+            counts.into_iter().fold([0, 0], |sum, group| [sum[0] + group[0], sum[1] + group[1]]);
         format!("{others} of {all}")
     });
     let mut cell = |figure: Result<String, Undefined>| {
@@ -202,10 +194,7 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
     ];
     let mut table = Table::new("", &header);
     table.note(NOT_ONE_TO_ONE);
-    table.caption = format!(
-        "{} against the other methods, by success.",
-        title(&mut table, first)
-    );
+    table.caption = format!("{} against the other methods, by success.", title(&mut table, first));
     let printed = |method: &MethodRuns| {
         let row = method.identity.method.and_then(paper::row);
         row.map(|row| row.average.0)
@@ -217,11 +206,7 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
         let against = title(&mut table, other);
         table.rows.push(vec![
             against,
-            format!(
-                "{:+.3}{}",
-                comparison.difference,
-                brackets(comparison.interval, 3)
-            ),
+            format!("{:+.3}{}", comparison.difference, brackets(comparison.interval, 3)),
             format!("{improvement:.2}{}", brackets(interval, 2)),
             comparison.verdict().word().to_owned(),
             paper.map_or_else(dash, |(own, other)| format!("{:+.2}", own - other)),
@@ -266,15 +251,7 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
 
 /// One row a run.
 fn runs(methods: &[MethodRuns]) -> Table {
-    let header = [
-        "run",
-        "success",
-        "reward",
-        "policies",
-        "decisions",
-        "seconds",
-        "commit",
-    ];
+    let header = ["run", "success", "reward", "policies", "decisions", "seconds", "commit"];
     let mut table = Table::new("Each run.", &header);
     for method in methods {
         for (run, figures) in method.runs.iter().zip(&method.figures) {

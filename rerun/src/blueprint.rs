@@ -21,9 +21,7 @@ pub(crate) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
     let decision = run.experiment.envs.control.decision_seconds();
     let time = TimePanel::new().with_fps(decision.recip());
     let time = match has_stream {
-        true => time
-            .with_timeline(ROLLOUTS)
-            .with_play_state(PlayState::Paused),
+        true => time.with_timeline(ROLLOUTS).with_play_state(PlayState::Paused),
         false => time.with_timeline(DECISION),
     };
     Blueprint::new(Tabs::new(stream.into_iter().chain(groups))).with_time_panel(time)
@@ -40,10 +38,7 @@ fn stream() -> ContainerLike {
         lanes.into(),
         series("success", &["/stream/success", "/stream/evaluation/**"]),
         series("reward", &["/stream/reward"]),
-        series(
-            "W1 and thresholds",
-            &["/stream/distance/**", "/stream/threshold/**"],
-        ),
+        series("W1 and thresholds", &["/stream/distance/**", "/stream/threshold/**"]),
     ])
     .with_name("stream")
     .with_row_shares([1.0, 2.0, 2.0, 2.0])

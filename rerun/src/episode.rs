@@ -11,11 +11,8 @@ use crate::recording::{DECISION, Recording, refused};
 use crate::scene::Solids;
 
 /// What is shown of an episode, and where it is in the recording.
-pub(crate) const VIEWS: [(View, &str); 3] = [
-    (View::Raw, "table/camera/raw"),
-    (View::Mask, "mask"),
-    (View::Seen, "seen"),
-];
+pub(crate) const VIEWS: [(View, &str); 3] =
+    [(View::Raw, "table/camera/raw"), (View::Mask, "mask"), (View::Seen, "seen")];
 
 /// Components of an action.
 const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
@@ -36,13 +33,7 @@ pub(crate) fn record(
 ) -> Result<String, CoversError> {
     let views = VIEWS.map(|(view, _)| view);
     let studio = Studio::new(&show.experiment.envs, variant, &views, seed)?;
-    let mut stage = Stage {
-        place: place(variant),
-        solids: None,
-        decision: 0,
-        studio,
-        recording,
-    };
+    let mut stage = Stage { place: place(variant), solids: None, decision: 0, studio, recording };
     let (policy, success) = show.perform(variant, &mut stage)?;
     let outcome = if success { "solved" } else { "not solved" };
     Ok(format!("{variant}: policy {policy}, {outcome}"))

@@ -11,9 +11,9 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use clap::Parser;
+use covers::RunData;
 use covers::cli::Threads;
 use covers::render::Show;
-use covers::RunData;
 use covers::{CoversError, RunFolder};
 use envs::TaskRegistry;
 
@@ -21,10 +21,7 @@ use crate::recording::Recording;
 
 /// Records a run and its policies at work for the Rerun viewer.
 #[derive(Clone, Debug, Parser)]
-#[command(
-    version,
-    after_help = "Example: covers-rerun runs/covers-seed0 --out covers.rrd"
-)]
+#[command(version, after_help = "Example: covers-rerun runs/covers-seed0 --out covers.rrd")]
 pub struct Options {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -52,10 +49,7 @@ impl Options {
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
         let path = &self.out;
         if path.extension().is_none_or(|ending| ending != "rrd") {
-            return Err(CoversError::Ending {
-                path: path.clone(),
-                expected: ".rrd",
-            });
+            return Err(CoversError::Ending { path: path.clone(), expected: ".rrd" });
         }
         if path.exists() {
             return Err(CoversError::FileExists { path: path.clone() });
@@ -73,15 +67,11 @@ impl Options {
         let record = |variant| episode::record(variant, self.seed, &mut show, &recording);
         let played = pool.install(|| variants.map(record).collect::<Result<Vec<_>, _>>())?;
         let bytes = recording.finish()?;
-        self.write(&bytes).map_err(|source| CoversError::Write {
-            path: path.clone(),
-            source: source.into(),
-        })?;
+        self.write(&bytes)
+            .map_err(|source| CoversError::Write { path: path.clone(), source: source.into() })?;
         // a closed pipe loses no recording: the file is there
         let hint = "`rerun FILE` opens it; episodes play on the timeline `decision`";
-        let lines = played
-            .into_iter()
-            .chain([format!("{}: {hint}", path.display())]);
+        let lines = played.into_iter().chain([format!("{}: {hint}", path.display())]);
         for line in lines {
             writeln!(out, "{line}").map_err(|source| CoversError::Write {
                 path: PathBuf::from("standard output"),

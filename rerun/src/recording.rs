@@ -39,11 +39,7 @@ impl Recording {
         stream.set_log_tick_enabled(false);
         let bytes = stream.binary_stream();
         let path = path.to_owned();
-        Ok(Self {
-            path,
-            stream,
-            bytes,
-        })
+        Ok(Self { path, stream, bytes })
     }
 
     /// The file that it is for.
@@ -91,8 +87,5 @@ impl Recording {
 
 /// The error of a recording that does not come about.
 pub(crate) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> CoversError {
-    move |error| CoversError::Write {
-        path: path.to_owned(),
-        source: error.to_string().into(),
-    }
+    move |error| CoversError::Write { path: path.to_owned(), source: error.to_string().into() }
 }

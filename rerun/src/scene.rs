@@ -75,10 +75,7 @@ fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), Co
             let ball = Ellipsoids3D::from_radii([radius as f32]);
             recording.state(place, &ball.with_colors(colour).with_fill_mode(fill))
         }
-        Shape::Capsule {
-            radius,
-            half_length,
-        } => {
+        Shape::Capsule { radius, half_length } => {
             // theirs begins at the origin, and ours is centred there
             let begin = [0.0, 0.0, -half_length as f32];
             let capsule =
@@ -86,10 +83,7 @@ fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), Co
             let capsule = capsule.with_translations([begin]).with_colors(colour);
             recording.state(place, &capsule.with_fill_mode(fill))
         }
-        Shape::Cylinder {
-            radius,
-            half_length,
-        } => {
+        Shape::Cylinder { radius, half_length } => {
             let cylinder =
                 Cylinders3D::from_lengths_and_radii([2.0 * half_length as f32], [radius as f32]);
             recording.state(place, &cylinder.with_colors(colour).with_fill_mode(fill))
@@ -130,10 +124,7 @@ mod tests {
     /// A pinhole as Rerun has it (x right, y down, z forward) sees what our camera sees.
     #[test]
     fn the_pinhole_projects_as_the_camera_does() {
-        let camera = Camera {
-            size: 144,
-            ..Camera::default()
-        };
+        let camera = Camera { size: 144, ..Camera::default() };
         for point in [[0.1, 0.2, 0.0], [-0.4, 0.3, 0.15], [0.0, -0.2, 0.3]] {
             let point = DVec3::from_array(point);
             let eye = DVec3::new(0.0, 0.0, camera.height);

@@ -15,26 +15,11 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversE
     recording.state("stream/group", &lane(&groups))?;
     recording.state("stream/policy", &lane(&policies))?;
     for (group, colour) in &groups {
-        line(
-            &format!("stream/evaluation/{group}"),
-            *colour,
-            2.0,
-            recording,
-        )?;
+        line(&format!("stream/evaluation/{group}"), *colour, 2.0, recording)?;
     }
     for (policy, (_, colour)) in policies.iter().enumerate() {
-        line(
-            &format!("stream/distance/{policy}"),
-            *colour,
-            2.0,
-            recording,
-        )?;
-        line(
-            &format!("stream/threshold/{policy}"),
-            *colour,
-            0.5,
-            recording,
-        )?;
+        line(&format!("stream/distance/{policy}"), *colour, 2.0, recording)?;
+        line(&format!("stream/threshold/{policy}"), *colour, 0.5, recording)?;
     }
     let mut begin = 0;
     for (rollout, row) in run.rollouts.iter().enumerate() {
@@ -93,9 +78,7 @@ fn policies(run: &RunData) -> Vec<Value> {
     let count = run.rollouts.iter().map(|row| row.policy + 1).max();
     let coloured = |policy| {
         let schedule = &run.experiment.schedule;
-        let number = run
-            .group_of(policy)
-            .and_then(|group| schedule.number(group));
+        let number = run.group_of(policy).and_then(|group| schedule.number(group));
         (policy_name(policy), number.map_or(GREY, rgb))
     };
     (0..count.unwrap_or(0)).map(coloured).collect()
@@ -119,10 +102,6 @@ fn line(
 /// How the states of a lane are drawn.
 fn lane(values: &[Value]) -> StateConfiguration {
     let names = values.iter().map(|(name, _)| name.as_str());
-    let colours = values
-        .iter()
-        .map(|&(_, [r, g, b])| Color::from_rgb(r, g, b));
-    StateConfiguration::new()
-        .with_values(names)
-        .with_colors(colours)
+    let colours = values.iter().map(|&(_, [r, g, b])| Color::from_rgb(r, g, b));
+    StateConfiguration::new().with_values(names).with_colors(colours)
 }

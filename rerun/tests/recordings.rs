@@ -22,9 +22,7 @@ const POLICIES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretraine
 fn rerun(run: &str, out: &Path, more: &[&str]) -> Result<String, CoversError> {
     let arguments = [&["covers-rerun", run, "--out", out.to_str().unwrap()], more].concat();
     let mut printed = Vec::new();
-    Options::try_parse_from(arguments)
-        .unwrap()
-        .run(&mut printed)?;
+    Options::try_parse_from(arguments).unwrap().run(&mut printed)?;
     Ok(String::from_utf8(printed).unwrap())
 }
 
@@ -58,12 +56,7 @@ fn a_recording_names_what_it_holds() {
     let bytes = fs::read(&film).unwrap();
     assert!(bytes.starts_with(b"RRF"));
     let half_turn = "/button-press/half-turn";
-    for entity in [
-        "/stream/group",
-        "/stream/policy",
-        "/stream/reward",
-        half_turn,
-    ] {
+    for entity in ["/stream/group", "/stream/policy", "/stream/reward", half_turn] {
         assert!(holds(&bytes, entity), "{entity}");
     }
     assert!(!holds(&bytes, "/goal-reach/half-turn"));

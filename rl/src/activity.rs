@@ -77,20 +77,13 @@ mod tests {
         let mut activity = Activity::of(layers.clone());
         assert_eq!(activity.units(), 9);
         // the means are 4 / 3, 1 and 0
-        assert_eq!(
-            [0.0, 0.1, 0.16, 1.0].map(|tau| activity.dormant(tau)),
-            [3, 3, 4, 8]
-        );
+        assert_eq!([0.0, 0.1, 0.16, 1.0].map(|tau| activity.dormant(tau)), [3, 3, 4, 8]);
         let mut sum = Activity::default();
         assert_eq!((sum.units(), sum.dormant(0.5)), (0, 0));
         sum.add(&activity);
         assert_eq!(sum, activity);
         // what sleeps for some observations may be awake for others
-        activity.add(&Activity::of(vec![
-            vec![4.0, 0.0, 0.0],
-            vec![1.0; 4],
-            vec![0.0, 1.0],
-        ]));
+        activity.add(&Activity::of(vec![vec![4.0, 0.0, 0.0], vec![1.0; 4], vec![0.0, 1.0]]));
         assert_eq!(activity.dormant(0.0), 1);
     }
 

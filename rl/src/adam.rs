@@ -22,10 +22,7 @@ pub struct ParamGroup {
 impl ParamGroup {
     /// All of `len` parameters.
     pub(crate) fn all(len: usize, learning_rate: f32) -> Self {
-        Self {
-            range: 0..len,
-            learning_rate,
-        }
+        Self { range: 0..len, learning_rate }
     }
 
     fn assert_within(&self, len: usize) {
@@ -86,10 +83,7 @@ impl Adam {
     /// Both moments and the number of steps, for a checkpoint.
     pub(crate) fn save(&self) -> AlgorithmState<'_> {
         AlgorithmState {
-            tensors: vec![
-                (FIRST_MOMENT, &self.first_moment),
-                (SECOND_MOMENT, &self.second_moment),
-            ],
+            tensors: vec![(FIRST_MOMENT, &self.first_moment), (SECOND_MOMENT, &self.second_moment)],
             counters: vec![(STEPS, self.steps)],
         }
     }
@@ -108,11 +102,8 @@ impl Adam {
         let root = bias_correction(beta2, self.steps).sqrt();
         let first = &mut self.first_moment[range.clone()];
         let second = &mut self.second_moment[range.clone()];
-        for (((p, g), m), v) in params[range.clone()]
-            .iter_mut()
-            .zip(&gradient[range])
-            .zip(first)
-            .zip(second)
+        for (((p, g), m), v) in
+            params[range.clone()].iter_mut().zip(&gradient[range]).zip(first).zip(second)
         {
             *m = beta1 * *m + (1.0 - beta1) * g;
             *v = beta2 * *v + (1.0 - beta2) * g * g;
@@ -160,10 +151,7 @@ mod tests {
     use super::*;
 
     fn group(range: Range<usize>, learning_rate: f32) -> ParamGroup {
-        ParamGroup {
-            range,
-            learning_rate,
-        }
+        ParamGroup { range, learning_rate }
     }
 
     /// Golden numbers, from this Python script (no library):
@@ -177,11 +165,7 @@ mod tests {
     /// ```
     #[test]
     fn three_steps_by_hand() {
-        let golden = [
-            [0.900_002, -1.9900001],
-            [0.8067864, -1.994_942],
-            [0.8274218, -1.9987621],
-        ];
+        let golden = [[0.900_002, -1.9900001], [0.8067864, -1.994_942], [0.8274218, -1.9987621]];
         let mut adam = Adam::new(2, 1e-5);
         let mut params = [1.0, -2.0];
         let groups = [group(0..1, 0.1), group(1..2, 0.01)];

@@ -82,9 +82,7 @@ impl AlgorithmState<'_> {
         let tensors = self.tensors.iter();
         let counters = self.counters.iter();
         (
-            tensors
-                .map(|(name, values)| (*name, values.len()))
-                .collect(),
+            tensors.map(|(name, values)| (*name, values.len())).collect(),
             counters.map(|(name, _)| *name).collect(),
         )
     }
@@ -92,9 +90,7 @@ impl AlgorithmState<'_> {
     /// The layout for an error message.
     fn in_words(&self) -> String {
         let (tensors, counters) = self.layout();
-        let tensors = tensors
-            .iter()
-            .map(|(name, len)| format!("{name:?} [{len}]"));
+        let tensors = tensors.iter().map(|(name, len)| format!("{name:?} [{len}]"));
         let counters = counters.iter().map(|name| format!("{name:?}"));
         tensors.chain(counters).collect::<Vec<_>>().join(", ")
     }
@@ -125,10 +121,7 @@ fn check_counter(name: &str, count: u64) -> Result<(), RlError> {
 /// Refuses negative numbers in the arrays of these names. A second moment has none, and a root of
 /// one would be NaN at the next step.
 pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Result<(), RlError> {
-    let arrays = state
-        .tensors
-        .iter()
-        .filter(|(name, _)| names.contains(name));
+    let arrays = state.tensors.iter().filter(|(name, _)| names.contains(name));
     let mut numbers = arrays.flat_map(|(name, values)| values.iter().map(move |v| (name, v)));
     match numbers.find(|&(_, &value)| value < 0.0) {
         Some((&name, &value)) => Err(RlError::Damaged {

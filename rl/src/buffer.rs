@@ -46,10 +46,7 @@ impl RolloutBuffer {
     /// the machine has not so much.
     pub fn new(spec: &EnvSpec, steps: usize) -> Result<Self, RlError> {
         spec.check_rollout(steps)?;
-        let all = EnvSpec {
-            num_envs: spec.num_envs * steps,
-            ..spec.clone()
-        };
+        let all = EnvSpec { num_envs: spec.num_envs * steps, ..spec.clone() };
         Ok(Self {
             spec: spec.clone(),
             capacity: steps,
@@ -145,10 +142,7 @@ impl RolloutBuffer {
     /// length, [`RlError::NotFinite`] for values or vectors that are not numbers.
     pub fn finish(&mut self, last: &Observations, last_values: &[f32]) -> Result<(), RlError> {
         if self.pushed != self.steps {
-            return Err(RlError::BufferNotFinished {
-                got: self.pushed,
-                steps: self.steps,
-            });
+            return Err(RlError::BufferNotFinished { got: self.pushed, steps: self.steps });
         }
         check_len("last_values", "[N]", last_values.len(), self.spec.num_envs)?;
         check_all_finite("a value", last_values)?;
@@ -229,10 +223,7 @@ impl RolloutBuffer {
         if self.steps >= horizon {
             return Ok(());
         }
-        Err(RlError::ShortRollout {
-            steps: self.steps,
-            horizon,
-        })
+        Err(RlError::ShortRollout { steps: self.steps, horizon })
     }
 
     /// Refuses a buffer that is not full and finished.
@@ -240,10 +231,7 @@ impl RolloutBuffer {
         if self.finished {
             Ok(())
         } else {
-            Err(RlError::BufferNotFinished {
-                got: self.pushed,
-                steps: self.steps,
-            })
+            Err(RlError::BufferNotFinished { got: self.pushed, steps: self.steps })
         }
     }
 
@@ -322,10 +310,7 @@ fn copy_row<T: Copy>(array: &mut [T], t: usize, row: &[T]) {
 
 impl<P: OnPolicy> Experience<P> for RolloutBuffer {
     /// As many as there is room for, also where the last rollout lost its end.
-    #[allow(
-        clippy::misnamed_getters,
-        reason = "`steps` are those of the last rollout"
-    )]
+    #[allow(clippy::misnamed_getters, reason = "`steps` are those of the last rollout")]
     fn steps(&self) -> usize {
         self.capacity
     }
@@ -402,11 +387,7 @@ impl RolloutBuffer {
     pub fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
         self.check_finished()?;
         if steps == 0 {
-            return Err(RlError::Setting {
-                name: "steps",
-                value: 0.0,
-                expected: "at least 1",
-            });
+            return Err(RlError::Setting { name: "steps", value: 0.0, expected: "at least 1" });
         }
         if steps >= self.steps {
             return Ok(());
@@ -415,14 +396,9 @@ impl RolloutBuffer {
         let (from, to) = (steps * n, (steps + 1) * n);
         let (image, vector) = (self.spec.image_len(), self.spec.vector.len());
         let next = &self.observations;
-        self.last
-            .images
-            .copy_from_slice(&next.images[from * image..to * image]);
-        self.last
-            .vectors
-            .copy_from_slice(&next.vectors[from * vector..to * vector]);
-        self.last_values
-            .copy_from_slice(&self.decisions.values[from..to]);
+        self.last.images.copy_from_slice(&next.images[from * image..to * image]);
+        self.last.vectors.copy_from_slice(&next.vectors[from * vector..to * vector]);
+        self.last_values.copy_from_slice(&self.decisions.values[from..to]);
         let ends = self.truncated.partition_point(|&sample| sample < from);
         self.truncated.truncate(ends);
         self.finals.images.truncate(ends * image);
@@ -435,15 +411,9 @@ impl RolloutBuffer {
     /// Makes room for so many steps; those that are there stay.
     pub(super) fn resize(&mut self, steps: usize) {
         let (spec, samples) = (&self.spec, steps * self.spec.num_envs);
-        self.observations
-            .images
-            .resize(samples * spec.image_len(), 0);
-        self.observations
-            .vectors
-            .resize(samples * spec.vector.len(), 0.0);
-        self.decisions
-            .actions
-            .resize(samples * spec.action.len(), 0.0);
+        self.observations.images.resize(samples * spec.image_len(), 0);
+        self.observations.vectors.resize(samples * spec.vector.len(), 0.0);
+        self.decisions.actions.resize(samples * spec.action.len(), 0.0);
         self.decisions.log_probs.resize(samples, 0.0);
         self.decisions.values.resize(samples, 0.0);
         self.rewards.resize(samples, 0.0);

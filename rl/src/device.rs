@@ -75,9 +75,8 @@ impl Observed {
         }
         let order = parts.vector_order;
         let rows = vectors.chunks_exact(order.len().max(1));
-        let components: Vec<f32> = rows
-            .flat_map(|vector| order.iter().map(|&i| vector[i]))
-            .collect();
+        let components: Vec<f32> =
+            rows.flat_map(|vector| order.iter().map(|&i| vector[i])).collect();
         program.write(self.vectors, &components);
     }
 }
@@ -115,12 +114,7 @@ pub(crate) fn add_network(
     };
     let value = plan.layer(&network.critic, of_critic)?;
     let action = network.action_order.len();
-    Ok(Outputs {
-        mean,
-        value,
-        heads,
-        log_std: plan.reserve(action, 0..action),
-    })
+    Ok(Outputs { mean, value, heads, log_std: plan.reserve(action, 0..action) })
 }
 
 /// Reads the observations of a batch; a network may have no picture, or no vector.
@@ -241,10 +235,7 @@ impl DevicePolicy {
         let vectors = &observations.vectors[range.start * vector.len()..range.end * vector.len()];
         self.observed.write(&self.program, network, images, vectors);
         let samples = range.len();
-        let batch = Batch {
-            samples,
-            ..Batch::default()
-        };
+        let batch = Batch { samples, ..Batch::default() };
         self.program.submit(Passes::Forward, batch);
         let [mean, value] = self.outputs;
         let fronts = [(mean, samples * width), (value, samples)];

@@ -35,10 +35,7 @@ pub(crate) fn log_prob(mean: &[f64], log_std: &[f64], action: &[f64]) -> f64 {
 
 /// Differential entropy in nats: sum of log_std + ln(2 pi e) / 2.
 pub(crate) fn entropy(log_std: &[f64]) -> f64 {
-    log_std
-        .iter()
-        .map(|s| s + 0.5 * ((2.0 * PI).ln() + 1.0))
-        .sum()
+    log_std.iter().map(|s| s + 0.5 * ((2.0 * PI).ln() + 1.0)).sum()
 }
 
 /// Bounds of the logarithm of a tanh-Gaussian's standard deviation, those of CleanRL's soft
@@ -162,9 +159,7 @@ impl ActionNoise {
         let fresh = self.fresh.chunks_exact(self.width);
         for ((row, fresh), begun) in rows.zip(fresh).zip(&mut self.begun) {
             if std::mem::replace(begun, true) {
-                row.iter_mut()
-                    .zip(fresh)
-                    .for_each(|(x, e)| *x = kept * *x + new * e);
+                row.iter_mut().zip(fresh).for_each(|(x, e)| *x = kept * *x + new * e);
             } else {
                 row.copy_from_slice(fresh);
             }
@@ -334,10 +329,7 @@ mod tests {
                     true => f64::from(e),
                     false => 0.6 * *x + 0.8 * f64::from(e),
                 };
-                assert!(
-                    (*x - f64::from(row[i])).abs() < 1e-5,
-                    "step {t}, number {i}"
-                );
+                assert!((*x - f64::from(row[i])).abs() < 1e-5, "step {t}, number {i}");
             }
         }
     }

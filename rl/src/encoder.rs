@@ -76,11 +76,7 @@ impl Encoder {
     /// width of zero.
     pub(crate) fn widths(&self) -> Vec<(&'static str, usize)> {
         let halving = |fields: &[usize]| {
-            if fields.is_empty() {
-                vec![0]
-            } else {
-                fields.to_vec()
-            }
+            if fields.is_empty() { vec![0] } else { fields.to_vec() }
         };
         let (name, fields, others) = match self {
             Self::Strided { fields } => ("encoder.strided.fields", halving(fields), vec![]),
@@ -183,12 +179,7 @@ impl<T: Scalar> Stack<T> {
     ) -> Result<Layers<T>, RlError> {
         let side = POOLED_SIDE * halved(fields.len());
         let fits = self.shape.height == side;
-        self.check(
-            "pooled",
-            fields.len(),
-            fits,
-            format!("exactly {side} x {side}"),
-        )?;
+        self.check("pooled", fields.len(), fits, format!("exactly {side} x {side}"))?;
         for &fields in fields {
             self.rectified(fields, SAME)?;
             self.pool()?;
@@ -235,13 +226,7 @@ impl<T: Scalar> Stack<T> {
             return Ok(());
         }
         let Shape { height, width, .. } = self.shape;
-        Err(RlError::ImageSize {
-            height,
-            width,
-            encoder,
-            halvings,
-            expected,
-        })
+        Err(RlError::ImageSize { height, width, encoder, halvings, expected })
     }
 
     fn regular(&self, fields: usize) -> FieldType {
@@ -249,9 +234,7 @@ impl<T: Scalar> Stack<T> {
     }
 
     fn halve(&mut self, fields: &[usize]) -> Result<(), RlError> {
-        fields
-            .iter()
-            .try_for_each(|&fields| self.rectified(fields, HALVING))
+        fields.iter().try_for_each(|&fields| self.rectified(fields, HALVING))
     }
 
     fn rectified(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {

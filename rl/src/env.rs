@@ -102,10 +102,7 @@ impl Observations {
 
     /// No observations.
     pub(crate) fn empty() -> Self {
-        Self {
-            images: Vec::new(),
-            vectors: Vec::new(),
-        }
+        Self { images: Vec::new(), vectors: Vec::new() }
     }
 
     /// Checks that both arrays hold `samples` observations of the sizes of `spec`.
@@ -113,18 +110,8 @@ impl Observations {
     /// # Errors
     /// [`RlError::Shape`] names the array, what it holds and what it should hold.
     pub fn check(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
-        check_len(
-            "images",
-            "[N, H, W, C]",
-            self.images.len(),
-            samples * spec.image_len(),
-        )?;
-        check_len(
-            "vectors",
-            "[N, D]",
-            self.vectors.len(),
-            samples * spec.vector.len(),
-        )
+        check_len("images", "[N, H, W, C]", self.images.len(), samples * spec.image_len())?;
+        check_len("vectors", "[N, D]", self.vectors.len(), samples * spec.vector.len())
     }
 
     /// N, where both arrays hold N observations of the sizes of `spec`.
@@ -163,10 +150,7 @@ impl Observations {
     /// When there is no such sample.
     pub fn sample(&self, spec: &EnvSpec, i: usize) -> (&[u8], &[f32]) {
         let (image, vector) = (spec.image_len(), spec.vector.len());
-        (
-            &self.images[i * image..(i + 1) * image],
-            &self.vectors[i * vector..(i + 1) * vector],
-        )
+        (&self.images[i * image..(i + 1) * image], &self.vectors[i * vector..(i + 1) * vector])
     }
 }
 
@@ -186,28 +170,16 @@ fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlErr
     let Some(component) = wrong else {
         return Ok(());
     };
-    let place = Place {
-        env: Some(env),
-        component: Some(component),
-        step: None,
-    };
+    let place = Place { env: Some(env), component: Some(component), step: None };
     let value = row[component];
     check_finite_at(what, f64::from(value), place)?;
-    Err(RlError::TooLarge {
-        what,
-        place,
-        value,
-        limit: MAX_OBSERVATION,
-    })
+    Err(RlError::TooLarge { what, place, value, limit: MAX_OBSERVATION })
 }
 
 fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
     let wrong = rewards.iter().position(|reward| !reward.is_finite());
     wrong.map_or(Ok(()), |env| {
-        let place = Place {
-            env: Some(env),
-            ..Place::default()
-        };
+        let place = Place { env: Some(env), ..Place::default() };
         check_finite_at("a reward", f64::from(rewards[env]), place)
     })
 }
@@ -315,11 +287,9 @@ impl Transition {
         let width = spec.vector.len().max(1);
         let finals = self.final_observations.vectors.chunks(width);
         let ended = self.outcomes.iter().zip(finals).enumerate();
-        ended
-            .filter(|(_, (outcome, _))| outcome.ended())
-            .try_for_each(|(env, (_, row))| {
-                check_vector("a component of a final observation vector", env, row)
-            })
+        ended.filter(|(_, (outcome, _))| outcome.ended()).try_for_each(|(env, (_, row))| {
+            check_vector("a component of a final observation vector", env, row)
+        })
     }
 }
 
@@ -377,20 +347,12 @@ mod tests {
         let mut observations = Observations::new(&spec());
         observations.vectors.pop();
         let message = observations.check(&spec(), 3).unwrap_err().to_string();
-        assert!(
-            message.contains("vectors: got 5 values, expected 6 ([N, D])"),
-            "{message}"
-        );
+        assert!(message.contains("vectors: got 5 values, expected 6 ([N, D])"), "{message}");
         let mut transition = Transition::new(&spec());
         transition.rewards.push(0.0);
         assert!(matches!(
             transition.check(&spec()),
-            Err(RlError::Shape {
-                what: "rewards",
-                got: 4,
-                expected: 3,
-                ..
-            })
+            Err(RlError::Shape { what: "rewards", got: 4, expected: 3, .. })
         ));
     }
 
@@ -410,28 +372,16 @@ mod tests {
     #[test]
     fn pictures_are_not_printed() {
         let printed = format!("{:?}", Transition::new(&spec()));
-        assert!(
-            printed.contains("96 bytes") && printed.len() < 500,
-            "{printed}"
-        );
+        assert!(printed.contains("96 bytes") && printed.len() < 500, "{printed}");
     }
 
     #[test]
     fn an_empty_spec_is_refused() {
-        let empty = EnvSpec {
-            action: vec![],
-            ..spec()
-        };
-        assert!(matches!(
-            empty.check(),
-            Err(RlError::EmptySpec { field: "action" })
-        ));
+        let empty = EnvSpec { action: vec![], ..spec() };
+        assert!(matches!(empty.check(), Err(RlError::EmptySpec { field: "action" })));
         let mut partial = spec();
         partial.image[2] = 0;
-        assert!(matches!(
-            partial.check(),
-            Err(RlError::EmptySpec { field: "image" })
-        ));
+        assert!(matches!(partial.check(), Err(RlError::EmptySpec { field: "image" })));
         assert!(spec().check().is_ok());
     }
 

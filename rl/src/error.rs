@@ -305,23 +305,13 @@ pub struct Place {
 impl fmt::Display for Place {
     /// Begins with a space unless nothing is known.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let parts = [
-            ("environment", self.env),
-            ("component", self.component),
-            ("step", self.step),
-        ];
-        let known = parts
-            .iter()
-            .filter_map(|(name, index)| Some((name, (*index)?)));
+        let parts = [("environment", self.env), ("component", self.component), ("step", self.step)];
+        let known = parts.iter().filter_map(|(name, index)| Some((name, (*index)?)));
         for (count, (name, index)) in known.enumerate() {
             let before = if count == 0 { " (" } else { ", " };
             write!(f, "{before}{name} {index}")?;
         }
-        if *self == Self::default() {
-            Ok(())
-        } else {
-            f.write_str(")")
-        }
+        if *self == Self::default() { Ok(()) } else { f.write_str(")") }
     }
 }
 
@@ -349,16 +339,7 @@ pub(crate) fn check_len(
     got: usize,
     expected: usize,
 ) -> Result<(), RlError> {
-    if got == expected {
-        Ok(())
-    } else {
-        Err(RlError::Shape {
-            what,
-            shape,
-            got,
-            expected,
-        })
-    }
+    if got == expected { Ok(()) } else { Err(RlError::Shape { what, shape, got, expected }) }
 }
 
 /// Refuses infinities and NaN.
@@ -368,11 +349,7 @@ pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError
 
 /// Refuses infinities and NaN, and names the place.
 pub(crate) fn check_finite_at(what: &'static str, value: f64, place: Place) -> Result<(), RlError> {
-    if value.is_finite() {
-        Ok(())
-    } else {
-        Err(RlError::NotFinite { what, place, value })
-    }
+    if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, place, value }) }
 }
 
 /// Refuses arrays with infinities or NaN.
@@ -389,31 +366,20 @@ pub(crate) fn check_rows_finite(
 ) -> Result<(), RlError> {
     let wrong = values.iter().position(|value| !value.is_finite());
     wrong.map_or(Ok(()), |index| {
-        let place = Place {
-            env: Some(index / width),
-            component: Some(index % width),
-            step: None,
-        };
+        let place = Place { env: Some(index / width), component: Some(index % width), step: None };
         check_finite_at(what, f64::from(values[index]), place)
     })
 }
 
 /// Refuses parameters of another network.
 pub(crate) fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
-    if got == expected {
-        Ok(())
-    } else {
-        Err(RlError::Parameters { got, expected })
-    }
+    if got == expected { Ok(()) } else { Err(RlError::Parameters { got, expected }) }
 }
 
 /// Panics for a slice whose length is not `expected`, where a wrong one can only be a mistake in
 /// the calling code.
 pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
-    assert!(
-        got == expected,
-        "{what}: got {got} values, expected {expected}"
-    );
+    assert!(got == expected, "{what}: got {got} values, expected {expected}");
 }
 
 /// Logarithms of standard deviations. Much below -10, actions in f32 are too coarse for their own
@@ -430,11 +396,7 @@ pub(crate) fn require(
     if allowed {
         return Ok(());
     }
-    Err(RlError::Setting {
-        name,
-        value: f64::from(value),
-        expected,
-    })
+    Err(RlError::Setting { name, value: f64::from(value), expected })
 }
 
 /// The widest layer that a setting may ask for; a field type ends at 2^24 channels.
@@ -443,20 +405,13 @@ const MAX_WIDTH: usize = 1 << 16;
 /// Refuses a width of zero, and one that no memory would hold.
 pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
     let expected = "1 to 65536 (a list must not be empty)";
-    require(
-        name,
-        width as f32,
-        expected,
-        (1..=MAX_WIDTH).contains(&width),
-    )
+    require(name, width as f32, expected, (1..=MAX_WIDTH).contains(&width))
 }
 
 /// Refuses an array of these sizes, in bytes, that this machine has no memory for: allocating it
 /// would end the program.
 pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), RlError> {
-    let bytes = sizes
-        .iter()
-        .try_fold(1_usize, |n, &size| n.checked_mul(size));
+    let bytes = sizes.iter().try_fold(1_usize, |n, &size| n.checked_mul(size));
     // without the black box, the compiler removes an allocation that nobody uses
     let fits = |bytes| black_box(Vec::<u8>::new()).try_reserve_exact(bytes).is_ok();
     if bytes.is_some_and(fits) {
@@ -496,10 +451,5 @@ pub(crate) fn require_count(
 
 /// Refuses what is not a logarithm of a standard deviation to begin with or to stop at.
 pub(crate) fn require_log_std(name: &'static str, value: f32) -> Result<(), RlError> {
-    require(
-        name,
-        value,
-        "a number in [-10, 2]",
-        LOG_STD.contains(&value),
-    )
+    require(name, value, "a number in [-10, 2]", LOG_STD.contains(&value))
 }

@@ -101,9 +101,7 @@ mod tests {
                     .find(|&s| inputs.outcomes[s * ENVS + e].ended())
                     .unwrap_or(STEPS - 1);
                 all.push(
-                    (t..=end)
-                        .map(|s| (gamma * lambda).powi((s - t) as i32) * delta(s, e))
-                        .sum(),
+                    (t..=end).map(|s| (gamma * lambda).powi((s - t) as i32) * delta(s, e)).sum(),
                 );
             }
         }
@@ -113,11 +111,8 @@ mod tests {
     #[test]
     fn recurrence_equals_double_sum() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let mut random = |n: usize| {
-            (0..n)
-                .map(|_| rng.random_range(-1.0f32..1.0))
-                .collect::<Vec<_>>()
-        };
+        let mut random =
+            |n: usize| (0..n).map(|_| rng.random_range(-1.0f32..1.0)).collect::<Vec<_>>();
         let len = STEPS * ENVS;
         let (rewards, values, final_values, last_values) =
             (random(len), random(len), random(len), random(ENVS));
@@ -167,10 +162,7 @@ mod tests {
 
     #[test]
     fn the_three_outcomes_bootstrap_differently() {
-        assert_eq!(
-            first_advantage(Outcome::Running),
-            1.0 + 0.5 * 2.0 + 0.5 * 1.0
-        );
+        assert_eq!(first_advantage(Outcome::Running), 1.0 + 0.5 * 2.0 + 0.5 * 1.0);
         assert_eq!(first_advantage(Outcome::Terminated), 1.0);
         assert_eq!(first_advantage(Outcome::Truncated), 1.0 + 0.5 * 10.0);
     }

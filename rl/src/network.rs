@@ -104,10 +104,8 @@ impl<T: Scalar> ActorCritic<T> {
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);
-        self.actor
-            .init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
-        self.critic
-            .init_scaled(rng, settings.value_gain.into(), &mut params[parts.critic]);
+        self.actor.init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
+        self.critic.init_scaled(rng, settings.value_gain.into(), &mut params[parts.critic]);
         params[parts.log_std].fill(T::from_f64(settings.log_std.into()));
         params
     }
@@ -217,12 +215,7 @@ impl<T: Scalar> ActorCritic<T> {
         });
         w.critic.forward(&self.critic, &params[parts.critic], n);
         let width = self.action_order.len();
-        for (mean, y) in w
-            .mean
-            .chunks_exact_mut(width)
-            .zip(w.actor.y.chunks_exact(width))
-            .take(n)
-        {
+        for (mean, y) in w.mean.chunks_exact_mut(width).zip(w.actor.y.chunks_exact(width)).take(n) {
             for (&i, y) in self.action_order.iter().zip(y) {
                 mean[i] = y.to_f64();
             }
@@ -267,10 +260,8 @@ impl<T: Scalar> ActorCritic<T> {
     ) {
         let (parts, w) = (self.parts(), workspace);
         self.load_output_gradients(n, w);
-        w.actor
-            .backward(&self.actor, params, parts.actor, n, dparams, true);
-        w.critic
-            .backward(&self.critic, params, parts.critic, n, dparams, true);
+        w.actor.backward(&self.actor, params, parts.actor, n, dparams, true);
+        w.critic.backward(&self.critic, params, parts.critic, n, dparams, true);
         self.add_head_gradients(n, w);
         let own = self.trunk.params();
         let (own, trunk) = (&params[own.clone()], &mut dparams[own]);
@@ -293,12 +284,7 @@ impl<T: Scalar> ActorCritic<T> {
 
     fn load_output_gradients(&self, n: usize, w: &mut Workspace<T>) {
         let width = self.action_order.len();
-        for (dy, d) in w
-            .actor
-            .dy
-            .chunks_exact_mut(width)
-            .zip(w.d_mean.chunks_exact(width))
-            .take(n)
+        for (dy, d) in w.actor.dy.chunks_exact_mut(width).zip(w.d_mean.chunks_exact(width)).take(n)
         {
             for (dy, &i) in dy.iter_mut().zip(&self.action_order) {
                 *dy = T::from_f64(d[i]);
@@ -335,12 +321,7 @@ mod tests {
 
     fn spec(image: [usize; 3]) -> EnvSpec {
         let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-        EnvSpec {
-            num_envs: 1,
-            image,
-            action: vector.clone(),
-            vector,
-        }
+        EnvSpec { num_envs: 1, image, action: vector.clone(), vector }
     }
 
     #[test]
@@ -349,14 +330,8 @@ mod tests {
             ActorCritic::<f32>::new(&NetworkSettings::default(), &spec([48, 48, 6])).unwrap();
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
         assert_eq!(params.len(), network.num_params());
-        assert_eq!(
-            (network.encoder().start, network.encoder().end),
-            (0, network.heads().start)
-        );
-        assert_eq!(
-            (network.heads().end, network.feature_dim()),
-            (params.len(), 64)
-        );
+        assert_eq!((network.encoder().start, network.encoder().end), (0, network.heads().start));
+        assert_eq!((network.heads().end, network.feature_dim()), (params.len(), 64));
         assert_eq!(params[params.len() - 4..], [-0.5; 4]);
         let actor_out = &params[network.parts().actor.end - 4 * 32..network.parts().actor.end];
         assert!(actor_out.iter().all(|w| w.abs() < 0.02) && actor_out.iter().any(|&w| w != 0.0));
@@ -368,12 +343,7 @@ mod tests {
         [
             (NetworkSettings::default(), 48, [50, 8], "multiples of 16"),
             (NetworkSettings::keypoints(), 12, [50, 2], "multiples of 4"),
-            (
-                NetworkSettings::so2_128(),
-                128,
-                [64, 256],
-                "exactly 128 x 128",
-            ),
+            (NetworkSettings::so2_128(), 128, [64, 256], "exactly 128 x 128"),
         ]
     }
 
@@ -404,23 +374,14 @@ mod tests {
     #[test]
     fn images_that_no_square_can_centre_are_refused_with_both_sides() {
         let error = ActorCritic::<f32>::new(&NetworkSettings::default(), &spec([48, 63, 6])).err();
-        let named = matches!(
-            error,
-            Some(RlError::OffCentre {
-                height: 48,
-                width: 63
-            })
-        );
+        let named = matches!(error, Some(RlError::OffCentre { height: 48, width: 63 }));
         assert!(named, "{error:?}");
     }
 
     #[test]
     fn networks_of_all_groups_are_equally_wide() {
         for group in Group::ALL {
-            let settings = NetworkSettings {
-                group,
-                ..NetworkSettings::default()
-            };
+            let settings = NetworkSettings { group, ..NetworkSettings::default() };
             let network = ActorCritic::<f32>::new(&settings, &spec([48, 48, 6])).unwrap();
             assert_eq!(network.trunk.out_type().dim(), 4 * 64);
             assert_eq!(network.feature_dim(), 4 * 64 / group.order());
@@ -429,12 +390,7 @@ mod tests {
 
     fn network() -> ActorCritic<f32> {
         let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial];
-        let spec = EnvSpec {
-            num_envs: 1,
-            image: [16, 16, 6],
-            action: vector.clone(),
-            vector,
-        };
+        let spec = EnvSpec { num_envs: 1, image: [16, 16, 6], action: vector.clone(), vector };
         ActorCritic::new(&NetworkSettings::default(), &spec).unwrap()
     }
 

@@ -100,16 +100,11 @@ where
         let trunk = network.trunk();
         let samples = observations.samples(&trunk.spec)?;
         self.outputs.resize(samples * row, 0.0);
-        self.chunks
-            .map_rows(&mut self.outputs, row, |range, buffers, rows| {
-                trunk.load_all(observations, range.clone(), buffers.trunk());
-                let chunk = Chunk {
-                    network,
-                    params,
-                    range,
-                };
-                forward(chunk, buffers, rows);
-            });
+        self.chunks.map_rows(&mut self.outputs, row, |range, buffers, rows| {
+            trunk.load_all(observations, range.clone(), buffers.trunk());
+            let chunk = Chunk { network, params, range };
+            forward(chunk, buffers, rows);
+        });
         Ok(samples)
     }
 }
@@ -266,9 +261,7 @@ impl ActorCriticPolicy {
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
         let rows = out.chunks_exact_mut(width);
         for (mean, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
-            mean.iter_mut()
-                .zip(output)
-                .for_each(|(m, &o)| *m = o as f32);
+            mean.iter_mut().zip(output).for_each(|(m, &o)| *m = o as f32);
         }
         Ok(())
     }
@@ -391,9 +384,7 @@ impl Plain for ActorCriticPolicy {
             actor: chain(group, &network.actor, actor, to(&network.action_order))?,
             image: trunk.image,
             vector: trunk.vector,
-            distribution: Distribution::Gaussian {
-                log_std: self.log_std().to_vec(),
-            },
+            distribution: Distribution::Gaussian { log_std: self.log_std().to_vec() },
             critic: Some((critic, pooled)),
         })
     }
@@ -404,11 +395,7 @@ impl Plain for ActorCriticPolicy {
         let mut values = vec![0.0; samples];
         self.mean_actions(observations, &mut (), &mut actions)?;
         self.values(observations, &mut values)?;
-        Ok(Answers {
-            actions,
-            log_std: self.log_std().repeat(samples),
-            values: Some(values),
-        })
+        Ok(Answers { actions, log_std: self.log_std().repeat(samples), values: Some(values) })
     }
 }
 

@@ -113,10 +113,7 @@ impl NetworkSettings {
     /// and the paper's critic.
     pub fn so2_128() -> Self {
         Self {
-            encoder: Encoder::Pooled {
-                fields: vec![8, 16, 32, 64],
-                inner: [128, 64],
-            },
+            encoder: Encoder::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },
             top_fields: 64,
             critic: Critic::Pooled { width: 64 },
             ..Self::default()
@@ -126,13 +123,7 @@ impl NetworkSettings {
     /// Two halvings and the positions of 16 maps, see [`Encoder::Keypoints`]; heads as in the
     /// default. Sides of pictures are multiples of 4.
     pub fn keypoints() -> Self {
-        Self {
-            encoder: Encoder::Keypoints {
-                fields: vec![4, 8],
-                maps: 16,
-            },
-            ..Self::default()
-        }
+        Self { encoder: Encoder::Keypoints { fields: vec![4, 8], maps: 16 }, ..Self::default() }
     }
 
     /// The number of regular fields of the group that are as wide as `fields` of D2.
@@ -159,10 +150,7 @@ impl NetworkSettings {
         for (name, width) in self.encoder.widths().into_iter().chain(own) {
             require_width(name, width)?;
         }
-        for (name, value) in [
-            ("action_gain", self.action_gain),
-            ("value_gain", self.value_gain),
-        ] {
+        for (name, value) in [("action_gain", self.action_gain), ("value_gain", self.value_gain)] {
             require_positive(name, value)?;
         }
         require_log_std("log_std", self.log_std)
@@ -176,44 +164,23 @@ mod tests {
     #[test]
     fn presets_are_valid_and_zeros_are_refused_by_name() {
         let default = NetworkSettings::default();
-        for settings in [
-            default.clone(),
-            NetworkSettings::so2_128(),
-            NetworkSettings::keypoints(),
-        ] {
+        for settings in [default.clone(), NetworkSettings::so2_128(), NetworkSettings::keypoints()]
+        {
             assert!(settings.check().is_ok());
         }
-        let with = |encoder| NetworkSettings {
-            encoder,
-            ..default.clone()
-        };
+        let with = |encoder| NetworkSettings { encoder, ..default.clone() };
         let (none, zero) = (vec![], vec![4, 0]);
-        let narrow = Encoder::Pooled {
-            fields: none.clone(),
-            inner: [1, 0],
-        };
-        let blind = Encoder::Keypoints {
-            fields: vec![1],
-            maps: 0,
-        };
+        let narrow = Encoder::Pooled { fields: none.clone(), inner: [1, 0] };
+        let blind = Encoder::Keypoints { fields: vec![1], maps: 0 };
         let mut quiet = default.clone();
         quiet.action_gain = 0.0;
         let mut undefined = default.clone();
         undefined.log_std = f32::NAN;
         let huge = vec![4, usize::MAX];
         for (name, wrong) in [
-            (
-                "encoder.strided.fields",
-                with(Encoder::Strided { fields: huge }),
-            ),
-            (
-                "encoder.strided.fields",
-                with(Encoder::Strided { fields: none }),
-            ),
-            (
-                "encoder.strided.fields",
-                with(Encoder::Strided { fields: zero }),
-            ),
+            ("encoder.strided.fields", with(Encoder::Strided { fields: huge })),
+            ("encoder.strided.fields", with(Encoder::Strided { fields: none })),
+            ("encoder.strided.fields", with(Encoder::Strided { fields: zero })),
             ("encoder.pooled.inner", with(narrow)),
             ("encoder.keypoints.maps", with(blind)),
             ("action_gain", quiet),
@@ -227,25 +194,15 @@ mod tests {
     #[test]
     fn settings_survive_a_file() {
         for settings in [
-            NetworkSettings {
-                log_std: -0.3,
-                group: Group::D1y,
-                ..NetworkSettings::default()
-            },
+            NetworkSettings { log_std: -0.3, group: Group::D1y, ..NetworkSettings::default() },
             NetworkSettings::so2_128(),
             NetworkSettings::keypoints(),
         ] {
             let text = serde_json::to_string(&settings).unwrap();
-            assert_eq!(
-                serde_json::from_str::<NetworkSettings>(&text).unwrap(),
-                settings
-            );
+            assert_eq!(serde_json::from_str::<NetworkSettings>(&text).unwrap(), settings);
         }
         let plain: NetworkSettings = serde_json::from_str(r#"{"group": "C1"}"#).unwrap();
-        let expected = NetworkSettings {
-            group: Group::C1,
-            ..NetworkSettings::default()
-        };
+        let expected = NetworkSettings { group: Group::C1, ..NetworkSettings::default() };
         assert_eq!(plain, expected);
         let unknown = serde_json::from_str::<NetworkSettings>(r#"{"tops": 3}"#).unwrap_err();
         assert!(unknown.to_string().contains("unknown field `tops`"));

@@ -167,11 +167,7 @@ pub(crate) fn chain(
         start = own.end;
         let ends = [
             if index == 0 { input } else { End::Regular },
-            if index + 1 == all.len() {
-                output
-            } else {
-                End::Regular
-            },
+            if index + 1 == all.len() { output } else { End::Regular },
         ];
         let kind = layer.kind();
         plain.push(match kind.dense() {
@@ -206,12 +202,7 @@ fn linear(group: Group, dense: &Dense<'_>, params: &[f32], ends: [End<'_>; 2]) -
     change(group, ends[1], inputs * taps, &mut weight);
     change(group, ends[1], 1, &mut bias);
     debug_assert_eq!(bias.len(), outputs);
-    PlainLayer::Linear {
-        weight,
-        shape,
-        bias,
-        window: dense.window(),
-    }
+    PlainLayer::Linear { weight, shape, bias, window: dense.window() }
 }
 
 /// Brings the first axis of `[channels, inner]` values from the irrep basis to that of an end.
@@ -255,11 +246,7 @@ mod tests {
 
     #[test]
     fn layers_without_weights_are_told_apart() {
-        let shape = Shape {
-            height: 4,
-            width: 4,
-            fields: FieldType::new(Group::D2, [2; 4]),
-        };
+        let shape = Shape { height: 4, width: 4, fields: FieldType::new(Group::D2, [2; 4]) };
         let plain = |layer: &dyn Layer<f32>| weightless(&layer.kind()).ok();
         let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
         assert_eq!(plain(&relu), Some(PlainLayer::Relu));

@@ -228,17 +228,14 @@ impl Replay {
         let number = self.running[env].unwrap_or_else(|| {
             let now = observations.sample(&self.spec, env);
             let spare = self.spare.pop().unwrap_or_default();
-            self.episodes
-                .push_back(Episode::begin(&self.sizes, now, spare));
+            self.episodes.push_back(Episode::begin(&self.sizes, now, spare));
             self.first + self.episodes.len() as u32 - 1
         });
         let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
         let next = led_to(transition, env).sample(&self.spec, env);
         let episode = &mut self.episodes[(number - self.first) as usize];
-        self.order.push_back(Place {
-            episode: number,
-            step: (episode.removed + episode.steps()) as u32,
-        });
+        self.order
+            .push_back(Place { episode: number, step: (episode.removed + episode.steps()) as u32 });
         episode.push(&self.sizes, action, (reward, outcome), next);
         self.running[env] = (!outcome.ended()).then_some(number);
         self.recorded += 1;
@@ -348,19 +345,13 @@ impl<'a> Recorded<'a> {
 
     /// Place of the observation that was acted on.
     pub(crate) fn place(&self) -> Place {
-        Place {
-            episode: self.number,
-            step: self.step() as u32,
-        }
+        Place { episode: self.number, step: self.step() as u32 }
     }
 
     /// Place of the observation after the step.
     pub(crate) fn next_place(&self) -> Place {
         let Place { episode, step } = self.place();
-        Place {
-            episode,
-            step: step + 1,
-        }
+        Place { episode, step: step + 1 }
     }
 
     /// Writes the picture `[H, W, C]` that was acted on.
@@ -389,11 +380,7 @@ impl<'a> Recorded<'a> {
     /// Outcome of the step. A running episode that
     /// [`Replay::cut`](crate::Replay::cut) stopped stays [`Outcome::Running`].
     pub fn outcome(&self) -> Outcome {
-        if self.step + 1 == self.episode.steps() {
-            self.episode.outcome
-        } else {
-            Outcome::Running
-        }
+        if self.step + 1 == self.episode.steps() { self.episode.outcome } else { Outcome::Running }
     }
 
     /// Writes the picture `[H, W, C]` after the step; where the episode ended, its last one.
@@ -461,12 +448,7 @@ pub struct ReplaySettings {
 
 impl Default for ReplaySettings {
     fn default() -> Self {
-        Self {
-            capacity: 200_000,
-            steps: 50,
-            warm_up: 1000,
-            still_channels: 0,
-        }
+        Self { capacity: 200_000, steps: 50, warm_up: 1000, still_channels: 0 }
     }
 }
 

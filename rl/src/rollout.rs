@@ -147,17 +147,13 @@ pub(crate) fn step(
     check_len("actions", "[N, A]", actions.len(), expected)?;
     check_rows_finite("an action", actions, spec.action.len())
         .map_err(|error| error.at_step(next))?;
-    env.step(actions, transition)
-        .map_err(RlError::Environment)?;
+    env.step(actions, transition).map_err(RlError::Environment)?;
     let checked = transition.check(env.spec());
     checked.map_err(|error| error.at_step(next))
 }
 
 fn fresh(env: usize) -> Episode {
-    Episode {
-        env,
-        ..Episode::default()
-    }
+    Episode { env, ..Episode::default() }
 }
 
 /// Lets `actor` act in the environments from `state` on, for as many steps as `experience` wants,

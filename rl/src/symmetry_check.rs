@@ -108,11 +108,7 @@ impl Features {
     fn new(spec: &EnvSpec, group: Group) -> Self {
         let moments = (0..spec.image[2]).flat_map(|_| Irrep::ALL);
         let view: Vec<Irrep> = spec.vector.iter().copied().chain(moments).collect();
-        let mut features = Self {
-            spec: spec.clone(),
-            terms: Vec::new(),
-            view,
-        };
+        let mut features = Self { spec: spec.clone(), terms: Vec::new(), view };
         let (views, actions) = (0..features.view.len(), 0..spec.action.len());
         let mut terms: Vec<Term> = views.clone().map(Term::View).collect();
         terms.extend(views.clone().map(Term::Rewarded));
@@ -144,11 +140,7 @@ impl Features {
     fn name(&self, term: Term) -> String {
         let view = |i: usize| match i.checked_sub(self.spec.vector.len()) {
             None => format!("vector component {i} ({})", self.view[i]),
-            Some(k) => format!(
-                "moment {} of channel {} of the picture",
-                self.view[i],
-                k / 4
-            ),
+            Some(k) => format!("moment {} of channel {} of the picture", self.view[i], k / 4),
         };
         let action = |a: usize| format!("action component {a} ({})", self.spec.action[a]);
         match term {
@@ -173,9 +165,7 @@ impl Features {
         let mut observations = Observations::new(spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(spec, n)?;
-        observations
-            .check_finite(spec)
-            .map_err(|e| e.at_step(|_| Some(0)))?;
+        observations.check_finite(spec).map_err(|e| e.at_step(|_| Some(0)))?;
         let mut views: Vec<_> = (0..n).map(|i| self.view_of(&observations, i)).collect();
         let mut running = vec![Episode::default(); n];
         let mut sums = vec![vec![0.0; self.terms.len()]; n];

@@ -75,9 +75,7 @@ impl<T: Scalar> Trunk<T> {
         spec.check()?;
         let group = settings.group;
         let canvas = settings.encoder.canvas(spec.image)?;
-        let encoder = settings
-            .encoder
-            .layers(group, canvas, settings.top_fields)?;
+        let encoder = settings.encoder.layers(group, canvas, settings.top_fields)?;
         let fields = settings.regular(settings.vector_fields);
         let from = (!spec.vector.is_empty()).then(|| FieldType::from_irreps(group, &spec.vector));
         let vector = from.map(|from| Ok::<_, RlError>(Sequential::new(lift(from, fields)?)?));
@@ -309,10 +307,7 @@ impl<T: Scalar> TrunkPass<T> {
 }
 
 fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
-    Ok(vec![
-        Box::new(Linear::new(from, to)?),
-        Box::new(Relu::new(Shape::vector(to))?),
-    ])
+    Ok(vec![Box::new(Linear::new(from, to)?), Box::new(Relu::new(Shape::vector(to))?)])
 }
 
 /// Linear, ReLU, Linear.
@@ -359,10 +354,7 @@ pub(crate) struct LayerBuffers<T> {
 impl<T: Scalar> LayerBuffers<T> {
     pub fn new(layer: &impl Layer<T>, samples: usize) -> Self {
         let zeros = |len| vec![T::ZERO; len];
-        let (input, output) = (
-            samples * layer.in_shape().len(),
-            samples * layer.out_shape().len(),
-        );
+        let (input, output) = (samples * layer.in_shape().len(), samples * layer.out_shape().len());
         Self {
             x: zeros(input),
             y: zeros(output),
@@ -443,12 +435,6 @@ impl<T: Scalar> EncoderBuffers<T> {
     pub fn backward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize, dparams: &mut [T]) {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let outputs = [&self.y[..y], &self.dy[..y]];
-        encoder.backward_bytes(
-            params,
-            &self.pictures[..x],
-            outputs,
-            dparams,
-            &mut self.scratch,
-        );
+        encoder.backward_bytes(params, &self.pictures[..x], outputs, dparams, &mut self.scratch);
     }
 }

@@ -94,10 +94,7 @@ fn env() -> Strict {
 /// Collects with these actions at every step.
 fn collected(steps: usize, actions: &[f32]) -> Result<usize, RlError> {
     let (mut env, mut actor) = (env(), constant(0.0));
-    let mut sieve = Sieve {
-        steps,
-        actions: actions.to_vec(),
-    };
+    let mut sieve = Sieve { steps, actions: actions.to_vec() };
     let mut state = RolloutState::reset(&mut env, &actor)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     Ok(collect(&mut env, &mut actor, &mut sieve, &mut state, &mut rng)?.decisions)

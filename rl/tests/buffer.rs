@@ -4,26 +4,15 @@ use rl::{Decisions, EnvSpec, Observations, Outcome, RlError, RolloutBuffer, Tran
 use symmetry::Irrep;
 
 fn spec() -> EnvSpec {
-    EnvSpec {
-        num_envs: 2,
-        image: [2, 2, 1],
-        vector: vec![Irrep::X],
-        action: vec![Irrep::X],
-    }
+    EnvSpec { num_envs: 2, image: [2, 2, 1], vector: vec![Irrep::X], action: vec![Irrep::X] }
 }
 
 /// Pushes one step whose every array carries `mark`.
 fn push(buffer: &mut RolloutBuffer, mark: u8, outcome: Outcome) -> Result<(), RlError> {
     let value = f32::from(mark);
-    let observations = Observations {
-        images: vec![mark; 8],
-        vectors: vec![value; 2],
-    };
-    let decisions = Decisions {
-        actions: vec![value; 2],
-        log_probs: vec![value; 2],
-        values: vec![value; 2],
-    };
+    let observations = Observations { images: vec![mark; 8], vectors: vec![value; 2] };
+    let decisions =
+        Decisions { actions: vec![value; 2], log_probs: vec![value; 2], values: vec![value; 2] };
     let mut transition = Transition::new(&spec());
     transition.rewards.fill(value);
     transition.outcomes.fill(outcome);
@@ -39,10 +28,7 @@ fn pushing_past_the_end_is_an_error() {
         push(&mut buffer, 3, Outcome::Running),
         Err(RlError::BufferFull { steps: 2 })
     ));
-    assert_eq!(
-        buffer.observations().images,
-        [vec![1; 8], vec![2; 8]].concat()
-    );
+    assert_eq!(buffer.observations().images, [vec![1; 8], vec![2; 8]].concat());
     buffer.clear();
     push(&mut buffer, 3, Outcome::Running).unwrap();
     assert_eq!(buffer.rewards()[..2], [3.0, 3.0]);
@@ -58,22 +44,11 @@ fn a_buffer_is_read_only_when_finished() {
     ));
     push(&mut buffer, 2, Outcome::Truncated).unwrap();
     let (mut advantages, mut returns) = ([0.0; 4], [0.0; 4]);
-    assert!(
-        buffer
-            .advantages(1.0, 1.0, &mut advantages, &mut returns)
-            .is_err()
-    );
-    buffer
-        .finish(&Observations::new(&spec()), &[-1000.0; 2])
-        .unwrap();
-    buffer
-        .advantages(1.0, 1.0, &mut advantages, &mut returns)
-        .unwrap();
+    assert!(buffer.advantages(1.0, 1.0, &mut advantages, &mut returns).is_err());
+    buffer.finish(&Observations::new(&spec()), &[-1000.0; 2]).unwrap();
+    buffer.advantages(1.0, 1.0, &mut advantages, &mut returns).unwrap();
     // returns bootstrap the final observations (10, 20), never what came after the reset (-1000)
-    assert_eq!(
-        returns,
-        [1.0 + 2.0 + 10.0, 1.0 + 2.0 + 20.0, 2.0 + 10.0, 2.0 + 20.0]
-    );
+    assert_eq!(returns, [1.0 + 2.0 + 10.0, 1.0 + 2.0 + 20.0, 2.0 + 10.0, 2.0 + 20.0]);
 }
 
 #[test]
@@ -81,19 +56,9 @@ fn a_reward_that_is_not_a_number_is_refused() {
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
     let mut transition = Transition::new(&spec());
     transition.rewards[1] = f32::NAN;
-    let result = buffer.push(
-        &Observations::new(&spec()),
-        &Decisions::new(&spec()),
-        &transition,
-        &[0.0; 2],
-    );
-    assert!(matches!(
-        result,
-        Err(RlError::NotFinite {
-            what: "a reward",
-            ..
-        })
-    ));
+    let result =
+        buffer.push(&Observations::new(&spec()), &Decisions::new(&spec()), &transition, &[0.0; 2]);
+    assert!(matches!(result, Err(RlError::NotFinite { what: "a reward", .. })));
 }
 
 /// Settings can ask for any number; allocating it would end the program.
@@ -113,27 +78,16 @@ fn a_rollout_that_no_memory_holds_is_refused() {
 fn a_rollout_may_lose_its_end() {
     let mut buffer = RolloutBuffer::new(&spec(), 3).unwrap();
     for mark in 1..=3 {
-        let outcome = if mark == 3 {
-            Outcome::Truncated
-        } else {
-            Outcome::Running
-        };
+        let outcome = if mark == 3 { Outcome::Truncated } else { Outcome::Running };
         push(&mut buffer, mark, outcome).unwrap();
     }
     assert!(buffer.truncate(2).is_err(), "before it is finished");
-    buffer
-        .finish(&Observations::new(&spec()), &[0.0; 2])
-        .unwrap();
+    buffer.finish(&Observations::new(&spec()), &[0.0; 2]).unwrap();
     assert!(buffer.truncate(0).is_err());
     buffer.truncate(2).unwrap();
-    assert_eq!(
-        (buffer.steps(), buffer.samples(), buffer.rewards().len()),
-        (2, 4, 4)
-    );
+    assert_eq!((buffer.steps(), buffer.samples(), buffer.rewards().len()), (2, 4, 4));
     let (mut advantages, mut returns) = ([0.0; 4], [0.0; 4]);
-    buffer
-        .advantages(1.0, 1.0, &mut advantages, &mut returns)
-        .unwrap();
+    buffer.advantages(1.0, 1.0, &mut advantages, &mut returns).unwrap();
     // pay of 1 and 2, and the value 3 of the step that was cut off
     assert_eq!(returns, [6.0, 6.0, 5.0, 5.0]);
     buffer.clear();

@@ -28,11 +28,7 @@ impl Scripted {
             vector: vec![Irrep::X],
             action: vec![Irrep::X],
         };
-        Self {
-            spec,
-            time: 0,
-            fails: false,
-        }
+        Self { spec, time: 0, fails: false }
     }
 }
 
@@ -88,12 +84,7 @@ fn success_at_the_end_is_that_of_the_last_state() {
     for stats in [stats, evaluated] {
         assert_eq!(stats.success_rate(), Some(1.0));
         assert_eq!(stats.success_at_end_rate(), Some(0.5));
-        assert!(
-            stats
-                .episodes
-                .iter()
-                .all(|e| e.success_at_end == (e.env == 1))
-        );
+        assert!(stats.episodes.iter().all(|e| e.success_at_end == (e.env == 1)));
     }
 }
 
@@ -103,10 +94,7 @@ fn the_error_of_an_environment_is_handed_on() {
     env.fails = true;
     let error = evaluate(&mut env, &mut policy(), 1).unwrap_err();
     assert!(matches!(&error, RlError::Environment(inner) if inner.is::<FellOver>()));
-    assert_eq!(
-        error.to_string(),
-        "the environment failed: the table fell over"
-    );
+    assert_eq!(error.to_string(), "the environment failed: the table fell over");
 }
 
 /// Its actions are the noise that it is given.
@@ -211,13 +199,7 @@ fn a_rollout_shorter_than_an_episode_is_refused_with_both_numbers() {
     let buffer = |steps| RolloutBuffer::new(env.spec(), steps).unwrap();
     assert!(buffer(EPISODE).check_horizon(horizon).is_ok());
     let error = buffer(EPISODE - 1).check_horizon(horizon).unwrap_err();
-    assert!(matches!(
-        error,
-        RlError::ShortRollout {
-            steps: 9,
-            horizon: 10
-        }
-    ));
+    assert!(matches!(error, RlError::ShortRollout { steps: 9, horizon: 10 }));
     let message = error.to_string();
     assert!(
         message.starts_with("rollouts of 9 steps end before an episode of 10 steps does"),

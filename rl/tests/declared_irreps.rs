@@ -18,11 +18,8 @@ struct Declared<E> {
 
 impl<E: VectorEnv> Declared<E> {
     fn new(env: E, vector: &[Irrep], action: &[Irrep]) -> Self {
-        let spec = EnvSpec {
-            vector: vector.to_vec(),
-            action: action.to_vec(),
-            ..env.spec().clone()
-        };
+        let spec =
+            EnvSpec { vector: vector.to_vec(), action: action.to_vec(), ..env.spec().clone() };
         Self { env, spec }
     }
 }
@@ -125,12 +122,7 @@ impl Toy for Noise {
 
 #[test]
 fn false_alarms_are_rare_whatever_the_distribution() {
-    let spec = EnvSpec {
-        num_envs: 60,
-        image: [1, 1, 1],
-        vector: vec![X, Y, XY],
-        action: vec![X],
-    };
+    let spec = EnvSpec { num_envs: 60, image: [1, 1, 1], vector: vec![X, Y, XY], action: vec![X] };
     let alarms = (0..300).filter(|&seed| {
         let noise = Noise(ChaCha8Rng::seed_from_u64(seed));
         let mut env = Toys::of(noise, spec.clone());
@@ -160,12 +152,8 @@ fn first_states_on_one_side_and_too_few_episodes_are_refused() {
         }
     }
 
-    let spec = EnvSpec {
-        num_envs: 10,
-        image: [PIXELS, PIXELS, 1],
-        vector: vec![X],
-        action: vec![X],
-    };
+    let spec =
+        EnvSpec { num_envs: 10, image: [PIXELS, PIXELS, 1], vector: vec![X], action: vec![X] };
     let mut env = Toys::of(OneSided, spec);
     let mut check = |steps| {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -173,10 +161,7 @@ fn first_states_on_one_side_and_too_few_episodes_are_refused() {
         error.to_string()
     };
     let message = check(10);
-    assert!(
-        message.contains("vector component 0 (x) would be 0"),
-        "{message}"
-    );
+    assert!(message.contains("vector component 0 (x) would be 0"), "{message}");
     let message = check(4);
     assert!(message.contains("48 episodes"), "{message}");
 }

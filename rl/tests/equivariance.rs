@@ -15,53 +15,27 @@ const TOLERANCE: f32 = 1e-5;
 
 /// Components in an order that is not irrep-major, so that the reordering is tested, too.
 fn spec() -> EnvSpec {
-    let vector = vec![
-        Irrep::X,
-        Irrep::Y,
-        Irrep::Trivial,
-        Irrep::Trivial,
-        Irrep::XY,
-        Irrep::X,
-        Irrep::Y,
-    ];
-    EnvSpec {
-        num_envs: SAMPLES,
-        image: [32, 32, 6],
-        action: vector[..5].to_vec(),
-        vector,
-    }
+    let vector =
+        vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::XY, Irrep::X, Irrep::Y];
+    EnvSpec { num_envs: SAMPLES, image: [32, 32, 6], action: vector[..5].to_vec(), vector }
 }
 
 /// The three kinds of encoder and the two of critic, for pictures of 32 x 32 pixels.
 fn networks() -> [NetworkSettings; 4] {
     let pooled = NetworkSettings {
-        encoder: Encoder::Pooled {
-            fields: vec![4, 8],
-            inner: [16, 8],
-        },
+        encoder: Encoder::Pooled { fields: vec![4, 8], inner: [16, 8] },
         ..NetworkSettings::default()
     };
-    [
-        NetworkSettings::default(),
-        pooled,
-        NetworkSettings::keypoints(),
-        with_pooled_critic(),
-    ]
+    [NetworkSettings::default(), pooled, NetworkSettings::keypoints(), with_pooled_critic()]
 }
 
 fn with_pooled_critic() -> NetworkSettings {
-    NetworkSettings {
-        critic: Critic::Pooled { width: 64 },
-        ..NetworkSettings::default()
-    }
+    NetworkSettings { critic: Critic::Pooled { width: 64 }, ..NetworkSettings::default() }
 }
 
 /// A random policy whose mean actions are of order one.
 fn policy_of(settings: &NetworkSettings) -> ActorCriticPolicy {
-    let settings = NetworkSettings {
-        action_gain: 1.0,
-        ..settings.clone()
-    };
+    let settings = NetworkSettings { action_gain: 1.0, ..settings.clone() };
     ActorCriticPolicy::new(&settings, &spec(), 5).unwrap()
 }
 
@@ -76,9 +50,7 @@ fn observations() -> Observations {
 /// Mean actions, values and features.
 fn outputs(policy: &mut ActorCriticPolicy, observations: &Observations) -> [Vec<f32>; 3] {
     let mut out = [5, 1, policy.feature_dim()].map(|width| vec![0.0; SAMPLES * width]);
-    policy
-        .mean_actions(observations, &mut (), &mut out[0])
-        .unwrap();
+    policy.mean_actions(observations, &mut (), &mut out[0]).unwrap();
     policy.values(observations, &mut out[1]).unwrap();
     policy.features(observations, &mut out[2]).unwrap();
     out
@@ -92,37 +64,22 @@ fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
 
 fn errors_of(policy: &mut ActorCriticPolicy, pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
     let [mean, value, features] = outputs(policy, &observations());
-    let moved = outputs(
-        policy,
-        &transformed(&spec(), &observations(), pixels, vectors),
-    );
+    let moved = outputs(policy, &transformed(&spec(), &observations(), pixels, vectors));
     let mean = signed(&mean, &spec().action, action);
-    [
-        error(&moved[0], &mean),
-        error(&moved[1], &value),
-        error(&moved[2], &features),
-    ]
+    [error(&moved[0], &mean), error(&moved[1], &value), error(&moved[2], &features)]
 }
 
 #[test]
 fn mean_is_equivariant_and_value_and_features_are_invariant() {
     for settings in networks() {
         for group in Group::ALL {
-            let settings = NetworkSettings {
-                group,
-                ..settings.clone()
-            };
+            let settings = NetworkSettings { group, ..settings.clone() };
             let mut policy = policy_of(&settings);
             for &g in group.elements() {
                 for (what, error) in
-                    ["mean", "value", "features"]
-                        .into_iter()
-                        .zip(errors_of(&mut policy, g, g, g))
+                    ["mean", "value", "features"].into_iter().zip(errors_of(&mut policy, g, g, g))
                 {
-                    assert!(
-                        error < TOLERANCE,
-                        "{settings:?}, {g}: {what} is off by {error}"
-                    );
+                    assert!(error < TOLERANCE, "{settings:?}, {g}: {what} is off by {error}");
                 }
             }
         }
@@ -135,10 +92,7 @@ fn mean_is_equivariant_and_value_and_features_are_invariant() {
 fn elements_outside_the_group_change_mean_value_and_features() {
     for settings in networks() {
         for group in Group::ALL {
-            let mut policy = policy_of(&NetworkSettings {
-                group,
-                ..settings.clone()
-            });
+            let mut policy = policy_of(&NetworkSettings { group, ..settings.clone() });
             for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
                 for error in errors_of(&mut policy, g, g, g) {
                     assert!(error > 100.0 * TOLERANCE, "{group}, {g}: {error}");
@@ -156,10 +110,7 @@ fn the_network_for_128_pixels_is_equivariant() {
         vector: vec![Irrep::X, Irrep::Y],
         action: vec![Irrep::X, Irrep::Y],
     };
-    let settings = NetworkSettings {
-        action_gain: 1.0,
-        ..NetworkSettings::so2_128()
-    };
+    let settings = NetworkSettings { action_gain: 1.0, ..NetworkSettings::so2_128() };
     let mut policy = ActorCriticPolicy::new(&settings, &spec, 5).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut picture = vec![0; spec.image_len()];
@@ -169,9 +120,7 @@ fn the_network_for_128_pixels_is_equivariant() {
         let images = g.transform_image(&picture, 128, 128, 6);
         let vectors = g.apply_xy([x, y]).map(|v| v as f32).to_vec();
         let mut out = [0.0; 2];
-        policy
-            .mean_actions(&Observations { images, vectors }, &mut (), &mut out)
-            .unwrap();
+        policy.mean_actions(&Observations { images, vectors }, &mut (), &mut out).unwrap();
         out
     };
     let reference = mean(D2::Identity);
@@ -185,23 +134,11 @@ fn the_network_for_128_pixels_is_equivariant() {
 fn the_check_of_the_mean_fails_for_a_wrong_group_action() {
     for g in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
         for wrong in D2::ALL.into_iter().filter(|&wrong| wrong != g) {
-            let [images, vectors, action] = [
-                errors(wrong, g, g)[0],
-                errors(g, wrong, g)[0],
-                errors(g, g, wrong)[0],
-            ];
-            assert!(
-                images > 100.0 * TOLERANCE,
-                "images {wrong} for {g}: {images}"
-            );
-            assert!(
-                vectors > 100.0 * TOLERANCE,
-                "vectors {wrong} for {g}: {vectors}"
-            );
-            assert!(
-                action > 100.0 * TOLERANCE,
-                "action {wrong} for {g}: {action}"
-            );
+            let [images, vectors, action] =
+                [errors(wrong, g, g)[0], errors(g, wrong, g)[0], errors(g, g, wrong)[0]];
+            assert!(images > 100.0 * TOLERANCE, "images {wrong} for {g}: {images}");
+            assert!(vectors > 100.0 * TOLERANCE, "vectors {wrong} for {g}: {vectors}");
+            assert!(action > 100.0 * TOLERANCE, "action {wrong} for {g}: {action}");
         }
     }
 }
@@ -216,10 +153,7 @@ fn only_the_joint_critic_sees_how_the_vector_lies_relative_to_the_image() {
         let [_, papers, features] = of(with_pooled_critic());
         assert!(papers < TOLERANCE && features < TOLERANCE, "{g}");
         let [_, joint, features] = of(NetworkSettings::default());
-        assert!(
-            joint > 100.0 * TOLERANCE && features < TOLERANCE,
-            "{g}: {joint}"
-        );
+        assert!(joint > 100.0 * TOLERANCE && features < TOLERANCE, "{g}: {joint}");
     }
 }
 
@@ -236,10 +170,7 @@ fn the_check_of_value_and_features_fails_for_what_is_no_symmetry() {
         pixel.copy_from_slice(&original[((image * h + column) * w + row) * c..][..c]);
     }
     let mut swapped = observations();
-    swapped
-        .vectors
-        .chunks_mut(spec().vector.len())
-        .for_each(|v| v.swap(0, 1));
+    swapped.vectors.chunks_mut(spec().vector.len()).for_each(|v| v.swap(0, 1));
     for wrong in [transposed, swapped] {
         let moved = outputs(&mut policy, &wrong);
         assert!(error(&moved[1], &value) > 100.0 * TOLERANCE);

@@ -20,11 +20,8 @@ const THRESHOLD: f64 = 7.5;
 /// Mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
 fn last_return(mut env: PointReach, encoder: Encoder, learn: bool) -> f64 {
     let network = joint(encoder, 8);
-    let settings = PpoSettings {
-        encoder_learning_rate: 1e-3,
-        gamma: 0.9,
-        ..PpoSettings::measured()
-    };
+    let settings =
+        PpoSettings { encoder_learning_rate: 1e-3, gamma: 0.9, ..PpoSettings::measured() };
     let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE).unwrap();
@@ -59,18 +56,12 @@ fn a_strided_encoder_reaches_a_return_that_a_frozen_policy_does_not() {
 
 #[test]
 fn a_pooled_encoder_reaches_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(Encoder::Pooled {
-        fields: vec![],
-        inner: [4, 4],
-    });
+    assert_learns(Encoder::Pooled { fields: vec![], inner: [4, 4] });
 }
 
 #[test]
 fn keypoints_reach_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(Encoder::Keypoints {
-        fields: vec![4],
-        maps: 4,
-    });
+    assert_learns(Encoder::Keypoints { fields: vec![4], maps: 4 });
 }
 
 #[test]
@@ -82,20 +73,14 @@ fn vectors_alone_reach_a_return_that_a_frozen_policy_does_not() {
 #[test]
 fn pictures_alone_that_are_not_square_reach_a_return_that_a_frozen_policy_does_not() {
     let env = PointReach::showing(32, 1, [8, 12, 2], 0);
-    let encoder = Encoder::Keypoints {
-        fields: vec![4],
-        maps: 4,
-    };
+    let encoder = Encoder::Keypoints { fields: vec![4], maps: 4 };
     assert_learns_in(&env, encoder);
 }
 
 const ENVS: usize = 16;
 
 fn network(group: Group, encoder: Encoder) -> NetworkSettings {
-    NetworkSettings {
-        group,
-        ..joint(encoder, 8)
-    }
+    NetworkSettings { group, ..joint(encoder, 8) }
 }
 
 fn settings() -> SacSettings {
@@ -133,10 +118,7 @@ fn learned(
         collect(env, &mut policy, &mut replay, &mut state, &mut rng).unwrap();
         sac.update(&mut policy, &replay, &mut rng).unwrap();
     }
-    evaluate(env, &mut policy, 4)
-        .unwrap()
-        .mean_return()
-        .unwrap()
+    evaluate(env, &mut policy, 4).unwrap().mean_return().unwrap()
 }
 
 /// Of 8 at most. A policy that stands still gets 8 * (1 - 0.45).

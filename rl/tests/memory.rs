@@ -45,10 +45,7 @@ impl Unseeing for Counter {
     type Memory = Counts;
 
     fn memory(&self, envs: usize) -> Counts {
-        Counts {
-            steps: vec![0; envs],
-            forgets: self.forgets,
-        }
+        Counts { steps: vec![0; envs], forgets: self.forgets }
     }
 
     fn decide(&self, memory: &mut Counts, out: &mut [f32]) {
@@ -107,12 +104,7 @@ fn the_check_fails_for_memories_that_leak() {
     for forgets in [Forgets::Nothing, Forgets::TheFirst, Forgets::Everything] {
         assert!(!right(&rewards(&mut Ages::new(&[3, 4]), forgets, [2, 5])));
         let stats = evaluate(&mut Ages::new(&[3, 4]), &mut counter(forgets), 2).unwrap();
-        assert!(
-            stats
-                .episodes
-                .iter()
-                .any(|e| e.total_reward < e.length as f64)
-        );
+        assert!(stats.episodes.iter().any(|e| e.total_reward < e.length as f64));
     }
 }
 
@@ -181,11 +173,7 @@ fn a_memory_hears_of_actions_and_rewards_before_the_end() {
     let mut env = Ages::new(&[2, 5]);
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut heard = |steps, warm_up| {
-        let settings = ReplaySettings {
-            steps,
-            warm_up,
-            ..ReplaySettings::default()
-        };
+        let settings = ReplaySettings { steps, warm_up, ..ReplaySettings::default() };
         let mut replay = Replay::new(settings, env.spec()).unwrap();
         let mut actor = Acting(Wavering);
         let mut state = RolloutState::reset(&mut env, &actor).unwrap();

@@ -24,10 +24,7 @@ fn not_finite(result: Result<(), RlError>) -> &'static str {
 fn rewards_and_observations_that_are_not_numbers_are_refused_before_the_policy_sees_them() {
     let spoils: [(Change<Transition>, &str); 3] = [
         (|t| t.rewards[1] = f32::NAN, "a reward"),
-        (
-            |t| t.observations.vectors[3] = f32::INFINITY,
-            "a component of an observation vector",
-        ),
+        (|t| t.observations.vectors[3] = f32::INFINITY, "a component of an observation vector"),
         (
             |t| {
                 t.outcomes[2] = Outcome::Terminated;
@@ -64,10 +61,7 @@ fn an_error_names_environment_component_and_step() {
             },
             "a component of a final observation vector is inf (environment 2, component 1, step 3)",
         ),
-        (
-            |t| t.rewards[0] = f32::NEG_INFINITY,
-            "a reward is -inf (environment 0, step 3)",
-        ),
+        (|t| t.rewards[0] = f32::NEG_INFINITY, "a reward is -inf (environment 0, step 3)"),
     ];
     for (spoil, expected) in spoils {
         let mut steps = 0;
@@ -82,9 +76,7 @@ fn an_error_names_environment_component_and_step() {
                 _ => {}
             }
         });
-        let message = evaluate(&mut env, &mut policy(), 1)
-            .unwrap_err()
-            .to_string();
+        let message = evaluate(&mut env, &mut policy(), 1).unwrap_err().to_string();
         assert!(message.starts_with(expected), "{message}");
     }
     let mut wrong = parts();
@@ -118,19 +110,10 @@ fn final_observations_of_running_episodes_have_no_meaning() {
 fn decisions_and_values_that_are_not_numbers_are_refused() {
     let spoils: [(Change<Parts>, &str); 5] = [
         (|p| p.decisions.actions[1] = f32::NAN, "an action"),
-        (
-            |p| p.decisions.log_probs[1] = f32::NEG_INFINITY,
-            "a log-probability",
-        ),
+        (|p| p.decisions.log_probs[1] = f32::NEG_INFINITY, "a log-probability"),
         (|p| p.decisions.values[2] = f32::NAN, "a value"),
-        (
-            |p| p.values[0] = f32::NAN,
-            "the value of a final observation",
-        ),
-        (
-            |p| p.observations.vectors[0] = f32::NAN,
-            "a component of an observation vector",
-        ),
+        (|p| p.values[0] = f32::NAN, "the value of a final observation"),
+        (|p| p.observations.vectors[0] = f32::NAN, "a component of an observation vector"),
     ];
     for (spoil, name) in spoils {
         let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
@@ -176,34 +159,22 @@ fn returns_that_overflow_leave_the_parameters_alone() {
     buffer.finish(&huge.observations, &[0.0; ENVS]).unwrap();
     let before = policy.params().to_vec();
     assert_eq!(refused_update(&mut ppo, &mut policy, &buffer), "a return");
-    assert_eq!(
-        (policy.params(), ppo.save().counters[0].1),
-        (&before[..], 0)
-    );
+    assert_eq!((policy.params(), ppo.save().counters[0].1), (&before[..], 0));
 }
 
 /// Weights so large that the value is finite and its gradient is not.
 #[test]
 fn a_gradient_that_overflows_leaves_the_parameters_alone() {
     let mut policy = policy();
-    let settings = PpoSettings {
-        max_kl: 1e9,
-        ..PpoSettings::default()
-    };
+    let settings = PpoSettings { max_kl: 1e9, ..PpoSettings::default() };
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let buffer = one_step();
     // before the two log_std and the value's bias: the last layer of the critic
     let bias = policy.params().len() - 3;
     policy.params_mut()[bias - 2..bias].fill(1e30);
     let before = policy.params().to_vec();
-    assert_eq!(
-        refused_update(&mut ppo, &mut policy, &buffer),
-        "the norm of the gradient"
-    );
-    assert_eq!(
-        (policy.params(), ppo.save().counters[0].1),
-        (&before[..], 0)
-    );
+    assert_eq!(refused_update(&mut ppo, &mut policy, &buffer), "the norm of the gradient");
+    assert_eq!((policy.params(), ppo.save().counters[0].1), (&before[..], 0));
 }
 
 fn saved<'a>(first: &'a [f32], second: &'a [f32], counter: (&'a str, u64)) -> AlgorithmState<'a> {
@@ -233,10 +204,7 @@ fn saved_states_of_other_networks_and_damaged_ones_are_refused() {
         wrong[3] = value;
         let error = ppo.restore(&saved(&zeros, &wrong, steps)).unwrap_err();
         let message = error.to_string();
-        assert!(
-            message.contains("`adam.second`") && message.contains(expected),
-            "{message}"
-        );
+        assert!(message.contains("`adam.second`") && message.contains(expected), "{message}");
         assert_eq!(ppo.save(), saved(&zeros, &zeros, ("adam.steps", 0)));
     }
     ppo.restore(&saved(&zeros, &zeros, steps)).unwrap();
@@ -248,18 +216,11 @@ fn saved_states_of_other_networks_and_damaged_ones_are_refused() {
 fn names_that_read_like_another_layout_are_refused() {
     let (three, two) = ([0.0; 3], [0.0; 2]);
     let counters = vec![("c", 0)];
-    let own = AlgorithmState {
-        tensors: vec![("a", &three), ("b", &two)],
-        counters: counters.clone(),
-    };
-    let joined = AlgorithmState {
-        tensors: vec![("a [3], b", &two)],
-        counters,
-    };
-    let moved = AlgorithmState {
-        tensors: vec![],
-        counters: vec![("a [3]", 0), ("b [2]", 0), ("c", 0)],
-    };
+    let own =
+        AlgorithmState { tensors: vec![("a", &three), ("b", &two)], counters: counters.clone() };
+    let joined = AlgorithmState { tensors: vec![("a [3], b", &two)], counters };
+    let moved =
+        AlgorithmState { tensors: vec![], counters: vec![("a [3]", 0), ("b [2]", 0), ("c", 0)] };
     assert!(own.check_like(&own).is_ok());
     for other in [joined, moved] {
         match other.check_like(&own) {

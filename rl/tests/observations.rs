@@ -20,13 +20,8 @@ const TOLERANCE: f32 = 1e-5;
 type Space = ([usize; 3], usize);
 
 const VECTOR_ONLY: Space = (EnvSpec::NO_IMAGE, 4);
-const SPACES: [Space; 5] = [
-    VECTOR_ONLY,
-    ([8, 8, 2], 0),
-    ([8, 12, 2], 2),
-    ([16, 8, 2], 0),
-    ([8, 4, 2], 4),
-];
+const SPACES: [Space; 5] =
+    [VECTOR_ONLY, ([8, 8, 2], 0), ([8, 12, 2], 2), ([16, 8, 2], 0), ([8, 4, 2], 4)];
 
 fn env((image, components): Space) -> PointReach {
     PointReach::showing(ENVS, 1, image, components)
@@ -34,19 +29,12 @@ fn env((image, components): Space) -> PointReach {
 
 fn encoders() -> [Encoder; 2] {
     let fields = vec![2];
-    let keypoints = Encoder::Keypoints {
-        fields: fields.clone(),
-        maps: 3,
-    };
+    let keypoints = Encoder::Keypoints { fields: fields.clone(), maps: 3 };
     [Encoder::Strided { fields }, keypoints]
 }
 
 fn network(encoder: Encoder, group: Group) -> NetworkSettings {
-    NetworkSettings {
-        group,
-        action_gain: 1.0,
-        ..joint(encoder, 4)
-    }
+    NetworkSettings { group, action_gain: 1.0, ..joint(encoder, 4) }
 }
 
 /// Random observations, and those moved by g.
@@ -75,10 +63,7 @@ fn assert_equivariant<P: Actor + Features>(policy: &mut P, spec: &EnvSpec, group
     for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
         let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
         let expected = signed(&here[0], &spec.action, g);
-        assert!(
-            error(&there[0], &expected) > 100.0 * TOLERANCE,
-            "{group} {g}"
-        );
+        assert!(error(&there[0], &expected) > 100.0 * TOLERANCE, "{group} {g}");
     }
 }
 
@@ -87,10 +72,7 @@ fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy 
     let mut env = env(space);
     let mut policy = ActorCriticPolicy::new(network, env.spec(), 2).unwrap();
     let before = policy.params().to_vec();
-    let settings = PpoSettings {
-        max_kl: 1.0,
-        ..PpoSettings::default()
-    };
+    let settings = PpoSettings { max_kl: 1.0, ..PpoSettings::default() };
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -206,10 +188,7 @@ fn policies_that_look_at_one_kind_have_an_ordinary_form_and_those_with_a_canvas_
     let image = plain(([8, 8, 2], 0)).unwrap();
     assert!(image.image.is_some() && image.vector.is_none());
     let refused = plain(([8, 12, 2], 2));
-    assert!(
-        matches!(refused, Err(RlError::NotPlain { .. })),
-        "{refused:?}"
-    );
+    assert!(matches!(refused, Err(RlError::NotPlain { .. })), "{refused:?}");
 }
 
 /// An observation after the end of an episode is the first one of the next.

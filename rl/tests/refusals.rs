@@ -35,12 +35,7 @@ const ARRAYS: [&str; 13] = [
 
 /// Lengthens or shortens one array of a step; returns the name that the error gives it.
 fn spoil(parts: &mut Parts, array: usize, change: isize) -> &'static str {
-    let Parts {
-        observations,
-        decisions,
-        transition,
-        ..
-    } = parts;
+    let Parts { observations, decisions, transition, .. } = parts;
     match ARRAYS[array] {
         "images" => resize(&mut observations.images, change),
         "vectors" => resize(&mut observations.vectors, change),
@@ -66,9 +61,7 @@ fn names(result: Result<(), RlError>, array: &str) -> bool {
 
 fn panics(run: impl FnOnce() + std::panic::UnwindSafe) -> String {
     let panic = std::panic::catch_unwind(run).unwrap_err();
-    panic
-        .downcast_ref::<String>()
-        .map_or_else(String::new, Clone::clone)
+    panic.downcast_ref::<String>().map_or_else(String::new, Clone::clone)
 }
 
 fn off_by() -> impl Strategy<Value = isize> {
@@ -179,10 +172,7 @@ fn a_rollout_of_other_environments_is_refused() {
     let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let result = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng);
-    assert!(matches!(
-        result,
-        Err(RlError::SpecMismatch { field: "action" })
-    ));
+    assert!(matches!(result, Err(RlError::SpecMismatch { field: "action" })));
 }
 
 #[test]
@@ -197,23 +187,10 @@ fn gae_names_the_slice_that_does_not_fit() {
             final_values: &finals,
             last_values: &last,
         };
-        gae(
-            &inputs,
-            0.9,
-            0.9,
-            &mut vec![0.0; lens[5]],
-            &mut vec![0.0; lens[6]],
-        );
+        gae(&inputs, 0.9, 0.9, &mut vec![0.0; lens[5]], &mut vec![0.0; lens[6]]);
     };
-    let names = [
-        "rewards",
-        "values",
-        "outcomes",
-        "final_values",
-        "rewards",
-        "advantages",
-        "returns",
-    ];
+    let names =
+        ["rewards", "values", "outcomes", "final_values", "rewards", "advantages", "returns"];
     for (i, name) in names.into_iter().enumerate() {
         for change in [-1, 1] {
             let mut lens: [usize; 7] = [6, 6, 6, 6, 3, 6, 6];
@@ -233,27 +210,15 @@ fn adam_names_the_slice_that_does_not_fit() {
         panics(move || {
             let mut adam = Adam::new(first, 1e-5);
             adam.second_moment.resize(second, 0.0);
-            let group = ParamGroup {
-                range: 0..end,
-                learning_rate: 0.1,
-            };
+            let group = ParamGroup { range: 0..end, learning_rate: 0.1 };
             adam.step(&[group], &mut vec![0.0; params], &vec![0.0; gradient]);
         })
     };
     for (message, start) in [
         (step(4, 3, 4, 4, 4), "gradient: got 3 values, expected 4"),
-        (
-            step(4, 4, 3, 4, 4),
-            "first_moment: got 3 values, expected 4",
-        ),
-        (
-            step(4, 4, 4, 5, 4),
-            "second_moment: got 5 values, expected 4",
-        ),
-        (
-            step(4, 4, 4, 4, 5),
-            "the group 0..5 is no part of the 4 parameters",
-        ),
+        (step(4, 4, 3, 4, 4), "first_moment: got 3 values, expected 4"),
+        (step(4, 4, 4, 5, 4), "second_moment: got 5 values, expected 4"),
+        (step(4, 4, 4, 4, 5), "the group 0..5 is no part of the 4 parameters"),
     ] {
         assert!(message.starts_with(start), "{message}");
     }
@@ -266,17 +231,11 @@ fn a_group_beyond_the_parameters_leaves_adam_alone() {
     for wrong in [2..5, 3..2] {
         let mut adam = Adam::new(4, 1e-5);
         let (before, mut params) = (adam.clone(), [1.0; 4]);
-        let groups = [0..4, wrong].map(|range| ParamGroup {
-            range,
-            learning_rate: 0.1,
-        });
+        let groups = [0..4, wrong].map(|range| ParamGroup { range, learning_rate: 0.1 });
         let message = panics(std::panic::AssertUnwindSafe(|| {
             adam.step(&groups, &mut params, &[1.0; 4]);
         }));
-        assert!(
-            message.ends_with("is no part of the 4 parameters"),
-            "{message}"
-        );
+        assert!(message.ends_with("is no part of the 4 parameters"), "{message}");
         assert_eq!((adam, params), (before, [1.0; 4]));
     }
 }

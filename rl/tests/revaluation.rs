@@ -56,14 +56,10 @@ fn commented(actor: &mut ActorCriticPolicy, critic: &mut ActorCriticPolicy) -> R
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     env.reset(&mut now).unwrap();
     for _ in 0..STEPS {
-        actor
-            .act(&now, &mut (), &mut rng, &mut decisions.actions)
-            .unwrap();
+        actor.act(&now, &mut (), &mut rng, &mut decisions.actions).unwrap();
         critic.assess(&now, &mut decisions).unwrap();
         env.step(&decisions.actions, &mut next).unwrap();
-        critic
-            .values(&next.final_observations, &mut values)
-            .unwrap();
+        critic.values(&next.final_observations, &mut values).unwrap();
         buffer.push(&now, &decisions, &next, &values).unwrap();
         now.clone_from(&next.observations);
     }
@@ -75,12 +71,8 @@ fn commented(actor: &mut ActorCriticPolicy, critic: &mut ActorCriticPolicy) -> R
 /// Log-probabilities, values, advantages and returns.
 fn figures(buffer: &RolloutBuffer) -> [Vec<f32>; 4] {
     let (mut advantages, mut returns) = (vec![0.0; buffer.samples()], vec![0.0; buffer.samples()]);
-    buffer
-        .advantages(0.9, 0.8, &mut advantages, &mut returns)
-        .unwrap();
-    let Decisions {
-        log_probs, values, ..
-    } = buffer.decisions().clone();
+    buffer.advantages(0.9, 0.8, &mut advantages, &mut returns).unwrap();
+    let Decisions { log_probs, values, .. } = buffer.decisions().clone();
     [log_probs, values, advantages, returns]
 }
 
@@ -113,8 +105,7 @@ fn still_update(policy: &mut ActorCriticPolicy, buffer: &RolloutBuffer) -> Updat
         ..PpoSettings::default()
     };
     let mut ppo = Ppo::new(settings, policy).unwrap();
-    ppo.update(policy, buffer, &mut ChaCha8Rng::seed_from_u64(4))
-        .unwrap()
+    ppo.update(policy, buffer, &mut ChaCha8Rng::seed_from_u64(4)).unwrap()
 }
 
 #[test]
@@ -195,12 +186,7 @@ fn a_revaluation_that_fails_changes_nothing() {
     let before = figures(&buffer);
     for spoilt in 0..3 {
         for fails in [true, false] {
-            let mut faulty = Faulty {
-                policy: policy(7),
-                answers: 0,
-                spoilt,
-                fails,
-            };
+            let mut faulty = Faulty { policy: policy(7), answers: 0, spoilt, fails };
             let result = buffer.revalue(&mut faulty);
             assert_eq!(faulty.answers, spoilt + 1);
             assert!(result.is_err(), "answer {spoilt}");

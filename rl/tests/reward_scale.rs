@@ -22,11 +22,7 @@ struct Bandit {
 
 impl Bandit {
     fn envs(num_envs: usize, scale: f32) -> Toys<Self> {
-        let bandit = Self {
-            scale,
-            goals: vec![0.0; num_envs],
-            rng: ChaCha8Rng::seed_from_u64(1),
-        };
+        let bandit = Self { scale, goals: vec![0.0; num_envs], rng: ChaCha8Rng::seed_from_u64(1) };
         let spec = EnvSpec {
             num_envs,
             image: EnvSpec::NO_IMAGE,

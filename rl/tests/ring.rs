@@ -150,16 +150,9 @@ fn an_endless_episode_is_forgotten_from_its_front() {
 /// steps: 200,000 of them are under 3 GB.
 #[test]
 fn a_step_takes_little_more_than_its_picture() {
-    let spec = EnvSpec {
-        num_envs: 4,
-        image: [64, 64, 6],
-        ..spec(4)
-    };
-    let settings = ReplaySettings {
-        capacity: 4000,
-        still_channels: 3,
-        ..ReplaySettings::default()
-    };
+    let spec = EnvSpec { num_envs: 4, image: [64, 64, 6], ..spec(4) };
+    let settings =
+        ReplaySettings { capacity: 4000, still_channels: 3, ..ReplaySettings::default() };
     let mut replay = Replay::new(settings, &spec).unwrap();
     let now = Observations::new(&spec);
     for step in 1..=1200 {
@@ -193,32 +186,20 @@ fn a_step_that_does_not_follow_is_refused_until_the_episodes_are_cut() {
 }
 
 /// What is spoilt, and how the error begins.
-type Case = (
-    fn(&mut Observations, &mut Vec<f32>, &mut Transition),
-    &'static str,
-);
+type Case = (fn(&mut Observations, &mut Vec<f32>, &mut Transition), &'static str);
 
 #[test]
 fn what_cannot_be_right_is_refused_and_changes_nothing() {
     let still = "the last 1 channels of the picture of environment 1 differ";
     let cases: [Case; 7] = [
         (|_, _, t| t.rewards[1] = f32::NAN, "a reward is NaN"),
-        (
-            |_, actions, _| actions[3] = f32::INFINITY,
-            "an action is inf",
-        ),
-        (
-            |now, _, _| now.vectors[0] = f32::NAN,
-            "a component of an observation vector is NaN",
-        ),
+        (|_, actions, _| actions[3] = f32::INFINITY, "an action is inf"),
+        (|now, _, _| now.vectors[0] = f32::NAN, "a component of an observation vector is NaN"),
         (
             |_, _, t| t.observations.vectors[0] = f32::NAN,
             "a component of an observation vector is NaN",
         ),
-        (
-            |_, _, t| *t.observations.images.last_mut().unwrap() ^= 1,
-            still,
-        ),
+        (|_, _, t| *t.observations.images.last_mut().unwrap() ^= 1, still),
         (|_, actions, _| actions.push(0.0), "actions: got 5 values"),
         (|now, _, _| now.images.truncate(35), "images: got 35 values"),
     ];

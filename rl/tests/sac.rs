@@ -12,10 +12,7 @@ use crate::common::sac::{ENVS, Run, network, replay_settings, settings};
 use crate::common::{EPISODE, PointReach};
 
 const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
-const LEARNED: Temperature = Temperature::Learned {
-    initial: 0.1,
-    target: -1.0,
-};
+const LEARNED: Temperature = Temperature::Learned { initial: 0.1, target: -1.0 };
 
 fn strided() -> Encoder {
     Encoder::Strided { fields: vec![3, 4] }
@@ -29,21 +26,14 @@ fn busy() -> Run {
         cloning_weight: 0.1,
         ..settings()
     };
-    Run::new(
-        &network(strided()),
-        Some(CONTEXT),
-        settings,
-        replay_settings(),
-    )
+    Run::new(&network(strided()), Some(CONTEXT), settings, replay_settings())
 }
 
 fn learn(run: &mut Run, turns: usize) {
     for _ in 0..turns {
         run.replay.mark();
         run.collect().unwrap();
-        run.sac
-            .update(&mut run.policy, &run.replay, &mut run.rng)
-            .unwrap();
+        run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap();
     }
 }
 
@@ -77,11 +67,8 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
         run.collect().unwrap();
     }
     assert_eq!(twin.replay.save(), run.replay.save());
-    let [stats, twins] = [&mut run, &mut twin].map(|run| {
-        run.sac
-            .update(&mut run.policy, &run.replay, &mut run.rng)
-            .unwrap()
-    });
+    let [stats, twins] = [&mut run, &mut twin]
+        .map(|run| run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap());
     assert_eq!(twins, stats);
     assert!(stats.steps > 0);
     assert_eq!(bits(twin.policy.params()), bits(run.policy.params()));
@@ -124,10 +111,7 @@ fn a_state_that_cannot_be_right_is_refused() {
 /// 50 recorded steps a turn, of which 40 are the burn-in: floor(0.25 * recorded after it).
 #[test]
 fn gradient_steps_follow_the_recorded_steps() {
-    let settings = SacSettings {
-        updates_per_step: 0.25,
-        ..settings()
-    };
+    let settings = SacSettings { updates_per_step: 0.25, ..settings() };
     let mut run = Run::new(&network(Encoder::Blind), None, settings, replay_settings());
     let mut turn = || {
         run.collect().unwrap();
@@ -144,16 +128,10 @@ fn during_the_burn_in_nothing_is_learnt() {
     let mut run = busy();
     let before = run.policy.params().to_vec();
     run.replay = Replay::new(replay_settings(), run.env.spec()).unwrap();
-    let settings = SacSettings {
-        burn_in: 50,
-        ..settings()
-    };
+    let settings = SacSettings { burn_in: 50, ..settings() };
     run.sac = Sac::new(settings, &run.policy).unwrap();
     run.collect().unwrap();
-    let stats = run
-        .sac
-        .update(&mut run.policy, &run.replay, &mut run.rng)
-        .unwrap();
+    let stats = run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap();
     assert_eq!((stats.steps, stats.replay), (0, 50));
     assert_eq!(run.policy.params(), before);
     assert!(stats.metrics().iter().all(|(_, value)| value.is_finite()));
@@ -161,24 +139,15 @@ fn during_the_burn_in_nothing_is_learnt() {
 
 #[test]
 fn actions_are_uniform_during_the_warm_up_and_the_policys_afterwards() {
-    let still = NetworkSettings {
-        log_std: -4.5,
-        ..network(Encoder::Blind)
-    };
+    let still = NetworkSettings { log_std: -4.5, ..network(Encoder::Blind) };
     let mut run = Run::new(&still, None, settings(), replay_settings());
     run.collect().unwrap();
-    let actions: Vec<f32> = (0..50)
-        .flat_map(|i| run.replay.get(i).action().to_vec())
-        .collect();
+    let actions: Vec<f32> = (0..50).flat_map(|i| run.replay.get(i).action().to_vec()).collect();
     let (warm, own) = actions.split_at(2 * 20);
     let spread =
         |actions: &[f32]| actions.iter().map(|a| a * a).sum::<f32>() / actions.len() as f32;
     assert!(actions.iter().all(|a| a.abs() <= 1.0));
-    assert!(
-        (0.2..0.5).contains(&spread(warm)),
-        "a third: {}",
-        spread(warm)
-    );
+    assert!((0.2..0.5).contains(&spread(warm)), "a third: {}", spread(warm));
     assert!(spread(own) < 0.01, "{}", spread(own));
 }
 
@@ -188,10 +157,7 @@ fn diverged(spoil: impl Fn(&mut Run)) -> (RlError, bool) {
     run.collect().unwrap();
     spoil(&mut run);
     let before = bits(run.policy.params());
-    let error = run
-        .sac
-        .update(&mut run.policy, &run.replay, &mut run.rng)
-        .unwrap_err();
+    let error = run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap_err();
     (error, before == bits(run.policy.params()))
 }
 
@@ -202,10 +168,7 @@ fn a_network_that_diverged_is_reported_and_left_alone() {
         run.policy.params_mut()[last] = f32::NAN;
     });
     let what = "the loss of a minibatch";
-    assert!(
-        matches!(error, RlError::NotFinite { what: w, .. } if w == what),
-        "{error}"
-    );
+    assert!(matches!(error, RlError::NotFinite { what: w, .. } if w == what), "{error}");
     assert!(untouched);
     // a finite loss whose gradient is beyond f32
     let (error, untouched) = diverged(|run| {
@@ -215,10 +178,7 @@ fn a_network_that_diverged_is_reported_and_left_alone() {
         }
     });
     let what = "the norm of the gradient";
-    assert!(
-        matches!(error, RlError::NotFinite { what: w, .. } if w == what),
-        "{error}"
-    );
+    assert!(matches!(error, RlError::NotFinite { what: w, .. } if w == what), "{error}");
     assert!(untouched);
 }
 
@@ -226,16 +186,10 @@ fn a_network_that_diverged_is_reported_and_left_alone() {
 fn what_does_not_fit_is_refused() {
     let mut run = busy();
     run.collect().unwrap();
-    let other = EnvSpec {
-        image: [16, 16, 2],
-        ..run.env.spec().clone()
-    };
+    let other = EnvSpec { image: [16, 16, 2], ..run.env.spec().clone() };
     let foreign = Replay::new(replay_settings(), &other).unwrap();
     let result = run.sac.update(&mut run.policy, &foreign, &mut run.rng);
-    assert!(matches!(
-        result,
-        Err(RlError::SpecMismatch { field: "image" })
-    ));
+    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image" })));
     let mut stranger = SacPolicy::new(&network(strided()), None, run.env.spec(), 0).unwrap();
     let result = run.sac.update(&mut stranger, &run.replay, &mut run.rng);
     assert!(matches!(result, Err(RlError::Parameters { .. })));
@@ -258,10 +212,7 @@ fn act_with(fields: usize, context: Option<ContextSettings>, envs: usize) -> Res
 #[test]
 fn a_memory_of_another_policy_or_other_environments_is_refused() {
     act_with(4, Some(CONTEXT), ENVS).unwrap();
-    let longer = ContextSettings {
-        length: 4,
-        ..CONTEXT
-    };
+    let longer = ContextSettings { length: 4, ..CONTEXT };
     for (result, expected) in [
         (act_with(4, Some(CONTEXT), ENVS - 1), "memory: got 4"),
         (act_with(4, Some(longer), ENVS), "steps of memory: got 4"),
@@ -277,10 +228,7 @@ fn a_memory_of_another_policy_or_other_environments_is_refused() {
 fn a_learned_temperature_approaches_the_entropy_that_is_asked_for() {
     let after = |target| {
         let settings = SacSettings {
-            temperature: Temperature::Learned {
-                initial: 0.1,
-                target,
-            },
+            temperature: Temperature::Learned { initial: 0.1, target },
             learning_rate: 1e-3,
             ..settings()
         };
@@ -290,12 +238,7 @@ fn a_learned_temperature_approaches_the_entropy_that_is_asked_for() {
     };
     // a component has less than ln 2 nats in (-1, 1)
     assert!(after(1.0) > 0.1 && after(-5.0) < 0.1);
-    let fixed = Run::new(
-        &network(Encoder::Blind),
-        None,
-        settings(),
-        replay_settings(),
-    );
+    let fixed = Run::new(&network(Encoder::Blind), None, settings(), replay_settings());
     assert_eq!(fixed.sac.temperature(), f64::from(0.005f32));
 }
 
@@ -349,12 +292,8 @@ fn settings_out_of_range_are_refused_by_name() {
         ("newest_share", |s| s.newest_share = 1.1),
         ("cloning_weight", |s| s.cloning_weight = f32::INFINITY),
         ("temperature", |s| s.temperature = Temperature::Fixed(-0.1)),
-        ("temperature.initial", |s| {
-            s.temperature = learned(0.0, -1.0)
-        }),
-        ("temperature.target", |s| {
-            s.temperature = learned(1.0, f32::NAN)
-        }),
+        ("temperature.initial", |s| s.temperature = learned(0.0, -1.0)),
+        ("temperature.target", |s| s.temperature = learned(1.0, f32::NAN)),
     ];
     let policy = SacPolicy::new(&small_network(), None, &small_spec(), 0).unwrap();
     for (name, spoil) in cases {
@@ -373,20 +312,11 @@ fn learned(initial: f32, target: f32) -> Temperature {
 fn networks_and_contexts_that_do_not_fit_are_refused_by_name() {
     let refused = |settings: &NetworkSettings, context, name: &str| {
         let error = SacPolicy::new(settings, context, &small_spec(), 0).unwrap_err();
-        assert!(
-            error.to_string().starts_with(&format!("{name} ")),
-            "{error}"
-        );
+        assert!(error.to_string().starts_with(&format!("{name} ")), "{error}");
     };
-    let pooled = NetworkSettings {
-        critic: Critic::Pooled { width: 8 },
-        ..small_network()
-    };
+    let pooled = NetworkSettings { critic: Critic::Pooled { width: 8 }, ..small_network() };
     refused(&pooled, None, "critic.pooled.width");
-    let narrow = NetworkSettings {
-        log_std: -5.0,
-        ..small_network()
-    };
+    let narrow = NetworkSettings { log_std: -5.0, ..small_network() };
     refused(&narrow, None, "log_std");
     let context = |size, length| Some(ContextSettings { size, length });
     refused(&small_network(), context(30, 5), "context.size");
@@ -397,18 +327,12 @@ fn networks_and_contexts_that_do_not_fit_are_refused_by_name() {
 #[test]
 fn settings_survive_a_file() {
     let settings = SacSettings {
-        temperature: Temperature::Learned {
-            initial: 0.3,
-            target: -1.0,
-        },
+        temperature: Temperature::Learned { initial: 0.3, target: -1.0 },
         augmentation: Group::D1y,
         ..SacSettings::default()
     };
     let text = serde_json::to_string(&settings).unwrap();
-    assert_eq!(
-        serde_json::from_str::<SacSettings>(&text).unwrap(),
-        settings
-    );
+    assert_eq!(serde_json::from_str::<SacSettings>(&text).unwrap(), settings);
     let few = r#"{"temperature": {"fixed": 0.1}}"#;
     let fixed: SacSettings = serde_json::from_str(few).unwrap();
     assert_eq!(fixed.temperature, Temperature::Fixed(0.1));

@@ -30,9 +30,7 @@ fn outputs(policy: &mut SacPolicy, g: D2) -> [Vec<f32>; 2] {
     for _ in 0..3 {
         let seen = random_observations(&spec, &mut rng);
         let moved = transformed(&spec, &seen, g, g);
-        policy
-            .mean_actions(&moved, &mut memory, &mut out[0])
-            .unwrap();
+        policy.mean_actions(&moved, &mut memory, &mut out[0]).unwrap();
         policy.features(&moved, &mut out[1]).unwrap();
         for env in 0..ENVS {
             let done: Vec<f32> = (0..A).map(|_| rng.random_range(-1.0..1.0)).collect();
@@ -50,10 +48,7 @@ fn policy(group: Group, context: bool) -> SacPolicy {
         action_gain: 1.0,
         ..NetworkSettings::default()
     };
-    let context = context.then_some(ContextSettings {
-        size: 16,
-        length: 2,
-    });
+    let context = context.then_some(ContextSettings { size: 16, length: 2 });
     SacPolicy::new(&settings, context, &spec(), 5).unwrap()
 }
 
@@ -86,10 +81,7 @@ fn elements_outside_the_group_change_means_and_features() {
             let mut policy = policy(group, context);
             for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
                 for error in errors(&mut policy, g) {
-                    assert!(
-                        error > 100.0 * TOLERANCE,
-                        "{group}, {g}, {context}: {error}"
-                    );
+                    assert!(error > 100.0 * TOLERANCE, "{group}, {g}, {context}: {error}");
                 }
             }
         }

@@ -36,21 +36,13 @@ fn rollout() -> Run {
 /// The same of one that is equivariant under this group.
 fn rollout_of(group: Group) -> Run {
     let mut env = PointReach::new(ENVS, 1);
-    let network = NetworkSettings {
-        group,
-        ..settings()
-    };
+    let network = NetworkSettings { group, ..settings() };
     let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-    Run {
-        policy,
-        buffer,
-        stats,
-        rng,
-    }
+    Run { policy, buffer, stats, rng }
 }
 
 fn updated(settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
@@ -58,12 +50,7 @@ fn updated(settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
 }
 
 fn updated_of(group: Group, settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
-    let Run {
-        mut policy,
-        buffer,
-        mut rng,
-        ..
-    } = rollout_of(group);
+    let Run { mut policy, buffer, mut rng, .. } = rollout_of(group);
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
     (policy.params().to_vec(), stats)
@@ -72,10 +59,7 @@ fn updated_of(group: Group, settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
 /// Settings with a symmetry loss of this weight, whose updates no KL divergence ends.
 fn symmetrised(weight: f32) -> PpoSettings {
     PpoSettings {
-        symmetry: Some(SymmetryLoss {
-            group: Group::D2,
-            weight,
-        }),
+        symmetry: Some(SymmetryLoss { group: Group::D2, weight }),
         max_kl: 1e9,
         ..PpoSettings::default()
     }
@@ -84,20 +68,11 @@ fn symmetrised(weight: f32) -> PpoSettings {
 /// The symmetry loss of a plain policy's rollout after an update with this weight of it, and the
 /// number of gradient steps of that update.
 fn asymmetry(weight: f32) -> (f64, usize) {
-    let Run {
-        mut policy,
-        buffer,
-        mut rng,
-        ..
-    } = rollout_of(Group::C1);
+    let Run { mut policy, buffer, mut rng, .. } = rollout_of(Group::C1);
     let mut ppo = Ppo::new(symmetrised(weight), &policy).unwrap();
     let steps = ppo.update(&mut policy, &buffer, &mut rng).unwrap().steps;
     // what the next update finds before its first step
-    let first = PpoSettings {
-        epochs: 1,
-        minibatch: buffer.samples(),
-        ..symmetrised(0.0)
-    };
+    let first = PpoSettings { epochs: 1, minibatch: buffer.samples(), ..symmetrised(0.0) };
     let mut ppo = Ppo::new(first, &policy).unwrap();
     let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
     (stats.symmetry_loss.unwrap(), steps)
@@ -114,12 +89,7 @@ fn a_symmetry_loss_makes_a_plain_policy_more_symmetric() {
 fn an_update_without_a_symmetry_loss_reports_none() {
     let (_, stats) = updated(PpoSettings::default());
     assert_eq!(stats.symmetry_loss, None);
-    assert!(
-        stats
-            .metrics()
-            .iter()
-            .all(|(name, _)| name != "symmetry_loss")
-    );
+    assert!(stats.metrics().iter().all(|(name, _)| name != "symmetry_loss"));
 }
 
 #[test]
@@ -140,10 +110,7 @@ fn symmetry_losses_without_a_flip_or_with_a_negative_weight_are_refused() {
 #[test]
 fn a_rollout_reports_the_episodes_that_ended() {
     let stats = rollout().stats;
-    assert_eq!(
-        (stats.decisions, stats.episodes.len()),
-        (ENVS * (EPISODE + 3), ENVS)
-    );
+    assert_eq!((stats.decisions, stats.episodes.len()), (ENVS * (EPISODE + 3), ENVS));
     assert!(stats.episodes.iter().all(|e| e.length == EPISODE));
     let mean = stats.episodes.iter().map(|e| e.total_reward).sum::<f64>() / ENVS as f64;
     assert_eq!(stats.mean_return(), Some(mean));
@@ -155,10 +122,7 @@ fn an_evaluation_runs_whole_episodes_with_the_mean_action() {
     let mut policy = rollout().policy;
     let mut run = || evaluate(&mut PointReach::new(ENVS, 4), &mut policy, 2).unwrap();
     let stats = run();
-    assert_eq!(
-        (stats.decisions, stats.episodes.len()),
-        (2 * ENVS * EPISODE, 2 * ENVS)
-    );
+    assert_eq!((stats.decisions, stats.episodes.len()), (2 * ENVS * EPISODE, 2 * ENVS));
     assert!(stats.episodes.iter().all(|e| e.length == EPISODE));
     assert_eq!(stats, run(), "no noise, hence the same episodes");
 }
@@ -173,38 +137,21 @@ fn the_ratio_starts_at_one() {
     };
     let (params, stats) = updated(still);
     let start = rollout().policy;
-    assert!(
-        params
-            .iter()
-            .zip(start.params())
-            .all(|(a, b)| (a - b).abs() < 1e-20)
-    );
-    assert!(
-        stats.approx_kl.abs() < 1e-9 && stats.clip_fraction == 0.0,
-        "{stats:?}"
-    );
+    assert!(params.iter().zip(start.params()).all(|(a, b)| (a - b).abs() < 1e-20));
+    assert!(stats.approx_kl.abs() < 1e-9 && stats.clip_fraction == 0.0, "{stats:?}");
     assert!(stats.policy_loss.abs() < 1e-4, "{stats:?}");
     assert_eq!(stats.epochs, PpoSettings::default().epochs);
 }
 
 #[test]
 fn the_divergence_limit_stops_the_update() {
-    let fast = PpoSettings {
-        head_learning_rate: 0.1,
-        ..PpoSettings::default()
-    };
+    let fast = PpoSettings { head_learning_rate: 0.1, ..PpoSettings::default() };
     let (_, stats) = updated(fast);
     assert!(stats.epochs < PpoSettings::default().epochs, "{stats:?}");
-    let (_, patient) = updated(PpoSettings {
-        max_kl: 1e9,
-        head_learning_rate: 0.1,
-        ..PpoSettings::default()
-    });
+    let (_, patient) =
+        updated(PpoSettings { max_kl: 1e9, head_learning_rate: 0.1, ..PpoSettings::default() });
     assert_eq!(patient.epochs, PpoSettings::default().epochs);
-    assert!(
-        patient.approx_kl > 0.075 && patient.clip_fraction > 0.0,
-        "{patient:?}"
-    );
+    assert!(patient.approx_kl > 0.075 && patient.clip_fraction > 0.0, "{patient:?}");
 }
 
 /// The floor is where the standard deviations start, and without it they fall.
@@ -234,10 +181,7 @@ fn exploration_stays_above_its_floor() {
 fn a_policy_that_starts_below_the_floor_is_refused_with_both_numbers() {
     let policy = rollout().policy;
     let with_floor = |min_log_std| {
-        let settings = PpoSettings {
-            min_log_std,
-            ..PpoSettings::default()
-        };
+        let settings = PpoSettings { min_log_std, ..PpoSettings::default() };
         Ppo::new(settings, &policy)
     };
     assert!(with_floor(-0.5).is_ok());
@@ -262,36 +206,21 @@ fn the_figures_of_an_update_have_names() {
 
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
-    for (group, settings) in [
-        (Group::D2, PpoSettings::default()),
-        (Group::C1, symmetrised(0.1)),
-    ] {
+    for (group, settings) in [(Group::D2, PpoSettings::default()), (Group::C1, symmetrised(0.1))] {
         let on = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .unwrap();
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| updated_of(group, settings.clone()))
         };
         let ((one, one_stats), (two, two_stats)) = (on(1), on(2));
         assert_eq!(one_stats, two_stats);
-        assert!(
-            one.iter()
-                .zip(&two)
-                .all(|(a, b)| a.to_bits() == b.to_bits())
-        );
+        assert!(one.iter().zip(&two).all(|(a, b)| a.to_bits() == b.to_bits()));
         assert_ne!(one, rollout_of(group).policy.params());
     }
 }
 
 #[test]
 fn a_saved_optimiser_continues_to_the_same_bits() {
-    let Run {
-        mut policy,
-        buffer,
-        rng,
-        ..
-    } = rollout();
+    let Run { mut policy, buffer, rng, .. } = rollout();
     let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
     ppo.update(&mut policy, &buffer, &mut rng.clone()).unwrap();
     let mut restored =
@@ -300,21 +229,15 @@ fn a_saved_optimiser_continues_to_the_same_bits() {
     let mut resumed = Ppo::new(PpoSettings::default(), &restored).unwrap();
     resumed.restore(&ppo.save()).unwrap();
     ppo.update(&mut policy, &buffer, &mut rng.clone()).unwrap();
-    resumed
-        .update(&mut restored, &buffer, &mut rng.clone())
-        .unwrap();
+    resumed.update(&mut restored, &buffer, &mut rng.clone()).unwrap();
     assert_eq!(policy.params(), restored.params());
 }
 
 #[test]
 fn log_probabilities_are_those_of_the_actions_taken() {
-    let Run {
-        mut policy, buffer, ..
-    } = rollout();
+    let Run { mut policy, buffer, .. } = rollout();
     let mut means = vec![0.0; 2 * buffer.samples()];
-    policy
-        .mean_actions(buffer.observations(), &mut (), &mut means)
-        .unwrap();
+    policy.mean_actions(buffer.observations(), &mut (), &mut means).unwrap();
     let decisions = buffer.decisions();
     for i in 0..buffer.samples() {
         let density: f32 = (2 * i..2 * i + 2)
@@ -329,38 +252,16 @@ fn log_probabilities_are_those_of_the_actions_taken() {
 
 #[test]
 fn what_does_not_fit_is_refused() {
-    let Run {
-        mut policy,
-        mut buffer,
-        mut rng,
-        ..
-    } = rollout();
+    let Run { mut policy, mut buffer, mut rng, .. } = rollout();
     let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
-    let mut short = Decisions {
-        actions: vec![0.0; 3],
-        ..Decisions::new(buffer.spec())
-    };
+    let mut short = Decisions { actions: vec![0.0; 3], ..Decisions::new(buffer.spec()) };
     let observations = rl::Observations::new(buffer.spec());
     let result = policy.decide(&observations, &mut (), &[0.0; 18], &mut short);
-    assert!(matches!(
-        result,
-        Err(RlError::Shape {
-            what: "actions",
-            got: 3,
-            expected: 18,
-            ..
-        })
-    ));
+    assert!(matches!(result, Err(RlError::Shape { what: "actions", got: 3, expected: 18, .. })));
     buffer.clear();
     let result = ppo.update(&mut policy, &buffer, &mut rng);
-    assert!(matches!(
-        result,
-        Err(RlError::BufferNotFinished { got: 0, .. })
-    ));
-    let other = EnvSpec {
-        image: [16, 16, 2],
-        ..buffer.spec().clone()
-    };
+    assert!(matches!(result, Err(RlError::BufferNotFinished { got: 0, .. })));
+    let other = EnvSpec { image: [16, 16, 2], ..buffer.spec().clone() };
     let mut stranger = ActorCriticPolicy::new(&settings(), &other, 0).unwrap();
     assert!(matches!(
         ppo.update(&mut stranger, &buffer, &mut rng),
@@ -368,34 +269,17 @@ fn what_does_not_fit_is_refused() {
     ));
     let foreign = RolloutBuffer::new(&other, 1).unwrap();
     let result = ppo.update(&mut policy, &foreign, &mut rng);
-    assert!(matches!(
-        result,
-        Err(RlError::SpecMismatch { field: "image" })
-    ));
+    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image" })));
 }
 
 #[test]
 fn a_network_that_diverged_is_reported() {
-    let Run {
-        mut policy,
-        buffer,
-        mut rng,
-        ..
-    } = rollout();
+    let Run { mut policy, buffer, mut rng, .. } = rollout();
     let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
     let value_bias = policy.params().len() - 3;
     policy.params_mut()[value_bias] = f32::NAN;
-    assert!(matches!(
-        ppo.update(&mut policy, &buffer, &mut rng),
-        Err(RlError::NotFinite { .. })
-    ));
+    assert!(matches!(ppo.update(&mut policy, &buffer, &mut rng), Err(RlError::NotFinite { .. })));
     let saved = policy.params().to_vec();
     let loaded = ActorCriticPolicy::with_params(&settings(), buffer.spec(), saved);
-    assert!(matches!(
-        loaded,
-        Err(RlError::NotFinite {
-            what: "a parameter",
-            ..
-        })
-    ));
+    assert!(matches!(loaded, Err(RlError::NotFinite { what: "a parameter", .. })));
 }

@@ -19,9 +19,8 @@ use robots::{
 const PERIOD: Duration = Duration::from_millis(25);
 
 /// Joints of the Gen3 on the way to its tool.
-const GEN3_JOINTS: [&str; 7] = [
-    "joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "joint_7",
-];
+const GEN3_JOINTS: [&str; 7] =
+    ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "joint_7"];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
@@ -31,10 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("usage: embed_robot [URDF TIP_LINK]".into()),
     };
     if env::var_os("MJCF").is_some() {
-        let mjcf = arm.to_mjcf(&MjcfSettings {
-            servo: Some(Servo::default()),
-            ..MjcfSettings::default()
-        })?;
+        let mjcf = arm
+            .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })?;
         print!("{}", mjcf.text);
         for [first, second] in mjcf.excluded {
             eprintln!("{first} and {second} touch at rest, so they do not collide in this model");
@@ -57,9 +54,7 @@ fn posture(arm: &Description, chain: &Chain) -> Vec<f64> {
         return gen3::WORK.to_vec();
     }
     let ranges = chain.joints().iter().map(|joint| joint.motion.range);
-    ranges
-        .map(|range| range.map_or(0.5, |[low, high]| (low + 2.0 * high) / 3.0))
-        .collect()
+    ranges.map(|range| range.map_or(0.5, |[low, high]| (low + 2.0 * high) / 3.0)).collect()
 }
 
 fn describe(arm: &Description, chain: &Chain, posture: &[f64]) {
@@ -79,10 +74,7 @@ fn describe(arm: &Description, chain: &Chain, posture: &[f64]) {
     }
     for (link, capsule) in arm.capsules(&positions) {
         let (name, [start, end]) = (&arm.links()[link].name, capsule.ends);
-        println!(
-            "{name}: {start:.3} to {end:.3}, radius {:.3} m",
-            capsule.radius
-        );
+        println!("{name}: {start:.3} to {end:.3}, radius {:.3} m", capsule.radius);
     }
 }
 
@@ -90,18 +82,12 @@ fn describe(arm: &Description, chain: &Chain, posture: &[f64]) {
 fn dry_run(arm: KinematicArm) -> Result<(), ControlError> {
     let now = Cell::new(Duration::ZERO);
     let mut robot = Watchdog::new(arm, || now.get());
-    let ways = DVec3::AXES
-        .into_iter()
-        .flat_map(|axis| [axis, -axis])
-        .map(Some);
+    let ways = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]).map(Some);
     for way in ways.chain([None]) {
         for _ in 0..20 {
             if let Some(way) = way {
                 let twist = Twist::moving(0.1 * way);
-                robot.command(&Command {
-                    twist,
-                    closing: 0.0,
-                })?;
+                robot.command(&Command { twist, closing: 0.0 })?;
             }
             robot.robot_mut().advance(PERIOD.as_secs_f64())?;
             now.set(now.get() + PERIOD);

@@ -76,10 +76,7 @@ impl PlacedShape {
             Shape::Box { half } => along_longest(half),
         };
         let pose = *link * self.pose;
-        Capsule {
-            ends: [pose.point(-half), pose.point(half)],
-            radius,
-        }
+        Capsule { ends: [pose.point(-half), pose.point(half)], radius }
     }
 }
 
@@ -118,14 +115,9 @@ fn capsule_of(
     };
     let cap = |side: f64| {
         let end = pose.point(side * 0.5 * length * DVec3::Z);
-        shapes
-            .iter()
-            .position(|other| other.is_some_and(|other| is_cap(&other, end, radius)))
+        shapes.iter().position(|other| other.is_some_and(|other| is_cap(&other, end, radius)))
     };
-    let capsule = PlacedShape {
-        pose,
-        shape: Shape::Capsule { radius, length },
-    };
+    let capsule = PlacedShape { pose, shape: Shape::Capsule { radius, length } };
     Some((capsule, [cap(-1.0)?, cap(1.0)?]))
 }
 
@@ -145,10 +137,7 @@ mod tests {
     use super::*;
 
     fn placed(shape: Shape, position: DVec3) -> PlacedShape {
-        PlacedShape {
-            pose: Pose::at(position),
-            shape,
-        }
+        PlacedShape { pose: Pose::at(position), shape }
     }
 
     #[test]
@@ -172,35 +161,20 @@ mod tests {
 
     #[test]
     fn a_cylinder_between_two_spheres_is_one_capsule() {
-        let cylinder = Shape::Cylinder {
-            radius: 0.1,
-            length: 0.4,
-        };
+        let cylinder = Shape::Cylinder { radius: 0.1, length: 0.4 };
         let sphere = Shape::Sphere { radius: 0.1 };
         let at = DVec3::new(0.0, 1.0, 0.0);
         let turned = PlacedShape {
-            pose: Pose {
-                position: at,
-                rotation: DQuat::from_rotation_x(0.3),
-            },
+            pose: Pose { position: at, rotation: DQuat::from_rotation_x(0.3) },
             shape: cylinder,
         };
         let ends = [-0.2, 0.2].map(|z| placed(sphere, turned.pose.point(z * DVec3::Z)));
         let joined = join_capsules(vec![ends[0], turned, ends[1]]);
-        let expected = PlacedShape {
-            shape: Shape::Capsule {
-                radius: 0.1,
-                length: 0.4,
-            },
-            ..turned
-        };
+        let expected = PlacedShape { shape: Shape::Capsule { radius: 0.1, length: 0.4 }, ..turned };
         assert_eq!(joined, [expected]);
         // one cap alone, or caps of another size, are shapes of their own
         assert_eq!(join_capsules(vec![turned, ends[0]]).len(), 2);
         let wider = ends.map(|end| placed(Shape::Sphere { radius: 0.11 }, end.pose.position));
-        assert_eq!(
-            join_capsules([vec![turned], wider.to_vec()].concat()).len(),
-            3
-        );
+        assert_eq!(join_capsules([vec![turned], wider.to_vec()].concat()).len(), 3);
     }
 }

@@ -45,12 +45,7 @@ impl Chain {
                 continue;
             };
             let dof = dof(&motion, tip, &joint.name)?;
-            joints.push(ChainJoint {
-                name: joint.name.clone(),
-                dof,
-                motion,
-                before: pose,
-            });
+            joints.push(ChainJoint { name: joint.name.clone(), dof, motion, before: pose });
             pose = Pose::IDENTITY;
         }
         if joints.is_empty() {
@@ -92,10 +87,9 @@ impl Chain {
             let axis = pose.rotation * joint.motion.axis;
             *column = match joint.motion.kind {
                 MotionKind::Slide => Twist::moving(axis),
-                MotionKind::Hinge => Twist {
-                    linear: axis.cross(tip.position - pose.position),
-                    angular: axis,
-                },
+                MotionKind::Hinge => {
+                    Twist { linear: axis.cross(tip.position - pose.position), angular: axis }
+                }
             };
             pose = pose * joint.motion.pose(position);
         }
@@ -107,10 +101,7 @@ impl Chain {
     /// # Panics
     /// Where `positions` is too short.
     pub fn configuration(&self, positions: &[f64]) -> Vec<f64> {
-        self.joints
-            .iter()
-            .map(|joint| positions[joint.dof])
-            .collect()
+        self.joints.iter().map(|joint| positions[joint.dof]).collect()
     }
 }
 

@@ -97,11 +97,7 @@ fn check_number(
     if in_range && value.is_finite() {
         return Ok(());
     }
-    Err(ControlError::Setting {
-        name,
-        value: value.to_string(),
-        expected,
-    })
+    Err(ControlError::Setting { name, value: value.to_string(), expected })
 }
 
 /// Longest step (seconds) that is solved at once.
@@ -170,11 +166,7 @@ impl CartesianControl {
     /// # Panics
     /// Where `configuration` is not as long as the chain.
     pub fn restart(&mut self, configuration: &[f64]) -> Result<(), ControlError> {
-        check_length(
-            "configuration",
-            configuration.len(),
-            self.configuration.len(),
-        );
+        check_length("configuration", configuration.len(), self.configuration.len());
         check_posture(&self.chain, configuration)?;
         self.configuration.copy_from_slice(configuration);
         self.stop();
@@ -271,26 +263,13 @@ impl CartesianControl {
         for (velocity, solved) in self.velocities.iter_mut().zip(self.solver.velocities()) {
             *velocity = scale * solved;
         }
-        step(
-            self.chain.joints(),
-            &mut self.configuration,
-            &self.velocities,
-            seconds,
-        );
+        step(self.chain.joints(), &mut self.configuration, &self.velocities, seconds);
         self.check_lag()
     }
 
     /// Solves for the joint velocities of `twist`, which may be too fast.
     fn solve(&mut self, twist: Twist, seconds: f64) {
-        let Self {
-            chain,
-            settings,
-            configuration,
-            posture,
-            reference,
-            solver,
-            ..
-        } = self;
+        let Self { chain, settings, configuration, posture, reference, solver, .. } = self;
         let correction = settings.correction_rate * error(&chain.tip(configuration), reference);
         let speed = twist.linear.length().max(twist.angular.length());
         let rate = settings.posture_rate * (speed / POSTURE_SPEED).min(1.0);
@@ -332,11 +311,7 @@ impl CartesianControl {
         if near {
             return Ok(());
         }
-        Err(out_of_reach(
-            &self.chain,
-            &self.configuration,
-            &self.reference,
-        ))
+        Err(out_of_reach(&self.chain, &self.configuration, &self.reference))
     }
 }
 

@@ -128,11 +128,7 @@ impl Motion {
     pub fn position(&self, positions: &[f64]) -> f64 {
         match self.drive {
             Drive::Free { dof } => positions[dof],
-            Drive::Follows {
-                dof,
-                multiplier,
-                offset,
-            } => multiplier * positions[dof] + offset,
+            Drive::Follows { dof, multiplier, offset } => multiplier * positions[dof] + offset,
         }
     }
 
@@ -200,9 +196,7 @@ impl Description {
     pub fn rest(&self) -> Vec<f64> {
         let nearest = |[low, high]: [f64; 2]| 0_f64.clamp(low, high);
         let joints = self.free_joints();
-        joints
-            .map(|(_, motion)| motion.range.map_or(0.0, nearest))
-            .collect()
+        joints.map(|(_, motion)| motion.range.map_or(0.0, nearest)).collect()
     }
 
     /// The root's frame in the world; the identity, unless [`Description::placed`] says otherwise.
@@ -220,13 +214,7 @@ impl Description {
         let length = base.rotation.length();
         let is_unit = (length - 1.0).abs() < 1e-6;
         let expected = "1, as of a unit quaternion";
-        require(
-            is_unit,
-            place,
-            "the length of its rotation",
-            length,
-            expected,
-        )?;
+        require(is_unit, place, "the length of its rotation", length, expected)?;
         Ok(Self { base, ..self })
     }
 
@@ -244,12 +232,8 @@ impl Description {
         let motion = found.and_then(|found| found.motion.as_mut());
         let free = motion.filter(|motion| motion.is_free());
         let own = free.and_then(|motion| motion.range.as_mut());
-        let refused = |what, value, expected| DescriptionError::Number {
-            place,
-            what,
-            value,
-            expected,
-        };
+        let refused =
+            |what, value, expected| DescriptionError::Number { place, what, value, expected };
         let Some(own) = own else {
             let expected = "a position of a joint that has a range and follows no other";
             return Err(refused("the lower end of its new range", low, expected));
@@ -275,9 +259,7 @@ impl Description {
         let mut poses = Vec::with_capacity(self.links.len());
         poses.push(self.base);
         for joint in &self.joints {
-            let moved = joint
-                .motion()
-                .map(|motion| motion.pose(motion.position(positions)));
+            let moved = joint.motion().map(|motion| motion.pose(motion.position(positions)));
             poses.push(poses[joint.parent] * joint.origin * moved.unwrap_or(Pose::IDENTITY));
         }
         poses
@@ -290,10 +272,7 @@ impl Description {
     pub fn capsules(&self, positions: &[f64]) -> Vec<(usize, Capsule)> {
         let links = self.links.iter().zip(self.poses(positions)).enumerate();
         let of_link = |(index, (link, pose)): (usize, (&Link, Pose))| {
-            let capsules = link
-                .shapes
-                .iter()
-                .map(move |shape| (index, shape.capsule(&pose)));
+            let capsules = link.shapes.iter().map(move |shape| (index, shape.capsule(&pose)));
             capsules.collect::<Vec<_>>()
         };
         links.flat_map(of_link).collect()
@@ -309,8 +288,5 @@ impl Joint {
 /// Refuses a slice of another length than its meaning needs.
 #[track_caller]
 pub(crate) fn check_length(name: &str, got: usize, expected: usize) {
-    assert_eq!(
-        got, expected,
-        "`{name}` has {got} elements, expected {expected}"
-    );
+    assert_eq!(got, expected, "`{name}` has {got} elements, expected {expected}");
 }

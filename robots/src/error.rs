@@ -317,9 +317,7 @@ pub struct FollowerRanges {
 
 fn kept_by(other: &Option<String>) -> String {
     let of = other.as_ref();
-    of.map_or_else(String::new, |other| {
-        format!(" to keep `{other}` in its range")
-    })
+    of.map_or_else(String::new, |other| format!(" to keep `{other}` in its range"))
 }
 
 fn or_of(other: &Option<String>) -> String {
@@ -358,12 +356,7 @@ pub(crate) fn require(
     if holds {
         return Ok(());
     }
-    Err(DescriptionError::Number {
-        place: place(),
-        what,
-        value,
-        expected,
-    })
+    Err(DescriptionError::Number { place: place(), what, value, expected })
 }
 
 /// Largest number that a robot's file may hold, in any unit.

@@ -13,13 +13,12 @@ pub(crate) const LEAST_SIZE: f64 = 1e-6;
 pub(crate) fn around(points: &[DVec3]) -> PlacedShape {
     let along = DVec3::AXES.map(|axis| along(points, axis));
     let [x, y, z] = along;
-    [y, z].into_iter().fold(x, |best, other| {
-        if volume(&other) < volume(&best) {
-            other
-        } else {
-            best
-        }
-    })
+    [y, z].into_iter().fold(
+        x,
+        |best, other| {
+            if volume(&other) < volume(&best) { other } else { best }
+        },
+    )
 }
 
 /// The shortest capsule of the least radius along `axis`.
@@ -64,9 +63,7 @@ fn shape(radius: f64, length: f64) -> Shape {
 
 fn extent(points: &[DVec3]) -> [DVec3; 2] {
     let first = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-    points.iter().fold(first, |[low, high], &point| {
-        [low.min(point), high.max(point)]
-    })
+    points.iter().fold(first, |[low, high], &point| [low.min(point), high.max(point)])
 }
 
 /// In units of pi.
@@ -109,13 +106,7 @@ mod tests {
         let points = [corner(-1.0), corner(3.0)].concat();
         let capsule = around(&points).capsule(&Pose::IDENTITY);
         assert!((capsule.radius - 0.1).abs() < 1e-12, "{capsule:?}");
-        assert!(
-            capsule.ends[0].distance(DVec3::new(-1.0, 0.0, 0.0)) < 1e-12,
-            "{capsule:?}"
-        );
-        assert!(
-            capsule.ends[1].distance(DVec3::new(3.0, 0.0, 0.0)) < 1e-12,
-            "{capsule:?}"
-        );
+        assert!(capsule.ends[0].distance(DVec3::new(-1.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");
+        assert!(capsule.ends[1].distance(DVec3::new(3.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");
     }
 }

@@ -15,25 +15,11 @@ use crate::error::DescriptionError;
 pub const URDF: &str = include_str!("../assets/urdf/kinova_gen3.urdf");
 
 /// Joints (radians) of Kinova's pose "Home": the tool points away from the base, along x.
-pub const HOME: [f64; 7] = [
-    0.0,
-    15.0 / 180.0 * PI,
-    PI,
-    -130.0 / 180.0 * PI,
-    0.0,
-    55.0 / 180.0 * PI,
-    FRAC_PI_2,
-];
+pub const HOME: [f64; 7] =
+    [0.0, 15.0 / 180.0 * PI, PI, -130.0 / 180.0 * PI, 0.0, 55.0 / 180.0 * PI, FRAC_PI_2];
 /// Joints (radians) of Kinova's pose "Retract": folded, the tool down within four degrees.
-pub const RETRACT: [f64; 7] = [
-    0.0,
-    -20.0 / 180.0 * PI,
-    PI,
-    -146.0 / 180.0 * PI,
-    0.0,
-    -50.0 / 180.0 * PI,
-    FRAC_PI_2,
-];
+pub const RETRACT: [f64; 7] =
+    [0.0, -20.0 / 180.0 * PI, PI, -146.0 / 180.0 * PI, 0.0, -50.0 / 180.0 * PI, FRAC_PI_2];
 /// Joints (radians) of the arm stretched upwards.
 pub const ZERO: [f64; 7] = [0.0; 7];
 /// Joints (radians) with the tool straight down 0.45 m in front of the base, the tool frame 0.15 m

@@ -28,9 +28,7 @@ impl Description {
             };
             let (dof, share) = match motion.drive {
                 Drive::Free { dof } => (dof, 1.0),
-                Drive::Follows {
-                    dof, multiplier, ..
-                } => (dof, multiplier),
+                Drive::Follows { dof, multiplier, .. } => (dof, multiplier),
             };
             forces[dof] -= share * pull(load, &poses[link], &motion);
         }
@@ -68,10 +66,7 @@ struct Load {
 }
 
 impl Load {
-    const NONE: Self = Self {
-        weight: DVec3::ZERO,
-        moment: DVec3::ZERO,
-    };
+    const NONE: Self = Self { weight: DVec3::ZERO, moment: DVec3::ZERO };
 
     /// Adds what hangs on these links.
     fn bear(&mut self, other: Self) {

@@ -98,9 +98,7 @@ impl DampedLeastSquares {
 fn add_square(system: &mut [[f64; 6]; 6], column: Twist) {
     let column = column.to_array();
     for (row, left) in system.iter_mut().zip(column) {
-        row.iter_mut()
-            .zip(column)
-            .for_each(|(sum, right)| *sum += left * right);
+        row.iter_mut().zip(column).for_each(|(sum, right)| *sum += left * right);
     }
 }
 
@@ -162,10 +160,7 @@ pub(crate) fn error(tip: &Pose, target: &Pose) -> Twist {
 
 /// How far down and up a joint at `position` can go.
 pub(crate) fn room(joint: &ChainJoint, position: f64) -> [f64; 2] {
-    let [low, high] = joint
-        .motion
-        .range
-        .unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+    let [low, high] = joint.motion.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
     [low - position, high - position]
 }
 
@@ -177,10 +172,7 @@ pub(crate) fn step(
     seconds: f64,
 ) {
     for ((joint, position), velocity) in joints.iter().zip(configuration).zip(velocities) {
-        let [low, high] = joint
-            .motion
-            .range
-            .unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        let [low, high] = joint.motion.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
         // the bounds hold but for a rounding
         *position = (*position + seconds * velocity).clamp(low, high);
     }
@@ -192,11 +184,7 @@ pub(crate) fn check_posture(chain: &Chain, configuration: &[f64]) -> Result<(), 
         let range = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
         if !(range[0]..=range[1]).contains(&position) {
             let joint = joint.name.clone();
-            return Err(ControlError::Posture {
-                joint,
-                position,
-                range,
-            });
+            return Err(ControlError::Posture { joint, position, range });
         }
     }
     Ok(())
@@ -245,11 +233,7 @@ fn factor(a: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
         for column in 0..=row {
             let known: f64 = (0..column).map(|k| l[row][k] * l[column][k]).sum();
             let rest = a[row][column] - known;
-            l[row][column] = if row == column {
-                rest.sqrt()
-            } else {
-                rest / l[column][column]
-            };
+            l[row][column] = if row == column { rest.sqrt() } else { rest / l[column][column] };
         }
     }
     l
@@ -268,10 +252,8 @@ mod tests {
         let arm = gen3::description().unwrap();
         let chain = Chain::new(&arm, "tool_link").unwrap();
         let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
-        let wanted = Twist {
-            linear: DVec3::new(0.1, -0.2, 0.05),
-            angular: DVec3::new(0.0, 0.1, -0.1),
-        };
+        let wanted =
+            Twist { linear: DVec3::new(0.1, -0.2, 0.05), angular: DVec3::new(0.0, 0.1, -0.1) };
         let mut solver = DampedLeastSquares::new(7);
         let mut solve = |bounds: &dyn Fn(usize) -> [f64; 2]| {
             solver.solve(&chain, &configuration, wanted, 1e-6, |_| 0.0, bounds);

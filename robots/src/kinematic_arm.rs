@@ -19,11 +19,7 @@ pub struct KinematicArm {
 impl KinematicArm {
     /// An arm where `control` has it, with open fingers.
     pub fn new(control: CartesianControl) -> Self {
-        Self {
-            control,
-            wanted_closing: 0.0,
-            closing: 0.0,
-        }
+        Self { control, wanted_closing: 0.0, closing: 0.0 }
     }
 
     /// Lets `seconds` pass.

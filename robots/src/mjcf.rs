@@ -73,19 +73,13 @@ pub struct Servo {
 impl Default for Servo {
     /// For a Kinova Gen3 about the stiffness that others simulate it with: 1950 and 450 N m/rad.
     fn default() -> Self {
-        Self {
-            saturation: 0.02,
-            damping_time: 0.03,
-        }
+        Self { saturation: 0.02, damping_time: 0.03 }
     }
 }
 
 impl Servo {
     fn check(&self) -> Result<(), DescriptionError> {
-        let Self {
-            saturation,
-            damping_time,
-        } = *self;
+        let Self { saturation, damping_time } = *self;
         let place = || "the servo".to_owned();
         let values = [saturation, damping_time];
         finite(place, "its saturation or damping time", &values)?;
@@ -122,10 +116,7 @@ impl Description {
         let name = escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
         let sections = self.sections(settings)?;
-        let text = format!(
-            "<mujoco model=\"{name}\">\n{head}{}</mujoco>\n",
-            sections.text
-        );
+        let text = format!("<mujoco model=\"{name}\">\n{head}{}</mujoco>\n", sections.text);
         Ok(Mjcf { text, ..sections })
     }
 
@@ -145,9 +136,7 @@ impl Description {
         settings.servo.map_or(Ok(()), |servo| servo.check())?;
         self.check_links(settings)?;
         self.check_rows()?;
-        let servos = settings
-            .servo
-            .map_or(String::new(), |servo| self.servos(&servo));
+        let servos = settings.servo.map_or(String::new(), |servo| self.servos(&servo));
         let section = |(name, text): (&str, String)| match &text[..] {
             "" => String::new(),
             text => format!("<{name}>\n{text}</{name}>\n"),
@@ -201,9 +190,7 @@ impl Description {
             let link = index + 1;
             open.push(link);
             text += &body(&self.links[link], &joint.origin, settings);
-            text += &joint
-                .motion
-                .map_or(String::new(), |motion| moving(&joint.name, &motion));
+            text += &joint.motion.map_or(String::new(), |motion| moving(&joint.name, &motion));
             text += &contents(&self.links[link], settings);
         }
         text + &"</body>\n".repeat(open.len())
@@ -236,14 +223,11 @@ impl Description {
                 || self.neighbours(b).contains(&a)
         };
         let links = self.links.iter().zip(&poses);
-        let solids: Vec<Solids> = links
-            .map(|(link, pose)| Solids::new(&link.shapes, pose))
-            .collect();
+        let solids: Vec<Solids> =
+            links.map(|(link, pose)| Solids::new(&link.shapes, pose)).collect();
         let touch = |[a, b]: [usize; 2]| solids[a].touch(&solids[b]);
         let pairs = (0..self.links.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
-        pairs
-            .filter(|&pair| touch(pair) && !never_collide(pair))
-            .collect()
+        pairs.filter(|&pair| touch(pair) && !never_collide(pair)).collect()
     }
 
     /// First of the links that are fixed to each other, for each link.
@@ -275,17 +259,10 @@ impl Description {
     }
 
     fn equalities(&self) -> String {
-        let names: Vec<&str> = self
-            .free_joints()
-            .map(|(joint, _)| &joint.name[..])
-            .collect();
+        let names: Vec<&str> = self.free_joints().map(|(joint, _)| &joint.name[..]).collect();
         let equality = |joint: &Joint| match joint.motion?.drive {
             Drive::Free { .. } => None,
-            Drive::Follows {
-                dof,
-                multiplier,
-                offset,
-            } => Some(format!(
+            Drive::Follows { dof, multiplier, offset } => Some(format!(
                 "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{offset} {multiplier} 0 0 0\"/>\n",
                 escaped(&joint.name),
                 escaped(names[dof]),
@@ -318,9 +295,8 @@ fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     };
     let mut classes = settings.classes.iter();
     let class = classes.find(|(of, _)| *of == link.name);
-    let class = class.map_or(String::new(), |(_, class)| {
-        format!(" childclass=\"{}\"", escaped(class))
-    });
+    let class =
+        class.map_or(String::new(), |(_, class)| format!(" childclass=\"{}\"", escaped(class)));
     format!("<body{name}{class}{}>\n", placed(pose))
 }
 
@@ -339,17 +315,11 @@ fn contents(link: &Link, settings: &MjcfSettings) -> String {
         None => NO_MASS.to_owned(),
     };
     mass + &geoms.collect::<String>()
-        + &additions
-            .map(|addition| &addition.mjcf[..])
-            .collect::<String>()
+        + &additions.map(|addition| &addition.mjcf[..]).collect::<String>()
 }
 
 fn inertial(inertia: &Inertia) -> String {
-    let [x, y, z] = [
-        inertia.tensor.x_axis,
-        inertia.tensor.y_axis,
-        inertia.tensor.z_axis,
-    ];
+    let [x, y, z] = [inertia.tensor.x_axis, inertia.tensor.y_axis, inertia.tensor.z_axis];
     format!(
         "<inertial pos=\"{}\" mass=\"{}\" fullinertia=\"{} {} {} {} {} {}\"/>\n",
         numbers(inertia.centre),
@@ -394,10 +364,7 @@ fn geom(name: &str, placed_shape: &PlacedShape) -> String {
 /// Attributes of a pose; a quaternion starts with its real part.
 fn placed(pose: &Pose) -> String {
     let DQuat { x, y, z, w } = pose.rotation;
-    format!(
-        " pos=\"{}\" quat=\"{w} {x} {y} {z}\"",
-        numbers(pose.position)
-    )
+    format!(" pos=\"{}\" quat=\"{w} {x} {y} {z}\"", numbers(pose.position))
 }
 
 fn numbers(DVec3 { x, y, z }: DVec3) -> String {

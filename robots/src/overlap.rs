@@ -36,19 +36,11 @@ impl Solid {
             Shape::Cylinder { radius, length } => radius.hypot(0.5 * length),
             Shape::Box { half } => half.length(),
         };
-        Self {
-            shape: placed.shape,
-            pose: *link * placed.pose,
-            radius,
-            reach,
-        }
+        Self { shape: placed.shape, pose: *link * placed.pose, radius, reach }
     }
 
     fn sphere(&self) -> Sphere {
-        Sphere {
-            centre: self.pose.position,
-            radius: self.reach,
-        }
+        Sphere { centre: self.pose.position, radius: self.reach }
     }
 
     /// The point that lies furthest in a direction, but for its radius.
@@ -157,14 +149,9 @@ impl Solids {
         let solids: Vec<Solid> = shapes.iter().map(|shape| Solid::new(shape, link)).collect();
         let places = solids.iter().map(|solid| solid.pose.position);
         let centre = places.sum::<DVec3>() / solids.len().max(1) as f64;
-        let reaches = solids
-            .iter()
-            .map(|solid| solid.pose.position.distance(centre) + solid.reach);
+        let reaches = solids.iter().map(|solid| solid.pose.position.distance(centre) + solid.reach);
         let radius = reaches.fold(0.0, f64::max);
-        Self {
-            solids,
-            around: Sphere { centre, radius },
-        }
+        Self { solids, around: Sphere { centre, radius } }
     }
 
     /// `true` if a shape of one link touches a shape of the other one.
@@ -192,12 +179,8 @@ mod tests {
         let (radius, length) = (0.03, 0.2);
         let cylinder = Shape::Cylinder { radius, length };
         let capsule = Shape::Capsule { radius, length };
-        let cube = Shape::Box {
-            half: DVec3::new(0.1, 0.2, 0.05),
-        };
-        let beam = Shape::Box {
-            half: DVec3::new(0.1, 0.05, 0.05),
-        };
+        let cube = Shape::Box { half: DVec3::new(0.1, 0.2, 0.05) };
+        let beam = Shape::Box { half: DVec3::new(0.1, 0.05, 0.05) };
         let lying = DQuat::from_rotation_y(0.5 * std::f64::consts::PI);
         // it stands on its rim
         let tilted = DQuat::from_rotation_y(0.6);
@@ -219,17 +202,12 @@ mod tests {
         ] {
             let [(first, top), (second, bottom)] = above;
             let link = |shape, rotation, height| {
-                let pose = Pose {
-                    position: height * DVec3::Z,
-                    rotation,
-                };
+                let pose = Pose { position: height * DVec3::Z, rotation };
                 Solids::new(&[PlacedShape { pose, shape }], &Pose::IDENTITY)
             };
             for (gap, touch) in [(0.9e-3, true), (1.1e-3, false)] {
-                let [one, other] = [
-                    link(lower, first, 0.0),
-                    link(upper, second, top + gap + bottom),
-                ];
+                let [one, other] =
+                    [link(lower, first, 0.0), link(upper, second, top + gap + bottom)];
                 let found = [one.touch(&other), other.touch(&one)];
                 assert_eq!(found, [touch; 2], "{lower:?} {upper:?} {gap}");
             }
@@ -240,21 +218,14 @@ mod tests {
     #[test]
     fn links_of_many_shapes_touch_where_one_shape_does() {
         let ball = |x: f64| PlacedShape {
-            pose: Pose {
-                position: x * DVec3::X,
-                rotation: DQuat::IDENTITY,
-            },
+            pose: Pose { position: x * DVec3::X, rotation: DQuat::IDENTITY },
             shape: Shape::Sphere { radius: 0.1 },
         };
         let row: Vec<_> = (0..20).map(|index| ball(f64::from(index))).collect();
         let row = Solids::new(&row, &Pose::IDENTITY);
         for (place, touch) in [(19.2, true), (19.3, false), (9.5, false), (9.15, true)] {
             let other = Solids::new(&[ball(place)], &Pose::IDENTITY);
-            assert_eq!(
-                (row.touch(&other), other.touch(&row)),
-                (touch, touch),
-                "{place}"
-            );
+            assert_eq!((row.touch(&other), other.touch(&row)), (touch, touch), "{place}");
         }
         let nothing = Solids::new(&[], &Pose::IDENTITY);
         assert!(!nothing.touch(&row) && !row.touch(&nothing));

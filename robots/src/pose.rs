@@ -15,17 +15,11 @@ pub struct Pose {
 
 impl Pose {
     /// The same frame.
-    pub const IDENTITY: Self = Self {
-        position: DVec3::ZERO,
-        rotation: DQuat::IDENTITY,
-    };
+    pub const IDENTITY: Self = Self { position: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
     /// A frame with parallel axes, its origin at `position` (metres).
     pub fn at(position: DVec3) -> Self {
-        Self {
-            position,
-            rotation: DQuat::IDENTITY,
-        }
+        Self { position, rotation: DQuat::IDENTITY }
     }
 
     /// URDF's `<origin>`: roll, pitch and yaw (radians) about fixed axes, in this order.

@@ -15,17 +15,11 @@ pub struct Twist {
 
 impl Twist {
     /// No motion.
-    pub const ZERO: Self = Self {
-        linear: DVec3::ZERO,
-        angular: DVec3::ZERO,
-    };
+    pub const ZERO: Self = Self { linear: DVec3::ZERO, angular: DVec3::ZERO };
 
     /// A motion without turning (m/s).
     pub fn moving(linear: DVec3) -> Self {
-        Self {
-            linear,
-            angular: DVec3::ZERO,
-        }
+        Self { linear, angular: DVec3::ZERO }
     }
 
     /// Whether all six numbers are finite, and both speeds.
@@ -47,10 +41,7 @@ impl Twist {
 impl From<[f64; 6]> for Twist {
     /// Linear, then angular.
     fn from([x, y, z, a, b, c]: [f64; 6]) -> Self {
-        Self {
-            linear: DVec3::new(x, y, z),
-            angular: DVec3::new(a, b, c),
-        }
+        Self { linear: DVec3::new(x, y, z), angular: DVec3::new(a, b, c) }
     }
 }
 
@@ -58,10 +49,7 @@ impl Add for Twist {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
-        Self {
-            linear: self.linear + other.linear,
-            angular: self.angular + other.angular,
-        }
+        Self { linear: self.linear + other.linear, angular: self.angular + other.angular }
     }
 }
 
@@ -69,10 +57,7 @@ impl Mul<Twist> for f64 {
     type Output = Twist;
 
     fn mul(self, twist: Twist) -> Twist {
-        Twist {
-            linear: self * twist.linear,
-            angular: self * twist.angular,
-        }
+        Twist { linear: self * twist.linear, angular: self * twist.angular }
     }
 }
 
@@ -93,12 +78,7 @@ impl Default for TwistLimits {
     /// Those of a Kinova Gen3: 0.5 m/s and 100 degrees a second are its hard limits, 0.4 m/s^2 and
     /// 0.4 rad/s^2 the accelerations that its driver states.
     fn default() -> Self {
-        Self {
-            speed: 0.5,
-            angular_speed: 1.74,
-            acceleration: 0.4,
-            angular_acceleration: 0.4,
-        }
+        Self { speed: 0.5, angular_speed: 1.74, acceleration: 0.4, angular_acceleration: 0.4 }
     }
 }
 

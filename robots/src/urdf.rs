@@ -54,9 +54,7 @@ impl Description {
     fn parse(text: &str, folder: Option<&Path>) -> Result<Self, DescriptionError> {
         let elements = xml::elements(text)?;
         let file = urdf_rs::read_from_string(&elements);
-        let file = file.map_err(|error| DescriptionError::Syntax {
-            message: error.to_string(),
-        })?;
+        let file = file.map_err(|error| DescriptionError::Syntax { message: error.to_string() })?;
         names::check(&file)?;
         let tree = tree::Tree::new(&file)?;
         let link = |&index: &usize| links::link(&file.links[index], folder);
@@ -84,10 +82,7 @@ fn text(path: &Path) -> Result<String, DescriptionError> {
         File::open(path)?.take(most).read_to_string(&mut text)?;
         Ok(text)
     };
-    read().map_err(|source| DescriptionError::Read {
-        path: path.to_owned(),
-        source,
-    })
+    read().map_err(|source| DescriptionError::Read { path: path.to_owned(), source })
 }
 
 /// An `<origin>` with finite numbers.

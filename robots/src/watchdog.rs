@@ -40,12 +40,7 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
 
     /// Watches over `robot`, which stops `timeout` after its last command.
     pub fn with_timeout(robot: R, clock: C, timeout: Duration) -> Self {
-        Self {
-            robot,
-            clock,
-            timeout,
-            activity: Activity::Still,
-        }
+        Self { robot, clock, timeout, activity: Activity::Still }
     }
 
     /// Stops the robot if the last command is as old as the time-out, or seems to lie in the future
@@ -83,10 +78,8 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
             Ok(()) => Activity::Still,
             Err(_) => Activity::Unstopped,
         };
-        stopped.map_err(|source| ControlError::NotStopped {
-            cause: cause(),
-            source: Box::new(source),
-        })
+        stopped
+            .map_err(|source| ControlError::NotStopped { cause: cause(), source: Box::new(source) })
     }
 }
 

@@ -34,9 +34,7 @@ fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
 #[test]
 fn the_jacobian_is_the_derivative_of_the_tip() {
     let six = Description::from_urdf(SIX_JOINT).unwrap();
-    let placed = six
-        .placed(Pose::from_xyz_rpy([0.3, 0.1, -0.2], [0.5, 0.4, -1.0]))
-        .unwrap();
+    let placed = six.placed(Pose::from_xyz_rpy([0.3, 0.1, -0.2], [0.5, 0.4, -1.0])).unwrap();
     for chain in [chain("tool_link"), Chain::new(&placed, "tip").unwrap()] {
         let mut generator = ChaCha8Rng::seed_from_u64(1003);
         let mut columns = vec![Twist::ZERO; chain.joints().len()];
@@ -51,10 +49,7 @@ fn the_jacobian_is_the_derivative_of_the_tip() {
                 };
                 let [linear, angular] = moved(-1e-6).way_to(&moved(1e-6)).map(|way| way / 2e-6);
                 assert!(linear.distance(column.linear) < 1e-8, "{linear} {column:?}");
-                assert!(
-                    angular.distance(column.angular) < 1e-8,
-                    "{angular} {column:?}"
-                );
+                assert!(angular.distance(column.angular) < 1e-8, "{angular} {column:?}");
             }
         }
     }
@@ -67,10 +62,7 @@ fn chains_that_cannot_be_moved_are_refused() {
     assert!(refused("base_link").contains("no joint on it moves"));
     assert!(refused("finger_r_link").contains("`finger_r` on it follows"));
     let unknown = refused("hand");
-    assert!(
-        unknown.contains("`hand`") && unknown.contains("tool_link"),
-        "{unknown}"
-    );
+    assert!(unknown.contains("`hand`") && unknown.contains("tool_link"), "{unknown}");
 }
 
 /// Postures with the tool straight down: radius and height of the tool frame (metres), then joints
@@ -89,10 +81,7 @@ const TOOL_DOWN: [[f64; 5]; 9] = [
 
 /// A pose with the tool straight down, the fingers opening sideways.
 fn tool_down(x: f64, y: f64, z: f64) -> Pose {
-    Pose {
-        position: DVec3::new(x, y, z),
-        rotation: chain("tool_link").tip(&gen3::WORK).rotation,
-    }
+    Pose { position: DVec3::new(x, y, z), rotation: chain("tool_link").tip(&gen3::WORK).rotation }
 }
 
 #[test]
@@ -121,15 +110,8 @@ fn the_inverse_comes_back_to_random_postures_and_keeps_to_the_ranges() {
     let mut generator = ChaCha8Rng::seed_from_u64(1004);
     let mut solved = 0;
     for _ in 0..200 {
-        let (joints, seed) = (
-            random(&chain, &mut generator),
-            random(&chain, &mut generator),
-        );
-        let near: Vec<f64> = joints
-            .iter()
-            .zip(&seed)
-            .map(|(a, b)| a + 0.2 * (b - a))
-            .collect();
+        let (joints, seed) = (random(&chain, &mut generator), random(&chain, &mut generator));
+        let near: Vec<f64> = joints.iter().zip(&seed).map(|(a, b)| a + 0.2 * (b - a)).collect();
         let target = chain.tip(&joints);
         if let Ok(found) = chain.solve(&target, &near) {
             let tip = chain.tip(&found);
@@ -137,11 +119,7 @@ fn the_inverse_comes_back_to_random_postures_and_keeps_to_the_ranges() {
             assert!(tip.rotation.dot(target.rotation).abs() > 1.0 - 1e-12);
             for (joint, &position) in chain.joints().iter().zip(&found) {
                 let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
-                assert!(
-                    (low..=high).contains(&position),
-                    "{}: {position}",
-                    joint.name
-                );
+                assert!((low..=high).contains(&position), "{}: {position}", joint.name);
             }
             solved += 1;
         }
@@ -153,35 +131,18 @@ fn the_inverse_comes_back_to_random_postures_and_keeps_to_the_ranges() {
 #[test]
 fn places_out_of_reach_and_targets_that_are_none_are_refused() {
     let chain = chain("tool_link");
-    let far = chain
-        .solve(&tool_down(0.9, 0.0, 0.1), &gen3::WORK)
-        .unwrap_err();
-    let ControlError::OutOfReach {
-        target,
-        reached,
-        distance,
-        ..
-    } = &far
-    else {
+    let far = chain.solve(&tool_down(0.9, 0.0, 0.1), &gen3::WORK).unwrap_err();
+    let ControlError::OutOfReach { target, reached, distance, .. } = &far else {
         panic!("{far}");
     };
-    assert!(
-        target.x == 0.9 && reached.x < 0.85 && *distance > 0.05,
-        "{far}"
-    );
-    let nowhere = Pose {
-        position: DVec3::NAN,
-        rotation: DQuat::IDENTITY,
-    };
+    assert!(target.x == 0.9 && reached.x < 0.85 && *distance > 0.05, "{far}");
+    let nowhere = Pose { position: DVec3::NAN, rotation: DQuat::IDENTITY };
     let error = chain.solve(&nowhere, &gen3::WORK).unwrap_err();
     assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
     let mut bent = gen3::WORK;
     bent[3] = -2.6;
     let error = chain.solve(&tool_down(0.45, 0.0, 0.1), &bent).unwrap_err();
-    assert!(
-        error.to_string().contains("`joint_4` is at -2.6"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("`joint_4` is at -2.6"), "{error}");
 }
 
 #[test]
@@ -189,11 +150,7 @@ fn a_twist_moves_the_tip_and_keeps_its_orientation() {
     let mut control = at_work();
     let start = control.tip();
     let limits = ControlSettings::default().limits;
-    for (way, seconds) in [
-        (DVec3::Y, 1.0),
-        (-DVec3::Y, 2.0),
-        (DVec3::new(0.6, 0.0, -0.8), 1.0),
-    ] {
+    for (way, seconds) in [(DVec3::Y, 1.0), (-DVec3::Y, 2.0), (DVec3::new(0.6, 0.0, -0.8), 1.0)] {
         let before = control.tip();
         control.command(Twist::moving(0.1 * way)).unwrap();
         let mut travelled = DVec3::ZERO;
@@ -218,10 +175,7 @@ fn a_twist_towards_a_target_ends_there() {
     let limits = ControlSettings::default().limits;
     let start = control.tip();
     let turned = DQuat::from_rotation_z(0.3) * start.rotation;
-    let target = Pose {
-        position: start.position + DVec3::new(0.05, 0.1, 0.02),
-        rotation: turned,
-    };
+    let target = Pose { position: start.position + DVec3::new(0.05, 0.1, 0.02), rotation: turned };
     let mut fastest = 0.0_f64;
     for _ in 0..200 {
         let way = control.tip().way_to(&target);
@@ -264,11 +218,7 @@ fn whole_turns_of_an_endless_joint_change_nothing() {
     let velocities = |turn: f64| {
         let mut joints = gen3::WORK;
         for (joint, position) in chain("tool_link").joints().iter().zip(&mut joints) {
-            *position += if joint.motion.range.is_none() {
-                turn
-            } else {
-                0.0
-            };
+            *position += if joint.motion.range.is_none() { turn } else { 0.0 };
         }
         let mut control = at_work();
         control.restart(&joints).unwrap();
@@ -292,10 +242,7 @@ fn commands_that_are_not_finite_stop_the_arm() {
         Twist::moving(DVec3::NAN),
         // its speed is not finite
         Twist::moving(1e200 * DVec3::X),
-        Twist {
-            angular: DVec3::INFINITY,
-            ..Twist::ZERO
-        },
+        Twist { angular: DVec3::INFINITY, ..Twist::ZERO },
     ] {
         control.command(Twist::moving(0.1 * DVec3::Y)).unwrap();
         control.tick(TICK).unwrap();

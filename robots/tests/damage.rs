@@ -40,10 +40,8 @@ fn damage(text: &str, generator: &mut ChaCha8Rng) -> String {
         2 => drop(changed.drain(first.min(second)..first.max(second).min(first.min(second) + 4))),
         3 => changed[first] = changed[first].replacen(['<', '"', '/', '='], "", 1),
         _ => {
-            let values: Vec<usize> = text
-                .match_indices("=\"")
-                .map(|(index, _)| index + 2)
-                .collect();
+            let values: Vec<usize> =
+                text.match_indices("=\"").map(|(index, _)| index + 2).collect();
             let start = values[generator.random_range(0..values.len())];
             let end = start + text[start..].find('"').unwrap_or(0);
             let value = VALUES[generator.random_range(0..VALUES.len())];

@@ -40,9 +40,7 @@ fn arm() -> Description {
 }
 
 fn random(generator: &mut ChaCha8Rng, dofs: usize) -> Vec<f64> {
-    (0..dofs)
-        .map(|_| generator.random_range(-3.2..3.2))
-        .collect()
+    (0..dofs).map(|_| generator.random_range(-3.2..3.2)).collect()
 }
 
 /// The flange by the table.
@@ -77,11 +75,7 @@ fn the_flange_is_where_the_user_guide_has_it() {
 fn check_against(model: Model, arm: &Description) {
     let model = Arc::new(model);
     let mut data = Data::new(Arc::clone(&model));
-    let bodies: Vec<_> = arm
-        .links()
-        .iter()
-        .map(|link| model.body(&link.name).unwrap())
-        .collect();
+    let bodies: Vec<_> = arm.links().iter().map(|link| model.body(&link.name).unwrap()).collect();
     let mut generator = ChaCha8Rng::seed_from_u64(1001);
     for _ in 0..1000 {
         let positions = random(&mut generator, arm.dofs());
@@ -94,10 +88,7 @@ fn check_against(model: Model, arm: &Description) {
         data.forward_kinematics().unwrap();
         for (pose, &body) in arm.poses(&positions).iter().zip(&bodies) {
             let expected = DVec3::from_array(data.body_position(body));
-            assert!(
-                pose.position.distance(expected) < 1e-9,
-                "{pose:?} {expected}"
-            );
+            assert!(pose.position.distance(expected) < 1e-9, "{pose:?} {expected}");
             let [w, x, y, z] = data.body_quat(body);
             let same = pose.rotation.dot(glam::DQuat::from_xyzw(x, y, z, w)).abs();
             assert!(same > 1.0 - 1e-12, "{same}");
@@ -150,15 +141,8 @@ fn capsules_are_those_of_the_sheet_and_follow_their_links() {
         let (name, numbers) = line.split_once(' ').unwrap();
         let numbers = numbers.split_whitespace();
         let numbers: Vec<f64> = numbers.map(|number| number.parse().unwrap()).collect();
-        let link = arm
-            .links()
-            .iter()
-            .position(|link| link.name == name)
-            .unwrap();
-        let of_link: Vec<_> = capsules
-            .iter()
-            .filter(|(index, _)| *index == link)
-            .collect();
+        let link = arm.links().iter().position(|link| link.name == name).unwrap();
+        let of_link: Vec<_> = capsules.iter().filter(|(index, _)| *index == link).collect();
         let [(_, capsule)] = of_link[..] else {
             panic!("{name} has {} capsules", of_link.len());
         };
@@ -175,21 +159,14 @@ fn capsules_are_those_of_the_sheet_and_follow_their_links() {
 #[test]
 fn masses_and_fingers_are_those_of_the_sheet() {
     let arm = arm();
-    let masses = arm
-        .links()
-        .iter()
-        .filter_map(|link| link.inertia.map(|inertia| inertia.mass));
+    let masses = arm.links().iter().filter_map(|link| link.inertia.map(|inertia| inertia.mass));
     let total: f64 = masses.sum();
     assert!((total - 8.188 - 0.9226).abs() < 1e-3, "{total}");
     assert_eq!(arm.dofs(), 8);
     for (closing, gap) in [(0.0, 0.085), (0.0425, 0.0)] {
         let poses = arm.poses(&[&gen3::ZERO[..], &[closing]].concat());
         let finger = |name: &str| {
-            let link = arm
-                .links()
-                .iter()
-                .position(|link| link.name == name)
-                .unwrap();
+            let link = arm.links().iter().position(|link| link.name == name).unwrap();
             poses[link].position
         };
         let distance = finger("finger_l_link").distance(finger("finger_r_link"));
@@ -201,41 +178,17 @@ fn masses_and_fingers_are_those_of_the_sheet() {
 fn fingers_may_be_kept_half_open() {
     let range = |arm: &Description| {
         let mut joints = arm.free_joints();
-        joints
-            .find(|(joint, _)| joint.name == "finger_l")
-            .unwrap()
-            .1
-            .range
+        joints.find(|(joint, _)| joint.name == "finger_l").unwrap().1.range
     };
     assert_eq!(range(&arm()), Some([0.0, 0.0425]));
     let half = arm().narrowed("finger_l", [0.02, 0.0425]).unwrap();
     assert_eq!(range(&half), Some([0.02, 0.0425]));
     for (joint, low, high, says) in [
-        (
-            "finger_l",
-            -0.001,
-            0.04,
-            "lower end of its new range is -0.001",
-        ),
-        (
-            "finger_l",
-            f64::NAN,
-            0.04,
-            "lower end of its new range is NaN",
-        ),
-        (
-            "finger_l",
-            0.02,
-            0.043,
-            "upper end of its new range is 0.043",
-        ),
+        ("finger_l", -0.001, 0.04, "lower end of its new range is -0.001"),
+        ("finger_l", f64::NAN, 0.04, "lower end of its new range is NaN"),
+        ("finger_l", 0.02, 0.043, "upper end of its new range is 0.043"),
         ("finger_l", 0.02, 0.02, "upper end of its new range is 0.02"),
-        (
-            "finger_l",
-            0.0,
-            f64::NAN,
-            "upper end of its new range is NaN",
-        ),
+        ("finger_l", 0.0, f64::NAN, "upper end of its new range is NaN"),
         ("finger_r", 0.02, 0.04, "follows no other"),
         ("joint_1", 0.0, 1.0, "has a range"),
         ("thumb", 0.02, 0.04, "has a range"),

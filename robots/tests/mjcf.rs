@@ -30,17 +30,12 @@ fn model(xml: &str, name: &str) -> Arc<Model> {
 /// Velocities of `joints` 20 steps after they were put at `positions` and let go.
 fn fall(model: &Arc<Model>, joints: &[&str], positions: &[f64]) -> Vec<f64> {
     let mut data = Data::new(Arc::clone(model));
-    let ids: Vec<_> = joints
-        .iter()
-        .map(|joint| model.joint(joint).unwrap())
-        .collect();
+    let ids: Vec<_> = joints.iter().map(|joint| model.joint(joint).unwrap()).collect();
     for (&joint, &position) in ids.iter().zip(positions) {
         data.qpos_mut()[model.joint_qpos_address(joint)] = position;
     }
     data.step(20).unwrap();
-    ids.iter()
-        .map(|&joint| data.qvel()[model.joint_dof_address(joint)])
-        .collect()
+    ids.iter().map(|&joint| data.qvel()[model.joint_dof_address(joint)]).collect()
 }
 
 /// Positions of the free joints, clear of either end of a range by this share of it.
@@ -50,9 +45,7 @@ fn drawn(arm: &Description, generator: &mut ChaCha8Rng, clear: f64) -> Vec<f64> 
         generator.random_range(low + margin..high - margin)
     };
     let joints = arm.free_joints();
-    joints
-        .map(|(_, motion)| draw(motion.range.unwrap_or([-3.0, 3.0])))
-        .collect()
+    joints.map(|(_, motion)| draw(motion.range.unwrap_or([-3.0, 3.0]))).collect()
 }
 
 /// Masses, centres, inertias, axes, damping and friction: a difference in any shows in how the arm
@@ -61,11 +54,7 @@ fn drawn(arm: &Description, generator: &mut ChaCha8Rng, clear: f64) -> Vec<f64> 
 fn arms_fall_as_mujoco_has_them_fall() {
     for urdf in [gen3::URDF, SIX_JOINT] {
         // what collides, and what follows, is ours alone
-        let urdf = without(
-            &without(urdf, "<collision>", "</collision>"),
-            "<mimic",
-            "/>",
-        );
+        let urdf = without(&without(urdf, "<collision>", "</collision>"), "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"1\" velocity=\"1\"");
         let arm = Description::from_urdf(&urdf).unwrap();
         let ours = arm
@@ -74,21 +63,13 @@ fn arms_fall_as_mujoco_has_them_fall() {
             .text
             .replace("\"implicit\"", "\"Euler\"");
         let models = [model(&urdf, "arm.urdf"), model(&ours, "arm.xml")];
-        let joints: Vec<&str> = arm
-            .free_joints()
-            .map(|(joint, _)| &joint.name[..])
-            .collect();
+        let joints: Vec<&str> = arm.free_joints().map(|(joint, _)| &joint.name[..]).collect();
         let mut generator = ChaCha8Rng::seed_from_u64(1002);
         for _ in 0..20 {
             let positions = drawn(&arm, &mut generator, 0.0);
-            let [theirs, ours] = models
-                .each_ref()
-                .map(|model| fall(model, &joints, &positions));
+            let [theirs, ours] = models.each_ref().map(|model| fall(model, &joints, &positions));
             for (theirs, ours) in theirs.iter().zip(&ours) {
-                assert!(
-                    (theirs - ours).abs() < 1e-7 * (1.0 + theirs.abs()),
-                    "{theirs} {ours}"
-                );
+                assert!((theirs - ours).abs() < 1e-7 * (1.0 + theirs.abs()), "{theirs} {ours}");
             }
             assert!(ours.iter().any(|velocity| velocity.abs() > 0.1), "{ours:?}");
         }
@@ -97,19 +78,13 @@ fn arms_fall_as_mujoco_has_them_fall() {
 
 #[test]
 fn limits_names_and_servos_are_in_the_model() {
-    let settings = MjcfSettings {
-        servo: Some(Servo::default()),
-        ..MjcfSettings::default()
-    };
+    let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
     for urdf in [gen3::URDF, SIX_JOINT] {
         let arm = Description::from_urdf(urdf).unwrap();
         let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
         assert_eq!(model.nu(), arm.dofs());
         for (index, (joint, motion)) in arm.free_joints().enumerate() {
-            assert_eq!(
-                model.joint_range(model.joint(&joint.name).unwrap()),
-                motion.range
-            );
+            assert_eq!(model.joint_range(model.joint(&joint.name).unwrap()), motion.range);
             assert_eq!(model.actuator(&joint.name).unwrap().index(), index);
         }
         for link in arm.links().iter().filter(|link| link.name != "world") {
@@ -131,14 +106,8 @@ fn servos_and_bases_that_make_no_sense_are_refused() {
         (0.02, -0.1, "its damping time is -0.1"),
         (0.02, f64::INFINITY, "inf"),
     ] {
-        let servo = Some(Servo {
-            saturation,
-            damping_time,
-        });
-        let settings = MjcfSettings {
-            servo,
-            ..MjcfSettings::default()
-        };
+        let servo = Some(Servo { saturation, damping_time });
+        let settings = MjcfSettings { servo, ..MjcfSettings::default() };
         for refused in [arm.to_mjcf(&settings), arm.to_mjcf_part(&settings)] {
             let message = refused.unwrap_err().to_string();
             assert!(message.contains(words), "{message}");
@@ -146,11 +115,7 @@ fn servos_and_bases_that_make_no_sense_are_refused() {
     }
     for (position, rotation, words) in [
         (DVec3::NAN, DQuat::IDENTITY, "position is NaN"),
-        (
-            DVec3::ZERO,
-            DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0),
-            "rotation is 0",
-        ),
+        (DVec3::ZERO, DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), "rotation is 0"),
         (DVec3::ZERO, DQuat::NAN, "rotation is NaN"),
     ] {
         let placed = arm.clone().placed(Pose { position, rotation });
@@ -170,27 +135,14 @@ fn a_scene_includes_the_part() {
             mjcf: "<site name=\"tool\" pos=\"0 0 0.01\"/>".to_owned(),
         }],
     };
-    let part = gen3::description()
-        .unwrap()
-        .to_mjcf_part(&settings)
-        .unwrap()
-        .text;
+    let part = gen3::description().unwrap().to_mjcf_part(&settings).unwrap().text;
     let scene = r#"<mujoco><compiler angle="radian"/>
         <default><default class="arm"><geom contype="0" conaffinity="0" group="3"/></default></default>
         <include file="arm.xml"/></mujoco>"#;
-    let files = [
-        ("scene.xml", scene.as_bytes()),
-        ("arm.xml", part.as_bytes()),
-    ];
+    let files = [("scene.xml", scene.as_bytes()), ("arm.xml", part.as_bytes())];
     let model = Model::from_files("scene.xml", &files).unwrap();
     let capsule = model.geom("forearm_link_0").unwrap();
-    assert_eq!(
-        (
-            model.geom_group(capsule),
-            model.geom_collision_masks(capsule)
-        ),
-        (3, (0, 0))
-    );
+    assert_eq!((model.geom_group(capsule), model.geom_collision_masks(capsule)), (3, (0, 0)));
     // inside its link's body, which has no shape of its own
     let tool = model.site("tool").unwrap();
     let mut data = Data::new(Arc::new(model));
@@ -205,10 +157,7 @@ fn a_scene_includes_the_part() {
 #[test]
 fn neighbours_do_not_collide_and_the_arm_hits_itself() {
     let arm = gen3::description().unwrap();
-    let model = model(
-        &arm.to_mjcf(&MjcfSettings::default()).unwrap().text,
-        "arm.xml",
-    );
+    let model = model(&arm.to_mjcf(&MjcfSettings::default()).unwrap().text, "arm.xml");
     let contacts = |joints: &[f64]| {
         let mut data = Data::new(Arc::clone(&model));
         data.qpos_mut()[..7].copy_from_slice(joints);
@@ -225,10 +174,7 @@ fn neighbours_do_not_collide_and_the_arm_hits_itself() {
 #[test]
 fn additions_to_no_link_are_refused() {
     let settings = MjcfSettings {
-        additions: vec![Addition {
-            link: "elbow".to_owned(),
-            mjcf: String::new(),
-        }],
+        additions: vec![Addition { link: "elbow".to_owned(), mjcf: String::new() }],
         ..MjcfSettings::default()
     };
     let refused = gen3::description().unwrap().to_mjcf(&settings);
@@ -241,18 +187,13 @@ fn additions_to_no_link_are_refused() {
 #[test]
 fn holding_forces_hold() {
     let servo = Servo::default();
-    let settings = MjcfSettings {
-        servo: Some(servo),
-        ..MjcfSettings::default()
-    };
+    let settings = MjcfSettings { servo: Some(servo), ..MjcfSettings::default() };
     for urdf in [gen3::URDF, SIX_JOINT] {
         // an equality is soft
         let urdf = without(urdf, "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"9\" velocity=\"1\"");
         let arm = Description::from_urdf(&urdf).unwrap();
-        let arm = arm
-            .placed(Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.4, -0.2, 1.5]))
-            .unwrap();
+        let arm = arm.placed(Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.4, -0.2, 1.5])).unwrap();
         let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
         let mut generator = ChaCha8Rng::seed_from_u64(1005);
         for _ in 0..20 {
@@ -277,10 +218,7 @@ fn holding_forces_hold() {
             }
             data.set_ctrl(&controls).unwrap();
             data.step(1).unwrap();
-            let fastest = data
-                .qvel()
-                .iter()
-                .fold(0.0_f64, |most, v| most.max(v.abs()));
+            let fastest = data.qvel().iter().fold(0.0_f64, |most, v| most.max(v.abs()));
             assert!(fastest < 1e-9, "{fastest}");
             assert!(forces.iter().any(|force| force.abs() > 1.0), "{forces:?}");
         }
@@ -292,10 +230,7 @@ fn holding_forces_hold() {
 fn the_simulated_arm_follows_its_control() {
     let arm = gen3::description().unwrap();
     let servo = Servo::default();
-    let settings = MjcfSettings {
-        servo: Some(servo),
-        ..MjcfSettings::default()
-    };
+    let settings = MjcfSettings { servo: Some(servo), ..MjcfSettings::default() };
     let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
     let chain = Chain::new(&arm, "pinch_link").unwrap();
     let mut control =
@@ -311,13 +246,11 @@ fn the_simulated_arm_follows_its_control() {
         for _ in 0..60 {
             control.tick(0.0125).unwrap();
             let targets = control.joints().iter().zip(control.velocities());
-            let mut controls: Vec<f64> = targets
-                .map(|(&joint, &velocity)| servo.control(joint, velocity))
-                .collect();
+            let mut controls: Vec<f64> =
+                targets.map(|(&joint, &velocity)| servo.control(joint, velocity)).collect();
             controls.push(0.0);
             data.set_ctrl(&controls).unwrap();
-            data.step((0.0125 / model.timestep()).round() as usize)
-                .unwrap();
+            data.step((0.0125 / model.timestep()).round() as usize).unwrap();
             data.forward_kinematics().unwrap();
             let tip = DVec3::from_array(data.body_position(pinch));
             furthest = furthest.max(tip.distance(control.tip().position));
@@ -332,12 +265,7 @@ fn the_simulated_arm_follows_its_control() {
 fn followers_follow_and_efforts_hold_in_motion() {
     let arm = Description::from_urdf(SIX_JOINT).unwrap();
     let servo = Some(Servo::default());
-    let mjcf = arm
-        .to_mjcf(&MjcfSettings {
-            servo,
-            ..MjcfSettings::default()
-        })
-        .unwrap();
+    let mjcf = arm.to_mjcf(&MjcfSettings { servo, ..MjcfSettings::default() }).unwrap();
     let model = model(&mjcf.text, "arm.xml");
     let address = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
     let (swing, balance) = (address("swing"), address("balance"));
@@ -401,10 +329,7 @@ const FAT: &str = r#"<robot name="fat">
 fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
     let arm = Description::from_urdf(FAT).unwrap();
     let mjcf = arm
-        .to_mjcf(&MjcfSettings {
-            servo: Some(Servo::default()),
-            ..MjcfSettings::default()
-        })
+        .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })
         .unwrap();
     let pair = ["base", "forearm"].map(str::to_owned);
     assert_eq!(mjcf.excluded, [pair]);
@@ -464,10 +389,7 @@ fn a_follower_stays_within_its_own_range() {
     let stated = stated.unwrap().1.range;
     // it is at 0.2 less half of the other's position
     let range = [-0.2, 0.4];
-    assert_eq!(
-        (&restriction.joint[..], &restriction.follower[..]),
-        ("swing", "balance")
-    );
+    assert_eq!((&restriction.joint[..], &restriction.follower[..]), ("swing", "balance"));
     assert_eq!(restriction.stated, stated);
     for (end, expected) in restriction.range.iter().zip(range) {
         assert!((end - expected).abs() < 1e-12, "{restriction:?}");
@@ -476,15 +398,10 @@ fn a_follower_stays_within_its_own_range() {
     let of_chain = chain.joints().iter().find(|joint| joint.name == "swing");
     assert_eq!(of_chain.unwrap().motion.range, Some(restriction.range));
     // servos push both ways, and neither joint leaves its range by more than a limit's softness
-    let settings = MjcfSettings {
-        servo: Some(Servo::default()),
-        ..MjcfSettings::default()
-    };
+    let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
     let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
     let at = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
-    let index = arm
-        .free_joints()
-        .position(|(joint, _)| joint.name == "swing");
+    let index = arm.free_joints().position(|(joint, _)| joint.name == "swing");
     for side in [0, 1] {
         let mut data = Data::new(Arc::clone(&model));
         let mut controls = arm.rest();

@@ -40,16 +40,8 @@ fn all_refused(lines: &str) {
 fn trees_that_are_none_are_refused() {
     let (forearm, wrist) = ("<parent link=\"forearm\"/>", "<parent link=\"wrist\"/>");
     refused(forearm, wrist, &["`wrist`", "hangs on itself"]);
-    refused(
-        "<parent link=\"world\"/>",
-        "<parent link=\"column\"/>",
-        &["hangs on itself"],
-    );
-    refused(
-        forearm,
-        "<parent link=\"arm\"/>",
-        &["`arm`", "joint `twist`", "carriage"],
-    );
+    refused("<parent link=\"world\"/>", "<parent link=\"column\"/>", &["hangs on itself"]);
+    refused(forearm, "<parent link=\"arm\"/>", &["`arm`", "joint `twist`", "carriage"]);
     all_refused(
         r#"
         <child link="wrist"/> | <child link="forearm"/>                | `forearm`; `swing`; `twist`
@@ -57,18 +49,10 @@ fn trees_that_are_none_are_refused() {
         "#,
     );
     let alone = Description::from_urdf("<robot name=\"none\"></robot>").unwrap_err();
-    assert!(
-        matches!(alone, DescriptionError::Count { count: 0, .. }),
-        "{alone}"
-    );
-    let links: String = (0..=robots::MAX_LINKS)
-        .map(|i| format!("<link name=\"{i}\"/>"))
-        .collect();
+    assert!(matches!(alone, DescriptionError::Count { count: 0, .. }), "{alone}");
+    let links: String = (0..=robots::MAX_LINKS).map(|i| format!("<link name=\"{i}\"/>")).collect();
     let many = Description::from_urdf(&format!("<robot name=\"many\">{links}</robot>"));
-    assert!(matches!(
-        many,
-        Err(DescriptionError::Count { count: 1001, .. })
-    ));
+    assert!(matches!(many, Err(DescriptionError::Count { count: 1001, .. })));
 }
 
 #[test]
@@ -85,15 +69,11 @@ fn names_must_be_unique_and_usable() {
         &format!("<link name=\"{}\"/>", "x".repeat(201)),
         &["200 bytes"],
     );
-    let taken = SIX_JOINT
-        .replace("\"world\"", "\"ground\"")
-        .replace("\"column\"", "\"world\"");
+    let taken = SIX_JOINT.replace("\"world\"", "\"ground\"").replace("\"column\"", "\"world\"");
     let message = Description::from_urdf(&taken).unwrap_err().to_string();
     assert!(message.contains("simulated world"), "{message}");
     // a frame without shapes that hangs on another link
-    let inside = SIX_JOINT
-        .replace("\"world\"", "\"ground\"")
-        .replace("\"tip\"", "\"world\"");
+    let inside = SIX_JOINT.replace("\"world\"", "\"ground\"").replace("\"tip\"", "\"world\"");
     let message = Description::from_urdf(&inside).unwrap_err().to_string();
     assert!(message.contains("simulated world"), "{message}");
 }
@@ -126,22 +106,14 @@ fn joints_must_be_possible() {
 
 #[test]
 fn followers_must_follow_a_free_joint() {
-    for (joint, words) in [
-        ("flange", "`flange`"),
-        ("balance", "`balance`"),
-        ("none", "`none`"),
-    ] {
+    for (joint, words) in [("flange", "`flange`"), ("balance", "`balance`"), ("none", "`none`")] {
         refused(
             "<mimic joint=\"swing\"",
             &format!("<mimic joint=\"{joint}\""),
             &["`balance`", words, "follows no other"],
         );
     }
-    refused(
-        "multiplier=\"-0.5\"",
-        "multiplier=\"1e9\"",
-        &["`balance`", "1000000000"],
-    );
+    refused("multiplier=\"-0.5\"", "multiplier=\"1e9\"", &["`balance`", "1000000000"]);
 }
 
 /// A hinge without end stays one where a follower hardly moves.
@@ -189,17 +161,9 @@ fn followers_must_be_able_to_stay_within_their_ranges() {
     let arm = Description::from_urdf(&endless).unwrap();
     let turn = arm.free_joints().find(|(joint, _)| joint.name == "turn");
     let [low, high] = turn.unwrap().1.range.unwrap();
-    assert!(
-        (low + 7.6).abs() < 1e-12 && (high - 8.4).abs() < 1e-12,
-        "{low} {high}"
-    );
+    assert!((low + 7.6).abs() < 1e-12 && (high - 8.4).abs() < 1e-12, "{low} {high}");
     let still = SIX_JOINT.replacen("multiplier=\"-0.5\"", "multiplier=\"0\"", 1);
-    assert!(
-        Description::from_urdf(&still)
-            .unwrap()
-            .restrictions()
-            .is_empty()
-    );
+    assert!(Description::from_urdf(&still).unwrap().restrictions().is_empty());
 }
 
 #[test]
@@ -224,27 +188,15 @@ fn masses_must_be_those_of_bodies() {
 #[test]
 fn shapes_must_be_primitive_and_have_a_size() {
     let sphere = "<sphere radius=\"0.05\"/>";
-    refused(
-        sphere,
-        "<sphere radius=\"0\"/>",
-        &["link `carriage`", "size is 0"],
-    );
-    refused(
-        "size=\"0.1 0.12 0.3\"",
-        "size=\"0.1 -0.12 0.3\"",
-        &["link `column`", "-0.12"],
-    );
+    refused(sphere, "<sphere radius=\"0\"/>", &["link `carriage`", "size is 0"]);
+    refused("size=\"0.1 0.12 0.3\"", "size=\"0.1 -0.12 0.3\"", &["link `column`", "-0.12"]);
     refused(
         sphere,
         "<mesh filename=\"meshes/a.stl\"/>",
         &["`carriage`", "`meshes/a.stl`", "without its folder"],
     );
     for file in ["/etc/passwd", "../a.stl", "file:///etc/passwd"] {
-        refused(
-            sphere,
-            &format!("<mesh filename=\"{file}\"/>"),
-            &["`carriage`", file, "outside"],
-        );
+        refused(sphere, &format!("<mesh filename=\"{file}\"/>"), &["`carriage`", file, "outside"]);
         let visual = "package://six_joint/meshes/upper_arm.stl";
         refused(visual, file, &["`upper_arm`", file, "outside"]);
     }
@@ -252,35 +204,17 @@ fn shapes_must_be_primitive_and_have_a_size() {
 
 #[test]
 fn what_is_no_urdf_is_refused() {
-    for text in [
-        "",
-        "no",
-        "<robot",
-        "<model/>",
-        "<robot name=\"a\"><link/></robot>",
-        "\0\u{feff}",
-    ] {
+    for text in ["", "no", "<robot", "<model/>", "<robot name=\"a\"><link/></robot>", "\0\u{feff}"]
+    {
         let error = Description::from_urdf(text).unwrap_err();
-        let known = matches!(
-            error,
-            DescriptionError::Syntax { .. } | DescriptionError::Count { .. }
-        );
+        let known =
+            matches!(error, DescriptionError::Syntax { .. } | DescriptionError::Count { .. });
         assert!(known, "{text:?}: {error}");
     }
-    let deep = format!(
-        "<robot>{}{}</robot>",
-        "<a>".repeat(100_000),
-        "</a>".repeat(100_000)
-    );
-    assert!(matches!(
-        Description::from_urdf(&deep),
-        Err(DescriptionError::TooDeep { .. })
-    ));
+    let deep = format!("<robot>{}{}</robot>", "<a>".repeat(100_000), "</a>".repeat(100_000));
+    assert!(matches!(Description::from_urdf(&deep), Err(DescriptionError::TooDeep { .. })));
     let long = format!("{SIX_JOINT}{}", " ".repeat(MAX_BYTES));
-    assert!(matches!(
-        Description::from_urdf(&long),
-        Err(DescriptionError::TooLong { .. })
-    ));
+    assert!(matches!(Description::from_urdf(&long), Err(DescriptionError::TooLong { .. })));
 }
 
 /// Tags that a careless count of levels takes for comments and instructions, 50 000 deep.
@@ -290,18 +224,13 @@ fn depth_hides_behind_no_comment_and_no_instruction() {
     for text in [
         format!("<?p '?>{open}<?p '?>{close}"),
         format!("<robot><?p '?>{open}<?p '?>{close}</robot>"),
-        format!(
-            "<robot>{}</robot>",
-            format!("{open}<!-->{close}-->").repeat(2)
-        ),
+        format!("<robot>{}</robot>", format!("{open}<!-->{close}-->").repeat(2)),
         format!("<robot>{open}<!-->{close}--></robot>"),
         format!("<robot><a\">{open}<a\">{close}</robot>"),
     ] {
         let error = Description::from_urdf(&text).unwrap_err();
-        let known = matches!(
-            error,
-            DescriptionError::Syntax { .. } | DescriptionError::TooDeep { .. }
-        );
+        let known =
+            matches!(error, DescriptionError::Syntax { .. } | DescriptionError::TooDeep { .. });
         assert!(known, "{error}");
     }
 }
@@ -333,9 +262,7 @@ fn namespaces_and_attributes_are_few() {
         format!("<robot{spaces}><link name='l'/><material name='m'>{many}</material></robot>")
     };
     Description::from_urdf(&urdf(32, 10)).unwrap();
-    let message = Description::from_urdf(&urdf(1000, 10_000))
-        .unwrap_err()
-        .to_string();
+    let message = Description::from_urdf(&urdf(1000, 10_000)).unwrap_err().to_string();
     assert!(message.contains("32 namespaces"), "{message}");
     let attributes: String = (0..1001).map(|i| format!(" a{i}='{i}'")).collect();
     let message = Description::from_urdf(&format!("<robot{attributes}/>")).unwrap_err();
@@ -346,9 +273,7 @@ fn namespaces_and_attributes_are_few() {
 fn a_file_holds_one_robot_and_nothing_else() {
     let second = "<robot name=\"b\"/>";
     for text in [
-        SIX_JOINT
-            .replace("<robot ", "<model ")
-            .replace("</robot>", "</model>"),
+        SIX_JOINT.replace("<robot ", "<model ").replace("</robot>", "</model>"),
         format!("{SIX_JOINT}{second}"),
         format!("{SIX_JOINT} and more"),
         SIX_JOINT.replacen("<robot", "so <robot", 1),
@@ -409,10 +334,7 @@ fn templates_that_were_not_expanded_are_refused() {
     let all =
         "<robot name=\"r\" xmlns:xacro=\"http://ros.org/xacro\"><xacro:arm prefix=\"\"/></robot>";
     let error = Description::from_urdf(all).unwrap_err();
-    assert!(
-        matches!(error, DescriptionError::Xacro { line: 1, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, DescriptionError::Xacro { line: 1, .. }), "{error}");
 }
 
 #[test]
@@ -422,55 +344,31 @@ fn vectors_hold_three_numbers_and_nothing_else() {
         ("xyz=\"0 0 2\"", "xyz=\"0 0\"", "`xyz`"),
         ("rpy=\"0 0.4 0\"", "rpy=\"0 0.4, 0 0\"", "`rpy`"),
         ("size=\"0.1 0.12 0.3\"", "size=\"0.1 x 0.12 0.3\"", "`size`"),
-        (
-            "<sphere radius=\"0.05\"/>",
-            "<mesh scale=\"1 1 1 a\" filename=\"a.stl\"/>",
-            "`scale`",
-        ),
+        ("<sphere radius=\"0.05\"/>", "<mesh scale=\"1 1 1 a\" filename=\"a.stl\"/>", "`scale`"),
     ] {
         refused(old, new, &[name, "three numbers", "line "]);
     }
-    refused(
-        "rpy=\"0 0.4 0\"",
-        "quat_xyzw=\"0 0 0 1\"",
-        &["quat_xyzw", "rpy"],
-    );
+    refused("rpy=\"0 0.4 0\"", "quat_xyzw=\"0 0 0 1\"", &["quat_xyzw", "rpy"]);
 }
 
 #[test]
 fn links_have_a_thousand_shapes_at_most() {
     let sphere = "<collision><geometry><sphere radius=\"1\"/></geometry></collision>";
-    let link = |count| {
-        format!(
-            "<robot><link name=\"l\">{}</link></robot>",
-            sphere.repeat(count)
-        )
-    };
+    let link = |count| format!("<robot><link name=\"l\">{}</link></robot>", sphere.repeat(count));
     assert!(Description::from_urdf(&link(1000)).is_ok());
     let message = Description::from_urdf(&link(1001)).unwrap_err().to_string();
-    assert_eq!(
-        message,
-        "the link `l` has 1001 collision shapes, expected 0 to 1000"
-    );
+    assert_eq!(message, "the link `l` has 1001 collision shapes, expected 0 to 1000");
 }
 
 #[test]
 fn files_that_cannot_be_read_are_named() {
-    let missing = Description::read(Path::new("/none/arm.urdf"))
-        .unwrap_err()
-        .to_string();
+    let missing = Description::read(Path::new("/none/arm.urdf")).unwrap_err().to_string();
     assert!(missing.contains("/none/arm.urdf"), "{missing}");
     // it never ends
     let endless = Description::read(Path::new("/dev/zero")).unwrap_err();
-    assert!(
-        matches!(endless, DescriptionError::TooLong { .. }),
-        "{endless}"
-    );
+    assert!(matches!(endless, DescriptionError::TooLong { .. }), "{endless}");
     let arm = Description::read(Path::new("assets/urdf/six_joint.urdf")).unwrap();
-    assert_eq!(
-        (arm.name(), arm.dofs(), arm.links().len()),
-        ("six_joint", 6, 9)
-    );
+    assert_eq!((arm.name(), arm.dofs(), arm.links().len()), ("six_joint", 6, 9));
 }
 
 /// A folder of its own, gone when the test ends.
@@ -512,10 +410,7 @@ fn meshes_are_read_from_the_folder_and_from_nowhere_else() {
         let Shape::Sphere { radius } = shape.shape else {
             panic!("{shape:?}");
         };
-        assert!(
-            (radius - 0.05).abs() < 1e-5 && shape.pose.position.x == 0.1,
-            "{shape:?}"
-        );
+        assert!((radius - 0.05).abs() < 1e-5 && shape.pose.position.x == 0.1, "{shape:?}");
     }
     let message = |file: &str| folder.read(file).unwrap_err().to_string();
     assert!(message("none.obj").contains("`none.obj`"));

@@ -55,11 +55,7 @@ impl Draw {
     fn shapes(&mut self, sizes: [f64; 2]) -> String {
         let mut shapes = String::new();
         for kind in 0..4 {
-            let count = if self.chance(0.5) {
-                0
-            } else {
-                self.0.random_range(1..4)
-            };
+            let count = if self.chance(0.5) { 0 } else { self.0.random_range(1..4) };
             for _ in 0..count {
                 let [a, b, c] = [0; 3].map(|_| self.scale(sizes));
                 let shape = match kind {
@@ -85,36 +81,16 @@ impl Draw {
             let kind = kinds[self.0.random_range(0..kinds.len())];
             let moves = link > 0 && kind != "fixed";
             let massive = moves || self.chance(0.3);
-            let inertial = if massive {
-                self.inertial()
-            } else {
-                String::new()
-            };
-            let shapes = if self.chance(0.7) {
-                self.shapes(sizes)
-            } else {
-                String::new()
-            };
-            let _ = write!(
-                urdf,
-                "<link name=\"{}\">{inertial}{shapes}</link>",
-                name(link)
-            );
+            let inertial = if massive { self.inertial() } else { String::new() };
+            let shapes = if self.chance(0.7) { self.shapes(sizes) } else { String::new() };
+            let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>", name(link));
             if link == 0 {
                 continue;
             }
             // long arms are as likely as bushes
-            let parent = if self.chance(0.7) {
-                link - 1
-            } else {
-                self.0.random_range(0..link)
-            };
+            let parent = if self.chance(0.7) { link - 1 } else { self.0.random_range(0..link) };
             let [low, high] = self.range();
-            let middle = if kind == "continuous" {
-                0.0
-            } else {
-                0.5 * (low + high)
-            };
+            let middle = if kind == "continuous" { 0.0 } else { 0.5 * (low + high) };
             let follows = moves && !leaders.is_empty() && self.chance(0.3);
             let mimic = if follows {
                 let leader = leaders[self.0.random_range(0..leaders.len())];
@@ -167,10 +143,7 @@ fn name(link: usize) -> String {
 }
 
 fn with_servo() -> MjcfSettings {
-    MjcfSettings {
-        servo: Some(Servo::default()),
-        ..MjcfSettings::default()
-    }
+    MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() }
 }
 
 /// A robot of so many links, each of which moves on the one before it.
@@ -187,10 +160,7 @@ fn long(links: usize) -> Description {
     };
     let links_text: String = (0..links).map(link).collect();
     let joints: String = (1..links).map(joint).collect();
-    Description::from_urdf(&format!(
-        "<robot name=\"long\">{links_text}{joints}</robot>"
-    ))
-    .unwrap()
+    Description::from_urdf(&format!("<robot name=\"long\">{links_text}{joints}</robot>")).unwrap()
 }
 
 #[test]

@@ -21,11 +21,7 @@ struct Recorded<'a>(&'a Tape);
 impl Robot for Recorded<'_> {
     fn state(&mut self) -> Result<RobotState, ControlError> {
         let (joints, tip) = (Vec::new(), Pose::IDENTITY);
-        Ok(RobotState {
-            joints,
-            tip,
-            closing: 0.0,
-        })
+        Ok(RobotState { joints, tip, closing: 0.0 })
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
@@ -47,13 +43,8 @@ impl Robot for Recorded<'_> {
     }
 }
 
-const UP: Command = Command {
-    twist: Twist {
-        linear: DVec3::Z,
-        angular: DVec3::ZERO,
-    },
-    closing: 0.0,
-};
+const UP: Command =
+    Command { twist: Twist { linear: DVec3::Z, angular: DVec3::ZERO }, closing: 0.0 };
 
 fn ms(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
@@ -74,10 +65,7 @@ fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
     assert!(watched.check().unwrap());
     now.set(ms(9000));
     watched.state().unwrap();
-    assert_eq!(
-        *tape.calls.borrow(),
-        ["command", "command", "command", "stop"]
-    );
+    assert_eq!(*tape.calls.borrow(), ["command", "command", "command", "stop"]);
     // a new command starts it again
     watched.command(&Command::default()).unwrap();
     now.set(ms(9200));
@@ -89,25 +77,13 @@ fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
 fn it_stops_where_a_command_is_refused() {
     let tape = Tape::default();
     let mut watched = Watchdog::new(Recorded(&tape), || Duration::ZERO);
-    let lost = Command {
-        twist: Twist::moving(DVec3::NAN),
-        closing: 0.0,
-    };
-    assert!(matches!(
-        watched.command(&lost),
-        Err(ControlError::NotFinite { .. })
-    ));
-    let wide = Command {
-        closing: 1.5,
-        ..Command::default()
-    };
+    let lost = Command { twist: Twist::moving(DVec3::NAN), closing: 0.0 };
+    assert!(matches!(watched.command(&lost), Err(ControlError::NotFinite { .. })));
+    let wide = Command { closing: 1.5, ..Command::default() };
     let message = watched.command(&wide).unwrap_err().to_string();
     assert!(message.contains("closing is 1.5"), "{message}");
     // neither has reached the robot, which refuses this one itself
-    assert!(matches!(
-        watched.command(&UP),
-        Err(ControlError::Driver { .. })
-    ));
+    assert!(matches!(watched.command(&UP), Err(ControlError::Driver { .. })));
     assert_eq!(*tape.calls.borrow(), ["stop", "stop", "command", "stop"]);
 }
 
@@ -117,14 +93,8 @@ fn a_robot_that_does_not_stop_is_told_again() {
     let mut watched = Watchdog::new(Recorded(&tape), || now.get());
     tape.stuck.set(true);
     let message = watched.command(&UP).unwrap_err().to_string();
-    assert!(
-        message.contains("cable") && message.contains("COULD NOT BE STOPPED"),
-        "{message}"
-    );
-    assert!(matches!(
-        watched.state(),
-        Err(ControlError::NotStopped { .. })
-    ));
+    assert!(message.contains("cable") && message.contains("COULD NOT BE STOPPED"), "{message}");
+    assert!(matches!(watched.state(), Err(ControlError::NotStopped { .. })));
     tape.stuck.set(false);
     assert!(watched.check().unwrap());
     assert!(!watched.check().unwrap());
@@ -157,9 +127,7 @@ fn a_command_does_not_skip_a_stop_that_is_due() {
     watched.command(&Command::default()).unwrap();
     assert_eq!(
         *tape.calls.borrow(),
-        [
-            "command", "stop", "stop", "stop", "command", "stop", "command"
-        ]
+        ["command", "stop", "stop", "stop", "command", "stop", "command"]
     );
 }
 
@@ -176,10 +144,7 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
     let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let now = Cell::new(ms(0));
     let mut watched = Watchdog::new(KinematicArm::new(control), || now.get());
-    let command = Command {
-        twist: Twist::moving(0.1 * DVec3::Y),
-        closing: 1.0,
-    };
+    let command = Command { twist: Twist::moving(0.1 * DVec3::Y), closing: 1.0 };
     watched.command(&command).unwrap();
     let start = watched.state().unwrap();
     let mut places = Vec::new();
@@ -189,15 +154,8 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
         places.push(watched.state().unwrap());
     }
     let still = &places[8];
-    assert!(
-        still.tip.position.y > start.tip.position.y + 5e-3,
-        "{still:?}"
-    );
-    assert!(
-        still.closing > 0.3 && still.closing < 0.5,
-        "{}",
-        still.closing
-    );
+    assert!(still.tip.position.y > start.tip.position.y + 5e-3, "{still:?}");
+    assert!(still.closing > 0.3 && still.closing < 0.5, "{}", still.closing);
     assert!(places[8..].iter().all(|place| place == still));
 }
 
@@ -206,10 +164,7 @@ fn a_kinematic_arm_that_refuses_a_command_stands_still() {
     let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
     let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let mut arm = KinematicArm::new(control);
-    let closing = |speed: f64| Command {
-        twist: Twist::moving(speed * DVec3::Y),
-        closing: 1.0,
-    };
+    let closing = |speed: f64| Command { twist: Twist::moving(speed * DVec3::Y), closing: 1.0 };
     arm.command(&closing(0.1)).unwrap();
     arm.advance(0.1).unwrap();
     assert!(arm.command(&closing(f64::NAN)).is_err());

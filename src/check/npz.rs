@@ -30,10 +30,8 @@ pub(crate) struct Array {
 impl Array {
     /// The last axis at `indices` of the others.
     pub(crate) fn row(&self, indices: &[usize]) -> &[f64] {
-        let start = indices
-            .iter()
-            .zip(&self.shape)
-            .fold(0, |start, (index, size)| start * size + index);
+        let start =
+            indices.iter().zip(&self.shape).fold(0, |start, (index, size)| start * size + index);
         let len = self.shape[indices.len()..].iter().product::<usize>();
         &self.values[start * len..(start + 1) * len]
     }
@@ -87,10 +85,7 @@ impl<R: Read + Seek> Npz<R> {
         let file = self.archive.by_index(index);
         let file = file.map_err(|source| RecordingError::NotAnArchive { source })?;
         if file.size() > MOST_BYTES {
-            return Err(RecordingError::Damaged {
-                name,
-                reason: TOO_LARGE,
-            });
+            return Err(RecordingError::Damaged { name, reason: TOO_LARGE });
         }
         let mut bytes = Vec::new();
         // the size is only what the archive says
@@ -119,9 +114,7 @@ fn parse(name: &'static str, bytes: &[u8]) -> Result<Array, RecordingError> {
         .ok_or_else(|| damaged("its header ends early or is no text"))?;
     let shape = shape(header).ok_or_else(|| damaged("its header has no shape in C order"))?;
     let values = values(name, kind(header), &rest[start + len..])?;
-    let count = shape
-        .iter()
-        .try_fold(1, |n: usize, &size| n.checked_mul(size));
+    let count = shape.iter().try_fold(1, |n: usize, &size| n.checked_mul(size));
     if count != Some(values.len()) {
         return Err(damaged("it holds more or fewer values than its shape says"));
     }
@@ -139,10 +132,7 @@ fn shape(header: &str) -> Option<Vec<usize>> {
     let (_, after) = header.split_once("'shape': (")?;
     let (inside, _) = after.split_once(')')?;
     let sizes = inside.split(',').map(str::trim);
-    sizes
-        .filter(|size| !size.is_empty())
-        .map(|size| size.parse().ok())
-        .collect()
+    sizes.filter(|size| !size.is_empty()).map(|size| size.parse().ok()).collect()
 }
 
 fn values(name: &'static str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, RecordingError> {
@@ -154,10 +144,7 @@ fn values(name: &'static str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, Reco
         "<f8" if !rest.is_empty() => damaged("its last number is cut"),
         "<f8" => Ok(numbers.iter().map(|&n| f64::from_le_bytes(n)).collect()),
         "|b1" => Ok(bytes.iter().map(|&byte| f64::from(byte)).collect()),
-        _ => Err(RecordingError::Kind {
-            name,
-            got: kind.to_owned(),
-        }),
+        _ => Err(RecordingError::Kind { name, got: kind.to_owned() }),
     }
 }
 

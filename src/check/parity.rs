@@ -25,14 +25,8 @@ use super::recording_error::RecordingError;
 use experiments::RunError;
 
 /// Boxes in the place of the convex meshes of Meta-World's gripper base and goal net.
-const STAND_INS: [&str; 6] = [
-    "gripper_base",
-    "gripper_neck",
-    "net_back",
-    "net_left",
-    "net_right",
-    "net_top",
-];
+const STAND_INS: [&str; 6] =
+    ["gripper_base", "gripper_neck", "net_back", "net_left", "net_right", "net_top"];
 
 /// How one recording compares.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -173,17 +167,10 @@ impl Replica {
     fn begin(&mut self, recording: &Recording, episode: usize) -> Result<(), EnvError> {
         let placement = recording.placement(self.table.scene().group, episode);
         let [hand, object] = recording.hand_and_object(episode, 0);
-        let measured = Measurement {
-            hand,
-            object,
-            tcp: recording.start_tcp(episode),
-            aperture: 1.0,
-        };
-        self.start = EpisodeStart {
-            placement,
-            hand_target: recording.hand_start(episode),
-            measured,
-        };
+        let measured =
+            Measurement { hand, object, tcp: recording.start_tcp(episode), aperture: 1.0 };
+        self.start =
+            EpisodeStart { placement, hand_target: recording.hand_start(episode), measured };
         self.table.reset_to(D2::Identity, placement)?;
         let bodies = [(self.object, placement.object), (self.goal, placement.goal)];
         let data = self.table.simulation_mut();
@@ -203,8 +190,7 @@ impl Replica {
         let data = self.table.simulation_mut();
         data.restore(&self.cold)?;
         data.qpos_mut().copy_from_slice(&qpos);
-        data.qvel_mut()
-            .copy_from_slice(recording.qvel.row(&[episode, step]));
+        data.qvel_mut().copy_from_slice(recording.qvel.row(&[episode, step]));
         Ok(())
     }
 
@@ -304,8 +290,7 @@ impl Replica {
 /// Whether any of `geoms` touches anything.
 fn touches(data: &Data, geoms: &[GeomId]) -> bool {
     let one_of = |geom| geoms.contains(&geom);
-    data.contacts()
-        .any(|contact| contact.geoms.into_iter().any(one_of))
+    data.contacts().any(|contact| contact.geoms.into_iter().any(one_of))
 }
 
 #[cfg(test)]

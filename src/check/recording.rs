@@ -80,10 +80,7 @@ impl Recording {
         if group == TaskGroup::PLATE_SLIDE {
             object.z = PUCK_HEIGHT;
         }
-        Placement {
-            object,
-            goal: centred(self.goal.row(&[episode])),
-        }
+        Placement { object, goal: centred(self.goal.row(&[episode])) }
     }
 
     /// Where the hand's target stood at an episode's start, in our frame.
@@ -122,11 +119,7 @@ impl Recording {
     ) -> f64 {
         let info = self.info.row(&[episode, step]);
         // Meta-World's Reach reports a distance in the place of this term
-        let approach = if group == TaskGroup::GOAL_REACH {
-            0.0
-        } else {
-            ours.approach - info[3]
-        };
+        let approach = if group == TaskGroup::GOAL_REACH { 0.0 } else { ours.approach - info[3] };
         let terms = [
             ours.reward - self.reward.row(&[episode, step])[0],
             ours.in_place - info[4],
@@ -145,11 +138,7 @@ impl Recording {
 /// Numbers that Meta-World draws for an episode: the object's position, and the goal's where it is
 /// drawn, too.
 fn placement_len(group: TaskGroup) -> usize {
-    if [TaskGroup::GOAL_REACH, TaskGroup::PLATE_SLIDE].contains(&group) {
-        6
-    } else {
-        3
-    }
+    if [TaskGroup::GOAL_REACH, TaskGroup::PLATE_SLIDE].contains(&group) { 6 } else { 3 }
 }
 
 /// A point of Meta-World's frame in ours.
@@ -162,9 +151,7 @@ pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let entries = std::fs::read_dir(folder).map_err(|source| RecordingError::Open { source })?;
     let mut files = Vec::new();
     for entry in entries {
-        let path = entry
-            .map_err(|source| RecordingError::Open { source })?
-            .path();
+        let path = entry.map_err(|source| RecordingError::Open { source })?.path();
         if path.extension().is_some_and(|extension| extension == "npz") {
             files.push(path);
         }

@@ -18,10 +18,8 @@ use super::weights::{golden, weights};
 
 /// What to export.
 #[derive(Clone, Debug, Args)]
-#[command(
-    after_help = "Example: covers export runs/covers-seed0 --policy 2 --out drawer\n\
-    `covers eval` and `covers render` say which policy a group has."
-)]
+#[command(after_help = "Example: covers export runs/covers-seed0 --policy 2 --out drawer\n\
+    `covers eval` and `covers render` say which policy a group has.")]
 pub struct ExportOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -54,12 +52,7 @@ impl ExportOptions {
         let about = description(&policy, self.policy, &run);
         let path = |name: &str| self.out.join(name);
         let weights = weights(&policy, &path("policy.safetensors"))?;
-        let golden = golden(
-            &policy,
-            &observations,
-            &answers,
-            &path("golden.safetensors"),
-        )?;
+        let golden = golden(&policy, &observations, &answers, &path("golden.safetensors"))?;
         create_dir_all(&self.out).map_err(|error| RunError::write(&self.out, error))?;
         let files = [
             ("policy.onnx", model(&policy, &about.to_string())),
@@ -72,10 +65,7 @@ impl ExportOptions {
         }
         // once all are there, so that a closed pipe loses none
         for (name, bytes) in &files {
-            say(
-                out,
-                &format!("{}: {} bytes", path(name).display(), bytes.len()),
-            )?;
+            say(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }
         Ok(())
     }

@@ -41,9 +41,7 @@ fn inputs(policy: &PlainPolicy, run: &Experiment) -> Value {
         Beside::FirstAndCloseUp => &["the episode's first", "the close-up"],
     };
     let pictures = [&["the picture"], beside].concat();
-    let pictures = pictures
-        .iter()
-        .map(|own| format!("red, green, blue of {own}"));
+    let pictures = pictures.iter().map(|own| format!("red, green, blue of {own}"));
     let [height, width, channels] = policy.spec.image;
     let components = INPUTS.map(|input| {
         json!({

@@ -17,16 +17,9 @@ const DECISIONS: usize = 8;
 /// What the environments say.
 pub(super) fn observations(run: &Experiment) -> Result<Observations, RunError> {
     let groups = run.schedule.resolve(&TaskRegistry::standard())?;
-    let settings = VecEnvSettings {
-        num_envs: ENVS,
-        threads: 1,
-        ..run.envs.clean()
-    };
+    let settings = VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.clean() };
     let mut stream = Stream::new(settings, &groups)?;
-    let mut all = Observations {
-        images: Vec::new(),
-        vectors: Vec::new(),
-    };
+    let mut all = Observations { images: Vec::new(), vectors: Vec::new() };
     for group in groups {
         let seen = after_a_while(&mut stream, group)?;
         all.images.extend(seen.images);
@@ -39,15 +32,11 @@ fn after_a_while(stream: &mut Stream, group: TaskGroup) -> Result<Observations, 
     let environment = |source| RunError::from(rl::RlError::Environment(source));
     stream.switch_to(group, &D2::ALL)?;
     let mut transition = Transition::new(stream.spec());
-    stream
-        .reset(&mut transition.observations)
-        .map_err(environment)?;
+    stream.reset(&mut transition.observations).map_err(environment)?;
     let action = |index: usize| (index as f32).sin();
     let actions: Vec<f32> = (1..=ENVS * ACTION_DIM).map(action).collect();
     for _ in 0..DECISIONS {
-        stream
-            .step(&actions, &mut transition)
-            .map_err(environment)?;
+        stream.step(&actions, &mut transition).map_err(environment)?;
     }
     Ok(transition.observations)
 }

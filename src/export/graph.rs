@@ -201,10 +201,7 @@ impl Graph {
             inputs: inputs.iter().map(value).collect(),
             outputs: outputs.iter().map(value).collect(),
         };
-        let opset = Opset {
-            domain: String::new(),
-            version: OPSET,
-        };
+        let opset = Opset { domain: String::new(), version: OPSET };
         let model = Model {
             ir_version: IR_VERSION,
             producer_name: "covers".to_owned(),
@@ -222,35 +219,14 @@ fn attribute(attribute: &Attribute) -> AttributeMessage {
         Attribute::Int(name, value) => (name, Some(*value), Vec::new(), ONE_INT),
         Attribute::Ints(name, values) => (name, None, values.clone(), INTS),
     };
-    AttributeMessage {
-        name: (*name).to_owned(),
-        int,
-        ints,
-        kind,
-    }
+    AttributeMessage { name: (*name).to_owned(), int, ints, kind }
 }
 
 /// An input or output `[B, ..]`.
 fn value((name, element, sides): &(&str, i64, Vec<usize>)) -> Value {
-    let batch = Side {
-        length: None,
-        name: Some("B".to_owned()),
-    };
-    let sides = sides.iter().map(|&side| Side {
-        length: Some(side as i64),
-        name: None,
-    });
-    let shape = Shape {
-        sides: [batch].into_iter().chain(sides).collect(),
-    };
-    let tensor = TensorKind {
-        element: *element as i32,
-        shape: Some(shape),
-    };
-    Value {
-        name: (*name).to_owned(),
-        kind: Some(ValueKind {
-            tensor: Some(tensor),
-        }),
-    }
+    let batch = Side { length: None, name: Some("B".to_owned()) };
+    let sides = sides.iter().map(|&side| Side { length: Some(side as i64), name: None });
+    let shape = Shape { sides: [batch].into_iter().chain(sides).collect() };
+    let tensor = TensorKind { element: *element as i32, shape: Some(shape) };
+    Value { name: (*name).to_owned(), kind: Some(ValueKind { tensor: Some(tensor) }) }
 }

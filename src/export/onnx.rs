@@ -11,12 +11,7 @@ pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
     let image = policy.image.as_ref().map(|layers| {
         let planes = planes(&mut graph);
         let top = chain(&mut graph, "image", layers, planes, Operators::Maps);
-        graph.node(
-            "Flatten",
-            &[&top],
-            "image.fields",
-            &[Attribute::Int("axis", 1)],
-        )
+        graph.node("Flatten", &[&top], "image.fields", &[Attribute::Int("axis", 1)])
     });
     let vector = policy.vector.as_ref().map(|layers| {
         let input = "vector".to_owned();
@@ -42,16 +37,8 @@ pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
     if policy.vector.is_some() {
         inputs.push(("vector", FLOAT, vec![policy.spec.vector.len()]));
     }
-    let mut outputs = vec![
-        ("action", FLOAT, vec![actions]),
-        ("log_std", FLOAT, vec![actions]),
-    ];
-    outputs.extend(
-        policy
-            .critic
-            .is_some()
-            .then(|| ("value", FLOAT, Vec::new())),
-    );
+    let mut outputs = vec![("action", FLOAT, vec![actions]), ("log_std", FLOAT, vec![actions])];
+    outputs.extend(policy.critic.is_some().then(|| ("value", FLOAT, Vec::new())));
     graph.model(about, &inputs, &outputs)
 }
 
@@ -66,12 +53,7 @@ enum Operators {
 fn planes(graph: &mut Graph) -> String {
     let scale = graph.floats("image.scale", &[], &[1.0 / 255.0]);
     let middle = graph.floats("image.middle", &[], &[0.5]);
-    let cast = graph.node(
-        "Cast",
-        &["image"],
-        "image.cast",
-        &[Attribute::Int("to", FLOAT)],
-    );
+    let cast = graph.node("Cast", &["image"], "image.cast", &[Attribute::Int("to", FLOAT)]);
     let scaled = graph.node("Mul", &[&cast, &scale], "image.scaled", &[]);
     let centred = graph.node("Sub", &[&scaled, &middle], "image.centred", &[]);
     let order = Attribute::Ints("perm", vec![0, 3, 1, 2]);
@@ -113,12 +95,7 @@ fn one(
             let window = window(kernel.size, kernel.stride, kernel.padding);
             graph.node("MaxPool", &[input], name, &window)
         }
-        PlainLayer::Linear {
-            weight,
-            shape,
-            bias,
-            window: kernel,
-        } => {
+        PlainLayer::Linear { weight, shape, bias, window: kernel } => {
             let sides = match operators {
                 Operators::Maps => &shape[..],
                 Operators::Vectors => &shape[..2],
@@ -155,10 +132,7 @@ fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
     let mut pool = |part: &String| {
         let shape = graph.ints(&format!("{part}.by_element"), &[0, order as i64, -1]);
         let fields = graph.node("Reshape", &[part, &shape], &format!("{part}.elements"), &[]);
-        let axes = [
-            Attribute::Ints("axes", vec![1]),
-            Attribute::Int("keepdims", 0),
-        ];
+        let axes = [Attribute::Ints("axes", vec![1]), Attribute::Int("keepdims", 0)];
         graph.node("ReduceMax", &[&fields], &format!("{part}.maxima"), &axes)
     };
     let pooled: Vec<String> = parts.iter().map(&mut pool).collect();
@@ -176,9 +150,7 @@ fn distribution(graph: &mut Graph, policy: &PlainPolicy, input: String) {
             let shape = graph.node("Shape", &[&actor], "action.shape", &[]);
             graph.node("Expand", &[&log_std, &shape], "log_std", &[]);
         }
-        Distribution::TanhGaussian {
-            log_std: [low, high],
-        } => {
+        Distribution::TanhGaussian { log_std: [low, high] } => {
             let squashed = graph.node("Tanh", &[&actor], "squashed", &[]);
             let mut columns = |name: &str, from: usize| {
                 let bounds = [from, from + width].map(|bound| bound as i64);

@@ -16,20 +16,10 @@ pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, RunE
     let mut arrays = Vec::new();
     for (part, layers, maps) in parts(policy) {
         for (number, layer) in layers.iter().enumerate() {
-            if let PlainLayer::Linear {
-                weight,
-                shape,
-                bias,
-                ..
-            } = layer
-            {
+            if let PlainLayer::Linear { weight, shape, bias, .. } = layer {
                 let shape = if maps { &shape[..] } else { &shape[..2] };
                 arrays.push(floats(&format!("{part}.{number}.weight"), shape, weight));
-                arrays.push(floats(
-                    &format!("{part}.{number}.bias"),
-                    &[bias.len()],
-                    bias,
-                ));
+                arrays.push(floats(&format!("{part}.{number}.bias"), &[bias.len()], bias));
             }
         }
     }
@@ -41,18 +31,9 @@ pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, RunE
 
 /// The parts of a policy: name, layers, and whether they run on maps.
 pub(super) fn parts(policy: &PlainPolicy) -> Vec<(&'static str, &[PlainLayer], bool)> {
-    let image = policy
-        .image
-        .iter()
-        .map(|layers| ("image", &layers[..], true));
-    let critic = policy
-        .critic
-        .iter()
-        .map(|(layers, _)| ("critic", &layers[..], false));
-    let vector = policy
-        .vector
-        .iter()
-        .map(|layers| ("vector", &layers[..], false));
+    let image = policy.image.iter().map(|layers| ("image", &layers[..], true));
+    let critic = policy.critic.iter().map(|(layers, _)| ("critic", &layers[..], false));
+    let vector = policy.vector.iter().map(|layers| ("vector", &layers[..], false));
     let actor = [("actor", &policy.actor[..], false)];
     image.chain(vector).chain(actor).chain(critic).collect()
 }
@@ -69,12 +50,7 @@ pub(super) fn golden(
     let samples = answers.actions.len() / action;
     let image = vec![samples, height, width, channels];
     let mut arrays = vec![
-        (
-            "image".to_owned(),
-            Dtype::U8,
-            image,
-            observations.images.clone(),
-        ),
+        ("image".to_owned(), Dtype::U8, image, observations.images.clone()),
         floats("vector", &[samples, vector], &observations.vectors),
         floats("action", &[samples, action], &answers.actions),
         floats("log_std", &[samples, action], &answers.log_std),

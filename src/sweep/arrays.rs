@@ -190,11 +190,9 @@ mod tests {
     #[test]
     fn a_member_of_the_slurm_array_does_its_job_and_is_put_back_after_a_stop() {
         let cluster = Cluster::new("stop");
-        for line in [
-            "#SBATCH --array=0-8",
-            "#SBATCH --cpus-per-task=3",
-            "#SBATCH --open-mode=append",
-        ] {
+        for line in
+            ["#SBATCH --array=0-8", "#SBATCH --cpus-per-task=3", "#SBATCH --open-mode=append"]
+        {
             let script = &cluster.script;
             assert!(script.lines().any(|said| said == line), "{script}");
         }
@@ -247,12 +245,7 @@ mod tests {
 
     #[test]
     fn paths_that_containers_do_not_see_are_refused_by_name() {
-        for path in [
-            "plan.json",
-            "/elsewhere/plan.json",
-            "/covers/../x",
-            "/coversx/x",
-        ] {
+        for path in ["plan.json", "/elsewhere/plan.json", "/covers/../x", "/coversx/x"] {
             let path = Path::new(path);
             let (mut plan, mut runs) = (array(), array());
             (plan.plan, runs.runs) = (path, path);

@@ -142,10 +142,7 @@ struct Arm<'a> {
 impl<'a> Arm<'a> {
     fn new(name: Option<&str>, all: &'a [String], own: &'a [String]) -> Result<Self, RunError> {
         let text: Vec<&str> = all.iter().chain(own).map(String::as_str).collect();
-        let set = text
-            .iter()
-            .map(|text| text.parse())
-            .collect::<Result<_, _>>()?;
+        let set = text.iter().map(|text| text.parse()).collect::<Result<_, _>>()?;
         let suffix = match name {
             None => String::new(),
             Some(name) => format!("-{}", folder_part(name)?),
@@ -205,11 +202,7 @@ fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<
         None if values.is_empty() => ("empty".to_owned(), "at least one value"),
         None => return Ok(()),
     };
-    Err(RunError::Setting {
-        name,
-        value,
-        expected,
-    })
+    Err(RunError::Setting { name, value, expected })
 }
 
 #[cfg(test)]
@@ -224,12 +217,7 @@ mod tests {
     fn every_method_runs_with_a_seed_before_the_next_seed() {
         let jobs = Plan::parse(TEXT).unwrap().jobs().unwrap();
         let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
-        let expected = [
-            "covers-seed20",
-            "covers-gt-seed20",
-            "covers-seed21",
-            "covers-gt-seed21",
-        ];
+        let expected = ["covers-seed20", "covers-gt-seed20", "covers-seed21", "covers-gt-seed21"];
         assert_eq!(names, expected);
         assert_eq!(jobs[3].experiment.learner.seed(), 21);
     }
@@ -237,35 +225,15 @@ mod tests {
     #[test]
     fn plans_that_make_no_sense_are_refused_by_name() {
         for (from, to, named) in [
-            (
-                "\"covers-gt\"",
-                "\"covers\"",
-                "`methods` is a list that holds covers twice",
-            ),
+            ("\"covers-gt\"", "\"covers\"", "`methods` is a list that holds covers twice"),
             ("20, 21", "", "`seeds` is empty"),
-            (
-                "20, 21",
-                "7, 20, 20",
-                "`seeds` is a list that holds 20 twice",
-            ),
-            (
-                "covers.ppo.gamma=0.9",
-                "covers.seed=20",
-                "`set` is [\"covers.seed=20\"]",
-            ),
+            ("20, 21", "7, 20, 20", "`seeds` is a list that holds 20 twice"),
+            ("covers.ppo.gamma=0.9", "covers.seed=20", "`set` is [\"covers.seed=20\"]"),
             ("gamma=0.9", "gamma=7", "gamma = 7"),
-            (
-                "covers.ppo.gamma=0.9",
-                "covers.seed=1",
-                "`set` is [\"covers.seed=1\"]",
-            ),
+            ("covers.ppo.gamma=0.9", "covers.seed=1", "`set` is [\"covers.seed=1\"]"),
             ("\"budget\"", "\"budgit\"", "`budget`"),
             ("covers-gt", "covers-gtt", "`covers-gt`"),
-            (
-                "\"budget\"",
-                "\"seeds\": [], \"budget\"",
-                "duplicate field `seeds`",
-            ),
+            ("\"budget\"", "\"seeds\": [], \"budget\"", "duplicate field `seeds`"),
         ] {
             let changed = Plan::parse(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
             let message = changed.unwrap_err().to_string();
@@ -280,10 +248,7 @@ mod tests {
         let text = TEXT.replace("\"budget\"", &format!("{own} \"budget\""));
         let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
         assert!(message.contains("-own-seed20 and "), "{message}");
-        assert!(
-            message.contains("-same-seed20, which are the same run"),
-            "{message}"
-        );
+        assert!(message.contains("-same-seed20, which are the same run"), "{message}");
         let text = text.replace("clip=0.2", "clip=0.3");
         assert!(Plan::parse(&text).unwrap().jobs().is_ok());
     }
@@ -302,9 +267,7 @@ mod tests {
         let files = std::fs::read_dir(folder).unwrap();
         let paths = files.map(|file| file.unwrap().path());
         let name = |path: &Path| path.file_stem().unwrap().to_string_lossy().into_owned();
-        paths
-            .map(|path| (name(&path), Plan::read(&path).unwrap()))
-            .collect()
+        paths.map(|path| (name(&path), Plan::read(&path).unwrap())).collect()
     }
 
     #[test]
@@ -314,11 +277,7 @@ mod tests {
             let runs = plan.methods.len() * plan.seeds.len() * variants;
             assert_eq!(plan.jobs().unwrap().len(), runs, "{name}");
             let budget = Budget::Smoke;
-            assert_eq!(
-                Plan { budget, ..plan }.jobs().unwrap().len(),
-                runs,
-                "{name}"
-            );
+            assert_eq!(Plan { budget, ..plan }.jobs().unwrap().len(), runs, "{name}");
         }
     }
 
@@ -326,9 +285,8 @@ mod tests {
     /// groupings; for the table five for each method that learns by PPO, and three for each other.
     #[test]
     fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
-        let (tables, others): (Vec<_>, Vec<_>) = plans()
-            .into_iter()
-            .partition(|(name, _)| name.starts_with("table-"));
+        let (tables, others): (Vec<_>, Vec<_>) =
+            plans().into_iter().partition(|(name, _)| name.starts_with("table-"));
         for (name, plan) in others {
             let (seeds, number) = match name.split_once('-') {
                 Some(("efficiency", _)) => (20..30, Some(10)),

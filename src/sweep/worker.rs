@@ -46,14 +46,7 @@ pub fn work(
     out: &mut impl Write,
 ) -> Result<Ended, RunError> {
     std::fs::create_dir_all(runs).map_err(|error| RunError::write(runs, error))?;
-    let mut worker = Worker {
-        runs,
-        threads,
-        stop,
-        out,
-        failed: Vec::new(),
-        lost: Vec::new(),
-    };
+    let mut worker = Worker { runs, threads, stop, out, failed: Vec::new(), lost: Vec::new() };
     let stopped = worker.work(jobs);
     let failed = worker.failed;
     Ok(Ended { stopped, failed })
@@ -181,10 +174,7 @@ impl<W: Write> Worker<'_, W> {
             && !self.stop.requested()
         {
             // a terminal that is gone reads nothing, and is no reason to fail
-            let _ = writeln!(
-                std::io::stderr(),
-                "standard output is closed ({error}): stopping"
-            );
+            let _ = writeln!(std::io::stderr(), "standard output is closed ({error}): stopping");
             self.stop.request();
         }
     }
@@ -279,9 +269,7 @@ mod tests {
     #[test]
     fn a_job_that_another_worker_has_is_waited_for() {
         let sweep = Sweep::new("waits");
-        let [first, second, third] = &sweep.jobs[..] else {
-            unreachable!()
-        };
+        let [first, second, third] = &sweep.jobs[..] else { unreachable!() };
         sweep.finish(first);
         sweep.finish(third);
         let lock = sweep.take(second);
@@ -308,9 +296,7 @@ mod tests {
     #[test]
     fn failures_are_reported_also_after_a_stop_which_ends_the_waiting() {
         let sweep = Sweep::new("stops");
-        let [first, second, third] = &sweep.jobs[..] else {
-            unreachable!()
-        };
+        let [first, second, third] = &sweep.jobs[..] else { unreachable!() };
         let other = first.experiment.clone().with_seed(9);
         sweep.folder(first).write_experiment(&other).unwrap();
         sweep.finish(third);
@@ -336,10 +322,7 @@ mod tests {
         let other = job.experiment.clone().with_seed(9);
         folder.write_experiment(&other).unwrap();
         let error = claim(job, &folder, 2).err().unwrap();
-        assert!(
-            matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })),
-            "{error}"
-        );
+        assert!(matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })), "{error}");
         sweep.take(job);
         folder.write_experiment(&job.experiment).unwrap();
         assert_eq!(claim(job, &folder, 2).unwrap().experiment().envs.threads, 2);

@@ -57,10 +57,7 @@ impl D2 {
 
     /// The image of a point given relative to the centre, in any unit of length.
     pub fn apply_xy(self, [x, y]: [f64; 2]) -> [f64; 2] {
-        [
-            if self.flips_x() { -x } else { x },
-            if self.flips_y() { -y } else { y },
-        ]
+        [if self.flips_x() { -x } else { x }, if self.flips_y() { -y } else { y }]
     }
 
     /// Where the pixel (row, col) of a `height` x `width` image goes.
@@ -79,11 +76,7 @@ impl D2 {
             "pixel ({row}, {col}) lies outside a {height} x {width} image"
         );
         (
-            if self.flips_y() {
-                height - 1 - row
-            } else {
-                row
-            },
+            if self.flips_y() { height - 1 - row } else { row },
             if self.flips_x() { width - 1 - col } else { col },
         )
     }
@@ -109,16 +102,11 @@ impl D2 {
         );
         let len = width * channels;
         // where each value of a row comes from, so that no pixel is copied by a call of its own
-        let mirrored: Vec<usize> = (0..len)
-            .map(|i| (width - 1 - i / channels) * channels + i % channels)
-            .collect();
+        let mirrored: Vec<usize> =
+            (0..len).map(|i| (width - 1 - i / channels) * channels + i % channels).collect();
         let mut out = Vec::with_capacity(image.len());
         for row in 0..height {
-            let row = if self.flips_y() {
-                height - 1 - row
-            } else {
-                row
-            };
+            let row = if self.flips_y() { height - 1 - row } else { row };
             let from = &image[row * len..][..len];
             if self.flips_x() {
                 out.extend(mirrored.iter().map(|&i| from[i]));
@@ -184,10 +172,7 @@ mod tests {
     fn pixels_follow_points() {
         let (height, width) = (5, 4);
         let to_xy = |row: usize, col: usize| {
-            [
-                col as f64 - (width as f64 - 1.0) / 2.0,
-                (height as f64 - 1.0) / 2.0 - row as f64,
-            ]
+            [col as f64 - (width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0 - row as f64]
         };
         for g in D2::ALL {
             for row in 0..height {

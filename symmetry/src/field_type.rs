@@ -66,10 +66,7 @@ impl FieldType {
             restricted[group.restrict(Irrep::ALL[a]).index()] += multiplicities[a];
             a += 1;
         }
-        FieldType {
-            group,
-            multiplicities: restricted,
-        }
+        FieldType { group, multiplicities: restricted }
     }
 
     /// The type of a vector whose entries have these irreps of D2, in any order, under `group`.
@@ -126,9 +123,7 @@ impl FieldType {
     /// The irrep of each channel.
     pub fn irreps(&self) -> impl Iterator<Item = Irrep> + use<> {
         let multiplicities = self.multiplicities;
-        Irrep::ALL
-            .into_iter()
-            .flat_map(move |a| std::iter::repeat_n(a, multiplicities[a.index()]))
+        Irrep::ALL.into_iter().flat_map(move |a| std::iter::repeat_n(a, multiplicities[a.index()]))
     }
 
     /// The number of regular fields, if the type consists of regular fields only.
@@ -156,11 +151,7 @@ impl FieldType {
             "got {g}, which is not in the group {} of `{self}`",
             self.group
         );
-        assert_eq!(
-            channels.len(),
-            self.dim(),
-            "wrong number of channels for {self}"
-        );
+        assert_eq!(channels.len(), self.dim(), "wrong number of channels for {self}");
         for irrep in Irrep::ALL.into_iter().filter(|a| a.sign(g) < 0) {
             for value in &mut channels[self.range(irrep)] {
                 *value = -*value;

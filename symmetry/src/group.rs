@@ -110,11 +110,7 @@ pub struct ParseGroupError(pub String);
 
 impl fmt::Display for ParseGroupError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "got the group `{}`, expected one of `C1`, `D1x`, `D1y`, `C2`, `D2`",
-            self.0
-        )
+        write!(f, "got the group `{}`, expected one of `C1`, `D1x`, `D1y`, `C2`, `D2`", self.0)
     }
 }
 

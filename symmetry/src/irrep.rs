@@ -33,11 +33,7 @@ impl Irrep {
 
     /// The sign, 1 or -1, by which `g` acts.
     pub const fn sign(self, g: D2) -> i8 {
-        if (self.index() & g.bits()).count_ones().is_multiple_of(2) {
-            1
-        } else {
-            -1
-        }
+        if (self.index() & g.bits()).count_ones().is_multiple_of(2) { 1 } else { -1 }
     }
 }
 

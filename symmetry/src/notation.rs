@@ -16,26 +16,16 @@ impl fmt::Display for FieldType {
         // in C1 the regular field is the trivial one, and the shorter name is the clearer one
         let regular = match group {
             Group::C1 => 0,
-            _ => irreps
-                .iter()
-                .map(|&a| self.multiplicity(a))
-                .min()
-                .unwrap_or(0),
+            _ => irreps.iter().map(|&a| self.multiplicity(a)).min().unwrap_or(0),
         };
-        let rest = irreps
-            .iter()
-            .map(|&a| (self.multiplicity(a) - regular, name(a)));
+        let rest = irreps.iter().map(|&a| (self.multiplicity(a) - regular, name(a)));
         let terms: Vec<String> = [(regular, "reg".to_owned())]
             .into_iter()
             .chain(rest)
             .filter(|(count, _)| *count > 0)
             .map(|(count, name)| format!("{count} {name}"))
             .collect();
-        let sum = if terms.is_empty() {
-            "0".to_owned()
-        } else {
-            terms.join(" + ")
-        };
+        let sum = if terms.is_empty() { "0".to_owned() } else { terms.join(" + ") };
         match group {
             Group::D2 => f.pad(&sum),
             _ => f.pad(&format!("{group}: {sum}")),
@@ -100,10 +90,7 @@ impl FromStr for FieldType {
     /// is D2; `0` is the empty type.
     fn from_str(text: &str) -> Result<FieldType, ParseFieldTypeError> {
         let (group, sum) = match text.split_once(':') {
-            Some((group, sum)) => (
-                group.trim().parse().map_err(ParseFieldTypeError::Group)?,
-                sum,
-            ),
+            Some((group, sum)) => (group.trim().parse().map_err(ParseFieldTypeError::Group)?, sum),
             None => (Group::D2, text),
         };
         if sum.trim() == "0" {
@@ -140,10 +127,8 @@ fn parse_representation(group: Group, name: &str) -> Result<FieldType, ParseFiel
     }
     let mut irreps = group.irreps().iter();
     let irrep = irreps.find(|irrep| irrep.to_string() == name);
-    let irrep = irrep.ok_or_else(|| ParseFieldTypeError::Representation {
-        group,
-        name: name.to_owned(),
-    })?;
+    let irrep = irrep
+        .ok_or_else(|| ParseFieldTypeError::Representation { group, name: name.to_owned() })?;
     Ok(FieldType::from_irreps(group, &[*irrep]))
 }
 

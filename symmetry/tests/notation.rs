@@ -78,32 +78,16 @@ proptest! {
 fn sums_that_overflow_are_refused_with_their_term() {
     let max = FieldType::MAX_DIM;
     let cases = [
-        (
-            format!("{} x + 1 x", usize::MAX),
-            format!("{} x", usize::MAX),
-        ),
-        (
-            "99999999999999999999999 x".into(),
-            "99999999999999999999999 x".into(),
-        ),
+        (format!("{} x + 1 x", usize::MAX), format!("{} x", usize::MAX)),
+        ("99999999999999999999999 x".into(), "99999999999999999999999 x".into()),
         (format!("{max} x + 1 y"), "1 y".into()),
-        (
-            format!("{} reg", max / 4 + 1),
-            format!("{} reg", max / 4 + 1),
-        ),
+        (format!("{} reg", max / 4 + 1), format!("{} reg", max / 4 + 1)),
         (format!("C2: {} reg + 1 1", max / 2), "1 1".into()),
     ];
     for (text, term) in cases {
         let error = text.parse::<FieldType>().unwrap_err();
-        assert_eq!(
-            error,
-            ParseFieldTypeError::TooManyChannels { term },
-            "{text}"
-        );
-        assert!(
-            error.to_string().contains("at most 16777216 channels"),
-            "{error}"
-        );
+        assert_eq!(error, ParseFieldTypeError::TooManyChannels { term }, "{text}");
+        assert!(error.to_string().contains("at most 16777216 channels"), "{error}");
     }
     let largest: FieldType = format!("{} reg", max / 4).parse().unwrap();
     assert_eq!(largest.dim(), max);

@@ -16,28 +16,15 @@ impl Tensor {
     pub fn new(shape: &[usize], values: impl IntoIterator<Item = f64>) -> Self {
         let values: Vec<f64> = values.into_iter().collect();
         assert_eq!(shape.iter().product::<usize>(), values.len());
-        Self {
-            shape: shape.to_vec(),
-            values,
-        }
+        Self { shape: shape.to_vec(), values }
     }
 
     fn constant(tensor: &Message<'_>) -> Self {
         let shape: Vec<usize> = tensor.ints(1).iter().map(|&side| side as usize).collect();
         let raw = tensor.blobs(9).next().unwrap();
         let values: Vec<f64> = match tensor.int(2) {
-            1 => raw
-                .as_chunks()
-                .0
-                .iter()
-                .map(|b| f32::from_le_bytes(*b).into())
-                .collect(),
-            7 => raw
-                .as_chunks()
-                .0
-                .iter()
-                .map(|b| i64::from_le_bytes(*b) as f64)
-                .collect(),
+            1 => raw.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b).into()).collect(),
+            7 => raw.as_chunks().0.iter().map(|b| i64::from_le_bytes(*b) as f64).collect(),
             kind => panic!("element type {kind}"),
         };
         Self::new(&shape, values)
@@ -49,9 +36,7 @@ impl Tensor {
 
     /// Combines with one that has a single value.
     fn with(&self, other: &Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        let [value] = other.values[..] else {
-            panic!("{:?} is no scalar", other.shape)
-        };
+        let [value] = other.values[..] else { panic!("{:?} is no scalar", other.shape) };
         self.map(|own| f(own, value))
     }
 
@@ -68,9 +53,7 @@ struct Node<'a>(Message<'a>);
 
 impl Node<'_> {
     fn attribute(&self, name: &str) -> Option<Message<'_>> {
-        self.0
-            .messages(5)
-            .find(|attribute| attribute.text(1) == name)
+        self.0.messages(5).find(|attribute| attribute.text(1) == name)
     }
 
     fn int(&self, name: &str) -> Option<i64> {
@@ -104,19 +87,13 @@ impl Node<'_> {
             "Flatten" => reshape(x, &[x.shape[0] as i64, -1]),
             "Reshape" => reshape(x, &inputs[1].indices().collect::<Vec<_>>()),
             "ReduceMax" => {
-                assert_eq!(
-                    (self.ints("axes"), self.int("keepdims")),
-                    (vec![1], Some(0))
-                );
+                assert_eq!((self.ints("axes"), self.int("keepdims")), (vec![1], Some(0)));
                 maxima(x)
             }
             "Concat" => concat(inputs),
             "Slice" => {
                 assert_eq!(inputs[3].values, [1.0]);
-                columns(
-                    x,
-                    inputs[1].values[0] as usize..inputs[2].values[0] as usize,
-                )
+                columns(x, inputs[1].values[0] as usize..inputs[2].values[0] as usize)
             }
             "Gemm" => {
                 assert_eq!(self.int("transB"), Some(1));
@@ -143,12 +120,8 @@ impl Node<'_> {
         let at = move |row: usize, column: usize| {
             let taps = (0..size).flat_map(|i| (0..size).map(move |j| [i, j]));
             let pixel = move |[i, j]: [usize; 2]| {
-                let row = (row * stride + i)
-                    .checked_sub(pad)
-                    .filter(|&y| y < sides[0])?;
-                let column = (column * stride + j)
-                    .checked_sub(pad)
-                    .filter(|&x| x < sides[1])?;
+                let row = (row * stride + i).checked_sub(pad).filter(|&y| y < sides[0])?;
+                let column = (column * stride + j).checked_sub(pad).filter(|&x| x < sides[1])?;
                 Some([row, column])
             };
             taps.map(pixel).collect()
@@ -206,18 +179,13 @@ fn expand(x: &Tensor, shape: &Tensor) -> Tensor {
 }
 
 fn planes(x: &Tensor) -> Tensor {
-    let [samples, height, width, channels] = x.shape[..] else {
-        panic!("{:?}", x.shape)
-    };
+    let [samples, height, width, channels] = x.shape[..] else { panic!("{:?}", x.shape) };
     let pixels = height * width;
     let from = |i: usize| {
         let (sample, channel, pixel) = (i / pixels / channels, i / pixels % channels, i % pixels);
         x.values[(sample * pixels + pixel) * channels + channel]
     };
-    Tensor::new(
-        &[samples, channels, height, width],
-        (0..x.values.len()).map(from),
-    )
+    Tensor::new(&[samples, channels, height, width], (0..x.values.len()).map(from))
 }
 
 fn reshape(x: &Tensor, shape: &[i64]) -> Tensor {
@@ -233,9 +201,7 @@ fn reshape(x: &Tensor, shape: &[i64]) -> Tensor {
 }
 
 fn maxima(x: &Tensor) -> Tensor {
-    let [samples, elements, fields] = x.shape[..] else {
-        panic!("{:?}", x.shape)
-    };
+    let [samples, elements, fields] = x.shape[..] else { panic!("{:?}", x.shape) };
     let largest = |i: usize| {
         let (sample, field) = (i / fields, i % fields);
         let values = (0..elements).map(|g| x.values[(sample * elements + g) * fields + field]);
@@ -300,10 +266,7 @@ pub fn run(model: &[u8], inputs: &[(&str, Tensor)]) -> HashMap<String, Tensor> {
         known.insert((*name).to_owned(), tensor.clone());
     }
     for node in graph.messages(1).map(Node) {
-        let inputs = node
-            .0
-            .blobs(1)
-            .map(|name| &known[std::str::from_utf8(name).unwrap()]);
+        let inputs = node.0.blobs(1).map(|name| &known[std::str::from_utf8(name).unwrap()]);
         let output = node.run(&inputs.collect::<Vec<_>>());
         known.insert(node.0.text(2).to_owned(), output);
     }

@@ -51,10 +51,7 @@ fn a_damaged_checkpoint_is_passed_over_and_named() {
             fs::write(&path, damaged).unwrap();
             let run = resume(&folder).unwrap();
             assert_eq!(run.ledger().rollouts, 2);
-            let passed = format!(
-                "passed over a newer checkpoint: cannot read {}",
-                path.display()
-            );
+            let passed = format!("passed over a newer checkpoint: cannot read {}", path.display());
             assert!(run.notice().contains(&passed), "{}", run.notice());
         }
     }
@@ -131,10 +128,7 @@ fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
     let other = crash_after(3, other);
     fs::copy(newest(&other), newest(&folder)).unwrap();
     let error = resume(&folder).err().unwrap();
-    assert!(
-        matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })),
-        "{error}"
-    );
+    assert!(matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })), "{error}");
     assert!(error.to_string().contains("`seed` 0 and 5"), "{error}");
 }
 
@@ -146,10 +140,7 @@ fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
     fs::write(&path, &newer).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(
-        matches!(
-            error,
-            RunError::Learner(LearnerError::NewerFormat { format: 5, .. })
-        ),
+        matches!(error, RunError::Learner(LearnerError::NewerFormat { format: 5, .. })),
         "{error}"
     );
     assert_eq!(fs::read(&path).unwrap(), newer);
@@ -188,10 +179,7 @@ fn a_run_that_was_killed_before_its_first_checkpoint_begins_anew() {
     let scratch = Scratch::new("first");
     let mut experiment = tiny(Method::Covers);
     experiment.checkpoints.every = 100;
-    let folder = crash_after(
-        2,
-        Run::start(experiment.clone(), scratch.run("run")).unwrap(),
-    );
+    let folder = crash_after(2, Run::start(experiment.clone(), scratch.run("run")).unwrap());
     let run = resume(&folder).unwrap();
     assert!(run.notice().contains("begun anew"), "{}", run.notice());
     assert_same(&finish(run), &reference(&experiment));

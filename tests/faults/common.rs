@@ -49,12 +49,7 @@ pub fn tiny(method: Method) -> Experiment {
 }
 
 /// The tables of a run that hold no clock time.
-pub const TABLES: [&str; 4] = [
-    "metrics.csv",
-    "evaluation.csv",
-    "units.csv",
-    "recognition.csv",
-];
+pub const TABLES: [&str; 4] = ["metrics.csv", "evaluation.csv", "units.csv", "recognition.csv"];
 
 /// What equal runs write: tables, and the last checkpoint, which holds the final weights.
 pub type Bytes = BTreeMap<PathBuf, Vec<u8>>;

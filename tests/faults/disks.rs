@@ -21,11 +21,7 @@ struct Failing {
 impl Failing {
     fn new(after: usize, reason: ErrorKind) -> Arc<Self> {
         let done = AtomicUsize::new(0);
-        Arc::new(Self {
-            after,
-            done,
-            reason,
-        })
+        Arc::new(Self { after, done, reason })
     }
 
     fn next(&self) -> io::Result<()> {
@@ -133,10 +129,7 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
         let message = error.to_string();
         let is_named = message.contains(folder.path().to_str().unwrap());
         assert!(matches!(error, RunError::Write { .. }), "{message}");
-        assert!(
-            is_named && message.contains(&reason.to_string()),
-            "{message}"
-        );
+        assert!(is_named && message.contains(&reason.to_string()), "{message}");
         let run = if folder.holds_run() {
             Run::resume(folder.path(), Some(1)).unwrap()
         } else {
@@ -194,11 +187,7 @@ fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     let message = run.advance().unwrap_err().to_string();
     assert!(message.contains("000002.safetensors"), "{message}");
     assert!(message.contains("No space left"), "{message}");
-    assert_eq!(
-        checkpoints(&folder).len(),
-        1,
-        "what is not whole is removed"
-    );
+    assert_eq!(checkpoints(&folder).len(), 1, "what is not whole is removed");
     drop(run);
     let run = Run::resume(&folder, None).unwrap();
     assert_eq!(run.ledger().rollouts, 1);

@@ -19,13 +19,9 @@ use crate::common::{Scratch, checkpoints, newest, tiny};
 #[test]
 fn a_limit_of_memory_that_is_too_low_is_an_error_and_begins_no_run() {
     let scratch = Scratch::new("memory");
-    for (kibibytes, code) in [
-        (200_000, 1),
-        (400_000, 1),
-        (600_000, 1),
-        (800_000, 1),
-        (1_200_000, 0),
-    ] {
+    for (kibibytes, code) in
+        [(200_000, 1), (400_000, 1), (600_000, 1), (800_000, 1), (1_200_000, 0)]
+    {
         let folder = scratch.0.join(format!("limit-{kibibytes}"));
         let script = format!("ulimit -v {kibibytes} && exec \"$@\"");
         let output = Command::new("bash")
@@ -54,12 +50,7 @@ struct Faulty {
 impl Faulty {
     const fn new(name: &'static str, after: usize, fault: fn() -> f64) -> Self {
         let asked = AtomicUsize::new(0);
-        Self {
-            name,
-            asked,
-            after,
-            fault,
-        }
+        Self { name, asked, after, fault }
     }
 }
 
@@ -117,11 +108,7 @@ fn a_reward_that_is_not_a_number_is_an_error_and_no_checkpoint_holds_it() {
     assert!(error.to_string().contains("NaN"), "{error}");
     let (folder, learnt) = (run.folder().path().to_owned(), run.ledger().rollouts);
     assert!(matches!(run.save().unwrap_err(), RunError::Broken));
-    assert_eq!(
-        checkpoints(&folder).len(),
-        learnt,
-        "one after each rollout before"
-    );
+    assert_eq!(checkpoints(&folder).len(), learnt, "one after each rollout before");
     let log = std::fs::read_to_string(folder.join("log.txt")).unwrap();
     assert!(log.contains("NaN"), "{log}");
 }

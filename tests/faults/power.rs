@@ -240,9 +240,7 @@ fn saved(folder: &Path) -> Option<usize> {
 /// The recorded operations of a whole run, and its folder.
 fn record(scratch: &Scratch) -> (PathBuf, Vec<Operation>) {
     let disk = Arc::new(Recording::default());
-    let folder = scratch
-        .run("recorded")
-        .with_disk(Arc::<Recording>::clone(&disk));
+    let folder = scratch.run("recorded").with_disk(Arc::<Recording>::clone(&disk));
     let path = folder.path().to_owned();
     let mut run = Run::start(tiny(Method::Covers), folder).unwrap();
     while run.advance().unwrap().is_some() {
@@ -265,10 +263,7 @@ fn go_on(folder: &Path) -> Run {
 fn check(folder: &Path, promised: usize, expected: &Bytes, to_the_end: bool) {
     let run = go_on(folder);
     let rollouts = run.ledger().rollouts;
-    assert!(
-        rollouts >= promised,
-        "{rollouts} rollouts, {promised} were promised"
-    );
+    assert!(rollouts >= promised, "{rollouts} rollouts, {promised} were promised");
     // a header, and a row for each rollout; nothing before the first
     let rows = if rollouts > 0 { 1 + rollouts } else { 0 };
     let lines = expected[Path::new("metrics.csv")].split_inclusive(|&byte| byte == b'\n');
@@ -322,25 +317,18 @@ fn the_model_loses_what_was_not_synced() {
     let path = |name: &str| Path::new("/run").join(name);
     let mut model = Model::new(&path(""));
     let apply = |model: &mut Model, operations: &[Operation]| {
-        operations
-            .iter()
-            .for_each(|operation| model.apply(operation));
+        operations.iter().for_each(|operation| model.apply(operation));
     };
     let left = |model: &Model, name: &str, bytes: &[u8]| {
         let cuts = cuts(&scratch, model, name);
-        cuts.iter()
-            .filter(|left| left.as_deref() == Some(bytes))
-            .count()
+        cuts.iter().filter(|left| left.as_deref() == Some(bytes)).count()
     };
     let sync = |path: &str| Operation::SyncFolder(PathBuf::from(path));
     let write = |name: &str| Operation::Write(path(name), b"whole".to_vec());
     apply(&mut model, &[write("a.partial"), sync("/run"), sync("/")]);
     // names are there, bytes are not yet
     for part in [&b""[..], b"who", b"\0\0\0", b"whole"] {
-        assert!(
-            (1..100).contains(&left(&model, "a.partial", part)),
-            "{part:?}"
-        );
+        assert!((1..100).contains(&left(&model, "a.partial", part)), "{part:?}");
     }
     let rename = Operation::Rename(path("a.partial"), path("a"));
     apply(&mut model, &[Operation::Sync(path("a.partial")), rename]);
@@ -354,20 +342,13 @@ fn the_model_loses_what_was_not_synced() {
         assert!(left(&model, "a", part) > 0, "{part:?}");
     }
     assert_eq!(left(&model, "a", b"who"), 0);
-    apply(
-        &mut model,
-        &[Operation::Write(path("a"), b"other".to_vec())],
-    );
+    apply(&mut model, &[Operation::Write(path("a"), b"other".to_vec())]);
     for part in [&b"whole"[..], b"oth", b"other"] {
         assert!(left(&model, "a", part) > 0, "{part:?}");
     }
     // a folder goes with all that is in it
     let folder = Operation::CreateFolder(path("folder"));
-    let synced = [
-        write("folder/b"),
-        Operation::Sync(path("folder/b")),
-        sync("/run/folder"),
-    ];
+    let synced = [write("folder/b"), Operation::Sync(path("folder/b")), sync("/run/folder")];
     apply(&mut model, &[folder]);
     apply(&mut model, &synced);
     assert!((1..100).contains(&left(&model, "folder/b", b"whole")));

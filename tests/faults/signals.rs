@@ -33,10 +33,7 @@ impl Process {
     fn wait_for(&mut self, part: &str) -> String {
         loop {
             let mut line = String::new();
-            assert!(
-                self.out.read_line(&mut line).unwrap() > 0,
-                "no line has {part}"
-            );
+            assert!(self.out.read_line(&mut line).unwrap() > 0, "no line has {part}");
             if line.contains(part) {
                 return line;
             }
@@ -63,13 +60,7 @@ fn train_arguments(scratch: &Scratch, experiment: &Experiment) -> [OsString; 5] 
     let config = scratch.0.join("settings.json");
     std::fs::write(&config, serde_json::to_string(experiment).unwrap()).unwrap();
     let folder = scratch.0.join("run").into();
-    [
-        "train".into(),
-        "--config".into(),
-        config.into(),
-        "--folder".into(),
-        folder,
-    ]
+    ["train".into(), "--config".into(), config.into(), "--folder".into(), folder]
 }
 
 /// Sends the signal when the process has printed `moment` and waits for the end.
@@ -106,10 +97,7 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
         let (scratch, experiment) = prepared(signal, |e| e.checkpoints.every = 100);
         let said = stop_after("policy 0", train(&scratch, &experiment), signal);
         assert!(said.contains("covers resume"), "{said}");
-        goes_on(
-            &scratch,
-            expected.get_or_insert_with(|| reference(&experiment)),
-        );
+        goes_on(&scratch, expected.get_or_insert_with(|| reference(&experiment)));
     }
 }
 
@@ -176,10 +164,7 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
     assert!(said.contains("stopped after 1 rollouts"), "{said}");
     let rows = std::fs::read_to_string(scratch.0.join("run/evaluation.csv")).unwrap();
     let early = rows.lines().skip(1).all(|row| row.starts_with("0,0,"));
-    assert!(
-        early && rows.lines().count() > 1,
-        "one evaluation was broken off: {rows}"
-    );
+    assert!(early && rows.lines().count() > 1, "one evaluation was broken off: {rows}");
     goes_on(&scratch, &reference(&experiment));
 }
 

@@ -31,11 +31,7 @@ impl Sweep {
         let scratch = Scratch::new("sweep");
         let (plan, runs) = (scratch.0.join("plan.json"), scratch.0.join("runs"));
         fs::write(&plan, PLAN).unwrap();
-        Self {
-            _scratch: scratch,
-            plan,
-            runs,
-        }
+        Self { _scratch: scratch, plan, runs }
     }
 
     fn jobs(&self) -> Vec<Job> {
@@ -66,10 +62,7 @@ fn wait_until(worker: &mut Child, mut it_is_so: impl FnMut() -> bool) {
 /// Whether a checkpoint is there whose writing has ended.
 fn has_checkpoint(run: &Path) -> bool {
     let folder = run.join("checkpoints");
-    let whole = |file: &PathBuf| {
-        file.extension()
-            .is_some_and(|ending| ending == "safetensors")
-    };
+    let whole = |file: &PathBuf| file.extension().is_some_and(|ending| ending == "safetensors");
     folder.exists() && checkpoints(run).iter().any(whole)
 }
 
@@ -97,10 +90,7 @@ fn workers_that_are_killed_leave_jobs_that_others_finish() {
         assert!(said(&output).contains("covers-seed1000: done"));
     }
     for job in &jobs {
-        assert_same(
-            &bytes(&job.folder(&sweep.runs)),
-            &reference(&job.experiment),
-        );
+        assert_same(&bytes(&job.folder(&sweep.runs)), &reference(&job.experiment));
     }
     let writers = Provenance::read(&first).unwrap();
     assert_eq!(writers.len(), 2);

@@ -27,10 +27,7 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
         let process = format!("process {}", std::process::id());
         let path = folder.path().to_str().unwrap();
         assert!(matches!(error, RunError::Locked { .. }), "{message}");
-        assert!(
-            message.contains(&process) && message.contains(path),
-            "{message}"
-        );
+        assert!(message.contains(&process) && message.contains(path), "{message}");
     }
     drop(run);
     let mut run = Run::resume(folder.path(), None).unwrap();
@@ -43,9 +40,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let entries = inside.iter().flat_map(|path| fs::read_dir(path).unwrap());
     let paths = entries.map(|entry| entry.unwrap().path());
     let files = paths.filter(|path| path.is_file());
-    files
-        .map(|path| (path.clone(), fs::read(path).unwrap()))
-        .collect()
+    files.map(|path| (path.clone(), fs::read(path).unwrap())).collect()
 }
 
 /// A file server that lost a client grants the client's lock to another one. Here the lock file is
@@ -112,15 +107,9 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
     // no checkpoint holds times: those that somebody edited are put aside
     let times = fs::read_to_string(folder.path().join("timings.csv")).unwrap();
     fs::write(folder.path().join("timings.csv"), times.replace("0.", "9.")).unwrap();
-    Run::resume(folder.path(), Some(1))
-        .unwrap()
-        .summary()
-        .unwrap();
+    Run::resume(folder.path(), Some(1)).unwrap().summary().unwrap();
     folder.verify_tables().unwrap();
-    assert_eq!(
-        fs::read_to_string(folder.path().join("timings.csv")).unwrap(),
-        ""
-    );
+    assert_eq!(fs::read_to_string(folder.path().join("timings.csv")).unwrap(), "");
     for file in ["metrics.csv", "evaluation.csv"] {
         let path = folder.path().join(file);
         let whole = fs::read(&path).unwrap();
@@ -131,14 +120,8 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
         for changed in [&edited[..], &whole[..whole.len() - 7]] {
             fs::write(&path, changed).unwrap();
             let message = folder.verify_tables().unwrap_err().to_string();
-            assert!(
-                message.contains(file) && message.contains("covers resume"),
-                "{message}"
-            );
-            Run::resume(folder.path(), Some(1))
-                .unwrap()
-                .summary()
-                .unwrap();
+            assert!(message.contains(file) && message.contains("covers resume"), "{message}");
+            Run::resume(folder.path(), Some(1)).unwrap().summary().unwrap();
             folder.verify_tables().unwrap();
             assert!(fs::read(&path).unwrap() == whole);
         }
@@ -147,18 +130,9 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
     // without a checkpoint there is nothing to restore from, and nothing is begun anew
     fs::remove_dir_all(folder.checkpoints()).unwrap();
     let metrics = fs::read(folder.path().join("metrics.csv")).unwrap();
-    let message = Run::resume(folder.path(), Some(1))
-        .err()
-        .unwrap()
-        .to_string();
-    assert!(
-        message.contains("its checkpoints were removed"),
-        "{message}"
-    );
-    assert_eq!(
-        fs::read(folder.path().join("metrics.csv")).unwrap(),
-        metrics
-    );
+    let message = Run::resume(folder.path(), Some(1)).err().unwrap().to_string();
+    assert!(message.contains("its checkpoints were removed"), "{message}");
+    assert_eq!(fs::read(folder.path().join("metrics.csv")).unwrap(), metrics);
 }
 
 #[test]
@@ -167,17 +141,12 @@ fn a_finished_run_is_overwritten_only_when_told() {
     let experiment = tiny(Method::Covers);
     let folder = scratch.run("run");
     let expected = finish(Run::start(experiment.clone(), folder.clone()).unwrap());
-    let error = Run::start(experiment.clone(), folder.clone())
-        .err()
-        .unwrap();
+    let error = Run::start(experiment.clone(), folder.clone()).err().unwrap();
     assert!(matches!(error, RunError::Occupied { .. }), "{error}");
     assert!(error.to_string().contains("covers resume"), "{error}");
     // what has ended stays as it is
     let lines = Provenance::read(folder.path()).unwrap().len();
-    assert_same(
-        &finish(Run::resume(folder.path(), None).unwrap()),
-        &expected,
-    );
+    assert_same(&finish(Run::resume(folder.path(), None).unwrap()), &expected);
     assert_eq!(Provenance::read(folder.path()).unwrap().len(), lines);
     fs::write(folder.path().join("notes.txt"), "mine").unwrap();
     let folder = folder.overwriting();
@@ -233,10 +202,7 @@ fn rollouts(table: &[u8]) -> Vec<usize> {
 #[test]
 fn provenance_says_who_worked_on_a_run() {
     let scratch = Scratch::new("provenance");
-    let folder = crash_after(
-        2,
-        Run::start(tiny(Method::Covers), scratch.run("run")).unwrap(),
-    );
+    let folder = crash_after(2, Run::start(tiny(Method::Covers), scratch.run("run")).unwrap());
     finish(Run::resume(&folder, Some(1)).unwrap());
     let [first, second] = &Provenance::read(&folder).unwrap()[..] else {
         panic!("two processes worked on the run");

@@ -33,10 +33,7 @@ impl Pace {
             let rate = Some(decisions / seconds);
             rate.filter(|rate| rate.is_finite() && *rate > 0.0)
         };
-        let (schedule, turn) = (
-            &run.experiment.schedule,
-            run.experiment.learner.rollout_steps(),
-        );
+        let (schedule, turn) = (&run.experiment.schedule, run.experiment.learner.rollout_steps());
         let newest = rollouts.checked_sub(1);
         let newest = newest.and_then(|newest| run.rollouts.get(newest));
         let (done, pace) = match schedule.clock {
@@ -67,17 +64,11 @@ mod tests {
         let nothing = Pace::after(&run, 0);
         assert_eq!((nothing.stream, nothing.seconds_left), (stream, None));
         for turn in 1..=40 {
-            run.rollouts.push(RolloutRow {
-                decisions: turn * stream / 80,
-                ..RolloutRow::default()
-            });
+            run.rollouts
+                .push(RolloutRow { decisions: turn * stream / 80, ..RolloutRow::default() });
             // the first ones were slow
             let total = if turn > 20 { 0.5 } else { 50.0 };
-            run.timings.push(TimingRow {
-                decisions: 100,
-                total,
-                ..TimingRow::default()
-            });
+            run.timings.push(TimingRow { decisions: 100, total, ..TimingRow::default() });
         }
         let now = Pace::after(&run, 40);
         assert_eq!(now.decisions_per_second, Some(200.0));

@@ -29,11 +29,7 @@ pub(super) enum Told<'a> {
         pace: Pace,
     },
     /// All variants were scored.
-    Evaluation {
-        rollouts: usize,
-        decisions: usize,
-        scores: Vec<&'a ScoreRow>,
-    },
+    Evaluation { rollouts: usize, decisions: usize, scores: Vec<&'a ScoreRow> },
     /// The run is at its end; these are its figures.
     Finished { summary: Value },
 }
@@ -43,9 +39,9 @@ impl Told<'_> {
     pub fn line(&self) -> String {
         match self {
             Self::Rollout { row, .. } => rollout(row).to_string(),
-            Self::Evaluation {
-                decisions, scores, ..
-            } => format!("{decisions:>7}  evaluation    {}", successes(scores)),
+            Self::Evaluation { decisions, scores, .. } => {
+                format!("{decisions:>7}  evaluation    {}", successes(scores))
+            }
             Self::Finished { summary } => {
                 let figure = |name: &str| number(summary[name].as_f64(), 3);
                 format!(
@@ -143,11 +139,7 @@ fn events(run: &RunData) -> Vec<(Moment, Told<'_>)> {
         let scores: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
         let decisions = scores.first()?.decisions;
         let whole = scores.len() >= variants;
-        let event = Told::Evaluation {
-            rollouts,
-            decisions,
-            scores,
-        };
+        let event = Told::Evaluation { rollouts, decisions, scores };
         whole.then_some(((rollouts, 1), event))
     });
     rollouts.chain(evaluations).collect()
@@ -207,9 +199,7 @@ mod tests {
 
     fn moments(teller: &mut Teller, run: &RunData) -> Vec<String> {
         let news = teller.news(run);
-        news.iter()
-            .map(|told| told.line()[..19].trim().to_owned())
-            .collect()
+        news.iter().map(|told| told.line()[..19].trim().to_owned()).collect()
     }
 
     #[test]
@@ -265,10 +255,7 @@ mod tests {
         assert!(line.ends_with("W1 [0.50 (z 2.0), -]"), "{line}");
         assert!(news[0].line().contains("policy 0 new"));
         let json: Value = serde_json::from_str(&news[1].json()).unwrap();
-        assert_eq!(
-            (&json["event"], &json["rollout"]),
-            (&"rollout".into(), &1.into())
-        );
+        assert_eq!((&json["event"], &json["rollout"]), (&"rollout".into(), &1.into()));
         assert_eq!(json["reward"], Value::Null);
         assert_eq!(json["distances"][0], 0.5);
         assert!(json["stream"].as_u64() > Some(0) && json["seconds_left"].is_null());

@@ -32,12 +32,7 @@ impl View {
         let folder = RunFolder::open(path);
         // before the tables are read: what comes after them is not missed
         let (stamps, finished) = (stamps(&folder), folder.is_finished());
-        Ok(Self {
-            run: RunData::so_far(path)?,
-            finished,
-            stamps,
-            folder,
-        })
+        Ok(Self { run: RunData::so_far(path)?, finished, stamps, folder })
     }
 
     /// Reads the folder again where a file changed, and says whether one did.

@@ -63,10 +63,7 @@ impl Episode {
         for (hand, motion) in self.hand.iter_mut().zip(motion) {
             *hand = (*hand + motion).clamp(-REACH, REACH);
         }
-        self.now = self
-            .still
-            .with_hand(self.hand)
-            .taken(self.noise, &mut self.rng);
+        self.now = self.still.with_hand(self.hand).taken(self.noise, &mut self.rng);
         let place = self.place();
         let pay = &self.group.pay;
         (pay.at(place), pay.distance(place) <= NEAR)
@@ -98,8 +95,5 @@ impl Episode {
 }
 
 fn mirrored(g: D2, [x, y]: [f32; 2]) -> [f32; 2] {
-    [
-        x * f32::from(Irrep::X.sign(g)),
-        y * f32::from(Irrep::Y.sign(g)),
-    ]
+    [x * f32::from(Irrep::X.sign(g)), y * f32::from(Irrep::Y.sign(g))]
 }

@@ -63,19 +63,13 @@ impl Motion {
     /// The hand's motion under an action.
     pub(crate) fn forward(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (sin, cos) = self.turn.sin_cos();
-        [
-            self.gain * (cos * x - sin * y),
-            self.gain * (sin * x + cos * y),
-        ]
+        [self.gain * (cos * x - sin * y), self.gain * (sin * x + cos * y)]
     }
 
     /// The action that moves the hand so.
     pub(crate) fn inverse(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (sin, cos) = self.turn.sin_cos();
-        [
-            (cos * x + sin * y) / self.gain,
-            (cos * y - sin * x) / self.gain,
-        ]
+        [(cos * x + sin * y) / self.gain, (cos * y - sin * x) / self.gain]
     }
 }
 

@@ -112,29 +112,14 @@ const COLOURS: [[f32; 3]; 8] = [
 /// Sizes that groups are drawn from.
 const SIZES: [f32; 2] = [0.12, 0.18];
 
-const ORDINARY: Motion = Motion {
-    gain: 0.08,
-    turn: 0.0,
-};
+const ORDINARY: Motion = Motion { gain: 0.08, turn: 0.0 };
 
 const MOTIONS: [Motion; 5] = [
     ORDINARY,
-    Motion {
-        gain: 0.04,
-        ..ORDINARY
-    },
-    Motion {
-        gain: -0.08,
-        ..ORDINARY
-    },
-    Motion {
-        turn: 1.6,
-        ..ORDINARY
-    },
-    Motion {
-        turn: -1.6,
-        ..ORDINARY
-    },
+    Motion { gain: 0.04, ..ORDINARY },
+    Motion { gain: -0.08, ..ORDINARY },
+    Motion { turn: 1.6, ..ORDINARY },
+    Motion { turn: -1.6, ..ORDINARY },
 ];
 
 fn look(rng: &mut ChaCha8Rng) -> Look {
@@ -152,10 +137,7 @@ fn group(look: Look, rng: &mut ChaCha8Rng) -> Group {
     let (sin, cos) = around.sin_cos();
     Group {
         look,
-        pay: Pay {
-            offset: [0.3 * cos, 0.3 * sin],
-            radius: 0.0,
-        },
+        pay: Pay { offset: [0.3 * cos, 0.3 * sin], radius: 0.0 },
         motion: ORDINARY,
         drift: [0.0; 3],
     }
@@ -174,12 +156,7 @@ fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
 }
 
 fn shapes(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
-    let common = Look {
-        texture: Texture::Plain,
-        number: 1,
-        size: 0.18,
-        ..look(rng)
-    };
+    let common = Look { texture: Texture::Plain, number: 1, size: 0.18, ..look(rng) };
     let mut shapes = Shape::ALL;
     shapes.shuffle(rng);
     let shapes = shapes.into_iter().take(number);
@@ -209,17 +186,11 @@ fn vary<T: Copy>(
 fn targets() -> [Pay; 8] {
     std::array::from_fn(|i| {
         let (sin, cos) = (i as f32 * std::f32::consts::TAU / 8.0).sin_cos();
-        Pay {
-            offset: [0.4 * cos, 0.4 * sin],
-            radius: 0.0,
-        }
+        Pay { offset: [0.4 * cos, 0.4 * sin], radius: 0.0 }
     })
 }
 
 /// Four circles around the object.
 fn rings() -> [Pay; 4] {
-    [0.0, 0.25, 0.5, 0.75].map(|radius| Pay {
-        offset: [0.0, 0.0],
-        radius,
-    })
+    [0.0, 0.25, 0.5, 0.75].map(|radius| Pay { offset: [0.0, 0.0], radius })
 }

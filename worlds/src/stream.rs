@@ -78,10 +78,7 @@ impl Stream {
     /// # Errors
     /// No visit, no environment, or a group that the world does not have.
     pub fn new(world: World, visits: Vec<Visit>, num_envs: usize) -> Result<Self, WorldError> {
-        for (what, size) in [
-            ("the number of visits", visits.len()),
-            ("num_envs", num_envs),
-        ] {
+        for (what, size) in [("the number of visits", visits.len()), ("num_envs", num_envs)] {
             if size == 0 {
                 return Err(WorldError::Zero { what });
             }
@@ -89,11 +86,7 @@ impl Stream {
         let groups = world.groups.len();
         if let Some(visit) = visits.iter().position(|visit| visit.group >= groups) {
             let group = visits[visit].group;
-            return Err(WorldError::NoGroup {
-                visit,
-                group,
-                groups,
-            });
+            return Err(WorldError::NoGroup { visit, group, groups });
         }
         let spec = EnvSpec {
             num_envs,
@@ -213,11 +206,7 @@ impl VectorEnv for Stream {
         }
         self.step += 1;
         let ends = self.step == self.horizon;
-        out.outcomes.fill(if ends {
-            Outcome::Truncated
-        } else {
-            Outcome::Running
-        });
+        out.outcomes.fill(if ends { Outcome::Truncated } else { Outcome::Running });
         if ends {
             self.show(&mut out.final_observations);
             self.round += 1;

@@ -53,12 +53,7 @@ impl World {
     fn with_rng(kind: Kind, seed: u64, number: usize, mut rng: ChaCha8Rng) -> Self {
         let groups = kind.groups(number, &mut rng);
         let scene = Scene::draw(kind, &mut rng);
-        Self {
-            kind,
-            seed,
-            groups,
-            scene,
-        }
+        Self { kind, seed, groups, scene }
     }
 
     /// The number of policies that the world asks for: groups of one and the same task count once.
@@ -82,11 +77,7 @@ impl Scene {
     /// Appearance worlds have wide placements; others draw their width.
     fn draw(kind: Kind, rng: &mut ChaCha8Rng) -> Self {
         let wide = kind == Kind::Appearance;
-        let width = if wide {
-            0.5
-        } else {
-            rng.random_range(0.05..0.5)
-        };
+        let width = if wide { 0.5 } else { rng.random_range(0.05..0.5) };
         let from = 0.2 + rng.random_range(0.0..=1.0) * (0.5 - width);
         Self {
             ground: rng.random_range(90.0..160.0),

@@ -17,11 +17,7 @@ fn stream(kind: Kind, seed: u64, variant: D2) -> Stream {
 
 fn mirrored(g: D2, components: &[f32]) -> Vec<f32> {
     let signs = [symmetry::Irrep::X, symmetry::Irrep::Y].map(|irrep| f32::from(irrep.sign(g)));
-    components
-        .iter()
-        .zip(signs.iter().cycle())
-        .map(|(c, s)| c * s)
-        .collect()
+    components.iter().zip(signs.iter().cycle()).map(|(c, s)| c * s).collect()
 }
 
 fn moved(g: D2, observations: &Observations, spec: &EnvSpec) -> Observations {
@@ -69,10 +65,8 @@ fn all_kinds_are_equivariant_to_the_bit() {
 
 #[test]
 fn the_comparison_sees_a_wrong_mirror() {
-    let (mut one, mut other) = (
-        stream(Kind::Shape, 1000, D2::Identity),
-        stream(Kind::Shape, 1000, D2::FlipX),
-    );
+    let (mut one, mut other) =
+        (stream(Kind::Shape, 1000, D2::Identity), stream(Kind::Shape, 1000, D2::FlipX));
     let spec = one.spec().clone();
     let mut seen = [Observations::new(&spec), Observations::new(&spec)];
     one.reset(&mut seen[0]).unwrap();

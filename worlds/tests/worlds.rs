@@ -8,10 +8,7 @@ use worlds::{Kind, Stream, Visit, World, WorldError};
 const SEEDS: std::ops::Range<u64> = 1000..1020;
 
 fn visits(groups: &[usize], rounds: usize) -> Vec<Visit> {
-    groups
-        .iter()
-        .map(|&group| Visit { group, rounds })
-        .collect()
+    groups.iter().map(|&group| Visit { group, rounds }).collect()
 }
 
 #[test]
@@ -41,9 +38,7 @@ fn pay(world: &World, of_group: usize, as_group: usize) -> f32 {
     stream.reset(&mut transition.observations).unwrap();
     let mut pay = 0.0;
     for _ in 0..100 {
-        let actions: Vec<f32> = (0..4)
-            .flat_map(|env| stream.expert(env, as_group))
-            .collect();
+        let actions: Vec<f32> = (0..4).flat_map(|env| stream.expert(env, as_group)).collect();
         stream.step(&actions, &mut transition).unwrap();
         pay += transition.rewards.iter().sum::<f32>() / 400.0;
     }
@@ -68,15 +63,10 @@ fn experts_earn_at_home_and_not_elsewhere_where_pay_or_motion_differ() {
 #[test]
 fn groups_change_between_rounds_whatever_resets() {
     let world = World::draw(Kind::Appearance, 1000);
-    let mut stream = Stream::new(world, visits(&[2, 0, 1], 2), 1)
-        .unwrap()
-        .with_horizon(3);
+    let mut stream = Stream::new(world, visits(&[2, 0, 1], 2), 1).unwrap().with_horizon(3);
     let mut transition = Transition::new(stream.spec());
     assert_eq!(
-        stream
-            .step(&[0.0; 2], &mut transition)
-            .unwrap_err()
-            .to_string(),
+        stream.step(&[0.0; 2], &mut transition).unwrap_err().to_string(),
         WorldError::NotReset.to_string()
     );
     let mut first = Observations::new(stream.spec());
@@ -101,20 +91,11 @@ fn what_cannot_be_shown_is_refused() {
     let world = World::draw(Kind::Reward, 1000);
     let refuse = |visits, envs| Stream::new(world.clone(), visits, envs).unwrap_err();
     assert!(matches!(refuse(vec![], 1), WorldError::Zero { .. }));
-    assert!(matches!(
-        refuse(visits(&[0], 1), 0),
-        WorldError::Zero { .. }
-    ));
+    assert!(matches!(refuse(visits(&[0], 1), 0), WorldError::Zero { .. }));
     let error = refuse(visits(&[0, 9], 1), 1);
-    assert!(
-        error.to_string().starts_with("visit 1 is of group 9"),
-        "{error}"
-    );
+    assert!(error.to_string().starts_with("visit 1 is of group 9"), "{error}");
     let mut stream = Stream::new(world, visits(&[0], 1), 2).unwrap();
     let mut transition = Transition::new(stream.spec());
     let error = stream.step(&[0.0; 3], &mut transition).unwrap_err();
-    assert!(
-        error.to_string().starts_with("got 3 actions, expected 4"),
-        "{error}"
-    );
+    assert!(error.to_string().starts_with("got 3 actions, expected 4"), "{error}");
 }

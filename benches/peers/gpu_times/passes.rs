@@ -48,15 +48,8 @@ impl Bench {
             program.write(gradient, &vec![1.0; samples * y.shape.len()]);
         }
         let last = if trains { plan.gradient() } else { y.values };
-        let batch = Batch {
-            samples,
-            ..Batch::default()
-        };
-        Ok(Bench {
-            program,
-            last,
-            batch,
-        })
+        let batch = Batch { samples, ..Batch::default() };
+        Ok(Bench { program, last, batch })
     }
 }
 

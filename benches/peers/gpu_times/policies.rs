@@ -55,9 +55,7 @@ pub fn decide(device: &Device, num_envs: usize, place: &str) -> Result<f64, Box<
         let mut there = DevicePolicy::new(policy, device, num_envs.min(AT_A_TIME))?;
         return decisions(&mut there, &spec);
     }
-    on(place, &mut || {
-        decisions(&mut policy, &spec).map_err(|error| error.to_string())
-    })
+    on(place, &mut || decisions(&mut policy, &spec).map_err(|error| error.to_string()))
 }
 
 fn decisions(
@@ -83,9 +81,7 @@ fn on(
     run: &mut (dyn FnMut() -> Result<f64, String> + Send),
 ) -> Result<f64, Box<dyn Error>> {
     let threads = if place == "gpu" { 1 } else { place.parse()? };
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     Ok(pool.install(run)?)
 }
 
@@ -93,9 +89,9 @@ fn on(
 fn wide(width: usize) -> NetworkSettings {
     let defaults = NetworkSettings::default();
     let encoder = match &defaults.encoder {
-        Encoder::Strided { fields } => Encoder::Strided {
-            fields: fields.iter().map(|n| width * n).collect(),
-        },
+        Encoder::Strided { fields } => {
+            Encoder::Strided { fields: fields.iter().map(|n| width * n).collect() }
+        }
         other => other.clone(),
     };
     NetworkSettings {

@@ -21,27 +21,9 @@ const SCENARIOS: [(&str, Scenario, usize); 6] = [
     ("one frame an episode", MAIN, 10_000),
     ("drift", Scenario { drift: 0.2, ..MAIN }, 2_000),
     ("close groups", Scenario { apart: 0.7, ..MAIN }, 2_000),
-    (
-        "four clusters",
-        Scenario {
-            clusters: 4,
-            ..MAIN
-        },
-        2_000,
-    ),
-    (
-        "one rollout in the buffer",
-        Scenario {
-            rollouts: (1, 1),
-            ..MAIN
-        },
-        2_000,
-    ),
-    (
-        "four frames an episode",
-        Scenario { frames: 4, ..MAIN },
-        200,
-    ),
+    ("four clusters", Scenario { clusters: 4, ..MAIN }, 2_000),
+    ("one rollout in the buffer", Scenario { rollouts: (1, 1), ..MAIN }, 2_000),
+    ("four frames an episode", Scenario { frames: 4, ..MAIN }, 200),
 ];
 
 fn main() -> Result<(), ClusterError> {
@@ -51,13 +33,7 @@ fn main() -> Result<(), ClusterError> {
         settings.doubt, settings.level
     );
     print_levels("one cluster", &MAIN)?;
-    print_levels(
-        "four clusters",
-        &Scenario {
-            clusters: 4,
-            ..MAIN
-        },
-    )?;
+    print_levels("four clusters", &Scenario { clusters: 4, ..MAIN })?;
     for (name, scenario, decisions) in &SCENARIOS {
         print_rates(name, scenario, *decisions)?;
     }

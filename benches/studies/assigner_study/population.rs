@@ -30,13 +30,8 @@ pub struct Scenario {
 }
 
 /// What a stream of tasks looks like to the learner: one frame an episode.
-pub const MAIN: Scenario = Scenario {
-    frames: 1,
-    drift: 0.0,
-    apart: 1.0,
-    clusters: 1,
-    rollouts: (1, 5),
-};
+pub const MAIN: Scenario =
+    Scenario { frames: 1, drift: 0.0, apart: 1.0, clusters: 1, rollouts: (1, 5) };
 
 /// One decision to make: the candidate's buffer, a rollout, and one more if it is asked for.
 pub struct Case {
@@ -67,11 +62,7 @@ impl Scenario {
             group.roll_out(self, &drift, &mut features, rng);
             self.frames(features)
         };
-        Ok(Case {
-            rollout: one_more()?,
-            another: one_more()?,
-            buffer: self.frames(buffer)?,
-        })
+        Ok(Case { rollout: one_more()?, another: one_more()?, buffer: self.frames(buffer)? })
     }
 
     fn frames(&self, features: Vec<f32>) -> Result<Frames, ClusterError> {
@@ -87,9 +78,7 @@ impl Group {
             1 => centre.clone(),
             _ => sum(&centre, &spread(1.0, rng)),
         };
-        Self {
-            clusters: (0..scenario.clusters).map(cluster).collect(),
-        }
+        Self { clusters: (0..scenario.clusters).map(cluster).collect() }
     }
 
     fn roll_out(

@@ -34,10 +34,7 @@ pub fn answers(case: &Case, rng: &mut ChaCha8Rng) -> Result<[Answer; 8], Cluster
     let (buffer_max, buffer_score) = split_buffer(case, rng)?;
     let even = pooled(case, false, 20, rng)?;
     let uneven = pooled(case, false, 40, rng)?;
-    let one = |refused| Answer {
-        refused,
-        looked_twice: false,
-    };
+    let one = |refused| Answer { refused, looked_twice: false };
     let doubted = limits(&uneven, 5.5, 7.0);
     let again = doubted && limits(&pooled(case, true, 40, rng)?, 5.5, 7.0);
     Ok([
@@ -47,10 +44,7 @@ pub fn answers(case: &Case, rng: &mut ChaCha8Rng) -> Result<[Answer; 8], Cluster
         one(even.score > 4.0),
         one(limits(&uneven, 3.5, 6.0)),
         one(doubted),
-        Answer {
-            refused: again,
-            looked_twice: doubted,
-        },
+        Answer { refused: again, looked_twice: doubted },
         default(case, rng)?,
     ])
 }
@@ -70,20 +64,13 @@ pub fn default(case: &Case, rng: &mut ChaCha8Rng) -> Result<Answer, ClusterError
         return Ok(Answer::default());
     }
     let second = assigner.settle(&[candidate(case, true)?], rng)?.decision;
-    Ok(Answer {
-        refused: second == Decision::New,
-        looked_twice: true,
-    })
+    Ok(Answer { refused: second == Decision::New, looked_twice: true })
 }
 
 fn candidate(case: &Case, both: bool) -> Result<Candidate, ClusterError> {
     Ok(Candidate {
         buffer: case.buffer.clone(),
-        rollout: if both {
-            case.rollout.joined(&case.another)?
-        } else {
-            case.rollout.clone()
-        },
+        rollout: if both { case.rollout.joined(&case.another)? } else { case.rollout.clone() },
     })
 }
 

@@ -156,10 +156,7 @@ pub fn row(kind: &str, records: &[&Record]) -> String {
         sum(|r| r.mixed).to_string(),
         share(|r| r.split, |r| r.mixed),
         share(|r| r.foreign, |r| r.learnt),
-        format!(
-            "{:.2}",
-            sum(|r| r.rounds) as f64 / (ROUNDS * sum(|r| r.turns).max(1)) as f64
-        ),
+        format!("{:.2}", sum(|r| r.rounds) as f64 / (ROUNDS * sum(|r| r.turns).max(1)) as f64),
         sum(|r| r.merged).to_string(),
         format!("{} ms", most(|r| r.slowest_us as usize) / 1000),
     ];
@@ -185,12 +182,7 @@ mod tests {
 
     #[test]
     fn the_right_number_of_policies_is_not_enough_to_be_exact() {
-        let record = |policies, exact| Record {
-            groups: 4,
-            policies,
-            exact,
-            ..Record::default()
-        };
+        let record = |policies, exact| Record { groups: 4, policies, exact, ..Record::default() };
         let records = [record(4, 1), record(4, 0), record(6, 0), record(3, 0)];
         let line = row("target", &records.each_ref());
         let start = "| target | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
@@ -224,12 +216,7 @@ mod tests {
         assert_eq!(again.known(Kind::Shape, 7), Some(&record));
         assert_eq!(again.known(Kind::Shape, 8), None);
         again.add(&Record { seed: 8, ..record }).unwrap();
-        let found = |visits| {
-            Results::open(Some(&path), &plan(visits))
-                .unwrap()
-                .known
-                .len()
-        };
+        let found = |visits| Results::open(Some(&path), &plan(visits)).unwrap().known.len();
         assert_eq!([found(None), found(Some(100))], [2, 0]);
         let text = fs::read_to_string(&path).unwrap().replace("\n6,", "\n5,");
         fs::write(&path, text).unwrap();

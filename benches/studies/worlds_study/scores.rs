@@ -80,9 +80,7 @@ pub fn record(kind: Kind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
             .collect::<Vec<_>>()
     };
     let learnt: Vec<(usize, usize)> = outcome.turns.iter().flat_map(of).collect();
-    let foreign = learnt
-        .iter()
-        .filter(|(policy, group)| !served.is_pair(*policy, *group));
+    let foreign = learnt.iter().filter(|(policy, group)| !served.is_pair(*policy, *group));
     Record {
         groups: outcome.distinct,
         policies: outcome.left(),
@@ -136,10 +134,7 @@ mod tests {
         let late = outcome(2, 2, &[(0, 0), (0, 0), (0, 1), (1, 1), (1, 1)]);
         assert_eq!(right(&late), [true, true, false, true, true]);
         assert_eq!(judge(&late).iter().filter(|judged| judged.2).count(), 1);
-        let plan = Plan {
-            visits: None,
-            stay: 12..=40,
-        };
+        let plan = Plan { visits: None, stay: 12..=40 };
         let record = record(Kind::Shape, 7, &plan, &late);
         assert_eq!([record.exact, record.known, record.right], [1, 5, 4]);
         assert_eq!([record.switches, record.noticed], [1, 0]);

@@ -96,10 +96,11 @@ impl Trial {
         while visits.len() < number {
             let mut groups: Vec<usize> = (0..world.groups.len()).collect();
             groups.shuffle(&mut rng);
-            visits.extend(groups.into_iter().map(|group| Visit {
-                group,
-                rounds: rng.random_range(plan.stay.clone()),
-            }));
+            visits.extend(
+                groups
+                    .into_iter()
+                    .map(|group| Visit { group, rounds: rng.random_range(plan.stay.clone()) }),
+            );
         }
         visits.truncate(number);
         let rounds = visits.iter().map(|visit| visit.rounds).sum();
@@ -196,9 +197,7 @@ impl Trial {
     /// Lets the current policy learn from its last rollout; returns the groups that it learnt from.
     fn learn(&mut self, accounts: &[Account]) -> Answer<[Option<usize>; ROUNDS]> {
         let clock = Instant::now();
-        let end = self
-            .recogniser
-            .learn(self.current, accounts, &mut self.rng)?;
+        let end = self.recogniser.learn(self.current, accounts, &mut self.rng)?;
         self.deciding += clock.elapsed();
         let ends = self.stream.rounds();
         let learnt = std::array::from_fn(|index| {
@@ -232,9 +231,7 @@ impl Trial {
         };
         self.current = twin;
         let heard = self.roll_out(1)?;
-        let is_twin = self
-            .recogniser
-            .compare(policy, twin, &heard, &mut self.rng)?;
+        let is_twin = self.recogniser.compare(policy, twin, &heard, &mut self.rng)?;
         self.current = policy;
         if is_twin {
             let again = self.roll_out(1)?;
@@ -280,11 +277,7 @@ impl Trial {
         is_unproven: bool,
     ) -> Answer<Finding> {
         self.ask(|recogniser, collector, rng| {
-            let situation = Situation {
-                collector,
-                refused,
-                is_unproven,
-            };
+            let situation = Situation { collector, refused, is_unproven };
             recogniser.review(accounts, situation, rng)
         })
     }
@@ -354,17 +347,8 @@ impl StandIn {
 
     /// The group that it acts for, and how well, in [0, 1).
     fn skill(&self) -> Option<(usize, f32)> {
-        let turns = |group| {
-            self.learnt
-                .iter()
-                .filter(|&&learnt| learnt == group)
-                .count()
-        };
-        let most = self
-            .learnt
-            .iter()
-            .copied()
-            .max_by_key(|&group| turns(group))?;
+        let turns = |group| self.learnt.iter().filter(|&&learnt| learnt == group).count();
+        let most = self.learnt.iter().copied().max_by_key(|&group| turns(group))?;
         Some((most, 1.0 - (-(turns(most) as f32) / TURNS).exp()))
     }
 
@@ -392,10 +376,7 @@ mod tests {
     /// Rounds in which policies are heard after the turn's update belong to nobody.
     #[test]
     fn a_turn_is_dated_by_what_it_learnt() {
-        let plan = Plan {
-            visits: Some(6),
-            stay: 8..=12,
-        };
+        let plan = Plan { visits: Some(6), stay: 8..=12 };
         let mut trial = Trial::of(World::draw(Kind::Target, 1000), &plan).unwrap();
         let mut heard = 0;
         while trial.stream.rounds() < trial.rounds {

@@ -45,12 +45,7 @@ impl Basis {
     pub(crate) fn reset(&mut self, sources: usize, sinks: usize) {
         let nodes = sources + sinks;
         self.sources = sources;
-        let links = [
-            &mut self.parent,
-            &mut self.first_child,
-            &mut self.next,
-            &mut self.previous,
-        ];
+        let links = [&mut self.parent, &mut self.first_child, &mut self.next, &mut self.previous];
         for list in links {
             list.clear();
             list.resize(nodes, NONE);

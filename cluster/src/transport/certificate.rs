@@ -86,11 +86,7 @@ pub(crate) fn certify_into(
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
     let equal = matches!((sources, sinks), (Weights::Uniform(_), Weights::Uniform(_)));
     check_precision(cost, plan, equal, gap + violation, last_bit)?;
-    Ok(Certificate {
-        marginal_error,
-        violation,
-        gap,
-    })
+    Ok(Certificate { marginal_error, violation, gap })
 }
 
 fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<()> {
@@ -99,11 +95,7 @@ fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<()> {
         ("sink_potentials", plan.sink_potentials.len(), m),
     ];
     match parts.into_iter().find(|(_, got, expected)| got != expected) {
-        Some((what, got, expected)) => Err(ClusterError::PlanShape {
-            what,
-            got,
-            expected,
-        }),
+        Some((what, got, expected)) => Err(ClusterError::PlanShape { what, got, expected }),
         None => Ok(()),
     }
 }
@@ -148,12 +140,7 @@ fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f
         let expected = weights.get(index) / sum;
         let error = (got - expected).abs();
         if !at_least(RELATIVE_TOLERANCE, error) {
-            return Err(ClusterError::Marginal {
-                side,
-                index,
-                got,
-                expected,
-            });
+            return Err(ClusterError::Marginal { side, index, got, expected });
         }
         largest = largest.max(error);
     }
@@ -210,16 +197,10 @@ fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
 /// Refuses the first pair of a row whose slack is too small or not a number, if there is one.
 fn refuse(source_index: usize, row: &[f64], v: &[f64], u: f64, tolerance: f64) -> Result<()> {
     let slacks = row.iter().zip(v).map(|(c, v)| slack(*c, *v, u));
-    match slacks
-        .enumerate()
-        .find(|&(_, slack)| !at_least(slack, -tolerance))
-    {
-        Some((sink_index, slack)) => Err(ClusterError::DualInfeasible {
-            source_index,
-            sink_index,
-            slack,
-            tolerance,
-        }),
+    match slacks.enumerate().find(|&(_, slack)| !at_least(slack, -tolerance)) {
+        Some((sink_index, slack)) => {
+            Err(ClusterError::DualInfeasible { source_index, sink_index, slack, tolerance })
+        }
         None => Ok(()),
     }
 }
@@ -235,11 +216,7 @@ fn check_gap(
     let dual = dual(sources, sinks, plan);
     for value in [primal, plan.cost] {
         if !at_least(tolerance, (value - dual).abs()) {
-            return Err(ClusterError::DualityGap {
-                primal: value,
-                dual,
-                tolerance,
-            });
+            return Err(ClusterError::DualityGap { primal: value, dual, tolerance });
         }
     }
     let gaps = [primal - dual, plan.cost - dual, slack];
@@ -334,11 +311,7 @@ fn check_precision(
     if at_least(tolerance, excess) {
         return Ok(());
     }
-    Err(ClusterError::Imprecise {
-        cost: plan.cost,
-        excess,
-        tolerance,
-    })
+    Err(ClusterError::Imprecise { cost: plan.cost, excess, tolerance })
 }
 
 /// Returns the size of costs beside which the cost of a plan may be rounding alone: weights that

@@ -119,10 +119,7 @@ fn position(row: &[f64], prices: &[f64], own: f64, least: f64) -> Option<usize> 
             return lane.map(|lane| block * LANES + lane);
         }
     }
-    let lane = rest
-        .iter()
-        .zip(price_rest)
-        .position(|(c, p)| c + p - own == least);
+    let lane = rest.iter().zip(price_rest).position(|(c, p)| c + p - own == least);
     lane.map(|lane| blocks.len() * LANES + lane)
 }
 
@@ -141,8 +138,5 @@ fn gathered(costs: &[f64], sinks: &[u32], prices: &[f64]) -> (f64, usize) {
     }
     let least = least_lane(lanes);
     let is_least = |(c, j): (&f64, &u32)| c + prices[*j as usize] == least;
-    (
-        least,
-        costs.iter().zip(sinks).position(is_least).unwrap_or(0),
-    )
+    (least, costs.iter().zip(sinks).position(is_least).unwrap_or(0))
 }

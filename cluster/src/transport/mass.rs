@@ -21,14 +21,8 @@ pub(crate) struct Mass {
 }
 
 impl Mass {
-    pub(crate) const ZERO: Self = Self {
-        units: 0,
-        infinitesimals: 0,
-    };
-    pub(crate) const MAX: Self = Self {
-        units: i64::MAX,
-        infinitesimals: 0,
-    };
+    pub(crate) const ZERO: Self = Self { units: 0, infinitesimals: 0 };
+    pub(crate) const MAX: Self = Self { units: i64::MAX, infinitesimals: 0 };
 }
 
 impl Sub for Mass {
@@ -89,10 +83,7 @@ impl Balance {
 }
 
 fn whole(units: usize) -> Mass {
-    Mass {
-        units: units as i64,
-        infinitesimals: 0,
-    }
+    Mass { units: units as i64, infinitesimals: 0 }
 }
 
 /// Gives each source `m` infinitesimals and each sink one; the last sink balances. A subset of
@@ -159,11 +150,7 @@ mod tests {
             let mut difference = Mass::ZERO;
             for (index, mass) in b.masses.iter().enumerate() {
                 if subset >> index & 1 == 1 {
-                    if index < 3 {
-                        difference += *mass
-                    } else {
-                        difference -= *mass
-                    }
+                    if index < 3 { difference += *mass } else { difference -= *mass }
                 }
             }
             assert_ne!(difference, Mass::ZERO, "{subset:b}");

@@ -99,11 +99,7 @@ impl Pricing {
         sources.find_map(|source| {
             let row = &cost[source * prices.len()..][..prices.len()];
             let sink = self.lanes.position(row, prices, own[source], reduced)?;
-            Some(Entering {
-                source: source as u32,
-                sink: sink as u32,
-                reduced,
-            })
+            Some(Entering { source: source as u32, sink: sink as u32, reduced })
         })
     }
 
@@ -164,12 +160,9 @@ impl Pricing {
         let reduced = row.iter().zip(prices).map(|(c, p)| c + p);
         self.ranking.clear();
         self.ranking.extend(reduced.zip(0..));
-        self.ranking
-            .select_nth_unstable_by(self.short - 1, |a, b| a.0.total_cmp(&b.0));
+        self.ranking.select_nth_unstable_by(self.short - 1, |a, b| a.0.total_cmp(&b.0));
         let list = source * self.short..(source + 1) * self.short;
-        let listed = self.costs[list.clone()]
-            .iter_mut()
-            .zip(&mut self.sinks[list]);
+        let listed = self.costs[list.clone()].iter_mut().zip(&mut self.sinks[list]);
         for ((cost, sink), (_, chosen)) in listed.zip(&self.ranking) {
             (*cost, *sink) = (row[*chosen as usize], *chosen);
         }

@@ -69,11 +69,7 @@ fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<()> {
     if sources.checked_mul(sinks) == Some(cost.len()) {
         Ok(())
     } else {
-        Err(ClusterError::CostShape {
-            len: cost.len(),
-            sources,
-            sinks,
-        })
+        Err(ClusterError::CostShape { len: cost.len(), sources, sinks })
     }
 }
 
@@ -87,17 +83,9 @@ fn check_costs(cost: &[f64]) -> Result<()> {
     let index = cost.iter().position(|c| !accepted(c)).unwrap_or(0);
     let value = cost[index];
     Err(if value.is_finite() {
-        ClusterError::CostTooLarge {
-            index,
-            value,
-            limit: MAX_COST,
-        }
+        ClusterError::CostTooLarge { index, value, limit: MAX_COST }
     } else {
-        ClusterError::NonFinite {
-            what: "cost",
-            index,
-            value,
-        }
+        ClusterError::NonFinite { what: "cost", index, value }
     })
 }
 
@@ -124,11 +112,7 @@ pub(crate) fn check_weights_of(side: &'static str, weights: Weights, points: usi
     check_weights(side, weights)?;
     match weights.len() {
         len if len == points => Ok(()),
-        weights => Err(ClusterError::WeightCount {
-            side,
-            points,
-            weights,
-        }),
+        weights => Err(ClusterError::WeightCount { side, points, weights }),
     }
 }
 

@@ -169,8 +169,7 @@ impl Solver {
     fn improve(&mut self, cost: &[f64]) -> Result<usize> {
         let mut pivots = 0;
         loop {
-            self.pricing
-                .reset(cost, &self.basis, self.basis.price_tolerance());
+            self.pricing.reset(cost, &self.basis, self.basis.price_tolerance());
             self.descend(cost, &mut pivots)?;
             self.basis.refresh_prices(cost);
             // dear arcs make large potentials: once they have left the basis, cheap arcs can be
@@ -200,11 +199,9 @@ impl Solver {
     fn read_plan(&mut self, cost: &[f64]) {
         let (balance, plan) = (&self.balance, &mut self.plan);
         plan.source_potentials.clear();
-        plan.source_potentials
-            .extend_from_slice(self.basis.source_prices());
+        plan.source_potentials.extend_from_slice(self.basis.source_prices());
         plan.sink_potentials.clear();
-        plan.sink_potentials
-            .extend(self.basis.sink_prices().iter().map(|price| -price));
+        plan.sink_potentials.extend(self.basis.sink_prices().iter().map(|price| -price));
         plan.entries.clear();
         plan.entries.reserve(self.basis.nodes());
         let mut cost_in_units = 0.0;
@@ -232,12 +229,7 @@ mod tests {
         let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], Solver::new());
         let cost: Vec<f64> = (0..30 * 30).map(|k| (k * k % 11 % 3) as f64).collect();
         let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));
-        for (a, b) in [
-            (equal, equal),
-            (given, equal),
-            (equal, given),
-            (given, given),
-        ] {
+        for (a, b) in [(equal, equal), (given, equal), (equal, given), (given, given)] {
             let cost = &cost[..a.len() * b.len()];
             assert!(solver.solve_again(cost, a, b).unwrap().pivots > 0);
             let mut left = solver.balance.masses.clone();

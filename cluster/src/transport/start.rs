@@ -49,8 +49,7 @@ impl Start {
         self.source_prices.extend_from_slice(basis.source_prices());
         self.prices.truncate(sinks);
         while self.prices.len() < sinks {
-            self.prices
-                .push(self.price_of(self.prices.len(), cost, sinks));
+            self.prices.push(self.price_of(self.prices.len(), cost, sinks));
         }
         self.begin(basis, masses, sinks);
         for k in (0..self.arcs.len()).rev() {

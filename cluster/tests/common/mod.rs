@@ -36,16 +36,12 @@ pub fn random_weights(seed: u64, len: usize) -> Vec<f64> {
 
 /// Makes an assigner of the calibrated rule.
 pub fn calibrated(settings: Calibrated) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings {
-        rule: Rule::Calibrated(settings),
-    })
+    Assigner::new(AssignerSettings { rule: Rule::Calibrated(settings) })
 }
 
 /// Makes an assigner of the paper's rule.
 pub fn fixed(threshold: f64) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings {
-        rule: Rule::Fixed { threshold },
-    })
+    Assigner::new(AssignerSettings { rule: Rule::Fixed { threshold } })
 }
 
 /// Solves a problem with equal weights.

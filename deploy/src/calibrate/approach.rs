@@ -38,15 +38,9 @@ pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), Deplo
             return Ok(rig.stop()?);
         }
         if rig.now() > until {
-            return Err(DeployError::Unreached {
-                left: 1e3 * place,
-                turn: turn.to_degrees(),
-            });
+            return Err(DeployError::Unreached { left: 1e3 * place, turn: turn.to_degrees() });
         }
-        rig.command(&Command {
-            twist: limits.towards(way, RATE),
-            closing: state.closing,
-        })?;
+        rig.command(&Command { twist: limits.towards(way, RATE), closing: state.closing })?;
         wait(rig, TICK)?;
     }
 }

@@ -27,10 +27,7 @@ impl Blank {
         let joints = arm.settings().ready.clone();
         Self {
             state: RobotState {
-                tip: Pose {
-                    position: HAND_START,
-                    rotation: arm.chain().tip(&joints).rotation,
-                },
+                tip: Pose { position: HAND_START, rotation: arm.chain().tip(&joints).rotation },
                 joints,
                 closing: 0.0,
             },
@@ -75,11 +72,7 @@ impl Robot for Blank {
 
 impl Rig for Blank {
     fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
-        Ok(SetUp {
-            background: vec![100; 3 * 640 * 480],
-            parked: self.state.clone(),
-            goal: None,
-        })
+        Ok(SetUp { background: vec![100; 3 * 640 * 480], parked: self.state.clone(), goal: None })
     }
 
     fn calibration(&self) -> Calibration {

@@ -26,10 +26,8 @@ use crate::simulated::{SimulatedRig, SimulationSettings};
 
 /// How the camera is found.
 #[derive(Clone, Debug, Args)]
-#[command(
-    after_help = "Example: covers calibrate --robot kinova-sim --fault position-error=30 \
-                        --out calibration.json"
-)]
+#[command(after_help = "Example: covers calibrate --robot kinova-sim --fault position-error=30 \
+                        --out calibration.json")]
 pub struct CalibrateOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
@@ -122,12 +120,7 @@ impl CalibrateOptions {
 
     /// What is wrong with a simulated rig. No mask is made here, so none can be too thick.
     fn simulation(&self) -> Result<SimulationSettings, DeployError> {
-        if self
-            .rig
-            .fault
-            .iter()
-            .any(|of| of.fault == Fault::MaskGrowth)
-        {
+        if self.rig.fault.iter().any(|of| of.fault == Fault::MaskGrowth) {
             return Err(RunError::Setting {
                 name: "fault",
                 value: Fault::MaskGrowth.name().to_owned(),
@@ -149,13 +142,9 @@ impl CalibrateOptions {
             }
             .into());
         }
-        let offset = self
-            .offset
-            .map(|Triple(place)| DVec3::from_array(place) / 1e3);
+        let offset = self.offset.map(|Triple(place)| DVec3::from_array(place) / 1e3);
         Ok(CalibrateSettings {
-            ball: Ball {
-                color: levels.map(|level| level as u8),
-            },
+            ball: Ball { color: levels.map(|level| level as u8) },
             offset: offset.map_or(Offset::Unknown, Offset::Known),
         })
     }
@@ -164,11 +153,9 @@ impl CalibrateOptions {
 /// Reason for which a file with the camera that was found is refused on this rig.
 fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
     match plausibility::check(found, &rig.standing_calibration()) {
-        Err(DeployError::OtherCamera {
-            what,
-            value,
-            expected,
-        }) => Some(format!("its {what} is {value}, expected {expected}")),
+        Err(DeployError::OtherCamera { what, value, expected }) => {
+            Some(format!("its {what} is {value}, expected {expected}"))
+        }
         _ => None,
     }
 }
@@ -181,10 +168,7 @@ pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
 
 /// A distance on the table, for people.
 fn in_millimetres(distance: Option<f64>) -> String {
-    distance.map_or_else(
-        || "nowhere".to_owned(),
-        |metres| format!("{:.1} mm", 1e3 * metres),
-    )
+    distance.map_or_else(|| "nowhere".to_owned(), |metres| format!("{:.1} mm", 1e3 * metres))
 }
 
 fn millimetres(place: DVec3) -> [f64; 3] {
@@ -232,15 +216,10 @@ fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
 
 /// The result for people.
 fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
-    let Calibrated {
-        before,
-        found,
-        left_out,
-    } = calibrated;
+    let Calibrated { before, found, left_out } = calibrated;
     let left_out = left_out.iter();
-    let mut lines: Vec<String> = left_out
-        .map(|left| format!("pose {} was left out: {}", left.pose, left.why))
-        .collect();
+    let mut lines: Vec<String> =
+        left_out.map(|left| format!("pose {} was left out: {}", left.pose, left.why)).collect();
     let worst = found.worst();
     let worst = worst.map_or_else(String::new, |worst| {
         let (pose, pixels, table) = (worst.pose, worst.pixels, in_millimetres(worst.on_table));
@@ -266,12 +245,8 @@ fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
          its axes right, down and forwards"
     ));
     if sigma.offset != DVec3::ZERO {
-        let ball = three(
-            "ball in the hand",
-            millimetres(found.offset),
-            millimetres(sigma.offset),
-            "mm",
-        );
+        let ball =
+            three("ball in the hand", millimetres(found.offset), millimetres(sigma.offset), "mm");
         lines.push(ball);
     }
     lines.push(match found.focal {
@@ -292,9 +267,7 @@ fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
         of.angle.length().to_degrees()
     ));
     let [place, angle] = apart(&found.calibration, before);
-    lines.push(format!(
-        "it was taken to be {place:.1} mm and {angle:.2} degrees from there"
-    ));
+    lines.push(format!("it was taken to be {place:.1} mm and {angle:.2} degrees from there"));
     lines.extend(refusal.map(|why| {
         format!(
             "`covers deploy` will refuse this file until the rig's own calibration is corrected: \

@@ -42,8 +42,7 @@ impl CalibrationFile {
     /// [`RunError::Read`] names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Calibration, RunError> {
         let file: Self = read(path)?;
-        file.calibration()
-            .map_err(|error| RunError::read(path, error))
+        file.calibration().map_err(|error| RunError::read(path, error))
     }
 
     /// Reads a calibration from JSON.
@@ -79,16 +78,8 @@ impl CalibrationFile {
         let [width, height] = self.size;
         let rotation = DMat3::from_cols_array_2d(&self.rotation).transpose();
         let calibration = Calibration {
-            intrinsics: Intrinsics {
-                width,
-                height,
-                focal: self.focal,
-                centre: self.centre,
-            },
-            distortion: Distortion {
-                radial: self.radial,
-                tangential: self.tangential,
-            },
+            intrinsics: Intrinsics { width, height, focal: self.focal, centre: self.centre },
+            distortion: Distortion { radial: self.radial, tangential: self.tangential },
             extrinsics: Extrinsics {
                 rotation,
                 translation: -(rotation * glam::DVec3::from_array(self.position)),
@@ -123,14 +114,8 @@ mod tests {
         let rotation = DMat3::from_rotation_x(3.1) * DMat3::from_rotation_z(0.4);
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion {
-                radial: [0.01, -0.02],
-                tangential: [0.001, 0.0],
-            },
-            extrinsics: Extrinsics {
-                rotation,
-                translation: glam::DVec3::new(0.1, -0.2, 1.4),
-            },
+            distortion: Distortion { radial: [0.01, -0.02], tangential: [0.001, 0.0] },
+            extrinsics: Extrinsics { rotation, translation: glam::DVec3::new(0.1, -0.2, 1.4) },
         }
     }
 
@@ -157,10 +142,7 @@ mod tests {
         file.position = [0.3, -0.3, 1498.9];
         let text = serde_json::to_string(&file).unwrap();
         let message = CalibrationFile::parse(&text).unwrap_err().to_string();
-        assert!(
-            message.contains("1498.9") && message.contains("metres"),
-            "{message}"
-        );
+        assert!(message.contains("1498.9") && message.contains("metres"), "{message}");
     }
 
     #[test]

@@ -87,12 +87,7 @@ impl MaskCheck {
         let size = deployment.camera().size;
         let watched = watch(deployment, rig, arm, trial);
         let measured = watched.and_then(|(sight, background)| {
-            Self::visit_all(
-                rig,
-                arm,
-                poses,
-                (sight, background, vec![0; 3 * size * size]),
-            )
+            Self::visit_all(rig, arm, poses, (sight, background, vec![0; 3 * size * size]))
         });
         then_stop(rig, measured)
     }
@@ -131,10 +126,7 @@ impl MaskCheck {
         let perception = sight.perception();
         let width = perception.view().intrinsics.width;
         let arm = smoothed(
-            &perception
-                .difference()
-                .map(|levels| levels >= DIFFERENT)
-                .collect::<Vec<_>>(),
+            &perception.difference().map(|levels| levels >= DIFFERENT).collect::<Vec<_>>(),
             width,
         );
         self.rows.push(row(pose, perception.mask(), &arm));
@@ -182,10 +174,7 @@ fn row(pose: usize, mask: &[bool], arm: &[bool]) -> MaskRow {
     let share = |part: f64, all: f64| part / all.max(1.0);
     MaskRow {
         pose,
-        overlap: share(
-            count(|mask, arm| mask && arm),
-            count(|mask, arm| mask || arm),
-        ),
+        overlap: share(count(|mask, arm| mask && arm), count(|mask, arm| mask || arm)),
         outside: share(count(|mask, arm| arm && !mask), count(|_, arm| arm)),
         spare: share(count(|mask, arm| mask && !arm), count(|mask, _| mask)),
     }
@@ -204,27 +193,15 @@ mod tests {
         assert!((row.outside - 1.0 / 3.0).abs() < 1e-12);
         assert!((row.spare - 1.0 / 3.0).abs() < 1e-12);
         let nothing = super::row(1, &[false; 4], &[false; 4]);
-        assert_eq!(
-            (nothing.overlap, nothing.outside, nothing.spare),
-            (0.0, 0.0, 0.0)
-        );
+        assert_eq!((nothing.overlap, nothing.outside, nothing.spare), (0.0, 0.0, 0.0));
     }
 
     #[test]
     fn a_check_holds_where_no_pose_shows_the_arm() {
-        let row = |outside, overlap| MaskRow {
-            pose: 1,
-            overlap,
-            outside,
-            spare: 0.3,
-        };
+        let row = |outside, overlap| MaskRow { pose: 1, overlap, outside, spare: 0.3 };
         let holds = |rows: &[MaskRow]| {
             let rows = rows.to_vec();
-            MaskCheck {
-                rows,
-                ..MaskCheck::default()
-            }
-            .holds()
+            MaskCheck { rows, ..MaskCheck::default() }.holds()
         };
         let mut rows = vec![row(0.0, 0.6); MaskCheck::LEAST_POSES];
         rows[3] = row(0.02, 0.4);

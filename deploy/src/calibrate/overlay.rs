@@ -24,11 +24,7 @@ pub(super) fn overlay(perception: &Perception, arm: &[bool]) -> Picture {
         let (row, column) = (index / width / ENLARGE, index % width / ENLARGE);
         coloured[row * inside.width + column]
     });
-    Picture {
-        width,
-        height,
-        rgb: enlarged.flatten().collect(),
-    }
+    Picture { width, height, rgb: enlarged.flatten().collect() }
 }
 
 fn coloured(rgb: [u8; 3], mask: bool, arm: bool) -> [u8; 3] {

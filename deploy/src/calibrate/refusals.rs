@@ -32,12 +32,8 @@ fn options(arguments: &[&str]) -> CalibrateOptions {
 
 /// What `covers calibrate` says of a rig.
 fn spoilt(spoil: fn(&mut Blank)) -> DeployError {
-    let settings = CalibrateSettings {
-        ball: Ball {
-            color: [255, 0, 255],
-        },
-        offset: Offset::Unknown,
-    };
+    let settings =
+        CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
     let mut rig = Blank::new(&arm());
     spoil(&mut rig);
     let there = [rig.state.tip];
@@ -49,10 +45,7 @@ fn spoilt(spoil: fn(&mut Blank)) -> DeployError {
 fn a_camera_whose_clock_is_ahead_calibrates_nothing() {
     let error = spoilt(|rig| rig.ahead = Duration::from_millis(5));
     let message = error.to_string();
-    assert!(
-        matches!(error, DeployError::PictureOfTheFuture { .. }),
-        "{message}"
-    );
+    assert!(matches!(error, DeployError::PictureOfTheFuture { .. }), "{message}");
 }
 
 /// A hand that stays in its place but turns is left out, and named.
@@ -75,10 +68,7 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
         let failed =
             options(&["--out", out.to_str().unwrap()]).run_on(&mut rig, &arm(), &mut Vec::new());
         let error = failed.unwrap_err();
-        assert!(
-            matches!(error, DeployError::Run(RunError::Write { .. })),
-            "{error}"
-        );
+        assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
         assert!(still(&rig));
     }
     #[derive(Parser)]
@@ -86,26 +76,12 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
         #[command(flatten)]
         options: MaskOptions,
     }
-    let (run, folder) = (
-        root.join("../assets/pretrained-robot"),
-        root.join("Cargo.toml/masks"),
-    );
-    let line = [
-        PathBuf::from("mask"),
-        run,
-        PathBuf::from("--pictures"),
-        folder,
-    ];
+    let (run, folder) = (root.join("../assets/pretrained-robot"), root.join("Cargo.toml/masks"));
+    let line = [PathBuf::from("mask"), run, PathBuf::from("--pictures"), folder];
     let mask = Line::try_parse_from(line).unwrap().options;
     let mut rig = Blank::new(&arm());
-    let error = mask
-        .run_on(&mut rig, &arm(), &mut Vec::new())
-        .err()
-        .unwrap();
-    assert!(
-        matches!(error, DeployError::Run(RunError::Write { .. })),
-        "{error}"
-    );
+    let error = mask.run_on(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
+    assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
     assert!(still(&rig));
 }
 
@@ -113,10 +89,7 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
 fn options_that_would_be_ignored_are_refused() {
     for (arguments, says) in [
         (&["--fault", "mask-growth=50"][..], "makes no mask"),
-        (
-            &["--fault", "angle-error=1", "--fault", "angle-error=2"],
-            "angle-error, twice",
-        ),
+        (&["--fault", "angle-error=1", "--fault", "angle-error=2"], "angle-error, twice"),
         (&["--color", "254.9,0.5,255"], "whole levels"),
     ] {
         let options = options(&[&["--out", "no/such/c.json"], arguments].concat());
@@ -145,10 +118,7 @@ fn a_sweep_of_what_a_file_replaces_is_refused() {
             "deploy no/such/run --calibration c.json --out no/such/folder --sweep {fault}=0,1"
         );
         let message = refusal(&line);
-        assert!(
-            message.contains(fault) && message.contains("--calibration"),
-            "{message}"
-        );
+        assert!(message.contains(fault) && message.contains("--calibration"), "{message}");
     }
 }
 
@@ -156,10 +126,9 @@ fn a_sweep_of_what_a_file_replaces_is_refused() {
 #[test]
 fn sweeps_that_do_not_fit_are_refused() {
     let deploy = "deploy no/such/run --out no/such/folder --sweep mask-growth=0,10";
-    for (rest, says) in [
-        ("--sweep mask-growth=5", "each fault once"),
-        ("--sweep command-latency=0,20", "12.5"),
-    ] {
+    for (rest, says) in
+        [("--sweep mask-growth=5", "each fault once"), ("--sweep command-latency=0,20", "12.5")]
+    {
         let message = refusal(&format!("{deploy} {rest}"));
         assert!(message.contains(says), "{message}");
     }
@@ -177,16 +146,8 @@ fn sweeps_that_do_not_fit_are_refused() {
 #[test]
 fn a_mask_seen_in_too_few_poses_tells_what_was_left_out() {
     let check = MaskCheck {
-        rows: vec![MaskRow {
-            pose: 1,
-            overlap: 0.7,
-            outside: 0.0,
-            spare: 0.3,
-        }],
-        left_out: vec![LeftOut {
-            pose: 2,
-            why: "it is far".to_owned(),
-        }],
+        rows: vec![MaskRow { pose: 1, overlap: 0.7, outside: 0.0, spare: 0.3 }],
+        left_out: vec![LeftOut { pose: 2, why: "it is far".to_owned() }],
         ..MaskCheck::default()
     };
     let told = object(&check);

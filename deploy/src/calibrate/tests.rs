@@ -23,22 +23,13 @@ use crate::{
 };
 use experiments::RunFolder;
 
-const SETTINGS: CalibrateSettings = CalibrateSettings {
-    ball: Ball {
-        color: [255, 0, 255],
-    },
-    offset: Offset::Unknown,
-};
+const SETTINGS: CalibrateSettings =
+    CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
 
 /// Options that write a file of this name.
 fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
     CalibrateOptions {
-        rig: RigOptions {
-            robot: RobotKind::KinovaSim,
-            seed: 1000,
-            faults: Faults::Nominal,
-            fault,
-        },
+        rig: RigOptions { robot: RobotKind::KinovaSim, seed: 1000, faults: Faults::Nominal, fault },
         out: std::env::temp_dir().join(name),
         offset: None,
         color: Triple([255.0, 0.0, 255.0]),
@@ -94,18 +85,9 @@ impl Rig for Misplaced {
 
     fn calibration(&self) -> Calibration {
         let known = self.0.truth();
-        let Extrinsics {
-            rotation,
-            translation,
-        } = known.extrinsics;
+        let Extrinsics { rotation, translation } = known.extrinsics;
         let translation = translation - rotation * DVec3::new(0.2, 0.0, 0.0);
-        Calibration {
-            extrinsics: Extrinsics {
-                rotation,
-                translation,
-            },
-            ..known
-        }
+        Calibration { extrinsics: Extrinsics { rotation, translation }, ..known }
     }
 
     fn now(&self) -> Duration {
@@ -147,10 +129,7 @@ fn a_file_that_deploy_will_refuse_is_told() {
 
 fn deployment(calibration: Calibration) -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
-    let sight = SightSettings {
-        calibration: Some(calibration),
-        ..SightSettings::default()
-    };
+    let sight = SightSettings { calibration: Some(calibration), ..SightSettings::default() };
     Deployment::load(&RunFolder::open(&folder), sight).unwrap()
 }
 
@@ -162,10 +141,7 @@ fn masks_are_held_to_the_picture() {
     let rotation = DMat3::from_rotation_x(3_f64.to_radians()) * truth.extrinsics.rotation;
     let position = truth.position() + 0.03 * DVec3::X;
     let wrong = Calibration {
-        extrinsics: Extrinsics {
-            rotation,
-            translation: -(rotation * position),
-        },
+        extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
     let (first, trial) = (&poses(&arm)[..1], Trial::on_empty_table(1000));
@@ -205,29 +181,15 @@ fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
     let arm = envs::carriers::KinovaGen3.arm().unwrap();
     let mut rig = Blank::new(&arm);
     let tip = rig.state.tip;
-    let high = Pose {
-        position: HAND_START + 0.1 * DVec3::Z,
-        ..tip
-    };
+    let high = Pose { position: HAND_START + 0.1 * DVec3::Z, ..tip };
     let trial = Trial::on_empty_table(0);
-    for (poses, says) in [
-        (vec![tip, high], "no ball of the colour"),
-        (vec![high, tip], "cannot reach"),
-    ] {
+    for (poses, says) in
+        [(vec![tip, high], "no ball of the colour"), (vec![high, tip], "cannot reach")]
+    {
         let failed = calibrate(&mut rig, &arm, &SETTINGS, &poses, &trial);
         let error = failed.unwrap_err();
-        assert!(matches!(
-            error,
-            DeployError::FewSightings {
-                got: 0,
-                pose: 1,
-                ..
-            }
-        ));
+        assert!(matches!(error, DeployError::FewSightings { got: 0, pose: 1, .. }));
         let message = error.to_string();
-        assert!(
-            message.contains("at least 10") && message.contains(says),
-            "{message}"
-        );
+        assert!(message.contains("at least 10") && message.contains(says), "{message}");
     }
 }

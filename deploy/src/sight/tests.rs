@@ -17,10 +17,7 @@ use experiments::RunFolder;
 
 /// A button whose cap stands beside the hand's start.
 const TRIAL: Trial = Trial {
-    variant: TaskVariant {
-        group: TaskGroup::BUTTON_PRESS,
-        element: D2::FlipX,
-    },
+    variant: TaskVariant { group: TaskGroup::BUTTON_PRESS, element: D2::FlipX },
     number: 1,
     seed: 1000,
 };

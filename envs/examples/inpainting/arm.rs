@@ -102,24 +102,14 @@ impl Bone {
 /// Capsules that cover a shape, with their radii (metres).
 fn around(geom: GeomId, shape: Shape) -> Vec<(Bone, f64)> {
     let upright = |half_length, radius| {
-        let bone = Bone {
-            geom,
-            middle: DVec3::ZERO,
-            axis: 2,
-            half_length,
-        };
+        let bone = Bone { geom, middle: DVec3::ZERO, axis: 2, half_length };
         vec![(bone, radius)]
     };
     match shape {
         Shape::Sphere { radius } => upright(0.0, radius),
-        Shape::Capsule {
-            radius,
-            half_length,
+        Shape::Capsule { radius, half_length } | Shape::Cylinder { radius, half_length } => {
+            upright(half_length, radius)
         }
-        | Shape::Cylinder {
-            radius,
-            half_length,
-        } => upright(half_length, radius),
         Shape::Box { half } => bundle(geom, half),
     }
 }
@@ -140,12 +130,7 @@ fn bundle(geom: GeomId, half: [f64; 3]) -> Vec<(Bone, f64)> {
         for i in 0..2 {
             middle[across[i]] = (2 * cell[i] + 1) as f64 * widths[i] - half[across[i]];
         }
-        let bone = Bone {
-            geom,
-            middle,
-            axis,
-            half_length: half[axis],
-        };
+        let bone = Bone { geom, middle, axis, half_length: half[axis] };
         (bone, radius)
     });
     strips.collect()

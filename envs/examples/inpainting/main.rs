@@ -38,15 +38,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// The expert closes a drawer; a camera watches.
 fn episode() -> Result<Rows, Box<dyn Error>> {
-    let camera = Camera {
-        size: SIZE,
-        ..Camera::default()
-    };
-    let scene = Arc::new(Scene::new(
-        TaskGroup::DRAWER_CLOSE,
-        Embodiment::SAWYER,
-        camera,
-    )?);
+    let camera = Camera { size: SIZE, ..Camera::default() };
+    let scene = Arc::new(Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::SAWYER, camera)?);
     let mut table = TableTop::new(Arc::clone(&scene), Control::default())?;
     table.reset(D2::FlipX, &mut ChaCha8Rng::seed_from_u64(5))?;
 
@@ -70,10 +63,7 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
         if decision % EVERY == 0 {
             let mask = inpainter.mask().iter();
             let mask = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; RGB]);
-            for (row, shown) in rows
-                .iter_mut()
-                .zip([picture.clone(), mask.collect(), result])
-            {
+            for (row, shown) in rows.iter_mut().zip([picture.clone(), mask.collect(), result]) {
                 row.push(shown);
             }
         }

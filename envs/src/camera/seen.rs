@@ -28,12 +28,7 @@ impl Camera {
 
     /// The same camera with pictures of another size, each drawn as it is shown, and no close-ups.
     pub fn with_size(self, size: usize) -> Self {
-        Self {
-            size,
-            oversampling: 1,
-            beside: Beside::First,
-            ..self
-        }
+        Self { size, oversampling: 1, beside: Beside::First, ..self }
     }
 
     /// Shrinks the picture `drawn` `[drawn_size, drawn_size, 3]` to the whole one, `rgb`
@@ -100,9 +95,7 @@ impl Camera {
             let [row, column] = [index / size, index % size];
             let row = inside(start[0].saturating_add(row));
             let column = inside(start[1].saturating_add(column));
-            let place = row
-                .zip(column)
-                .map(|(row, column)| row * side as usize + column);
+            let place = row.zip(column).map(|(row, column)| row * side as usize + column);
             place.map_or(&BEYOND[..], |place| &drawn[place * RGB..][..RGB])
         })
     }
@@ -133,11 +126,7 @@ mod tests {
     const SIZE: usize = 4;
 
     fn camera(oversampling: usize) -> Camera {
-        Camera {
-            size: SIZE,
-            oversampling,
-            ..Camera::default()
-        }
+        Camera { size: SIZE, oversampling, ..Camera::default() }
     }
 
     /// A picture without a symmetry.
@@ -168,11 +157,7 @@ mod tests {
                 let (row, column) = (3 * row + i / 3, 3 * column + i % 3);
                 f64::from(drawn[(row * 3 * SIZE + column) * RGB + index % RGB])
             });
-            assert_eq!(
-                f64::from(level),
-                (sum.sum::<f64>() / 9.0).round(),
-                "{index}"
-            );
+            assert_eq!(f64::from(level), (sum.sum::<f64>() / 9.0).round(), "{index}");
         }
     }
 
@@ -202,12 +187,8 @@ mod tests {
     fn a_picture_that_is_shown_must_be_whole() {
         let camera = camera(1);
         let drawn = drawn(&camera);
-        let pictures = Pictures {
-            now: &drawn,
-            first: &drawn[1..],
-            drawn: &drawn,
-            hand: DVec3::ZERO,
-        };
+        let pictures =
+            Pictures { now: &drawn, first: &drawn[1..], drawn: &drawn, hand: DVec3::ZERO };
         camera.compose(&pictures, &mut [0; SIZE * SIZE * 2 * RGB]);
     }
 
@@ -227,11 +208,7 @@ mod tests {
             let camera = camera(rng.random_range(OVERSAMPLING));
             let drawn = drawn(&camera);
             let moved = mirrored(&drawn, element);
-            let hand = DVec3::new(
-                rng.random_range(-0.5..0.5),
-                rng.random_range(-0.5..0.5),
-                0.1,
-            );
+            let hand = DVec3::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5), 0.1);
             let close = cut(&camera, &drawn, hand);
             let there = cut(&camera, &moved, map(element, hand));
             assert_eq!(mirrored(&close, element), there, "{element:?} {hand}");

@@ -22,10 +22,7 @@ fn settings_out_of_range_are_refused_with_their_value() {
         (|c| c.mark.hole = 0.04, "mark hole` is 0.04"),
         (|c| c.oversampling = 0, "oversampling` is 0"),
         (|c| c.oversampling = 9, "oversampling` is 9"),
-        (
-            |c| (c.size, c.oversampling) = (1024, 8),
-            "size times oversampling` is 8192",
-        ),
+        (|c| (c.size, c.oversampling) = (1024, 8), "size times oversampling` is 8192"),
     ];
     for (change, says) in broken {
         let mut camera = Camera::default();
@@ -41,19 +38,14 @@ fn settings_travel_as_text() {
     let camera = Camera {
         height: 1.2,
         background: [0.1, 0.2, 0.3],
-        mark: Mark {
-            hole: 0.01,
-            ..Mark::default()
-        },
+        mark: Mark { hole: 0.01, ..Mark::default() },
         oversampling: 3,
         beside: Beside::CloseUp,
         ..Camera::default()
     };
     let text = serde_json::to_string(&camera).unwrap();
     assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), camera);
-    let before = text
-        .replace(r#","beside":"close_up""#, "")
-        .replace(r#""oversampling":3,"#, "");
+    let before = text.replace(r#","beside":"close_up""#, "").replace(r#""oversampling":3,"#, "");
     let before = serde_json::from_str::<Camera>(&before).unwrap();
     let expected = (1, Beside::First);
     assert_eq!((before.oversampling, before.beside), expected);
@@ -102,21 +94,9 @@ fn slow_mark(camera: &Camera, point: DVec3) -> Vec<u8> {
 
 #[test]
 fn marks_are_discs_and_rings_also_across_the_edge() {
-    let points = [
-        [0.11, -0.07, 0.0],
-        [-0.44, 0.44, 0.1],
-        [0.43, 0.0, 0.3],
-        [2.0, -3.0, 0.0],
-    ];
+    let points = [[0.11, -0.07, 0.0], [-0.44, 0.44, 0.1], [0.43, 0.0, 0.3], [2.0, -3.0, 0.0]];
     for (radius, hole) in [(0.03, 0.0), (0.1, 0.06), (0.0, 0.0), (0.05, 0.05)] {
-        let camera = Camera {
-            mark: Mark {
-                radius,
-                hole,
-                color: [9, 8, 7],
-            },
-            ..Camera::default()
-        };
+        let camera = Camera { mark: Mark { radius, hole, color: [9, 8, 7] }, ..Camera::default() };
         for point in points.map(DVec3::from_array) {
             assert!(draw(&camera, point) == slow_mark(&camera, point), "{point}");
         }
@@ -124,11 +104,8 @@ fn marks_are_discs_and_rings_also_across_the_edge() {
 }
 
 /// Small boxes, one pure colour each, at points off every axis.
-const POINTS: [([f64; 3], usize); 3] = [
-    ([0.21, 0.13, 0.05], 0),
-    ([-0.17, 0.29, 0.3], 1),
-    ([0.33, -0.26, -0.2], 2),
-];
+const POINTS: [([f64; 3], usize); 3] =
+    [([0.21, 0.13, 0.05], 0), ([-0.17, 0.29, 0.3], 1), ([0.33, -0.26, -0.2], 2)];
 
 /// What MuJoCo draws of the boxes mapped by `g`.
 fn draw_points(camera: &Camera, g: D2) -> Vec<u8> {
@@ -138,10 +115,7 @@ fn draw_points(camera: &Camera, g: D2) -> Vec<u8> {
         format!(r#"<geom type="box" size=".01 .01 .001" pos="{x} {y} {z}" rgba="{rgb} 1"/>"#)
     });
     let scene = camera.to_mjcf("top");
-    let xml = format!(
-        "<mujoco>{scene}<worldbody>{}</worldbody></mujoco>",
-        boxes.concat()
-    );
+    let xml = format!("<mujoco>{scene}<worldbody>{}</worldbody></mujoco>", boxes.concat());
     let model = Arc::new(Model::from_xml(&xml).unwrap());
     let mut data = Data::new(Arc::clone(&model));
     data.forward().unwrap();
@@ -171,12 +145,7 @@ fn centroid(rgb: &[u8], size: usize, channel: usize) -> [f64; 2] {
 #[test]
 fn known_points_are_drawn_at_their_projections_under_every_element() {
     for (height, half_extent, size) in [(1.5, 0.44, 128), (0.9, 0.6, 96)] {
-        let camera = Camera {
-            size,
-            height,
-            half_extent,
-            ..Camera::default()
-        };
+        let camera = Camera { size, height, half_extent, ..Camera::default() };
         for g in D2::ALL {
             let rgb = draw_points(&camera, g);
             for ([x, y, z], channel) in POINTS {

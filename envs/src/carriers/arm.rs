@@ -103,12 +103,7 @@ impl Arm {
         let expected = "one position for each joint between base and hand";
         require(fits, "ready", &format!("{ready:?}"), expected)?;
         let positive = settings.lead > 0.0 && settings.lead.is_finite();
-        require(
-            positive,
-            "lead",
-            &settings.lead,
-            "a positive length in metres",
-        )?;
+        require(positive, "lead", &settings.lead, "a positive length in metres")?;
         CartesianControl::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
             finger: finger(robot, settings.gripper.joint.as_deref())?,
@@ -200,11 +195,7 @@ impl Arm {
     /// Positions of all free joints; those beside the chain and the fingers are at zero.
     fn positions(&self, state: &RobotState) -> Vec<f64> {
         let robot = self.robot();
-        assert_eq!(
-            state.joints.len(),
-            self.chain.joints().len(),
-            "joints of a state"
-        );
+        assert_eq!(state.joints.len(), self.chain.joints().len(), "joints of a state");
         let mut positions = vec![0.0; robot.dofs()];
         for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
             positions[joint.dof] = *position;
@@ -238,20 +229,12 @@ fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
             numbers(finger.tip)
         ),
     };
-    let hand = Addition {
-        link: settings.hand.clone(),
-        mjcf: "<body name=\"hand\"/>\n".to_owned(),
-    };
+    let hand = Addition { link: settings.hand.clone(), mjcf: "<body name=\"hand\"/>\n".to_owned() };
     let root = settings.robot.links()[0].name.clone();
-    let classes = [
-        (root, "arm"),
-        (settings.gripper.link.clone(), "robot_gripper"),
-    ];
+    let classes = [(root, "arm"), (settings.gripper.link.clone(), "robot_gripper")];
     MjcfSettings {
         servo: Some(settings.servo),
-        classes: classes
-            .map(|(link, class)| (link, class.to_owned()))
-            .to_vec(),
+        classes: classes.map(|(link, class)| (link, class.to_owned())).to_vec(),
         additions: fingers
             .map(finger)
             .chain([hand])
@@ -272,18 +255,12 @@ impl Carrier for Arm {
     fn parts(&self) -> Result<CarrierParts, EnvError> {
         let files = INCLUDED.map(|(name, text)| (name, text.into()));
         let robot = (ROBOT, self.mjcf.text.clone().into());
-        Ok(CarrierParts {
-            mjcf: MJCF.into(),
-            included: files.into_iter().chain([robot]).collect(),
-        })
+        Ok(CarrierParts { mjcf: MJCF.into(), included: files.into_iter().chain([robot]).collect() })
     }
 
     fn posture(&self, hand_target: DVec3) -> Result<Posture, EnvError> {
         let ready = &self.settings.ready;
-        let target = Pose {
-            position: hand_target,
-            rotation: self.chain.tip(ready).rotation,
-        };
+        let target = Pose { position: hand_target, rotation: self.chain.tip(ready).rotation };
         let solved = self.chain.solve(&target, ready)?;
         let joints = self.chain.joints().iter();
         let arm = joints.map(|joint| joint.name.clone()).zip(solved);
@@ -291,13 +268,7 @@ impl Carrier for Arm {
     }
 
     fn drive(&self) -> Result<Drive, EnvError> {
-        let ArmSettings {
-            robot,
-            ready,
-            servo,
-            lead,
-            ..
-        } = &self.settings;
+        let ArmSettings { robot, ready, servo, lead, .. } = &self.settings;
         let control = ControlSettings {
             // a target out of reach is nothing to refuse: the arm stands where its reach ends
             horizon: 0.0,

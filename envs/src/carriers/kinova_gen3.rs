@@ -62,10 +62,7 @@ impl KinovaGen3 {
                 joint: Some(FINGER.to_owned()),
             },
             control: ControlSettings {
-                limits: TwistLimits {
-                    acceleration: ACCELERATION,
-                    ..TwistLimits::default()
-                },
+                limits: TwistLimits { acceleration: ACCELERATION, ..TwistLimits::default() },
                 ..ControlSettings::default()
             },
             servo: Servo::default(),

@@ -75,12 +75,7 @@ impl RandomActions {
 
 impl fmt::Display for Case {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Scene {
-            layout,
-            embodiment,
-            group,
-            ..
-        } = *self.scene;
+        let Scene { layout, embodiment, group, .. } = *self.scene;
         write!(f, "{group} {}, {embodiment}, {layout}", self.element)
     }
 }
@@ -116,18 +111,9 @@ pub(super) fn run(
     decisions: usize,
 ) -> Result<Vec<Bits>, EnvError> {
     let decide = |_| {
-        let Step {
-            reward,
-            success,
-            success_at_end,
-            truncated,
-        } = table.step(&actions.next())?;
+        let Step { reward, success, success_at_end, truncated } = table.step(&actions.next())?;
         let vector = table.observe()?.map(f32::to_bits);
-        Ok((
-            vector,
-            reward.to_bits(),
-            [success, success_at_end, truncated],
-        ))
+        Ok((vector, reward.to_bits(), [success, success_at_end, truncated]))
     };
     (0..decisions).map(decide).collect()
 }

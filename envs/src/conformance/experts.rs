@@ -39,11 +39,7 @@ impl VariantName {
 
 impl fmt::Display for VariantName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{:<11} {:<13} {:<10}",
-            self.embodiment, self.task, self.element
-        )
+        write!(f, "{:<11} {:<13} {:<10}", self.embodiment, self.task, self.element)
     }
 }
 

@@ -55,10 +55,7 @@ const OF_SCENES: [Rule; 3] = [
 /// Asked of every variant.
 const OF_VARIANTS: [Rule; 6] = [
     ("figures are finite and in range", ranges),
-    (
-        "a seed fixes an episode and another changes it",
-        determinism,
-    ),
+    ("a seed fixes an episode and another changes it", determinism),
     ("tables do not disturb one another", independence),
     ("observations vary and hidden goals are zero", variation),
     ("a saved episode continues to the same bits", continuation),
@@ -66,10 +63,8 @@ const OF_VARIANTS: [Rule; 6] = [
 ];
 
 /// Asked of every variant of the symmetric layout.
-const OF_MIRRORED_VARIANTS: [Rule; 2] = [
-    ("the expert solves it", solution),
-    ("it mirrors its canonical twin", mirror),
-];
+const OF_MIRRORED_VARIANTS: [Rule; 2] =
+    [("the expert solves it", solution), ("it mirrors its canonical twin", mirror)];
 
 /// Holds `group` to every rule: all of its variants, with every embodiment, in every layout that it
 /// has. Takes some seconds.
@@ -118,16 +113,10 @@ fn check_scene(scene: &Arc<Scene>) -> Result<(), Flaw> {
 
 fn ask(case: &Case, rules: &[Rule]) -> Result<(), Flaw> {
     for &(rule, finding) in rules {
-        let finding = finding(case).map_err(|source| Flaw::Failed {
-            case: case.to_string(),
-            source,
-        })?;
+        let finding =
+            finding(case).map_err(|source| Flaw::Failed { case: case.to_string(), source })?;
         if let Some(finding) = finding {
-            return Err(Flaw::Broken {
-                case: case.to_string(),
-                rule,
-                finding,
-            });
+            return Err(Flaw::Broken { case: case.to_string(), rule, finding });
         }
     }
     Ok(())

@@ -34,11 +34,7 @@ pub(super) fn names(case: &Case) -> Finding {
 
 /// The object shows where the expert moves it, and the gripper in tasks without one.
 pub(super) fn moving_pictures(case: &Case) -> Finding {
-    if case.scene.object_body.is_some() {
-        moving_object(case)
-    } else {
-        moving_mark(case)
-    }
+    if case.scene.object_body.is_some() { moving_object(case) } else { moving_mark(case) }
 }
 
 /// No mark is drawn, which would show that the gripper moves.
@@ -78,9 +74,7 @@ fn moving_mark(case: &Case) -> Finding {
 /// A placement on an axis would make two variants one, and so would objects that do not show.
 pub(super) fn distinct_variants(case: &Case) -> Finding {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let placements: Vec<Placement> = (0..PLACEMENTS)
-        .map(|_| case.scene.place(&mut rng))
-        .collect();
+    let placements: Vec<Placement> = (0..PLACEMENTS).map(|_| case.scene.place(&mut rng)).collect();
     let placement = placements[0];
     let elements = case.scene.layout.elements();
     if elements.len() > 1 && !off_centre(&placements) {

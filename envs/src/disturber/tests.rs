@@ -93,10 +93,7 @@ fn a_camera_that_is_moved_by_a_pixel_shows_the_picture_moved_by_one() {
     let pixel = 2.0 * camera().half_extent / SIZE as f64;
     let mut sight = Sight::new(1000, 0);
     sight.view = View::new(&camera(), DVec3::new(pixel, 0.0, 0.0), DVec3::ZERO);
-    let (before, after) = (
-        picture(),
-        shown(&mut disturber(OFF), &mut sight, &picture()),
-    );
+    let (before, after) = (picture(), shown(&mut disturber(OFF), &mut sight, &picture()));
     for row in 0..SIZE {
         let line = row * SIZE * RGB..(row + 1) * SIZE * RGB;
         let (before, after) = (&before[line.clone()], &after[line]);
@@ -107,11 +104,7 @@ fn a_camera_that_is_moved_by_a_pixel_shows_the_picture_moved_by_one() {
 
 #[test]
 fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
-    let amounts = Randomisation {
-        noise: 0.0,
-        patches: 0,
-        ..Randomisation::NOMINAL
-    };
+    let amounts = Randomisation { noise: 0.0, patches: 0, ..Randomisation::NOMINAL };
     let (mut disturber, mut sight) = (disturber(amounts), Sight::new(1000, 0));
     let mut before = picture();
     for _ in 0..5 {
@@ -125,11 +118,7 @@ fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
 
 #[test]
 fn exposure_and_balance_spread_as_they_should() {
-    let amounts = Randomisation {
-        exposure: 20.0,
-        balance: 6.0,
-        ..OFF
-    };
+    let amounts = Randomisation { exposure: 20.0, balance: 6.0, ..OFF };
     let (disturber, mut sight) = (disturber(amounts), Sight::new(1000, 0));
     let light = |gain: f32| GAMMA * f64::from(gain).ln();
     let drawn: Vec<[f64; RGB]> = (0..20_000)
@@ -139,10 +128,7 @@ fn exposure_and_balance_spread_as_they_should() {
         })
         .collect();
     let (mean, deviation) = moments(drawn.iter().map(|of| of[1]));
-    assert!(
-        mean.abs() < 0.005 && (deviation - 0.2).abs() < 0.004,
-        "{mean} {deviation}"
-    );
+    assert!(mean.abs() < 0.005 && (deviation - 0.2).abs() < 0.004, "{mean} {deviation}");
     for other in [0, 2] {
         let (mean, deviation) = moments(drawn.iter().map(|of| of[other] - of[1]));
         assert!(mean.abs() < 0.002, "{mean}");
@@ -160,16 +146,10 @@ fn errors_of_the_camera_keep_their_bounds_and_prefer_no_side() {
     for axis in 0..3 {
         let (mean, deviation) = moments(drawn.iter().map(|of| of[axis]));
         // the mean square of a length is 100 / 3, and each axis has a third of it
-        assert!(
-            mean.abs() < 0.08 && (deviation - 10.0 / 3.0).abs() < 0.05,
-            "{mean} {deviation}"
-        );
+        assert!(mean.abs() < 0.08 && (deviation - 10.0 / 3.0).abs() < 0.05, "{mean} {deviation}");
     }
     let (mean, _) = moments(drawn.iter().map(|of| of.length()));
-    assert!(
-        (mean - 5.0).abs() < 0.05 && drawn.iter().all(|of| of.length() <= 10.0),
-        "{mean}"
-    );
+    assert!((mean - 5.0).abs() < 0.05 && drawn.iter().all(|of| of.length() <= 10.0), "{mean}");
 }
 
 /// The levels of a bright pixel spread by the variance along either axis, and none is lost.
@@ -200,20 +180,12 @@ fn blur_is_as_wide_as_it_should_be() {
     let mut flat = disturber(OFF);
     flat.levels.fill([9.0; 4]);
     flat.blur(0.25);
-    assert!(
-        flat.levels.iter().all(|&levels| levels == [9.0; 4]),
-        "borders keep their levels"
-    );
+    assert!(flat.levels.iter().all(|&levels| levels == [9.0; 4]), "borders keep their levels");
 }
 
 #[test]
 fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side() {
-    let amounts = Randomisation {
-        patches: 3,
-        patch_radius: 30.0,
-        patch_color: 20.0,
-        ..OFF
-    };
+    let amounts = Randomisation { patches: 3, patch_radius: 30.0, patch_color: 20.0, ..OFF };
     let pictures = episodes(amounts, &grey(128), 2000);
     let touched = |picture: &&Vec<u8>| picture.iter().any(|&level| level != 128);
     let share = pictures.iter().filter(touched).count() as f64 / 2000.0;
@@ -234,10 +206,7 @@ fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side()
     }
     let hand = camera().project(DVec3::new(0.1, -0.05, 0.2));
     for axis in 0..2 {
-        assert!(
-            (sum[axis] / total - hand[axis]).abs() < 0.5,
-            "{sum:?} {total} {hand:?}"
-        );
+        assert!((sum[axis] / total - hand[axis]).abs() < 0.5, "{sum:?} {total} {hand:?}");
     }
 }
 
@@ -245,16 +214,8 @@ fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side()
 fn mirrored(element: D2, picture: &[u8]) -> Vec<u8> {
     let place = |index: usize| {
         let (row, column) = (index / SIZE, index % SIZE);
-        let row = if element.flips_y() {
-            SIZE - 1 - row
-        } else {
-            row
-        };
-        let column = if element.flips_x() {
-            SIZE - 1 - column
-        } else {
-            column
-        };
+        let row = if element.flips_y() { SIZE - 1 - row } else { row };
+        let column = if element.flips_x() { SIZE - 1 - column } else { column };
         (row * SIZE + column) * RGB
     };
     let pixels = (0..SIZE * SIZE).flat_map(|index| &picture[place(index)..][..RGB]);
@@ -275,20 +236,12 @@ fn a_mirrored_camera_shows_a_mirrored_table_in_a_mirrored_picture() {
         let turn = turn * DVec3::new(y, x, x * y);
         sight.view = View::new(&camera(), position, turn);
         sight.blur = passes(0.3);
-        shown(
-            &mut disturber(OFF),
-            &mut sight,
-            &mirrored(element, &picture()),
-        )
+        shown(&mut disturber(OFF), &mut sight, &mirrored(element, &picture()))
     };
     let canonical = shown(D2::Identity);
     for element in D2::ALL {
         let (seen, expected) = (shown(element), mirrored(element, &canonical));
-        let off = seen
-            .iter()
-            .zip(&expected)
-            .map(|(a, b)| a.abs_diff(*b))
-            .max();
+        let off = seen.iter().zip(&expected).map(|(a, b)| a.abs_diff(*b)).max();
         assert!(off <= Some(1), "{element}: {off:?}");
     }
 }

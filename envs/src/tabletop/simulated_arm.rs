@@ -54,13 +54,7 @@ impl SimulatedArm {
         require(driven, "embodiment", &embodiment, expected)?;
         let table = TableTop::new(scene, Control::default())?;
         let delay = (latency / control_seconds(&table.data)).round() as usize;
-        Ok(Self {
-            table,
-            delay,
-            steps: 0,
-            sent: VecDeque::new(),
-            fault: None,
-        })
+        Ok(Self { table, delay, steps: 0, sent: VecDeque::new(), fault: None })
     }
 
     /// Puts the arm at the start of an episode of the variant `element`, at rest; `placement` is
@@ -155,7 +149,5 @@ impl Robot for SimulatedArm {
 }
 
 fn not_started() -> ControlError {
-    ControlError::Driver {
-        source: Box::new(EnvError::NotReset),
-    }
+    ControlError::Driver { source: Box::new(EnvError::NotReset) }
 }

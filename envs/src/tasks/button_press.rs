@@ -39,10 +39,7 @@ impl Task for ButtonPress {
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, BOX_Y), BOX_Z);
-        Placement {
-            object,
-            goal: object + HOLE,
-        }
+        Placement { object, goal: object + HOLE }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
@@ -77,17 +74,11 @@ impl Task for ButtonPress {
     }
 
     fn stock(&self) -> Option<Stock<'_>> {
-        Some(Stock {
-            hand_target: STOCK_HAND_START,
-            ..stock("button-press", place_stock)
-        })
+        Some(Stock { hand_target: STOCK_HAND_START, ..stock("button-press", place_stock) })
     }
 }
 
 fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
     let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, STOCK_BOX_Y), BOX_Z);
-    Placement {
-        object,
-        goal: object + HOLE,
-    }
+    Placement { object, goal: object + HOLE }
 }

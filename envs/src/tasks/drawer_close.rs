@@ -35,18 +35,11 @@ impl Task for DrawerClose {
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(uniform(rng, CANONICAL_X), CASE_Y, 0.0);
-        Placement {
-            object,
-            goal: object + SHUT,
-        }
+        Placement { object, goal: object + SHUT }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-        let EpisodeStart {
-            placement,
-            measured,
-            ..
-        } = start;
+        let EpisodeStart { placement, measured, .. } = start;
         let remaining = now.object.distance(placement.goal);
         let at_start = measured.object.distance(placement.goal);
         let shut = long_tail(remaining, BOUND, (at_start - BOUND).abs());
@@ -58,11 +51,7 @@ impl Task for DrawerClose {
             approach: pushing,
             in_place: shut,
             remaining,
-            reward: if success {
-                10.0
-            } else {
-                10.0 * hamacher(pushing, shut)
-            },
+            reward: if success { 10.0 } else { 10.0 * hamacher(pushing, shut) },
             success,
         }
     }
@@ -99,8 +88,5 @@ impl Task for DrawerClose {
 
 fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
     let object = DVec3::new(uniform(rng, STOCK_X), CASE_Y, 0.0);
-    Placement {
-        object,
-        goal: object + SHUT,
-    }
+    Placement { object, goal: object + SHUT }
 }

@@ -32,11 +32,8 @@ impl Task for GoalReach {
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let goal = DVec3::new(
-            uniform(rng, CANONICAL_X),
-            uniform(rng, GOAL_Y),
-            uniform(rng, GOAL_Z),
-        );
+        let goal =
+            DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), uniform(rng, GOAL_Z));
         Placement { object: goal, goal }
     }
 
@@ -55,17 +52,11 @@ impl Task for GoalReach {
     }
 
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-        ExpertCommand {
-            hand: placement.goal + (now.hand - now.tcp),
-            finger: 0.0,
-        }
+        ExpertCommand { hand: placement.goal + (now.hand - now.tcp), finger: 0.0 }
     }
 
     fn parts(&self) -> Parts<'_> {
-        Parts {
-            goal_observable: true,
-            ..Parts::default()
-        }
+        Parts { goal_observable: true, ..Parts::default() }
     }
 
     fn stock(&self) -> Option<Stock<'_>> {

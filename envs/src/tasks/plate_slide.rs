@@ -54,11 +54,7 @@ impl Task for PlateSlide {
             approach: touching,
             in_place: placed,
             remaining,
-            reward: if remaining < BOUND {
-                10.0
-            } else {
-                8.0 * hamacher(touching, placed)
-            },
+            reward: if remaining < BOUND { 10.0 } else { 8.0 * hamacher(touching, placed) },
             success: remaining <= SUCCESS,
         }
     }
@@ -75,11 +71,7 @@ impl Task for PlateSlide {
             let ahead = placement.goal - now.object;
             // a puck that comes along the diagonal would meet the post of the cage
             let post = ahead.y < POST.y && ahead.x.abs() > POST.x;
-            let y = if post {
-                now.hand.y + SLOWLY
-            } else {
-                placement.goal.y
-            };
+            let y = if post { now.hand.y + SLOWLY } else { placement.goal.y };
             DVec3::new(placement.goal.x, y, aim.z)
         };
         ExpertCommand { hand, finger: -1.0 }

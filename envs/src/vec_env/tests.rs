@@ -32,11 +32,7 @@ struct Rig {
 
 impl Rig {
     fn new(threads: usize) -> Self {
-        let mut settings = VecEnvSettings {
-            num_envs: N,
-            threads,
-            ..VecEnvSettings::default()
-        };
+        let mut settings = VecEnvSettings { num_envs: N, threads, ..VecEnvSettings::default() };
         settings.camera.size = 16;
         settings.control.horizon = 10 * DECISIONS;
         Self {
@@ -110,9 +106,7 @@ fn check_failure(threads: usize, fault: Fault, says: &str) {
         }
         let broken = &seen[BROKEN];
         if decision == FATAL {
-            let [failure] = &failures[..] else {
-                panic!("{failures:?}")
-            };
+            let [failure] = &failures[..] else { panic!("{failures:?}") };
             assert!(failure.starts_with(&format!("{BROKEN}: ")), "{failure}");
             assert!(failure.contains(says), "{failure}");
             assert_eq!(broken.last.as_ref(), Some(&before));
@@ -141,11 +135,7 @@ fn a_diverged_simulation_is_a_failure_of_its_environment_alone() {
 #[test]
 fn a_panic_is_a_failure_of_its_environment_alone() {
     for threads in [1, 2] {
-        check_failure(
-            threads,
-            |_, _| panic!("a deliberate panic"),
-            "a deliberate panic",
-        );
+        check_failure(threads, |_, _| panic!("a deliberate panic"), "a deliberate panic");
     }
 }
 

@@ -34,10 +34,7 @@ pub struct PushBlock {
 
 impl Default for PushBlock {
     fn default() -> Self {
-        Self {
-            name: "push-block".to_owned(),
-            scene: SCENE.to_owned(),
-        }
+        Self { name: "push-block".to_owned(), scene: SCENE.to_owned() }
     }
 }
 
@@ -47,19 +44,12 @@ impl Task for PushBlock {
     }
 
     fn parts(&self) -> Parts<'_> {
-        Parts {
-            mjcf: Some(&self.scene),
-            object_body: Some("block"),
-            ..Parts::default()
-        }
+        Parts { mjcf: Some(&self.scene), object_body: Some("block"), ..Parts::default() }
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(rng.random_range(0.08..0.18), 0.06, 0.045);
-        Placement {
-            object,
-            goal: object + WAY * DVec3::Y,
-        }
+        Placement { object, goal: object + WAY * DVec3::Y }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _finger: f64) -> StepReward {

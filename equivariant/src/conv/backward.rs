@@ -51,20 +51,10 @@ impl<'a, T: Real> Backward<'a, T> {
                 Some(MapsMut::Channels(_)) => Some(&mut *own_gradient),
                 Some(MapsMut::Staged(_, dx)) => Some(&mut **dx),
             };
-            let panels = Panels {
-                lanes,
-                conv,
-                staged,
-                images: first..first + images,
-            };
+            let panels = Panels { lanes, conv, staged, images: first..first + images };
             panels.run(&loader, &products, &mut buffers, gradient);
             if let Some(MapsMut::Channels(dx)) = &mut self.dx {
-                unstage(
-                    patches,
-                    own_gradient,
-                    &mut dx[first * patches.image().len()..],
-                    images,
-                );
+                unstage(patches, own_gradient, &mut dx[first * patches.image().len()..], images);
             }
         }
         buffers.finish::<G>(conv);
@@ -114,12 +104,7 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
                 cursor.advance();
             }
             loader.run(row, count, buffers);
-            self.gather(
-                &windows[..count],
-                products,
-                buffers,
-                gradient.as_deref_mut(),
-            );
+            self.gather(&windows[..count], products, buffers, gradient.as_deref_mut());
         }
     }
 
@@ -136,12 +121,7 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
         for c in 0..patches.blocks() {
             // what one orbit reads of a block of channels the next reads from the first-level cache
             for orbit in 0..patches.orbits() {
-                let rows = Gathered {
-                    conv,
-                    orbit,
-                    c,
-                    windows,
-                };
+                let rows = Gathered { conv, orbit, c, windows };
                 let panel = &mut buffers.panel[..rows.folds() * windows.len()];
                 let step = windows.len();
                 patches.gather(self.lanes, (orbit, c), self.staged, windows, panel, step);
@@ -200,14 +180,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
         let dy = &buffers.dy[..width * rows];
         let first = patches.folded_of(of.orbit).start + of.c;
         let dw = &mut buffers.dw[first * per_block..];
-        weights::<T, L, G>(
-            self.lanes,
-            panel,
-            dy,
-            rows,
-            dw,
-            patches.blocks() * per_block,
-        );
+        weights::<T, L, G>(self.lanes, panel, dy, rows, dw, patches.blocks() * per_block);
     }
 
     /// Adds what they contribute to the gradient of the staged input; overwrites the panel.

@@ -182,14 +182,7 @@ impl Chain {
             };
             if let Some(pool) = &link.pool {
                 let dx = &mut input_gradient[..pooled.len()];
-                T::unpool(Unpooling {
-                    pool,
-                    samples,
-                    x: pooled,
-                    dy,
-                    dx,
-                    scratch,
-                });
+                T::unpool(Unpooling { pool, samples, x: pooled, dy, dx, scratch });
                 std::mem::swap(&mut output_gradient, &mut input_gradient);
                 dy = Maps::Staged(&pool.patches, output_gradient);
             }
@@ -247,13 +240,7 @@ impl Link {
         };
         let before = MapsMut::Staged(&pool.patches, &mut *kept.pooled);
         self.convolve(params, (samples, x), (before, kept.masks), scratch);
-        T::pool(Pooling {
-            pool,
-            samples,
-            x: kept.pooled,
-            y,
-            scratch,
-        });
+        T::pool(Pooling { pool, samples, x: kept.pooled, y, scratch });
     }
 
     fn convolve<T: Passes>(
@@ -288,11 +275,7 @@ impl Link {
     fn masks(&self, samples: usize) -> usize {
         let rows = samples * self.conv.out.pixels();
         let masks = rows * self.conv.weights.width();
-        if self.rectified {
-            masks.next_multiple_of(LANES)
-        } else {
-            0
-        }
+        if self.rectified { masks.next_multiple_of(LANES) } else { 0 }
     }
 }
 

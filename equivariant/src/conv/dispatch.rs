@@ -101,10 +101,7 @@ impl<T: Real> WithLanes<T> for Forward<'_, T> {
         if let Some(lines) = self.conv.patches.lines() {
             return self.run_lines(lanes, lines);
         }
-        with_order!(
-            G = self.conv.weights.order(),
-            self.run_panels::<L, G>(lanes)
-        );
+        with_order!(G = self.conv.weights.order(), self.run_panels::<L, G>(lanes));
     }
 }
 
@@ -114,9 +111,6 @@ impl<T: Real> WithLanes<T> for Backward<'_, T> {
         if let (Some(lines), None) = (self.conv.patches.lines(), &self.dx) {
             return self.run_lines(lanes, lines);
         }
-        with_order!(
-            G = self.conv.weights.order(),
-            self.run_panels::<L, G>(lanes)
-        );
+        with_order!(G = self.conv.weights.order(), self.run_panels::<L, G>(lanes));
     }
 }

@@ -104,8 +104,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
             let pixels = y[first * self.channels..].chunks_exact_mut(self.channels);
             let own = self.own.chunks_exact(self.width);
             for (own, y) in own.take(count).zip(pixels) {
-                self.join
-                    .undo::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
+                self.join.undo::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
             }
         }
     }

@@ -22,11 +22,7 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize 
     let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
     let line = patches.lines().map_or(0, Lines::staged);
     let with = |images| rest * LANES + images * patches.staged() + line;
-    if staged {
-        2 * with(0)
-    } else {
-        with(conv.group(samples)).max(2 * with(1))
-    }
+    if staged { 2 * with(0) } else { with(conv.group(samples)).max(2 * with(1)) }
 }
 
 impl<'a, T: Real> Forward<'a, T> {

@@ -113,12 +113,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
                 (dy.as_chunks().0, patches.scale())
             }
         };
-        let pixels = PixelGradients {
-            lanes: self.lanes,
-            from,
-            places,
-            dbias: buffers.dbias,
-        };
+        let pixels = PixelGradients { lanes: self.lanes, from, places, dbias: buffers.dbias };
         let masks = self.masks.map(|masks| &masks[first * self.width..]);
         match masks {
             None => pixels.copy(scale, buffers.dy),
@@ -134,8 +129,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
         let pixels = pixels.chunks_exact_mut(self.width);
         for (r, ((place, to), dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate() {
             *place = r * self.width;
-            self.join
-                .run::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
+            self.join.run::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
         }
     }
 }

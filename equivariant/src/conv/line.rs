@@ -182,10 +182,8 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                 let inner: [L::V; V] = load_all(lanes, head(&inner_w[c * self.width..]));
                 let mut left = [lanes.quad(&columns[0][c]), lanes.quad(&columns[1][c])];
                 for r in 0..R {
-                    let right = [
-                        lanes.quad(&columns[2 * r + 2][c]),
-                        lanes.quad(&columns[2 * r + 3][c]),
-                    ];
+                    let right =
+                        [lanes.quad(&columns[2 * r + 2][c]), lanes.quad(&columns[2 * r + 3][c])];
                     for v in 0..V {
                         a[r][v] = lanes.mul_add(left[0], outer[v], a[r][v]);
                         b[r][v] = lanes.mul_add(right[1], outer[v], b[r][v]);
@@ -242,14 +240,8 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
             let dw = &mut dw[i * columns * self.width..][..columns * self.width];
             let mut first = 0;
             while first < self.width {
-                let tile = Columns {
-                    lanes: self.lanes,
-                    width: self.width,
-                    step: self.step,
-                    x,
-                    dy,
-                    first,
-                };
+                let tile =
+                    Columns { lanes: self.lanes, width: self.width, step: self.step, x, dy, first };
                 first += match (L::REGISTERS, self.width - first) {
                     (32.., 2..) => tile.all::<6, 2>(columns, dw),
                     (32.., _) => tile.all::<12, 1>(columns, dw),
@@ -281,7 +273,5 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
 fn halves(lines: &Lines, orbit: &Orbit) -> impl Iterator<Item = usize> {
     let [y, x] = orbit.start;
     let k = lines.size();
-    [y * k + x, y * k + k - 1 - x]
-        .into_iter()
-        .take(orbit.taps.len())
+    [y * k + x, y * k + k - 1 - x].into_iter().take(orbit.taps.len())
 }

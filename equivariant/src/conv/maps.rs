@@ -73,10 +73,7 @@ impl<'a, T: Real> MapsMut<'a, T> {
             }
             MapsMut::Staged(patches, y) => {
                 let (above, below) = y.split_at_mut(patches.before(pixel) * LANES);
-                (
-                    MapsMut::Staged(patches, above),
-                    MapsMut::Staged(patches, below),
-                )
+                (MapsMut::Staged(patches, above), MapsMut::Staged(patches, below))
             }
         }
     }
@@ -91,11 +88,7 @@ pub(crate) struct Cursor {
 
 impl Cursor {
     pub fn new(pixels: usize) -> Cursor {
-        Cursor {
-            image: 0,
-            pixel: 0,
-            pixels,
-        }
+        Cursor { image: 0, pixel: 0, pixels }
     }
 
     #[inline(always)]
@@ -122,9 +115,7 @@ pub(crate) struct Pieces<'a, T> {
 
 impl<'a, T: Real> Pieces<'a, T> {
     pub fn new(scratch: &'a mut [T]) -> Pieces<'a, T> {
-        Pieces {
-            rest: scratch.as_chunks_mut().0,
-        }
+        Pieces { rest: scratch.as_chunks_mut().0 }
     }
 
     /// Splits off values; a multiple of a block.

@@ -49,16 +49,8 @@ impl<T: Real> Forward<'_, T> {
         // whole blocks: both halves start on a cache line
         let middle = self.scratch.len() / 2 / LANES * LANES;
         let (scratch, scratch_below) = self.scratch.split_at_mut(middle);
-        let above = Forward {
-            to: above,
-            scratch,
-            ..self
-        };
-        let below = Forward {
-            to: below,
-            scratch: scratch_below,
-            ..above
-        };
+        let above = Forward { to: above, scratch, ..self };
+        let below = Forward { to: below, scratch: scratch_below, ..above };
         (above, below)
     }
 }
@@ -71,16 +63,8 @@ impl<T: Real> Output<'_, T> {
         let (y, y_below) = self.y.split(pixels, conv.out.fields.dim());
         let at = pixels * conv.weights.width();
         let (masks, masks_below) = self.masks.map(|masks| masks.split_at_mut(at)).unzip();
-        let above = Output {
-            lines: 0..middle,
-            y,
-            masks,
-        };
-        let below = Output {
-            lines: middle..conv.out.height,
-            y: y_below,
-            masks: masks_below,
-        };
+        let above = Output { lines: 0..middle, y, masks };
+        let below = Output { lines: middle..conv.out.height, y: y_below, masks: masks_below };
         (above, below)
     }
 }

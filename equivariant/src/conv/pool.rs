@@ -97,10 +97,7 @@ pub struct Unpooling<'a, T> {
 impl<T: Real> WithLanes<T> for Pooling<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        with_order!(
-            G = self.pool.out.fields.group().order(),
-            self.run_groups::<L, G>(lanes)
-        );
+        with_order!(G = self.pool.out.fields.group().order(), self.run_groups::<L, G>(lanes));
     }
 }
 
@@ -158,10 +155,7 @@ fn maxima<T: Real, L: Lanes<T>, const G: usize>(
 impl<T: Real> WithLanes<T> for Unpooling<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        with_order!(
-            G = self.pool.out.fields.group().order(),
-            self.run_groups::<L, G>(lanes)
-        );
+        with_order!(G = self.pool.out.fields.group().order(), self.run_groups::<L, G>(lanes));
     }
 }
 

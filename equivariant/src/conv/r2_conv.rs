@@ -58,10 +58,7 @@ impl R2Conv {
         LayerError::check_map(layer, image, kernel.padding)?;
         LayerError::check_map(layer, out, 0)?;
         let dense = [kernel.size, kernel.size, image.fields.dim(), out_type.dim()];
-        product(dense).ok_or(LayerError::TooLarge {
-            layer,
-            what: "a kernel",
-        })?;
+        product(dense).ok_or(LayerError::TooLarge { layer, what: "a kernel" })?;
         let taps = Taps::new(image.fields, kernel.size);
         let patches = Patches::new(&taps, image, kernel, windows.out_size);
         let blocks = Blocks::new(Irrep::ALL.map(|b| taps.cols(b)), out_type);
@@ -82,11 +79,7 @@ impl R2Conv {
     pub fn flatten(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
         let Shape { height, width, .. } = shape;
         if height != width {
-            return Err(LayerError::NotSquare {
-                layer: "R2Conv::flatten",
-                height,
-                width,
-            });
+            return Err(LayerError::NotSquare { layer: "R2Conv::flatten", height, width });
         }
         let kernel = Kernel::new(height, 1, 0);
         R2Conv::new(shape.fields, out_type, kernel, [height, width])

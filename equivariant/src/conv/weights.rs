@@ -58,13 +58,7 @@ impl Weights {
         }
         let mut places = vec![0; blocks.weights(Irrep::XY).end];
         let runs = runs(&entries, &mut places);
-        Weights {
-            order: irreps.len(),
-            groups,
-            width,
-            runs: runs.into(),
-            places: places.into(),
-        }
+        Weights { order: irreps.len(), groups, width, runs: runs.into(), places: places.into() }
     }
 
     /// The parameter of every entry of the blocks of the linear map, `[out, columns]` one after the
@@ -178,10 +172,7 @@ fn runs(entries: &[usize], places: &mut [usize]) -> Vec<Run> {
                 run.params.end += 1;
                 run.packed.end += 1;
             }
-            None => runs.push(Run {
-                params: next..next + 1,
-                packed: packed..packed + 1,
-            }),
+            None => runs.push(Run { params: next..next + 1, packed: packed..packed + 1 }),
         }
     }
     runs

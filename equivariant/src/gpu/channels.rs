@@ -57,11 +57,7 @@ impl Channels {
 
     /// The same fields where the last ones of another type are.
     pub fn at_end_of(&self, sum: &Channels) -> Channels {
-        let ends = sum
-            .starts
-            .iter()
-            .zip(&sum.counts)
-            .map(|(start, count)| start + count);
+        let ends = sum.starts.iter().zip(&sum.counts).map(|(start, count)| start + count);
         let starts = ends.zip(&self.counts).map(|(end, count)| end - count);
         self.clone().within(sum.dim, starts.collect())
     }
@@ -104,9 +100,7 @@ impl Channels {
 
     /// A statement for each number that a field can have.
     fn each(&self, statement: impl Fn(&str, String) -> String) -> String {
-        let lanes = LANES[self.order().ilog2() as usize]
-            .iter()
-            .zip(&self.starts);
+        let lanes = LANES[self.order().ilog2() as usize].iter().zip(&self.starts);
         let lanes = lanes.zip(&self.counts).filter(|(_, count)| **count > 0);
         let statements = lanes.map(|((lane, start), &count)| {
             let at = format!("pixel * {}u + {start}u + field", self.dim);

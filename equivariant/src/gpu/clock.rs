@@ -63,8 +63,6 @@ impl Clock {
         let ticks: Vec<u64> = device.mapped(&staged)?;
         let seconds = f64::from(device.queue.get_timestamp_period()) * 1e-9;
         let kernels = ticks.as_chunks::<2>().0.iter();
-        Ok(kernels
-            .map(|[begun, ended]| seconds * ended.saturating_sub(*begun) as f64)
-            .collect())
+        Ok(kernels.map(|[begun, ended]| seconds * ended.saturating_sub(*begun) as f64).collect())
     }
 }

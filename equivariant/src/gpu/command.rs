@@ -67,18 +67,12 @@ fn layout(device: &wgpu::Device, step: &Step) -> wgpu::BindGroupLayout {
         wgpu::BufferBindingType::Storage { read_only }
     });
     let types = std::iter::once(wgpu::BufferBindingType::Uniform).chain(storage);
-    let entries = types
-        .zip(0..)
-        .map(|(ty, binding)| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility: wgpu::ShaderStages::COMPUTE,
-            ty: wgpu::BindingType::Buffer {
-                ty,
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        });
+    let entries = types.zip(0..).map(|(ty, binding)| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    });
     let entries: Vec<_> = entries.collect();
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: Some(step.label),

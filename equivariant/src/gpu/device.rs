@@ -36,9 +36,7 @@ impl Device {
         let found = found();
         let names: Vec<String> = found.iter().map(|adapter| describe(adapter).name).collect();
         let wanted = name.unwrap_or_default().to_lowercase();
-        let index = names
-            .iter()
-            .position(|name| name.to_lowercase().contains(&wanted));
+        let index = names.iter().position(|name| name.to_lowercase().contains(&wanted));
         let adapter = index.map(|index| &found[index]);
         let adapter = adapter.ok_or_else(|| GpuError::NoAdapter {
             wanted: name.map_or("at all".to_owned(), |name| format!("named `{name}`")),
@@ -154,10 +152,7 @@ impl Device {
     }
 
     pub(crate) fn failed(&self, error: impl fmt::Display) -> GpuError {
-        GpuError::Failed {
-            adapter: self.adapter.name.clone(),
-            reason: error.to_string(),
-        }
+        GpuError::Failed { adapter: self.adapter.name.clone(), reason: error.to_string() }
     }
 }
 

@@ -47,10 +47,8 @@ impl Plan {
 
     /// A map for two readers: each sends back a gradient of its own, and they are added up.
     pub fn fork(&mut self, x: Tensor) -> [Tensor; 2] {
-        let readers = [(); 2].map(|()| Tensor {
-            gradient: x.gradient.map(|_| self.buffer(0, x.shape.len())),
-            ..x
-        });
+        let readers = [(); 2]
+            .map(|()| Tensor { gradient: x.gradient.map(|_| self.buffer(0, x.shape.len())), ..x });
         joins::fork(self, &x, &readers);
         readers
     }
@@ -80,9 +78,7 @@ fn add(
         LayerKind::FieldNorm(statistics) => field_norm::add(plan, statistics, x, y),
         LayerKind::SpatialSoftArgmax { temperature } => soft_argmax::add(plan, temperature, x, y),
         LayerKind::Sequential(_) | LayerKind::Other => {
-            return Err(GpuError::Layer {
-                layer: layer.to_string(),
-            });
+            return Err(GpuError::Layer { layer: layer.to_string() });
         }
     }
     Ok(())

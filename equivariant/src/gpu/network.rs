@@ -87,8 +87,7 @@ impl Network {
     /// When there are more or fewer than the layer's.
     pub fn set_params(&mut self, params: &[f32]) {
         self.check_len("params", params.len(), self.num_params());
-        self.program
-            .write(self.plan.params(), &self.plan.placed(params));
+        self.program.write(self.plan.params(), &self.plan.placed(params));
     }
 
     /// f(x) of N samples `[N, H, W, C]`.
@@ -135,29 +134,18 @@ impl Network {
     }
 
     fn submit(&self, passes: Passes) {
-        let batch = Batch {
-            samples: self.seen,
-            ..Batch::default()
-        };
+        let batch = Batch { samples: self.seen, ..Batch::default() };
         self.program.submit(passes, batch);
     }
 
     fn check_len(&self, slice: &str, got: usize, expected: usize) {
         let name = &self.name;
-        assert!(
-            got == expected,
-            "{name}: got {slice} of {got} values, expected {expected}"
-        );
+        assert!(got == expected, "{name}: got {slice} of {got} values, expected {expected}");
     }
 }
 
 impl fmt::Debug for Network {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "Network({} on {})",
-            self.name,
-            self.program.device().adapter().name
-        )
+        write!(f, "Network({} on {})", self.name, self.program.device().adapter().name)
     }
 }

@@ -152,19 +152,12 @@ impl Plan {
 
     /// A map without a gradient.
     pub fn input(&mut self, shape: Shape) -> Tensor {
-        Tensor {
-            shape,
-            values: self.buffer(0, shape.len()),
-            gradient: None,
-        }
+        Tensor { shape, values: self.buffer(0, shape.len()), gradient: None }
     }
 
     /// A map with its gradient.
     pub fn tensor(&mut self, shape: Shape) -> Tensor {
-        Tensor {
-            gradient: Some(self.buffer(0, shape.len())),
-            ..self.input(shape)
-        }
+        Tensor { gradient: Some(self.buffer(0, shape.len())), ..self.input(shape) }
     }
 
     /// Makes room for `len` parameters of the device, of which the processor's lie at `places`;
@@ -252,10 +245,7 @@ impl Plan {
             limit,
         };
         if largest > adapter.binding_bytes {
-            return Err(refused(
-                "bytes that a kernel sees of a buffer",
-                adapter.binding_bytes,
-            ));
+            return Err(refused("bytes that a kernel sees of a buffer", adapter.binding_bytes));
         }
         if largest > adapter.buffer_bytes {
             return Err(refused("bytes of a buffer", adapter.buffer_bytes));

@@ -106,10 +106,7 @@ impl Program {
     pub fn write_bytes(&self, slot: Slot, bytes: &[u8]) {
         let buffer = &self.buffers[slot.0];
         let (got, most) = (bytes.len() as u64, buffer.size());
-        assert!(
-            got <= most,
-            "got {got} bytes for a buffer, expected at most {most}"
-        );
+        assert!(got <= most, "got {got} bytes for a buffer, expected at most {most}");
         let (words, rest) = bytes.split_at(bytes.len() - bytes.len() % 4);
         let queue = &self.device.queue;
         queue.write_buffer(buffer, 0, words);
@@ -127,10 +124,7 @@ impl Program {
     /// For more samples than there is memory for.
     pub fn submit(&self, passes: Passes, batch: Batch) {
         let (got, most) = (batch.samples, self.samples);
-        assert!(
-            got <= most,
-            "got a batch of {got} samples, expected at most {most}"
-        );
+        assert!(got <= most, "got a batch of {got} samples, expected at most {most}");
         self.write_batch(batch);
         let mut encoder = self.encoder();
         let mut pass = encoder.begin_compute_pass(&Default::default());
@@ -218,8 +212,6 @@ impl Program {
     }
 
     fn encoder(&self) -> wgpu::CommandEncoder {
-        self.device
-            .device
-            .create_command_encoder(&Default::default())
+        self.device.device.create_command_encoder(&Default::default())
     }
 }

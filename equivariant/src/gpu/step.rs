@@ -20,42 +20,22 @@ pub(crate) const THREADS: usize = 64;
 impl Work {
     /// This many threads for each sample.
     pub fn threads(each: usize) -> Work {
-        Work {
-            each,
-            fixed: 0,
-            tile: THREADS,
-            times: 1,
-        }
+        Work { each, fixed: 0, tile: THREADS, times: 1 }
     }
 
     /// This many threads, whatever the number of samples.
     pub fn fixed_threads(fixed: usize) -> Work {
-        Work {
-            each: 0,
-            fixed,
-            tile: THREADS,
-            times: 1,
-        }
+        Work { each: 0, fixed, tile: THREADS, times: 1 }
     }
 
     /// This many groups for each sample.
     pub fn groups(each: usize) -> Work {
-        Work {
-            each,
-            fixed: 0,
-            tile: 1,
-            times: 1,
-        }
+        Work { each, fixed: 0, tile: 1, times: 1 }
     }
 
     /// This many groups, whatever the number of samples.
     pub fn fixed_groups(fixed: usize) -> Work {
-        Work {
-            each: 0,
-            fixed,
-            tile: 1,
-            times: 1,
-        }
+        Work { each: 0, fixed, tile: 1, times: 1 }
     }
 
     /// `times` groups for each tile of rows.
@@ -64,12 +44,7 @@ impl Work {
             Rows::Each(each) => (each, 0),
             Rows::Fixed(fixed) => (0, fixed),
         };
-        Work {
-            each,
-            fixed,
-            tile,
-            times,
-        }
+        Work { each, fixed, tile, times }
     }
 
     /// The number of groups.
@@ -169,9 +144,9 @@ impl Step {
 
     /// Adds constants of type u32.
     pub fn constants<const N: usize>(self, constants: [(&str, usize); N]) -> Step {
-        constants.into_iter().fold(self, |step, (name, value)| {
-            step.text(&format!("const {name} = {value}u;"))
-        })
+        constants
+            .into_iter()
+            .fold(self, |step, (name, value)| step.text(&format!("const {name} = {value}u;")))
     }
 
     /// Adds a constant of type f32, the nearest finite one.
@@ -194,11 +169,7 @@ impl Step {
         element: &'static str,
         combine: Combine,
     ) -> Step {
-        self.reductions.push(Reduction {
-            name,
-            element,
-            combine,
-        });
+        self.reductions.push(Reduction { name, element, combine });
         self
     }
 

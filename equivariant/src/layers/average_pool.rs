@@ -81,8 +81,7 @@ impl Parameterless for AveragePool {
 
 impl fmt::Display for AveragePool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.windows
-            .write_pooling(f, "AveragePool", self.shape.fields)
+        self.windows.write_pooling(f, "AveragePool", self.shape.fields)
     }
 }
 
@@ -119,10 +118,7 @@ mod tests {
         let kernel = Kernel::new(2, 2, 0);
         let shape = Shape::image(4, 5, Group::D1x.regular(1));
         let message = AveragePool::new(shape, kernel).unwrap_err().to_string();
-        assert!(
-            message.starts_with("AveragePool: D1x flips the width"),
-            "{message}"
-        );
+        assert!(message.starts_with("AveragePool: D1x flips the width"), "{message}");
         assert!(message.contains("(5 + 2 * 0 - 2) mod 2 = 1"), "{message}");
     }
 }

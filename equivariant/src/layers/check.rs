@@ -20,18 +20,11 @@ pub struct Example<T> {
 
 impl<T: Scalar> Example<T> {
     pub(crate) fn exact(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
-        Example {
-            name,
-            exact: true,
-            layer: Box::new(layer),
-        }
+        Example { name, exact: true, layer: Box::new(layer) }
     }
 
     pub(crate) fn rounded(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
-        Example {
-            exact: false,
-            ..Example::exact(name, layer)
-        }
+        Example { exact: false, ..Example::exact(name, layer) }
     }
 }
 

@@ -29,20 +29,13 @@ impl Concat {
         LayerError::check_groups("Concat", first.fields, second.fields)?;
         let sizes = [first, second].map(|shape| [shape.height, shape.width]);
         if sizes[0] != sizes[1] {
-            return Err(LayerError::Sizes {
-                layer: "Concat",
-                first: sizes[0],
-                second: sizes[1],
-            });
+            return Err(LayerError::Sizes { layer: "Concat", first: sizes[0], second: sizes[1] });
         }
         LayerError::check_map("Concat", first, 0)?;
         LayerError::check_map("Concat", second, 0)?;
         let dim = first.fields.dim() + second.fields.dim();
         LayerError::check_channels("Concat", dim)?;
-        let sum = Shape {
-            fields: first.fields + second.fields,
-            ..first
-        };
+        let sum = Shape { fields: first.fields + second.fields, ..first };
         LayerError::check_map("Concat", sum, 0)?;
         Ok(Concat { first, second, sum })
     }
@@ -139,10 +132,7 @@ mod tests {
         let b = Shape::vector(FieldType::new(Group::D2, [1, 1, 1, 0]));
         let concat = Concat::new(a, b).unwrap();
         assert_eq!(concat.out_shape().fields.to_string(), "2 1 + 1 x + 3 y");
-        let (x, y) = (
-            [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
-            [10.0, 20.0, 30.0, 40.0, 50.0, 60.0],
-        );
+        let (x, y) = ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [10.0, 20.0, 30.0, 40.0, 50.0, 60.0]);
         let mut sum = [0.0; 12];
         concat.forward(&x, &y, &mut sum);
         assert_eq!(sum[..6], [1.0, 10.0, 20.0, 2.0, 3.0, 30.0]);
@@ -156,14 +146,8 @@ mod tests {
         let shape = |height, group: Group| Shape::image(height, 3, group.regular(1));
         let refused = |a, b| Concat::new(a, b).unwrap_err().to_string();
         let sizes = refused(shape(2, Group::D2), shape(3, Group::D2));
-        assert!(
-            sizes.contains("got maps of 2 x 3 and 3 x 3 pixels"),
-            "{sizes}"
-        );
+        assert!(sizes.contains("got maps of 2 x 3 and 3 x 3 pixels"), "{sizes}");
         let groups = refused(shape(2, Group::D2), shape(2, Group::C2));
-        assert!(
-            groups.contains("`1 reg` of D2 and `C2: 1 reg` of C2"),
-            "{groups}"
-        );
+        assert!(groups.contains("`1 reg` of D2 and `C2: 1 reg` of C2"), "{groups}");
     }
 }

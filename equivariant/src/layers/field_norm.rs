@@ -76,12 +76,7 @@ impl FieldNorm {
             Some(fields) => (shape.fields.group().order(), fields),
             None => (1, shape.fields.dim()),
         };
-        let norm = FieldNorm {
-            shape,
-            order,
-            fields,
-            statistics,
-        };
+        let norm = FieldNorm { shape, order, fields, statistics };
         norm.check_statistics()?;
         Ok(norm)
     }
@@ -148,13 +143,8 @@ impl FieldNorm {
                 *sum += v.to_f64();
             }
         }
-        let means: [f64; BLOCK] = from_fn(|j| {
-            if self.centred(first + j) {
-                means[j] / pixels
-            } else {
-                0.0
-            }
-        });
+        let means: [f64; BLOCK] =
+            from_fn(|j| if self.centred(first + j) { means[j] / pixels } else { 0.0 });
         let mut squares = [0.0; BLOCK];
         for pixel in self.pixels(x) {
             for (a, channels) in self.channels(first) {
@@ -263,11 +253,7 @@ impl FieldNorm {
         let pixels = self.pixels(x).len() as f64;
         from_fn(|j| {
             let [scaled, shifted] = sums[j];
-            let shifted = if self.centred(first + j) {
-                shifted
-            } else {
-                0.0
-            };
+            let shifted = if self.centred(first + j) { shifted } else { 0.0 };
             [scaled / (pixels * self.order as f64), shifted / pixels].map(T::from_f64)
         })
     }

@@ -34,10 +34,7 @@ impl RegularMaps {
     /// Maps with a trivial channel for each field.
     fn pooled(&self) -> Shape {
         let fields = self.shape.fields.group().trivial(self.fields);
-        Shape {
-            fields,
-            ..self.shape
-        }
+        Shape { fields, ..self.shape }
     }
 }
 
@@ -225,10 +222,7 @@ mod tests {
     fn trivial_channels_are_refused() {
         let shape = Shape::vector(Group::D2.trivial(4));
         let message = GroupMaxPool::new(shape).unwrap_err().to_string();
-        assert!(
-            message.contains("got the type `4 1`, expected regular"),
-            "{message}"
-        );
+        assert!(message.contains("got the type `4 1`, expected regular"), "{message}");
     }
 
     #[test]

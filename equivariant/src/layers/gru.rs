@@ -131,8 +131,7 @@ impl Gru {
         let gates = 3 * self.width();
         let rows = x.len() / self.in_type().dim();
         pass.row_gates.resize(rows * gates, T::ZERO);
-        self.input
-            .forward(input, x, &mut pass.row_gates, &mut pass.scratch);
+        self.input.forward(input, x, &mut pass.row_gates, &mut pass.scratch);
         self.change_basis(3, &mut pass.row_gates);
         pass.spread_rows(gates);
         pass.holds_values = true;
@@ -179,8 +178,7 @@ impl Gru {
         let (input, gates) = (&params[..at], &pass.row_gates[..]);
         // the values of the output are not looked at
         let scratch = &mut pass.scratch;
-        self.input
-            .backward(input, x, gates, gates, dx, d_input, scratch);
+        self.input.backward(input, x, gates, gates, dx, d_input, scratch);
     }
 
     /// H, the channels of the state.
@@ -222,10 +220,7 @@ impl Gru {
         pass.reads.clear();
         for (at, &row) in reads.iter().enumerate() {
             let counts = at / samples >= pass.begins[at % samples];
-            assert!(
-                row < rows || !counts,
-                "{self}: got row {row} to read, expected one of {rows}"
-            );
+            assert!(row < rows || !counts, "{self}: got row {row} to read, expected one of {rows}");
             pass.reads.push(counts.then_some(row));
         }
     }
@@ -236,17 +231,12 @@ impl Gru {
         let (before, after) = pass.states[rows.start..].split_at_mut(rows.len());
         let from_state = &mut pass.from_state[..3 * rows.len()];
         let coefficients = &pass.coefficients[rows.clone()];
-        self.hidden
-            .forward(hidden, coefficients, from_state, &mut pass.scratch);
+        self.hidden.forward(hidden, coefficients, from_state, &mut pass.scratch);
         self.change_basis(3, from_state);
-        let samples = after
-            .chunks_exact_mut(width)
-            .zip(before.chunks_exact(width));
+        let samples = after.chunks_exact_mut(width).zip(before.chunks_exact(width));
         let gates = pass.gates[3 * rows.start..3 * rows.end].chunks_exact_mut(3 * width);
         let candidates = pass.candidates[rows.clone()].chunks_exact_mut(width);
-        let parts = gates
-            .zip(from_state.chunks_exact(3 * width))
-            .zip(candidates);
+        let parts = gates.zip(from_state.chunks_exact(3 * width)).zip(candidates);
         for (((after, before), ((gates, from_state), candidate)), &begin) in
             samples.zip(parts).zip(&pass.begins)
         {
@@ -367,10 +357,7 @@ impl Gru {
     }
 
     fn check(&self, name: &str, got: usize, expected: usize) {
-        assert!(
-            got == expected,
-            "{self}: got {name} of {got} values, expected {expected}"
-        );
+        assert!(got == expected, "{self}: got {name} of {got} values, expected {expected}");
     }
 }
 

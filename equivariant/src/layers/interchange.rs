@@ -108,21 +108,14 @@ pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, 
     let header = SafeTensors::read_metadata(&bytes);
     let (_, header) = header.map_err(|source| format_error(path, source))?;
     let lines = header.metadata().as_ref().and_then(|m| m.get(METADATA));
-    let lines = lines.ok_or_else(|| InterchangeError::Metadata {
-        path: path.to_owned(),
-    })?;
+    let lines = lines.ok_or_else(|| InterchangeError::Metadata { path: path.to_owned() })?;
     let layers = leaves(layer);
     compare(path, lines, &layers)?;
     let file = SafeTensors::deserialize(&bytes).map_err(|source| format_error(path, source))?;
     let mut params = Vec::with_capacity(layer.num_params());
     for (i, layer) in layers.iter().enumerate() {
         if layer.num_params() > 0 {
-            params.extend(read(
-                path,
-                &file,
-                format!("{i}.params"),
-                layer.num_params(),
-            )?);
+            params.extend(read(path, &file, format!("{i}.params"), layer.num_params())?);
         }
     }
     Ok(params)
@@ -189,10 +182,7 @@ fn read(
     match found {
         Some(tensor) if fits(&tensor) => {
             let (values, _) = tensor.data().as_chunks();
-            Ok(values
-                .iter()
-                .map(|&bytes| f32::from_le_bytes(bytes))
-                .collect())
+            Ok(values.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect())
         }
         found => Err(InterchangeError::Tensor {
             path: path.to_owned(),

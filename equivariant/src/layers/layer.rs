@@ -155,10 +155,7 @@ pub trait Layer<T: Scalar>: Signature {
     /// # Panics
     /// For more than 2^31 samples.
     fn scratch(&self, samples: usize) -> Scratch<T> {
-        assert!(
-            samples <= LARGEST,
-            "{self}: got {samples} samples, expected at most {LARGEST}"
-        );
+        assert!(samples <= LARGEST, "{self}: got {samples} samples, expected at most {LARGEST}");
         Scratch::filled(self.scratch_len(samples), T::ZERO)
     }
 
@@ -320,10 +317,7 @@ pub(crate) fn check_backward(
 ) {
     check_forward(layer, samples, [params, y]);
     let out_len = samples * layer.out_shape().len();
-    let slices = [
-        ("dy", dy, out_len),
-        ("dparams", dparams, layer.num_params()),
-    ];
+    let slices = [("dy", dy, out_len), ("dparams", dparams, layer.num_params())];
     check(layer, slices);
 }
 

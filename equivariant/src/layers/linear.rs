@@ -37,16 +37,9 @@ impl Linear {
         LayerError::check_map(layer, Shape::vector(in_type), 0)?;
         LayerError::check_map(layer, Shape::vector(out_type), 0)?;
         let weights = product([in_type.dim(), out_type.dim()]);
-        weights.ok_or(LayerError::TooLarge {
-            layer,
-            what: "a matrix",
-        })?;
+        weights.ok_or(LayerError::TooLarge { layer, what: "a matrix" })?;
         let cols = Irrep::ALL.map(|b| in_type.multiplicity(b));
-        Ok(Linear {
-            in_type,
-            out_type,
-            blocks: Blocks::new(cols, out_type),
-        })
+        Ok(Linear { in_type, out_type, blocks: Blocks::new(cols, out_type) })
     }
 
     /// The layer as an ordinary convolution of one tap.

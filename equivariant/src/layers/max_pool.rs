@@ -65,10 +65,7 @@ impl MaxPool {
     fn route<T: Scalar>(&self, regular: &[T], index: usize, y: &[T], dy: &mut [T], dx: &mut [T]) {
         let dim = y.len();
         for pixel in self.windows.pixels(index) {
-            let (x, dx) = (
-                &regular[pixel * dim..][..dim],
-                &mut dx[pixel * dim..][..dim],
-            );
+            let (x, dx) = (&regular[pixel * dim..][..dim], &mut dx[pixel * dim..][..dim]);
             for c in 0..dim {
                 let hit = x[c] == y[c];
                 dx[c] += if hit { dy[c] } else { T::ZERO };
@@ -193,9 +190,6 @@ mod tests {
         let shape = Shape::image(2, 2, "1 x".parse().unwrap());
         let kernel = Kernel::new(2, 2, 0);
         let message = MaxPool::new(shape, kernel).unwrap_err().to_string();
-        assert!(
-            message.starts_with("MaxPool: got the type `1 x`"),
-            "{message}"
-        );
+        assert!(message.starts_with("MaxPool: got the type `1 x`"), "{message}");
     }
 }

@@ -54,11 +54,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
             samples: x.len() / self.image().len(),
             params,
             x: Input::Channels(x),
-            to: Output {
-                lines: 0..self.out.height,
-                y: MapsMut::Channels(y),
-                masks: None,
-            },
+            to: Output { lines: 0..self.out.height, y: MapsMut::Channels(y), masks: None },
             scratch,
         };
         pass.run_on_threads();
@@ -83,10 +79,7 @@ impl fmt::Display for R2Conv {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (from, to, window) = (self.image(), self.out, self.patches.kernel());
         let parameters = self.blocks.num_params();
-        write!(
-            f,
-            "R2Conv({from} -> {to}, {window} | {parameters} parameters)"
-        )
+        write!(f, "R2Conv({from} -> {to}, {window} | {parameters} parameters)")
     }
 }
 

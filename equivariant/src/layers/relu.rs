@@ -29,11 +29,7 @@ impl Relu {
     /// When the map is empty or its type is neither regular fields only nor trivial channels only.
     pub fn new(shape: Shape) -> Result<Relu, LayerError> {
         let (order, fields) = permuted_fields("Relu", shape)?;
-        Ok(Relu {
-            shape,
-            order,
-            fields,
-        })
+        Ok(Relu { shape, order, fields })
     }
 }
 
@@ -57,10 +53,7 @@ impl Parameterless for Relu {
     }
 
     fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
-        with_order!(
-            G = self.order,
-            backward_fields::<T, G>(self.fields, x, dy, dx)
-        );
+        with_order!(G = self.order, backward_fields::<T, G>(self.fields, x, dy, dx));
     }
 }
 
@@ -175,9 +168,6 @@ mod tests {
     fn odd_irreps_alone_are_refused() {
         let shape = Shape::vector(FieldType::new(Group::D2, [2, 1, 1, 0]));
         let message = Relu::new(shape).unwrap_err().to_string();
-        assert!(
-            message.contains("got the type `2 1 + 1 x + 1 y`"),
-            "{message}"
-        );
+        assert!(message.contains("got the type `2 1 + 1 x + 1 y`"), "{message}");
     }
 }

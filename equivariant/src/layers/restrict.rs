@@ -50,11 +50,7 @@ impl Restrict {
             Some(fields) => of_regular_fields(shape.fields, fields, group),
             None => sorted(shape.fields, group),
         };
-        Ok(Restrict {
-            shape,
-            group,
-            blocks,
-        })
+        Ok(Restrict { shape, group, blocks })
     }
 }
 
@@ -77,11 +73,7 @@ fn sorted(fields: FieldType, group: Group) -> Vec<Block> {
     let blocks = sources.map(|(_, from)| {
         let start = to;
         to += from.len();
-        Block {
-            to: start,
-            from,
-            scale: 1.0,
-        }
+        Block { to: start, from, scale: 1.0 }
     });
     blocks.collect()
 }
@@ -122,10 +114,7 @@ impl Signature for Restrict {
 
     fn out_shape(&self) -> Shape {
         let fields = self.shape.fields.restrict(self.group);
-        Shape {
-            fields,
-            ..self.shape
-        }
+        Shape { fields, ..self.shape }
     }
 }
 
@@ -221,10 +210,7 @@ mod tests {
         let x: Vec<f64> = (0..shape.len()).map(|i| (i as f64).cos()).collect();
         let restrict = Restrict::new(shape, Group::C2).unwrap();
         let before = run(&restrict, &run(&Relu::new(shape).unwrap(), &x));
-        let behind = run(
-            &Relu::new(restrict.out_shape()).unwrap(),
-            &run(&restrict, &x),
-        );
+        let behind = run(&Relu::new(restrict.out_shape()).unwrap(), &run(&restrict, &x));
         let pairs = before.iter().zip(&behind);
         assert!(pairs.clone().all(|(a, b)| (a - b).abs() < 1e-15));
         assert!(before != run(&restrict, &x));

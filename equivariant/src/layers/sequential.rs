@@ -79,11 +79,7 @@ impl<T: Scalar> Sequential<T> {
         for (previous, pair) in layers.windows(2).enumerate() {
             let (gives, takes) = (pair[0].out_shape(), pair[1].in_shape());
             if gives != takes {
-                return Err(LayerError::Mismatch {
-                    index: previous + 1,
-                    takes,
-                    gives,
-                });
+                return Err(LayerError::Mismatch { index: previous + 1, takes, gives });
             }
         }
         let mut end = 0;
@@ -232,11 +228,7 @@ impl<T: Scalar> Sequential<T> {
                 params: &pass.params[range.clone()],
                 x: input,
                 y: output,
-                dy: if i + 1 == self.stages.len() {
-                    pass.dy
-                } else {
-                    &output_gradient[..out_len]
-                },
+                dy: if i + 1 == self.stages.len() { pass.dy } else { &output_gradient[..out_len] },
                 dx,
                 dparams: &mut pass.dparams[range],
                 scratch: if layer.keeps_scratch() {

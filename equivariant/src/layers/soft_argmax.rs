@@ -51,12 +51,7 @@ impl SpatialSoftArgmax {
                 expected: "a number above 0 that is finite in single precision, as is its reciprocal",
             });
         }
-        Ok(SpatialSoftArgmax {
-            shape,
-            order,
-            fields,
-            temperature,
-        })
+        Ok(SpatialSoftArgmax { shape, order, fields, temperature })
     }
 
     fn out_type(&self) -> FieldType {
@@ -71,10 +66,7 @@ impl SpatialSoftArgmax {
     fn position<T: Scalar>(&self, pixel: usize) -> [T; 2] {
         let Shape { height, width, .. } = self.shape;
         let centred = |at: usize, size: usize| (2.0 * at as f64 + 1.0 - size as f64) / size as f64;
-        [
-            T::from_f64(centred(pixel % width, width)),
-            T::from_f64(-centred(pixel / width, height)),
-        ]
+        [T::from_f64(centred(pixel % width, width)), T::from_f64(-centred(pixel / width, height))]
     }
 
     /// Place in the output of a coordinate of a channel of the regular basis, and its sign there.
@@ -84,11 +76,7 @@ impl SpatialSoftArgmax {
         if self.order == 1 {
             let range = self.out_type().range(group.restrict(irrep));
             // x and y are one irrep to C1 and C2, and x comes first there
-            let place = if coordinate == 0 {
-                range.start
-            } else {
-                range.end - n
-            };
+            let place = if coordinate == 0 { range.start } else { range.end - n };
             return (place + channel, 1);
         }
         let (element, field) = (channel / n, channel % n);
@@ -112,11 +100,7 @@ impl SpatialSoftArgmax {
         let dim = self.shape.fields.dim();
         for (i, keypoint) in keypoints[..2 * dim].iter_mut().enumerate() {
             let (place, sign) = self.target(i % dim, i / dim);
-            *keypoint = if sign < 0 {
-                -spare[place]
-            } else {
-                spare[place]
-            };
+            *keypoint = if sign < 0 { -spare[place] } else { spare[place] };
         }
     }
 
@@ -208,9 +192,7 @@ impl Signature for SpatialSoftArgmax {
 
 impl Parameterless for SpatialSoftArgmax {
     fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
-        LayerKind::SpatialSoftArgmax {
-            temperature: self.temperature,
-        }
+        LayerKind::SpatialSoftArgmax { temperature: self.temperature }
     }
 
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]) {
@@ -250,10 +232,7 @@ impl Parameterless for SpatialSoftArgmax {
 impl fmt::Display for SpatialSoftArgmax {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (from, to, temperature) = (self.shape, self.out_type(), self.temperature);
-        write!(
-            f,
-            "SpatialSoftArgmax({from} -> {to}, temperature {temperature})"
-        )
+        write!(f, "SpatialSoftArgmax({from} -> {to}, temperature {temperature})")
     }
 }
 

@@ -50,12 +50,8 @@ impl<T: Scalar> Sum<T> {
     }
 
     fn of(branches: Vec<Box<dyn Layer<T>>>, residual: bool) -> Result<Sum<T>, LayerError> {
-        let refused = |setting, got, expected| LayerError::Setting {
-            layer: "Sum",
-            setting,
-            got,
-            expected,
-        };
+        let refused =
+            |setting, got, expected| LayerError::Setting { layer: "Sum", setting, got, expected };
         let Some(first) = branches.first() else {
             return Err(refused("number of branches", "0".to_owned(), "at least 1"));
         };
@@ -78,12 +74,7 @@ impl<T: Scalar> Sum<T> {
         });
         let params = params.collect();
         let printed: Vec<String> = branches.iter().map(|branch| branch.to_string()).collect();
-        Ok(Sum {
-            params,
-            residual,
-            scratch_key: hash_of(("Sum", residual, printed)),
-            branches,
-        })
+        Ok(Sum { params, residual, scratch_key: hash_of(("Sum", residual, printed)), branches })
     }
 
     fn branches(&self) -> impl Iterator<Item = (&dyn Layer<T>, Range<usize>)> {
@@ -253,9 +244,7 @@ mod tests {
     #[test]
     fn branches_of_other_shapes_are_refused_by_name() {
         let [one, two] = [1, 2].map(|n| Group::D2.trivial(n));
-        let message = Sum::new(vec![relu(one), relu(two)])
-            .unwrap_err()
-            .to_string();
+        let message = Sum::new(vec![relu(one), relu(two)]).unwrap_err().to_string();
         let expected = "Sum: got the branch Relu(1 x 1 x (2 1)), expected one between";
         assert!(message.starts_with(expected), "{message}");
         let widens = Box::new(Linear::new(one, two).unwrap());

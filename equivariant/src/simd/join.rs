@@ -20,10 +20,7 @@ impl Join {
             let range = fields.range(irrep);
             *part = (range.start, range.len());
         }
-        Join {
-            regular: fields.regular_fields(),
-            parts,
-        }
+        Join { regular: fields.regular_fields(), parts }
     }
 
     /// Writes the channels of a pixel, scaled, into the groups; lanes without a channel stay as

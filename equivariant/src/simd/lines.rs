@@ -35,13 +35,7 @@ pub(crate) struct Lines {
 
 impl Lines {
     pub fn new(image: Shape, kernel: Kernel, out_height: usize, len: usize) -> Lines {
-        Lines {
-            image,
-            channels: image.fields.dim(),
-            kernel,
-            out_height,
-            len,
-        }
+        Lines { image, channels: image.fields.dim(), kernel, out_height, len }
     }
 
     /// Lines of one line of windows.
@@ -269,9 +263,7 @@ impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
 
     #[inline(always)]
     fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
-        let Columns {
-            lanes, width, step, ..
-        } = *self;
+        let Columns { lanes, width, step, .. } = *self;
         let rows = self.dy.len() / width;
         let mut dy = [&self.dy[..rows]; V];
         for v in 0..V {

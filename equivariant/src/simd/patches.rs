@@ -181,15 +181,8 @@ impl Patches {
         let Some(orbit) = self.orbits.iter().find(|o| o.start == start) else {
             unreachable!("every function starts with the first tap of an orbit")
         };
-        let fold = orbit
-            .parities
-            .iter()
-            .position(|&p| group.irreps()[p] == parity);
-        let skipped = if self.replicated {
-            0
-        } else {
-            fold.unwrap_or(0)
-        };
+        let fold = orbit.parities.iter().position(|&p| group.irreps()[p] == parity);
+        let skipped = if self.replicated { 0 } else { fold.unwrap_or(0) };
         (orbit.first + skipped * self.blocks) * per_block
     }
 

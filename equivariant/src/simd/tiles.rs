@@ -124,13 +124,7 @@ pub(crate) fn weights<T: Real, L: Lanes<T>, const G: usize>(
     dw: &mut [Block<T>],
     step: usize,
 ) {
-    let tile = GradientTile {
-        x,
-        dy,
-        rows,
-        step,
-        width: dy.len() / rows,
-    };
+    let tile = GradientTile { x, dy, rows, step, width: dy.len() / rows };
     let mut first = 0;
     while first < tile.width {
         let wide = L::REGISTERS >= 32;
@@ -191,9 +185,7 @@ impl<T: Real> GradientTile<'_, T> {
         first: usize,
         dw: &mut [Block<T>],
     ) {
-        let GradientTile {
-            rows, width, step, ..
-        } = self;
+        let GradientTile { rows, width, step, .. } = self;
         let (mut x, mut dy) = ([&self.x[..rows]; B], [&self.dy[..rows]; V]);
         for b in 0..B {
             x[b] = &self.x[(block + b) * rows..][..rows];

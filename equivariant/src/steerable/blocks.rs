@@ -34,10 +34,7 @@ impl Blocks {
 
     /// Range of the weights of a block among the parameters.
     pub fn weights(&self, b: Irrep) -> Range<usize> {
-        let start = Irrep::ALL[..b.index()]
-            .iter()
-            .map(|&a| self.block_len(a))
-            .sum();
+        let start = Irrep::ALL[..b.index()].iter().map(|&a| self.block_len(a)).sum();
         start..start + self.block_len(b)
     }
 
@@ -51,11 +48,7 @@ impl Blocks {
     }
 
     pub fn init<T: Real>(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
-        assert_eq!(
-            params.len(),
-            self.num_params(),
-            "wrong number of parameters"
-        );
+        assert_eq!(params.len(), self.num_params(), "wrong number of parameters");
         for b in Irrep::ALL {
             let std = gain / (self.cols(b).max(1) as f64).sqrt();
             fill_normal(rng, std, &mut params[self.weights(b)]);
@@ -132,10 +125,7 @@ impl Blocks {
     }
 
     fn output<'a, T>(&self, b: Irrep, dy: &'a [T]) -> Columns<'a, T> {
-        Columns {
-            data: &dy[self.out.range(b).start..],
-            stride: self.out.dim(),
-        }
+        Columns { data: &dy[self.out.range(b).start..], stride: self.out.dim() }
     }
 }
 

@@ -128,10 +128,7 @@ impl Dense<'_> {
         let projected = self.kernel(&params);
         let pairs = kernel.iter().zip(&projected);
         let rest: f64 = pairs.map(|(a, b)| square(a.to_f64() - b.to_f64())).sum();
-        Projection {
-            params,
-            residual: (rest / total.max(f64::MIN_POSITIVE)).sqrt(),
-        }
+        Projection { params, residual: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
     }
 
     /// The steerable kernel that is closest to a dense one in the regular basis.
@@ -156,11 +153,7 @@ impl Dense<'_> {
     fn check<T>(&self, params: &[T]) {
         let expected = self.blocks.num_params();
         let got = params.len();
-        assert!(
-            got == expected,
-            "{}: got {got} parameters, expected {expected}",
-            self.name
-        );
+        assert!(got == expected, "{}: got {got} parameters, expected {expected}", self.name);
     }
 
     /// Calls `f(parameter, kernel entry, coefficient)` for every entry that a basis kernel is not

@@ -81,10 +81,7 @@ pub(crate) fn transform_pixels<T: Real>(order: usize, n: usize, pixels: &mut [T]
     }
 }
 
-#[expect(
-    clippy::needless_range_loop,
-    reason = "f indexes every part of a pixel"
-)]
+#[expect(clippy::needless_range_loop, reason = "f indexes every part of a pixel")]
 fn transform_each<T: Real, const G: usize>(n: usize, pixels: &mut [T]) {
     for pixel in pixels.chunks_exact_mut((G * n).max(1)) {
         let parts = parts_mut::<T, G>(pixel, n);

@@ -36,11 +36,7 @@ impl Taps {
         let functions = group.irreps().iter().flat_map(|&parity| {
             (0..size * size).filter_map(move |t| folded(group, size, parity, [t / size, t % size]))
         });
-        Taps {
-            in_type,
-            size,
-            functions: functions.collect(),
-        }
+        Taps { in_type, size, functions: functions.collect() }
     }
 
     pub fn in_type(&self) -> FieldType {
@@ -64,18 +60,12 @@ impl Taps {
     /// The first column, in the matrix of output irrep b, of the channels of a function.
     pub fn column(&self, b: Irrep, function: usize) -> usize {
         let before = self.functions[..function].iter();
-        before
-            .map(|f| self.in_type.multiplicity(self.input(b, f.parity)))
-            .sum()
+        before.map(|f| self.in_type.multiplicity(self.input(b, f.parity))).sum()
     }
 
     /// The number of columns of the matrix of output irrep b; 0 unless b is an irrep of the group.
     pub fn cols(&self, b: Irrep) -> usize {
-        if self.in_type.group().restrict(b) == b {
-            self.column(b, self.functions.len())
-        } else {
-            0
-        }
+        if self.in_type.group().restrict(b) == b { self.column(b, self.functions.len()) } else { 0 }
     }
 }
 

@@ -26,18 +26,11 @@ impl Windows {
         in_size: [usize; 2],
     ) -> Result<Windows, LayerError> {
         let [height, width] = in_size;
-        let axes = [
-            ("height", height, group.flips_y()),
-            ("width", width, group.flips_x()),
-        ];
+        let axes = [("height", height, group.flips_y()), ("width", width, group.flips_x())];
         let [rows, columns] = axes.map(|(axis, size, flipped)| {
             along(layer, kernel, (axis, size), flipped.then_some(group))
         });
-        Ok(Windows {
-            kernel,
-            in_size,
-            out_size: [rows?, columns?],
-        })
+        Ok(Windows { kernel, in_size, out_size: [rows?, columns?] })
     }
 
     /// The windows of a pooling, which must not lie in the padding altogether.
@@ -50,11 +43,7 @@ impl Windows {
         let in_size = [shape.height, shape.width];
         let windows = Windows::new(layer, shape.fields.group(), kernel, in_size)?;
         if kernel.padding > kernel.size / 2 {
-            return Err(LayerError::Padding {
-                layer,
-                padding: kernel.padding,
-                size: kernel.size,
-            });
+            return Err(LayerError::Padding { layer, padding: kernel.padding, size: kernel.size });
         }
         Ok(windows)
     }
@@ -82,18 +71,11 @@ impl Windows {
         let [_, out_width] = self.out_size;
         let [height, width] = self.in_size;
         let along = |at: usize, size: usize| {
-            let Kernel {
-                size: window,
-                stride,
-                padding,
-            } = self.kernel;
+            let Kernel { size: window, stride, padding } = self.kernel;
             let start = at * stride;
             start.saturating_sub(padding)..(start + window - padding).min(size)
         };
-        let (rows, cols) = (
-            along(index / out_width, height),
-            along(index % out_width, width),
-        );
+        let (rows, cols) = (along(index / out_width, height), along(index % out_width, width));
         rows.flat_map(move |row| cols.clone().map(move |col| row * width + col))
     }
 }
@@ -109,23 +91,13 @@ fn along(
     let padded = padding.and_then(|padding| padding.checked_add(size));
     let room = padded.and_then(|padded| padded.checked_sub(kernel.size));
     let (Some(room), 1.., 1..) = (room, kernel.size, kernel.stride) else {
-        return Err(LayerError::Window {
-            layer,
-            axis,
-            size,
-            kernel,
-        });
+        return Err(LayerError::Window { layer, axis, size, kernel });
     };
     let remainder = room % kernel.stride;
     match flipped {
-        Some(group) if remainder != 0 => Err(LayerError::Inexact {
-            layer,
-            group,
-            axis,
-            size,
-            kernel,
-            remainder,
-        }),
+        Some(group) if remainder != 0 => {
+            Err(LayerError::Inexact { layer, group, axis, size, kernel, remainder })
+        }
         _ => Ok(room / kernel.stride + 1),
     }
 }
@@ -141,23 +113,15 @@ mod tests {
     fn windows(group: Group, window: [usize; 3], image: [usize; 2]) -> Result<[usize; 2], String> {
         let [size, stride, padding] = window;
         let windows = Windows::new("R2Conv", group, Kernel::new(size, stride, padding), image);
-        windows
-            .map(|windows| windows.out_size)
-            .map_err(|error| error.to_string())
+        windows.map(|windows| windows.out_size).map_err(|error| error.to_string())
     }
 
     #[test]
     fn an_inexact_window_is_refused_with_its_numbers() {
         assert_eq!(windows(Group::D2, [3, 2, 1], [5, 7]), Ok([3, 4]));
         let message = windows(Group::C2, [3, 2, 1], [5, 48]).unwrap_err();
-        assert!(
-            message.starts_with("R2Conv: C2 flips the width"),
-            "{message}"
-        );
-        assert!(
-            message.contains("got (48 + 2 * 1 - 3) mod 2 = 1, expected 0"),
-            "{message}"
-        );
+        assert!(message.starts_with("R2Conv: C2 flips the width"), "{message}");
+        assert!(message.contains("got (48 + 2 * 1 - 3) mod 2 = 1, expected 0"), "{message}");
     }
 
     #[test]
@@ -188,10 +152,7 @@ mod tests {
         // 5 + 2 * padding is 5 in arithmetic that wraps
         let padding = usize::MAX / 2 + 1;
         let message = windows(Group::C1, [3, 1, padding], [5, 7]).unwrap_err();
-        assert!(
-            message.contains(&format!("padding {padding} on the height of 5")),
-            "{message}"
-        );
+        assert!(message.contains(&format!("padding {padding} on the height of 5")), "{message}");
         let refused = Windows::of_pooling("MaxPool", image(5, 7), Kernel::new(3, 1, padding));
         assert!(refused.is_err());
     }

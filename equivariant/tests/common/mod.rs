@@ -97,11 +97,7 @@ fn nested<T: Scalar>(group: Group) -> Sequential<T> {
         boxed(Relu::new(Shape::vector(regular))),
         boxed(Linear::new(regular, hidden(group))),
     ];
-    Sequential::new(vec![
-        boxed(Ok(network::<T>(group))),
-        boxed(Sequential::new(head)),
-    ])
-    .unwrap()
+    Sequential::new(vec![boxed(Ok(network::<T>(group))), boxed(Sequential::new(head))]).unwrap()
 }
 
 pub fn rng(seed: u64) -> ChaCha8Rng {
@@ -121,10 +117,7 @@ pub fn normal<T: Scalar>(len: usize, seed: u64) -> Vec<T> {
 /// Parameters with biases that are not zero.
 pub fn params<T: Scalar>(layer: &dyn Layer<T>, seed: u64) -> Vec<T> {
     let scale = T::from_f64(0.4);
-    normal(layer.num_params(), seed)
-        .into_iter()
-        .map(|p: T| p * scale)
-        .collect()
+    normal(layer.num_params(), seed).into_iter().map(|p: T| p * scale).collect()
 }
 
 /// Memory for the passes, full of NaN: layers must not read what they did not write.

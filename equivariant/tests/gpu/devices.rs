@@ -15,10 +15,7 @@ fn adapters_are_listed_with_their_limits() {
         assert_eq!(adapter.backend, "vulkan");
         assert!(adapter.binding_bytes >= 1 << 27 && adapter.group_threads >= 64);
         let line = adapter.to_string();
-        assert!(
-            line.contains(&adapter.name) && line.contains("MiB a binding"),
-            "{line}"
-        );
+        assert!(line.contains(&adapter.name) && line.contains("MiB a binding"), "{line}");
     }
     let device = Device::open(None).unwrap();
     assert_eq!(device.adapter(), &adapters[0]);
@@ -28,10 +25,7 @@ fn adapters_are_listed_with_their_limits() {
 fn an_adapter_that_is_not_there_is_refused_with_those_that_are() {
     let error = Device::open(Some("abacus")).unwrap_err();
     let message = error.to_string();
-    assert!(
-        message.contains("got no adapter named `abacus`"),
-        "{message}"
-    );
+    assert!(message.contains("got no adapter named `abacus`"), "{message}");
     assert!(message.contains(&adapters()[0].name), "{message}");
 }
 
@@ -63,10 +57,7 @@ fn a_lost_device_is_an_error() {
     assert!(lost(Network::new(&device, &relu(), 1).unwrap_err()));
     // another one is not concerned
     let other = Device::open(None).unwrap();
-    Network::new(&other, &relu(), 1)
-        .unwrap()
-        .forward(&x)
-        .unwrap();
+    Network::new(&other, &relu(), 1).unwrap().forward(&x).unwrap();
 }
 
 /// A layer of somebody else.
@@ -104,12 +95,7 @@ impl<T: Scalar> Layer<T> for Foreign {
 fn a_layer_of_another_crate_is_refused_by_name() {
     let device = Device::open(None).unwrap();
     let error = Network::new(&device, &Foreign, 1).unwrap_err();
-    assert_eq!(
-        error,
-        GpuError::Layer {
-            layer: "Foreign".to_owned()
-        }
-    );
+    assert_eq!(error, GpuError::Layer { layer: "Foreign".to_owned() });
 }
 
 #[test]

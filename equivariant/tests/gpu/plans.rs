@@ -9,10 +9,7 @@ use crate::device;
 const SAMPLES: usize = 3;
 
 fn batch() -> Batch {
-    Batch {
-        samples: SAMPLES,
-        ..Batch::default()
-    }
+    Batch { samples: SAMPLES, ..Batch::default() }
 }
 
 #[test]
@@ -85,12 +82,7 @@ fn a_kernel_of_somebody_else_sees_the_batch() {
     let program = Program::new(device(), &plan, 100).unwrap();
     for (samples, start) in [(100, 7), (70, 20)] {
         let numbers = [0.0, 0.0, 0.0, 0.5];
-        let batch = Batch {
-            samples,
-            start,
-            numbers,
-            ..Batch::default()
-        };
+        let batch = Batch { samples, start, numbers, ..Batch::default() };
         program.submit(Passes::Backward, batch);
     }
     let [y] = program.read([(y.values, 100)]).unwrap();

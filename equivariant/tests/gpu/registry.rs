@@ -70,9 +70,7 @@ fn outputs_and_gradients_are_those_of_the_processor() {
 /// `true` if a layer of this name combines the values of a group of threads, as statistics and
 /// expected positions do.
 fn combines(name: &str) -> bool {
-    ["norm of", "soft-argmax"]
-        .iter()
-        .any(|of| name.contains(of))
+    ["norm of", "soft-argmax"].iter().any(|of| name.contains(of))
 }
 
 #[test]
@@ -124,10 +122,7 @@ fn all_layers_are_as_equivariant_as_on_the_processor() {
         // what is exact to the bit here is so there, but for sums over a map in another order
         let exact = here == 0.0 && !combines(&name);
         let allowed = if exact { 0.0 } else { 1e-5 };
-        assert!(
-            there <= allowed,
-            "{name}: error {there}, and {here} on the processor"
-        );
+        assert!(there <= allowed, "{name}: error {there}, and {here} on the processor");
     }
 }
 
@@ -150,12 +145,7 @@ fn convolutions_are_exactly_equivariant() {
 
 #[test]
 fn a_relu_after_weights_takes_no_kernel_of_its_own() {
-    let first = conv(
-        Group::D2.trivial(3),
-        Group::D2.regular(2),
-        [4, 2, 1],
-        [8, 8],
-    );
+    let first = conv(Group::D2.trivial(3), Group::D2.regular(2), [4, 2, 1], [8, 8]);
     let relu = boxed(Relu::new(first.out_shape()));
     let alone = Network::new(device(), relu.as_ref(), 1).unwrap();
     assert_eq!(alone.dispatches(), [1, 1]);
@@ -167,12 +157,8 @@ fn a_relu_after_weights_takes_no_kernel_of_its_own() {
 
 #[test]
 fn a_wrong_parameter_and_a_wrong_gradient_are_seen() {
-    let layer: Box<dyn Layer<f32>> = conv(
-        Group::D2.regular(2),
-        Group::D2.regular(3),
-        [3, 1, 1],
-        [4, 4],
-    );
+    let layer: Box<dyn Layer<f32>> =
+        conv(Group::D2.regular(2), Group::D2.regular(3), [3, 1, 1], [4, 4]);
     let params = params(layer.as_ref(), 1);
     let x = normal(layer.in_shape().len(), 2);
     let dy = normal(layer.out_shape().len(), 3);

@@ -21,28 +21,17 @@ fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
 
 /// The kernels of the unit vectors among the weights.
 fn closed_form(dense: &Dense, weights: usize, regular: bool) -> Vec<Vec<f64>> {
-    let biases = dense
-        .out_shape()
-        .fields
-        .multiplicity(symmetry::Irrep::Trivial);
+    let biases = dense.out_shape().fields.multiplicity(symmetry::Irrep::Trivial);
     let kernel = |i| {
         let mut unit = vec![0.0; weights + biases];
         unit[i] = 1.0;
-        if regular {
-            dense.regular_kernel(&unit)
-        } else {
-            dense.kernel(&unit)
-        }
+        if regular { dense.regular_kernel(&unit) } else { dense.kernel(&unit) }
     };
     (0..weights).map(kernel).collect()
 }
 
 fn num_weights(layer: &dyn Layer<f64>) -> usize {
-    layer.num_params()
-        - layer
-            .out_shape()
-            .fields
-            .multiplicity(symmetry::Irrep::Trivial)
+    layer.num_params() - layer.out_shape().fields.multiplicity(symmetry::Irrep::Trivial)
 }
 
 fn assert_equal_spans(closed: &[Vec<f64>], solved: &[Vec<f64>]) {
@@ -57,9 +46,8 @@ fn layer(in_type: FieldType, out_type: FieldType, size: usize) -> R2Conv {
 }
 
 fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
-    proptest::array::uniform4(0usize..3).prop_filter("few channels", |m| {
-        (1..4).contains(&m.iter().sum::<usize>())
-    })
+    proptest::array::uniform4(0usize..3)
+        .prop_filter("few channels", |m| (1..4).contains(&m.iter().sum::<usize>()))
 }
 
 /// Two types of one group.
@@ -105,11 +93,8 @@ fn linear_layers_span_the_equivariant_matrices() {
     for group in Group::ALL {
         let (in_type, out_type) = (group.regular(2), FieldType::new(group, [2, 1, 0, 1]));
         let linear = Linear::new(in_type, out_type).unwrap();
-        let solved = kernel_space(
-            &Representation::irreps(in_type),
-            &Representation::irreps(out_type),
-            1,
-        );
+        let solved =
+            kernel_space(&Representation::irreps(in_type), &Representation::irreps(out_type), 1);
         let closed = closed_form(&linear.dense(), num_weights(&linear), false);
         assert_equal_spans(&closed, &solved);
     }

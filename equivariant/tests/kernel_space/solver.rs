@@ -20,11 +20,7 @@ impl Representation {
     /// The representation with these row-major `[dim, dim]` matrices, in the order of
     /// [`Group::elements`].
     pub fn new(group: Group, dim: usize, matrices: Vec<Vec<f64>>) -> Representation {
-        let rho = Representation {
-            group,
-            dim,
-            matrices,
-        };
+        let rho = Representation { group, dim, matrices };
         let equal = |a: Mat<f64>, b: Mat<f64>| (a - b).norm_max() <= TOLERANCE;
         assert!(equal(rho.mat(D2::Identity), Mat::identity(dim, dim)));
         for &g in group.elements() {
@@ -63,11 +59,7 @@ impl Representation {
             }
             matrix
         };
-        Representation {
-            group,
-            dim,
-            matrices: group.elements().iter().map(matrix).collect(),
-        }
+        Representation { group, dim, matrices: group.elements().iter().map(matrix).collect() }
     }
 
     fn entry(&self, g: D2, row: usize, col: usize) -> f64 {

@@ -14,9 +14,7 @@ const AXES: [Irrep; 2] = [Irrep::X, Irrep::Y];
 
 /// Shows groups of a world for some rounds each.
 pub fn stream(kind: Kind, seed: u64, visits: &[(usize, usize)], envs: usize) -> Stream {
-    let visits = visits
-        .iter()
-        .map(|&(group, rounds)| Visit { group, rounds });
+    let visits = visits.iter().map(|&(group, rounds)| Visit { group, rounds });
     let world = World::draw(kind, seed);
     let stream = Stream::new(world, visits.collect(), envs).unwrap();
     stream.with_horizon(HORIZON)

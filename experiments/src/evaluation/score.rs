@@ -87,9 +87,8 @@ pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
         let mean = |figure: fn(&Score) -> f64| {
             over_episodes(of(group).map(|s| figure(s) * s.episodes as f64).sum())
         };
-        let own_scores: Option<Vec<(PolicyScore, usize)>> = of(group)
-            .map(|score| Some((score.own?, score.episodes)))
-            .collect();
+        let own_scores: Option<Vec<(PolicyScore, usize)>> =
+            of(group).map(|score| Some((score.own?, score.episodes))).collect();
         let own_mean = |scores: &[(PolicyScore, usize)], figure: fn(&PolicyScore) -> f64| {
             let sums = scores.iter().map(|(own, n)| figure(own) * *n as f64);
             over_episodes(sums.sum())
@@ -145,24 +144,17 @@ mod tests {
             success_at_end: 0.0,
             reward: 400.0 * success,
         };
-        let with = |score: Score, own| Score {
-            own: Some(own),
-            ..score
-        };
+        let with = |score: Score, own| Score { own: Some(own), ..score };
         let reach = TaskGroup::GOAL_REACH;
         let right = with(score(reach, 2, 30, 1.0), own(2, 1.0));
         let wrong = with(score(reach, 0, 10, 0.0), own(2, 0.6));
         assert!(wrong.is_mismatch() && !right.is_mismatch());
-        let [group] = &by_group(&[right.clone(), wrong])[..] else {
-            panic!()
-        };
+        let [group] = &by_group(&[right.clone(), wrong])[..] else { panic!() };
         assert_eq!((group.mismatches, group.success), (1, 0.75));
         let means = group.own.unwrap();
         assert_eq!((means.policy, means.success), (2, 0.9));
         assert!((means.reward - 360.0).abs() < 1e-9, "{means:?}");
-        let [group] = &by_group(&[right, score(reach, 2, 10, 0.0)])[..] else {
-            panic!()
-        };
+        let [group] = &by_group(&[right, score(reach, 2, 10, 0.0)])[..] else { panic!() };
         assert_eq!((group.mismatches, group.own), (0, None));
     }
 

@@ -53,10 +53,7 @@ impl Learner for Spy {
     ) -> Result<Recognised, LearnerError> {
         self.watch(env, 1);
         (0..self.draws).for_each(|_| _ = rng.next_u32());
-        Ok(Recognised {
-            policy: 0,
-            fits: true,
-        })
+        Ok(Recognised { policy: 0, fits: true })
     }
 
     fn perform(
@@ -104,15 +101,11 @@ fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
     let tasks = TaskRegistry::standard();
     let labels = Labels::default();
     let mut evaluator = Evaluator::of(&run.with_threads(1), &tasks, labels).unwrap();
-    let [variant, ..] = evaluator.variants()[..] else {
-        panic!()
-    };
+    let [variant, ..] = evaluator.variants()[..] else { panic!() };
     let none = OwnPolicies::default();
     for rounds in [1, 2] {
         let findings = &mut Findings::default();
-        evaluator
-            .variant(&mut spy, variant, &none, rounds, findings)
-            .unwrap();
+        evaluator.variant(&mut spy, variant, &none, rounds, findings).unwrap();
     }
     evaluator.recognition(&mut spy, variant, 1).unwrap();
     spy.seen
@@ -120,23 +113,13 @@ fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
 
 #[test]
 fn all_methods_and_seeds_are_scored_on_the_same_placements() {
-    let spy = |action, draws| Spy {
-        action,
-        draws,
-        ..Spy::default()
-    };
+    let spy = |action, draws| Spy { action, draws, ..Spy::default() };
     let covers = shown(Method::Covers, [20, 0], spy(0.0, 0));
     // a look and one round, a look and two rounds, and three looks
     assert_eq!(covers.len(), 2 + 3 + 3);
-    assert!(
-        covers[1] == covers[0] && covers[3] == covers[0],
-        "the first round is always the same"
-    );
+    assert!(covers[1] == covers[0] && covers[3] == covers[0], "the first round is always the same");
     assert!(covers[4] != covers[3], "the second round is another one");
-    assert!(
-        covers[5] != covers[0] && covers[6] != covers[5],
-        "looks are others"
-    );
+    assert!(covers[5] != covers[0] && covers[6] != covers[5], "looks are others");
     for (method, seed) in [
         (Method::Clear, 20),
         (Method::Covers, 29),
@@ -144,16 +127,10 @@ fn all_methods_and_seeds_are_scored_on_the_same_placements() {
         // its training pictures are randomised, and these are not
         (Method::CoversRandomised, 20),
     ] {
-        assert!(
-            covers == shown(method, [seed, 0], spy(0.9, 7)),
-            "{method:?} {seed}"
-        );
+        assert!(covers == shown(method, [seed, 0], spy(0.9, 7)), "{method:?} {seed}");
     }
     let other = shown(Method::Covers, [20, 1], spy(0.0, 0));
-    assert!(
-        covers[0] != other[0],
-        "placements follow the evaluation's seed"
-    );
+    assert!(covers[0] != other[0], "placements follow the evaluation's seed");
 }
 
 #[test]
@@ -173,16 +150,12 @@ fn a_policy_that_has_not_changed_is_not_played_again() {
     let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
     let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
     let mut evaluator = Evaluator::of(&run, &tasks, labels).unwrap();
-    let [first, second, ..] = evaluator.variants()[..] else {
-        panic!()
-    };
+    let [first, second, ..] = evaluator.variants()[..] else { panic!() };
     let mut spy = Spy::default();
     let mut plays = |parameters: Option<Vec<f32>>, variant, rounds| {
         (spy.parameters, spy.seen) = (parameters, Vec::new());
         let (findings, none) = (&mut Findings::default(), OwnPolicies::default());
-        evaluator
-            .variant(&mut spy, variant, &none, rounds, findings)
-            .unwrap();
+        evaluator.variant(&mut spy, variant, &none, rounds, findings).unwrap();
         assert_eq!(findings.scores.len(), 1);
         // the look before it is another one
         spy.seen.len() - 1
@@ -211,9 +184,7 @@ fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
     let mut score = |own: Option<usize>| {
         let own = own.map(|own| (group.clone(), own)).into_iter().collect();
         let (mut spy, findings) = (Spy::default(), &mut Findings::default());
-        evaluator
-            .variant(&mut spy, variant, &own, 1, findings)
-            .unwrap();
+        evaluator.variant(&mut spy, variant, &own, 1, findings).unwrap();
         assert!(spy.seen.iter().all(|seen| *seen == spy.seen[0]));
         (findings.scores.remove(0), spy.played)
     };

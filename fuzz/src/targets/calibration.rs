@@ -5,9 +5,8 @@ use covers::deploy::CalibrationFile;
 
 use super::{Reading, Target, accepted, measured, texts};
 
-pub const CALIBRATION: Target = Target::new("calibration", read, calibrations)
-    .holding(64, 1 << 12)
-    .tried(2_000);
+pub const CALIBRATION: Target =
+    Target::new("calibration", read, calibrations).holding(64, 1 << 12).tried(2_000);
 
 fn read(input: &[u8]) -> Option<Reading> {
     let text = str::from_utf8(input).ok()?;

@@ -13,9 +13,8 @@ use super::tensors::{parts, sealed};
 use super::{Reading, Target, accepted, in_file, measured};
 
 /// The constant holds the learner that a valid file becomes.
-pub const CHECKPOINT: Target = Target::new("checkpoint", read, checkpoints)
-    .holding(64, 1 << 18)
-    .tried(5_000);
+pub const CHECKPOINT: Target =
+    Target::new("checkpoint", read, checkpoints).holding(64, 1 << 18).tried(5_000);
 
 static LEARNERS: LazyLock<Vec<LearnerSettings>> = LazyLock::new(learners);
 
@@ -82,17 +81,7 @@ fn seeds_of((kind, settings): (usize, &LearnerSettings)) -> Option<Vec<Vec<u8>>>
 fn seed(kind: usize, file: &[u8]) -> Option<Vec<u8>> {
     let (envelope, arrays, data) = parts(file)?;
     let kind = [u8::try_from(kind).ok()?];
-    Some(
-        [
-            &kind,
-            envelope.as_bytes(),
-            &[0],
-            arrays.as_bytes(),
-            &[0],
-            &data,
-        ]
-        .concat(),
-    )
+    Some([&kind, envelope.as_bytes(), &[0], arrays.as_bytes(), &[0], &data].concat())
 }
 
 #[cfg(test)]

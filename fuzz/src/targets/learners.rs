@@ -36,10 +36,7 @@ fn grouping(text: &str) -> GroupingSettings {
 }
 
 fn of_covers() -> [CoversSettings; 5] {
-    let grouped = |grouping| CoversSettings {
-        grouping,
-        ..covers()
-    };
+    let grouped = |grouping| CoversSettings { grouping, ..covers() };
     [
         grouped(GroupingSettings::Oracle),
         grouped(GroupingSettings::Single),
@@ -54,42 +51,27 @@ fn of_covers() -> [CoversSettings; 5] {
 }
 
 fn with_replays() -> [OffPolicySettings; 4] {
-    let grouped = |grouping| OffPolicySettings {
-        grouping,
-        ..off_policy()
-    };
+    let grouped = |grouping| OffPolicySettings { grouping, ..off_policy() };
     [
         grouped(GroupingSettings::Single),
         OffPolicySettings {
             context: Some(ContextSettings { size: 4, length: 2 }),
             ..grouped(THRESHOLD)
         },
-        OffPolicySettings {
-            still_channels: 0,
-            ..grouped(calibrated())
-        },
+        OffPolicySettings { still_channels: 0, ..grouped(calibrated()) },
         grouped(evidence()),
     ]
 }
 
 fn network() -> NetworkSettings {
-    NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![1; 3] },
-        ..small_network()
-    }
+    NetworkSettings { encoder: Encoder::Strided { fields: vec![1; 3] }, ..small_network() }
 }
 
 /// Two frames are kept of each of four episodes.
 fn covers() -> CoversSettings {
     CoversSettings {
-        network: NetworkSettings {
-            critic: Critic::Pooled { width: 1 },
-            ..network()
-        },
-        ppo: PpoSettings {
-            epochs: 1,
-            ..PpoSettings::default()
-        },
+        network: NetworkSettings { critic: Critic::Pooled { width: 1 }, ..network() },
+        ppo: PpoSettings { epochs: 1, ..PpoSettings::default() },
         first_frames: 2,
         rollout_steps: 8,
         buffer_episodes: Some(4),
@@ -127,12 +109,8 @@ pub struct Clock {
 
 /// Two of them.
 pub fn clock() -> Clock {
-    let spec = EnvSpec {
-        num_envs: 2,
-        image: [8, 8, 2],
-        vector: vec![Irrep::X],
-        action: vec![Irrep::X],
-    };
+    let spec =
+        EnvSpec { num_envs: 2, image: [8, 8, 2], vector: vec![Irrep::X], action: vec![Irrep::X] };
     Clock { spec, now: 0 }
 }
 

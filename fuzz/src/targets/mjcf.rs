@@ -16,9 +16,8 @@ pub const MJCF: Target = Target::new(
 .tried(20_000);
 
 /// Its memory is Rust's alone: the virtual file system and what an error says.
-pub const COMPILER: Target = Target::new("compiler", |input| read(input, compile), seeds)
-    .holding(32, 1 << 21)
-    .tried(500);
+pub const COMPILER: Target =
+    Target::new("compiler", |input| read(input, compile), seeds).holding(32, 1 << 21).tried(500);
 
 /// A file on the disk that no model may show.
 static BAIT: LazyLock<PathBuf> = LazyLock::new(|| {

@@ -64,11 +64,7 @@ pub struct Reading {
 impl Reading {
     /// Not yet compared with what the target may hold.
     fn new(peak: u64, accepted: bool) -> Self {
-        Self {
-            peak,
-            accepted,
-            multiple: 0.0,
-        }
+        Self { peak, accepted, multiple: 0.0 }
     }
 }
 
@@ -79,23 +75,12 @@ impl Target {
         read: fn(&[u8]) -> Option<Reading>,
         seeds: fn() -> Vec<Vec<u8>>,
     ) -> Self {
-        Self {
-            name,
-            read,
-            seeds,
-            multiple: 0,
-            constant: 0,
-            trials: 0,
-        }
+        Self { name, read, seeds, multiple: 0, constant: 0, trials: 0 }
     }
 
     /// Bytes that reading may hold at a time: for a byte of the input, and whatever the input is.
     const fn holding(self, multiple: u64, constant: u64) -> Self {
-        Self {
-            multiple,
-            constant,
-            ..self
-        }
+        Self { multiple, constant, ..self }
     }
 
     /// Mutations that the test tries.

@@ -10,9 +10,7 @@ use serde_json::{Value, json};
 use super::tensors::sealed;
 use super::{Reading, Target, accepted, measured, own_path};
 
-pub const NOTE: Target = Target::new("note", read, notes)
-    .holding(64, 1 << 13)
-    .tried(5_000);
+pub const NOTE: Target = Target::new("note", read, notes).holding(64, 1 << 13).tried(5_000);
 
 /// Folder of a run that has lost its settings, and the folder of its checkpoint.
 static RUN: LazyLock<(PathBuf, PathBuf)> = LazyLock::new(|| {
@@ -55,12 +53,7 @@ fn notes() -> Vec<Vec<u8>> {
     };
     let metrics = "rollout,group\n0,goal-reach\n1,goal-reach\n";
     let begun = note(Method::Covers, &Ledger::default(), 1, "", "");
-    let others = [
-        Method::CoversGt,
-        Method::Equi,
-        Method::ThreeRl,
-        Method::EquiSac,
-    ];
+    let others = [Method::CoversGt, Method::Equi, Method::ThreeRl, Method::EquiSac];
     let others = others.map(|method| note(method, &ledger, 0, metrics, "rollouts,group\n"));
     let notes = [begun].into_iter().chain(others);
     notes.map(|note| note.to_string().into_bytes()).collect()

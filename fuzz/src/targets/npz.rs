@@ -17,9 +17,8 @@ mod recording_error;
 
 /// Deflate makes at most 1032 bytes of one, whose copies are twice as large at most, and a truth
 /// value of one byte becomes a number of eight.
-pub const NPZ: Target = Target::new("npz", read, seeds)
-    .holding(1032 * (2 + 8), 1 << 12)
-    .tried(5_000);
+pub const NPZ: Target =
+    Target::new("npz", read, seeds).holding(1032 * (2 + 8), 1 << 12).tried(5_000);
 
 /// After an even byte there is an archive, after an odd one a file that is packed here: behind a
 /// checksum, hardly a mutation of an archive would reach the parser of its files.

@@ -7,9 +7,7 @@ use covers::sweep::Plan;
 
 use super::{Reading, Target, accepted, measured, texts};
 
-pub const PLAN: Target = Target::new("plan", read, plans)
-    .holding(64, 1 << 12)
-    .tried(2_000);
+pub const PLAN: Target = Target::new("plan", read, plans).holding(64, 1 << 12).tried(2_000);
 
 /// Jobs that are listed: more of them are what a person asks for.
 const JOBS: usize = 2;
@@ -35,11 +33,7 @@ fn list(plan: &Plan) {
     let jobs = plan.listed();
     for job in jobs.iter().flatten() {
         let parts: Vec<Component> = Path::new(&job.name).components().collect();
-        assert!(
-            matches!(parts[..], [Component::Normal(_)]),
-            "{:?}",
-            job.name
-        );
+        assert!(matches!(parts[..], [Component::Normal(_)]), "{:?}", job.name);
     }
     accepted(jobs);
 }

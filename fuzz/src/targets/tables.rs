@@ -10,9 +10,7 @@ use covers::{CoversError, RunData, RunFolder};
 
 use super::{Reading, Target, accepted, measured, own_path, texts};
 
-pub const TABLES: Target = Target::new("tables", read, tables)
-    .holding(512, 1 << 17)
-    .tried(2_000);
+pub const TABLES: Target = Target::new("tables", read, tables).holding(512, 1 << 17).tried(2_000);
 
 const NAMES: [&str; 6] = [
     "metrics.csv",
@@ -51,11 +49,7 @@ fn read(input: &[u8]) -> Option<Reading> {
         go_on(files[2].1);
         // who watches a run reads what is whole
         drop(RunData::so_far(&RUN));
-        accepted(
-            RunData::read(&RUN)
-                .map_err(CoversError::from)
-                .and_then(report),
-        )
+        accepted(RunData::read(&RUN).map_err(CoversError::from).and_then(report))
     })
 }
 

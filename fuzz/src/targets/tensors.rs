@@ -9,13 +9,10 @@ use symmetry::Group;
 
 use super::{Reading, Target, accepted, in_file, measured};
 
-pub const NETWORK: Target = Target::new(
-    "network",
-    |input| in_file("network", input, read_network),
-    networks,
-)
-.holding(64, 1 << 12)
-.tried(5_000);
+pub const NETWORK: Target =
+    Target::new("network", |input| in_file("network", input, read_network), networks)
+        .holding(64, 1 << 12)
+        .tried(5_000);
 
 /// A checkpoint from its parts: what it says of itself (JSON), the list of its arrays (JSON), and
 /// their bytes. Lengths and the checksum are right, so that a change of a part gets past them.
@@ -27,8 +24,7 @@ pub fn sealed(envelope: &str, arrays: &str, data: &[u8]) -> Option<Vec<u8>> {
     let mut file = [&length[..], header.as_bytes(), data].concat();
     if let Some(place) = checksum_place(&header, file.len() - data.len()) {
         let checksum = crc32fast::hash(&file);
-        file.get_mut(place)?
-            .copy_from_slice(&checksum.to_le_bytes());
+        file.get_mut(place)?.copy_from_slice(&checksum.to_le_bytes());
     }
     Some(file)
 }

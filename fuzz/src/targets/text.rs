@@ -22,17 +22,14 @@ use symmetry::{FieldType, Group};
 use super::small::{is_small, small_network};
 use super::{Reading, Target, accepted, measured, texts};
 
-pub const NOTATION: Target = Target::new("notation", read_notation, notations)
-    .holding(8, 1 << 9)
-    .tried(20_000);
+pub const NOTATION: Target =
+    Target::new("notation", read_notation, notations).holding(8, 1 << 9).tried(20_000);
 
-pub const SETTINGS: Target = Target::new("settings", read_settings, settings)
-    .holding(32, 1 << 12)
-    .tried(2_000);
+pub const SETTINGS: Target =
+    Target::new("settings", read_settings, settings).holding(32, 1 << 12).tried(2_000);
 
-pub const COMMAND_LINE: Target = Target::new("command-line", read_command_line, command_lines)
-    .holding(64, 3 << 15)
-    .tried(2_000);
+pub const COMMAND_LINE: Target =
+    Target::new("command-line", read_command_line, command_lines).holding(64, 3 << 15).tried(2_000);
 
 fn read_notation(input: &[u8]) -> Option<Reading> {
     let text = std::str::from_utf8(input).ok()?;
@@ -76,9 +73,7 @@ fn check(experiment: &Experiment) {
     let text = serde_json::to_string(experiment).unwrap_or_default();
     let again = serde_json::from_str::<Experiment>(&text);
     assert_eq!(again.ok().as_ref(), Some(experiment), "{text}");
-    let visits = experiment
-        .schedule
-        .visits(1, &mut ChaCha8Rng::seed_from_u64(0));
+    let visits = experiment.schedule.visits(1, &mut ChaCha8Rng::seed_from_u64(0));
     let decisions: usize = visits.iter().map(|visit| visit.decisions).sum();
     assert_eq!(decisions, experiment.schedule.total_decisions());
 }
@@ -90,19 +85,15 @@ fn settings() -> Vec<Vec<u8>> {
             LearnerSettings::Covers(settings) => &mut settings.network,
             LearnerSettings::OffPolicy(settings) => &mut settings.network,
         };
-        *network = NetworkSettings {
-            group: network.group,
-            ..small_network()
-        };
+        *network = NetworkSettings { group: network.group, ..small_network() };
         experiment.envs.camera.size = 16;
         serde_json::to_vec(&experiment)
     });
     experiments.into_iter().flatten().collect()
 }
 
-pub const OVERRIDES: Target = Target::new("overrides", read_overrides, overrides)
-    .holding(256, 1 << 17)
-    .tried(500);
+pub const OVERRIDES: Target =
+    Target::new("overrides", read_overrides, overrides).holding(256, 1 << 17).tried(500);
 
 /// The overrides stand in lines, and are applied to a small experiment, whose tree is the constant.
 fn read_overrides(input: &[u8]) -> Option<Reading> {
@@ -142,10 +133,8 @@ thread_local! {
 fn read_command_line(input: &[u8]) -> Option<Reading> {
     let lines = input.split(|&byte| byte == b'\n');
     let arguments = lines.map(|line| OsString::from(std::ffi::OsStr::from_bytes(line)));
-    let arguments: Vec<OsString> = [OsString::from("covers")]
-        .into_iter()
-        .chain(arguments)
-        .collect();
+    let arguments: Vec<OsString> =
+        [OsString::from("covers")].into_iter().chain(arguments).collect();
     COMMANDS.with_borrow_mut(|[covers, stream]| {
         measured(|| {
             if arguments[1] == "stream" {
@@ -179,10 +168,7 @@ fn check_names(command: Option<Command>) {
     let Some(Command::Train(options)) = command else {
         return;
     };
-    let mut preset = TrainOptions {
-        config: None,
-        ..options.clone()
-    };
+    let mut preset = TrainOptions { config: None, ..options.clone() };
     // another target's
     preset.run.changes.set.clear();
     let Ok(experiment) = preset.experiment() else {

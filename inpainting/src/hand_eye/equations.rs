@@ -21,11 +21,7 @@ pub(super) struct Equations {
 impl Equations {
     /// None yet, of which only the first `free` unknowns are to be found.
     pub fn new(free: usize) -> Self {
-        Self {
-            matrix: [[0.0; UNKNOWNS]; UNKNOWNS],
-            right: [0.0; UNKNOWNS],
-            free,
-        }
+        Self { matrix: [[0.0; UNKNOWNS]; UNKNOWNS], right: [0.0; UNKNOWNS], free }
     }
 
     /// Adds an equation: `row` times the unknowns is `value`.
@@ -90,9 +86,7 @@ impl Equations {
         let mut factor = [[0.0; UNKNOWNS]; UNKNOWNS];
         for row in 0..self.free {
             for column in 0..=row {
-                let known: f64 = (0..column)
-                    .map(|k| factor[row][k] * factor[column][k])
-                    .sum();
+                let known: f64 = (0..column).map(|k| factor[row][k] * factor[column][k]).sum();
                 let scaled = self.matrix[row][column] * scale[row] * scale[column];
                 factor[row][column] = if row == column {
                     let rest = scaled + damping - known;
@@ -128,9 +122,7 @@ mod tests {
     /// Rows without structure.
     fn rows() -> Vec<Vector> {
         let entry = |i: usize, j: usize| (1.7 * (i * i * (j + 1)) as f64 + j as f64).sin();
-        (0..20)
-            .map(|i| std::array::from_fn(|j| entry(i, j)))
-            .collect()
+        (0..20).map(|i| std::array::from_fn(|j| entry(i, j))).collect()
     }
 
     fn dot(a: &Vector, b: &Vector, count: usize) -> f64 {

@@ -13,15 +13,9 @@ use super::equations::{Equations, UNKNOWNS, Vector};
 /// A camera that somebody turned by quarters about its optical axis.
 pub(super) fn turned(calibration: &Calibration, quarters: usize) -> Calibration {
     let turn = DMat3::from_rotation_z(quarters as f64 * FRAC_PI_2);
-    let Extrinsics {
-        rotation,
-        translation,
-    } = calibration.extrinsics;
+    let Extrinsics { rotation, translation } = calibration.extrinsics;
     Calibration {
-        extrinsics: Extrinsics {
-            rotation: turn * rotation,
-            translation: turn * translation,
-        },
+        extrinsics: Extrinsics { rotation: turn * rotation, translation: turn * translation },
         ..*calibration
     }
 }
@@ -97,18 +91,12 @@ impl<'a> Fit<'a> {
 
     /// Copy of the guess whose offset is given.
     pub fn with_known_offset(&self) -> Self {
-        Self {
-            offset: Offset::Known(self.guess),
-            ..self.clone()
-        }
+        Self { offset: Offset::Known(self.guess), ..self.clone() }
     }
 
     /// Copy of the guess whose focal length is solved for.
     pub fn with_free_focal(&self) -> Self {
-        Self {
-            free_focal: true,
-            ..self.clone()
-        }
+        Self { free_focal: true, ..self.clone() }
     }
 
     /// Index of the focal length among the unknowns, after the camera's turn and place and the
@@ -144,10 +132,7 @@ impl<'a> Fit<'a> {
     /// Derivatives of the column and of the row by the unknowns; by the logarithm of the focal
     /// length.
     fn rows(&self, sighting: &Sighting, residual: [f64; 2]) -> [Vector; 2] {
-        let Extrinsics {
-            rotation,
-            translation,
-        } = self.calibration.extrinsics;
+        let Extrinsics { rotation, translation } = self.calibration.extrinsics;
         let ball = sighting.position + sighting.rotation * self.guess;
         let seen = rotation * ball + translation;
         let slopes = self.calibration.slopes(seen);
@@ -155,11 +140,8 @@ impl<'a> Fit<'a> {
         [0, 1].map(|axis| {
             let slope = slopes[axis];
             let in_world = rotation.transpose() * slope;
-            let [turn, place, offset] = [
-                seen.cross(slope),
-                -in_world,
-                sighting.rotation.conjugate() * in_world,
-            ];
+            let [turn, place, offset] =
+                [seen.cross(slope), -in_world, sighting.rotation.conjugate() * in_world];
             let parts = [turn, place, offset].map(|part| part.to_array());
             let mut row = [0.0; UNKNOWNS];
             row[..9].copy_from_slice(parts.as_flattened());
@@ -177,10 +159,7 @@ impl<'a> Fit<'a> {
         let rotation = DMat3::from_quat((turn * old).normalize());
         let position = self.calibration.position() + DVec3::from_slice(&step[3..6]);
         let mut calibration = Calibration {
-            extrinsics: Extrinsics {
-                rotation,
-                translation: -(rotation * position),
-            },
+            extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..self.calibration
         };
         if self.free_focal {
@@ -191,12 +170,7 @@ impl<'a> Fit<'a> {
             Offset::Known(offset) => offset,
             Offset::Unknown => self.guess + DVec3::from_slice(&step[6..9]),
         };
-        Self::at(
-            calibration,
-            self.offset,
-            (guess, self.free_focal),
-            self.sightings,
-        )
+        Self::at(calibration, self.offset, (guess, self.free_focal), self.sightings)
     }
 
     /// What is left of every pose.
@@ -220,10 +194,7 @@ impl<'a> Fit<'a> {
 
     /// Where the line of sight of a pixel meets the plane z = 0.
     fn on_table(&self, pixel: [f64; 2]) -> Option<DVec3> {
-        let (eye, way) = (
-            self.calibration.position(),
-            self.calibration.direction(pixel)?,
-        );
+        let (eye, way) = (self.calibration.position(), self.calibration.direction(pixel)?);
         let part = -eye.z / way.z;
         (part.is_finite() && part > 0.0).then(|| eye + part * way)
     }
@@ -231,9 +202,7 @@ impl<'a> Fit<'a> {
     /// Refuses residuals that are no noise.
     pub fn check_misfit(&self) -> Result<(), InpaintingError> {
         let residuals = self.residuals();
-        let worst = residuals
-            .iter()
-            .max_by(|a, b| a.pixels.total_cmp(&b.pixels));
+        let worst = residuals.iter().max_by(|a, b| a.pixels.total_cmp(&b.pixels));
         match worst {
             Some(worst) if worst.pixels > LARGEST_RESIDUAL => Err(InpaintingError::Misfit {
                 pose: worst.pose,

@@ -15,10 +15,7 @@ fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {
     Calibration {
         intrinsics: Intrinsics::REALSENSE_D435,
         distortion,
-        extrinsics: Extrinsics {
-            rotation,
-            translation: -(rotation * position),
-        },
+        extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
     }
 }
 
@@ -45,9 +42,7 @@ fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> V
         pose,
         position,
         rotation,
-        pixel: camera
-            .pixel(position + rotation * offset - camera.position())
-            .unwrap(),
+        pixel: camera.pixel(position + rotation * offset - camera.position()).unwrap(),
     };
     hands.iter().enumerate().map(sighting).collect()
 }
@@ -106,9 +101,7 @@ fn errors_are_as_large_as_the_uncertainty_says() {
         for _ in 0..TRIALS {
             let mut seen = exact.clone();
             for sighting in &mut seen {
-                sighting.pixel = sighting
-                    .pixel
-                    .map(|p| p + noise * f64::from(normal(&mut rng)));
+                sighting.pixel = sighting.pixel.map(|p| p + noise * f64::from(normal(&mut rng)));
             }
             let found = match HandEye::solve(&truth, offset, &seen) {
                 Ok(found) => found,
@@ -176,9 +169,7 @@ fn refused(part: f64, offset: Offset) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut seen = exact.clone();
         for sighting in &mut seen {
-            sighting.pixel = sighting
-                .pixel
-                .map(|p| p + 0.1 * f64::from(normal(&mut rng)));
+            sighting.pixel = sighting.pixel.map(|p| p + 0.1 * f64::from(normal(&mut rng)));
         }
         match HandEye::solve(&start, offset, &seen) {
             Ok(found) => {
@@ -187,16 +178,9 @@ fn refused(part: f64, offset: Offset) -> usize {
                 assert!(off.abs() < 4.0 * sigma, "{ratio} {sigma}");
                 false
             }
-            Err(InpaintingError::WrongFocal {
-                given,
-                fitted,
-                sigma,
-            }) => {
+            Err(InpaintingError::WrongFocal { given, fitted, sigma }) => {
                 let off = fitted[0] - truth.intrinsics.focal[0];
-                assert!(
-                    given == start.intrinsics.focal && off.abs() < 4.0 * sigma,
-                    "{fitted:?}"
-                );
+                assert!(given == start.intrinsics.focal && off.abs() < 4.0 * sigma, "{fitted:?}");
                 true
             }
             Err(other) => panic!("{other}"),
@@ -241,10 +225,7 @@ fn residuals_are_told_in_pixels_and_on_the_table() {
 fn lines_of_sight_that_miss_the_table_are_left_out_of_its_mean() {
     let rotation = DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y);
     let level = Calibration {
-        extrinsics: Extrinsics {
-            rotation,
-            translation: -(rotation * DVec3::new(0.0, -1.5, 0.1)),
-        },
+        extrinsics: Extrinsics { rotation, translation: -(rotation * DVec3::new(0.0, -1.5, 0.1)) },
         ..plain()
     };
     let mut seen = sightings(&level, OFFSET, &hands(40));
@@ -264,22 +245,13 @@ fn refusal(start: &Calibration, offset: Offset, seen: &[Sighting]) -> String {
 
 #[test]
 fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
-    let (known, exact) = (
-        Offset::Known(OFFSET),
-        sightings(&plain(), OFFSET, &hands(12)),
-    );
+    let (known, exact) = (Offset::Known(OFFSET), sightings(&plain(), OFFSET, &hands(12)));
     let message = refusal(&plain(), known, &exact[..9]);
-    assert!(
-        message.contains("9 poses, expected at least 10"),
-        "{message}"
-    );
+    assert!(message.contains("9 poses, expected at least 10"), "{message}");
     let mut seen = exact.clone();
     seen[5].pixel[1] += 40.0;
     let message = refusal(&plain(), known, &seen);
-    assert!(
-        message.contains("pose 5") && message.contains("at most 4"),
-        "{message}"
-    );
+    assert!(message.contains("pose 5") && message.contains("at most 4"), "{message}");
     let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, Distortion::NONE);
     let message = refusal(&away, known, &exact);
     assert!(message.contains("pose 0"), "{message}");
@@ -290,12 +262,7 @@ fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
 #[test]
 fn poses_that_do_not_tell_the_camera_are_refused() {
     let known = Offset::Known(OFFSET);
-    let line = |index: usize| {
-        (
-            0.04 * index as f64 * DVec3::new(1.0, 0.3, 0.2),
-            DQuat::IDENTITY,
-        )
-    };
+    let line = |index: usize| (0.04 * index as f64 * DVec3::new(1.0, 0.3, 0.2), DQuat::IDENTITY);
     let line: Vec<_> = (0..12).map(line).collect();
     let message = refusal(&plain(), known, &sightings(&plain(), OFFSET, &line));
     assert!(message.contains("one line"), "{message}");
@@ -332,10 +299,7 @@ fn numbers_out_of_range_are_refused() {
         let mut seen = exact.clone();
         spoil(&mut seen[3]);
         let message = refusal(&plain(), Offset::Unknown, &seen);
-        assert!(
-            message.contains(says) && message.contains("pose 3"),
-            "{message}"
-        );
+        assert!(message.contains(says) && message.contains("pose 3"), "{message}");
     }
     let far = Offset::Known(DVec3::splat(1e200));
     assert!(refusal(&plain(), far, &exact).contains("offset of the ball"));

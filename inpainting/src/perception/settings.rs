@@ -48,12 +48,7 @@ impl PerceptionSettings {
         require_length("growth", self.growth)?;
         let down = self.policy.extrinsics.rotation.transpose().z_axis;
         let straight = down.abs_diff_eq(DVec3::NEG_Z, STRAIGHT);
-        require(
-            straight,
-            "policy's view",
-            &down,
-            "straight down, [0, 0, -1]",
-        )?;
+        require(straight, "policy's view", &down, "straight down, [0, 0, -1]")?;
         for (name, camera) in [
             ("height of the policy's camera", &self.policy.extrinsics),
             ("height of the camera", &self.calibration.extrinsics),
@@ -68,10 +63,7 @@ impl PerceptionSettings {
     /// in which the policy's camera shows it.
     pub(super) fn view(&self) -> Result<PinholeCamera, InpaintingError> {
         let Extrinsics { rotation, .. } = self.policy.extrinsics;
-        let (from, to) = (
-            self.policy.extrinsics.position(),
-            self.calibration.position(),
-        );
+        let (from, to) = (self.policy.extrinsics.position(), self.calibration.position());
         let inside = self.policy.intrinsics;
         let finer = self.oversampling as f64;
         let scale = inside.focal.map(|focal| finer * focal / from.z);
@@ -85,30 +77,21 @@ impl PerceptionSettings {
                 focal: scale.map(|scale| scale * to.z),
                 centre: [0, 1].map(|axis| finer * inside.centre[axis] - scale[axis] * away[axis]),
             },
-            extrinsics: Extrinsics {
-                rotation,
-                translation: -(rotation * to),
-            },
+            extrinsics: Extrinsics { rotation, translation: -(rotation * to) },
         };
         view.check()?;
         Ok(view)
     }
 
     pub(super) fn inpainter(&self, camera: PinholeCamera) -> InpainterSettings {
-        let links = self.links.iter().map(|link| Link {
-            radius: link.radius + self.growth,
-            ..*link
-        });
+        let links =
+            self.links.iter().map(|link| Link { radius: link.radius + self.growth, ..*link });
         InpainterSettings {
             camera,
             links: links.collect(),
             correction: self.correction,
             // drawn last, in the policy's own pixels
-            mark: Mark {
-                radius: 0.0,
-                hole: 0.0,
-                ..self.mark
-            },
+            mark: Mark { radius: 0.0, hole: 0.0, ..self.mark },
         }
     }
 

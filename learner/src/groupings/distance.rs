@@ -52,11 +52,7 @@ impl Distance {
             Verdict::Accepted => Decision::Existing(winner),
             Verdict::Doubted | Verdict::Refused => Decision::Undecided,
         };
-        Ok(GroupingDecision {
-            policy,
-            nearest: Some(winner),
-            ..assignment.into()
-        })
+        Ok(GroupingDecision { policy, nearest: Some(winner), ..assignment.into() })
     }
 }
 
@@ -64,10 +60,9 @@ impl Grouping for Distance {
     fn needs(&self) -> Needs {
         match &self.assigner.settings().rule {
             Rule::Fixed { .. } => Needs::LEAST,
-            Rule::Calibrated(calibrated) => Needs {
-                episodes: calibrated.min_episodes,
-                ..Needs::LEAST
-            },
+            Rule::Calibrated(calibrated) => {
+                Needs { episodes: calibrated.min_episodes, ..Needs::LEAST }
+            }
         }
     }
 
@@ -95,10 +90,7 @@ impl Grouping for Distance {
             Query::TwoRollouts => self.assigner.settle(&clouds, rng)?,
             _ => self.assigner.assign(&clouds, rng)?,
         };
-        Ok(GroupingDecision {
-            cut,
-            ..assignment.into()
-        })
+        Ok(GroupingDecision { cut, ..assignment.into() })
     }
 }
 
@@ -121,9 +113,7 @@ mod tests {
         fn around(&mut self, centres: &[f32], episodes: usize) -> Frames {
             let rng = &mut self.rng;
             let near = |centre: &f32| centre + rng.random_range(-1.0..1.0);
-            let all = centres
-                .iter()
-                .flat_map(|c| std::iter::repeat_n(c, episodes));
+            let all = centres.iter().flat_map(|c| std::iter::repeat_n(c, episodes));
             Frames::new(all.map(near).collect(), 1, 1).unwrap()
         }
     }
@@ -155,11 +145,7 @@ mod tests {
         let mut distance = Distance::new(Rule::default()).unwrap();
         let homes = homes.to_vec();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let mut seen = Rounds {
-            rounds,
-            homes,
-            rng: rng.clone(),
-        };
+        let mut seen = Rounds { rounds, homes, rng: rng.clone() };
         let decision = distance.assign(Query::TwoRollouts, &mut seen, &mut rng);
         let decision = decision.unwrap();
         (decision.policy, decision.cut)
@@ -169,10 +155,7 @@ mod tests {
     #[test]
     fn the_second_of_two_groups_decides() {
         let (old, new) = (0.0, 5.0);
-        assert_eq!(
-            settled([old, new], &[old, new]),
-            (Decision::Existing(1), Some(500))
-        );
+        assert_eq!(settled([old, new], &[old, new]), (Decision::Existing(1), Some(500)));
         assert_eq!(settled([old, new], &[old]), (Decision::New, Some(500)));
         assert_eq!(settled([old, old], &[old]), (Decision::Existing(0), None));
         assert_eq!(settled([new, new], &[old]), (Decision::New, None));
@@ -234,10 +217,7 @@ mod tests {
     fn a_strange_frame_goes_to_the_policy_whose_frames_it_is_nearer_to() {
         let mut distance = Distance::new(Rule::default()).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let mut glance = Glance {
-            seen: [-1.0, 1.2],
-            rng: rng.clone(),
-        };
+        let mut glance = Glance { seen: [-1.0, 1.2], rng: rng.clone() };
         let clouds = glance.clouds().unwrap();
         let alone = distance.assigner.recognise(&clouds, &mut rng).unwrap();
         assert_eq!(alone.nearest(), Some(1));

@@ -29,10 +29,7 @@ impl Evident {
     /// # Errors
     /// A setting out of range.
     pub fn new(settings: RecogniserSettings) -> Result<Self, LearnerError> {
-        Ok(Self {
-            recogniser: Recogniser::new(settings)?,
-            album: Album::default(),
-        })
+        Ok(Self { recogniser: Recogniser::new(settings)?, album: Album::default() })
     }
 
     /// Returns the accounts of episodes. What another policy did says nothing of `policy`.
@@ -64,11 +61,7 @@ impl Evident {
         };
         GroupingDecision {
             cut: finding.cut,
-            trial: if finding.is_contested {
-                Trial::Episodes
-            } else {
-                Trial::Rollout
-            },
+            trial: if finding.is_contested { Trial::Episodes } else { Trial::Rollout },
             provisional: finding.is_unproven,
             rejected: finding.refused,
             accepted,
@@ -90,10 +83,7 @@ impl Evident {
 
 impl Grouping for Evident {
     fn needs(&self) -> Needs {
-        Needs {
-            episodes: self.recogniser.settings().min_episodes,
-            whole_episodes: true,
-        }
+        Needs { episodes: self.recogniser.settings().min_episodes, whole_episodes: true }
     }
 
     fn assign(
@@ -131,11 +121,7 @@ impl Grouping for Evident {
     fn learn(&mut self, lesson: Lesson<'_>, rng: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         let (mut end, mut probe) = (None, None);
         match lesson {
-            Lesson::Rollout {
-                policy,
-                accepted,
-                episodes,
-            } => {
+            Lesson::Rollout { policy, accepted, episodes } => {
                 let accounts = self.accounts(episodes, policy)?;
                 end = self.recogniser.learn(policy, &accounts, rng)?;
                 probe = self.recogniser.twin(policy, accepted);
@@ -149,20 +135,13 @@ impl Grouping for Evident {
                 }
                 [first, again, ..] => {
                     let twin = first.collector;
-                    let both = (
-                        &*self.accounts(first, twin)?,
-                        &*self.accounts(again, policy)?,
-                    );
+                    let both = (&*self.accounts(first, twin)?, &*self.accounts(again, policy)?);
                     self.recogniser.merge(policy, twin, both, rng)?;
                 }
                 [] => {}
             },
         }
-        Ok(Learned {
-            end,
-            probe,
-            merged_into: self.recogniser.heirs(),
-        })
+        Ok(Learned { end, probe, merged_into: self.recogniser.heirs() })
     }
 
     fn state(&self) -> Value {

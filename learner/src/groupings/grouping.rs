@@ -65,10 +65,7 @@ pub struct Needs {
 
 impl Needs {
     /// Needs nothing but one episode's first frames.
-    pub const LEAST: Self = Self {
-        episodes: 1,
-        whole_episodes: false,
-    };
+    pub const LEAST: Self = Self { episodes: 1, whole_episodes: false };
 }
 
 /// Question to a grouping.
@@ -234,10 +231,9 @@ impl From<&GroupingDecision> for Recognised {
     fn from(decision: &GroupingDecision) -> Self {
         match decision.policy {
             Decision::Existing(policy) => Self { policy, fits: true },
-            Decision::New | Decision::Undecided => Self {
-                policy: decision.nearest.unwrap_or(0),
-                fits: false,
-            },
+            Decision::New | Decision::Undecided => {
+                Self { policy: decision.nearest.unwrap_or(0), fits: false }
+            }
         }
     }
 }

@@ -59,10 +59,7 @@ pub struct Oracle {
 impl Oracle {
     /// Reads the labels that a run writes.
     pub(crate) fn new(labels: Labels) -> Self {
-        Self {
-            labels,
-            known: Vec::new(),
-        }
+        Self { labels, known: Vec::new() }
     }
 
     fn policy(&self, label: &str) -> Option<usize> {
@@ -166,20 +163,11 @@ mod tests {
         let message = ask(&mut oracle, Query::Rollout).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        let spec = EnvSpec {
-            num_envs: 1,
-            image: [1; 3],
-            vector: Vec::new(),
-            action: Vec::new(),
-        };
+        let spec = EnvSpec { num_envs: 1, image: [1; 3], vector: Vec::new(), action: Vec::new() };
         let first = Lesson::Rollout {
             policy: 0,
             accepted: &[],
-            episodes: Episodes {
-                spec: &spec,
-                collector: 0,
-                courses: &[],
-            },
+            episodes: Episodes { spec: &spec, collector: 0, courses: &[] },
         };
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         oracle.learn(first, &mut rng).unwrap();

@@ -83,10 +83,7 @@ mod tests {
             let text = serde_json::to_string(&settings).unwrap();
             assert_eq!(read(&text).unwrap(), settings);
         }
-        for wrong in [
-            r#""orakel""#,
-            r#"{"threshold": {"threshold": 1.0, "slack": 2.0}}"#,
-        ] {
+        for wrong in [r#""orakel""#, r#"{"threshold": {"threshold": 1.0, "slack": 2.0}}"#] {
             assert!(read(wrong).unwrap_err().to_string().contains("unknown"));
         }
     }
@@ -95,9 +92,7 @@ mod tests {
     fn labels_and_ranges_are_asked_for() {
         let refuse = |settings: GroupingSettings| settings.build().err().unwrap().to_string();
         assert!(refuse(GroupingSettings::Oracle).contains("a grouping without labels"));
-        let message = refuse(GroupingSettings::Threshold {
-            threshold: f64::NAN,
-        });
+        let message = refuse(GroupingSettings::Threshold { threshold: f64::NAN });
         assert!(message.contains("NaN"), "{message}");
         assert!(GroupingSettings::Single.build().is_ok());
     }

@@ -94,11 +94,7 @@ impl<S: CollectionSettings> Collection<S> {
         };
         let training = self.settings.training(&self.spec, &policy)?;
         let buffer = Reservoir::new(self.settings.common().buffer_capacity())?;
-        self.policies.push(PolicyEntry {
-            policy,
-            training,
-            buffer,
-        });
+        self.policies.push(PolicyEntry { policy, training, buffer });
         Ok(self.policies.len() - 1)
     }
 
@@ -158,11 +154,7 @@ impl<'a, S: CollectionSettings> CandidateClouds<'a, S> {
         Self {
             policies,
             frames: &observed.frames,
-            episodes: Episodes {
-                spec,
-                collector,
-                courses: &observed.courses,
-            },
+            episodes: Episodes { spec, collector, courses: &observed.courses },
         }
     }
 }
@@ -190,10 +182,7 @@ impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
         let mut contest = |policy: usize| -> Result<Contest, LearnerError> {
             let policy = &mut *policies[policy];
             let [first, second] = rivals.map(|rival| embed(policy, buffers[rival]));
-            Ok(Contest {
-                rollout: embed(policy, self.frames)?,
-                rivals: [first?, second?],
-            })
+            Ok(Contest { rollout: embed(policy, self.frames)?, rivals: [first?, second?] })
         };
         let [first, second] = rivals.map(&mut contest);
         Ok([first?, second?])

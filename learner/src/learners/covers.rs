@@ -134,9 +134,7 @@ impl CollectionSettings for CoversSettings {
     }
 
     fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {
-        Ok(PpoTraining {
-            ppo: self.ppo(policy)?,
-        })
+        Ok(PpoTraining { ppo: self.ppo(policy)? })
     }
 }
 

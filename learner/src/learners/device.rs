@@ -110,9 +110,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
     let adapters = rl::gpu::adapters();
-    adapters
-        .first()
-        .is_some_and(|adapter| adapter.kind.is_hardware())
+    adapters.first().is_some_and(|adapter| adapter.kind.is_hardware())
 }
 
 #[cfg(not(feature = "wgpu"))]

@@ -71,10 +71,7 @@ impl OffPolicySettings {
     /// say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
-            network: NetworkSettings {
-                group: Group::C1,
-                ..NetworkSettings::default()
-            },
+            network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
             context: None,
             sac: SacSettings {
                 // with few and large gradient steps, SAC's 0.005 would lag 8000 decisions behind
@@ -108,10 +105,7 @@ impl OffPolicySettings {
         let clear = Self::clear();
         Self {
             context: Some(ContextSettings::default()),
-            sac: SacSettings {
-                window: 16,
-                ..clear.sac
-            },
+            sac: SacSettings { window: 16, ..clear.sac },
             ..clear
         }
     }

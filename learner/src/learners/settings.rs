@@ -121,11 +121,9 @@ impl LearnerSettings {
         };
         match choice {
             DeviceChoice::Cpu | DeviceChoice::Auto => Ok(()),
-            DeviceChoice::Gpu => Err(LearnerError::Setting {
-                name: "device",
-                value: "gpu".to_owned(),
-                expected,
-            }),
+            DeviceChoice::Gpu => {
+                Err(LearnerError::Setting { name: "device", value: "gpu".to_owned(), expected })
+            }
         }
     }
 
@@ -198,14 +196,8 @@ mod tests {
 
     #[test]
     fn what_is_missing_has_its_default_and_what_does_not_exist_is_refused() {
-        assert_eq!(
-            read::<CoversSettings>("{}").unwrap(),
-            CoversSettings::default()
-        );
-        assert_eq!(
-            read::<OffPolicySettings>("{}").unwrap(),
-            OffPolicySettings::clear()
-        );
+        assert_eq!(read::<CoversSettings>("{}").unwrap(), CoversSettings::default());
+        assert_eq!(read::<OffPolicySettings>("{}").unwrap(), OffPolicySettings::clear());
         assert!(read::<CoversSettings>(r#"{"hand_over": "reuse"}"#).is_err());
         assert!(read::<CoversSettings>(r#"{"handover": "keep"}"#).is_err());
         assert!(read::<OffPolicySettings>(r#"{"handover": "reuse"}"#).is_err());

@@ -82,12 +82,7 @@ impl Tensor {
 
     /// Makes an array of bytes.
     pub fn bytes(name: String, shape: Vec<usize>, bytes: Vec<u8>) -> Self {
-        Self {
-            name,
-            dtype: Dtype::U8,
-            shape,
-            bytes,
-        }
+        Self { name, dtype: Dtype::U8, shape, bytes }
     }
 }
 
@@ -101,10 +96,7 @@ pub(super) fn encode(
     tensors: &[Tensor],
 ) -> Result<Vec<u8>, LearnerError> {
     tensors.iter().try_for_each(|tensor| tensor.check(path))?;
-    let envelope = Envelope {
-        format: FORMAT,
-        header,
-    };
+    let envelope = Envelope { format: FORMAT, header };
     let header = serde_json::to_string(&envelope).map_err(|e| LearnerError::write(path, e))?;
     let bytes = serialize(tensors, header).map_err(|error| LearnerError::write(path, error))?;
     seal(bytes).map_err(|error| LearnerError::write(path, error))
@@ -158,9 +150,7 @@ fn check_checksum(
 ) -> Result<(), LearnerError> {
     let damaged = |problem| Err(LearnerError::damaged(path, problem));
     let Some(place) = checksum_range(length, metadata) else {
-        return damaged(format!(
-            "it holds no `{CHECKSUM}`: this is no checkpoint of covers"
-        ));
+        return damaged(format!("it holds no `{CHECKSUM}`: this is no checkpoint of covers"));
     };
     let found = checksum(bytes, place.clone());
     let (written, _) = bytes[place].as_chunks::<4>();
@@ -173,11 +163,9 @@ fn check_checksum(
 fn check_format(path: &Path, format: u32) -> Result<(), LearnerError> {
     match format {
         FORMAT => Ok(()),
-        newer if newer > FORMAT => Err(LearnerError::NewerFormat {
-            path: path.to_owned(),
-            format: newer,
-            known: FORMAT,
-        }),
+        newer if newer > FORMAT => {
+            Err(LearnerError::NewerFormat { path: path.to_owned(), format: newer, known: FORMAT })
+        }
         older => {
             let problem = format!("its format is {older}, expected {FORMAT}");
             Err(LearnerError::damaged(path, problem))
@@ -300,22 +288,13 @@ mod tests {
     #[test]
     fn a_header_that_no_reader_takes_is_not_written() {
         let header = "row\n".repeat(25_000_000);
-        let message = encode(Path::new("file"), &header, &[])
-            .unwrap_err()
-            .to_string();
-        assert!(
-            message.contains("cannot write file: header too large"),
-            "{message}"
-        );
+        let message = encode(Path::new("file"), &header, &[]).unwrap_err().to_string();
+        assert!(message.contains("cannot write file: header too large"), "{message}");
     }
 
     #[test]
     fn numbers_that_are_not_finite_are_not_written() {
-        let tensors = [Tensor::floats(
-            "weights".to_owned(),
-            vec![2],
-            &[1.0, f32::NAN],
-        )];
+        let tensors = [Tensor::floats("weights".to_owned(), vec![2], &[1.0, f32::NAN])];
         let error = encode(Path::new("file"), &"", &tensors).unwrap_err();
         assert!(error.to_string().contains("`weights`[1] is NaN"), "{error}");
     }

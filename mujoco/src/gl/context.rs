@@ -74,8 +74,5 @@ pub(super) const RTLD_NODELETE: c_int = 0x1000;
 
 pub(super) fn unusable<E: Display>(library: &str) -> impl FnOnce(E) -> ContextError {
     let library = library.to_owned();
-    move |error| ContextError::Library {
-        library,
-        reason: error.to_string(),
-    }
+    move |error| ContextError::Library { library, reason: error.to_string() }
 }

@@ -89,8 +89,7 @@ impl EglContext {
         let draw = egl.get_current_surface(egl::DRAW);
         let read = egl.get_current_surface(egl::READ);
         Previous::new(move || {
-            egl.make_current(display, draw, read, Some(context))
-                .map_err(explain("eglMakeCurrent"))
+            egl.make_current(display, draw, read, Some(context)).map_err(explain("eglMakeCurrent"))
         })
     }
 }
@@ -111,10 +110,7 @@ impl Context for EglContext {
     }
 
     fn function(&self, name: &CStr) -> *const c_void {
-        let function = name
-            .to_str()
-            .ok()
-            .and_then(|name| self.egl.get_proc_address(name));
+        let function = name.to_str().ok().and_then(|name| self.egl.get_proc_address(name));
         function.map_or(ptr::null(), |function| function as *const c_void)
     }
 }
@@ -150,8 +146,7 @@ fn create_context(
     config: egl::Config,
 ) -> Result<egl::Context, ContextError> {
     let api = egl.query_api();
-    egl.bind_api(egl::OPENGL_API)
-        .map_err(explain("eglBindAPI"))?;
+    egl.bind_api(egl::OPENGL_API).map_err(explain("eglBindAPI"))?;
     let context = egl.create_context(display, config, None, &[egl::NONE]);
     let context = context.map_err(explain("eglCreateContext"));
     egl.bind_api(api).map_err(explain("eglBindAPI"))?;
@@ -160,15 +155,9 @@ fn create_context(
 
 fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> {
     let offered = egl.query_string(None, egl::EXTENSIONS);
-    let offered = offered
-        .map_err(explain("eglQueryString"))?
-        .to_string_lossy();
+    let offered = offered.map_err(explain("eglQueryString"))?.to_string_lossy();
     let require = |name: &'static str| {
-        if offered.contains(name) {
-            Ok(())
-        } else {
-            Err(ContextError::Extension { name })
-        }
+        if offered.contains(name) { Ok(()) } else { Err(ContextError::Extension { name }) }
     };
     if platform == Platform::Surfaceless {
         require("EGL_MESA_platform_surfaceless")?;
@@ -211,25 +200,13 @@ fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
     let mut devices = [ptr::null_mut(); 16];
     let mut count = 0;
     // SAFETY: the array has the length given; EGL writes `count` entries of it.
-    let done = unsafe {
-        query(
-            devices.len() as egl::Int,
-            devices.as_mut_ptr(),
-            &raw mut count,
-        )
-    };
+    let done = unsafe { query(devices.len() as egl::Int, devices.as_mut_ptr(), &raw mut count) };
     if done == egl::FALSE {
-        return Err(egl
-            .get_error()
-            .map_or(ContextError::NoDevice, explain(name)));
+        return Err(egl.get_error().map_or(ContextError::NoDevice, explain(name)));
     }
     Ok(devices[..count as usize].to_vec())
 }
 
 fn explain(call: &'static str) -> impl Fn(egl::Error) -> ContextError {
-    move |error| ContextError::Egl {
-        call,
-        code: error.native(),
-        meaning: error.to_string(),
-    }
+    move |error| ContextError::Egl { call, code: error.native(), meaning: error.to_string() }
 }

@@ -78,11 +78,8 @@ impl Context for OsMesaContext {
             return Ok(Previous::nothing());
         }
         let foreign = !current.is_null() && !is_ours(current);
-        let previous = if foreign {
-            self.functions.previous(current)?
-        } else {
-            Previous::nothing()
-        };
+        let previous =
+            if foreign { self.functions.previous(current)? } else { Previous::nothing() };
         let (context, pixel) = (self.context.as_ptr(), self.pixel.as_ptr());
         // SAFETY: live context, and a buffer of one pixel that outlives it.
         let done = unsafe { (self.functions.make_current)(context, pixel, GL_UNSIGNED_BYTE, 1, 1) };

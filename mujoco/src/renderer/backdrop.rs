@@ -108,10 +108,7 @@ impl Renderer {
         if drawn_by == self.id() {
             Ok(view)
         } else {
-            Err(RenderError::OtherRenderer {
-                drawn_by,
-                used_by: self.id(),
-            })
+            Err(RenderError::OtherRenderer { drawn_by, used_by: self.id() })
         }
     }
 

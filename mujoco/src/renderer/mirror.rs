@@ -78,13 +78,8 @@ impl Renderer {
         let eye = unsafe {
             raw::mjv_averageCamera(&raw const scene.camera[0], &raw const scene.camera[1])
         };
-        let planes = [
-            (mirror.columns, cross(eye.forward, eye.up)),
-            (mirror.rows, eye.up),
-        ];
-        let planes = planes
-            .into_iter()
-            .filter_map(|(flips, normal)| flips.then_some(normal));
+        let planes = [(mirror.columns, cross(eye.forward, eye.up)), (mirror.rows, eye.up)];
+        let planes = planes.into_iter().filter_map(|(flips, normal)| flips.then_some(normal));
         for normal in planes {
             for light in &mut scene.lights[..scene.nlight as usize] {
                 reflect(&mut light.dir, [0.0; 3], normal);
@@ -107,20 +102,12 @@ impl Renderer {
             !OWN_MIRROR_IMAGES.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
         };
         let skins = self.scene.nskin as usize;
-        let geom = self
-            .geoms()
-            .iter()
-            .find(asymmetric)
-            .filter(|_| mirror.reverses_orientation());
+        let geom = self.geoms().iter().find(asymmetric).filter(|_| mirror.reverses_orientation());
         match geom {
-            Some(geom) => Err(RenderError::NotMirrorSymmetric {
-                what: "geom",
-                index: geom.objid as usize,
-            }),
-            None if skins > 0 => Err(RenderError::NotMirrorSymmetric {
-                what: "skin",
-                index: 0,
-            }),
+            Some(geom) => {
+                Err(RenderError::NotMirrorSymmetric { what: "geom", index: geom.objid as usize })
+            }
+            None if skins > 0 => Err(RenderError::NotMirrorSymmetric { what: "skin", index: 0 }),
             None => Ok(()),
         }
     }
@@ -161,11 +148,7 @@ fn reflect(value: &mut [f32; 3], point: [f32; 3], normal: [f32; 3]) {
 }
 
 fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[cfg(test)]
@@ -198,9 +181,6 @@ mod tests {
         let height = |v: [f32; 3]| (0..3).map(|i| (v[i] - point[i]) * normal[i]).sum::<f32>();
         assert!((height(value) + height(start)).abs() < 1e-6);
         reflect(&mut value, point, normal);
-        assert!(
-            (0..3).all(|i| (value[i] - start[i]).abs() < 1e-6),
-            "{value:?}"
-        );
+        assert!((0..3).all(|i| (value[i] - start[i]).abs() < 1e-6), "{value:?}");
     }
 }

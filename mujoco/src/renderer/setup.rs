@@ -64,12 +64,7 @@ pub(super) fn visible(options: &RenderOptions) -> Box<raw::mjvOption> {
     visible.geomgroup = options.geom_groups.map(u8::from);
     visible.sitegroup = options.site_groups.map(u8::from);
     visible.flags.fill(0);
-    for flag in [
-        raw::mjVIS_TEXTURE,
-        raw::mjVIS_TENDON,
-        raw::mjVIS_STATIC,
-        raw::mjVIS_SKIN,
-    ] {
+    for flag in [raw::mjVIS_TEXTURE, raw::mjVIS_TENDON, raw::mjVIS_STATIC, raw::mjVIS_SKIN] {
         visible.flags[flag as usize] = 1;
     }
     visible

@@ -54,17 +54,10 @@ fn check_mirrored_scenes(backends: &[Backend]) {
     for (sign_x, sign_y) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
         let expected = mirrored(&original, sign_x < 0.0, sign_y < 0.0);
         let moved = sign_x * sign_y < 0.0 || sign_x < 0.0;
-        assert_eq!(
-            expected != original,
-            moved,
-            "the scene must have no symmetry"
-        );
+        assert_eq!(expected != original, moved, "the scene must have no symmetry");
         let drawn = draw(&props(sign_x, sign_y), backends);
         let wrong = drawn.iter().zip(&expected).filter(|(a, b)| a != b).count();
-        assert_eq!(
-            wrong, 0,
-            "bytes that differ under signs ({sign_x}, {sign_y})"
-        );
+        assert_eq!(wrong, 0, "bytes that differ under signs ({sign_x}, {sign_y})");
     }
 }
 
@@ -78,13 +71,7 @@ fn props(sign_x: f64, sign_y: f64) -> [Prop; 6] {
         ("box", ".02 .02 .3", [0.03, 0.08], 0.0, [0.8, 0.4, 0.9]),
     ];
     props.map(|(shape, size, [x, y], angle, colour)| {
-        (
-            shape,
-            size,
-            [sign_x * x, sign_y * y],
-            sign_x * sign_y * angle,
-            colour,
-        )
+        (shape, size, [sign_x * x, sign_y * y], sign_x * sign_y * angle, colour)
     })
 }
 
@@ -128,15 +115,8 @@ fn scene(props: &[Prop]) -> String {
 fn assert_colour(image: &[u8], (row, column): (usize, usize), colour: [f64; 3]) {
     let pixel = &image[3 * (row * WIDTH + column)..][..3];
     for (byte, channel) in pixel.iter().zip(colour) {
-        let as_asked = if channel > 0.5 {
-            *byte > 100
-        } else {
-            *byte < 60
-        };
-        assert!(
-            as_asked,
-            "pixel ({row}, {column}) is {pixel:?}, expected {colour:?}"
-        );
+        let as_asked = if channel > 0.5 { *byte > 100 } else { *byte < 60 };
+        assert!(as_asked, "pixel ({row}, {column}) is {pixel:?}, expected {colour:?}");
     }
 }
 

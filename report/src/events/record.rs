@@ -34,10 +34,7 @@ mod tests {
         let mut file = Vec::new();
         append(&mut file, &[7; 24]);
         assert_eq!(file.len(), 8 + 4 + 24 + 4);
-        assert_eq!(
-            file[..12],
-            [24, 0, 0, 0, 0, 0, 0, 0, 0xa3, 0x7f, 0x4b, 0x22]
-        );
+        assert_eq!(file[..12], [24, 0, 0, 0, 0, 0, 0, 0, 0xa3, 0x7f, 0x4b, 0x22]);
         assert_eq!(file[36..], masked(&[7; 24]).to_le_bytes());
     }
 }

@@ -21,19 +21,10 @@ const FILE: &str = "events.out.tfevents.0.covers";
 /// Columns that say when a row was, and no figures.
 const MOMENTS: [&str; 3] = ["rollout", "rollouts", "decisions"];
 /// Columns of scores; those of the group's own policy are empty before it has one.
-const SCORES: [&str; 6] = [
-    "success",
-    "success_at_end",
-    "reward",
-    "own_success",
-    "own_success_at_end",
-    "own_reward",
-];
+const SCORES: [&str; 6] =
+    ["success", "success_at_end", "reward", "own_success", "own_success_at_end", "own_reward"];
 /// Before the first rollout.
-const START: Moment = Moment {
-    step: 0,
-    seconds: 0.0,
-};
+const START: Moment = Moment { step: 0, seconds: 0.0 };
 
 /// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`;
 /// one that is there is replaced. Returns where they are.

@@ -80,10 +80,7 @@ pub(super) struct EventFile(Vec<u8>);
 impl EventFile {
     pub fn new() -> Self {
         let mut file = Self(Vec::new());
-        file.append(Event {
-            file_version: Some("brain.Event:2".to_owned()),
-            ..Event::default()
-        });
+        file.append(Event { file_version: Some("brain.Event:2".to_owned()), ..Event::default() });
         file
     }
 
@@ -103,11 +100,8 @@ impl EventFile {
 
     /// Adds a number.
     pub fn scalar(&mut self, moment: Moment, tag: &str, value: f64) {
-        let value = Value {
-            tag: tag.to_owned(),
-            simple_value: Some(value as f32),
-            ..Value::default()
-        };
+        let value =
+            Value { tag: tag.to_owned(), simple_value: Some(value as f32), ..Value::default() };
         self.value(moment, value);
     }
 
@@ -119,11 +113,7 @@ impl EventFile {
             colorspace: 3,
             encoded: png.to_vec(),
         };
-        let value = Value {
-            tag: tag.to_owned(),
-            image: Some(image),
-            ..Value::default()
-        };
+        let value = Value { tag: tag.to_owned(), image: Some(image), ..Value::default() };
         self.value(moment, value);
     }
 
@@ -143,11 +133,7 @@ impl EventFile {
             bucket: vec![1.0; sorted.len()],
             bucket_limit: sorted,
         };
-        let value = Value {
-            tag: tag.to_owned(),
-            histogram: Some(histogram),
-            ..Value::default()
-        };
+        let value = Value { tag: tag.to_owned(), histogram: Some(histogram), ..Value::default() };
         self.value(moment, value);
     }
 

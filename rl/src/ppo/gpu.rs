@@ -64,11 +64,7 @@ impl Device for Gpu {
 
 impl Gpu {
     pub fn new(device: &equivariant::gpu::Device) -> Self {
-        Self {
-            device: device.clone(),
-            schedule: Schedule::default(),
-            compiled: None,
-        }
+        Self { device: device.clone(), schedule: Schedule::default(), compiled: None }
     }
 
     fn compiled(&mut self, update: &Update, schedule: &Schedule) -> Result<&Compiled, GpuError> {
@@ -77,10 +73,7 @@ impl Gpu {
             draws: schedule.draws.len() / 2,
             minibatches: schedule.minibatches.len(),
         };
-        let known = self
-            .compiled
-            .take()
-            .filter(|known| known.size.holds(needed));
+        let known = self.compiled.take().filter(|known| known.size.holds(needed));
         let compiled = match known {
             Some(known) => known,
             None => Compiled::new(&self.device, update, needed)?,
@@ -99,11 +92,7 @@ impl Size {
 
 impl Schedule {
     fn push(&mut self, minibatch: &Minibatch, rng: &ChaCha8Rng) {
-        let Minibatch {
-            indices,
-            advantages,
-            ..
-        } = minibatch;
+        let Minibatch { indices, advantages, .. } = minibatch;
         self.minibatches.push((self.draws.len() / 2, indices.len()));
         self.generators.push(rng.clone());
         let draws = indices.iter().zip(*advantages);
@@ -119,25 +108,14 @@ impl Compiled {
         size: Size,
     ) -> Result<Self, GpuError> {
         let graph = Graph::new(update.policy.network(), update.settings, size)?;
-        let program = Program::new(
-            device,
-            &graph.plan,
-            update.settings.minibatch.min(size.rollout),
-        )?;
-        Ok(Self {
-            size,
-            graph,
-            program,
-        })
+        let program =
+            Program::new(device, &graph.plan, update.settings.minibatch.min(size.rollout))?;
+        Ok(Self { size, graph, program })
     }
 
     /// Brings parameters, moments, the rollout and its minibatches to the device.
     fn write(&self, update: &Update, schedule: &Schedule) {
-        let Graph {
-            plan,
-            slots,
-            moments,
-        } = &self.graph;
+        let Graph { plan, slots, moments } = &self.graph;
         let network = update.policy.network();
         let optimiser = &update.optimiser;
         let placed = [
@@ -149,13 +127,9 @@ impl Compiled {
             self.program.write(slot, &plan.placed(values));
         }
         let Observations { images, vectors } = update.buffer.observations();
-        slots
-            .observed
-            .write(&self.program, network, images, vectors);
-        self.program
-            .write(slots.decisions, &decisions(network, update));
-        self.program
-            .write_words(slots.observed.draws, &schedule.draws);
+        slots.observed.write(&self.program, network, images, vectors);
+        self.program.write(slots.decisions, &decisions(network, update));
+        self.program.write_words(slots.observed.draws, &schedule.draws);
         self.program.write(slots.log, &vec![0.0; log_len(schedule)]);
     }
 
@@ -164,10 +138,7 @@ impl Compiled {
         let [encoder, heads] = update.groups().map(|group| group.learning_rate);
         for (index, &(start, samples)) in schedule.minibatches.iter().enumerate() {
             let steps = update.optimiser.steps + index as u64 + 1;
-            let [first, second] = update
-                .optimiser
-                .betas
-                .map(|beta| bias_correction(beta, steps));
+            let [first, second] = update.optimiser.betas.map(|beta| bias_correction(beta, steps));
             let batch = Batch {
                 samples,
                 start,
@@ -180,21 +151,14 @@ impl Compiled {
 
     /// Waits for the minibatches and takes over what they left.
     fn read(&self, update: &mut Update, schedule: &Schedule) -> Result<Totals, RlError> {
-        let Graph {
-            plan,
-            slots,
-            moments: [first, second],
-        } = &self.graph;
+        let Graph { plan, slots, moments: [first, second] } = &self.graph;
         let [params, first, second] =
             [plan.params(), *first, *second].map(|slot| (slot, plan.device_params()));
         let log = (slots.log, log_len(schedule));
         let [params, first, second, log] = self.program.read([params, first, second, log])?;
         let mut totals = Totals::default();
         let outcome = totals.add_log(&log, update.settings.epochs);
-        update
-            .policy
-            .params_mut()
-            .copy_from_slice(&plan.unplaced(&params));
+        update.policy.params_mut().copy_from_slice(&plan.unplaced(&params));
         update.optimiser.first_moment = plan.unplaced(&first);
         update.optimiser.second_moment = plan.unplaced(&second);
         update.optimiser.steps += totals.steps as u64;
@@ -223,10 +187,7 @@ impl Totals {
             if samples == 0.0 {
                 break;
             }
-            check_finite(
-                "the loss of a minibatch",
-                policy_loss + value_loss + approx_kl,
-            )?;
+            check_finite("the loss of a minibatch", policy_loss + value_loss + approx_kl)?;
             self.losses.add(&LossSums {
                 samples,
                 policy_loss,
@@ -258,12 +219,10 @@ fn decisions(network: &ActorCritic<f32>, update: &Update) -> Vec<f32> {
     let made = update.buffer.decisions();
     let actions = made.actions.chunks_exact(order.len());
     let others = made.log_probs.iter().zip(&update.batch.returns);
-    let rows = actions
-        .zip(others)
-        .flat_map(|(action, (&log_prob, &target))| {
-            let action = order.iter().map(|&i| action[i]);
-            action.chain([log_prob, target])
-        });
+    let rows = actions.zip(others).flat_map(|(action, (&log_prob, &target))| {
+        let action = order.iter().map(|&i| action[i]);
+        action.chain([log_prob, target])
+    });
     rows.collect()
 }
 
@@ -316,11 +275,7 @@ impl Graph {
         for step in [sums, norm, step] {
             plan.push_last(step);
         }
-        Ok(Self {
-            plan,
-            slots,
-            moments,
-        })
+        Ok(Self { plan, slots, moments })
     }
 }
 
@@ -357,9 +312,7 @@ fn loss(
         .number("ENTROPY", settings.entropy_weight.into())
         .number("KL_STOP", settings.kl_stop())
         .number("LARGEST_LOG_RATIO", LARGEST_LOG_RATIO)
-        .text(&format!(
-            "var<private> component: {list} = {list}({components});"
-        ))
+        .text(&format!("var<private> component: {list} = {list}({components});"))
         .text(DRAW)
         .text(include_str!("wgsl/log.wgsl"))
         .read("draws", "Draw", slots.observed.draws)
@@ -436,18 +389,9 @@ mod tests {
     #[test]
     fn a_minibatch_of_the_default_network_takes_51_kernels() {
         let action = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-        let spec = EnvSpec {
-            num_envs: 1,
-            image: [48, 48, 6],
-            vector: action.clone(),
-            action,
-        };
+        let spec = EnvSpec { num_envs: 1, image: [48, 48, 6], vector: action.clone(), action };
         let network = ActorCritic::new(&NetworkSettings::default(), &spec).unwrap();
-        let size = Size {
-            rollout: 500,
-            draws: 6000,
-            minibatches: 96,
-        };
+        let size = Size { rollout: 500, draws: 6000, minibatches: 96 };
         let graph = Graph::new(&network, &PpoSettings::default(), size).unwrap();
         assert_eq!(graph.plan.dispatches(), [19, 32]);
     }

@@ -69,10 +69,7 @@ impl<'a> Update<'a> {
     /// Parameters with their learning rates. The encoder is trained at a rate of its own: its drift
     /// under the critic's loss moves the actor, too.
     pub fn groups(&self) -> [ParamGroup; 2] {
-        let group = |range, learning_rate| ParamGroup {
-            range,
-            learning_rate,
-        };
+        let group = |range, learning_rate| ParamGroup { range, learning_rate };
         let (network, settings) = (self.policy.network(), self.settings);
         [
             group(network.encoder(), settings.encoder_learning_rate),
@@ -188,11 +185,8 @@ impl Minibatch<'_> {
                 advantage: self.advantages[position],
                 ret: f64::from(self.returns[i]),
             };
-            let new = Output {
-                mean: &w.mean[own.clone()],
-                log_std: &w.log_std,
-                value: w.value[slot],
-            };
+            let new =
+                Output { mean: &w.mean[own.clone()], log_std: &w.log_std, value: w.value[slot] };
             let (d_mean, d_log_std) = (&mut w.d_mean[own], &mut w.d_log_std);
             let (terms, d_value) = self.weights.loss(&old, &new, scale, d_mean, d_log_std);
             w.d_value[slot] = d_value;
@@ -232,10 +226,9 @@ impl Device for Processor {
         let (samples, mut losses) = (minibatch.indices.len(), LossSums::default());
         self.gradient.fill(0.0);
         let parts =
-            self.chunks
-                .accumulate(samples, &mut self.gradient, |range, workspace, gradient| {
-                    minibatch.chunk(network, params, range, workspace, gradient)
-                });
+            self.chunks.accumulate(samples, &mut self.gradient, |range, workspace, gradient| {
+                minibatch.chunk(network, params, range, workspace, gradient)
+            });
         parts.iter().for_each(|part| losses.add(part));
         let sum = losses.policy_loss + losses.value_loss + losses.approx_kl + losses.symmetry_loss;
         check_finite("the loss of a minibatch", sum)?;

@@ -121,10 +121,7 @@ impl PpoSettings {
     pub(super) fn check_floor(&self, log_std: &[f32]) -> Result<(), RlError> {
         let min_log_std = self.min_log_std;
         match log_std.iter().find(|&&log_std| log_std < min_log_std) {
-            Some(&log_std) => Err(RlError::BelowFloor {
-                log_std,
-                min_log_std,
-            }),
+            Some(&log_std) => Err(RlError::BelowFloor { log_std, min_log_std }),
             None => Ok(()),
         }
     }
@@ -173,16 +170,10 @@ mod tests {
     fn settings_survive_a_file() {
         for settings in [PpoSettings::paper(), PpoSettings::measured()] {
             let text = serde_json::to_string(&settings).unwrap();
-            assert_eq!(
-                serde_json::from_str::<PpoSettings>(&text).unwrap(),
-                settings
-            );
+            assert_eq!(serde_json::from_str::<PpoSettings>(&text).unwrap(), settings);
         }
         let partial: PpoSettings = serde_json::from_str(r#"{"clip": 0.1}"#).unwrap();
-        let expected = PpoSettings {
-            clip: 0.1,
-            ..PpoSettings::default()
-        };
+        let expected = PpoSettings { clip: 0.1, ..PpoSettings::default() };
         assert_eq!(partial, expected);
         let unknown = serde_json::from_str::<PpoSettings>(r#"{"clipp": 0.1}"#).unwrap_err();
         assert!(unknown.to_string().contains("unknown field `clipp`"));
@@ -202,10 +193,7 @@ mod tests {
             let mut settings = PpoSettings::paper();
             spoil(&mut settings);
             let message = settings.check().unwrap_err().to_string();
-            assert!(
-                message.starts_with(name) && message.contains("expected"),
-                "{message}"
-            );
+            assert!(message.starts_with(name) && message.contains("expected"), "{message}");
         }
     }
 }

@@ -55,10 +55,7 @@ impl Metrics for UpdateStats {
         );
         let components = self.log_std.iter().enumerate();
         all.extend(components.map(|(i, &s)| (format!("log_std_{i}"), f64::from(s))));
-        all.extend(
-            self.symmetry_loss
-                .map(|loss| ("symmetry_loss".to_owned(), loss)),
-        );
+        all.extend(self.symmetry_loss.map(|loss| ("symmetry_loss".to_owned(), loss)));
         all
     }
 }
@@ -100,17 +97,8 @@ impl Totals {
 /// 1 - Var(return - value) / Var(return); 0 when the returns do not vary.
 fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
     let total = variance(returns.iter().map(|&r| f64::from(r)));
-    let residual = variance(
-        returns
-            .iter()
-            .zip(values)
-            .map(|(&r, &v)| f64::from(r) - f64::from(v)),
-    );
-    if total > 0.0 {
-        1.0 - residual / total
-    } else {
-        0.0
-    }
+    let residual = variance(returns.iter().zip(values).map(|(&r, &v)| f64::from(r) - f64::from(v)));
+    if total > 0.0 { 1.0 - residual / total } else { 0.0 }
 }
 
 fn variance(numbers: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {

@@ -35,10 +35,7 @@ pub struct SymmetryLoss {
 impl Default for SymmetryLoss {
     /// D2, with the weight of the source (its table of hyper-parameters).
     fn default() -> Self {
-        Self {
-            group: Group::D2,
-            weight: 0.1,
-        }
+        Self { group: Group::D2, weight: 0.1 }
     }
 }
 
@@ -64,10 +61,7 @@ impl SymmetryLoss {
         for (i, &g) in elements.iter().enumerate() {
             observations.transform(buffer.spec(), i, g);
         }
-        Moved {
-            elements,
-            observations,
-        }
+        Moved { elements, observations }
     }
 }
 
@@ -148,29 +142,16 @@ mod tests {
     use crate::policy::Decisions;
 
     const B: usize = 12;
-    const WEIGHTS: LossWeights = LossWeights {
-        clip_coef: 0.2,
-        vf_coef: 0.3,
-        ent_coef: 0.0,
-        symmetry: 0.7,
-    };
-    const ALL: SymmetryLoss = SymmetryLoss {
-        group: Group::D2,
-        weight: 0.7,
-    };
+    const WEIGHTS: LossWeights =
+        LossWeights { clip_coef: 0.2, vf_coef: 0.3, ent_coef: 0.0, symmetry: 0.7 };
+    const ALL: SymmetryLoss = SymmetryLoss { group: Group::D2, weight: 0.7 };
 
     fn spec() -> EnvSpec {
-        EnvSpec {
-            num_envs: B,
-            ..fixtures::spec()
-        }
+        EnvSpec { num_envs: B, ..fixtures::spec() }
     }
 
     fn network(group: Group, critic: Critic) -> ActorCritic<f64> {
-        let settings = NetworkSettings {
-            critic,
-            ..fixtures::settings(group, strided())
-        };
+        let settings = NetworkSettings { critic, ..fixtures::settings(group, strided()) };
         ActorCritic::new(&settings, &spec()).unwrap()
     }
 
@@ -179,9 +160,7 @@ mod tests {
         let (spec, observations) = (spec(), fixtures::observations(B));
         let (decisions, transition) = (Decisions::new(&spec), Transition::new(&spec));
         let mut buffer = RolloutBuffer::new(&spec, 1).unwrap();
-        buffer
-            .push(&observations, &decisions, &transition, &[0.0; B])
-            .unwrap();
+        buffer.push(&observations, &decisions, &transition, &[0.0; B]).unwrap();
         buffer
     }
 
@@ -222,10 +201,7 @@ mod tests {
             assert!(none < 1e-20 && flat.iter().all(|g| g.abs() < 1e-9));
             for group in [Group::C1, Group::D1x, Group::C2] {
                 let (some, steep) = loss_of(group, critic);
-                assert!(
-                    some > 1e-6 && steep.iter().any(|g| g.abs() > 1e-6),
-                    "{group}"
-                );
+                assert!(some > 1e-6 && steep.iter().any(|g| g.abs() > 1e-6), "{group}");
             }
         }
     }
@@ -279,11 +255,7 @@ mod tests {
                 params[i] = centre;
                 // standard deviations are not trained by it
                 let expected = if i < log_std { slope } else { 0.0 };
-                assert!(
-                    (expected - gradient[i]).abs() < 1e-7,
-                    "{i}: {} {slope}",
-                    gradient[i]
-                );
+                assert!((expected - gradient[i]).abs() < 1e-7, "{i}: {} {slope}", gradient[i]);
             }
             assert!(gradient.iter().filter(|g| **g != 0.0).count() > params.len() / 4);
         }
@@ -299,10 +271,7 @@ mod tests {
         for (i, &g) in moved.elements.iter().enumerate() {
             let mut expected = buffer.observations().clone();
             expected.transform(&spec, i, g);
-            assert_eq!(
-                moved.observations.sample(&spec, i),
-                expected.sample(&spec, i)
-            );
+            assert_eq!(moved.observations.sample(&spec, i), expected.sample(&spec, i));
         }
     }
 }

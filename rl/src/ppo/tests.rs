@@ -16,12 +16,8 @@ use crate::network_settings::{Critic, NetworkSettings};
 use crate::policy::Decisions;
 
 const B: usize = 5;
-const WEIGHTS: LossWeights = LossWeights {
-    clip_coef: 0.2,
-    vf_coef: 0.5,
-    ent_coef: 0.01,
-    symmetry: 0.0,
-};
+const WEIGHTS: LossWeights =
+    LossWeights { clip_coef: 0.2, vf_coef: 0.5, ent_coef: 0.01, symmetry: 0.0 };
 
 /// The sum that is minimised.
 fn total(sums: &LossSums, weights: &LossWeights) -> f64 {
@@ -31,11 +27,7 @@ fn total(sums: &LossSums, weights: &LossWeights) -> f64 {
 
 /// What is minimised, and its gradient; parameters are mean (2), log_std (2), value.
 fn decision_loss(p: &[f64; 5], sample: &Decision) -> (f64, [f64; 5]) {
-    let output = Output {
-        mean: &p[..2],
-        log_std: &p[2..4],
-        value: p[4],
-    };
+    let output = Output { mean: &p[..2], log_std: &p[2..4], value: p[4] };
     let (mut mean, mut log_std) = ([0.0; 2], [0.0; 2]);
     let (sums, value) = WEIGHTS.loss(sample, &output, 1.0, &mut mean, &mut log_std);
     let gradient = [mean[0], mean[1], log_std[0], log_std[1], value];
@@ -50,12 +42,7 @@ fn gradient_equals_finite_differences_on_every_branch() {
     // ratios inside, above and below the clip interval, with both signs of the advantage
     for shift in [0.05, 1.0, -1.0] {
         for advantage in [0.7, -1.3] {
-            let sample = Decision {
-                action: &action,
-                log_prob: now - shift,
-                advantage,
-                ret: 0.4,
-            };
+            let sample = Decision { action: &action, log_prob: now - shift, advantage, ret: 0.4 };
             for (i, g) in decision_loss(&p, &sample).1.into_iter().enumerate() {
                 let at = |h: f64| {
                     let mut moved = p;
@@ -63,10 +50,7 @@ fn gradient_equals_finite_differences_on_every_branch() {
                     decision_loss(&moved, &sample).0
                 };
                 let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
-                assert!(
-                    (slope - g).abs() < 1e-8,
-                    "{shift} {advantage} {i}: {g} {slope}"
-                );
+                assert!((slope - g).abs() < 1e-8, "{shift} {advantage} {i}: {g} {slope}");
             }
         }
     }
@@ -77,17 +61,9 @@ fn an_improvement_beyond_the_clip_has_no_gradient() {
     let p = [0.3, -0.2, -0.5, 0.1, 1.5];
     let action = [0.6, 0.4];
     let now = log_prob(&p[..2], &p[2..4], &action);
-    let sample = Decision {
-        action: &action,
-        log_prob: now - 1.0,
-        advantage: 1.0,
-        ret: 0.0,
-    };
+    let sample = Decision { action: &action, log_prob: now - 1.0, advantage: 1.0, ret: 0.0 };
     assert_eq!(decision_loss(&p, &sample).1[..2], [0.0, 0.0]);
-    let worse = Decision {
-        advantage: -1.0,
-        ..sample
-    };
+    let worse = Decision { advantage: -1.0, ..sample };
     assert_ne!(decision_loss(&p, &worse).1[0], 0.0);
 }
 
@@ -96,21 +72,10 @@ fn an_improvement_beyond_the_clip_has_no_gradient() {
 #[test]
 fn a_ratio_beyond_all_numbers_ends_an_update_and_one_that_is_none_is_an_error() {
     let losses = |log_prob: f64| {
-        let sample = Decision {
-            action: &[0.0; 2],
-            log_prob,
-            advantage: -3.0,
-            ret: 0.0,
-        };
-        let output = Output {
-            mean: &[0.0; 2],
-            log_std: &[0.0; 2],
-            value: 0.0,
-        };
+        let sample = Decision { action: &[0.0; 2], log_prob, advantage: -3.0, ret: 0.0 };
+        let output = Output { mean: &[0.0; 2], log_std: &[0.0; 2], value: 0.0 };
         let (mut d_mean, mut d_log_std) = ([0.0; 2], [0.0; 2]);
-        WEIGHTS
-            .loss(&sample, &output, 1.0, &mut d_mean, &mut d_log_std)
-            .0
+        WEIGHTS.loss(&sample, &output, 1.0, &mut d_mean, &mut d_log_std).0
     };
     let far = losses(-1e4);
     assert!(far.policy_loss.is_finite() && (250.0 * far.policy_loss.abs()) < f64::from(f32::MAX));
@@ -123,40 +88,22 @@ fn a_ratio_beyond_all_numbers_ends_an_update_and_one_that_is_none_is_an_error() 
 fn diagnostics_by_hand() {
     let (p, action) = ([0.0; 2], [0.0; 2]);
     let now = log_prob(&p, &p, &action);
-    let sample = Decision {
-        action: &action,
-        log_prob: now - 0.5,
-        advantage: 2.0,
-        ret: 1.0,
-    };
-    let output = Output {
-        mean: &p,
-        log_std: &p,
-        value: 3.0,
-    };
+    let sample = Decision { action: &action, log_prob: now - 0.5, advantage: 2.0, ret: 1.0 };
+    let output = Output { mean: &p, log_std: &p, value: 3.0 };
     let (sums, d_value) = WEIGHTS.loss(&sample, &output, 0.25, &mut [0.0; 2], &mut [0.0; 2]);
     assert!((sums.approx_kl - (0.5f64.exp() - 1.5)).abs() < 1e-12);
     assert!((sums.policy_loss + 2.0 * 1.2).abs() < 1e-12);
-    assert_eq!(
-        (sums.value_loss, sums.clip_fraction, d_value),
-        (4.0, 1.0, 0.5)
-    );
+    assert_eq!((sums.value_loss, sums.clip_fraction, d_value), (4.0, 1.0, 0.5));
 }
 
 fn spec() -> EnvSpec {
-    EnvSpec {
-        num_envs: B,
-        ..fixtures::spec()
-    }
+    EnvSpec { num_envs: B, ..fixtures::spec() }
 }
 
 const JOINT: Critic = Critic::Joint { fields: 3 };
 
 fn network(group: Group, encoder: Encoder, critic: Critic) -> ActorCritic<f64> {
-    let settings = NetworkSettings {
-        critic,
-        ..fixtures::settings(group, encoder)
-    };
+    let settings = NetworkSettings { critic, ..fixtures::settings(group, encoder) };
     ActorCritic::new(&settings, &spec()).unwrap()
 }
 
@@ -183,26 +130,13 @@ fn rollout(
     }
     network.forward(params, B, &mut workspace);
     for i in 0..B {
-        let action: Vec<f64> = decisions.actions[i * 3..i * 3 + 3]
-            .iter()
-            .map(|&a| f64::from(a))
-            .collect();
-        let now = log_prob(
-            &workspace.mean[i * 3..i * 3 + 3],
-            &workspace.log_std,
-            &action,
-        );
+        let action: Vec<f64> =
+            decisions.actions[i * 3..i * 3 + 3].iter().map(|&a| f64::from(a)).collect();
+        let now = log_prob(&workspace.mean[i * 3..i * 3 + 3], &workspace.log_std, &action);
         decisions.log_probs[i] = now as f32 + shift * rng.random_range(-1.0f32..1.0);
     }
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-    buffer
-        .push(
-            &observations,
-            &decisions,
-            &Transition::new(&spec()),
-            &[0.0; B],
-        )
-        .unwrap();
+    buffer.push(&observations, &decisions, &Transition::new(&spec()), &[0.0; B]).unwrap();
     buffer
 }
 
@@ -242,14 +176,8 @@ fn gradient_of_the_whole_loss_equals_finite_differences() {
             gradient_equals_finite_differences(&network(group, strided(), critic));
         }
     }
-    let pooled = Encoder::Pooled {
-        fields: vec![],
-        inner: [2, 2],
-    };
-    let keypoints = Encoder::Keypoints {
-        fields: vec![2],
-        maps: 2,
-    };
+    let pooled = Encoder::Pooled { fields: vec![], inner: [2, 2] };
+    let keypoints = Encoder::Keypoints { fields: vec![2], maps: 2 };
     for encoder in [pooled, keypoints] {
         gradient_equals_finite_differences(&network(Group::D2, encoder, JOINT));
     }
@@ -261,10 +189,7 @@ fn gradient_equals_finite_differences(network: &ActorCritic<f64>) {
     let buffer = rollout(network, &params, 0.5, &mut rng);
     let returns = uniform(&mut rng, B);
     let (sums, gradient) = loss(network, &params, &buffer, &returns);
-    assert!(
-        sums.clip_fraction > 0.0 && sums.clip_fraction < B as f64,
-        "{sums:?}"
-    );
+    assert!(sums.clip_fraction > 0.0 && sums.clip_fraction < B as f64, "{sums:?}");
     let scale = gradient.iter().fold(0.0, |m: f64, g| m.max(g.abs()));
     for i in 0..params.len() {
         let centre = params[i];
@@ -293,10 +218,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
     let actions = actions(&buffer);
     let symmetry = SymmetryLoss::default();
     let (moved, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
-    let weights = LossWeights {
-        symmetry: 0.7,
-        ..WEIGHTS
-    };
+    let weights = LossWeights { symmetry: 0.7, ..WEIGHTS };
     let run = |indices: &[usize], ends: &[usize]| {
         let minibatch = Minibatch {
             buffer: &buffer,

@@ -73,10 +73,7 @@ impl Episode {
     /// that holds.
     pub fn begin(sizes: &Sizes, (image, vector): (&[u8], &[f32]), mut moving: Vec<u8>) -> Self {
         moving.clear();
-        let mut episode = Self {
-            moving,
-            ..Self::default()
-        };
+        let mut episode = Self { moving, ..Self::default() };
         for (_, still) in sizes.split(image) {
             episode.still.extend_from_slice(still);
         }
@@ -142,21 +139,14 @@ impl Episode {
     /// Returns `true` if the channels of a picture that stand still are those of the episode.
     pub fn stands_still(&self, sizes: &Sizes, image: &[u8]) -> bool {
         let mut own = self.still.chunks(sizes.still.max(1));
-        sizes.still == 0
-            || sizes
-                .split(image)
-                .all(|(_, still)| own.next() == Some(still))
+        sizes.still == 0 || sizes.split(image).all(|(_, still)| own.next() == Some(still))
     }
 
     /// Returns `true` if an observation is the last one of the episode.
     pub fn ends_with(&self, sizes: &Sizes, (image, vector): (&[u8], &[f32])) -> bool {
         let last = &self.moving[self.steps() * sizes.moving_len()..];
         let mut own = last.chunks(sizes.moving.max(1));
-        let mut moving = || {
-            sizes
-                .split(image)
-                .all(|(moving, _)| own.next() == Some(moving))
-        };
+        let mut moving = || sizes.split(image).all(|(moving, _)| own.next() == Some(moving));
         self.vectors[self.steps() * sizes.vector..] == *vector
             && (sizes.moving == 0 || moving())
             && self.stands_still(sizes, image)
@@ -167,10 +157,9 @@ impl Episode {
         let moving = &self.moving[t * sizes.moving_len()..][..sizes.moving_len()];
         let channels = sizes.moving + sizes.still;
         // channel by channel, so that no pixel is copied by a call of its own
-        for (first, own, from) in [
-            (0, sizes.moving, moving),
-            (sizes.moving, sizes.still, &self.still),
-        ] {
+        for (first, own, from) in
+            [(0, sizes.moving, moving), (sizes.moving, sizes.still, &self.still)]
+        {
             for c in 0..own {
                 let to = out[first + c..].iter_mut().step_by(channels);
                 let from = from[c..].iter().step_by(own);

@@ -131,9 +131,7 @@ impl ReplayState<'_> {
         })?;
         let marked = self.marked as usize;
         let expected = "a number of steps that were recorded";
-        require("replay.marked", marked, expected, |_| {
-            self.marked <= self.recorded
-        })?;
+        require("replay.marked", marked, expected, |_| self.marked <= self.recorded)?;
         self.check_order()?;
         let expected = "at least one environment";
         require("replay.running", self.running.len(), expected, |n| n > 0)?;
@@ -143,9 +141,7 @@ impl ReplayState<'_> {
             let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.is_empty());
             let alone = !self.running[..env].contains(&running);
             let expected = "episodes that have not ended, each of one environment";
-            require("replay.running", number as usize, expected, |_| {
-                runs && alone
-            })?;
+            require("replay.running", number as usize, expected, |_| runs && alone)?;
         }
         Ok(())
     }
@@ -184,9 +180,7 @@ impl EpisodeState<'_> {
     fn check(&self, sizes: &Sizes) -> Result<(), RlError> {
         let steps = self.rewards.len();
         let most = (u32::MAX - self.removed) as usize;
-        require("replay.episode", steps, "fewer than 2^32 steps", |n| {
-            n < most
-        })?;
+        require("replay.episode", steps, "fewer than 2^32 steps", |n| n < most)?;
         let frames = if self.is_empty() { 0 } else { steps + 1 };
         let still = frames.min(1) * sizes.still_len();
         let moving = frames * sizes.moving_len();
@@ -212,9 +206,5 @@ fn require(
     if allowed(value) {
         return Ok(());
     }
-    Err(RlError::Damaged {
-        name: name.to_owned(),
-        value: value as f64,
-        expected,
-    })
+    Err(RlError::Damaged { name: name.to_owned(), value: value as f64, expected })
 }

@@ -79,10 +79,7 @@ impl Reader {
         spec: &EnvSpec,
     ) -> Result<Self, RlError> {
         let context = settings.map(|settings| Context::new(fields, settings, spec));
-        Ok(Self {
-            fields,
-            context: context.transpose()?,
-        })
+        Ok(Self { fields, context: context.transpose()? })
     }
 
     /// The type of what a head reads.
@@ -182,9 +179,7 @@ impl Reader {
             (Some(context), Some(gru)) => {
                 let d_out = &mut pass.d_out[..n * context.gru.out_type().dim()];
                 context.widened.backward(d_state, d_fields, d_out);
-                context
-                    .gru
-                    .backward(params, &items.0, d_out, None, dparams, gru);
+                context.gru.backward(params, &items.0, d_out, None, dparams, gru);
             }
             _ => d_fields.copy_from_slice(d_state),
         }

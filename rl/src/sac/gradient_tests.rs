@@ -36,11 +36,7 @@ impl Case {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let params = network.init(&mut rng);
         let targets = network.init(&mut rng)[network.critics()].to_vec();
-        let mut noise = || {
-            (0..STEPS.len() * A)
-                .map(|_| rng.random_range(-1.5..1.5))
-                .collect()
-        };
+        let mut noise = || (0..STEPS.len() * A).map(|_| rng.random_range(-1.5..1.5)).collect();
         Self {
             noise: [noise(), noise()],
             network,
@@ -104,11 +100,7 @@ fn check_gradient(network: SacNetwork<f64>) {
     let parts = case.network.parts();
     let actors = parts.actor_reader.start..parts.actor.end;
     let (_, gradient, _) = case.run(&replay);
-    let from = if case.network.context().is_some() {
-        case.network.trunk.params().end
-    } else {
-        0
-    };
+    let from = if case.network.context().is_some() { case.network.trunk.params().end } else { 0 };
     let scale = gradient.iter().fold(1.0, |m: f64, g| m.max(g.abs()));
     // a wrong formula is wrong nearly everywhere
     for i in (from..gradient.len()).step_by(7) {
@@ -117,11 +109,7 @@ fn check_gradient(network: SacNetwork<f64>) {
             case.params[i] = centre + h;
             let (sums, ..) = case.run(&replay);
             let actor = sums.actor_loss + CLONING * sums.cloning_loss;
-            let loss = if actors.contains(&i) {
-                actor
-            } else {
-                sums.critic_loss
-            };
+            let loss = if actors.contains(&i) { actor } else { sums.critic_loss };
             loss / STEPS.len() as f64
         };
         let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
@@ -159,21 +147,10 @@ fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let irreps = &spec().action;
     let split = |output: &[f64], first: bool| -> Vec<f64> {
         let rows = output.chunks(2 * A);
-        rows.flat_map(|row| {
-            if first {
-                row[..A].to_vec()
-            } else {
-                row[A..].to_vec()
-            }
-        })
-        .collect()
+        rows.flat_map(|row| if first { row[..A].to_vec() } else { row[A..].to_vec() }).collect()
     };
     let signs = irreps.iter().map(|irrep| f64::from(irrep.sign(g))).cycle();
-    let means: Vec<f64> = split(&output, true)
-        .iter()
-        .zip(signs)
-        .map(|(m, s)| m * s)
-        .collect();
+    let means: Vec<f64> = split(&output, true).iter().zip(signs).map(|(m, s)| m * s).collect();
     [
         distance(&losses(&moved_sums), &losses(&sums)),
         distance(&moved_gradient, &gradient),
@@ -224,12 +201,8 @@ fn only_a_termination_ends_what_is_to_come() {
         alpha: ALPHA,
         cloning: 0.0,
     };
-    let losses = Losses {
-        network: &case.network,
-        params: &case.params,
-        targets: &case.targets,
-        batch,
-    };
+    let losses =
+        Losses { network: &case.network, params: &case.params, targets: &case.targets, batch };
     batch.load(&case.network, &case.params, &(0..3), &mut w);
     losses.run_next(&(0..3), &mut w);
     losses.next_q_values(&(0..3), &mut w);
@@ -294,14 +267,10 @@ fn an_actor_decides_from_the_context_that_it_is_trained_with() {
         };
         let observations = seen(&replay, step);
         let mut forgetful = policy.memory(2);
-        policy
-            .mean_actions(&observations, &mut forgetful, &mut means)
-            .unwrap();
+        policy.mean_actions(&observations, &mut forgetful, &mut means).unwrap();
         // the fourth step ends both episodes
         assert_eq!(error(&means) < 1e-6, step % 4 == 0, "{step}");
-        policy
-            .mean_actions(&observations, &mut memory, &mut means)
-            .unwrap();
+        policy.mean_actions(&observations, &mut memory, &mut means).unwrap();
         assert!(error(&means) < 1e-6, "{step}: {}", error(&means));
         for env in 0..2 {
             let recorded = replay.get(2 * step + env);

@@ -173,9 +173,7 @@ impl<'a> Batch<'a> {
             let own = slot * width..(slot + 1) * width;
             let (step, g) = self.step(position);
             let copied = w.next_fields[own].iter_mut();
-            copied
-                .zip(fields_of(sources.next().unwrap_or_default()))
-                .for_each(|(to, &x)| *to = x);
+            copied.zip(fields_of(sources.next().unwrap_or_default())).for_each(|(to, &x)| *to = x);
             if reader.length() == 0 {
                 continue;
             }

@@ -136,16 +136,14 @@ impl<T: Scalar> SacNetwork<T> {
         let mut params = self.trunk.init(self.num_params(), rng);
         self.reader.init(rng, &mut params[parts.actor_reader]);
         let actor = &mut params[parts.actor];
-        self.actor
-            .init_scaled(rng, settings.action_gain.into(), actor);
+        self.actor.init_scaled(rng, settings.action_gain.into(), actor);
         // biases of trivial channels are the last parameters of a linear layer, log_std's the last
         let log_std = actor.len() - self.action_order.len();
         let raw = raw_log_std(settings.log_std.into()).unwrap_or_default();
         actor[log_std..].fill(T::from_f64(raw));
         self.reader.init(rng, &mut params[parts.critics.reader]);
         for twin in parts.critics.twins {
-            self.critic
-                .init_scaled(rng, settings.value_gain.into(), &mut params[twin]);
+            self.critic.init_scaled(rng, settings.value_gain.into(), &mut params[twin]);
         }
         params
     }

@@ -70,9 +70,7 @@ impl<T: Scalar> Losses<'_, T> {
             let (step, g) = self.batch.step(position);
             let action = self.batch.action(network, step, g);
             let row = &mut w.actions[slot * width..(slot + 1) * width];
-            row.iter_mut()
-                .zip(action)
-                .for_each(|(to, a)| *to = a.into());
+            row.iter_mut().zip(action).for_each(|(to, a)| *to = a.into());
         }
         self.run_critics(n, self.params, &parts, w);
     }
@@ -98,10 +96,7 @@ impl<T: Scalar> Losses<'_, T> {
         }
         self.split_gradient(n, w);
         w.critic_reader.d_state.copy_from_slice(&w.d_state);
-        let (own, dparams) = (
-            &self.params[parts.reader.clone()],
-            &mut gradient[parts.reader],
-        );
+        let (own, dparams) = (&self.params[parts.reader.clone()], &mut gradient[parts.reader]);
         let reader = &network.reader;
         let d_fields = reader.backward(own, &w.items, n, dparams, &mut w.critic_reader);
         w.here.d_fields()[..d_fields.len()].copy_from_slice(d_fields);

@@ -115,16 +115,12 @@ impl Buffers {
         let Chunk { network, range, .. } = chunk;
         let (parts, n) = (network.parts(), range.len());
         let of = |part| &chunk.params[part];
-        network
-            .trunk
-            .forward(of(network.trunk.params()), n, &mut self.trunk);
+        network.trunk.forward(of(network.trunk.params()), n, &mut self.trunk);
         self.recall(chunk, memory);
         let fields = network.trunk.fields(n, &self.trunk);
         let own = of(parts.actor_reader);
         let (items, before) = (&self.items, &self.before);
-        network
-            .reader
-            .forward(own, fields, items, before, &mut self.reader);
+        network.reader.forward(own, fields, items, before, &mut self.reader);
         self.actor.x.copy_from_slice(&self.reader.state);
         self.actor.forward(&network.actor, of(parts.actor), n);
     }
@@ -189,9 +185,7 @@ impl Actor for SacPolicy {
         let rows = self.outputs.chunks_exact(row);
         for (output, out) in rows.zip(out.chunks_exact_mut(width)) {
             sample_tanh(&output[..2 * width], out, &mut action);
-            out.iter_mut()
-                .zip(&action)
-                .for_each(|(o, &a)| *o = a as f32);
+            out.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
         }
         Ok(())
     }
@@ -206,9 +200,7 @@ impl Actor for SacPolicy {
         let row = self.run(observations, memory, "mean actions", out.len())?;
         let width = self.width();
         for (out, output) in out.chunks_exact_mut(width).zip(self.outputs.chunks(row)) {
-            out.iter_mut()
-                .zip(output)
-                .for_each(|(o, mean)| *o = mean.tanh() as f32);
+            out.iter_mut().zip(output).for_each(|(o, mean)| *o = mean.tanh() as f32);
         }
         Ok(())
     }
@@ -244,9 +236,7 @@ impl Plain for SacPolicy {
         let mut actions = vec![0.0; samples * width];
         let mut memory = self.memory(samples);
         self.mean_actions(observations, &mut memory, &mut actions)?;
-        let rows = self
-            .outputs
-            .chunks_exact(self.outputs.len() / samples.max(1));
+        let rows = self.outputs.chunks_exact(self.outputs.len() / samples.max(1));
         let raws = rows.flat_map(|row| &row[width..2 * width]);
         Ok(Answers {
             actions,
@@ -291,11 +281,7 @@ impl History {
     /// A memory of `length` steps with `fields` of this length each.
     pub(super) fn new([length, fields]: [usize; 2], envs: usize) -> Self {
         let envs = if length == 0 { 0 } else { envs };
-        Self {
-            length,
-            fields,
-            envs: vec![Remembered::default(); envs],
-        }
+        Self { length, fields, envs: vec![Remembered::default(); envs] }
     }
 
     /// Refuses a memory that was made for a network of other sizes, or for another number of
@@ -340,14 +326,8 @@ impl Units for SacPolicy {
         let samples = observations.samples(network.spec())?;
         memory.check(network.remembered(), samples)?;
         let mut w = Buffers::new(network, samples);
-        network
-            .trunk
-            .load_all(observations, 0..samples, &mut w.trunk);
-        let chunk = Chunk {
-            network: &**network,
-            params,
-            range: 0..samples,
-        };
+        network.trunk.load_all(observations, 0..samples, &mut w.trunk);
+        let chunk = Chunk { network: &**network, params, range: 0..samples };
         w.decide(&chunk, memory);
         let own = &params[network.trunk.params()];
         let mut sums = network.trunk.unit_sums(own, samples, &w.trunk);
@@ -365,9 +345,7 @@ fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
     let mut reader = network.reader.pass(n);
     let fields = network.trunk.fields(n, &w.trunk);
     let own = &params[parts.reader];
-    network
-        .reader
-        .forward(own, fields, &w.items, &w.before, &mut reader);
+    network.reader.forward(own, fields, &w.items, &w.before, &mut reader);
     let mut output = vec![0.0; n * 2 * width];
     network.natural_output(&w.actor.y, &mut output);
     let actions: Vec<f32> = output
@@ -377,9 +355,7 @@ fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
     let mut x = vec![0.0; n * network.joined.out_shape().len()];
     network.joined.forward(&reader.state, &actions, &mut x);
     let twins = parts.twins.into_iter();
-    twins
-        .flat_map(|own| unit_sums(&network.critic, &params[own], &x))
-        .collect()
+    twins.flat_map(|own| unit_sums(&network.critic, &params[own], &x)).collect()
 }
 
 #[cfg(test)]
@@ -404,9 +380,7 @@ mod tests {
             let mut memory = policy.memory(SAMPLES);
             let mut actions = vec![0.0; SAMPLES * spec().action.len()];
             let mut acting = policy.clone();
-            acting
-                .mean_actions(&observations, &mut memory, &mut actions)
-                .unwrap();
+            acting.mean_actions(&observations, &mut memory, &mut actions).unwrap();
             (0..SAMPLES).for_each(|env| memory.remember(env, &[0.5; 3], 1.0));
             let activity = |params: &[f32]| {
                 let mut policy = policy.clone();

@@ -105,10 +105,7 @@ impl SacSettings {
     /// gradients as a decision is in PPO: `epochs / batch` for each.
     #[must_use]
     pub fn as_often_as(self, ppo: &PpoSettings) -> Self {
-        Self {
-            updates_per_step: ppo.epochs as f32 / self.batch as f32,
-            ..self
-        }
+        Self { updates_per_step: ppo.epochs as f32 / self.batch as f32, ..self }
     }
 
     /// Refuses values outside their ranges.
@@ -175,9 +172,6 @@ pub struct ContextSettings {
 
 impl Default for ContextSettings {
     fn default() -> Self {
-        Self {
-            size: 30,
-            length: 5,
-        }
+        Self { size: 30, length: 5 }
     }
 }

@@ -54,10 +54,7 @@ fn settings() -> SacSettings {
         learning_rate: 1e-2,
         max_gradient: 0.05,
         tau: 0.1,
-        temperature: Temperature::Learned {
-            initial: 0.2,
-            target: -1.0,
-        },
+        temperature: Temperature::Learned { initial: 0.2, target: -1.0 },
         cloning_weight: 0.3,
         ..SacSettings::default()
     }
@@ -69,10 +66,7 @@ fn replay() -> Replay {
     let (vectors, actions) = (rounded("vectors"), rounded("actions"));
     let mut vectors = vectors.chunks(3).peekable();
     let mut steps = actions.chunks(2).zip(rounded("rewards"));
-    let see = |vector: &[f32]| Observations {
-        images: vec![0],
-        vectors: vector.to_vec(),
-    };
+    let see = |vector: &[f32]| Observations { images: vec![0], vectors: vector.to_vec() };
     for episode in golden("episodes").chunks(2) {
         for t in 0..episode[0] as usize {
             let (action, reward) = steps.next().unwrap();
@@ -112,19 +106,12 @@ fn check(case: &str, context: Option<ContextSettings>) {
     sac.targets = targets;
     sac.draws = Draws {
         indices: Vec::new(),
-        steps: golden("indices")
-            .into_iter()
-            .map(|i| (i as usize, 0))
-            .collect(),
+        steps: golden("indices").into_iter().map(|i| (i as usize, 0)).collect(),
         elements: vec![D2::Identity; BATCH],
         noise: [0, 1].map(|i| noise[i * BATCH * 2..(i + 1) * BATCH * 2].to_vec()),
     };
     let sums = sac.losses(&policy, &replay()).unwrap();
-    let means = [
-        sums.critic_loss,
-        sums.actor_loss + 0.3 * sums.cloning_loss,
-        sums.log_pi,
-    ];
+    let means = [sums.critic_loss, sums.actor_loss + 0.3 * sums.cloning_loss, sums.log_pi];
     let means = means.map(|sum| (sum / sums.samples) as f32);
     assert_close("losses", &means, &golden(&of("losses")));
     assert_close("gradient", &sac.gradient, &golden(&of("gradient")));
@@ -153,12 +140,7 @@ const DRAWS: usize = 4000;
 
 /// Minibatches of six steps in windows of this many.
 fn drawn_settings(window: usize) -> SacSettings {
-    SacSettings {
-        batch: 6,
-        window,
-        augmentation: Group::D2,
-        ..SacSettings::default()
-    }
+    SacSettings { batch: 6, window, augmentation: Group::D2, ..SacSettings::default() }
 }
 
 /// How often each step of the fixtures' replay is drawn in windows of this many steps.
@@ -170,12 +152,7 @@ fn counts(window: usize) -> Vec<usize> {
     for _ in 0..DRAWS {
         draws.draw(&settings, &replay, &mut rng);
         assert_eq!((draws.steps.len(), draws.elements.len()), (6, 6));
-        assert!(
-            draws
-                .elements
-                .chunks(window)
-                .all(|own| own.iter().all(|g| *g == own[0]))
-        );
+        assert!(draws.elements.chunks(window).all(|own| own.iter().all(|g| *g == own[0])));
         for &(index, further) in &draws.steps {
             let place = replay.get(index).along(further).place();
             let mut steps = 0..replay.len();
@@ -206,10 +183,7 @@ fn every_step_is_drawn_equally_often() {
 #[test]
 fn a_share_of_the_windows_begins_with_the_newest_steps() {
     let drawn = |newest_share| {
-        let settings = SacSettings {
-            newest_share,
-            ..drawn_settings(2)
-        };
+        let settings = SacSettings { newest_share, ..drawn_settings(2) };
         let (mut replay, mut draws) = (fixtures::marked(4), Draws::default());
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut newest = 0;
@@ -227,9 +201,6 @@ fn a_share_of_the_windows_begins_with_the_newest_steps() {
     for (share, expected) in [(0.0, 1.0), (0.7, 2.0 + 1.0 / 3.0), (1.0, 3.0)] {
         // five standard errors of three windows, each with a third
         let error = (drawn(share) - expected).abs();
-        assert!(
-            error < 5.0 * (3.0 * 2.0 / 9.0 / DRAWS as f64).sqrt(),
-            "{share}: {error}"
-        );
+        assert!(error < 5.0 * (3.0 * 2.0 / 9.0 / DRAWS as f64).sqrt(), "{share}: {error}");
     }
 }

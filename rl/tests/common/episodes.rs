@@ -17,12 +17,7 @@ pub fn spec(envs: usize) -> EnvSpec {
 }
 
 pub fn settings(capacity: usize) -> ReplaySettings {
-    ReplaySettings {
-        capacity,
-        still_channels: STILL,
-        warm_up: 0,
-        ..ReplaySettings::default()
-    }
+    ReplaySettings { capacity, still_channels: STILL, warm_up: 0, ..ReplaySettings::default() }
 }
 
 /// An observation, told by its environment, episode and position.
@@ -53,10 +48,7 @@ impl Seen {
     }
 
     fn after(self) -> Self {
-        Self {
-            at: self.at + 1,
-            ..self
-        }
+        Self { at: self.at + 1, ..self }
     }
 
     fn write(self, out: &mut Observations) {
@@ -88,15 +80,8 @@ pub struct Episodes {
 
 impl Episodes {
     pub fn new(lengths: &[usize]) -> Self {
-        let seen = (0..lengths.len()).map(|env| Seen {
-            env,
-            episode: 0,
-            at: 0,
-        });
-        Self {
-            lengths: lengths.to_vec(),
-            seen: seen.collect(),
-        }
+        let seen = (0..lengths.len()).map(|env| Seen { env, episode: 0, at: 0 });
+        Self { lengths: lengths.to_vec(), seen: seen.collect() }
     }
 
     /// Begins another episode everywhere, as a reset does.
@@ -120,10 +105,7 @@ impl Episodes {
                 transition.outcomes[n] = ends[seen.episode % 2];
             }
             let outcome = transition.outcomes[n];
-            steps.push(Step {
-                seen: *seen,
-                outcome,
-            });
+            steps.push(Step { seen: *seen, outcome });
             *seen = seen.after();
             seen.write(&mut transition.final_observations);
             if outcome.ended() {

@@ -25,17 +25,10 @@ impl Guess {
     /// With `shown`, goals are any numbers and are the observation's vector. Without, they are -1
     /// or 1, and the vector is zero.
     pub fn new(num_envs: usize, shown: bool, seed: u64) -> Self {
-        let goals = Goals {
-            shown,
-            goals: vec![0.0; num_envs],
-            rng: ChaCha8Rng::seed_from_u64(seed),
-        };
-        let spec = EnvSpec {
-            num_envs,
-            image: [1, 1, 1],
-            vector: vec![Irrep::X],
-            action: vec![Irrep::X],
-        };
+        let goals =
+            Goals { shown, goals: vec![0.0; num_envs], rng: ChaCha8Rng::seed_from_u64(seed) };
+        let spec =
+            EnvSpec { num_envs, image: [1, 1, 1], vector: vec![Irrep::X], action: vec![Irrep::X] };
         Self::of(goals, spec)
     }
 }

@@ -49,12 +49,7 @@ pub fn parts() -> Parts {
 }
 
 pub fn push(buffer: &mut RolloutBuffer, parts: &Parts) -> Result<(), RlError> {
-    buffer.push(
-        &parts.observations,
-        &parts.decisions,
-        &parts.transition,
-        &parts.values,
-    )
+    buffer.push(&parts.observations, &parts.decisions, &parts.transition, &parts.values)
 }
 
 pub fn rolled_out(env: &mut dyn VectorEnv) -> Result<(), RlError> {
@@ -73,10 +68,7 @@ pub struct Spoiling<F> {
 
 impl<F: FnMut(&mut Transition)> Spoiling<F> {
     pub fn new(spoil: F) -> Self {
-        Self {
-            env: PointReach::new(ENVS, 0),
-            spoil,
-        }
+        Self { env: PointReach::new(ENVS, 0), spoil }
     }
 }
 
@@ -137,9 +129,7 @@ pub fn transformed(spec: &EnvSpec, from: &Observations, pixels: D2, vectors: D2)
     let [h, w, c] = spec.image;
     let images = from.images.chunks((h * w * c).max(1));
     Observations {
-        images: images
-            .flat_map(|image| pixels.transform_image(image, h, w, c))
-            .collect(),
+        images: images.flat_map(|image| pixels.transform_image(image, h, w, c)).collect(),
         vectors: signed(&from.vectors, &spec.vector, vectors),
     }
 }

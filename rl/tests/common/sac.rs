@@ -18,21 +18,11 @@ pub fn network(encoder: Encoder) -> NetworkSettings {
 
 /// A replay that collects whole episodes and draws its actions from the policy after 20 decisions.
 pub fn replay_settings() -> ReplaySettings {
-    ReplaySettings {
-        capacity: 80,
-        steps: EPISODE,
-        warm_up: 20,
-        still_channels: 0,
-    }
+    ReplaySettings { capacity: 80, steps: EPISODE, warm_up: 20, still_channels: 0 }
 }
 
 pub fn settings() -> SacSettings {
-    SacSettings {
-        batch: 20,
-        updates_per_step: 0.1,
-        burn_in: 40,
-        ..SacSettings::default()
-    }
+    SacSettings { batch: 20, updates_per_step: 0.1, burn_in: 40, ..SacSettings::default() }
 }
 
 /// A learner in the middle of its episodes.
@@ -65,12 +55,6 @@ impl Run {
     }
 
     pub fn collect(&mut self) -> Result<RolloutStats, RlError> {
-        collect(
-            &mut self.env,
-            &mut self.policy,
-            &mut self.replay,
-            &mut self.state,
-            &mut self.rng,
-        )
+        collect(&mut self.env, &mut self.policy, &mut self.replay, &mut self.state, &mut self.rng)
     }
 }

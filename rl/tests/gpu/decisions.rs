@@ -20,12 +20,7 @@ const SAMPLES: usize = 3;
 /// Components that are not irrep-major, in an order that is not its own inverse.
 fn spec(num_envs: usize) -> EnvSpec {
     let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::XY, Irrep::X];
-    EnvSpec {
-        num_envs,
-        image: [6, 6, 3],
-        action: vector[..3].to_vec(),
-        vector,
-    }
+    EnvSpec { num_envs, image: [6, 6, 3], action: vector[..3].to_vec(), vector }
 }
 
 fn networks() -> Vec<NetworkSettings> {
@@ -34,11 +29,9 @@ fn networks() -> Vec<NetworkSettings> {
     let joint = Critic::Joint { fields: 7 };
     let mut networks = Vec::new();
     for group in [Group::D2, Group::C1] {
-        for (encoder, critic) in [
-            (strided.clone(), joint),
-            (strided.clone(), pooled),
-            (Encoder::Blind, joint),
-        ] {
+        for (encoder, critic) in
+            [(strided.clone(), joint), (strided.clone(), pooled), (Encoder::Blind, joint)]
+        {
             networks.push(NetworkSettings {
                 group,
                 encoder,
@@ -71,10 +64,7 @@ fn observations() -> Observations {
 
 /// Mean actions and values.
 fn outputs(policy: &mut (impl Actor<Memory = ()> + Values), of: &Observations) -> [Vec<f32>; 2] {
-    let (width, n) = (
-        spec(1).action.len(),
-        of.vectors.len() / spec(1).vector.len(),
-    );
+    let (width, n) = (spec(1).action.len(), of.vectors.len() / spec(1).vector.len());
     let mut out = [width, 1].map(|width| vec![0.0; n * width]);
     policy.mean_actions(of, &mut (), &mut out[0]).unwrap();
     policy.values(of, &mut out[1]).unwrap();
@@ -86,18 +76,14 @@ fn decisions(policy: &mut impl OnPolicy<Memory = ()>) -> Decisions {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut noise = vec![0.0; out.actions.len()];
     noise.fill_with(|| rng.random_range(-2.0..2.0));
-    policy
-        .decide(&observations(), &mut (), &noise, &mut out)
-        .unwrap();
+    policy.decide(&observations(), &mut (), &noise, &mut out).unwrap();
     out
 }
 
 fn sampled(policy: &mut impl Actor<Memory = ()>) -> Vec<f32> {
     let mut out = vec![0.0; OBSERVATIONS * spec(1).action.len()];
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    policy
-        .act(&observations(), &mut (), &mut rng, &mut out)
-        .unwrap();
+    policy.act(&observations(), &mut (), &mut rng, &mut out).unwrap();
     out
 }
 
@@ -144,9 +130,7 @@ fn moved(g: D2) -> Observations {
     let from = observations();
     let images = from.images.chunks(h * w * c);
     Observations {
-        images: images
-            .flat_map(|image| g.transform_image(image, h, w, c))
-            .collect(),
+        images: images.flat_map(|image| g.transform_image(image, h, w, c)).collect(),
         vectors: signed(&from.vectors, &vector, g),
     }
 }
@@ -159,10 +143,8 @@ fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
 
 #[test]
 fn mirrored_observations_get_mirrored_means_and_the_same_values() {
-    let [network, plain] = [Group::D2, Group::C1].map(|group| NetworkSettings {
-        group,
-        ..networks().swap_remove(0)
-    });
+    let [network, plain] =
+        [Group::D2, Group::C1].map(|group| NetworkSettings { group, ..networks().swap_remove(0) });
     let errors = |network: &NetworkSettings, g| {
         let mut policy = there(network);
         let [mean, value] = outputs(&mut policy, &observations());
@@ -215,11 +197,8 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
     ppo.update(there.policy_mut(), &buffer, &mut rng).unwrap();
     let mut updated = there.policy().clone();
     let first = first_of(&buffer);
-    let [got, expected, before] = [
-        values(&mut there, &first),
-        values(&mut updated, &first),
-        values(&mut here, &first),
-    ];
+    let [got, expected, before] =
+        [values(&mut there, &first), values(&mut updated, &first), values(&mut here, &first)];
     let error = deviation(&got, &expected);
     assert!(error < TOLERANCE, "the values are off by {error}");
     assert!(deviation(&got, &before) > 100.0 * TOLERANCE);
@@ -260,10 +239,7 @@ fn a_policy_with_a_network_of_its_own_is_refused() {
 #[test]
 fn the_same_bits_come_twice() {
     let network = networks().swap_remove(0);
-    assert_eq!(
-        decisions(&mut there(&network)),
-        decisions(&mut there(&network))
-    );
+    assert_eq!(decisions(&mut there(&network)), decisions(&mut there(&network)));
 }
 
 #[test]
@@ -273,10 +249,7 @@ fn what_does_not_fit_is_refused() {
     assert!(error.to_string().contains("samples"), "{error}");
     let most = device().adapter().binding_bytes as usize;
     let error = DevicePolicy::new(policy(&network), device(), most).unwrap_err();
-    assert!(
-        matches!(error, RlError::Gpu(GpuError::Limit { .. })),
-        "{error}"
-    );
+    assert!(matches!(error, RlError::Gpu(GpuError::Limit { .. })), "{error}");
     let mut short = observations();
     short.vectors.pop();
     let mut values = vec![0.0; OBSERVATIONS];
@@ -292,8 +265,5 @@ fn a_lost_device_is_an_error() {
     there.values(&observations(), &mut values).unwrap();
     own.close();
     let error = there.values(&observations(), &mut values).unwrap_err();
-    assert!(
-        matches!(error, RlError::Gpu(GpuError::Lost { .. })),
-        "{error}"
-    );
+    assert!(matches!(error, RlError::Gpu(GpuError::Lost { .. })), "{error}");
 }

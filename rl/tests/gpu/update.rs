@@ -25,11 +25,7 @@ fn network() -> NetworkSettings {
 
 /// Ten minibatches a pass, of which the last is not full.
 fn settings() -> PpoSettings {
-    PpoSettings {
-        minibatch: 12,
-        epochs: 1,
-        ..PpoSettings::default()
-    }
+    PpoSettings { minibatch: 12, epochs: 1, ..PpoSettings::default() }
 }
 
 /// A policy, one rollout of it, and the generator.
@@ -81,11 +77,7 @@ fn on_processor_and(
 }
 
 fn assert_alike(here: &After, there: &After, what: &str) {
-    for (name, i) in [
-        ("parameters", 0),
-        ("first moments", 1),
-        ("second moments", 2),
-    ] {
+    for (name, i) in [("parameters", 0), ("first moments", 1), ("second moments", 2)] {
         let error = deviation(&there.arrays[i], &here.arrays[i]);
         assert!(error < TOLERANCE, "{what}: error {error} in the {name}");
     }
@@ -101,10 +93,7 @@ fn assert_alike(here: &After, there: &After, what: &str) {
         (a.clip_fraction, b.clip_fraction),
         (a.grad_norm, b.grad_norm),
     ];
-    assert!(
-        pairs.iter().all(|&(a, b)| close(a, b)),
-        "{what}: {a:?} {b:?}"
-    );
+    assert!(pairs.iter().all(|&(a, b)| close(a, b)), "{what}: {a:?} {b:?}");
 }
 
 #[test]
@@ -112,11 +101,7 @@ fn ten_steps_are_those_of_the_processor() {
     let joint = Critic::Joint { fields: 7 };
     for group in [Group::D2, Group::C1] {
         for critic in [joint, Critic::Pooled { width: 5 }] {
-            let network = NetworkSettings {
-                group,
-                critic,
-                ..network()
-            };
+            let network = NetworkSettings { group, critic, ..network() };
             let [here, there] = on_both(&settings(), &network);
             assert_eq!(here.stats.steps, 10);
             assert_alike(&here, &there, &format!("{group} {critic:?}"));
@@ -134,21 +119,12 @@ fn they_are_so_without_operations_on_subgroups() {
 #[test]
 fn every_encoder_trains_as_on_the_processor() {
     let encoders = [
-        Encoder::Pooled {
-            fields: vec![],
-            inner: [3, 4],
-        },
-        Encoder::Keypoints {
-            fields: vec![3],
-            maps: 2,
-        },
+        Encoder::Pooled { fields: vec![], inner: [3, 4] },
+        Encoder::Keypoints { fields: vec![3], maps: 2 },
         Encoder::Blind,
     ];
     for encoder in encoders {
-        let network = NetworkSettings {
-            encoder: encoder.clone(),
-            ..network()
-        };
+        let network = NetworkSettings { encoder: encoder.clone(), ..network() };
         let [here, there] = on_both(&settings(), &network);
         assert_alike(&here, &there, &format!("{encoder:?}"));
     }
@@ -157,29 +133,16 @@ fn every_encoder_trains_as_on_the_processor() {
 /// In the middle of a pass, after a whole one.
 #[test]
 fn the_divergence_limit_stops_the_update_at_the_same_step() {
-    let strict = PpoSettings {
-        max_kl: 0.005,
-        epochs: 12,
-        ..settings()
-    };
+    let strict = PpoSettings { max_kl: 0.005, epochs: 12, ..settings() };
     let [here, there] = on_both(&strict, &network());
     let steps = here.stats.steps;
-    assert!(
-        steps > 10 && steps < 120 && steps % 10 > 0,
-        "{:?}",
-        here.stats
-    );
+    assert!(steps > 10 && steps < 120 && steps % 10 > 0, "{:?}", here.stats);
     assert_alike(&here, &there, "stopped");
 }
 
 #[test]
 fn the_floor_holds_on_the_device() {
-    let floor = PpoSettings {
-        min_log_std: -0.5,
-        entropy_weight: 0.0,
-        epochs: 3,
-        ..settings()
-    };
+    let floor = PpoSettings { min_log_std: -0.5, entropy_weight: 0.0, epochs: 3, ..settings() };
     let [here, there] = on_both(&floor, &network());
     assert!(there.stats.log_std.contains(&-0.5), "{:?}", there.stats);
     assert_alike(&here, &there, "floor");
@@ -209,20 +172,14 @@ fn an_update_of_the_processor_follows_one_of_the_device() {
 
 #[test]
 fn a_loss_that_is_not_finite_leaves_the_parameters_before_it() {
-    let wild = PpoSettings {
-        head_learning_rate: 1e30,
-        max_kl: 1e30,
-        ..settings()
-    };
+    let wild = PpoSettings { head_learning_rate: 1e30, max_kl: 1e30, ..settings() };
     let (start, buffer, rng) = rollout(&network());
     for mut ppo in [
         Ppo::new(wild.clone(), &start).unwrap(),
         Ppo::on_device(wild.clone(), &start, device()).unwrap(),
     ] {
         let mut policy = start.clone();
-        let error = ppo
-            .update(&mut policy, &buffer, &mut rng.clone())
-            .unwrap_err();
+        let error = ppo.update(&mut policy, &buffer, &mut rng.clone()).unwrap_err();
         assert!(matches!(error, RlError::NotFinite { .. }), "{error}");
         assert!(policy.params().iter().all(|p| p.is_finite()));
         assert_eq!(ppo.save().counters[0].1, 1, "one step was taken");
@@ -238,10 +195,7 @@ fn a_lost_device_is_an_error_and_the_processor_goes_on() {
     let before = policy.params().to_vec();
     own.close();
     let error = there.update(&mut policy, &buffer, &mut rng).unwrap_err();
-    assert!(
-        matches!(error, RlError::Gpu(GpuError::Lost { .. })),
-        "{error}"
-    );
+    assert!(matches!(error, RlError::Gpu(GpuError::Lost { .. })), "{error}");
     assert_eq!(policy.params(), before);
     let mut here = Ppo::new(settings(), &policy).unwrap();
     here.restore(&there.save()).unwrap();
@@ -252,10 +206,7 @@ fn a_lost_device_is_an_error_and_the_processor_goes_on() {
 /// What the tests above compare with would see it.
 #[test]
 fn an_update_without_clipping_is_seen() {
-    let unclipped = PpoSettings {
-        max_grad_norm: 1e9,
-        ..settings()
-    };
+    let unclipped = PpoSettings { max_grad_norm: 1e9, ..settings() };
     let [here, _] = on_both(&settings(), &network());
     let [_, there] = on_both(&unclipped, &network());
     assert!(deviation(&there.arrays[1], &here.arrays[1]) > 100.0 * TOLERANCE);

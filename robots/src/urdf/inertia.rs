@@ -31,11 +31,7 @@ pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, Descripti
     require(holds, place, what, mass, "a milligram or more")?;
     let own = checked(&link.name, own)?;
     let turn = DMat3::from_quat(pose.rotation);
-    Ok(Some(Inertia {
-        mass,
-        centre: pose.position,
-        tensor: turn * own * turn.transpose(),
-    }))
+    Ok(Some(Inertia { mass, centre: pose.position, tensor: turn * own * turn.transpose() }))
 }
 
 fn tensor(stated: &urdf_rs::Inertia) -> DMat3 {
@@ -56,26 +52,12 @@ fn checked(link: &str, tensor: DMat3) -> Result<DMat3, DescriptionError> {
     let rounding = ROUNDING * trace;
     let second = identity(0.5 * trace) - tensor;
     let reason = "a principal inertia is below 1e-12";
-    refuse_unless(
-        is_positive(&(tensor - identity(LEAST_INERTIA))),
-        link,
-        &tensor,
-        reason,
-    )?;
+    refuse_unless(is_positive(&(tensor - identity(LEAST_INERTIA))), link, &tensor, reason)?;
     let reason = "a principal inertia exceeds the sum of the others";
-    refuse_unless(
-        is_positive(&(second + identity(rounding))),
-        link,
-        &tensor,
-        reason,
-    )?;
+    refuse_unless(is_positive(&(second + identity(rounding))), link, &tensor, reason)?;
     let sound = is_positive(&(second - identity(rounding)));
     // a multiple of the identity adds twice as much to two of three as to the third
-    Ok(if sound {
-        tensor
-    } else {
-        tensor + identity(4.0 * rounding)
-    })
+    Ok(if sound { tensor } else { tensor + identity(4.0 * rounding) })
 }
 
 /// Refuses links that a joint moves but that have no mass.

@@ -18,10 +18,7 @@ pub(super) fn joints(
     tree: &Tree,
 ) -> Result<(Vec<Joint>, usize), DescriptionError> {
     let in_order = || tree.joints.iter().map(|&index| &file.joints[index]);
-    let free: Vec<&str> = in_order()
-        .filter(|joint| is_free(joint))
-        .map(|j| &j.name[..])
-        .collect();
+    let free: Vec<&str> = in_order().filter(|joint| is_free(joint)).map(|j| &j.name[..]).collect();
     let joint = |(stated, &parent): (&urdf_rs::Joint, &usize)| {
         Ok(Joint {
             name: stated.name.clone(),
@@ -50,16 +47,7 @@ fn motion(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Option<Motion>, Descr
     let [speed, effort] = strength(joint, &drive)?;
     let [damping, friction] = resistance(joint)?;
     let range = if limited { Some(range(joint)?) } else { None };
-    Ok(Some(Motion {
-        kind,
-        axis: axis(joint)?,
-        range,
-        speed,
-        effort,
-        damping,
-        friction,
-        drive,
-    }))
+    Ok(Some(Motion { kind, axis: axis(joint)?, range, speed, effort, damping, friction, drive }))
 }
 
 /// How the joint moves, and whether it has limits; none for a fixed one.
@@ -82,13 +70,7 @@ fn axis(joint: &urdf_rs::Joint) -> Result<DVec3, DescriptionError> {
     finite(place, "the axis", &*joint.axis.xyz)?;
     let axis = DVec3::from_array(*joint.axis.xyz);
     let (length, expected) = (axis.length(), "a direction");
-    require(
-        length > SHORTEST_AXIS,
-        place,
-        "the axis's length",
-        length,
-        expected,
-    )?;
+    require(length > SHORTEST_AXIS, place, "the axis's length", length, expected)?;
     Ok(axis / length)
 }
 
@@ -98,11 +80,7 @@ fn range(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
     if lower < upper {
         return Ok([lower, upper]);
     }
-    Err(DescriptionError::Limits {
-        joint: joint.name.clone(),
-        lower,
-        upper,
-    })
+    Err(DescriptionError::Limits { joint: joint.name.clone(), lower, upper })
 }
 
 /// Highest speed and effort. A joint that follows another one needs neither.
@@ -113,10 +91,7 @@ fn strength(joint: &urdf_rs::Joint, drive: &Drive) -> Result<[f64; 2], Descripti
     finite(place, what, &[speed, effort])?;
     let follows = matches!(drive, Drive::Follows { .. });
     let expected = "a positive number in `<limit>`";
-    for (what, value) in [
-        ("the limit's velocity", speed),
-        ("the limit's effort", effort),
-    ] {
+    for (what, value) in [("the limit's velocity", speed), ("the limit's effort", effort)] {
         require(follows || value > 0.0, place, what, value, expected)?;
     }
     Ok([speed, effort])
@@ -140,17 +115,9 @@ fn drive(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Drive, DescriptionErro
         return own.ok_or_else(|| unknown(joint, &joint.name));
     };
     let (multiplier, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
-    finite(
-        || place(joint),
-        "the mimic's multiplier or offset",
-        &[multiplier, offset],
-    )?;
+    finite(|| place(joint), "the mimic's multiplier or offset", &[multiplier, offset])?;
     let followed = dof(&mimic.joint).ok_or_else(|| unknown(joint, &mimic.joint))?;
-    Ok(Drive::Follows {
-        dof: followed,
-        multiplier,
-        offset,
-    })
+    Ok(Drive::Follows { dof: followed, multiplier, offset })
 }
 
 fn unknown(joint: &urdf_rs::Joint, followed: &str) -> DescriptionError {

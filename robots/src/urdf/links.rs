@@ -21,10 +21,7 @@ pub(super) fn link(
     for visual in &stated.visual {
         check_visual(&stated.name, visual)?;
     }
-    let shapes = stated
-        .collision
-        .iter()
-        .map(|collision| shape(&stated.name, collision, folder));
+    let shapes = stated.collision.iter().map(|collision| shape(&stated.name, collision, folder));
     Ok(Link {
         name: stated.name.clone(),
         inertia: inertia::inertia(stated)?,
@@ -50,9 +47,7 @@ fn unplaced(
     folder: Option<&Path>,
 ) -> Result<(Option<Pose>, Shape), DescriptionError> {
     let shape = match *geometry {
-        Geometry::Box { size } => Shape::Box {
-            half: 0.5 * DVec3::from_array(sized(link, *size)?),
-        },
+        Geometry::Box { size } => Shape::Box { half: 0.5 * DVec3::from_array(sized(link, *size)?) },
         Geometry::Cylinder { radius, length } => {
             let [radius, length] = sized(link, [radius, length])?;
             Shape::Cylinder { radius, length }
@@ -65,10 +60,7 @@ fn unplaced(
             let [radius] = sized(link, [radius])?;
             Shape::Sphere { radius }
         }
-        Geometry::Mesh {
-            ref filename,
-            scale,
-        } => {
+        Geometry::Mesh { ref filename, scale } => {
             let scale = scale.map_or(DVec3::ONE, |scale| DVec3::from_array(*scale));
             let PlacedShape { pose, shape } = mesh::capsule(link, filename, scale, folder)?;
             return Ok((Some(pose), shape));

@@ -36,9 +36,7 @@ pub(super) fn capsule(
     let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
     let sound = |point: &DVec3| point.abs().max_element() <= LARGEST;
     if points.is_empty() || !points.iter().all(sound) {
-        return Err(refused(
-            "it holds no points, or points beyond 1e6 m".to_owned(),
-        ));
+        return Err(refused("it holds no points, or points beyond 1e6 m".to_owned()));
     }
     Ok(around(&points))
 }
@@ -55,20 +53,15 @@ pub(super) fn check_inside(link: &str, file: &str) -> Result<(), DescriptionErro
 }
 
 fn outside(link: &str, file: &str) -> DescriptionError {
-    DescriptionError::FileOutside {
-        link: link.to_owned(),
-        file: file.to_owned(),
-    }
+    DescriptionError::FileOutside { link: link.to_owned(), file: file.to_owned() }
 }
 
 /// The path in the URDF's folder that a name means. `package://NAME/` of ROS is that folder.
 fn relative(file: &str) -> &str {
-    let package = file
-        .strip_prefix("package://")
-        .map(|rest| match rest.split_once('/') {
-            Some((package, path)) if ![".", "..", ""].contains(&package) => path,
-            _ => "..",
-        });
+    let package = file.strip_prefix("package://").map(|rest| match rest.split_once('/') {
+        Some((package, path)) if ![".", "..", ""].contains(&package) => path,
+        _ => "..",
+    });
     package.unwrap_or(file)
 }
 
@@ -81,9 +74,7 @@ fn real_path(folder: &Path, file: &str) -> io::Result<Option<PathBuf>> {
 
 fn read(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    File::open(path)?
-        .take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)?;
+    File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 
@@ -111,9 +102,7 @@ fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
         return None;
     }
     let number = |bytes: &[u8; 4]| f64::from(f32::from_le_bytes(*bytes));
-    let corners = triangles
-        .iter()
-        .flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
+    let corners = triangles.iter().flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
     let point = |corner: &[u8; 12]| {
         let [x, y, z] = [0, 1, 2].map(|axis| number(&corner.as_chunks::<4>().0[axis]));
         DVec3::new(x, y, z)
@@ -143,12 +132,7 @@ mod tests {
 
     #[test]
     fn files_outside_of_the_folder_are_told_from_those_inside() {
-        for inside in [
-            "a.stl",
-            "meshes/a.stl",
-            "./a.stl",
-            "package://arm/meshes/a.stl",
-        ] {
+        for inside in ["a.stl", "meshes/a.stl", "./a.stl", "package://arm/meshes/a.stl"] {
             assert!(check_inside("l", inside).is_ok(), "{inside}");
         }
         for outside in [

@@ -14,9 +14,7 @@ const ENDLESS: [f64; 2] = [-LARGEST, LARGEST];
 /// lists those that became smaller.
 pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, DescriptionError> {
     let is_free = |joint: &Joint| joint.motion.is_some_and(|motion| motion.is_free());
-    let free: Vec<usize> = (0..joints.len())
-        .filter(|&joint| is_free(&joints[joint]))
-        .collect();
+    let free: Vec<usize> = (0..joints.len()).filter(|&joint| is_free(&joints[joint])).collect();
     let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
     let stated: Vec<_> = free.iter().map(|&joint| range_of(&joints[joint])).collect();
     let mut restrictions: Vec<Restriction> = Vec::new();
@@ -25,14 +23,7 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
         let Some(motion) = follower.motion else {
             continue;
         };
-        let (
-            Drive::Follows {
-                dof,
-                multiplier,
-                offset,
-            },
-            Some(own),
-        ) = (motion.drive, motion.range)
+        let (Drive::Follows { dof, multiplier, offset }, Some(own)) = (motion.drive, motion.range)
         else {
             continue;
         };

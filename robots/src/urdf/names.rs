@@ -14,31 +14,17 @@ const MAX_NAME: usize = 200;
 /// Refuses names that are empty, immense, unprintable or given twice, and files that could exhaust
 /// the memory.
 pub(super) fn check(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
-    count(
-        || "the robot".to_owned(),
-        "link",
-        file.links.len(),
-        1,
-        MAX_LINKS,
-    )?;
+    count(|| "the robot".to_owned(), "link", file.links.len(), 1, MAX_LINKS)?;
     // a robot may go without a name
     if !file.name.is_empty() {
         usable("robot", &file.name)?;
     }
-    file.links
-        .iter()
-        .try_for_each(|link| not_reserved(file, link))?;
+    file.links.iter().try_for_each(|link| not_reserved(file, link))?;
     unique("link", file.links.iter().map(|link| &link.name[..]))?;
     unique("joint", file.joints.iter().map(|joint| &joint.name[..]))?;
     file.links.iter().try_for_each(|link| {
         let place = || format!("the link `{}`", link.name);
-        count(
-            place,
-            "collision shape",
-            link.collision.len(),
-            0,
-            MAX_SHAPES,
-        )
+        count(place, "collision shape", link.collision.len(), 0, MAX_SHAPES)
     })
 }
 
@@ -52,13 +38,7 @@ fn count(
     if (least..=limit).contains(&count) {
         return Ok(());
     }
-    Err(DescriptionError::Count {
-        place: place(),
-        kind,
-        count,
-        least,
-        limit,
-    })
+    Err(DescriptionError::Count { place: place(), kind, count, least, limit })
 }
 
 fn unique<'a>(
@@ -93,11 +73,7 @@ fn usable(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
 
 /// MuJoCo calls the world's own body `world`, and many files call a root without shapes so.
 fn not_reserved(file: &urdf_rs::Robot, link: &urdf_rs::Link) -> Result<(), DescriptionError> {
-    let is_root = || {
-        file.joints
-            .iter()
-            .all(|joint| joint.child.link != link.name)
-    };
+    let is_root = || file.joints.iter().all(|joint| joint.child.link != link.name);
     let is_bare = || link.collision.is_empty() && link.inertial.mass.value == 0.0;
     if link.name != "world" || (is_bare() && is_root()) {
         return Ok(());

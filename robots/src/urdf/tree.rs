@@ -37,11 +37,7 @@ impl Tree {
     }
 
     fn from_root(root: usize, children: &[Vec<(usize, usize)>]) -> Self {
-        let mut tree = Self {
-            links: vec![root],
-            joints: Vec::new(),
-            parents: Vec::new(),
-        };
+        let mut tree = Self { links: vec![root], joints: Vec::new(), parents: Vec::new() };
         let mut open = Vec::new();
         let below = |place: usize, link: usize| {
             let children = children[link].iter().rev();
@@ -63,9 +59,7 @@ impl Tree {
         self.links.iter().for_each(|&link| reached[link] = true);
         match reached.iter().position(|reached| !reached) {
             None => Ok(()),
-            Some(link) => Err(DescriptionError::Cycle {
-                link: file.links[link].name.clone(),
-            }),
+            Some(link) => Err(DescriptionError::Cycle { link: file.links[link].name.clone() }),
         }
     }
 }

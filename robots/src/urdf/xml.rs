@@ -21,25 +21,13 @@ const MAX_NAMESPACES: usize = 32;
 const MAX_ATTRIBUTES: usize = 1000;
 
 /// Elements of xacro below `<robot>` that old files write without a prefix.
-const OLD_XACRO: [&str; 6] = [
-    "if",
-    "include",
-    "insert_block",
-    "macro",
-    "property",
-    "unless",
-];
+const OLD_XACRO: [&str; 6] = ["if", "include", "insert_block", "macro", "property", "unless"];
 /// Most characters of an attribute's value in a message; of longer ones it quotes what xacro would
 /// have expanded.
 const MAX_QUOTED: usize = 80;
 /// Elements and those of their attributes that hold vectors.
-const VECTORS: [[&str; 2]; 5] = [
-    ["origin", "xyz"],
-    ["origin", "rpy"],
-    ["axis", "xyz"],
-    ["box", "size"],
-    ["mesh", "scale"],
-];
+const VECTORS: [[&str; 2]; 5] =
+    [["origin", "xyz"], ["origin", "rpy"], ["axis", "xyz"], ["box", "size"], ["mesh", "scale"]];
 
 /// The elements of a URDF as a text that every parser reads alike.
 ///
@@ -52,20 +40,13 @@ pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
     }
     let text = without_comments(text)?;
     if text.matches("xmlns").count() > MAX_NAMESPACES {
-        return syntax(format!(
-            "more than {MAX_NAMESPACES} namespaces are declared"
-        ));
+        return syntax(format!("more than {MAX_NAMESPACES} namespaces are declared"));
     }
     let is_crowded = |tag: &str| tag.matches('=').count() > MAX_ATTRIBUTES;
     if text.split('<').any(is_crowded) {
-        return syntax(format!(
-            "an element has more than {MAX_ATTRIBUTES} attributes"
-        ));
+        return syntax(format!("an element has more than {MAX_ATTRIBUTES} attributes"));
     }
-    let options = ParsingOptions {
-        nodes_limit: MAX_NODES,
-        ..ParsingOptions::default()
-    };
+    let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
     let document = Document::parse_with_options(&text, options).or_else(|error| match error {
         Error::UnknownNamespace(prefix, position) if prefix == "xacro" => {
             Err(DescriptionError::Xacro {
@@ -79,10 +60,7 @@ pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
     if document.root_element().tag_name().name() != "robot" {
         return syntax(ALONE.to_owned());
     }
-    let mut urdf = Urdf {
-        document: &document,
-        text: String::new(),
-    };
+    let mut urdf = Urdf { document: &document, text: String::new() };
     urdf.write(document.root_element(), 1)?;
     Ok(urdf.text)
 }
@@ -198,9 +176,7 @@ impl Urdf<'_> {
             return Some(format!("`<{name}>`"));
         }
         element.attributes().find_map(|attribute| {
-            let full = text
-                .get(attribute.range_qname())
-                .unwrap_or(attribute.name());
+            let full = text.get(attribute.range_qname()).unwrap_or(attribute.name());
             let value = attribute.value();
             let is_template = is_xacro(attribute.namespace(), full) || unexpanded(value).is_some();
             is_template.then(|| format!("`{full}` of `<{name}>`, {:?},", quoted(value)))
@@ -223,10 +199,7 @@ fn unexpanded(value: &str) -> Option<usize> {
 fn quoted(value: &str) -> String {
     let is_long = value.chars().nth(MAX_QUOTED).is_some();
     let start = if is_long { unexpanded(value) } else { None };
-    value[start.unwrap_or(0)..]
-        .chars()
-        .take(MAX_QUOTED)
-        .collect()
+    value[start.unwrap_or(0)..].chars().take(MAX_QUOTED).collect()
 }
 
 /// What makes an attribute unfit for a URDF.
@@ -277,10 +250,7 @@ mod tests {
     fn comments_are_removed_where_they_are_comments() {
         let between = "<![CDATA[<!--]]><link name='a'/><![CDATA[-->]]><?p <!-- ?><b/><?q --> ?>";
         let expected = "<robot><link name=\"a\"></link><b></b></robot>";
-        assert_eq!(
-            elements(&format!("<robot>{between}</robot>")).unwrap(),
-            expected
-        );
+        assert_eq!(elements(&format!("<robot>{between}</robot>")).unwrap(), expected);
         let crowded = format!("<!-- {} -->", "= xmlns ".repeat(2 * MAX_ATTRIBUTES));
         elements(&format!("<robot>{crowded}</robot>")).unwrap();
     }

@@ -25,12 +25,8 @@ pub const REWARD: Figure = Figure {
     rollout: |row| row.reward,
     score: |row| row.reward,
 };
-pub const SUCCESS: Figure = Figure {
-    title: "success",
-    most: 1.0,
-    rollout: |row| row.success,
-    score: |row| row.success,
-};
+pub const SUCCESS: Figure =
+    Figure { title: "success", most: 1.0, rollout: |row| row.success, score: |row| row.success };
 
 /// Points of one colour.
 struct Line {
@@ -44,10 +40,8 @@ pub fn draw(figure: &Figure, run: &RunData, frame: &mut Frame, area: Rect) {
     let stream = Pace::after(run, 0).stream as f64;
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
     let end = stream.max(newest);
-    let lines: Vec<Line> = visits(figure, run)
-        .into_iter()
-        .chain(evaluations(figure, run))
-        .collect();
+    let lines: Vec<Line> =
+        visits(figure, run).into_iter().chain(evaluations(figure, run)).collect();
     let sets = lines.iter().map(|line| {
         let marker = match line.kind {
             GraphType::Scatter => Marker::Dot,
@@ -64,9 +58,7 @@ pub fn draw(figure: &Figure, run: &RunData, frame: &mut Frame, area: Rect) {
     let chart = Chart::new(sets.collect())
         .block(Block::bordered().title(figure.title))
         .x_axis(
-            Axis::default()
-                .bounds([0.0, end])
-                .labels(["0".to_owned(), format!("{end} decisions")]),
+            Axis::default().bounds([0.0, end]).labels(["0".to_owned(), format!("{end} decisions")]),
         )
         .y_axis(Axis::default().bounds([0.0, figure.most]).labels(labels([
             0.0,

@@ -18,14 +18,7 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let plans = run.experiment.schedule.groups.iter();
     let rows = plans.map(|plan| row(run, &plan.group));
     let widths = [14, 8, 6, 6, 7, 9].map(Constraint::Length);
-    let header = [
-        "group",
-        "rollouts",
-        "policy",
-        "reward",
-        "success",
-        "evaluated",
-    ];
+    let header = ["group", "rollouts", "policy", "reward", "success", "evaluated"];
     let table = Table::new(rows, widths)
         .header(Row::new(header).style(Style::new().bold()))
         .block(Block::bordered().title("groups, newest figures"));

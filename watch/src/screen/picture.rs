@@ -26,9 +26,7 @@ pub fn draw(picture: &Picture, area: Rect, buffer: &mut Buffer) {
         for x in 0..across {
             let pixel = |row: usize| mean(picture, [x, row], [across, down]);
             let cell = &mut buffer[(area.x + x as u16, area.y + y as u16)];
-            cell.set_char('▀')
-                .set_fg(pixel(2 * y))
-                .set_bg(pixel(2 * y + 1));
+            cell.set_char('▀').set_fg(pixel(2 * y)).set_bg(pixel(2 * y + 1));
         }
     }
 }
@@ -44,9 +42,7 @@ fn mean(picture: &Picture, at: [usize; 2], of: [usize; 2]) -> Color {
     for y in range(1, picture.height) {
         let row = &picture.rgb[y * picture.width * RGB..][columns.start * RGB..columns.end * RGB];
         for pixel in row.chunks_exact(RGB) {
-            sums.iter_mut()
-                .zip(pixel)
-                .for_each(|(sum, &part)| *sum += usize::from(part));
+            sums.iter_mut().zip(pixel).for_each(|(sum, &part)| *sum += usize::from(part));
             count += 1;
         }
     }

@@ -19,9 +19,8 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
     let end = newest.max(Pace::after(run, 0).stream as f64);
     let policies = run.rollouts.iter().map(|row| row.distances.len()).max();
-    let dots: Vec<Vec<(f64, f64)>> = (0..policies.unwrap_or(0))
-        .map(|policy| dots(run, policy))
-        .collect();
+    let dots: Vec<Vec<(f64, f64)>> =
+        (0..policies.unwrap_or(0)).map(|policy| dots(run, policy)).collect();
     let one = [(0.0, 1.0), (end, 1.0)];
     let line = Dataset::default()
         .marker(Marker::Braille)

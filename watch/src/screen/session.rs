@@ -159,13 +159,8 @@ fn show(
     picture: Option<(String, Picture)>,
     keys: &str,
 ) -> Result<(), RunError> {
-    let shown = Shown {
-        run: &view.run,
-        finished: view.finished,
-        silence: view.silence(),
-        picture,
-        keys,
-    };
+    let shown =
+        Shown { run: &view.run, finished: view.finished, silence: view.silence(), picture, keys };
     screen.draw(|frame| draw(&shown, frame))
 }
 

@@ -41,9 +41,7 @@ fn strip(
     buffer.set_stringn(line.x, line.y, name, usize::from(line.width), Color::Reset);
     let columns = line.x + NAMES.min(line.width)..line.right();
     for (x, (sign, colour)) in columns.zip(signs) {
-        buffer[(x, line.y)]
-            .set_char(sign)
-            .set_style(ink::on(colour));
+        buffer[(x, line.y)].set_char(sign).set_style(ink::on(colour));
     }
 }
 

@@ -37,10 +37,7 @@ impl Screen {
         let said = Arc::new(Mutex::new(Some(Vec::new())));
         keep(Arc::clone(&said));
         // from here on dropping the value restores
-        let screen = Self {
-            terminal: ManuallyDrop::new(terminal),
-            said,
-        };
+        let screen = Self { terminal: ManuallyDrop::new(terminal), said };
         execute!(stdout(), EnterAlternateScreen).map_err(broken)?;
         Ok(screen)
     }
@@ -115,10 +112,7 @@ mod tests {
         let caught = panic::catch_unwind(|| panic!("a worker fell over"));
         assert!(caught.is_err());
         let kept = release(&said);
-        assert!(
-            kept.iter().any(|line| line.contains("a worker fell over")),
-            "{kept:?}"
-        );
+        assert!(kept.iter().any(|line| line.contains("a worker fell over")), "{kept:?}");
         assert!(release(&said).is_empty());
     }
 }

@@ -23,9 +23,8 @@ fn run() -> RunData {
     let mut run = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers));
     let stream = run.experiment.schedule.total_decisions();
     let groups = [0, 1].map(|number: usize| run.experiment.schedule.groups[number].group.clone());
-    for (turn, (group, policy)) in [(0, 0), (0, 0), (0, 0), (1, 1), (1, 0), (1, 1)]
-        .into_iter()
-        .enumerate()
+    for (turn, (group, policy)) in
+        [(0, 0), (0, 0), (0, 0), (1, 1), (1, 0), (1, 1)].into_iter().enumerate()
     {
         run.rollouts.push(RolloutRow {
             decisions: (turn + 1) * stream / 8,
@@ -39,11 +38,7 @@ fn run() -> RunData {
             null_maxima: vec![Some(1.0), Some(0.7)],
             ..RolloutRow::default()
         });
-        run.timings.push(TimingRow {
-            decisions: stream / 8,
-            total: 10.0,
-            ..TimingRow::default()
-        });
+        run.timings.push(TimingRow { decisions: stream / 8, total: 10.0, ..TimingRow::default() });
     }
     run.scores = D2::ALL.map(|element| score(&groups[0], element)).to_vec();
     run
@@ -65,11 +60,7 @@ fn score(group: &str, element: D2) -> ScoreRow {
 }
 
 fn red() -> Picture {
-    Picture {
-        width: 2,
-        height: 2,
-        rgb: [[200, 0, 0]; 4].concat(),
-    }
+    Picture { width: 2, height: 2, rgb: [[200, 0, 0]; 4].concat() }
 }
 
 fn drawn(run: &RunData, (width, height): (u16, u16)) -> Buffer {
@@ -100,9 +91,7 @@ fn colour(number: usize) -> Color {
 fn strip(buffer: &Buffer, name: &str) -> (u16, u16) {
     let lines = lines(buffer);
     let found = lines.iter().enumerate().find_map(|(y, line)| {
-        let x = line
-            .trim_start_matches('│')
-            .starts_with(&format!("{name:<7}"));
+        let x = line.trim_start_matches('│').starts_with(&format!("{name:<7}"));
         x.then_some(y as u16)
     });
     let y = found.unwrap_or_else(|| panic!("{name}: {lines:#?}"));
@@ -133,19 +122,11 @@ fn a_wide_screen_shows_everything() {
     }
     let row = |name: &str| {
         let row = text.lines().find(|line| line.contains(name)).unwrap();
-        row.split_whitespace()
-            .map(str::to_owned)
-            .collect::<Vec<_>>()
+        row.split_whitespace().map(str::to_owned).collect::<Vec<_>>()
     };
-    assert_eq!(
-        row(&format!("■ {}", plans[0].group))[2..7],
-        ["3", "0", "220.0", "0.40", "0.25"]
-    );
+    assert_eq!(row(&format!("■ {}", plans[0].group))[2..7], ["3", "0", "220.0", "0.40", "0.25"]);
     // a group that has not come
-    assert_eq!(
-        row(&format!("■ {}", plans[2].group))[2..7],
-        ["0", "-", "-", "-", "-"]
-    );
+    assert_eq!(row(&format!("■ {}", plans[2].group))[2..7], ["0", "-", "-", "-", "-"]);
     // the distance, its threshold, and a bar where there is a ratio
     let policy = |name: &str| {
         let line = text.lines().find(|line| line.contains(name)).unwrap();
@@ -180,13 +161,9 @@ fn strips_have_the_colours_of_reports_on_every_screen() {
 fn points(buffer: &Buffer, number: usize) -> Vec<(u16, u16)> {
     let area = buffer.area;
     let all = (0..area.width).flat_map(|x| (0..area.height).map(move |y| (x, y)));
-    let is_braille = |symbol: &str| {
-        symbol
-            .chars()
-            .all(|sign| ('\u{2801}'..='\u{28ff}').contains(&sign))
-    };
-    all.filter(|&at| buffer[at].fg == colour(number) && is_braille(buffer[at].symbol()))
-        .collect()
+    let is_braille =
+        |symbol: &str| symbol.chars().all(|sign| ('\u{2801}'..='\u{28ff}').contains(&sign));
+    all.filter(|&at| buffer[at].fg == colour(number) && is_braille(buffer[at].symbol())).collect()
 }
 
 #[test]
@@ -207,16 +184,10 @@ fn a_curve_rises_where_the_data_rises() {
 #[test]
 fn a_picture_has_its_own_colours() {
     let buffer = drawn(&run(), WIDE);
-    let red = buffer
-        .content
-        .iter()
-        .filter(|cell| cell.fg == Color::Rgb(200, 0, 0));
+    let red = buffer.content.iter().filter(|cell| cell.fg == Color::Rgb(200, 0, 0));
     let red: Vec<_> = red.collect();
     assert!(red.len() > 100, "{}", red.len());
-    assert!(
-        red.iter()
-            .all(|cell| cell.symbol() == "▀" && cell.bg == cell.fg)
-    );
+    assert!(red.iter().all(|cell| cell.symbol() == "▀" && cell.bg == cell.fg));
 }
 
 #[test]

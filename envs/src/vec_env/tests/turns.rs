@@ -45,11 +45,7 @@ fn every_environment_has_the_turn_that_it_is_given() {
         advance(rig, [Turn::Step; N]);
     }
     advance(&mut mixed, [Turn::Reset, Turn::Rest, Turn::Step]);
-    assert_eq!(
-        mixed.observation(1),
-        even.observation(1),
-        "one that rests stays as it is"
-    );
+    assert_eq!(mixed.observation(1), even.observation(1), "one that rests stays as it is");
     assert_eq!(mixed.batch.rewards[..2], [0.0; 2]);
     advance(&mut even, [Turn::Step; N]);
     assert_eq!(
@@ -59,11 +55,7 @@ fn every_environment_has_the_turn_that_it_is_given() {
     );
     assert_eq!(mixed.batch.rewards[2], even.batch.rewards[2]);
     advance(&mut even, [Turn::Reset; N]);
-    assert_eq!(
-        mixed.observation(0),
-        even.observation(0),
-        "the second episode of its stream"
-    );
+    assert_eq!(mixed.observation(0), even.observation(0), "the second episode of its stream");
 }
 
 #[test]
@@ -86,10 +78,7 @@ fn one_that_waits_for_a_reset_fails_alone() {
 
 #[test]
 fn experts_close_every_drawer() {
-    let settings = VecEnvSettings {
-        num_envs: N,
-        ..VecEnvSettings::default()
-    };
+    let settings = VecEnvSettings { num_envs: N, ..VecEnvSettings::default() };
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
     let (mut batch, mut actions) = (Batch::new(&settings), ACTIONS);
     let early = env.expert_actions(&mut actions).unwrap_err();

@@ -67,11 +67,7 @@ impl FieldNorm<'_> {
             _ => (Work::groups(fields), Rows::Fixed(pixels)),
         };
         let step = Step::new(label, self.channels.order(), work)
-            .constants([
-                ("FIELDS", fields),
-                ("CENTRED", self.centred),
-                ("BASE", self.base),
-            ])
+            .constants([("FIELDS", fields), ("CENTRED", self.centred), ("BASE", self.base)])
             .text(&expression("parts", self.parts()))
             .text(&expression("pixels", pixels))
             .read("params", "f32", plan.params())
@@ -87,10 +83,7 @@ impl FieldNorm<'_> {
             Statistics::Fixed(moments) => step
                 .read("standards", "vec2<f32>", plan.table(standards(moments)))
                 .text(include_str!("../wgsl/fixed.wgsl")),
-            _ => step
-                .number("EPSILON", EPSILON)
-                .sums()
-                .text(include_str!("../wgsl/measured.wgsl")),
+            _ => step.number("EPSILON", EPSILON).sums().text(include_str!("../wgsl/measured.wgsl")),
         };
         step.text(include_str!("../wgsl/field_norm.wgsl"))
     }

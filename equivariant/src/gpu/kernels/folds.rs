@@ -64,12 +64,7 @@ impl<'a> Folds<'a> {
             let own = functions.iter().filter(|f| f.parts[0].0 == tap);
             let parities = own.fold(0u32, |mask, f| mask | 1 << self.position(f.parity));
             let len = parities.count_ones() as usize;
-            self.orbits.push(Orbit {
-                tap,
-                len,
-                parities,
-                first: self.entries,
-            });
+            self.orbits.push(Orbit { tap, len, parities, first: self.entries });
             self.entries += self.fields * if self.trivial { 1 } else { len };
         }
     }
@@ -86,11 +81,7 @@ impl<'a> Folds<'a> {
             unreachable!("every function starts with the first tap of an orbit")
         };
         let before = orbit.parities & ((1 << self.position(parity)) - 1);
-        let skipped = if self.trivial {
-            0
-        } else {
-            before.count_ones() as usize
-        };
+        let skipped = if self.trivial { 0 } else { before.count_ones() as usize };
         orbit.first + skipped * self.fields
     }
 
@@ -145,20 +136,10 @@ impl<'a> Folds<'a> {
                     .iter()
                     .position(|g| g.apply_pixel(row, col, size, size) == (tap[0], tap[1]))
             };
-            let found = self
-                .orbits
-                .iter()
-                .find_map(|orbit| Some((orbit, moved(orbit)?)));
-            let Some((orbit, element)) = found else {
-                unreachable!("every tap is in an orbit")
-            };
+            let found = self.orbits.iter().find_map(|orbit| Some((orbit, moved(orbit)?)));
+            let Some((orbit, element)) = found else { unreachable!("every tap is in an orbit") };
             let scale = (orbit.len as f64).sqrt().recip() as f32;
-            [
-                orbit.first as u32,
-                orbit.parities,
-                element as u32,
-                scale.to_bits(),
-            ]
+            [orbit.first as u32, orbit.parities, element as u32, scale.to_bits()]
         });
         rows.flatten().collect()
     }

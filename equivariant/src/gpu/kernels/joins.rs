@@ -8,9 +8,7 @@ use crate::gpu::step::{Slot, Step};
 /// Adds a copy of both maps into their sum, and the reverse for gradients.
 pub(super) fn concat(plan: &mut Plan, inputs: &[Tensor; 2], y: &Tensor) {
     let pixels = y.shape.pixels();
-    let [first, second] = inputs
-        .each_ref()
-        .map(|input| Channels::of(input.shape.fields));
+    let [first, second] = inputs.each_ref().map(|input| Channels::of(input.shape.fields));
     let sum = Channels::of(y.shape.fields);
     let places = [first.at_start_of(&sum), second.at_end_of(&sum)];
     let mut steps = [Vec::new(), Vec::new()];
@@ -41,8 +39,5 @@ pub(super) fn fork(plan: &mut Plan, x: &Tensor, readers: &[Tensor; 2]) {
     let step = each_field("add", &channels, x.shape.pixels());
     let step = channels.read(channels.read(step, "a", first), "b", second);
     let step = channels.write(step, "y", dx);
-    plan.push(
-        Vec::new(),
-        vec![step.text(include_str!("../wgsl/add.wgsl"))],
-    );
+    plan.push(Vec::new(), vec![step.text(include_str!("../wgsl/add.wgsl"))]);
 }

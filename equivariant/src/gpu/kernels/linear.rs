@@ -110,14 +110,7 @@ impl<'a> Linear<'a> {
     }
 
     fn product(&self, rows: Rows, cols: usize, depth: Rows) -> Product {
-        Product {
-            order: self.order,
-            rows,
-            cols,
-            depth,
-            slices: 1,
-            rows_are_neighbours: false,
-        }
+        Product { order: self.order, rows, cols, depth, slices: 1, rows_are_neighbours: false }
     }
 
     /// Adds the folded patches, or the pixels that they are, as `input_at(row, entry)`.
@@ -128,26 +121,20 @@ impl<'a> Linear<'a> {
             Some(folded) => step
                 .read("folded", "Field", folded)
                 .text(&function("folded[row * ENTRIES + entry]")),
-            None => self
-                .input
-                .read(step, "x", self.x.values)
-                .text(&function("load_x(row, entry)")),
+            None => self.input.read(step, "x", self.x.values).text(&function("load_x(row, entry)")),
         }
         .constants([("ENTRIES", self.folds.entries)])
     }
 
     fn weights(&self, step: Step, plan: &Plan) -> Step {
-        step.read("weights", "Field", plan.params())
-            .constants([("BASE", self.base)])
+        step.read("weights", "Field", plan.params()).constants([("BASE", self.base)])
     }
 
     fn forward(&self, plan: &Plan) -> Step {
         let (rows, cols) = (Rows::Each(self.out_pixels()), self.output.fields());
         let product = self.product(rows, cols, Rows::Fixed(self.folds.entries));
         let step = self.patches(product.step("forward"));
-        let step = self
-            .output
-            .write(self.weights(step, plan), "y", self.y.values);
+        let step = self.output.write(self.weights(step, plan), "y", self.y.values);
         let step = step.text(
             "fn left_at(r: u32, d: u32) -> Field { return input_at(r, d); }
              fn right_at(d: u32, c: u32) -> Field { return weights[BASE + d * COLS + c]; }
@@ -187,11 +174,8 @@ impl<'a> Linear<'a> {
 
     fn weight_gradient(&self, plan: &mut Plan, dy: Slot) -> Vec<Step> {
         let cols = self.output.fields();
-        let mut product = self.product(
-            Rows::Fixed(self.folds.entries + 1),
-            cols,
-            Rows::Each(self.out_pixels()),
-        );
+        let mut product =
+            self.product(Rows::Fixed(self.folds.entries + 1), cols, Rows::Each(self.out_pixels()));
         product.rows_are_neighbours = true;
         let slices = GROUPS.div_ceil(product.tiles()).min(MOST_SLICES);
         let slices = slices.min(self.out_pixels());
@@ -226,13 +210,10 @@ impl<'a> Linear<'a> {
         let (rows, cols) = (Rows::Each(self.out_pixels()), self.output.fields());
         let product = self.product(rows, self.folds.entries, Rows::Fixed(cols));
         let step = self.weights(product.step("input gradient"), plan);
-        let step = self
-            .output_gradient(step, dy)
-            .constants([("DEPTH", cols)])
-            .text(
-                "fn left_at(r: u32, d: u32) -> Field { return d_output(r, d); }
+        let step = self.output_gradient(step, dy).constants([("DEPTH", cols)]).text(
+            "fn left_at(r: u32, d: u32) -> Field { return d_output(r, d); }
              fn right_at(d: u32, c: u32) -> Field { return weights[BASE + c * DEPTH + d]; }",
-            );
+        );
         let put = |to| format!("fn put(slice: u32, r: u32, c: u32, v: Field) {{ {to}; }}");
         if self.folded.is_none() {
             let step = self.input.write(step, "dx", dx);
@@ -241,10 +222,7 @@ impl<'a> Linear<'a> {
         let folded = self.out_pixels() * self.folds.entries * self.order;
         let folded = plan.shared(Shared::Folded, 0, folded);
         let step = step.write("d_folded", "Field", folded);
-        vec![
-            step.text(&put("d_folded[r * COLS + c] = v")),
-            self.unfold(plan, folded, dx),
-        ]
+        vec![step.text(&put("d_folded[r * COLS + c] = v")), self.unfold(plan, folded, dx)]
     }
 
     /// Takes the gradient in the folded patches back to the input.
@@ -254,12 +232,9 @@ impl<'a> Linear<'a> {
             .read("taps", "Tap", plan.table(self.folds.tap_table()))
             .read("d_folded", "Field", folded);
         if self.folds.trivial {
-            step.write("dx", "f32", dx)
-                .text(include_str!("../wgsl/unfold_trivial.wgsl"))
+            step.write("dx", "f32", dx).text(include_str!("../wgsl/unfold_trivial.wgsl"))
         } else {
-            self.input
-                .write(step, "sum", dx)
-                .text(include_str!("../wgsl/unfold.wgsl"))
+            self.input.write(step, "sum", dx).text(include_str!("../wgsl/unfold.wgsl"))
         }
     }
 }

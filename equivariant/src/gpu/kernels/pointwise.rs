@@ -7,13 +7,9 @@ use crate::steerable::hadamard::permuted;
 
 /// A kernel with a thread for each pixel and field of a map.
 pub(super) fn each_field(label: &'static str, channels: &Channels, pixels: usize) -> Step {
-    Step::new(
-        label,
-        channels.order(),
-        Work::threads(pixels * channels.fields()),
-    )
-    .constants([("PIXELS", pixels), ("FIELDS", channels.fields())])
-    .text(include_str!("../wgsl/each_field.wgsl"))
+    Step::new(label, channels.order(), Work::threads(pixels * channels.fields()))
+        .constants([("PIXELS", pixels), ("FIELDS", channels.fields())])
+        .text(include_str!("../wgsl/each_field.wgsl"))
 }
 
 /// The fields of a map that the group permutes in the regular basis.
@@ -53,10 +49,7 @@ pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
 pub(super) fn group_max_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     let backward = include_str!("../wgsl/group_max_pool_backward.wgsl");
     let texts = [
-        (
-            "group max-pool",
-            include_str!("../wgsl/group_max_pool.wgsl"),
-        ),
+        ("group max-pool", include_str!("../wgsl/group_max_pool.wgsl")),
         ("group max-pool backward", backward),
     ];
     group_pool(plan, (x, y), texts, |step| step);
@@ -66,10 +59,7 @@ pub(super) fn group_mean_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     let scale = (x.shape.fields.group().order() as f64).sqrt().recip();
     let backward = include_str!("../wgsl/group_mean_pool_backward.wgsl");
     let texts = [
-        (
-            "group mean-pool",
-            include_str!("../wgsl/group_mean_pool.wgsl"),
-        ),
+        ("group mean-pool", include_str!("../wgsl/group_mean_pool.wgsl")),
         ("group mean-pool backward", backward),
     ];
     group_pool(plan, (x, y), texts, |step| step.number("SCALE", scale));

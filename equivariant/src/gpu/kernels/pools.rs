@@ -30,10 +30,8 @@ pub(super) fn average_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tens
         let step = channels.write(channels.read(step, "source", from), "sum", to);
         step.text(include_str!("../wgsl/average_pool.wgsl"))
     };
-    let [forward, backward] = [
-        ("average-pool", "pixel_at"),
-        ("average-pool backward", "window_at"),
-    ];
+    let [forward, backward] =
+        [("average-pool", "pixel_at"), ("average-pool backward", "window_at")];
     let back = |[dx, dy]: [Slot; 2]| step(backward, x.shape.pixels(), [dy, dx]);
     plan.push(
         vec![step(forward, y.shape.pixels(), [x.values, y.values])],

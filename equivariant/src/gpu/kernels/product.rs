@@ -106,10 +106,7 @@ impl Tile {
             store += &if at + THREADS <= right_len {
                 format!("right[thread + {at}u] = r{k};\n")
             } else {
-                format!(
-                    "if thread < {}u {{ right[thread + {at}u] = r{k}; }}\n",
-                    right_len - at
-                )
+                format!("if thread < {}u {{ right[thread + {at}u] = r{k}; }}\n", right_len - at)
             };
         }
         let mut multiply = String::new();

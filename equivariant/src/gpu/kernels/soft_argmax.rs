@@ -19,11 +19,7 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
         channels.read(step, "x", x.values)
     };
     let sizes = [("PIXELS", x.shape.pixels()), ("FIELDS", channels.fields())];
-    let step = Step::new(
-        "soft-argmax",
-        channels.order(),
-        Work::groups(channels.fields()),
-    );
+    let step = Step::new("soft-argmax", channels.order(), Work::groups(channels.fields()));
     let step = common(step.constants(sizes))
         .reduction("largest_of", "Field", Combine::Largest)
         .reduction("added", "Field", Combine::Sum)
@@ -35,11 +31,7 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
         .fold(step, |step, (to, name)| to.storer(step, "y", name));
     let forward = step.text(include_str!("../wgsl/soft_argmax.wgsl"));
     let backward = gradients(x, y).map(|[dx, dy]| {
-        let step = common(each_field(
-            "soft-argmax backward",
-            &channels,
-            x.shape.pixels(),
-        ));
+        let step = common(each_field("soft-argmax backward", &channels, x.shape.pixels()));
         let step = step.read("kept", "Field", kept).read("dy", "f32", dy);
         let step = keypoints
             .iter()
@@ -62,10 +54,7 @@ fn keypoints(channels: &Channels, x: &Tensor, y: &Tensor) -> [Channels; 2] {
     }
     // x and y are one irrep to C1 and C2, and x comes first there
     let range = |irrep| to.range(group.restrict(irrep));
-    [
-        at(vec![range(Irrep::X).start]),
-        at(vec![range(Irrep::Y).end - n]),
-    ]
+    [at(vec![range(Irrep::X).start]), at(vec![range(Irrep::Y).end - n])]
 }
 
 /// The signs by which the elements of the group flip x and y.
@@ -73,9 +62,7 @@ fn signs(step: Step, channels: &Channels, x: &Tensor) -> Step {
     let elements = x.shape.fields.group().elements();
     let named = [("SIGNS_X", Irrep::X), ("SIGNS_Y", Irrep::Y)];
     named.into_iter().fold(step, |step, (name, irrep)| {
-        let signs = elements[..channels.order()]
-            .iter()
-            .map(|&g| format!("{}.0", irrep.sign(g)));
+        let signs = elements[..channels.order()].iter().map(|&g| format!("{}.0", irrep.sign(g)));
         let signs: Vec<String> = signs.collect();
         step.text(&format!("const {name} = Field({});", signs.join(", ")))
     })

@@ -99,9 +99,7 @@ impl Lanes<f32> for V4 {
         let first = self.avx512f._mm512_set1_epi32(4 * i as i32);
         // an index of 16 and more is a lane of the second register
         let index = [0, 0, 16, 16, 1, 1, 17, 17, 2, 2, 18, 18, 3, 3, 19, 19];
-        let index = self
-            .avx512f
-            ._mm512_add_epi32(cast::<[i32; 16], _>(index), first);
+        let index = self.avx512f._mm512_add_epi32(cast::<[i32; 16], _>(index), first);
         self.avx512f._mm512_permutex2var_ps(e, index, o)
     }
 
@@ -138,10 +136,7 @@ impl Lanes<f32> for V3 {
         let bytes: [u64; 2] = cast(*bytes);
         let low = self.avx2._mm256_cvtepu8_epi32(cast([bytes[0], 0]));
         let high = self.avx2._mm256_cvtepu8_epi32(cast([bytes[1], 0]));
-        [
-            self.avx._mm256_cvtepi32_ps(low),
-            self.avx._mm256_cvtepi32_ps(high),
-        ]
+        [self.avx._mm256_cvtepi32_ps(low), self.avx._mm256_cvtepi32_ps(high)]
     }
 
     #[inline(always)]
@@ -173,34 +168,22 @@ impl Lanes<f32> for V3 {
 
     #[inline(always)]
     fn add(self, a: Self::V, b: Self::V) -> Self::V {
-        [
-            self.avx._mm256_add_ps(a[0], b[0]),
-            self.avx._mm256_add_ps(a[1], b[1]),
-        ]
+        [self.avx._mm256_add_ps(a[0], b[0]), self.avx._mm256_add_ps(a[1], b[1])]
     }
 
     #[inline(always)]
     fn sub(self, a: Self::V, b: Self::V) -> Self::V {
-        [
-            self.avx._mm256_sub_ps(a[0], b[0]),
-            self.avx._mm256_sub_ps(a[1], b[1]),
-        ]
+        [self.avx._mm256_sub_ps(a[0], b[0]), self.avx._mm256_sub_ps(a[1], b[1])]
     }
 
     #[inline(always)]
     fn mul(self, a: Self::V, b: Self::V) -> Self::V {
-        [
-            self.avx._mm256_mul_ps(a[0], b[0]),
-            self.avx._mm256_mul_ps(a[1], b[1]),
-        ]
+        [self.avx._mm256_mul_ps(a[0], b[0]), self.avx._mm256_mul_ps(a[1], b[1])]
     }
 
     #[inline(always)]
     fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
-        [
-            self.fma._mm256_fmadd_ps(a[0], b[0], c[0]),
-            self.fma._mm256_fmadd_ps(a[1], b[1], c[1]),
-        ]
+        [self.fma._mm256_fmadd_ps(a[0], b[0], c[0]), self.fma._mm256_fmadd_ps(a[1], b[1], c[1])]
     }
 
     #[inline(always)]
@@ -250,10 +233,7 @@ impl Lanes<f32> for V3 {
         let low = self.avx._mm256_cmp_ps::<0x16>(v[0], zero);
         let high = self.avx._mm256_cmp_ps::<0x16>(v[1], zero);
         let bits = self.avx._mm256_movemask_ps(low) | self.avx._mm256_movemask_ps(high) << 8;
-        let v = [
-            self.avx._mm256_and_ps(low, v[0]),
-            self.avx._mm256_and_ps(high, v[1]),
-        ];
+        let v = [self.avx._mm256_and_ps(low, v[0]), self.avx._mm256_and_ps(high, v[1])];
         (v, bits as u16)
     }
 
@@ -262,16 +242,9 @@ impl Lanes<f32> for V3 {
         let bits = self.avx._mm256_set1_epi32(i32::from(bits));
         let low = cast([1, 2, 4, 8, 16, 32, 64, 128]);
         let high = self.avx2._mm256_slli_epi32::<8>(low);
-        let low = self
-            .avx2
-            ._mm256_cmpeq_epi32(self.avx2._mm256_and_si256(bits, low), low);
-        let high = self
-            .avx2
-            ._mm256_cmpeq_epi32(self.avx2._mm256_and_si256(bits, high), high);
-        [
-            self.avx._mm256_and_ps(v[0], cast(low)),
-            self.avx._mm256_and_ps(v[1], cast(high)),
-        ]
+        let low = self.avx2._mm256_cmpeq_epi32(self.avx2._mm256_and_si256(bits, low), low);
+        let high = self.avx2._mm256_cmpeq_epi32(self.avx2._mm256_and_si256(bits, high), high);
+        [self.avx._mm256_and_ps(v[0], cast(low)), self.avx._mm256_and_ps(v[1], cast(high))]
     }
 
     #[inline(always)]
@@ -282,10 +255,8 @@ impl Lanes<f32> for V3 {
         let high = avx._mm256_cmp_ps::<_CMP_GT_OQ>(v[1], best[1]);
         let high = avx._mm256_or_ps(high, avx._mm256_cmp_ps::<_CMP_UNORD_Q>(v[1], v[1]));
         let bits = avx._mm256_movemask_ps(low) | avx._mm256_movemask_ps(high) << 8;
-        let larger = [
-            avx._mm256_blendv_ps(best[0], v[0], low),
-            avx._mm256_blendv_ps(best[1], v[1], high),
-        ];
+        let larger =
+            [avx._mm256_blendv_ps(best[0], v[0], low), avx._mm256_blendv_ps(best[1], v[1], high)];
         (larger, bits as u16)
     }
 }

@@ -75,16 +75,11 @@ impl<S: CollectionSettings> Learner for Collection<S> {
     ) -> Result<Recognised, LearnerError> {
         let observed = self.watch(env, episodes, rng)?;
         if !self.has_learnt() {
-            return Ok(Recognised {
-                policy: 0,
-                fits: true,
-            });
+            return Ok(Recognised { policy: 0, fits: true });
         }
         let mut candidates =
             CandidateClouds::new(&mut self.policies, self.current, &self.spec, &observed);
-        let decision = self
-            .grouping
-            .assign(Query::Recognition, &mut candidates, rng)?;
+        let decision = self.grouping.assign(Query::Recognition, &mut candidates, rng)?;
         let recognised = Recognised::from(&decision);
         self.check_policy(recognised.policy)?;
         Ok(recognised)
@@ -174,11 +169,7 @@ impl<S: CollectionSettings> Collection<S> {
 
     /// Takes the whole episodes of a rollout, where the grouping needs them.
     pub(super) fn courses_in(&self, rollout: &RolloutOf<S>, before: usize) -> Vec<Course> {
-        if self.grouping.needs().whole_episodes {
-            courses(rollout, before)
-        } else {
-            Vec::new()
-        }
+        if self.grouping.needs().whole_episodes { courses(rollout, before) } else { Vec::new() }
     }
 
     /// Refuses a rollout that shows too few first frames to be assigned.
@@ -257,9 +248,7 @@ impl<S: CollectionSettings> Collection<S> {
     /// Improves the current policy with the rollout (line 15); returns what is logged.
     fn update(&mut self, seconds: &mut Seconds) -> Result<Vec<(String, f64)>, LearnerError> {
         let clock = Instant::now();
-        let PolicyEntry {
-            policy, training, ..
-        } = &mut self.policies[self.current];
+        let PolicyEntry { policy, training, .. } = &mut self.policies[self.current];
         let rng = &mut self.generators.updates;
         let logged = training.learn(policy, &mut self.rollout, rng)?;
         seconds.update += clock.elapsed().as_secs_f64();

@@ -43,10 +43,7 @@ pub fn read_note(path: &Path) -> Result<String, LearnerError> {
 #[derive(Serialize, Deserialize)]
 #[serde(
     deny_unknown_fields,
-    bound(
-        serialize = "S: Clone + Serialize",
-        deserialize = "S: Clone + DeserializeOwned"
-    )
+    bound(serialize = "S: Clone + Serialize", deserialize = "S: Clone + DeserializeOwned")
 )]
 struct Header<'a, S: Clone> {
     settings: Cow<'a, S>,
@@ -82,9 +79,8 @@ impl<S: CollectionSettings> Collection<S> {
         };
         self.check_extent(extent)?;
         let entries = self.policies.iter().enumerate();
-        let mut tensors: Vec<Tensor> = entries
-            .flat_map(|(index, entry)| entry.tensors(index, &self.spec, extent))
-            .collect();
+        let mut tensors: Vec<Tensor> =
+            entries.flat_map(|(index, entry)| entry.tensors(index, &self.spec, extent)).collect();
         tensors.push(note_tensor(note));
         encode(path, &header, &tensors)
     }
@@ -190,14 +186,8 @@ impl<'a> Checkpoint<'a> {
             header.members.iter_mut().for_each(|m| m.counters = None);
         }
         let note = file.text(NOTE)?;
-        let arrays = Arrays {
-            file,
-            spec,
-            settings: &*header.settings,
-        };
-        let policies = arrays
-            .policies(&header)
-            .map_err(|error| error.in_file(self.path))?;
+        let arrays = Arrays { file, spec, settings: &*header.settings };
+        let policies = arrays.policies(&header).map_err(|error| error.in_file(self.path))?;
         let mut collection =
             Collection::with_grouping(header.settings.into_owned(), spec, grouping)
                 .map_err(|error| error.in_file(self.path))?;
@@ -211,14 +201,12 @@ impl<'a> Checkpoint<'a> {
 impl<S: CollectionSettings> PolicyEntry<S> {
     fn header(&self, extent: Extent) -> EntryHeader {
         match extent {
-            Extent::Everything => EntryHeader {
-                counters: Some(self.counters()),
-                seen: self.buffer.seen(),
-            },
-            Extent::Policies { .. } => EntryHeader {
-                counters: None,
-                seen: self.kept(extent).len() as u64,
-            },
+            Extent::Everything => {
+                EntryHeader { counters: Some(self.counters()), seen: self.buffer.seen() }
+            }
+            Extent::Policies { .. } => {
+                EntryHeader { counters: None, seen: self.kept(extent).len() as u64 }
+            }
         }
     }
 
@@ -271,9 +259,8 @@ struct Arrays<'a, S> {
 impl<S: CollectionSettings> Arrays<'_, S> {
     fn policies(&self, header: &Header<'_, S>) -> Result<Vec<PolicyEntry<S>>, LearnerError> {
         let entries = header.members.iter().enumerate();
-        let policies: Vec<_> = entries
-            .map(|(index, entry)| self.policy(index, entry))
-            .collect::<Result<_, _>>()?;
+        let policies: Vec<_> =
+            entries.map(|(index, entry)| self.policy(index, entry)).collect::<Result<_, _>>()?;
         if header.current < policies.len() {
             return Ok(policies);
         }
@@ -292,11 +279,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         let episodes = self.episodes(&name("images"), &name("vectors"))?;
         let capacity = self.settings.common().buffer_capacity();
         let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
-        Ok(PolicyEntry {
-            policy,
-            training,
-            buffer,
-        })
+        Ok(PolicyEntry { policy, training, buffer })
     }
 
     fn restore_training(
@@ -309,14 +292,8 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
         let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, LearnerError>>()?;
         let state = AlgorithmState {
-            tensors: arrays
-                .iter()
-                .map(|(name, a)| (name.as_str(), a.as_slice()))
-                .collect(),
-            counters: counters
-                .iter()
-                .map(|(name, n)| (name.as_str(), *n))
-                .collect(),
+            tensors: arrays.iter().map(|(name, a)| (name.as_str(), a.as_slice())).collect(),
+            counters: counters.iter().map(|(name, n)| (name.as_str(), *n)).collect(),
         };
         let restored = training.restore(&state);
         restored.map_err(|error| self.file.damaged(format!("`{}`: {error}", name("update"))))?;
@@ -329,11 +306,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
         let frames = if count == 0 { 0 } else { k };
-        self.check_shape(
-            images,
-            &shape,
-            &[&[count, frames], spec.image.as_slice()].concat(),
-        )?;
+        self.check_shape(images, &shape, &[&[count, frames], spec.image.as_slice()].concat())?;
         let (shape, numbers) = self.file.floats(vectors)?;
         self.check_shape(vectors, &shape, &[count, frames, spec.vector.len()])?;
         let (image, vector) = (k * spec.image_len(), k * spec.vector.len());

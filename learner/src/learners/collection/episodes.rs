@@ -20,11 +20,7 @@ pub(super) struct FirstFrames {
 impl FirstFrames {
     /// Takes the first `count` observations of an episode.
     pub(super) fn new(count: usize, observations: Observations) -> Self {
-        Self {
-            began: 0,
-            count,
-            observations,
-        }
+        Self { began: 0, count, observations }
     }
 
     /// Returns the decisions of all environments before it, since the look began that it is of.
@@ -146,11 +142,7 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
         while start < rollout.shown() {
             let end = (start..rollout.shown()).find(|&t| rollout.step(t, env).outcome.ended());
             let stop = end.map_or(rollout.shown(), |last| last + 1);
-            spans.push(Span {
-                env,
-                steps: start..stop,
-                is_whole: end.is_some(),
-            });
+            spans.push(Span { env, steps: start..stop, is_whole: end.is_some() });
             start = stop;
         }
     }
@@ -211,10 +203,7 @@ pub(super) fn embed<P: Features>(
 ) -> Result<Frames, LearnerError> {
     let dim = policy.feature_dim();
     let per_episode = episodes.first().map_or(0, |episode| episode.count);
-    let mut all = Observations {
-        images: Vec::new(),
-        vectors: Vec::new(),
-    };
+    let mut all = Observations { images: Vec::new(), vectors: Vec::new() };
     for episode in episodes {
         all.images.extend(&episode.observations.images);
         all.vectors.extend(&episode.observations.vectors);
@@ -242,10 +231,8 @@ mod tests {
         let mut buffer = RolloutBuffer::new(&spec, 5).unwrap();
         for step in 0..5 {
             let marks = [step as u8, 10 + step as u8];
-            let observations = Observations {
-                images: marks.to_vec(),
-                vectors: marks.map(f32::from).to_vec(),
-            };
+            let observations =
+                Observations { images: marks.to_vec(), vectors: marks.map(f32::from).to_vec() };
             let mut transition = Transition::new(&spec);
             for (env, outcome) in transition.outcomes.iter_mut().enumerate() {
                 if ends.contains(&(env, step)) {
@@ -253,18 +240,14 @@ mod tests {
                 }
             }
             let decisions = Decisions::new(&spec);
-            buffer
-                .push(&observations, &decisions, &transition, &[0.0; 2])
-                .unwrap();
+            buffer.push(&observations, &decisions, &transition, &[0.0; 2]).unwrap();
         }
         buffer
     }
 
     fn images(rollout: &RolloutBuffer, k: usize) -> Vec<Vec<u8>> {
         let episodes = first_frames(rollout, 0, k).into_iter();
-        episodes
-            .map(|episode| episode.observations.images)
-            .collect()
+        episodes.map(|episode| episode.observations.images).collect()
     }
 
     #[test]

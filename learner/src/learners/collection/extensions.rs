@@ -146,11 +146,7 @@ impl<S: CollectionSettings> Collection<S> {
         let lesson = Lesson::Rollout {
             policy: self.current,
             accepted: &decision.accepted,
-            episodes: Episodes {
-                spec: &self.spec,
-                collector,
-                courses: &courses,
-            },
+            episodes: Episodes { spec: &self.spec, collector, courses: &courses },
         };
         let rng = &mut self.generators.assignment;
         let learned = self.grouping.learn(lesson, rng)?;
@@ -185,10 +181,7 @@ impl<S: CollectionSettings> Collection<S> {
             });
             let probes: Vec<Episodes<'_>> = probes.collect();
             let rng = &mut self.generators.assignment;
-            let lesson = Lesson::Probes {
-                policy,
-                probes: &probes,
-            };
+            let lesson = Lesson::Probes { policy, probes: &probes };
             learned = self.grouping.learn(lesson, rng)?;
         }
         let heir = learned.merged_into.get(policy).copied().flatten();

@@ -136,10 +136,7 @@ mod tests {
 
     #[test]
     fn a_table_on_which_little_moves_is_small() {
-        let frames = Frames {
-            len: 3 * 64 * 64,
-            pixel: 3,
-        };
+        let frames = Frames { len: 3 * 64 * 64, pixel: 3 };
         let mut pictures = [90, 80, 70].repeat(64 * 64 * 51);
         for (t, picture) in pictures.chunks_mut(frames.len).enumerate() {
             picture[300 + 3 * t..][..30].fill(200);
@@ -166,10 +163,7 @@ mod tests {
     fn every_picture_comes_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for _ in 0..500 {
-            let frames = Frames {
-                len: rng.random_range(0..50),
-                pixel: rng.random_range(1..5),
-            };
+            let frames = Frames { len: rng.random_range(0..50), pixel: rng.random_range(1..5) };
             let zeros = rng.random_range(0..10);
             let mut byte = || match rng.random_range(0..10) < zeros {
                 true => 0,
@@ -179,10 +173,7 @@ mod tests {
             let bytes = &bytes[..rng.random_range(0..=200)];
             let mut packed = packed(frames, bytes);
             packed.extend([1, 2, 3]);
-            assert_eq!(
-                back(frames, &packed, bytes.len()),
-                Some((bytes.to_vec(), 3))
-            );
+            assert_eq!(back(frames, &packed, bytes.len()), Some((bytes.to_vec(), 3)));
         }
     }
 }

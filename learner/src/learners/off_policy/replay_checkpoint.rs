@@ -69,10 +69,7 @@ impl Sizes {
         let [height, width, channels] = spec.image;
         let pixel = channels - still;
         Self {
-            frames: Frames {
-                len: height * width * pixel,
-                pixel: pixel.max(1),
-            },
+            frames: Frames { len: height * width * pixel, pixel: pixel.max(1) },
             still: height * width * still,
             vector: spec.vector.len(),
             action: spec.action.len(),
@@ -110,9 +107,8 @@ pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Repla
     let running = running.map(|n| (n != NONE).then(|| small("running", n)).transpose());
     let order = file.integers(&name("order"))?;
     let (order, _) = order.as_chunks::<2>();
-    let order = order
-        .iter()
-        .map(|&[episode, step]| Ok([small("order", episode)?, small("order", step)?]));
+    let order =
+        order.iter().map(|&[episode, step]| Ok([small("order", episode)?, small("order", step)?]));
     let sizes = Sizes::new(fresh);
     // every episode has one more observation than steps, and some that its contexts reach back to
     let most_frames = 2 * fresh.settings().capacity + CONTEXTS;
@@ -181,11 +177,7 @@ impl Row {
 /// The rows of episodes with this many steps in all.
 fn rows(numbers: &[u64], steps: usize) -> Option<Vec<Row>> {
     let (numbers, _) = numbers.as_chunks::<FIELDS>();
-    let rows: Vec<Row> = numbers
-        .iter()
-        .copied()
-        .map(Row::new)
-        .collect::<Option<_>>()?;
+    let rows: Vec<Row> = numbers.iter().copied().map(Row::new).collect::<Option<_>>()?;
     let mut rest = steps;
     for row in &rows {
         rest = rest.checked_sub(row.steps)?;

@@ -25,13 +25,7 @@ struct Step {
 impl StagedRollout {
     /// Makes room for collections of `steps` steps of every environment.
     pub fn new(spec: &EnvSpec, steps: usize) -> Self {
-        Self {
-            spec: spec.clone(),
-            steps,
-            uniform: 0,
-            collections: Vec::new(),
-            actions: Vec::new(),
-        }
+        Self { spec: spec.clone(), steps, uniform: 0, collections: Vec::new(), actions: Vec::new() }
     }
 
     /// Draws the actions of the next `decisions` decisions uniformly from [-1, 1].
