@@ -3,7 +3,6 @@
 //!
 //! Each check makes rows of figures, prints them, and holds them to bounds.
 
-mod deviation;
 mod npz;
 mod parity;
 mod recording;

@@ -2,7 +2,6 @@
 
 mod command;
 mod description;
-mod examples;
 mod graph;
 mod onnx;
 mod weights;

@@ -6,7 +6,7 @@ use envs::TaskGroup;
 use serde::Serialize;
 use symmetry::D2;
 
-use experiments::distinct::distinct;
+use itertools::Itertools;
 use report::Table;
 
 /// Success of the paper's policies on its Kinova Gen3 in 20 trials a group (Liu et al., CoRL 2023,
@@ -65,7 +65,7 @@ fn table(scores: &[TrialScore]) -> Table {
     let header =
         ["group", "trials", "success", "95 % interval", "at end", "paper, real arm", "policies"];
     let mut table = Table::new("Success in trials on a robot.", &header);
-    let groups = distinct(scores.iter().map(|score| score.group));
+    let groups: Vec<_> = scores.iter().map(|score| score.group).unique().collect();
     for &group in &groups {
         let of = scores.iter().filter(|score| score.group == group);
         let paper = PAPER.iter().find(|(name, _)| *name == group.name());

@@ -62,7 +62,7 @@ mod tests {
     #[test]
     fn no_two_strokes_are_equal() {
         let strokes: Vec<Stroke> = (0..100).map(stroke).collect();
-        assert!(crate::distinct::are_distinct(strokes.iter()));
+        assert!(itertools::Itertools::all_unique(&mut strokes.iter()));
         assert_eq!(strokes[7], Stroke::solid("#8C8C00"));
         let patterns = [8, 16, 24].map(|number| strokes[number].dashes.as_str());
         assert_eq!(patterns, ["8 4", "8 4 2 4", "8 4 2 4 2 4"]);

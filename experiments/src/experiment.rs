@@ -10,9 +10,8 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::RunError;
-use crate::schedule::{Clock, Schedule};
+use crate::schedule::{Clock, Schedule, Timetable};
 use crate::stream::Stream;
-use crate::timetable::Timetable;
 use learner::overrides::{parse, read};
 use learner::{DeviceChoice, Labels, LearnerSettings};
 

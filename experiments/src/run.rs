@@ -23,11 +23,10 @@ use crate::lock::Lock;
 use crate::logs::Logs;
 use crate::note::Note;
 use crate::opening::{self, Claim, Opened};
-use crate::progress::{Evaluation, Event, Progress};
+use crate::progress::{Evaluation, Event, Progress, Summary};
 use crate::provenance::Provenance;
 use crate::scoring::{Scoring, looks};
 use crate::stop::Stop;
-use crate::summary::Summary;
 use crate::workers::{guarded, thread_pool};
 
 const LOG: &str = "log.txt";

@@ -7,7 +7,6 @@ use std::path::Path;
 use serde::de::DeserializeOwned;
 use symmetry::D2;
 
-use crate::distinct::{are_distinct, distinct};
 use crate::error::RunError;
 use crate::evaluation::SHOWN;
 use crate::experiment::Experiment;
@@ -15,6 +14,7 @@ use crate::folder::RunFolder;
 use crate::printable::printable;
 use crate::provenance::Provenance;
 use crate::scoring::looks;
+use itertools::Itertools;
 
 use crate::ledger::Ledger;
 use crate::schema::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
@@ -163,12 +163,13 @@ impl RunData {
 
     /// The commits that the run was made by, each once, those of changed trees marked.
     pub fn commits(&self) -> Vec<String> {
-        distinct(self.provenance.iter().map(|process| {
+        let commits = self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
             let commit: String = printable(commit).chars().take(SHORT).collect();
             let mark = if process.clean == Some(false) { " (changed)" } else { "" };
             format!("{commit}{mark}")
-        }))
+        });
+        commits.unique().collect()
     }
 
     /// The rows of the evaluation after the stream.
@@ -207,7 +208,7 @@ impl RunData {
 
     /// The groups, in the order in which they are scored.
     pub fn groups(&self) -> Vec<&str> {
-        distinct(self.last_scores().map(|row| row.group.as_str()))
+        self.last_scores().map(|row| row.group.as_str()).unique().collect()
     }
 }
 
@@ -260,7 +261,7 @@ fn check(
         return Err(unfit("evaluation.csv and metrics.csv do not agree about decisions"));
     }
     let variants = scores.iter();
-    if !are_distinct(variants.map(|row| (row.rollouts, &row.group, &row.element))) {
+    if !variants.map(|row| (row.rollouts, &row.group, &row.element)).all_unique() {
         return Err(unfit("evaluation.csv scores a variant twice at a time"));
     }
     check_own_policies(path, rollouts, scores)
@@ -301,7 +302,7 @@ fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), R
     if !units.iter().all(sound) {
         return Err(unfit(path, "units.csv holds a row that cannot be"));
     }
-    if !are_distinct(units.iter().map(|row| (row.rollouts, row.policy))) {
+    if !units.iter().map(|row| (row.rollouts, row.policy)).all_unique() {
         return Err(unfit(path, "units.csv counts a policy twice at a time"));
     }
     match units.last() {
@@ -328,7 +329,7 @@ fn check_recognition(
         return Err(unfit(path, "recognition.csv holds a row that cannot be"));
     }
     let keys = answers.iter();
-    if !are_distinct(keys.map(|row| (&row.group, &row.element, row.episodes, row.policy))) {
+    if !keys.map(|row| (&row.group, &row.element, row.episodes, row.policy)).all_unique() {
         return Err(unfit(path, "recognition.csv counts an answer twice"));
     }
     let mut times: HashMap<(&str, &str, usize), usize> = HashMap::new();

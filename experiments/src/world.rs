@@ -6,9 +6,8 @@ use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use crate::error::RunError;
 use crate::experiment::{Experiment, Seeds};
 use crate::glimpse::Glimpse;
-use crate::schedule::{Clock, Visit};
+use crate::schedule::{Clock, Timetable, Visit};
 use crate::stream::Stream;
-use crate::timetable::Timetable;
 use learner::Labels;
 
 /// The stream of one experiment.

@@ -2,7 +2,6 @@
 
 mod command;
 mod error;
-mod film;
 mod font;
 mod gallery;
 mod gif;
@@ -16,8 +15,8 @@ mod target;
 
 pub use command::RenderOptions;
 pub use error::RenderError;
-pub use film::Film;
 pub use gallery::gallery;
+pub use gif::Film;
 pub use gif::encode as gif;
 pub use mosaic::{Cell, Row, mosaic};
 pub use show::Show;

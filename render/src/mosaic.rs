@@ -1,7 +1,7 @@
 //! Many films beside each other as one.
 
-use super::film::Film;
 use super::font::{LETTER, pixels};
+use super::gif::Film;
 
 /// About the height of a cell (pixels): pictures are enlarged to it by a whole number.
 const HEIGHT: usize = 144;

@@ -9,7 +9,7 @@ use crate::{RenderError, helper};
 use experiments::RunError;
 use learner::disk::PARTIAL;
 
-use super::film::{DELAY, Film, HOLD};
+use super::gif::{DELAY, Film, HOLD};
 
 /// The program.
 pub(super) struct Ffmpeg(PathBuf);

@@ -6,8 +6,8 @@ use crate::RenderError;
 use experiments::RunError;
 use experiments::new_file::{NewFile, ending};
 
-use super::film::Film;
 use super::gif;
+use super::gif::Film;
 use super::mp4::Ffmpeg;
 
 /// A file that does not exist yet, in a format that films can be written in.

@@ -143,9 +143,9 @@ fn at(curve: &[(f64, f64)], spent: f64) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::svg::read::{attribute, check_texts, of_class, tags};
-    use experiments::distinct::are_distinct;
     use experiments::presets::{Budget, Method};
     use experiments::{RolloutRow, RunData, ScoreRow};
+    use itertools::Itertools;
 
     /// A method that was scored before and after one rollout.
     fn scored(number: usize) -> RunData {
@@ -192,7 +192,7 @@ mod tests {
             check_texts(&svg, methods);
             let keys = strokes(&svg, "line key");
             assert_eq!(keys.len(), methods);
-            assert!(are_distinct(keys.iter()), "{keys:?}");
+            assert!(keys.iter().all_unique(), "{keys:?}");
             // lines have the strokes of their names
             let mut lines = strokes(&svg, "line wide");
             lines.extend(strokes(&svg, "line"));

@@ -1,6 +1,5 @@
 //! Runs as TensorBoard's event files.
 
-mod record;
 mod run;
 mod summary;
 

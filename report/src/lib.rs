@@ -13,7 +13,6 @@ mod efficiency;
 mod error;
 mod events;
 mod figures;
-mod films;
 mod identity;
 mod matrix;
 mod method;

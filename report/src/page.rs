@@ -1,14 +1,17 @@
 //! The report as one HTML page that needs nothing beside it.
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use experiments::colours::colour;
+use experiments::evaluation::SHOWN;
+use experiments::{GroupFilm, RunData, TimingRow};
+use itertools::Itertools;
+
 use super::matrix::Matrix;
 use super::method::MethodRuns;
 use super::svg::escaped;
 use super::table::Table;
-use super::{bands, curves, films};
-use experiments::colours::colour;
-use experiments::distinct::distinct;
-use experiments::evaluation::SHOWN;
-use experiments::{RunData, TimingRow};
+use super::{bands, curves};
 
 /// What the page looks like, light or dark.
 const STYLE: &str = include_str!("page.css");
@@ -49,7 +52,7 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
 fn command(methods: &[MethodRuns]) -> String {
     let runs = methods.iter().flat_map(|method| &method.runs);
     let first = runs.flat_map(|run| run.provenance.first());
-    let commands = distinct(first.map(|process| process.command.join(" ")));
+    let commands: Vec<String> = first.map(|process| process.command.join(" ")).unique().collect();
     match commands.is_empty() {
         true => String::new(),
         false => {
@@ -102,7 +105,7 @@ fn of_run(run: &RunData, open: &str) -> String {
          <h4>Settings</h4>\n<pre>{}</pre>\n<h4>Where it ran</h4>\n<pre>{}</pre>\n</details>\n",
         escaped(&run.name),
         wide(&curves::run(run)),
-        films::html(run),
+        films(run),
         time(&run.timings),
         escaped(&format!("{:#}", serde_json::json!(run.experiment))),
         escaped(&format!("{:#}", serde_json::json!(run.provenance))),
@@ -138,6 +141,30 @@ fn time(timings: &[TimingRow]) -> String {
     )
 }
 
+/// The films of a run, one below the other; nothing where there are none.
+fn films(run: &RunData) -> String {
+    if run.films.is_empty() {
+        return String::new();
+    }
+    let films: String = run.films.iter().map(film).collect();
+    format!("<h4>Policies at work</h4>\n{films}")
+}
+
+fn film(film: &GroupFilm) -> String {
+    let (group, size) = (escaped(&film.group), kilobytes(&film.gif));
+    format!(
+        "<p class=\"caption\">{group}: the four variants, each played by the policy that the \
+         learner chose ({size} kB)</p>\n<div class=\"wide\"><img alt=\"{group}, played\" \
+         src=\"data:image/gif;base64,{}\"></div>\n",
+        STANDARD.encode(&film.gif)
+    )
+}
+
+/// Thousands of bytes, rounded up.
+fn kilobytes(gif: &[u8]) -> usize {
+    gif.len().div_ceil(1000)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -171,5 +198,15 @@ mod tests {
         for outside in ["src=", "href=", "url(", "@import"] {
             assert!(!page.contains(outside), "{outside}");
         }
+    }
+
+    #[test]
+    fn a_run_shows_its_films_and_how_large_they_are() {
+        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        assert_eq!(films(&run), "");
+        run.films.push(GroupFilm { group: "a<b".to_owned(), gif: vec![0; 1001] });
+        let page = films(&run);
+        assert!(page.contains("a&lt;b") && page.contains("(2 kB)"), "{page}");
+        assert!(page.contains("data:image/gif;base64,AAAA"));
     }
 }

@@ -19,7 +19,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
-use super::deviation::largest;
+use super::recording::largest;
 use super::recording::{CENTRE, Recording, centred, files};
 use super::recording_error::RecordingError;
 use experiments::RunError;

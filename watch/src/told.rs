@@ -4,10 +4,10 @@ use serde::Serialize;
 use serde_json::Value;
 use symmetry::D2;
 
-use experiments::distinct::distinct;
 use experiments::evaluation::mean;
 use experiments::text::{RolloutLine, number};
 use experiments::{RolloutRow, RunData, ScoreRow};
+use itertools::Itertools;
 
 use super::pace::Pace;
 
@@ -78,7 +78,7 @@ fn rollout(row: &RolloutRow) -> RolloutLine<'_> {
 /// played.
 fn successes(scores: &[&ScoreRow]) -> String {
     let of = |figure: fn(&ScoreRow) -> Option<f64>| {
-        let groups = distinct(scores.iter().map(|row| row.group.as_str()));
+        let groups: Vec<&str> = scores.iter().map(|row| row.group.as_str()).unique().collect();
         let success = |group: &str| {
             let rows = scores.iter().filter(|row| row.group == group);
             let figures: Option<Vec<f64>> = rows.map(|row| figure(row)).collect();

@@ -6,7 +6,7 @@ use envs::TaskGroup;
 use serde::Serialize;
 use symmetry::D2;
 
-use crate::distinct::distinct;
+use itertools::Itertools;
 
 /// The own policy of each group: the one that served it in most of its training rollouts. The books
 /// of a run tell it; learners are never told.
@@ -79,7 +79,7 @@ pub struct GroupScore {
 
 /// Means over the variants of each group, in the order in which the groups appear.
 pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
-    let groups: Vec<TaskGroup> = distinct(scores.iter().map(|score| score.group));
+    let groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).unique().collect();
     let of = |group| scores.iter().filter(move |score| score.group == group);
     let summarise = |group| {
         let episodes: usize = of(group).map(|score| score.episodes).sum();
