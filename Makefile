@@ -18,6 +18,20 @@ PYTHON := python3
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
 
+# The learner and all below it compile for these targets, where their standard libraries are
+# installed (`rustup target add`).
+PORTABLE := wasm32-unknown-unknown aarch64-unknown-linux-gnu
+
+define portable
+for target in $(PORTABLE); do \
+  if [ -d "$$(rustc --print target-libdir --target $$target)" ]; then \
+    RUSTFLAGS="-D warnings" cargo check -p covers-learner --locked --target $$target || exit 1; \
+  else \
+    echo "not checked for $$target: its standard library is not installed" >&2; \
+  fi; \
+done
+endef
+
 # Nothing incremental: what it keeps takes time and as much of the disk again.
 test: export CARGO_INCREMENTAL := 0
 
@@ -27,6 +41,7 @@ test: deps
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo clippy -p covers-rs --lib --no-default-features --locked -- -D warnings
+	$(portable)
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items --locked
 	cargo test --workspace --locked
 	$(EXAMPLES)/embed_cluster
