@@ -1,6 +1,5 @@
 //! Matrix products in some columns of wider matrices, through faer.
 
-use std::hint::black_box;
 
 use faer::linalg::matmul::matmul;
 use faer::traits::RealField;
@@ -91,7 +90,7 @@ impl pulp::NullaryFnOnce for Wide {
 
     #[inline(always)]
     fn call(self) {
-        let x = black_box(pulp::f32x8(0., 0., 0., 0., 0., 0., 0., 0.));
-        black_box(self.0.add_f32x8(x, x));
+        let x = std::hint::black_box(pulp::f32x8(0., 0., 0., 0., 0., 0., 0., 0.));
+        std::hint::black_box(self.0.add_f32x8(x, x));
     }
 }
