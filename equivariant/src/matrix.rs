@@ -1,6 +1,5 @@
 //! Matrix products in some columns of wider matrices, through faer.
 
-
 use faer::linalg::matmul::matmul;
 use faer::traits::RealField;
 use faer::{Accum, MatMut, MatRef, Par};
