@@ -86,7 +86,7 @@ fn dry_run(arm: KinematicArm) -> Result<(), ControlError> {
     for way in ways.chain([None]) {
         for _ in 0..20 {
             if let Some(way) = way {
-                let twist = Twist::moving(0.1 * way);
+                let twist = Twist::from_linear(0.1 * way);
                 robot.command(&Command { twist, closing: 0.0 })?;
             }
             robot.robot_mut().advance(PERIOD.as_secs_f64())?;

@@ -241,7 +241,7 @@ fn the_simulated_arm_follows_its_control() {
     let mut furthest: f64 = 0.0;
     let speed = 0.2;
     for way in [DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y] {
-        control.command(Twist::moving(speed * way)).unwrap();
+        control.command(Twist::from_linear(speed * way)).unwrap();
         // 0.75 s in ticks of 12.5 ms
         for _ in 0..60 {
             control.tick(0.0125).unwrap();
