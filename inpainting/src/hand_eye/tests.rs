@@ -37,8 +37,8 @@ fn hands(count: usize) -> Vec<(DVec3, DQuat)> {
     (0..count).map(hand).collect()
 }
 
-fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> Vec<Sighting> {
-    let sighting = |(pose, &(position, rotation)): (usize, &(DVec3, DQuat))| Sighting {
+fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> Vec<BallSighting> {
+    let sighting = |(pose, &(position, rotation)): (usize, &(DVec3, DQuat))| BallSighting {
         pose,
         position,
         rotation,
@@ -47,7 +47,7 @@ fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> V
     hands.iter().enumerate().map(sighting).collect()
 }
 
-/// How far a camera is from another: its place (metres), and its angles about its own axes.
+/// Returns the differences of two cameras: of positions (metres), and of angles about their axes.
 fn apart(found: &Calibration, truth: &Calibration) -> [DVec3; 2] {
     let turn = found.extrinsics.rotation * truth.extrinsics.rotation.transpose();
     let angles = DQuat::from_mat3(&turn).to_scaled_axis();
@@ -74,7 +74,7 @@ proptest! {
         let lens = Distortion { radial: [radial, -radial], tangential: [tangential; 2] };
         let place = place + 1.6 * DVec3::Z;
         let truth = camera(place, turn, lens);
-        let start = turned(&camera(place + off, turn + twist, lens), quarters);
+        let start = rotated(&camera(place + off, turn + twist, lens), quarters);
         let seen = sightings(&truth, offset, &hands(12));
         let offset_given = if known { Offset::Known(offset) } else { Offset::Unknown };
         let found = HandEye::solve(&start, offset_given, &seen).unwrap();
@@ -239,7 +239,7 @@ fn lines_of_sight_that_miss_the_table_are_left_out_of_its_mean() {
     assert!(found.residuals.iter().all(finite));
 }
 
-fn refusal(start: &Calibration, offset: Offset, seen: &[Sighting]) -> String {
+fn refusal(start: &Calibration, offset: Offset, seen: &[BallSighting]) -> String {
     HandEye::solve(start, offset, seen).unwrap_err().to_string()
 }
 
@@ -288,7 +288,7 @@ fn poses_that_do_not_tell_the_camera_are_refused() {
 #[test]
 fn numbers_out_of_range_are_refused() {
     let exact = sightings(&plain(), OFFSET, &hands(12));
-    type Spoil = fn(&mut Sighting);
+    type Spoil = fn(&mut BallSighting);
     let spoils: [(Spoil, &str); 4] = [
         (|s| s.position.y = f64::NAN, "position of the hand"),
         (|s| s.position.y = 1e200, "position of the hand"),
