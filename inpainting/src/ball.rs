@@ -248,7 +248,7 @@ mod tests {
         seen
     }
 
-    /// A fifth is hidden at half the radius. What passes is hardly off.
+    /// A line at half the radius hides a fifth. Less may be accepted, with a small error.
     #[test]
     fn a_ball_of_which_a_fifth_is_hidden_is_refused() {
         let middle = [40.0, 30.0];
@@ -268,7 +268,7 @@ mod tests {
         }
     }
 
-    /// The width of a line is a little less than nothing for some, by rounding.
+    /// Rounding makes the squared width of some lines negative.
     #[test]
     fn a_line_is_no_disc() {
         for (length, slope) in (22..=60).flat_map(|length| [(length, 0), (length, 1)]) {

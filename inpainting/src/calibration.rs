@@ -92,7 +92,7 @@ pub(crate) mod tests {
 
     const BENT: Distortion = Distortion { radial: [0.03, -0.03], tangential: [0.001, -0.001] };
 
-    /// A camera 1.5 m over the table that looks straight down, as far as anybody knows.
+    /// Returns a calibration 1.5 m over the table that looks straight down.
     pub fn overhead() -> Calibration {
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,

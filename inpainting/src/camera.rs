@@ -153,7 +153,7 @@ impl PinholeCamera {
 pub(crate) mod tests {
     use super::*;
 
-    /// A camera that stands askew, whose pictures are not square.
+    /// Returns a tilted camera whose pictures are not square.
     pub fn askew() -> PinholeCamera {
         let rotation = DMat3::from_rotation_x(2.4) * DMat3::from_rotation_z(0.3);
         PinholeCamera {
@@ -167,7 +167,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// The middle of every pixel, along its ray and back.
+    /// Projecting a point on the ray of a pixel returns the pixel.
     #[test]
     fn projections_are_where_rays_come_from() {
         let camera = askew();

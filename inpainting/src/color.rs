@@ -213,7 +213,7 @@ mod tests {
             .collect()
     }
 
-    /// The same under warmer, darker light.
+    /// Returns the picture under warmer, darker light.
     fn relit(picture: &[u8]) -> Vec<u8> {
         let gains = [0.95, 0.8, 0.6].into_iter().cycle();
         let pixels = picture.iter().zip(gains);
@@ -259,7 +259,7 @@ mod tests {
         [textured.collect(), vec![120; 3 * 1600]]
     }
 
-    /// Where the reference has no colour at all, deviations say nothing of the light.
+    /// Deviations carry no information on the light if the reference has no colour.
     #[test]
     fn a_coloured_thing_that_moves_over_a_grey_table_does_not_count() {
         for reference in grey_pictures() {
@@ -295,7 +295,7 @@ mod tests {
         assert!(uniform.deviation().max_element() < 1e-15);
     }
 
-    /// What is hidden, and what moved, has no say in the light.
+    /// Pixels that are hidden or moved do not affect the fit.
     #[test]
     fn hidden_and_moved_pixels_do_not_count() {
         let reference = picture();

@@ -166,7 +166,7 @@ mod tests {
         }
     }
 
-    /// What stands outside the mask is renewed; what is behind the arm stays as it was last seen.
+    /// Pixels outside the mask are updated; pixels behind the arm stay as last seen.
     #[test]
     fn the_background_is_refreshed_where_the_arm_is_not() {
         let mark = Mark { radius: 0.0, ..MARK };
@@ -244,7 +244,7 @@ mod tests {
         assert!(short.contains("`background` has 7 elements, expected 3600"));
     }
 
-    /// After a refusal, the result, the mask and what is remembered are as before.
+    /// An error leaves the result, the mask and the background unchanged.
     #[test]
     fn what_cannot_be_painted_out_is_refused_and_changes_nothing() {
         let (dark, bright) = (vec![0; 3600], vec![200; 3600]);

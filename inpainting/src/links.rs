@@ -84,7 +84,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::camera::tests::askew;
 
-    /// Whether the ray passes through one of many spheres along the capsule's axis.
+    /// Returns `true` if the ray meets one of many spheres along the capsule's axis.
     fn slow_meets(capsule: &Capsule, ray: DVec3, slack: f64) -> bool {
         let [from, to] = capsule.ends;
         (0..=400).any(|i| {

@@ -143,7 +143,7 @@ mod tests {
 
     const SIZE: usize = 48;
 
-    /// The camera that policies learn with.
+    /// Returns the camera of the policy's training.
     fn policy() -> PinholeCamera {
         PinholeCamera::overhead(SIZE, 1.5, 0.44)
     }
@@ -160,7 +160,7 @@ mod tests {
         }
     }
 
-    /// A camera that hangs askew, and its lens is not straight.
+    /// Returns a tilted camera whose lens distorts.
     fn askew() -> Calibration {
         let tilt = DMat3::from_rotation_x(0.03) * DMat3::from_rotation_z(-0.2);
         let rotation = tilt * Extrinsics::overhead(0.0).rotation;
@@ -175,8 +175,8 @@ mod tests {
     const TABLE: [u8; 3] = [112, 87, 71];
     const BLOCK: [u8; 3] = [200, 60, 40];
 
-    /// What a camera sees of a table with a block from (0.1, 0.05) to (0.22, 0.17), and of an arm
-    /// of one black link.
+    /// Renders a camera's picture of a table with a block from (0.1, 0.05) to (0.22, 0.17), and of
+    /// an arm of one black link.
     fn frame(camera: &Calibration, link: Option<[DVec3; 2]>) -> Vec<u8> {
         let Intrinsics { width, height, .. } = camera.intrinsics;
         let eye = camera.position();
@@ -200,7 +200,7 @@ mod tests {
         TABLE.repeat(SIZE * SIZE)
     }
 
-    /// What the policy's own camera sees of it.
+    /// Returns the policy camera's picture of the table with the block.
     fn expected() -> Vec<u8> {
         let camera = Calibration { intrinsics: policy().intrinsics, ..overhead() };
         frame(&camera, None)
@@ -218,8 +218,8 @@ mod tests {
 
     const LINK: [DVec3; 2] = [DVec3::new(-0.2, -0.4, 0.5), DVec3::new(0.12, 0.1, 0.2)];
 
-    /// From wherever it is seen, and with an arm over it, the table is what the policy knows. The
-    /// edges of the block go through pixels, whose median is one colour or the other.
+    /// The observation matches the policy camera's picture from every camera pose, and with an arm
+    /// in view. The edges of the block go through pixels, whose median is one colour or the other.
     #[test]
     fn a_picture_from_elsewhere_becomes_the_policys_own() {
         for calibration in [overhead(), askew()] {
@@ -240,7 +240,7 @@ mod tests {
         }
     }
 
-    /// An arm that is parked in sight hides nothing but empty table.
+    /// The area behind an arm that is parked in view is filled with the empty table.
     #[test]
     fn what_a_parked_arm_hides_is_empty_table() {
         let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();
@@ -252,7 +252,7 @@ mod tests {
         assert!(differing(&out, &expected()) <= 8);
     }
 
-    /// A darker and warmer picture is brought to the colours of the table that the policy knows.
+    /// A darker and warmer picture is corrected to the colours of the policy's table.
     #[test]
     fn other_light_is_taken_back() {
         let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();

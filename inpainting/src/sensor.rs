@@ -113,7 +113,7 @@ mod tests {
         ChaCha8Rng::seed_from_u64(1000)
     }
 
-    /// Levels read out of pictures that are grey all over.
+    /// Reads out the mean of uniformly grey pictures.
     fn seen(greys: &[u8], gains: [f64; 3], noise: [f64; 2], pixels: usize) -> Vec<u8> {
         let mut sensor = Sensor::new(pixels);
         for &grey in greys {
@@ -144,7 +144,7 @@ mod tests {
         assert_eq!((f64::from(red), green, blue), (half.round(), 128, 255));
     }
 
-    /// What moves shows as the mean of its light: of black and white, half of the white light.
+    /// Motion blur is the mean of linear light: black and white give half of the white light.
     #[test]
     fn blur_is_the_mean_of_light() {
         let expected = (255.0 * level(0.5)).round() as u8;

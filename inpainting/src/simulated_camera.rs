@@ -240,7 +240,7 @@ mod tests {
         }
     }
 
-    /// A dot of the ideal picture shows where the lens bends it to.
+    /// A dot of the ideal picture appears at its distorted position.
     #[test]
     fn the_lens_bends_what_is_seen() {
         let distortion = Distortion { radial: [0.3, 0.0], tangential: [0.0, 0.02] };

@@ -1,4 +1,4 @@
-//! Reads a URDF, prints its joints and capsules, and moves its tip to and fro: a dry run.
+//! Reads a URDF, prints its joints and capsules, and moves its tip to and fro in a dry run.
 //!
 //! `embed_robot [URDF TIP_LINK]`; without arguments, the Kinova Gen3. With the environment variable
 //! `MJCF=1` it prints the robot's MJCF and nothing else.

@@ -86,7 +86,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// All points are inside, and one at least is on the surface.
+        /// All points are inside, and at least one is on the surface.
         #[test]
         fn the_capsule_holds_all_points_and_is_no_larger_than_it_must(
             points in prop::collection::vec(prop::array::uniform3(-1.0..1.0), 1..20),

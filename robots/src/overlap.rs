@@ -218,7 +218,7 @@ mod tests {
         }
     }
 
-    /// Spheres around links only spare work.
+    /// Bounding spheres do not change the result.
     #[test]
     fn links_of_many_shapes_touch_where_one_shape_does() {
         let ball = |x: f64| PlacedShape {

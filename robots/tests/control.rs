@@ -1,4 +1,4 @@
-//! Kinematics and control: the Jacobian, inverse kinematics, and twists that become joint motion.
+//! Kinematics and control: the Jacobian, inverse kinematics, and Cartesian control.
 
 use std::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use robots::{
 
 use crate::SIX_JOINT;
 
-/// Seconds of a tick.
+/// Length of a tick (seconds).
 const TICK: f64 = 0.0125;
 
 fn chain(tip: &str) -> Chain {
@@ -94,7 +94,7 @@ fn the_inverse_finds_the_postures_of_the_sheet() {
         let tip = chain.tip(&joints);
         assert!(tip.position.distance(target.position) < 1e-9);
         for (joint, expected) in [(1, second), (3, fourth), (5, sixth)] {
-            // the redundant arm has a choice, of which the sheet names one
+            // the redundant arm has many solutions, of which the table lists one
             let off = (joints[joint] - expected).abs();
             assert!(
                 off < 0.02,
@@ -213,7 +213,7 @@ fn an_arm_at_rest_moves_no_joint() {
     assert!(left < 0.35, "{left}");
 }
 
-/// A real arm reports its endless joints within one turn, wherever that starts.
+/// Real arms report the positions of continuous joints modulo one turn.
 #[test]
 fn whole_turns_of_an_endless_joint_change_nothing() {
     let velocities = |turn: f64| {
@@ -328,7 +328,7 @@ fn postures_out_of_range_are_refused() {
     assert!(at_work().restart(&bent).is_err());
 }
 
-/// Two places of an endless joint may be further apart than numbers go.
+/// The difference of two positions of a continuous joint may overflow.
 #[test]
 fn velocities_that_are_not_finite_move_no_joint() {
     let mut posture = gen3::WORK;
@@ -365,8 +365,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// Whatever is commanded: speeds, accelerations and ranges hold, and joints end where they are
-    /// said to be.
+    /// Limits of speed, acceleration and range hold for any sequence of commands.
     #[test]
     fn limits_hold_whatever_is_commanded(seed in any::<u64>()) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);

@@ -9,7 +9,7 @@ use robots::{
     RobotState, Twist, Watchdog, gen3,
 };
 
-/// What happens to a robot that may fail to stop.
+/// Record of the calls to a robot that may fail to stop.
 #[derive(Default)]
 struct Tape {
     calls: RefCell<Vec<&'static str>>,

@@ -149,7 +149,7 @@ mod tests {
         }
     }
 
-    /// The i-th variance is what the solution of the i-th unit vector has at i.
+    /// The i-th variance is component i of the solution for the i-th unit vector.
     #[test]
     fn variances_are_the_inverse_of_the_matrix() {
         let mut equations = Equations::new(6);

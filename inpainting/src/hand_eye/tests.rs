@@ -8,7 +8,7 @@ use crate::camera::{Extrinsics, Intrinsics};
 use crate::distortion::Distortion;
 use crate::sensor::normal;
 
-/// A camera at a place, turned from looking straight down.
+/// Returns a camera at a position, turned from looking straight down.
 fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {
     let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
     let rotation = turn * Extrinsics::overhead(0.0).rotation;
@@ -26,7 +26,7 @@ fn plain() -> Calibration {
 
 const OFFSET: DVec3 = DVec3::new(0.1, 0.02, -0.15);
 
-/// Hands over a table, at three heights, turned about all axes.
+/// Returns poses of a hand over a table, at various heights, turned about all axes.
 fn hands(count: usize) -> Vec<(DVec3, DQuat)> {
     let hand = |index: usize| {
         let wave = |pace: f64| (pace * index as f64 + pace).sin();
@@ -61,7 +61,7 @@ fn vector(most: f64) -> impl Strategy<Value = DVec3> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
-    /// From a start that is 0.1 m, 10 degrees and any number of quarters off.
+    /// The start is 0.1 m, 10 degrees and any number of quarter turns off.
     #[test]
     fn any_camera_is_found_exactly(
         (place, turn) in (vector(0.25), vector(0.2)),
@@ -87,8 +87,8 @@ proptest! {
     }
 }
 
-/// Squared errors over reported variances, averaged over many draws of the noise, are those of
-/// Student's distribution.
+/// Squared errors, over reported variances, have the mean of Student's distribution over many draws
+/// of the noise.
 #[test]
 fn errors_are_as_large_as_the_uncertainty_says() {
     const TRIALS: usize = 300;
@@ -133,7 +133,7 @@ fn errors_are_as_large_as_the_uncertainty_says() {
     assert_eq!(all_alarms, 1);
 }
 
-/// Poses as `covers calibrate` goes to: turned by 12 degrees, at three heights.
+/// Returns poses like those of `covers calibrate`: turned by 12 degrees, at three heights.
 fn calibration_poses() -> Vec<(DVec3, DQuat)> {
     let poses: [([f64; 3], [f64; 3]); 14] = [
         ([0.0, 0.0, 0.22], [0.0, 0.0, 0.0]),
@@ -158,8 +158,8 @@ fn calibration_poses() -> Vec<(DVec3, DQuat)> {
     poses.map(pose).to_vec()
 }
 
-/// Number of 20 draws of a noise of 0.1 pixels with which a focal length is refused that is wrong
-/// by a part.
+/// Counts the draws, of 20 with a noise of 0.1 pixels, in which a focal length with a relative
+/// error is rejected.
 fn refused(part: f64, offset: Offset) -> usize {
     let truth = plain();
     let mut start = truth;
@@ -189,7 +189,7 @@ fn refused(part: f64, offset: Offset) -> usize {
     draws.count()
 }
 
-/// Place of the simulated arm's ball in a hand with the axes of the world (metres).
+/// Offset of the simulated arm's ball in a hand with the axes of the world (metres).
 const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 
 /// Wrong focal lengths would leave the camera centimetres off, with residuals that look like noise.
@@ -257,8 +257,8 @@ fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
     assert!(message.contains("pose 0"), "{message}");
 }
 
-/// On a line nothing tells the turn about it; a hand that does not turn, or turns about one axis,
-/// does not tell the offset.
+/// Poses on a line do not determine the rotation about it; a hand that does not turn, or turns
+/// about one axis, does not determine the offset.
 #[test]
 fn poses_that_do_not_tell_the_camera_are_refused() {
     let known = Offset::Known(OFFSET);
