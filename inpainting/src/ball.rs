@@ -1,52 +1,54 @@
-//! Finds a ball of a known colour in a picture, to a part of a pixel.
+//! Subpixel detection of a ball of a known colour.
 
 use crate::error::{InpaintingError, check_picture, require};
 use crate::moments::Moments;
 
-/// Fewest pixels of a ball: fewer are noise.
-const LEAST: usize = 20;
-/// How much colour a ball has at least, in levels of 255 away from grey.
-const COLOURED: f64 = 80.0;
-/// Part of the ball's colour that a pixel has at least to be one of a ball's.
-const SEED: f64 = 0.35;
-/// Part of a ball's own typical colour at which a pixel counts for nothing, and from which on it
-/// counts in full. What is between is an edge, which is shared with the table.
+/// Minimum number of pixels of a ball: smaller spots are noise.
+const MIN_PIXELS: usize = 20;
+/// Minimum distance of a ball's colour from grey (levels of 255).
+const MIN_CHROMA: f64 = 80.0;
+/// Minimum colour of a pixel in a spot, as a fraction of the ball's.
+const MIN_PIXEL_CHROMA: f64 = 0.35;
+/// Fractions of a spot's median colour at which a pixel has the weight 0 and from which it has the
+/// weight 1. Pixels between them are on the edge and partly show the table.
 const EDGE: [f64; 2] = [0.1, 0.7];
 /// Cosine of the largest angle between the hues of a pixel and of the ball.
-const SAME_HUE: f64 = 0.8;
-/// How much longer than wide a disc may be: a ball 40 degrees off the optical axis is an ellipse.
-const ROUND: f64 = 1.3;
-/// How lopsided a disc may be, as [`Moments::lopsidedness`] has it. One is more lopsided from where
-/// on a chord hides a sixteenth of it, which moves its middle by 0.04 of its radius.
-const EVEN: f64 = 0.06;
+const MIN_HUE_COSINE: f64 = 0.8;
+/// Maximum elongation of a disc: a ball 40 degrees off the optical axis shows as an ellipse of that
+/// elongation.
+const MAX_ELONGATION: f64 = 1.3;
+/// Maximum skewness of a disc. A disc of which a straight edge hides a sixteenth exceeds it, which
+/// moves its middle by 0.04 of its radius.
+const MAX_SKEWNESS: f64 = 0.06;
 
-/// A ball of one strong colour, which nothing else in the picture has.
+/// Ball of one strong colour, which nothing else in the picture has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
-    /// Its colour, RGB.
+    /// Colour of the ball, RGB.
     pub color: [u8; 3],
 }
 
 impl Ball {
-    /// Column and row of the ball's middle in `picture` `[H, width, 3]` (pixels; the middle of the
-    /// first one is at one half).
+    /// Finds the column and row of the ball's middle in `picture` `[H, width, 3]` (pixels; the
+    /// middle of the first pixel is at 0.5).
     ///
-    /// It is the middle of the ball's outline. Of a ball of 40 mm at 1.3 m, that is at most 0.07
-    /// pixels farther out than the ball's own middle. Where a straight edge hides so little of the
-    /// ball that it passes, the middle is off by at most a twentieth of the radius.
+    /// It returns the middle of the ball's outline. For a ball of 40 mm at 1.3 m, that is at most
+    /// 0.07 pixels farther out than the projected centre of the ball. If a straight edge hides
+    /// less than the sixteenth that is rejected, the result is off by at most a twentieth of the
+    /// radius.
     ///
     /// # Errors
-    /// [`InpaintingError::NoBall`], [`InpaintingError::SeveralBalls`], [`InpaintingError::NoDisc`]
-    /// for one more than a sixteenth of which is hidden; [`InpaintingError::Value`] for a colour
-    /// that is nearly grey, and [`InpaintingError::Length`].
+    /// [`InpaintingError::NoBall`]; [`InpaintingError::SeveralBalls`]; [`InpaintingError::NoDisc`]
+    /// if more than a sixteenth of the ball is hidden; [`InpaintingError::Value`] for a colour that
+    /// is nearly grey; [`InpaintingError::Length`].
     pub fn find(&self, picture: &[u8], width: usize) -> Result<[f64; 2], InpaintingError> {
         let hue = self.hue()?;
         let height = picture.len() / 3 / width.max(1);
         check_picture("picture", picture, width * height)?;
         let amounts = hue.amounts(picture);
-        let spots = spots(&amounts, SEED * hue.strength, [width, height]);
+        let spots = spots(&amounts, MIN_PIXEL_CHROMA * hue.strength, [width, height]);
         match &spots[..] {
-            [] => Err(InpaintingError::NoBall { color: self.color, least: LEAST }),
+            [] => Err(InpaintingError::NoBall { color: self.color, least: MIN_PIXELS }),
             [spot] => outline(&amounts, spot, [width, height]),
             several => Err(InpaintingError::SeveralBalls {
                 color: self.color,
@@ -59,32 +61,33 @@ impl Ball {
         let chroma = chroma(self.color);
         let strength = length(chroma);
         let value = format!("{:?}", self.color);
-        let expected = "a strong colour, far from grey, as [255, 0, 255]";
-        require(strength >= COLOURED, "colour of the ball", &value, expected)?;
+        let expected = "a strong colour, far from grey, such as [255, 0, 255]";
+        require(strength >= MIN_CHROMA, "colour of the ball", &value, expected)?;
         Ok(Hue { direction: chroma.map(|part| part / strength), strength })
     }
 }
 
-/// A direction away from grey.
+/// Hue as a direction away from grey in RGB.
 struct Hue {
+    /// Unit vector.
     direction: [f64; 3],
-    /// How far the ball's colour is from grey (levels).
+    /// Distance of the ball's colour from grey (levels).
     strength: f64,
 }
 
 impl Hue {
-    /// How much of this hue each pixel has (levels); 0 for those of another hue.
+    /// Returns the amount of this hue in each pixel (levels); 0 for pixels of another hue.
     fn amounts(&self, picture: &[u8]) -> Vec<f64> {
         let amount = |rgb: &[u8]| {
             let chroma = chroma([rgb[0], rgb[1], rgb[2]]);
             let along: f64 = chroma.iter().zip(self.direction).map(|(a, b)| a * b).sum();
-            if along >= SAME_HUE * length(chroma) { along } else { 0.0 }
+            if along >= MIN_HUE_COSINE * length(chroma) { along } else { 0.0 }
         };
         picture.chunks_exact(3).map(amount).collect()
     }
 }
 
-/// What is left of a colour without its grey.
+/// Subtracts the grey part (the mean of the channels) from a colour.
 fn chroma(color: [u8; 3]) -> [f64; 3] {
     let levels = color.map(f64::from);
     let mean = levels.iter().sum::<f64>() / 3.0;
@@ -95,7 +98,8 @@ fn length(of: [f64; 3]) -> f64 {
     of.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
-/// Indices of the pixels of each connected spot of at least so much colour, large ones alone.
+/// Returns the pixel indices of each connected spot with an amount of at least `least`. Spots of
+/// fewer than [`MIN_PIXELS`] are left out.
 fn spots(amounts: &[f64], least: f64, [width, height]: [usize; 2]) -> Vec<Vec<usize>> {
     let mut open: Vec<bool> = amounts.iter().map(|amount| *amount >= least).collect();
     let mut found = Vec::new();
@@ -114,14 +118,14 @@ fn spots(amounts: &[f64], least: f64, [width, height]: [usize; 2]) -> Vec<Vec<us
             }
             next += 1;
         }
-        if spot.len() >= LEAST {
+        if spot.len() >= MIN_PIXELS {
             found.push(spot);
         }
     }
     found
 }
 
-/// The up to eight pixels around one.
+/// Returns the up to eight pixels around one.
 fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
     let (column, row) = (pixel % width, pixel / width);
     let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
@@ -132,13 +136,14 @@ fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item =
     around.filter(move |&other| other != pixel)
 }
 
+/// Returns the column and row of a spot's unweighted middle.
 fn middle(spot: &[usize], width: usize) -> [f64; 2] {
     let columns: usize = spot.iter().map(|pixel| pixel % width).sum();
     let rows: usize = spot.iter().map(|pixel| pixel / width).sum();
     [columns, rows].map(|sum| sum as f64 / spot.len() as f64 + 0.5)
 }
 
-/// The middle of a spot with its edge, which must be a whole disc.
+/// Returns the weighted middle of a spot and its edge, which must be a complete disc.
 fn outline(
     amounts: &[f64],
     spot: &[usize],
@@ -146,8 +151,9 @@ fn outline(
 ) -> Result<[f64; 2], InpaintingError> {
     let mut inner: Vec<f64> = spot.iter().map(|&pixel| amounts[pixel]).collect();
     inner.sort_by(f64::total_cmp);
-    let typical = inner[inner.len() / 2];
-    let [none, full] = EDGE.map(|part| part * typical);
+    // relative to the spot's own colour, since exposure and shading change that of the ball
+    let median = inner[inner.len() / 2];
+    let [none, full] = EDGE.map(|part| part * median);
     let around = spot.iter().flat_map(|&pixel| neighbours(pixel, [width, height]));
     let mut pixels: Vec<usize> = spot.iter().copied().chain(around).collect();
     pixels.sort_unstable();
@@ -163,8 +169,8 @@ fn outline(
         let (column, row) = (pixel % width, pixel / width);
         column == 0 || row == 0 || column + 1 == width || row + 1 == height
     });
-    let whole = !cut && moments.elongation() <= ROUND && moments.lopsidedness() <= EVEN;
-    if whole { Ok(place) } else { Err(InpaintingError::NoDisc { place }) }
+    let is_disc = moments.elongation() <= MAX_ELONGATION && moments.skewness() <= MAX_SKEWNESS;
+    if is_disc && !cut { Ok(place) } else { Err(InpaintingError::NoDisc { place }) }
 }
 
 #[cfg(test)]
@@ -242,7 +248,7 @@ mod tests {
         seen
     }
 
-    /// A fifth is hidden at half the radius. What passes is hardly off.
+    /// A line at half the radius hides a fifth. Less may be accepted, with a small error.
     #[test]
     fn a_ball_of_which_a_fifth_is_hidden_is_refused() {
         let middle = [40.0, 30.0];
@@ -262,7 +268,7 @@ mod tests {
         }
     }
 
-    /// The width of a line is a little less than nothing for some, by rounding.
+    /// Rounding makes the squared width of some lines negative.
     #[test]
     fn a_line_is_no_disc() {
         for (length, slope) in (22..=60).flat_map(|length| [(length, 0), (length, 1)]) {

@@ -1,4 +1,4 @@
-//! What is known of a real camera: intrinsics, distortion, and where it is.
+//! Calibration of a real camera: intrinsics, distortion and extrinsics.
 
 use glam::DVec3;
 
@@ -6,22 +6,22 @@ use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::distortion::Distortion;
 use crate::error::InpaintingError;
 
-/// How near (focal lengths) two directions are that are the same but for rounding.
-const SAME: f64 = 1e-6;
+/// Largest distance (focal lengths) of two directions that count as equal, because of rounding.
+const TOLERANCE: f64 = 1e-6;
 
-/// A calibrated camera.
+/// Calibrated camera with distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// Size, focal lengths and optical axis.
+    /// Size, focal lengths and principal point.
     pub intrinsics: Intrinsics,
-    /// How the lens bends the picture.
+    /// Distortion of the lens.
     pub distortion: Distortion,
-    /// Where the camera is.
+    /// Pose of the camera.
     pub extrinsics: Extrinsics,
 }
 
 impl Calibration {
-    /// Refuses what [`PinholeCamera::check`] refuses, and distortions of more than 0.5.
+    /// Rejects what [`PinholeCamera::check`] rejects, and distortion coefficients beyond 0.5.
     ///
     /// # Errors
     /// [`InpaintingError::Value`].
@@ -30,38 +30,43 @@ impl Calibration {
         self.distortion.check()
     }
 
-    /// The same camera without distortion.
+    /// Returns this camera without distortion.
     pub fn pinhole(&self) -> PinholeCamera {
         PinholeCamera { intrinsics: self.intrinsics, extrinsics: self.extrinsics }
     }
 
-    /// Where the camera is in the world (metres).
+    /// Returns the position of the camera in the world (metres).
     pub fn position(&self) -> DVec3 {
         self.extrinsics.position()
     }
 
-    /// Column and row (pixels; the middle of the first one is at one half) in which the world's
-    /// direction `way` shows; none behind the camera, and none beyond a fold of the lens' formula,
-    /// where it names a place that shows something else.
-    pub fn pixel(&self, way: DVec3) -> Option<[f64; 2]> {
-        let seen = self.extrinsics.rotation * way;
+    /// Returns the column and row (pixels; the middle of the first one is at 0.5) that show the
+    /// world's direction `direction`.
+    ///
+    /// `None` behind the camera, and beyond a fold of the distortion, where the formula leads to a
+    /// pixel that shows another direction.
+    pub fn pixel(&self, direction: DVec3) -> Option<[f64; 2]> {
+        let seen = self.extrinsics.rotation * direction;
         let straight = [seen.x / seen.z, seen.y / seen.z];
         let bent = self.distortion.apply(straight);
+        // beyond a fold the inverse leads back to another direction
         let shown = self.distortion.invert(bent)?;
         let off = (shown[0] - straight[0]).hypot(shown[1] - straight[1]);
         let Intrinsics { focal, centre, .. } = self.intrinsics;
         let pixel = [0, 1].map(|axis| focal[axis] * bent[axis] + centre[axis]);
-        (seen.z > 0.0 && off < SAME).then_some(pixel)
+        (seen.z > 0.0 && off < TOLERANCE).then_some(pixel)
     }
 
-    /// The world's direction that shows at a column and row; none where the lens shows nothing.
+    /// Returns the world's direction that a column and row show. `None` if the lens shows nothing
+    /// there.
     pub fn direction(&self, pixel: [f64; 2]) -> Option<DVec3> {
-        let [x, y] = self.ideal(pixel)?;
+        let [x, y] = self.undistorted(pixel)?;
         Some(self.extrinsics.rotation.transpose() * DVec3::new(x, y, 1.0))
     }
 
-    /// Gradients of the column and of the row (pixels a metre) by a point in the camera's frame.
-    pub(crate) fn slopes(&self, seen: DVec3) -> [DVec3; 2] {
+    /// Returns the gradients of the column and of the row (pixels per metre) by a point in the
+    /// camera's frame.
+    pub(crate) fn pixel_gradients(&self, seen: DVec3) -> [DVec3; 2] {
         let straight = [seen.x / seen.z, seen.y / seen.z];
         let (_, bent) = self.distortion.bend(straight);
         let across = DVec3::new(1.0, 0.0, -straight[0]) / seen.z;
@@ -70,8 +75,9 @@ impl Calibration {
         [0, 1].map(|axis| focal[axis] * (bent[axis][0] * across + bent[axis][1] * down))
     }
 
-    /// Where a pinhole of focal length 1 shows what the lens shows at a column and row.
-    pub(crate) fn ideal(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
+    /// Returns the point at which a pinhole of focal length 1 shows what the lens shows at a column
+    /// and row. `None` if the lens shows nothing there.
+    pub(crate) fn undistorted(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
         let Intrinsics { focal, centre, .. } = self.intrinsics;
         let bent = [0, 1].map(|axis| (pixel[axis] - centre[axis]) / focal[axis]);
         self.distortion.invert(bent)
@@ -86,7 +92,7 @@ pub(crate) mod tests {
 
     const BENT: Distortion = Distortion { radial: [0.03, -0.03], tangential: [0.001, -0.001] };
 
-    /// A camera 1.5 m over the table that looks straight down, as far as anybody knows.
+    /// Returns a calibration 1.5 m over the table that looks straight down.
     pub fn overhead() -> Calibration {
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,
@@ -125,7 +131,7 @@ pub(crate) mod tests {
         let seen = DVec3::new(0.3, -0.2, 1.1);
         for (axis, way) in DVec3::AXES.into_iter().enumerate() {
             let [low, high] = [-1e-6, 1e-6].map(|by| camera.pixel(seen + by * way).unwrap());
-            for (part, slope) in camera.slopes(seen).into_iter().enumerate() {
+            for (part, slope) in camera.pixel_gradients(seen).into_iter().enumerate() {
                 let difference = (high[part] - low[part]) / 2e-6;
                 assert!((slope[axis] - difference).abs() < 1e-4, "{slope}");
             }

@@ -1,31 +1,31 @@
-//! A pinhole camera anywhere: intrinsics, extrinsics, projection and viewing rays.
+//! Pinhole camera: intrinsics, extrinsics, projection and viewing rays.
 
 use glam::{DMat3, DVec3};
 
 use crate::error::{InpaintingError, require};
 
-/// Largest distance from an origin that is taken for one (metres). Squares of what is far beyond
-/// it are no numbers.
-const FARTHEST: f64 = 1e9;
+/// Largest coordinate of a point (metres). Squares of far larger ones overflow.
+const MAX_COORDINATE: f64 = 1e9;
 
-/// The inside of a pinhole camera.
+/// Intrinsic parameters of a pinhole camera.
 ///
 /// Pixel (column, row) covers `[column, column + 1) x [row, row + 1)`; row 0 is the top.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
-    /// Pixels across.
+    /// Width of the picture (pixels).
     pub width: usize,
-    /// Pixels down.
+    /// Height of the picture (pixels).
     pub height: usize,
-    /// Focal lengths across and down (pixels).
+    /// Horizontal and vertical focal lengths (pixels).
     pub focal: [f64; 2],
-    /// The optical axis: column and row (pixels).
+    /// Principal point: column and row of the optical axis (pixels).
     pub centre: [f64; 2],
 }
 
 impl Intrinsics {
-    /// Of the colour camera of an Intel RealSense D435 at 640 x 480: about the mean of what owners
-    /// report (focal lengths of 607 to 618 pixels, an axis within a few pixels of the middle).
+    /// Intrinsics of the colour camera of an Intel RealSense D435 at 640 x 480: about the mean of
+    /// what owners report (focal lengths of 607 to 618 pixels, an axis within a few pixels of the
+    /// middle).
     pub const REALSENSE_D435: Self =
         Self { width: 640, height: 480, focal: [615.0; 2], centre: [318.0, 240.0] };
 
@@ -45,19 +45,19 @@ impl Intrinsics {
     }
 }
 
-/// Where a camera is: `rotation * world + translation` is a point in its frame, x right, y down, z
-/// forward (metres).
+/// Pose of a camera: `rotation * world + translation` is a point in the camera's frame, x right, y
+/// down, z forward (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extrinsics {
-    /// From the world's axes to the camera's.
+    /// Rotation from the world's axes to the camera's.
     pub rotation: DMat3,
-    /// The world's origin in the camera's frame (metres).
+    /// Position of the world's origin in the camera's frame (metres).
     pub translation: DVec3,
 }
 
 impl Extrinsics {
-    /// A camera `height` (metres) over the world's origin that looks straight down; right in the
-    /// picture is x, and up is y.
+    /// Returns the pose of a camera `height` (metres) over the world's origin that looks straight
+    /// down; right in the picture is x, and up is y.
     pub fn overhead(height: f64) -> Self {
         Self {
             rotation: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
@@ -65,7 +65,7 @@ impl Extrinsics {
         }
     }
 
-    /// Where the camera is in the world (metres).
+    /// Returns the position of the camera in the world (metres).
     pub fn position(&self) -> DVec3 {
         -(self.rotation.transpose() * self.translation)
     }
@@ -74,33 +74,31 @@ impl Extrinsics {
         let Self { rotation, translation } = self;
         let orthonormal = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6);
         let holds = orthonormal && rotation.determinant() > 0.0;
-        let expected = "an orthonormal matrix of determinant 1";
-        require(holds, "rotation", rotation, expected)?;
-        let near = is_near(*translation);
-        require(near, "translation", translation, NEAR)
+        require(holds, "rotation", rotation, "an orthonormal matrix of determinant 1")?;
+        require(is_near(*translation), "translation", translation, NEAR)
     }
 }
 
-/// What [`is_near`] asks for.
+/// Condition of [`is_near`], for error messages.
 pub(crate) const NEAR: &str = "three numbers of metres, each at most 1e9";
 
-/// Whether a point is finite and no farther from the origin, along each axis, than [`FARTHEST`].
+/// Returns `true` if a point is finite and no coordinate exceeds [`MAX_COORDINATE`].
 pub(crate) fn is_near(point: DVec3) -> bool {
-    point.abs().cmple(DVec3::splat(FARTHEST)).all()
+    point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
 }
 
-/// A calibrated camera: what its projection matrix `K [R | t]` is made of.
+/// Calibrated camera without distortion, with the projection matrix `K [R | t]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PinholeCamera {
-    /// The inside.
+    /// Intrinsics `K`.
     pub intrinsics: Intrinsics,
-    /// The place.
+    /// Extrinsics `[R | t]`.
     pub extrinsics: Extrinsics,
 }
 
 impl PinholeCamera {
-    /// A camera `height` over the world's origin that looks straight down. Its pictures of `size`
-    /// x `size` pixels show the table as far as `half_extent` to all sides (metres).
+    /// Returns a camera `height` (metres) over the world's origin that looks straight down. Its
+    /// pictures of `size` x `size` pixels show the table up to `half_extent` (metres) to all sides.
     pub fn overhead(size: usize, height: f64, half_extent: f64) -> Self {
         let middle = size as f64 / 2.0;
         Self {
@@ -114,8 +112,8 @@ impl PinholeCamera {
         }
     }
 
-    /// Refuses empty and immense pictures, focal lengths that are not positive, and a rotation that
-    /// is none.
+    /// Rejects empty and excessively large pictures, focal lengths that are not positive, and
+    /// matrices that are no rotation.
     ///
     /// # Errors
     /// [`InpaintingError::Value`].
@@ -124,20 +122,20 @@ impl PinholeCamera {
         self.extrinsics.check()
     }
 
-    /// The point as the optical axis' offset to it, columns to the right and rows down (pixels);
-    /// none behind the camera.
+    /// Projects a point of the world. Returns its offset from the principal point, columns to the
+    /// right and rows down (pixels). `None` if it is behind the camera.
     pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
         let seen = self.in_camera(point);
         let [fx, fy] = self.intrinsics.focal;
         (seen.z > 0.0).then(|| [fx * seen.x / seen.z, fy * seen.y / seen.z])
     }
 
-    /// The point in the camera's frame (metres).
+    /// Transforms a point of the world into the camera's frame (metres).
     pub(crate) fn in_camera(&self, point: DVec3) -> DVec3 {
         self.extrinsics.rotation * point + self.extrinsics.translation
     }
 
-    /// Unit vector from the camera through the middle of a pixel, in the camera's frame.
+    /// Returns the unit vector through the middle of a pixel, in the camera's frame.
     pub(crate) fn ray(&self, row: usize, column: usize) -> DVec3 {
         let Intrinsics { focal, centre, .. } = self.intrinsics;
         let x = (column as f64 + 0.5 - centre[0]) / focal[0];
@@ -145,7 +143,7 @@ impl PinholeCamera {
         DVec3::new(x, y, 1.0).normalize()
     }
 
-    /// Pixels of a picture.
+    /// Returns the number of pixels of a picture.
     pub fn pixels(&self) -> usize {
         self.intrinsics.width * self.intrinsics.height
     }
@@ -155,7 +153,7 @@ impl PinholeCamera {
 pub(crate) mod tests {
     use super::*;
 
-    /// A camera that stands askew, whose pictures are not square.
+    /// Returns a tilted camera whose pictures are not square.
     pub fn askew() -> PinholeCamera {
         let rotation = DMat3::from_rotation_x(2.4) * DMat3::from_rotation_z(0.3);
         PinholeCamera {
@@ -169,7 +167,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// The middle of every pixel, along its ray and back.
+    /// Projecting a point on the ray of a pixel returns the pixel.
     #[test]
     fn projections_are_where_rays_come_from() {
         let camera = askew();

@@ -1,28 +1,27 @@
-//! Colour correction: a picture under other light is brought back to the colours of a reference.
+//! Colour correction: maps a picture under other light to the colours of a reference.
 
 use glam::{DMat3, DVec3};
 
-/// How the colours of a picture are brought to those of the reference, from the pixels that both
-/// show.
+/// Method that maps the colours of a picture to those of a reference, fitted to the pixels that
+/// both show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColorCorrection {
-    /// Left as they are.
+    /// No correction.
     None,
-    /// Mean and standard deviation of each channel of the decorrelated space l, alpha, beta become
-    /// the reference's (Reinhard, Ashikhmin, Gooch, Shirley, "Color Transfer between Images", IEEE
+    /// Matches mean and standard deviation of each channel of the decorrelated space l, alpha, beta
+    /// (Reinhard, Ashikhmin, Gooch, Shirley, "Color Transfer between Images", IEEE
     /// CG&A 21(5), 2001).
     #[default]
     MeanAndDeviation,
-    /// Each of red, green and blue is scaled: both pictures are taken to show the same grey on
-    /// average (grey world, von Kries).
+    /// Scales red, green and blue so that both pictures have one mean (grey world, von Kries).
     GreyWorld,
 }
 
-/// After each correction, pixels that still differ by more than this (levels) are taken to show
-/// something that moved, and are left out of the next.
-const MOVED: [f64; 3] = [24.0, 6.0, 2.0];
+/// Largest differences (levels) of pixels that the successive fits include. Pixels that differ by
+/// more show something that moved.
+const INLIER_LEVELS: [f64; 3] = [24.0, 6.0, 2.0];
 
-/// An affine map of each channel of the space that a correction works in.
+/// Affine map of each channel, in the colour space of a correction: `(value - from) * gain + to`.
 #[derive(Clone, Copy, Debug)]
 struct Map {
     correction: ColorCorrection,
@@ -32,9 +31,11 @@ struct Map {
 }
 
 impl ColorCorrection {
-    /// Corrects the picture `rgb` `[H, W, 3]` to `reference` of the same shape, in place. `mask`
-    /// `[H, W]` tells which pixels to leave out of account; what moved between the two is found and
-    /// left out as well.
+    /// Corrects the picture `rgb` `[H, W, 3]` in place to the colours of `reference`, of the same
+    /// shape.
+    ///
+    /// The fit leaves out the pixels that are `true` in `mask` `[H, W]`, and those that show
+    /// something that moved.
     pub(crate) fn apply(self, reference: &[u8], mask: &[bool], rgb: &mut [u8]) {
         if self == Self::None {
             return;
@@ -48,21 +49,24 @@ impl ColorCorrection {
         }
     }
 
-    /// The map of the pixels that are not hidden and did not move; none where all are hidden.
+    /// Fits the map to the pixels that are not hidden and did not move. `None` if all are hidden.
     fn fit(self, reference: &[u8], mask: &[bool], rgb: &[u8]) -> Option<Map> {
         let pixels = rgb.chunks_exact(3).zip(reference.chunks_exact(3)).zip(mask);
         let shown = pixels.filter(|(_, hidden)| !**hidden).map(|(pair, _)| pair);
+        // the first fit includes what moved, so only its means are used
         let mut map = Map::fit(self, shown.clone())?.of_means();
-        for tolerance in MOVED {
+        for tolerance in INLIER_LEVELS {
             let still = shown.clone().filter(|(now, before)| {
                 let difference = map.apply(color(now)) - color(before);
                 difference.abs().max_element() <= tolerance
             });
+            // with no pixel left, the last map stands
             map = Map::fit(self, still).unwrap_or(map);
         }
         Some(map)
     }
 
+    /// Converts levels of RGB to the correction's colour space.
     fn space(self, rgb: DVec3) -> DVec3 {
         match self {
             Self::MeanAndDeviation => lab(rgb),
@@ -70,6 +74,7 @@ impl ColorCorrection {
         }
     }
 
+    /// Converts back from the correction's colour space to levels of RGB.
     fn rgb(self, value: DVec3) -> DVec3 {
         match self {
             Self::MeanAndDeviation => from_lab(value),
@@ -79,7 +84,7 @@ impl ColorCorrection {
 }
 
 impl Map {
-    /// From the pixels of a picture to those of the reference; none without pixels.
+    /// Fits the map from the pixels of a picture to those of the reference. `None` without pixels.
     fn fit<'a>(
         correction: ColorCorrection,
         pairs: impl Iterator<Item = (&'a [u8], &'a [u8])>,
@@ -101,7 +106,7 @@ impl Map {
         Self { correction, from, gain, to }
     }
 
-    /// The same, less what it takes from the deviations: what moved can have the most part in them.
+    /// Drops the gains that come from standard deviations, which moving objects can dominate.
     fn of_means(mut self) -> Self {
         if self.correction == ColorCorrection::MeanAndDeviation {
             self.gain = DVec3::ONE;
@@ -116,14 +121,14 @@ impl Map {
     }
 }
 
-/// Sums over pixels.
+/// Running moments of pixels, channel by channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct Moments {
     count: f64,
     sum: DVec3,
     first: DVec3,
-    /// Squared offsets from the first pixel. Squares of the values themselves would cancel where
-    /// the picture hardly varies.
+    /// Squared offsets from the first pixel. Squares of the values themselves would lose all digits
+    /// to cancellation if the picture hardly varies.
     squares: DVec3,
 }
 
@@ -149,21 +154,22 @@ impl Moments {
     }
 }
 
-/// Channel by channel; one where the divisor is zero.
+/// Divides channel by channel; 1 if the divisor is not positive.
 fn ratio(above: DVec3, below: DVec3) -> DVec3 {
     DVec3::select(below.cmpgt(DVec3::ZERO), above / below, DVec3::ONE)
 }
 
-/// Deviations in l, alpha, beta, divided; one in a channel where either picture varies by no more
-/// than the rounding of its levels.
+/// Returns the ratio of the deviations in l, alpha, beta; 1 in a channel in which either picture
+/// varies by no more than the rounding of its levels.
 fn spread_ratio(above: &Moments, below: &Moments) -> DVec3 {
     let varies = |moments: &Moments| moments.deviation().cmpgt(rounding(moments.mean()));
     let ratio = above.deviation() / below.deviation();
     DVec3::select(varies(above) & varies(below), ratio, DVec3::ONE)
 }
 
-/// How far half a level of each of red, green and blue can move a colour in l, alpha, beta.
+/// Returns the largest change in l, alpha, beta by half a level of each of red, green and blue.
 fn rounding(lab: DVec3) -> DVec3 {
+    // the derivative of a logarithm is the reciprocal
     let cones = (AXES.inverse() * lab).map(f64::exp);
     AXES.abs() * (0.5 / cones)
 }
@@ -172,25 +178,26 @@ fn color(pixel: &[u8]) -> DVec3 {
     DVec3::new(pixel[0].into(), pixel[1].into(), pixel[2].into())
 }
 
-/// Reinhard et al., equation 4: linear RGB to the responses of the eye's cones.
+/// Matrix from linear RGB to the responses of the eye's cones (Reinhard et al., equation 4).
 const LMS: DMat3 = DMat3::from_cols_array_2d(&[
     [0.3811, 0.1967, 0.0241],
     [0.5783, 0.7244, 0.1288],
     [0.0402, 0.0782, 0.8444],
 ]);
 
-/// Reinhard et al., equation 6: their logarithms to decorrelated axes, less the scaling of each
-/// axis, which a gain per axis undoes.
+/// Matrix from the logarithms of the cones' responses to decorrelated axes (Reinhard et al.,
+/// equation 6), without the scaling of each axis, which a gain per axis would undo.
 const AXES: DMat3 =
     DMat3::from_cols_array_2d(&[[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -2.0, 0.0]]);
 
-/// Levels of RGB to l, alpha, beta.
+/// Converts levels of RGB to l, alpha, beta.
 fn lab(rgb: DVec3) -> DVec3 {
-    // black has no logarithm; this little still rounds to black
+    // the logarithm of 0 is not finite; 0.3 still rounds to black
     let cones = (LMS * rgb).max(DVec3::splat(0.3)).map(f64::ln);
     AXES * cones
 }
 
+/// Converts l, alpha, beta to levels of RGB.
 fn from_lab(lab: DVec3) -> DVec3 {
     LMS.inverse() * (AXES.inverse() * lab).map(f64::exp)
 }
@@ -206,7 +213,7 @@ mod tests {
             .collect()
     }
 
-    /// The same under warmer, darker light.
+    /// Returns the picture under warmer, darker light.
     fn relit(picture: &[u8]) -> Vec<u8> {
         let gains = [0.95, 0.8, 0.6].into_iter().cycle();
         let pixels = picture.iter().zip(gains);
@@ -252,7 +259,7 @@ mod tests {
         [textured.collect(), vec![120; 3 * 1600]]
     }
 
-    /// Where the reference has no colour at all, deviations say nothing of the light.
+    /// Deviations carry no information on the light if the reference has no colour.
     #[test]
     fn a_coloured_thing_that_moves_over_a_grey_table_does_not_count() {
         for reference in grey_pictures() {
@@ -288,7 +295,7 @@ mod tests {
         assert!(uniform.deviation().max_element() < 1e-15);
     }
 
-    /// What is hidden, and what moved, has no say in the light.
+    /// Pixels that are hidden or moved do not affect the fit.
     #[test]
     fn hidden_and_moved_pixels_do_not_count() {
         let reference = picture();

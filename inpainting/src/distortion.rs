@@ -1,30 +1,30 @@
-//! How a lens bends the picture away from a pinhole's.
+//! Lens distortion.
 
 use std::ops::Add;
 
 use crate::error::{InpaintingError, require};
 
-/// Steps of Newton's method after which an inverse is given up.
+/// Maximum number of steps of Newton's method for an inverse.
 const STEPS: usize = 50;
-/// How near (focal lengths) an inverse comes.
-const EXACT: f64 = 1e-13;
-/// Largest coefficient of a lens that still shows straight things nearly straight.
+/// Largest error of an inverse (focal lengths).
+const PRECISION: f64 = 1e-13;
+/// Largest coefficient of a lens that still shows straight lines as nearly straight.
 const LARGEST: f64 = 0.5;
 
 /// Radial and tangential distortion (Brown, "Close-Range Camera Calibration", Photogrammetric
-/// Engineering 37(8), 1971), with the coefficients' names and order of OpenCV and librealsense.
+/// Engineering 37(8), 1971), with the names and order of coefficients of OpenCV and librealsense.
 ///
 /// Points are in focal lengths from the optical axis, x right and y down.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
-    /// k1 and k2, of the second and the fourth power of the distance from the axis.
+    /// Coefficients k1 and k2, of the second and fourth power of the distance from the axis.
     pub radial: [f64; 2],
-    /// p1 and p2, of a lens that does not sit straight.
+    /// Coefficients p1 and p2, of a lens that is tilted or off the axis.
     pub tangential: [f64; 2],
 }
 
 impl Distortion {
-    /// A pinhole's.
+    /// No distortion: a pinhole.
     pub const NONE: Self = Self { radial: [0.0; 2], tangential: [0.0; 2] };
 
     pub(crate) fn check(&self) -> Result<(), InpaintingError> {
@@ -35,23 +35,23 @@ impl Distortion {
         require(small, "distortion", &value, "four numbers in -0.5..=0.5")
     }
 
-    /// Where the lens shows what a pinhole shows at `point`.
+    /// Distorts `point`: returns the point at which the lens shows what a pinhole shows there.
     pub fn apply(&self, point: [f64; 2]) -> [f64; 2] {
         self.bend(point).0
     }
 
-    /// Where a pinhole shows what the lens shows at `point`; none where the lens shows nothing
-    /// there, or more than one thing.
+    /// Undistorts `point`: returns the point at which a pinhole shows what the lens shows there.
+    /// `None` if the lens shows nothing there, or beyond a fold of the formula.
     pub fn invert(&self, point: [f64; 2]) -> Option<[f64; 2]> {
         let [mut x, mut y] = point;
         for _ in 0..STEPS {
             let ([u, v], [[ux, uy], [vx, vy]]) = self.bend([x, y]);
             let (du, dv) = (point[0] - u, point[1] - v);
-            if du.abs().max(dv.abs()) <= EXACT {
+            if du.abs().max(dv.abs()) <= PRECISION {
                 return Some([x, y]);
             }
             let determinant = ux * vy - uy * vx;
-            // beyond this fold the picture runs backwards
+            // beyond the fold, where the determinant vanishes, the picture is mirrored
             if determinant <= 0.0 {
                 return None;
             }
@@ -61,12 +61,12 @@ impl Distortion {
         None
     }
 
-    /// The bent point and its derivatives by x and y.
+    /// Returns the distorted point, and its derivatives with respect to x and y.
     pub(crate) fn bend(&self, [x, y]: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
         let ([k1, k2], [p1, p2]) = (self.radial, self.tangential);
         let square = x * x + y * y;
         let radial = 1.0 + square * (k1 + square * k2);
-        // half of its derivative by x is x times this
+        // the derivative of `radial` with respect to x is 2 x times this
         let slope = k1 + 2.0 * k2 * square;
         let bent = [
             x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x),
@@ -82,7 +82,7 @@ impl Distortion {
 impl Add for Distortion {
     type Output = Self;
 
-    /// The sum of the coefficients.
+    /// Adds the coefficients.
     fn add(self, other: Self) -> Self {
         let sum = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
         Self {

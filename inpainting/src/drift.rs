@@ -1,30 +1,31 @@
-//! Exposure and white balance that wander.
+//! Random drift of exposure and white balance.
 
 use rand_chacha::ChaCha8Rng;
 
 use crate::imperfections::Imperfections;
 use crate::sensor::normal;
 
-/// Logarithms of gains that wander about zero: processes of Ornstein and Uhlenbeck, drawn at the
-/// times at which somebody looks.
+/// Logarithms of gains, as Ornstein-Uhlenbeck processes about zero that each picture samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Drift {
-    /// Of all light, of red and of blue, in standard deviations.
+    /// Logarithms of the gains of all light, of red and of blue, in standard deviations.
     logarithms: [f64; 3],
-    /// When they were drawn (seconds); none at first.
+    /// Time of the last sample (seconds); `None` before the first.
     drawn: Option<f64>,
 }
 
 impl Drift {
-    /// Gains of red, green and blue at the time `now` (seconds), which does not go back.
+    /// Samples the gains of red, green and blue at the time `now` (seconds), which never decreases.
     pub(crate) fn gains(
         &mut self,
         imperfections: &Imperfections,
         now: f64,
         rng: &mut ChaCha8Rng,
     ) -> [f64; 3] {
+        // an infinite time before the first sample draws it from the stationary distribution
         let passed = self.drawn.map_or(f64::INFINITY, |drawn| now - drawn);
         let kept = (-passed / imperfections.drift_time).exp();
+        // keeps the variance at 1
         let fresh = (1.0 - kept * kept).max(0.0).sqrt();
         for logarithm in &mut self.logarithms {
             *logarithm = kept * *logarithm + fresh * f64::from(normal(rng));

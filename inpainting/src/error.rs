@@ -1,92 +1,92 @@
-//! What can go wrong in this crate.
+//! Errors of this crate.
 
-/// Error of an in-painter's settings or of what it is given.
+/// Error in settings, inputs or pictures, or of a hand-eye calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InpaintingError {
     /// A setting, or a position, outside its range.
     #[error("`{name}` is {value}, expected {expected}")]
     Value {
-        /// What was given.
+        /// Name of the setting or input.
         name: &'static str,
-        /// Its value.
+        /// Value found.
         value: String,
-        /// What would be accepted.
+        /// Accepted values.
         expected: &'static str,
     },
     /// A slice of the wrong length.
     #[error("`{what}` has {got} elements, expected {expected}")]
     Length {
-        /// What the slice holds.
+        /// Content of the slice.
         what: &'static str,
-        /// Its length.
+        /// Length of the slice.
         got: usize,
-        /// The length that the camera asks for.
+        /// Length required by the camera.
         expected: usize,
     },
-    /// A camera whose picture does not hold all that shall be taken from it.
+    /// A camera whose picture does not show all of the required area.
     #[error(
-        "the picture of {width} x {height} pixels ends before column and row {place:?}: hang the \
-         camera higher or nearer to the middle, or ask for less of the table"
+        "the picture of {width} x {height} pixels ends before column and row {place:?}: move the \
+         camera higher or nearer to the middle, or request less of the table"
     )]
     OutOfSight {
-        /// The place that is needed; none where the lens shows nothing there.
+        /// Column and row that are needed; `None` if the lens shows nothing there.
         place: Option<[f64; 2]>,
-        /// Pixels across.
+        /// Width of the picture (pixels).
         width: usize,
-        /// Pixels down.
+        /// Height of the picture (pixels).
         height: usize,
     },
-    /// Too few poses for a camera to be found by.
+    /// Too few poses for a hand-eye calibration.
     #[error("the ball was seen in {got} poses, expected at least {needed}")]
     TooFewPoses {
-        /// Poses in which it was seen.
+        /// Number of poses in which the ball was seen.
         got: usize,
-        /// Poses that it takes.
+        /// Number of poses that are needed.
         needed: usize,
     },
-    /// A camera that does not look at the ball as it is said to hang.
+    /// A start of the search from which the camera would not see a hand.
     #[error(
         "the camera that the search starts from does not see the hand of pose {pose} at all: \
-         correct its place and where it looks"
+         correct its position and orientation"
     )]
     Unseen {
         /// Number of the pose.
         pose: usize,
     },
-    /// A pose that does not fit the others.
+    /// A pose that is inconsistent with the others.
     #[error(
-        "the ball of pose {pose} is seen {pixels:.1} pixels from where the other poses have it, \
-         expected at most {limit} pixels: look whether it moved in the hand, whether another thing \
-         was taken for it, and whether intrinsics and joints are right"
+        "the ball of pose {pose} is seen {pixels:.1} pixels from where the other poses predict it, \
+         expected at most {limit} pixels: check that it did not move in the hand, that no other \
+         object was taken for it, and that intrinsics and joint positions are right"
     )]
     Misfit {
         /// Number of the worst pose.
         pose: usize,
-        /// Its residual (pixels).
+        /// Residual of that pose (pixels).
         pixels: f64,
-        /// The largest one allowed (pixels).
+        /// Largest residual allowed (pixels).
         limit: f64,
     },
     /// A focal length that the poses contradict.
     #[error(
         "the focal lengths are given as {:.1} and {:.1} pixels, but the poses fit {:.1} and {:.1}, \
-         give or take {sigma:.1}: correct the intrinsics that the rig gives (those of this size of \
-         picture), and look whether joints and the lens are as they are said to be", .given[0],
+         with a standard deviation of {sigma:.1}: correct the intrinsics of the rig (those of this \
+         picture size), and check the joint positions and the distortion of the lens", .given[0],
         .given[1], .fitted[0], .fitted[1]
     )]
     WrongFocal {
-        /// Focal lengths across and down that were given (pixels).
+        /// Given focal lengths, horizontal and vertical (pixels).
         given: [f64; 2],
         /// Focal lengths that fit the poses best (pixels).
         fitted: [f64; 2],
-        /// One standard deviation of the first of these (pixels).
+        /// Standard deviation of the horizontal fitted one (pixels).
         sigma: f64,
     },
-    /// Poses that fit many cameras.
-    #[error("the poses do not tell where the camera is: {advice}")]
+    /// Poses that do not determine the camera.
+    #[error("the poses do not determine where the camera is: {advice}")]
     Undetermined {
-        /// What to do.
+        /// Advice for better poses.
         advice: &'static str,
     },
     /// A picture without the ball.
@@ -95,34 +95,34 @@ pub enum InpaintingError {
          of another colour in this light"
     )]
     NoBall {
-        /// The colour, RGB.
+        /// Colour of the ball, RGB.
         color: [u8; 3],
-        /// Fewest pixels of a ball.
+        /// Minimum number of pixels of a ball.
         least: usize,
     },
     /// More than one ball.
     #[error(
-        "{} things of the colour {color:?} are seen, at columns and rows {places:.0?}: take away \
-         all but the ball", places.len()
+        "{} things of the colour {color:?} are seen, at columns and rows {places:.0?}: remove all \
+         but the ball", places.len()
     )]
     SeveralBalls {
-        /// The colour, RGB.
+        /// Colour of the ball, RGB.
         color: [u8; 3],
-        /// Where they are (pixels).
+        /// Columns and rows of their middles (pixels).
         places: Vec<[f64; 2]>,
     },
-    /// A ball that is not seen whole.
+    /// A ball that is not fully visible.
     #[error(
-        "what is seen of the ball at column and row {place:.0?} is no disc: it is partly hidden, or \
-         at the picture's edge"
+        "the visible part of the ball at column and row {place:.0?} is no disc: the ball is partly \
+         hidden, or at the picture's edge"
     )]
     NoDisc {
-        /// Where it is (pixels).
+        /// Column and row of its visible part (pixels).
         place: [f64; 2],
     },
 }
 
-/// Refuses a picture `[H, W, 3]` of another number of pixels.
+/// Rejects a picture `[H, W, 3]` with another number of pixels.
 pub(crate) fn check_picture(
     what: &'static str,
     picture: &[u8],
@@ -134,7 +134,7 @@ pub(crate) fn check_picture(
     Err(InpaintingError::Length { what, got: picture.len(), expected: 3 * pixels })
 }
 
-/// Refuses a value where a condition does not hold.
+/// Returns [`InpaintingError::Value`] unless a condition holds.
 pub(crate) fn require(
     holds: bool,
     name: &'static str,
@@ -148,13 +148,13 @@ pub(crate) fn require(
     Err(InpaintingError::Value { name, value, expected })
 }
 
-/// Refuses a length (metres) that is negative or not finite.
+/// Rejects a length (metres) that is negative or not finite.
 pub(crate) fn require_length(name: &'static str, length: f64) -> Result<(), InpaintingError> {
     let holds = length >= 0.0 && length.is_finite();
     require(holds, name, &length, "a length in metres")
 }
 
-/// Refuses what is not above zero, or not finite.
+/// Rejects a value that is not positive and finite.
 pub(crate) fn require_positive(
     name: &'static str,
     value: f64,

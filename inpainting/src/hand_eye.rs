@@ -1,4 +1,4 @@
-//! Where a camera is that watches an arm: solved for from pictures of a ball that the arm carries.
+//! Hand-eye calibration: the pose of a camera from pictures of a ball that the arm carries.
 
 mod equations;
 mod model;
@@ -10,89 +10,96 @@ use crate::camera::{NEAR, is_near};
 use crate::error::{InpaintingError, require};
 
 use equations::UNKNOWNS;
-use model::{Fit, turned};
+use model::{Fit, rotated};
 
-pub use model::{LARGEST_RESIDUAL, Offset, Residual, Sighting};
+pub use model::{BallSighting, MAX_RESIDUAL, Offset, Residual};
 
-/// Fewest poses that a camera's place is solved for from.
-pub const LEAST_POSES: usize = 10;
-/// Largest uncertainty that a pixel of noise may leave: of places (metres) and of angles (radians).
-const LARGEST_DILUTION: [f64; 2] = [0.1, 5.0 * std::f64::consts::PI / 180.0];
-/// Most steps of Levenberg's and Marquardt's method.
+/// Minimum number of poses of a hand-eye calibration.
+pub const MIN_POSES: usize = 10;
+/// Maximum standard deviations that one pixel of noise may cause: of positions (metres) and of
+/// angles (radians).
+const MAX_DILUTION: [f64; 2] = [0.1, 5.0 * std::f64::consts::PI / 180.0];
+/// Maximum number of steps of the Levenberg-Marquardt method.
 const STEPS: usize = 200;
-/// Its first damping, its largest, and the factor from one to the next.
+/// Damping of the Levenberg-Marquardt method: first, largest, and factor between successive ones.
 const DAMPING: [f64; 3] = [1e-3, 1e12, 10.0];
-/// Standard deviations from which on a focal length is wrong, and the least part by which it then
-/// is: lenses that are not quite as the calibration has them leave less.
+/// Deviation from which a focal length is rejected: in standard deviations, and relative to the
+/// given one. Both must be exceeded, because small errors of the distortion cause smaller ones.
 const WRONG_FOCAL: [f64; 2] = [3.5, 0.01];
-/// A step that lowers the sum of squares by less than this part of it is the last one.
-const SETTLED: f64 = 1e-12;
+/// Relative decrease of the sum of squares below which a step is the last one.
+const CONVERGED: f64 = 1e-12;
 
-/// One standard deviation of what was solved for.
+/// Standard deviations of a hand-eye calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// Of the camera's place (metres, world).
+    /// Standard deviation of the camera's position (metres, world).
     pub position: DVec3,
-    /// Of its angles about its own axes, right, down and forwards (radians).
+    /// Standard deviation of the camera's angles about its own axes, right, down and forwards
+    /// (radians).
     pub angle: DVec3,
-    /// Of the ball's place in the hand (metres); zero where that was known.
+    /// Standard deviation of the ball's offset in the hand (metres); zero if it was given.
     pub offset: DVec3,
 }
 
-/// Focal length that the poses themselves tell.
+/// Estimate of the focal length from the poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Focal {
-    /// Ratio of this focal length to the one that was given.
+    /// Ratio of the estimated focal length to the given one.
     pub ratio: f64,
-    /// One standard deviation of the ratio.
+    /// Standard deviation of the ratio.
     pub sigma: f64,
 }
 
-/// A camera that was found.
+/// Result of a hand-eye calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandEye {
-    /// The camera; lens and intrinsics are those that were given.
+    /// Calibrated camera, with the given distortion and intrinsics.
     pub calibration: Calibration,
-    /// Where the ball is in the frame of the hand (metres).
+    /// Position of the ball in the hand's frame (metres).
     pub offset: DVec3,
-    /// Of every pose, in the order given.
+    /// Residuals of all poses, in the order given.
     pub residuals: Vec<Residual>,
-    /// Uncertainty by the residuals themselves, for the focal lengths that were given.
+    /// Uncertainty estimated from the residuals, for the given focal lengths.
     pub uncertainty: Uncertainty,
-    /// Check of the focal lengths; none where the poses do not tell them.
+    /// Check of the focal lengths; `None` if the poses do not determine them.
     pub focal: Option<Focal>,
-    /// What a pixel of noise would leave: how well the poses are spread.
+    /// Uncertainty that one pixel of noise would cause, which shows how well the poses are spread.
     pub dilution: Uncertainty,
 }
 
 impl HandEye {
-    /// The camera that sees the balls where they were seen, as far as least squares can have it.
+    /// Solves for the pose of the camera, and for the ball's offset if it is unknown.
     ///
-    /// It minimises the squared distances in the picture by Levenberg's and Marquardt's method
-    /// (Moré 1978, "The Levenberg-Marquardt algorithm"), from `start` and from `start` turned by
-    /// quarters about the optical axis. Lens and intrinsics are those of `start`.
+    /// Minimises the squared distances in the picture by the Levenberg-Marquardt method (Moré 1978,
+    /// "The Levenberg-Marquardt algorithm"), from `start` and from `start` rotated by quarter turns
+    /// about the optical axis. Distortion and intrinsics are those of `start`.
     ///
     /// # Errors
     /// [`InpaintingError::TooFewPoses`], [`InpaintingError::Value`] for numbers out of range,
-    /// [`InpaintingError::Unseen`] where `start` looks elsewhere, [`InpaintingError::Misfit`] for a
-    /// residual of more than [`LARGEST_RESIDUAL`], [`InpaintingError::Undetermined`] for poses that
-    /// do not tell the camera's place, and [`InpaintingError::WrongFocal`] for a focal length that
-    /// the poses contradict.
+    /// [`InpaintingError::Unseen`] if `start` does not see a hand, [`InpaintingError::Misfit`] for
+    /// a residual of more than [`MAX_RESIDUAL`], [`InpaintingError::Undetermined`] for poses that
+    /// do not determine the camera's pose, and [`InpaintingError::WrongFocal`] for a focal length
+    /// that the poses contradict.
     pub fn solve(
         start: &Calibration,
         offset: Offset,
-        sightings: &[Sighting],
+        sightings: &[BallSighting],
     ) -> Result<Self, InpaintingError> {
         check(start, offset, sightings)?;
-        let quarters = (0..4).map(|quarter| Fit::new(turned(start, quarter), offset, sightings));
-        let solved = quarters.flatten().map(settle);
-        let best = solved.min_by(|a, b| a.cost().total_cmp(&b.cost()));
-        let best = best.ok_or_else(|| unseen(start, offset, sightings))?;
+        // a start that is wrong by a quarter turn or more could end in a local minimum
+        let starts = (0..4).map(|quarter| Fit::new(rotated(start, quarter), offset, sightings));
+        let best = starts
+            .flatten()
+            .map(minimised)
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
+            .ok_or_else(|| unseen(start, offset, sightings))?;
         best.check_misfit()?;
-        let variances = best.equations().variances();
-        let dilution = variances.map(|variances| dilution_of(&variances));
-        let dilution = dilution.filter(tolerable);
-        let dilution = dilution.ok_or_else(|| undetermined(&best))?;
+        let dilution = best
+            .equations()
+            .variances()
+            .map(|variances| dilution_of(&variances))
+            .filter(is_tolerable)
+            .ok_or_else(|| undetermined(&best))?;
         let noise = best.noise();
         let focal = focal(&best);
         focal.map_or(Ok(()), |focal| check_focal(focal, start))?;
@@ -110,45 +117,47 @@ impl HandEye {
         })
     }
 
-    /// Root of the mean square of the residuals in the picture (pixels).
+    /// Returns the root mean square of the residuals in the picture (pixels).
     pub fn rms(&self) -> f64 {
         let all = self.residuals.iter().map(|of| of.pixels);
         root_mean_square(all).unwrap_or_default()
     }
 
-    /// Root of the mean square on the table (metres), of the poses whose lines of sight meet it;
-    /// none of none.
+    /// Returns the root mean square of the residuals on the table (metres), over the poses whose
+    /// lines of sight meet it. `None` if there are none.
     pub fn rms_on_table(&self) -> Option<f64> {
         root_mean_square(self.residuals.iter().filter_map(|of| of.on_table))
     }
 
-    /// The largest residual; none of no poses.
+    /// Returns the largest residual. `None` without poses.
     pub fn worst(&self) -> Option<&Residual> {
         let residuals = self.residuals.iter();
         residuals.max_by(|a, b| a.pixels.total_cmp(&b.pixels))
     }
 }
 
+/// Returns the root mean square of `values`. `None` if there are none.
 fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
     let squares: Vec<f64> = values.map(|value| value * value).collect();
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     (!squares.is_empty()).then(|| mean.sqrt())
 }
 
+/// Rejects an invalid start, too few poses, and numbers out of range.
 fn check(
     start: &Calibration,
     offset: Offset,
-    sightings: &[Sighting],
+    sightings: &[BallSighting],
 ) -> Result<(), InpaintingError> {
     start.check()?;
-    if sightings.len() < LEAST_POSES {
-        return Err(InpaintingError::TooFewPoses { got: sightings.len(), needed: LEAST_POSES });
+    if sightings.len() < MIN_POSES {
+        return Err(InpaintingError::TooFewPoses { got: sightings.len(), needed: MIN_POSES });
     }
     if let Offset::Known(offset) = offset {
         require(is_near(offset), "offset of the ball", &offset, NEAR)?;
     }
     for sighting in sightings {
-        let Sighting { pose, position, rotation, pixel } = sighting;
+        let BallSighting { pose, position, rotation, pixel } = sighting;
         let value = format!("{position} in pose {pose}");
         require(is_near(*position), "position of the hand", &value, NEAR)?;
         let value = format!("{rotation} in pose {pose}");
@@ -162,13 +171,14 @@ fn check(
     Ok(())
 }
 
-/// Levenberg's and Marquardt's method, until it settles.
-fn settle(mut fit: Fit<'_>) -> Fit<'_> {
+/// Minimises the cost by the Levenberg-Marquardt method.
+fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
     let [mut damping, largest, factor] = DAMPING;
     for _ in 0..STEPS {
         let equations = fit.equations();
+        // a larger damping shortens the step, until it no longer increases the cost
         let step = loop {
-            let better = equations.solve(damping).and_then(|step| fit.moved(&step));
+            let better = equations.solve(damping).and_then(|step| fit.after(&step));
             match better.filter(|better| better.cost() <= fit.cost()) {
                 Some(better) => break Some(better),
                 None if damping >= largest => break None,
@@ -178,26 +188,29 @@ fn settle(mut fit: Fit<'_>) -> Fit<'_> {
         let Some(better) = step else {
             break;
         };
-        let settled = fit.cost() - better.cost() <= SETTLED * fit.cost();
+        let converged = fit.cost() - better.cost() <= CONVERGED * fit.cost();
         fit = better;
         damping /= factor;
-        if settled {
+        if converged {
             break;
         }
     }
     fit
 }
 
-/// Solves once more with the focal length among the unknowns.
+/// Estimates the focal length, by solving again with it among the unknowns. `None` if the poses do
+/// not determine it.
 fn focal(best: &Fit<'_>) -> Option<Focal> {
-    let fit = settle(best.with_free_focal());
+    let fit = minimised(best.with_free_focal());
     let variance = fit.equations().variances()?[fit.focal_index()];
     let focal = |fit: &Fit<'_>| fit.calibration().intrinsics.focal[0];
     let ratio = focal(&fit) / focal(best);
+    // the unknown is the logarithm of the focal length
     let sigma = ratio * fit.noise() * variance.sqrt();
     Some(Focal { ratio, sigma })
 }
 
+/// Rejects given focal lengths that the estimate contradicts.
 fn check_focal(focal: Focal, start: &Calibration) -> Result<(), InpaintingError> {
     let [sigmas, part] = WRONG_FOCAL;
     let off = (focal.ratio - 1.0).abs();
@@ -212,37 +225,41 @@ fn check_focal(focal: Focal, start: &Calibration) -> Result<(), InpaintingError>
     })
 }
 
+/// Splits variances into the standard deviations of angle, position and offset.
 fn dilution_of(variances: &[f64; UNKNOWNS]) -> Uncertainty {
     let of = |first: usize| DVec3::from_slice(&variances[first..]).map(f64::sqrt);
     Uncertainty { angle: of(0), position: of(3), offset: of(6) }
 }
 
-fn tolerable(dilution: &Uncertainty) -> bool {
-    let [place, angle] = LARGEST_DILUTION;
+/// Returns `true` if a dilution is within [`MAX_DILUTION`].
+fn is_tolerable(dilution: &Uncertainty) -> bool {
+    let [distance, angle] = MAX_DILUTION;
     let lengths = [dilution.position.length(), dilution.offset.length()];
-    lengths.iter().all(|length| *length <= place) && dilution.angle.length() <= angle
+    lengths.iter().all(|length| *length <= distance) && dilution.angle.length() <= angle
 }
 
-/// Says whether it is the ball's offset that the poses leave open.
+/// Returns the error of poses that do not determine the camera's pose, with advice.
 fn undetermined(fit: &Fit<'_>) -> InpaintingError {
+    // if a known offset would suffice, the hand turns too little
     let known = fit.with_known_offset().equations().variances();
-    let would_do = known.is_some_and(|variances| tolerable(&dilution_of(&variances)));
+    let would_suffice = known.is_some_and(|variances| is_tolerable(&dilution_of(&variances)));
     InpaintingError::Undetermined {
-        advice: if would_do {
-            "the hand turns too little to tell the ball's offset from the camera's place: turn \
-                 it about two axes, by 10 degrees and more, or measure the offset and give it"
+        advice: if would_suffice {
+            "the hand turns too little to separate the ball's offset from the camera's position: \
+                 turn it about two axes, by 10 degrees and more, or measure the offset and give it"
         } else {
-            "the places of the ball are nearly one line or one point: spread them over the \
+            "the positions of the ball are nearly one line or one point: spread them over the \
                  table and over heights"
         },
     }
 }
 
-/// The first pose that the camera does not see as it is said to hang.
-fn unseen(start: &Calibration, offset: Offset, sightings: &[Sighting]) -> InpaintingError {
-    let alone =
-        |sighting: &&Sighting| Fit::new(*start, offset, std::slice::from_ref(*sighting)).is_none();
-    let pose = sightings.iter().find(alone).map(|sighting| sighting.pose);
+/// Returns the error of a start that does not see a hand, with the number of the first such pose.
+fn unseen(start: &Calibration, offset: Offset, sightings: &[BallSighting]) -> InpaintingError {
+    let is_unseen = |sighting: &&BallSighting| {
+        Fit::new(*start, offset, std::slice::from_ref(*sighting)).is_none()
+    };
+    let pose = sightings.iter().find(is_unseen).map(|sighting| sighting.pose);
     InpaintingError::Unseen { pose: pose.unwrap_or_default() }
 }
 

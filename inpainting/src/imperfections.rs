@@ -1,37 +1,37 @@
-//! What is wrong with a real camera, as figures.
+//! Parameters of the imperfections of a real camera.
 
 use crate::distortion::Distortion;
 use crate::error::{InpaintingError, require, require_positive};
 
-/// How far a simulated camera is from a perfect one whose calibration is exact.
+/// Deviations of a simulated camera from a perfect one with an exact calibration.
 ///
 /// Lengths are in metres, times in seconds, angles in radians. Light is linear, with 1 for white.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Imperfections {
-    /// Distortion that the calibration does not know of.
+    /// Distortion that is missing in the calibration.
     pub distortion: Distortion,
-    /// How far the camera is from where the calibration has it, in a random direction.
+    /// Distance between the true and the calibrated position, in a random direction.
     pub position_error: f64,
-    /// How far it is turned from how the calibration has it, about a random axis.
+    /// Angle between the true and the calibrated orientation, about a random axis.
     pub angle_error: f64,
-    /// Standard deviation of the logarithm of the exposure, which wanders.
+    /// Standard deviation of the logarithm of the exposure, which drifts.
     pub exposure_drift: f64,
-    /// Standard deviation of the logarithms of the gains of red and of blue, which wander.
+    /// Standard deviation of the logarithms of the gains of red and of blue, which drift.
     pub balance_drift: f64,
-    /// Time in which what wanders forgets where it was.
+    /// Correlation time of the drift: after it, the correlation has fallen to 1 / e.
     pub drift_time: f64,
-    /// Variance of a pixel's light over the light: the light comes in quanta.
+    /// Variance of a pixel's light divided by the light, from the quanta of the light.
     pub shot_noise: f64,
-    /// Standard deviation that a pixel's light has in the dark.
+    /// Standard deviation of a pixel's light in the dark.
     pub read_noise: f64,
-    /// How long light is collected: what moves is blurred.
+    /// Time over which light is collected, which causes motion blur.
     pub exposure_time: f64,
-    /// From the end of that time until the picture can be read.
+    /// Delay from the end of the exposure until the picture can be read.
     pub latency: f64,
 }
 
 impl Imperfections {
-    /// None: the camera shows the present as its calibration has it.
+    /// No imperfections: the calibration is exact, and pictures have no delay.
     pub const OFF: Self = Self {
         distortion: Distortion::NONE,
         position_error: 0.0,
@@ -45,9 +45,11 @@ impl Imperfections {
         latency: 0.0,
     };
 
-    /// A RealSense D435 that was calibrated with care: 5 mm and half a degree are what tools for
-    /// hand-eye calibration commonly reach. Its driver states no distortion, and some is left. The
-    /// noise at a middle grey is 3 levels of 255. The exposure is the sensor's default, rounded.
+    /// A carefully calibrated RealSense D435.
+    ///
+    /// Tools for hand-eye calibration commonly reach 5 mm and half a degree. The driver states no
+    /// distortion, but some is left. The noise at a middle grey is 3 levels of 255. The exposure is
+    /// the sensor's default, rounded.
     pub const NOMINAL: Self = Self {
         distortion: Distortion { radial: [0.01, -0.01], tangential: [0.0005, -0.0005] },
         position_error: 0.005,
@@ -61,7 +63,7 @@ impl Imperfections {
         latency: 0.06,
     };
 
-    /// Refuses figures out of range.
+    /// Rejects values out of range.
     ///
     /// # Errors
     /// [`InpaintingError::Value`].
@@ -77,11 +79,10 @@ impl Imperfections {
             ("exposure_time", self.exposure_time, 1.0, "0 to 1 s"),
             ("latency", self.latency, 1.0, "0 to 1 s"),
         ];
-        for (name, value, most, expected) in ranges {
-            require((0.0..=most).contains(&value), name, &value, expected)?;
+        for (name, value, limit, expected) in ranges {
+            require((0.0..=limit).contains(&value), name, &value, expected)?;
         }
-        let expected = "a positive time in seconds";
-        require_positive("drift_time", self.drift_time, expected)
+        require_positive("drift_time", self.drift_time, "a positive time in seconds")
     }
 }
 

@@ -1,4 +1,4 @@
-//! The pipeline: mask, colours, memory, mark.
+//! In-painting pipeline: mask the arm, correct colours, update the background, draw the mark.
 
 use glam::DVec3;
 
@@ -8,33 +8,35 @@ use crate::error::{InpaintingError, check_picture, require, require_length};
 use crate::links::{Capsule, Link};
 use crate::mark::Mark;
 
-/// What an [`Inpainter`] knows beforehand.
+/// Settings of an [`Inpainter`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct InpainterSettings {
-    /// The camera.
+    /// Camera of the pictures.
     pub camera: PinholeCamera,
-    /// The arm's links.
+    /// Links of the arm.
     pub links: Vec<Link>,
-    /// How colours are corrected.
+    /// Colour correction of each frame to the first background.
     pub correction: ColorCorrection,
-    /// The mark over the gripper.
+    /// Mark that is drawn over the gripper.
     pub mark: Mark,
 }
 
-/// Paints an arm out of one episode's frames.
+/// In-painter that removes an arm from the frames of one episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inpainter {
     settings: InpainterSettings,
-    /// The table before the arm came.
+    /// Picture of the table without the arm, `[H, W, 3]`.
     reference: Vec<u8>,
-    /// The table as last seen.
+    /// Each pixel of the table as last seen, `[H, W, 3]`.
     background: Vec<u8>,
+    /// Last frame in corrected colours, `[H, W, 3]`.
     corrected: Vec<u8>,
+    /// Pixels that the arm hides in the last frame, `[H, W]`.
     mask: Vec<bool>,
 }
 
 impl Inpainter {
-    /// An in-painter that starts from `background` `[H, W, 3]`: the camera's picture of the table
+    /// Creates an in-painter from `background` `[H, W, 3]`, the camera's picture of the table
     /// without the arm.
     ///
     /// # Errors
@@ -52,13 +54,13 @@ impl Inpainter {
         })
     }
 
-    /// Paints the arm out of `image` `[H, W, 3]`, given the positions of its joints and of the
-    /// gripper (metres, world frame), into `out` of the same shape.
+    /// Writes `image` `[H, W, 3]` without the arm into `out` of the same shape, given the positions
+    /// of the arm's joints and of the gripper (metres, world frame).
     ///
     /// # Errors
     /// [`InpaintingError::Length`]; [`InpaintingError::Value`] for a link without its joints, or a
-    /// position that is not finite or farther than 1e9 m from the origin. After an error nothing
-    /// has changed.
+    /// position that is not finite or has a coordinate beyond 1e9 m. The in-painter is unchanged
+    /// then.
     pub fn inpaint(
         &mut self,
         image: &[u8],
@@ -76,18 +78,18 @@ impl Inpainter {
         Ok(())
     }
 
-    /// What it knows beforehand.
+    /// Returns the settings.
     pub fn settings(&self) -> &InpainterSettings {
         &self.settings
     }
 
-    /// Where the last frame's arm was, `[H, W]`.
+    /// Returns the mask of the last frame, `[H, W]`: `true` for pixels that the arm hides.
     pub fn mask(&self) -> &[bool] {
         &self.mask
     }
 
-    /// How far each pixel of the last frame, in corrected colours, is from the first background:
-    /// the largest difference of a channel (levels), `[H W]`.
+    /// Returns the largest difference of a channel (levels) between the last frame, in corrected
+    /// colours, and the first background, for each pixel `[H * W]`.
     pub fn difference(&self) -> impl Iterator<Item = u8> {
         let pixels = self.corrected.chunks_exact(3);
         let pairs = pixels.zip(self.reference.chunks_exact(3));
@@ -97,6 +99,7 @@ impl Inpainter {
         })
     }
 
+    /// Rejects positions out of range, and too few joints for the links.
     fn check_positions(&self, joints: &[DVec3], gripper: DVec3) -> Result<(), InpaintingError> {
         let index = joints.iter().position(|joint| !is_near(*joint));
         let value = index.map_or_else(String::new, |i| format!("{} at {i}", joints[i]));
@@ -109,6 +112,7 @@ impl Inpainter {
         require(known, "joint of a link", &last, expected)
     }
 
+    /// Computes the mask from the positions of the joints.
     fn mask_arm(&mut self, joints: &[DVec3]) {
         self.mask.fill(false);
         let camera = &self.settings.camera;
@@ -121,7 +125,7 @@ impl Inpainter {
         }
     }
 
-    /// Takes into the background what of `image` is not hidden, in corrected colours.
+    /// Copies the visible pixels of `image`, in corrected colours, into the background.
     fn refresh(&mut self, image: &[u8]) {
         self.corrected.copy_from_slice(image);
         let correction = self.settings.correction;
@@ -162,7 +166,7 @@ mod tests {
         }
     }
 
-    /// What stands outside the mask is renewed; what is behind the arm stays as it was last seen.
+    /// Pixels outside the mask are updated; pixels behind the arm stay as last seen.
     #[test]
     fn the_background_is_refreshed_where_the_arm_is_not() {
         let mark = Mark { radius: 0.0, ..MARK };
@@ -240,7 +244,7 @@ mod tests {
         assert!(short.contains("`background` has 7 elements, expected 3600"));
     }
 
-    /// After a refusal, the result, the mask and what is remembered are as before.
+    /// An error leaves the result, the mask and the background unchanged.
     #[test]
     fn what_cannot_be_painted_out_is_refused_and_changes_nothing() {
         let (dark, bright) = (vec![0; 3600], vec![200; 3600]);

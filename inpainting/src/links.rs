@@ -1,4 +1,4 @@
-//! Where an arm hides the picture: capsules between its joints, seen by the camera.
+//! Mask of an arm in a picture: capsules between its joints, seen by the camera.
 
 use std::ops::Range;
 
@@ -6,16 +6,16 @@ use glam::DVec3;
 
 use crate::camera::PinholeCamera;
 
-/// A link of an arm: everything within `radius` of the line between two joints.
+/// Link of an arm: all points within `radius` of the segment between two joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Link {
-    /// Indices of the joints at its ends.
+    /// Indices of the joints at the ends.
     pub joints: [usize; 2],
     /// Radius (metres).
     pub radius: f64,
 }
 
-/// A link in the camera's frame.
+/// Link in the camera's frame (metres).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Capsule {
     pub ends: [DVec3; 2],
@@ -35,8 +35,8 @@ impl Capsule {
         }
     }
 
-    /// Whether a ray from the camera along the unit vector `ray` comes within the radius of the
-    /// axis, in front of the camera.
+    /// Returns `true` if the ray from the camera along the unit vector `ray` meets the capsule in
+    /// front of the camera.
     pub(crate) fn meets(&self, ray: DVec3) -> bool {
         let [from, to] = self.ends;
         let axis = to - from;
@@ -53,18 +53,20 @@ impl Capsule {
         depth > 0.0 && nearest.distance_squared(depth * ray) <= self.radius * self.radius
     }
 
-    /// Rows and columns outside of which no ray meets the capsule.
+    /// Returns rows and columns outside of which no ray meets the capsule.
     fn window(&self, camera: &PinholeCamera) -> [Range<usize>; 2] {
         let intrinsics = &camera.intrinsics;
         let whole = [0..intrinsics.height, 0..intrinsics.width];
         let low = self.ends[0].min(self.ends[1]) - self.radius;
         let high = self.ends[0].max(self.ends[1]) + self.radius;
+        // the bounds below need a box that lies in front of the camera
         if low.z <= 0.0 {
             return whole;
         }
         let side = |axis: usize, focal: f64, centre: f64, count: usize| {
             // a box around the capsule looks largest from its near or its far face
             let faces = [low.z, high.z].map(|z| [low[axis] / z, high[axis] / z]);
+            // a pixel more on each side, for rounding
             let first = faces[0][0].min(faces[1][0]) * focal + centre - 1.0;
             let last = faces[0][1].max(faces[1][1]) * focal + centre + 1.0;
             let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
@@ -82,7 +84,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::camera::tests::askew;
 
-    /// Whether the ray passes through one of many spheres along the capsule's axis.
+    /// Returns `true` if the ray meets one of many spheres along the capsule's axis.
     fn slow_meets(capsule: &Capsule, ray: DVec3, slack: f64) -> bool {
         let [from, to] = capsule.ends;
         (0..=400).any(|i| {

@@ -1,4 +1,4 @@
-//! The disc or ring that is drawn where the gripper is.
+//! Disc or ring that marks the gripper in a picture.
 
 use std::ops::Range;
 
@@ -7,8 +7,8 @@ use glam::DVec3;
 use crate::camera::PinholeCamera;
 use crate::error::{InpaintingError, require, require_positive};
 
-/// A disc or a ring that is drawn over the gripper, as large in the picture as one that lies at
-/// `depth`, however high the gripper is.
+/// Disc or ring that is drawn over the gripper. Its size in the picture is that at `depth`, at any
+/// height of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// Outer radius (metres); zero draws nothing.
@@ -17,12 +17,12 @@ pub struct Mark {
     pub hole: f64,
     /// Colour, RGB.
     pub color: [u8; 3],
-    /// Distance from the camera at which the mark has its size (metres): that of the table.
+    /// Distance from the camera that determines the size (metres): that of the table.
     pub depth: f64,
 }
 
 impl Mark {
-    /// A filled disc of `radius` at `depth` (metres).
+    /// Returns a filled disc of `radius` at `depth` (metres).
     pub fn disc(radius: f64, color: [u8; 3], depth: f64) -> Self {
         Self { radius, hole: 0.0, color, depth }
     }
@@ -34,12 +34,11 @@ impl Mark {
         let inside = (0.0..=self.radius).contains(&self.hole);
         let expected = "a length in metres from 0 (a disc) to the mark's radius";
         require(inside, "mark hole", &self.hole, expected)?;
-        let expected = "a positive length in metres";
-        require_positive("mark depth", self.depth, expected)
+        require_positive("mark depth", self.depth, "a positive length in metres")
     }
 
-    /// Draws the mark over `rgb` `[H, W, 3]` where `camera` sees `point` (metres, world frame);
-    /// nothing where the point is behind the camera.
+    /// Draws the mark over `rgb` `[H, W, 3]` at the projection of `point` (metres, world frame), or
+    /// nothing if the point is behind the camera.
     pub(crate) fn draw(&self, camera: &PinholeCamera, point: DVec3, rgb: &mut [u8]) {
         let Some(offset) = camera.project(point) else {
             return;
@@ -61,22 +60,22 @@ impl Mark {
     }
 }
 
-/// A ring in the picture; all in pixels, columns to the right and rows down.
+/// Ring in a picture, in pixels, columns to the right and rows down.
 struct Ring {
-    /// The optical axis.
+    /// Principal point.
     centre: [f64; 2],
-    /// From the axis to the ring's middle. Mirroring it mirrors the ring exactly where the axis
-    /// goes through the picture's middle.
+    /// Offset of the ring's middle from the principal point. If the latter is the picture's middle,
+    /// mirroring the offset mirrors the ring exactly.
     offset: [f64; 2],
-    /// Outer and inner radius across.
+    /// Outer and inner radius along rows.
     radii: [f64; 2],
-    /// Radius across, as a multiple of the radius along each axis: a disc shows as an ellipse where
-    /// the two focal lengths differ.
+    /// Ratio of the radius along rows to that along each axis: a disc shows as an ellipse if the
+    /// two focal lengths differ.
     aspect: [f64; 2],
 }
 
 impl Ring {
-    /// Columns (axis 0) or rows (axis 1), of `count`, outside of which the ring covers nothing.
+    /// Returns the columns (axis 0) or rows (axis 1), of `count`, that the ring can cover.
     fn reach(&self, axis: usize, count: usize) -> Range<usize> {
         let middle = self.centre[axis] + self.offset[axis];
         let reach = self.radii[0] / self.aspect[axis] + 1.0;
@@ -84,9 +83,10 @@ impl Ring {
         pixel(middle - reach)..pixel(middle + reach)
     }
 
-    /// Whether the pixel's middle is within the outer radius and not within the inner one.
+    /// Returns `true` if the pixel's middle lies between the inner and the outer radius.
     fn covers(&self, column: usize, row: usize) -> bool {
         let from_middle = |axis: usize, pixel: usize| {
+            // in this order, or rounding would break the exact mirror symmetry
             (((pixel as f64 + 0.5) - self.centre[axis]) - self.offset[axis]) * self.aspect[axis]
         };
         let (dx, dy) = (from_middle(0, column), from_middle(1, row));

@@ -1,21 +1,21 @@
-//! How a spot of weighed pixels is shaped.
+//! Image moments: shape of a spot of weighted pixels.
 
 use std::f64::consts::PI;
 
-/// Directions in half a turn in which a spot's lopsidedness is looked for.
+/// Number of directions, over half a turn, in which the skewness is evaluated.
 const DIRECTIONS: usize = 36;
 
-/// The middle of a spot, and the means of products of its pixels' distances to it.
+/// Weighted middle of a spot, and its central moments of second and third order.
 pub(crate) struct Moments {
     middle: [f64; 2],
-    /// Column squared, column times row, row squared.
+    /// Means of column squared, column times row, row squared.
     second: [f64; 3],
-    /// Column cubed, column squared times row, column times row squared, row cubed.
+    /// Means of column cubed, column squared times row, column times row squared, row cubed.
     third: [f64; 4],
 }
 
 impl Moments {
-    /// Of pixels, each with its weight; the weights do not add up to zero.
+    /// Computes the moments of pixels with weights, which must not add up to zero.
     pub fn of(weighed: &[(f64, [f64; 2])]) -> Self {
         let [_, x, y] = sums(weighed, |[x, y]| [1.0, x, y]);
         let all: f64 = weighed.iter().map(|(weight, _)| weight).sum();
@@ -32,29 +32,30 @@ impl Moments {
         Self { middle, second: second.map(|sum| sum / all), third: third.map(|sum| sum / all) }
     }
 
-    /// Column and row of the middle.
+    /// Returns the column and row of the middle.
     pub fn middle(&self) -> [f64; 2] {
         self.middle
     }
 
-    /// Length over width of the ellipse with these moments; infinite for a line.
+    /// Returns the ratio of length to width of the ellipse with these moments; infinite for a line.
     pub fn elongation(&self) -> f64 {
         let [across, mixed, down] = self.second;
         let half = (across + down) / 2.0;
         let apart = ((across - down) / 2.0).hypot(mixed);
-        // rounding may take a line's width below nothing
+        // rounding may make the squared width of a line negative
         ((half + apart) / (half - apart).max(0.0)).sqrt()
     }
 
-    /// The largest skewness along any direction: zero for all that half a turn leaves as it is,
-    /// ellipses among it.
-    pub fn lopsidedness(&self) -> f64 {
+    /// Returns the largest skewness along any direction: zero for shapes that half a turn leaves
+    /// unchanged, such as ellipses.
+    pub fn skewness(&self) -> f64 {
         let angles = (0..DIRECTIONS).map(|step| PI * step as f64 / DIRECTIONS as f64);
-        angles.map(|angle| self.skewness(angle)).fold(0.0, f64::max)
+        angles.map(|angle| self.skewness_along(angle)).fold(0.0, f64::max)
     }
 
-    /// The third moment along a direction over the second one's power of 3/2.
-    fn skewness(&self, angle: f64) -> f64 {
+    /// Returns the absolute skewness along a direction: the third moment over the second to the
+    /// power of 3/2.
+    fn skewness_along(&self, angle: f64) -> f64 {
         let (s, c) = angle.sin_cos();
         let [xx, xy, yy] = self.second;
         let [xxx, xxy, xyy, yyy] = self.third;
@@ -64,6 +65,7 @@ impl Moments {
     }
 }
 
+/// Sums `parts` of all places, weighted.
 fn sums<const N: usize>(
     weighed: &[(f64, [f64; 2])],
     parts: impl Fn([f64; 2]) -> [f64; N],
@@ -100,7 +102,7 @@ mod tests {
             let [x, y] = moments.middle();
             assert!((x - 99.5).hypot(y - 99.5) < 1e-9);
             assert!((moments.elongation() - 1.2).abs() < 0.01);
-            assert!(moments.lopsidedness() < 1e-9);
+            assert!(moments.skewness() < 1e-9);
         }
     }
 
@@ -109,7 +111,7 @@ mod tests {
     fn an_ellipse_that_is_cut_round_is_lopsided() {
         let moments = Moments::of(&ellipse([84.0, 70.0], 0.4, 0.6));
         assert!(moments.elongation() < 1.1, "{}", moments.elongation());
-        assert!(moments.lopsidedness() > 0.15, "{}", moments.lopsidedness());
+        assert!(moments.skewness() > 0.15, "{}", moments.skewness());
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! From a real camera's picture to what a policy sees: rectified, cropped, without the arm, in the
-//! colours that the policy knows.
+//! Conversion of a real camera's pictures to a policy's observations: rectified, cropped, without
+//! the arm, in the colours of the training.
 
 mod settings;
 
@@ -13,17 +13,17 @@ use crate::warp::Warp;
 
 pub use settings::PerceptionSettings;
 
-/// What a policy sees of a table, made of a real camera's pictures.
+/// Converter from a real camera's pictures of a table to a policy's observations.
 ///
-/// A picture is taken apart in four steps. It is rectified: as if the camera stood where it stands,
-/// looked straight down and had the table where the policy's camera has it. The arm is painted out
-/// of that ([`Inpainter`]). Each pixel of the policy's is the median, channel by channel, of the
+/// It works in four steps. The picture is rectified: as if the camera, at its position, looked
+/// straight down and showed the table where the policy's camera shows it. The arm is painted out
+/// ([`Inpainter`]). Each of the policy's pixels becomes the median, channel by channel, of the
 /// pixels in it. The mark is drawn where the policy's camera would see the gripper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Perception {
     settings: PerceptionSettings,
     rectification: Warp,
-    /// The table as the policy knows it, in the pixels of the in-painting.
+    /// Empty table in the colours of the training, in the pixels of the in-painting.
     table: Vec<u8>,
     inpainter: Inpainter,
     rectified: Vec<u8>,
@@ -31,17 +31,17 @@ pub struct Perception {
 }
 
 impl Perception {
-    /// A perception of the empty table that `table` `[H, W, 3]` shows as the policy knows it. Its
-    /// colours are those that every picture is brought to.
+    /// Creates a perception. `table` `[H, W, 3]` is the policy's picture of the empty table, and
+    /// every picture is corrected to its colours.
     ///
     /// # Errors
     /// [`InpaintingError::Value`], [`InpaintingError::Length`]; [`InpaintingError::OutOfSight`]
-    /// where the camera does not see all that the policy's camera sees.
+    /// if the camera does not see all that the policy's camera sees.
     pub fn new(settings: PerceptionSettings, table: &[u8]) -> Result<Self, InpaintingError> {
         settings.check()?;
         let view = settings.view()?;
         check_picture("table", table, settings.policy.pixels())?;
-        let table = settings.enlarged(table);
+        let table = settings.upsampled(table);
         let inpainter = Inpainter::new(settings.inpainter(view), &table)?;
         Ok(Self {
             rectification: rectification(&settings.calibration, &view)?,
@@ -53,12 +53,13 @@ impl Perception {
         })
     }
 
-    /// Begins an episode with a picture of the table and its things, on which the arm, parked with
-    /// its joints at `joints`, is in nothing's way. What it hides nevertheless is taken to be empty
-    /// table.
+    /// Begins an episode with a picture of the table and its objects.
+    ///
+    /// The arm is parked with its joints at `joints` and should hide no object: the area that it
+    /// hides is filled with the empty table.
     ///
     /// # Errors
-    /// As [`Perception::look`].
+    /// Those of [`Perception::look`].
     pub fn begin(&mut self, frame: &[u8], joints: &[DVec3]) -> Result<(), InpaintingError> {
         self.rectification.apply(frame, &mut self.rectified)?;
         let settings = self.inpainter.settings().clone();
@@ -68,12 +69,13 @@ impl Perception {
         Ok(())
     }
 
-    /// Writes into `out` `[H, W, 3]` what the policy sees of `frame`, the camera's picture, which
-    /// was taken with the arm's joints at `joints`. The mark is drawn at `gripper` (metres, world
-    /// frame), which may be a later place.
+    /// Writes the policy's observation of `frame`, the camera's picture, into `out` `[H, W, 3]`.
+    ///
+    /// `frame` was taken with the arm's joints at `joints` (metres, world frame). The mark is drawn
+    /// at `gripper`, which may be a later position.
     ///
     /// # Errors
-    /// As [`Inpainter::inpaint`]. After an error the perception is as before.
+    /// Those of [`Inpainter::inpaint`]. The background is unchanged then.
     pub fn look(
         &mut self,
         frame: &[u8],
@@ -84,43 +86,44 @@ impl Perception {
         check_picture("out", out, self.settings.policy.pixels())?;
         self.rectification.apply(frame, &mut self.rectified)?;
         self.inpainter.inpaint(&self.rectified, joints, gripper, &mut self.painted)?;
-        self.settings.shrink(&self.painted, out);
+        self.settings.downsample(&self.painted, out);
         self.settings.mark.draw(&self.settings.policy, gripper, out);
         Ok(())
     }
 
-    /// What it knows beforehand.
+    /// Returns the settings.
     pub fn settings(&self) -> &PerceptionSettings {
         &self.settings
     }
 
-    /// Where the last picture's arm was, in the pixels of the in-painting `[k H, k W]`.
+    /// Returns the arm's mask in the last picture `[k H, k W]`, with k the oversampling.
     pub fn mask(&self) -> &[bool] {
         self.inpainter.mask()
     }
 
-    /// The last frame, rectified `[k H, k W, 3]`.
+    /// Returns the last frame, rectified, `[k H, k W, 3]`.
     pub fn rectified(&self) -> &[u8] {
         &self.rectified
     }
 
-    /// How far each of its pixels is from the picture that the episode began with, as of
-    /// [`Inpainter::difference`].
+    /// Returns the difference (levels) of each pixel of [`Perception::rectified`], in corrected
+    /// colours, from the picture at the start of the episode.
     pub fn difference(&self) -> impl Iterator<Item = u8> {
         self.inpainter.difference()
     }
 
-    /// The camera whose pictures the arm is painted out of.
+    /// Returns the camera of the rectified pictures.
     pub fn view(&self) -> &PinholeCamera {
         &self.inpainter.settings().camera
     }
 }
 
-/// Where the pixels of `view` are in the pictures of a camera in the same place.
+/// Returns the warp from a camera's pictures to those of `view`, a camera at the same position.
 fn rectification(calibration: &Calibration, view: &PinholeCamera) -> Result<Warp, InpaintingError> {
     let Intrinsics { width, height, .. } = calibration.intrinsics;
     let across = view.intrinsics.width;
     let back = view.extrinsics.rotation.transpose();
+    // a rotation about the camera's position maps rays, so the depth of the scene does not matter
     let place = |index| calibration.pixel(back * view.ray(index / across, index % across));
     Warp::new([width, height], (0..view.pixels()).map(place))
 }
@@ -140,7 +143,7 @@ mod tests {
 
     const SIZE: usize = 48;
 
-    /// The camera that policies learn with.
+    /// Returns the camera of the policy's training.
     fn policy() -> PinholeCamera {
         PinholeCamera::overhead(SIZE, 1.5, 0.44)
     }
@@ -157,7 +160,7 @@ mod tests {
         }
     }
 
-    /// A camera that hangs askew, and its lens is not straight.
+    /// Returns a tilted camera whose lens distorts.
     fn askew() -> Calibration {
         let tilt = DMat3::from_rotation_x(0.03) * DMat3::from_rotation_z(-0.2);
         let rotation = tilt * Extrinsics::overhead(0.0).rotation;
@@ -172,8 +175,8 @@ mod tests {
     const TABLE: [u8; 3] = [112, 87, 71];
     const BLOCK: [u8; 3] = [200, 60, 40];
 
-    /// What a camera sees of a table with a block from (0.1, 0.05) to (0.22, 0.17), and of an arm
-    /// of one black link.
+    /// Renders a camera's picture of a table with a block from (0.1, 0.05) to (0.22, 0.17), and of
+    /// an arm of one black link.
     fn frame(camera: &Calibration, link: Option<[DVec3; 2]>) -> Vec<u8> {
         let Intrinsics { width, height, .. } = camera.intrinsics;
         let eye = camera.position();
@@ -197,7 +200,7 @@ mod tests {
         TABLE.repeat(SIZE * SIZE)
     }
 
-    /// What the policy's own camera sees of it.
+    /// Returns the policy camera's picture of the table with the block.
     fn expected() -> Vec<u8> {
         let camera = Calibration { intrinsics: policy().intrinsics, ..overhead() };
         frame(&camera, None)
@@ -215,8 +218,8 @@ mod tests {
 
     const LINK: [DVec3; 2] = [DVec3::new(-0.2, -0.4, 0.5), DVec3::new(0.12, 0.1, 0.2)];
 
-    /// From wherever it is seen, and with an arm over it, the table is what the policy knows. The
-    /// edges of the block go through pixels, whose median is one colour or the other.
+    /// The observation matches the policy camera's picture from every camera pose, and with an arm
+    /// in view. The edges of the block go through pixels, whose median is one colour or the other.
     #[test]
     fn a_picture_from_elsewhere_becomes_the_policys_own() {
         for calibration in [overhead(), askew()] {
@@ -237,7 +240,7 @@ mod tests {
         }
     }
 
-    /// An arm that is parked in sight hides nothing but empty table.
+    /// The area behind an arm that is parked in view is filled with the empty table.
     #[test]
     fn what_a_parked_arm_hides_is_empty_table() {
         let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();
@@ -249,7 +252,7 @@ mod tests {
         assert!(differing(&out, &expected()) <= 8);
     }
 
-    /// A darker and warmer picture is brought to the colours of the table that the policy knows.
+    /// A darker and warmer picture is corrected to the colours of the policy's table.
     #[test]
     fn other_light_is_taken_back() {
         let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();

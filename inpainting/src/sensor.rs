@@ -1,4 +1,4 @@
-//! From light to levels: exposure, noise, and the curve of sRGB.
+//! Simulated image sensor: exposure, noise, and the transfer function of sRGB.
 
 use std::f64::consts::TAU;
 
@@ -6,23 +6,25 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Levels are looked up in as many steps of linear light, fewer than which would lose dark ones.
+/// Number of steps of linear light in the table of levels. Fewer would lose dark levels, where sRGB
+/// is steepest.
 const STEPS: usize = 1 << 16;
 
-/// The curve of sRGB (IEC 61966-2-1) in both directions, and the light that was collected.
+/// Sensor: sRGB's transfer function (IEC 61966-2-1) in both directions, and the collected light.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Sensor {
     /// Linear light of each level, in `[0, 1]`.
     light: Vec<f32>,
     /// Level of each step of linear light.
     levels: Vec<u8>,
-    /// Sums over what was collected, `[H, W, 3]`.
+    /// Sums of the collected light, `[H, W, 3]`.
     collected: Vec<f32>,
+    /// Number of pictures in the sums.
     count: f32,
 }
 
 impl Sensor {
-    /// A sensor of so many pixels.
+    /// Creates a sensor with `pixels` pixels.
     pub(crate) fn new(pixels: usize) -> Self {
         let level = |step: usize| 255.0 * level(step as f64 / (STEPS - 1) as f64);
         Self {
@@ -33,7 +35,7 @@ impl Sensor {
         }
     }
 
-    /// Collects light of a picture `[H, W, 3]`; all pictures count alike.
+    /// Adds the light of a picture `[H, W, 3]`; all pictures have equal weights.
     pub(crate) fn collect(&mut self, rgb: &[u8]) {
         for (sum, &level) in self.collected.iter_mut().zip(rgb) {
             *sum += self.light[usize::from(level)];
@@ -41,9 +43,10 @@ impl Sensor {
         self.count += 1.0;
     }
 
-    /// Reads the mean of what was collected out as levels `[H, W, 3]`, and begins anew. Light is
-    /// multiplied by the channels' gains, and has noise of the variance `shot` times the light and
-    /// the standard deviation `read`.
+    /// Writes the mean of the collected light to `rgb` as levels `[H, W, 3]`, and resets the sums.
+    ///
+    /// Light is multiplied by the gains of the channels, and gets noise of variance
+    /// `shot * light + read^2`.
     pub(crate) fn read_out(
         &mut self,
         gains: [f64; 3],
@@ -69,29 +72,31 @@ impl Sensor {
     }
 }
 
-/// Linear light of an sRGB value, both in `[0, 1]`.
+/// Returns the linear light of an sRGB value, both in `[0, 1]`.
 fn light(value: f64) -> f64 {
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sRGB value of linear light, both in `[0, 1]`.
+/// Returns the sRGB value of linear light, both in `[0, 1]`.
 fn level(light: f64) -> f64 {
     if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// A number of mean 0 and variance 1: the sum of four uniform ones, which is a normal one but for
-/// its tails, which end at 3.5.
+/// Draws an approximately normal number of mean 0 and variance 1: the sum of four uniform numbers,
+/// with tails that end at 3.5.
 pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
-    /// Variance of four numbers that are uniform in 0..65536.
+    /// Variance of the sum of four numbers that are uniform in 0..65536.
     const VARIANCE: f32 = 4.0 * (65536.0 * 65536.0 - 1.0) / 12.0;
+    // one draw for all four, because every pixel of every picture needs three of these
     let bits: u64 = rng.random();
     let part = |shift: u32| bits >> shift & 0xffff;
     let sum: u64 = [0, 16, 32, 48].map(part).iter().sum();
     (sum as f32 - 2.0 * 65535.0) / VARIANCE.sqrt()
 }
 
-/// A unit vector, all directions alike.
+/// Draws a unit vector, uniform over all directions.
 pub(crate) fn direction(rng: &mut ChaCha8Rng) -> DVec3 {
+    // the height of a uniform point on a sphere is uniform (Archimedes)
     let z: f64 = rng.random_range(-1.0..1.0);
     let (sine, cosine) = rng.random_range(0.0..TAU).sin_cos();
     let across = (1.0 - z * z).sqrt();
@@ -108,7 +113,7 @@ mod tests {
         ChaCha8Rng::seed_from_u64(1000)
     }
 
-    /// Levels read out of pictures that are grey all over.
+    /// Reads out the mean of uniformly grey pictures.
     fn seen(greys: &[u8], gains: [f64; 3], noise: [f64; 2], pixels: usize) -> Vec<u8> {
         let mut sensor = Sensor::new(pixels);
         for &grey in greys {
@@ -139,7 +144,7 @@ mod tests {
         assert_eq!((f64::from(red), green, blue), (half.round(), 128, 255));
     }
 
-    /// What moves shows as the mean of its light: of black and white, half of the white light.
+    /// Motion blur is the mean of linear light: black and white give half of the white light.
     #[test]
     fn blur_is_the_mean_of_light() {
         let expected = (255.0 * level(0.5)).round() as u8;

@@ -1,4 +1,4 @@
-//! A camera with the imperfections of a real one, for simulations to look through.
+//! Simulated camera with the imperfections of a real one.
 
 use glam::{DMat3, DVec3};
 use rand_chacha::ChaCha8Rng;
@@ -12,16 +12,15 @@ use crate::sensor::Sensor;
 use crate::sensor::direction;
 use crate::warp::Warp;
 
-/// Pixels around what the lens needs of an ideal picture.
+/// Margin (pixels) of the ideal picture around the area that the lens needs.
 const BORDER: f64 = 1.0;
 
-/// Makes a real camera's pictures of a perfect one's.
+/// Camera that turns a perfect camera's pictures into those of a real one.
 ///
-/// A simulation draws what the pinhole [`SimulatedCamera::ideal`] sees. The calibration that the
-/// camera comes with is wrong by [`Imperfections::position_error`] and
-/// [`Imperfections::angle_error`]. The simulation keeps the picture for
-/// [`Imperfections::latency`], and draws one at the beginning and one at the end of
-/// [`Imperfections::exposure_time`].
+/// A simulation renders the pictures of the pinhole camera [`SimulatedCamera::ideal`]. The reported
+/// calibration is wrong by [`Imperfections::position_error`] and [`Imperfections::angle_error`].
+/// The simulation itself must delay pictures by [`Imperfections::latency`], and render one at the
+/// beginning and one at the end of [`Imperfections::exposure_time`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedCamera {
     imperfections: Imperfections,
@@ -30,17 +29,17 @@ pub struct SimulatedCamera {
     lens: Warp,
     sensor: Sensor,
     drift: Drift,
-    bent: Vec<u8>,
+    /// Buffer of a distorted picture, `[H, W, 3]`.
+    distorted: Vec<u8>,
     rng: ChaCha8Rng,
 }
 
 impl SimulatedCamera {
-    /// A camera that is where `truth` says. Its lens bends the picture by
-    /// [`Imperfections::distortion`] more than `truth` says. All that is random is drawn from
-    /// `rng`.
+    /// Creates a camera at the pose of `truth`. [`Imperfections::distortion`] is added to the
+    /// distortion of `truth`. All random numbers are drawn from `rng`.
     ///
     /// # Errors
-    /// [`InpaintingError::Value`], for a distortion without inverse in the picture, too.
+    /// [`InpaintingError::Value`], also for a distortion without inverse in the picture.
     pub fn new(
         truth: Calibration,
         imperfections: Imperfections,
@@ -48,11 +47,11 @@ impl SimulatedCamera {
     ) -> Result<Self, InpaintingError> {
         truth.check()?;
         imperfections.check()?;
-        let bent = Calibration { distortion: truth.distortion + imperfections.distortion, ..truth };
-        let (ideal, lens) = lens(&bent)?;
+        let distortion = truth.distortion + imperfections.distortion;
+        let (ideal, lens) = lens(&Calibration { distortion, ..truth })?;
         let Intrinsics { width, height, .. } = truth.intrinsics;
         let calibration = Calibration {
-            extrinsics: misjudged(&truth.extrinsics, &imperfections, &mut rng),
+            extrinsics: perturbed(&truth.extrinsics, &imperfections, &mut rng),
             ..truth
         };
         Ok(Self {
@@ -62,32 +61,34 @@ impl SimulatedCamera {
             lens,
             sensor: Sensor::new(width * height),
             drift: Drift::default(),
-            bent: vec![0; 3 * width * height],
+            distorted: vec![0; 3 * width * height],
             rng,
         })
     }
 
-    /// What is known of the camera, not what is true.
+    /// Returns the reported calibration, which deviates from the true one.
     pub fn calibration(&self) -> &Calibration {
         &self.calibration
     }
 
-    /// The camera whose pictures it takes, a square one with the optical axis in its middle.
+    /// Returns the perfect camera whose pictures it takes: square, with the optical axis in the
+    /// middle.
     pub fn ideal(&self) -> &PinholeCamera {
         &self.ideal
     }
 
-    /// Its imperfections.
+    /// Returns the imperfections.
     pub fn imperfections(&self) -> &Imperfections {
         &self.imperfections
     }
 
-    /// Takes a picture `[H, W, 3]` into `out`, at the time `now` (seconds), which does not go back.
-    /// `ideal` are the pictures of [`SimulatedCamera::ideal`] while light was collected.
+    /// Takes a picture `[H, W, 3]` at the time `now` (seconds), which never decreases, into `out`.
+    ///
+    /// `ideal` are the pictures of [`SimulatedCamera::ideal`] during the exposure.
     ///
     /// # Errors
-    /// [`InpaintingError::Length`] for a picture of another size, [`InpaintingError::Value`] for no
-    /// picture.
+    /// [`InpaintingError::Length`] for a picture of another size, [`InpaintingError::Value`] if
+    /// `ideal` is empty.
     pub fn shoot(
         &mut self,
         ideal: &[&[u8]],
@@ -95,13 +96,14 @@ impl SimulatedCamera {
         out: &mut [u8],
     ) -> Result<(), InpaintingError> {
         require(!ideal.is_empty(), "pictures", &0, "at least one")?;
-        check_picture("out", out, self.bent.len() / 3)?;
+        check_picture("out", out, self.distorted.len() / 3)?;
+        // all checks come before any light is collected, so an error changes nothing
         for picture in ideal {
             check_picture("picture", picture, self.ideal.pixels())?;
         }
         for picture in ideal {
-            self.lens.apply(picture, &mut self.bent)?;
-            self.sensor.collect(&self.bent);
+            self.lens.apply(picture, &mut self.distorted)?;
+            self.sensor.collect(&self.distorted);
         }
         let gains = self.drift.gains(&self.imperfections, now, &mut self.rng);
         let noise = [self.imperfections.shot_noise, self.imperfections.read_noise];
@@ -110,10 +112,11 @@ impl SimulatedCamera {
     }
 }
 
-/// The pinhole whose picture holds all that the lens shows, and where each pixel is in it.
-fn lens(bent: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
-    let places = places(bent)?;
-    let ideal = pinhole(bent, &places);
+/// Returns the pinhole camera whose picture contains all that the lens shows, and the warp from its
+/// pictures to those of the lens.
+fn lens(camera: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
+    let places = places(camera)?;
+    let ideal = pinhole(camera, &places);
     ideal.check()?;
     let Intrinsics { width, focal, centre, .. } = ideal.intrinsics;
     let pixel = |place: [f64; 2]| [0, 1].map(|axis| centre[axis] + focal[axis] * place[axis]);
@@ -122,39 +125,39 @@ fn lens(bent: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
     Ok((ideal, warp))
 }
 
-/// Where a pinhole of focal length 1 shows what each pixel shows.
-fn places(bent: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
-    let Intrinsics { width, height, .. } = bent.intrinsics;
+/// Returns the point at which a pinhole of focal length 1 shows what each pixel shows.
+fn places(camera: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
+    let Intrinsics { width, height, .. } = camera.intrinsics;
     let middles = (0..width * height).map(|i| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]);
-    let places: Option<Vec<_>> = middles.map(|middle| bent.ideal(middle)).collect();
+    let places: Option<Vec<_>> = middles.map(|middle| camera.undistorted(middle)).collect();
     places.ok_or_else(|| InpaintingError::Value {
         name: "distortion",
-        value: format!("{:?}", bent.distortion),
+        value: format!("{:?}", camera.distortion),
         expected: "one that shows each thing once in the picture",
     })
 }
 
-/// The square picture around all these places.
-fn pinhole(bent: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
-    let focal = bent.intrinsics.focal[0];
-    let reach = places.iter().flatten();
-    let reach = focal * reach.fold(0.0, |most: f64, part| most.max(part.abs()));
+/// Returns the pinhole camera with a square picture that contains all these points.
+fn pinhole(camera: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
+    let focal = camera.intrinsics.focal[0];
+    let coordinates = places.iter().flatten();
+    let reach = focal * coordinates.fold(0.0, |most: f64, part| most.max(part.abs()));
     let half = (reach + BORDER).ceil();
     let side = 2 * half as usize;
     PinholeCamera {
         intrinsics: Intrinsics { width: side, height: side, focal: [focal; 2], centre: [half; 2] },
-        extrinsics: bent.extrinsics,
+        extrinsics: camera.extrinsics,
     }
 }
 
-/// Where somebody takes a camera to be who is wrong by as much as the imperfections say.
-fn misjudged(
+/// Returns the true pose with errors of calibration, of the given sizes in random directions.
+fn perturbed(
     truth: &Extrinsics,
     imperfections: &Imperfections,
     rng: &mut ChaCha8Rng,
 ) -> Extrinsics {
-    let (axis, way) = (direction(rng), direction(rng));
-    let position: DVec3 = truth.position() + imperfections.position_error * way;
+    let (axis, offset) = (direction(rng), direction(rng));
+    let position: DVec3 = truth.position() + imperfections.position_error * offset;
     let rotation = DMat3::from_axis_angle(axis, imperfections.angle_error) * truth.rotation;
     Extrinsics { rotation, translation: -(rotation * position) }
 }
@@ -237,7 +240,7 @@ mod tests {
         }
     }
 
-    /// A dot of the ideal picture shows where the lens bends it to.
+    /// A dot of the ideal picture appears at its distorted position.
     #[test]
     fn the_lens_bends_what_is_seen() {
         let distortion = Distortion { radial: [0.3, 0.0], tangential: [0.0, 0.02] };

@@ -1,13 +1,14 @@
-//! Takes the pixels of one picture from places between the pixels of another.
+//! Image warp with bilinear interpolation.
 
 use crate::error::{InpaintingError, check_picture};
 
-/// Parts that a pixel is divided into along either side.
+/// Number of steps between two pixels in the interpolation: two weights of 8 bits and a level fit
+/// into 32 bits.
 const PARTS: f64 = 256.0;
-/// How far (pixels) beyond the outermost middles a place may be by rounding.
+/// Largest distance (pixels) of a point beyond the outermost middles, because of rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Where each pixel of a picture comes from, interpolated between the four nearest ones.
+/// Map from one picture to another: each pixel is interpolated between four pixels of the source.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Warp {
     taps: Vec<Tap>,
@@ -15,7 +16,8 @@ pub(crate) struct Warp {
     height: usize,
 }
 
-/// The upper left one of four pixels, and the parts of the right column and of the lower row.
+/// Source of a pixel: the upper left of four pixels, and the weights of the right column and of the
+/// lower row, in parts of [`PARTS`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Tap {
     pixel: u32,
@@ -24,11 +26,11 @@ struct Tap {
 }
 
 impl Warp {
-    /// From a picture of `width` x `height`, at least 2 x 2; `places` are column and row (pixels;
-    /// the middle of the first one is at one half) for each pixel of the result.
+    /// Prepares a warp from a picture of `width` x `height`, at least 2 x 2. `places` are column
+    /// and row (pixels; the middle of the first one is at 0.5) for each pixel of the result.
     ///
     /// # Errors
-    /// [`InpaintingError::OutOfSight`] for a place that the picture does not show.
+    /// [`InpaintingError::OutOfSight`] for a place outside of the picture.
     pub(crate) fn new(
         [width, height]: [usize; 2],
         places: impl Iterator<Item = Option<[f64; 2]>>,
@@ -45,7 +47,7 @@ impl Warp {
         Ok(Self { taps, width, height })
     }
 
-    /// Fills `to`, of as many pixels as there were places.
+    /// Fills `to`, which has one pixel for each place.
     ///
     /// # Errors
     /// [`InpaintingError::Length`].
@@ -68,12 +70,14 @@ impl Warp {
     }
 }
 
-/// The last pixel whose middle is not beyond a place along one side, and the part of the next one.
+/// Splits a place along one side into the pixel before it and the weight of the next one. `None` if
+/// it is outside of the picture.
 fn split(place: f64, count: usize) -> Option<(usize, u16)> {
     let from_first = place - 0.5;
     let last = count as f64 - 1.0;
     let shown = from_first >= -ROUNDING && from_first <= last + ROUNDING;
     let from_first = shown.then_some(from_first.clamp(0.0, last))?;
+    // at the last middle the pair ends there, with the weight 1 of the last pixel
     let pixel = from_first.min(last - 1.0).floor();
     Some((pixel as usize, ((from_first - pixel) * PARTS).round() as u16))
 }

@@ -1,4 +1,4 @@
-//! Reads a URDF, prints its joints and capsules, and moves its tip to and fro: a dry run.
+//! Reads a URDF, prints its joints and capsules, and moves its tip to and fro in a dry run.
 //!
 //! `embed_robot [URDF TIP_LINK]`; without arguments, the Kinova Gen3. With the environment variable
 //! `MJCF=1` it prints the robot's MJCF and nothing else.
@@ -86,7 +86,7 @@ fn dry_run(arm: KinematicArm) -> Result<(), ControlError> {
     for way in ways.chain([None]) {
         for _ in 0..20 {
             if let Some(way) = way {
-                let twist = Twist::moving(0.1 * way);
+                let twist = Twist::from_linear(0.1 * way);
                 robot.command(&Command { twist, closing: 0.0 })?;
             }
             robot.robot_mut().advance(PERIOD.as_secs_f64())?;

@@ -1,72 +1,72 @@
-//! Shapes that links collide as, and the capsules that hold them.
+//! Collision shapes of links, and the capsules that enclose them.
 
 use glam::DVec3;
 
 use crate::pose::Pose;
 
-/// All points within `radius` of a segment (metres).
+/// Capsule: all points within `radius` (metres) of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capsule {
-    /// Ends of the segment; equal for a sphere.
+    /// Ends of the segment (metres); equal for a sphere.
     pub ends: [DVec3; 2],
-    /// Distance from the segment to the surface.
+    /// Distance from the segment to the surface (metres).
     pub radius: f64,
 }
 
 impl Capsule {
-    /// Distance of `point` from the surface, negative inside.
+    /// Returns the signed distance of `point` from the surface (metres), negative inside.
     pub fn distance(&self, point: DVec3) -> f64 {
         let [start, end] = self.ends;
         let (axis, way) = (end - start, point - start);
-        // a sphere's axis has no length
+        // the axis of a sphere has length zero: avoid 0 / 0
         let along = way.dot(axis) / axis.length_squared().max(f64::MIN_POSITIVE);
         way.distance(along.clamp(0.0, 1.0) * axis) - self.radius
     }
 }
 
-/// A shape about the origin; the axis of what has one is z (metres).
+/// Collision shape centred at the origin, sizes in metres; cylinders and capsules lie along z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// A sphere.
     Sphere {
-        /// Its radius.
+        /// Radius.
         radius: f64,
     },
-    /// A cylinder between two half spheres.
+    /// A cylinder capped by two hemispheres.
     Capsule {
-        /// Radius of the cylinder and of the spheres.
+        /// Radius of the cylinder and of the hemispheres.
         radius: f64,
-        /// Length of the cylinder.
+        /// Length of the cylinder, without the hemispheres.
         length: f64,
     },
     /// A cylinder.
     Cylinder {
-        /// Its radius.
+        /// Radius.
         radius: f64,
-        /// Its length.
+        /// Length.
         length: f64,
     },
     /// A box.
     Box {
-        /// Half of its sizes.
+        /// Half extents along x, y and z.
         half: DVec3,
     },
 }
 
-/// A shape in the frame of its link.
+/// Collision shape at a pose in the frame of its link.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedShape {
-    /// Where it is.
+    /// Pose of the shape in the frame of the link.
     pub pose: Pose,
-    /// What it is.
+    /// Kind and sizes of the shape.
     pub shape: Shape,
 }
 
 impl PlacedShape {
-    /// A capsule that holds the shape where its link is at `link`.
+    /// Returns a capsule, in the world, that encloses the shape of a link at pose `link`.
     ///
-    /// Spheres and capsules fill it. The capsule of a cylinder is longer than the cylinder by two
-    /// half spheres; that of a box has the box's longest axis and passes through its edges.
+    /// It is exact for spheres and capsules. A cylinder gains a hemisphere at each end; the capsule
+    /// of a box lies along the box's longest axis and passes through its edges.
     pub fn capsule(&self, link: &Pose) -> Capsule {
         let (half, radius) = match self.shape {
             Shape::Sphere { radius } => (DVec3::ZERO, radius),
@@ -80,18 +80,19 @@ impl PlacedShape {
     }
 }
 
-/// The part of a box's half size along its longest axis, and the length of the rest.
+/// Returns the half extent of a box along its longest axis, and the norm of the other two.
 fn along_longest(half: DVec3) -> (DVec3, f64) {
     let axis = DVec3::AXES[half.max_position()];
     let along = half * axis;
     (along, (half - along).length())
 }
 
-/// Largest difference (metres) between figures of a file that mean the same.
-const SAME: f64 = 1e-6;
+/// Largest difference (metres) between lengths of a file that count as equal: files round them.
+const LENGTH_TOLERANCE: f64 = 1e-6;
 
-/// Replaces every cylinder that has a sphere of its radius at both ends by the capsule that the
-/// three are. URDF has no capsule, and this is the usual way to write one.
+/// Replaces every cylinder that has a sphere of its radius at both ends by one capsule.
+///
+/// Plain URDF has no capsule, and this is the usual way to write one.
 pub(crate) fn join_capsules(shapes: Vec<PlacedShape>) -> Vec<PlacedShape> {
     let mut left: Vec<Option<PlacedShape>> = shapes.into_iter().map(Some).collect();
     for index in 0..left.len() {
@@ -105,7 +106,8 @@ pub(crate) fn join_capsules(shapes: Vec<PlacedShape>) -> Vec<PlacedShape> {
     left.into_iter().flatten().collect()
 }
 
-/// The capsule that a cylinder is part of, and which of `shapes` are its caps.
+/// Returns the capsule that a cylinder is part of, and the indices of its two caps in `shapes`.
+/// `None` if the shape is no cylinder or lacks a cap.
 fn capsule_of(
     PlacedShape { pose, shape }: PlacedShape,
     shapes: &[Option<PlacedShape>],
@@ -124,7 +126,8 @@ fn capsule_of(
 fn is_cap(shape: &PlacedShape, end: DVec3, expected: f64) -> bool {
     match shape.shape {
         Shape::Sphere { radius } => {
-            (radius - expected).abs() < SAME && shape.pose.position.distance(end) < SAME
+            (radius - expected).abs() < LENGTH_TOLERANCE
+                && shape.pose.position.distance(end) < LENGTH_TOLERANCE
         }
         _ => false,
     }

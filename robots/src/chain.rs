@@ -1,45 +1,46 @@
-//! The joints between a robot's base and a tip: forward kinematics and the Jacobian.
+//! Serial chain of joints from a robot's base to a tip: forward kinematics and the Jacobian.
 
 use crate::description::{Description, Drive, Motion, MotionKind, check_length};
 use crate::error::DescriptionError;
 use crate::pose::Pose;
 use crate::twist::Twist;
 
-/// The free joints between a robot's base and one of its links, the *tip*.
+/// Serial chain of the free joints between a robot's base and one of its links, the *tip*.
 ///
 /// A *configuration* `[len]` holds the positions of these joints, from the base to the tip: radians
 /// of a hinge, metres of a slide. All frames are in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {
     joints: Vec<ChainJoint>,
-    /// The tip in the frame of the last joint.
+    /// Pose of the tip in the frame of the last joint.
     tip: Pose,
 }
 
-/// A joint of a chain.
+/// Joint of a [`Chain`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChainJoint {
-    /// Its name.
+    /// Name of the joint.
     pub name: String,
     /// Index in the position vectors of the [`Description`].
     pub dof: usize,
-    /// How it moves.
+    /// Kind, axis and limits of the joint's motion.
     pub motion: Motion,
-    /// Its frame in that of the joint before it; of the first one, in the world.
+    /// Pose in the frame of the preceding joint; for the first joint, in the world.
     before: Pose,
 }
 
 impl Chain {
-    /// The joints that lead to the link `tip`.
+    /// Builds the chain from the base to the link `tip`.
     ///
     /// # Errors
-    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::Chain`] where no joint leads there,
-    /// or one that follows another.
+    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::Chain`] if no joint on the path
+    /// moves, or if one of them follows another joint.
     pub fn new(description: &Description, tip: &str) -> Result<Self, DescriptionError> {
         let mut joints = Vec::new();
         let mut pose = description.base();
-        for index in way(description, tip)? {
+        for index in path_to(description, tip)? {
             let joint = &description.joints()[index];
+            // fixed joints are merged into the pose of the next joint that moves
             pose = pose * joint.origin;
             let Some(motion) = joint.motion else {
                 continue;
@@ -49,20 +50,20 @@ impl Chain {
             pose = Pose::IDENTITY;
         }
         if joints.is_empty() {
-            return Err(refused(tip, "no joint on it moves".to_owned()));
+            return Err(chain_error(tip, "no joint on it moves".to_owned()));
         }
         Ok(Self { joints, tip: pose })
     }
 
-    /// The joints, from the base to the tip.
+    /// Returns the joints, from the base to the tip.
     pub fn joints(&self) -> &[ChainJoint] {
         &self.joints
     }
 
-    /// Frame of the tip.
+    /// Returns the pose of the tip in the world (forward kinematics).
     ///
     /// # Panics
-    /// Where `configuration` is not as long as the chain.
+    /// If `configuration` is not as long as the chain.
     pub fn tip(&self, configuration: &[f64]) -> Pose {
         check_length("configuration", configuration.len(), self.joints.len());
         let joints = self.joints.iter().zip(configuration);
@@ -72,12 +73,13 @@ impl Chain {
         joints.fold(Pose::IDENTITY, frame) * self.tip
     }
 
-    /// The geometric Jacobian: into `columns` `[len]`, the twist of the tip per unit of each
-    /// joint's velocity (Siciliano, Sciavicco, Villani, Oriolo 2009, "Robotics", section 3.1).
-    /// Returns the frame of the tip.
+    /// Computes the geometric Jacobian and returns the pose of the tip.
+    ///
+    /// Writes the twist of the tip per unit of each joint's velocity into `columns` `[len]`
+    /// (Siciliano, Sciavicco, Villani, Oriolo 2009, "Robotics", section 3.1).
     ///
     /// # Panics
-    /// Where a slice is not as long as the chain.
+    /// If a slice is not as long as the chain.
     pub fn jacobian(&self, configuration: &[f64], columns: &mut [Twist]) -> Pose {
         check_length("columns", columns.len(), self.joints.len());
         let tip = self.tip(configuration);
@@ -86,7 +88,7 @@ impl Chain {
             pose = pose * joint.before;
             let axis = pose.rotation * joint.motion.axis;
             *column = match joint.motion.kind {
-                MotionKind::Slide => Twist::moving(axis),
+                MotionKind::Slide => Twist::from_linear(axis),
                 MotionKind::Hinge => {
                     Twist { linear: axis.cross(tip.position - pose.position), angular: axis }
                 }
@@ -96,36 +98,37 @@ impl Chain {
         tip
     }
 
-    /// The chain's part of a position vector of the [`Description`].
+    /// Picks the chain's configuration `[len]` from a position vector of the [`Description`].
     ///
     /// # Panics
-    /// Where `positions` is too short.
+    /// If `positions` is too short.
     pub fn configuration(&self, positions: &[f64]) -> Vec<f64> {
         self.joints.iter().map(|joint| positions[joint.dof]).collect()
     }
 }
 
-/// Indices of the joints from the base to the link `tip`.
-fn way(description: &Description, tip: &str) -> Result<Vec<usize>, DescriptionError> {
+/// Returns the indices of the joints from the base to the link `tip`.
+fn path_to(description: &Description, tip: &str) -> Result<Vec<usize>, DescriptionError> {
     let mut link = description.link_index(tip, "a chain")?;
-    let mut way = Vec::new();
+    let mut path = Vec::new();
+    // joint i carries link i + 1, and no joint carries the root
     while let Some(joint) = link.checked_sub(1) {
-        way.push(joint);
+        path.push(joint);
         link = description.joints()[joint].parent;
     }
-    way.reverse();
-    Ok(way)
+    path.reverse();
+    Ok(path)
 }
 
 fn dof(motion: &Motion, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
     let Drive::Free { dof } = motion.drive else {
         let reason = format!("the joint `{joint}` on it follows another joint");
-        return Err(refused(tip, reason));
+        return Err(chain_error(tip, reason));
     };
     Ok(dof)
 }
 
-fn refused(tip: &str, reason: String) -> DescriptionError {
+fn chain_error(tip: &str, reason: String) -> DescriptionError {
     let tip = tip.to_owned();
     DescriptionError::Chain { tip, reason }
 }

@@ -1,4 +1,4 @@
-//! Cartesian control: twists of the tip become positions and velocities of joints.
+//! Cartesian control: converts twists of the tip into positions and velocities of joints.
 
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
@@ -11,25 +11,26 @@ use crate::ik::{DampedLeastSquares, check_posture, error, out_of_reach, room, st
 use crate::pose::Pose;
 use crate::twist::{Twist, TwistLimits};
 
-/// How twists become joint motion.
+/// Settings of a [`CartesianControl`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlSettings {
-    /// How fast and how suddenly the tip moves.
+    /// Maximum speeds and accelerations of the tip.
     pub limits: TwistLimits,
-    /// Damping of the least squares (metres or radians per unit of a joint). More of it moves
-    /// joints less near singular configurations. 1e-4 to 1.
+    /// Damping of the least squares (metres or radians per unit of a joint), in [1e-4, 1]. A larger
+    /// one moves joints less near singular configurations.
     pub damping: f64,
-    /// Rate (1/s) at which joints go back to their posture, where the tip leaves a choice. 0 to 40.
+    /// Rate (1/s), in [0, 40], at which redundant joints return to their posture.
     pub posture_rate: f64,
-    /// Rate (1/s) at which the tip goes back to where it should be; 40 at most. More would
+    /// Rate (1/s), in (0, 40], at which the tip returns to its reference. More than 40 would
     /// overshoot in a step of 25 ms.
     pub correction_rate: f64,
-    /// How far (metres) the tip may be from where it should be.
+    /// Maximum distance (metres) of the tip from its reference.
     pub tolerance: f64,
-    /// How far (radians) the tip may be turned from how it should be.
+    /// Maximum angle (radians) between the tip and its reference.
     pub angular_tolerance: f64,
-    /// How long (seconds, 10 at most) the arm must be able to follow a command, or the command is
-    /// refused. A [`Watchdog`](crate::Watchdog) with this time-out stops the arm before the end.
+    /// Time (seconds, in [0, 10]) for which the arm must be able to follow a command; otherwise the
+    /// command is rejected. A [`Watchdog`](crate::Watchdog) with this time-out stops the arm before
+    /// that time ends.
     pub horizon: f64,
 }
 
@@ -48,7 +49,7 @@ impl Default for ControlSettings {
 }
 
 impl ControlSettings {
-    /// Refuses settings out of range.
+    /// Rejects settings out of range.
     ///
     /// # Errors
     /// [`ControlError::Setting`].
@@ -77,6 +78,7 @@ impl ControlSettings {
     }
 
     fn ranges(&self) -> [(&'static str, f64, RangeInclusive<f64>, &'static str); 4] {
+        // at a higher rate one step would move beyond the target
         let rates = 0.0..=1.0 / STEP;
         let correction = self.correction_rate;
         [
@@ -100,20 +102,21 @@ fn check_number(
     Err(ControlError::Setting { name, value: value.to_string(), expected })
 }
 
-/// Longest step (seconds) that is solved at once.
+/// Longest step (seconds) that is solved at once; longer ticks are divided.
 const STEP: f64 = 0.025;
-/// Longest tick and longest look ahead at a command (seconds).
+/// Longest tick and longest look-ahead at a command (seconds).
 const LONGEST: f64 = 10.0;
-/// Speed of the tip (m/s, rad/s) from which on joints go back to their posture at the full rate. An
-/// arm that stands still moves no joint.
+/// Speed of the tip (m/s, rad/s) from which joints return to their posture at the full rate. Below
+/// it the rate falls to zero, so that an arm at rest moves no joint.
 const POSTURE_SPEED: f64 = 0.1;
 
-/// Turns commanded twists into joint positions, tick by tick.
+/// Controller that converts commanded twists into joint positions, tick by tick.
 ///
-/// It holds *references*: where joints and tip should be. A tick moves the tip's reference by the
-/// commanded twist, within the limits of speed and acceleration. Joint references follow by damped
-/// least squares, within the ranges and speeds of the joints. Where a joint would be too fast, the
-/// whole motion is slowed down. Servos, or a simulation, move the arm to the references.
+/// It holds *references*: target positions of the joints and of the tip. A tick moves the tip's
+/// reference by the commanded twist, within the limits of speed and acceleration. Joint references
+/// follow by damped least squares, within the ranges and speeds of the joints. If a joint would be
+/// too fast, the whole motion is slowed down. Servos, or a simulation, move the arm to the
+/// references.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CartesianControl {
     chain: Chain,
@@ -122,20 +125,20 @@ pub struct CartesianControl {
     configuration: Vec<f64>,
     velocities: Vec<f64>,
     solver: DampedLeastSquares,
-    /// Where the tip should be.
+    /// Target pose of the tip in the world.
     reference: Pose,
     wanted: Twist,
     twist: Twist,
 }
 
 impl CartesianControl {
-    /// An arm at rest in `posture` `[len]`, to which it returns where its tip leaves a choice.
+    /// Starts at rest in `posture` `[len]`, to which redundant joints return.
     ///
     /// # Errors
     /// [`ControlError::Setting`], [`ControlError::Posture`].
     ///
     /// # Panics
-    /// Where `posture` is not as long as the chain.
+    /// If `posture` is not as long as the chain.
     pub fn new(
         chain: Chain,
         posture: &[f64],
@@ -158,13 +161,13 @@ impl CartesianControl {
         })
     }
 
-    /// Starts again at rest from `configuration` `[len]`, for instance where the arm was found.
+    /// Restarts at rest from `configuration` `[len]`, for instance from the measured one.
     ///
     /// # Errors
-    /// [`ControlError::Posture`], and nothing has changed.
+    /// [`ControlError::Posture`]; the controller is unchanged then.
     ///
     /// # Panics
-    /// Where `configuration` is not as long as the chain.
+    /// If `configuration` is not as long as the chain.
     pub fn restart(&mut self, configuration: &[f64]) -> Result<(), ControlError> {
         check_length("configuration", configuration.len(), self.configuration.len());
         check_posture(&self.chain, configuration)?;
@@ -173,36 +176,36 @@ impl CartesianControl {
         Ok(())
     }
 
-    /// The chain that is controlled.
+    /// Returns the controlled chain.
     pub fn chain(&self) -> &Chain {
         &self.chain
     }
 
-    /// Where the joints should be `[len]` (radians, metres).
+    /// Returns the reference positions of the joints `[len]` (radians, metres).
     pub fn joints(&self) -> &[f64] {
         &self.configuration
     }
 
-    /// How fast the joints should move `[len]` (1/s).
+    /// Returns the reference velocities of the joints `[len]` (rad/s, m/s).
     pub fn velocities(&self) -> &[f64] {
         &self.velocities
     }
 
-    /// Where the tip is when the joints are where they should be (world).
+    /// Returns the pose of the tip in the world at the reference positions of the joints.
     pub fn tip(&self) -> Pose {
         self.chain.tip(&self.configuration)
     }
 
-    /// The twist of the last tick (world).
+    /// Returns the twist of the last tick, along the axes of the world.
     pub fn twist(&self) -> Twist {
         self.twist
     }
 
-    /// Sets the twist (world) that the tip shall come to and keep. One that is too fast is slowed
-    /// down to the limit.
+    /// Sets the twist (along the axes of the world) that the tip accelerates to and keeps. A twist
+    /// above the maximum speed is slowed down to it.
     ///
     /// # Errors
-    /// [`ControlError::NotFinite`]; [`ControlError::OutOfReach`] where the arm could not follow for
+    /// [`ControlError::NotFinite`]; [`ControlError::OutOfReach`] if the arm could not follow for
     /// [`ControlSettings::horizon`]. The arm is stopped then.
     pub fn command(&mut self, twist: Twist) -> Result<(), ControlError> {
         let checked = check_twist(&twist).and_then(|()| self.look_ahead(twist));
@@ -214,28 +217,30 @@ impl CartesianControl {
         checked
     }
 
-    /// Follows `twist` in thought.
+    /// Simulates `twist` on a copy for [`ControlSettings::horizon`], and fails if a tick fails.
     fn look_ahead(&self, twist: Twist) -> Result<(), ControlError> {
         let mut ahead = self.clone();
         ahead.wanted = twist;
-        let looks = (self.settings.horizon / STEP).ceil() as usize;
-        (0..looks).try_for_each(|_| ahead.tick(STEP))
+        let steps = (self.settings.horizon / STEP).ceil() as usize;
+        (0..steps).try_for_each(|_| ahead.tick(STEP))
     }
 
-    /// Holds tip and joints where they are.
+    /// Stops tip and joints at the reference positions of the joints.
     pub fn stop(&mut self) {
         self.wanted = Twist::ZERO;
         self.twist = Twist::ZERO;
         self.velocities.fill(0.0);
+        // drops the tip's lag, which the next command would otherwise correct
         self.reference = self.tip();
     }
 
-    /// Moves the references on by `seconds`, 10 at most, in steps of 25 ms or less.
+    /// Advances the references by `seconds`, in (0, 10], in steps of at most 25 ms.
     ///
     /// # Errors
-    /// [`ControlError::OutOfReach`] where the arm cannot follow its tip: it is at the end of its
-    /// reach, or of the ranges of its joints. [`ControlError::Setting`] for a time out of range,
-    /// [`ControlError::NotFinite`] where joints are beyond all numbers. The arm is stopped then.
+    /// [`ControlError::OutOfReach`] if the arm cannot follow the tip's reference because it is at
+    /// the end of its reach or of the ranges of its joints. [`ControlError::Setting`] for a time
+    /// out of range, [`ControlError::NotFinite`] if the solved joint velocities are not finite. The
+    /// arm is stopped then.
     pub fn tick(&mut self, seconds: f64) -> Result<(), ControlError> {
         let in_range = seconds > 0.0 && seconds <= LONGEST;
         let checked = check_number("seconds", seconds, in_range, "a positive number up to 10");
@@ -257,9 +262,10 @@ impl CartesianControl {
         }
         self.solve(twist, seconds);
         self.check_solved()?;
-        let scale = self.slowing();
+        // joints and tip are slowed down alike, so the tip stays on its path
+        let scale = self.speed_scale();
         self.twist = scale * twist;
-        self.reference = moved(&self.reference, &self.twist, seconds);
+        self.reference = advanced(&self.reference, &self.twist, seconds);
         for (velocity, solved) in self.velocities.iter_mut().zip(self.solver.velocities()) {
             *velocity = scale * solved;
         }
@@ -267,7 +273,7 @@ impl CartesianControl {
         self.check_lag()
     }
 
-    /// Solves for the joint velocities of `twist`, which may be too fast.
+    /// Solves for the joint velocities of `twist`, without limits on their speeds.
     fn solve(&mut self, twist: Twist, seconds: f64) {
         let Self { chain, settings, configuration, posture, reference, solver, .. } = self;
         let correction = settings.correction_rate * error(&chain.tip(configuration), reference);
@@ -279,12 +285,12 @@ impl CartesianControl {
             twist + correction,
             settings.damping,
             |joint| {
-                let way = posture[joint] - configuration[joint];
-                rate * nearest(&chain.joints()[joint].motion, way)
+                let displacement = posture[joint] - configuration[joint];
+                rate * shortest(&chain.joints()[joint].motion, displacement)
             },
             |joint| {
                 let room = room(&chain.joints()[joint], configuration[joint]);
-                room.map(|way| way / seconds)
+                room.map(|distance| distance / seconds)
             },
         );
     }
@@ -296,12 +302,13 @@ impl CartesianControl {
         require_finite(finite, what, format_args!("{velocities:?}"))
     }
 
-    /// The part of the solved velocities at which no joint is too fast.
-    fn slowing(&self) -> f64 {
+    /// Returns the factor, in [0, 1], by which the solved velocities are scaled so that no joint is
+    /// too fast.
+    fn speed_scale(&self) -> f64 {
         let joints = self.chain.joints().iter().zip(self.solver.velocities());
-        let part = |(joint, velocity): (&ChainJoint, &f64)| joint.motion.speed / velocity.abs();
-        // where a joint stands still, the part is infinite
-        joints.map(part).fold(1.0, f64::min)
+        let factor = |(joint, velocity): (&ChainJoint, &f64)| joint.motion.speed / velocity.abs();
+        // a joint at rest has the factor infinity, which the fold ignores
+        joints.map(factor).fold(1.0, f64::min)
     }
 
     fn check_lag(&self) -> Result<(), ControlError> {
@@ -315,23 +322,23 @@ impl CartesianControl {
     }
 }
 
-/// Refuses a twist that holds anything but numbers.
+/// Rejects a twist that is not finite.
 pub(crate) fn check_twist(twist: &Twist) -> Result<(), ControlError> {
     let Twist { linear, angular } = twist;
     let value = format_args!("linear {linear}, angular {angular}");
     require_finite(twist.is_finite(), "the commanded twist", value)
 }
 
-/// The shorter way to the same place, where whole turns make no difference.
-fn nearest(motion: &Motion, way: f64) -> f64 {
+/// Returns `displacement`, less whole turns of a hinge without limits: in (-pi, pi] for such a one.
+fn shortest(motion: &Motion, displacement: f64) -> f64 {
     match (motion.kind, motion.range) {
-        (MotionKind::Hinge, None) => way - TAU * (way / TAU - 0.5).ceil(),
-        _ => way,
+        (MotionKind::Hinge, None) => displacement - TAU * (displacement / TAU - 0.5).ceil(),
+        _ => displacement,
     }
 }
 
-/// Where a frame is after `seconds` of a twist.
-fn moved(pose: &Pose, twist: &Twist, seconds: f64) -> Pose {
+/// Returns `pose` after `seconds` of motion by `twist`.
+fn advanced(pose: &Pose, twist: &Twist, seconds: f64) -> Pose {
     let turn = glam::DQuat::from_scaled_axis(seconds * twist.angular);
     Pose {
         position: pose.position + seconds * twist.linear,

@@ -1,4 +1,4 @@
-//! What a robot is made of: a tree of links that joints carry, and where they all are.
+//! Kinematic tree of a robot: links, joints, and their poses.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -7,8 +7,8 @@ use crate::error::DescriptionError;
 use crate::error::{finite, require};
 use crate::pose::Pose;
 
-/// A robot: a tree of links. Made by [`Description::read`] and [`Description::from_urdf`], which
-/// refuse what is not one.
+/// Robot as a tree of links, made and validated by [`Description::read`] and
+/// [`Description::from_urdf`].
 ///
 /// A *position vector* `[dofs]` holds one number for each joint that moves and follows no other, in
 /// the order of [`Description::joints`]: radians of a hinge, metres of a slide.
@@ -16,40 +16,39 @@ use crate::pose::Pose;
 pub struct Description {
     pub(crate) name: String,
     pub(crate) base: Pose,
-    /// Parents before children; the root is the first.
+    /// Links, parents before children; the root is the first.
     pub(crate) links: Vec<Link>,
-    /// Joint i carries link i + 1.
+    /// Joints; joint i carries link i + 1.
     pub(crate) joints: Vec<Joint>,
     pub(crate) dofs: usize,
     pub(crate) restrictions: Vec<Restriction>,
 }
 
-/// A free joint whose range is smaller than the file says, so that a joint that follows it stays
-/// within its own range.
+/// Reduction of a free joint's range, so that a joint that follows it stays within its own range.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Restriction {
     /// Name of the free joint.
     pub joint: String,
     /// Name of the joint that follows it.
     pub follower: String,
-    /// Range that the file states (radians, metres); none for a hinge that turns without end.
+    /// Range in the file (radians, metres); `None` for a hinge without limits.
     pub stated: Option<[f64; 2]>,
-    /// Range in which the follower keeps to its own.
+    /// Reduced range, in which the follower stays within its own.
     pub range: [f64; 2],
 }
 
-/// A rigid part.
+/// Rigid body of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Link {
-    /// Its name, unlike that of any other link.
+    /// Name, unique among the links.
     pub name: String,
-    /// How it resists motion; none for a frame without mass.
+    /// Mass and inertia; `None` for a frame without mass.
     pub inertia: Option<Inertia>,
-    /// What it collides as, in its own frame.
+    /// Collision shapes, in the link's frame.
     pub shapes: Vec<PlacedShape>,
 }
 
-/// Mass of a link and how it is spread.
+/// Mass of a link, its centre and its inertia.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inertia {
     /// Mass (kg).
@@ -60,20 +59,20 @@ pub struct Inertia {
     pub tensor: DMat3,
 }
 
-/// What fixes a link to its parent, or lets it move.
+/// Joint that fixes a link to its parent, or lets it move.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
-    /// Its name, unlike that of any other joint.
+    /// Name, unique among the joints.
     pub name: String,
-    /// Index of the link that carries it.
+    /// Index of the parent link.
     pub parent: usize,
-    /// The link's frame in its parent's, with the joint at zero.
+    /// Pose of the link in its parent's frame, with the joint at zero.
     pub origin: Pose,
-    /// How the link moves; none for a fixed joint.
+    /// Motion of the link; `None` for a fixed joint.
     pub motion: Option<Motion>,
 }
 
-/// How a joint moves. Units are metres and newtons for a slide, radians and newton metres for a
+/// Motion of a joint. Units are metres and newtons for a slide, radians and newton metres for a
 /// hinge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
@@ -81,50 +80,50 @@ pub struct Motion {
     pub kind: MotionKind,
     /// Unit vector in the joint's frame.
     pub axis: DVec3,
-    /// Lowest and highest position; none for a hinge that turns without end.
+    /// Lowest and highest position; `None` for a hinge without limits.
     pub range: Option<[f64; 2]>,
-    /// Highest speed (1/s).
+    /// Maximum speed (m/s, rad/s).
     pub speed: f64,
-    /// Highest force or torque.
+    /// Maximum force or torque.
     pub effort: f64,
-    /// Resistance per speed.
+    /// Viscous damping: force per speed.
     pub damping: f64,
     /// Dry friction.
     pub friction: f64,
-    /// Where its position comes from.
+    /// Source of the joint's position.
     pub drive: Drive,
 }
 
-/// Turning about an axis, or sliding along it.
+/// Kind of motion: rotation about an axis, or translation along it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MotionKind {
-    /// Turns.
+    /// Rotation.
     Hinge,
-    /// Slides.
+    /// Translation.
     Slide,
 }
 
-/// Where a joint's position comes from.
+/// Source of a joint's position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Drive {
-    /// The position vector holds it.
+    /// Element of the position vector.
     Free {
         /// Index in the position vector.
         dof: usize,
     },
-    /// It follows another joint: URDF's `<mimic>`.
+    /// Linear function of another joint's position: URDF's `<mimic>`.
     Follows {
-        /// Index of that joint in the position vector.
+        /// Index of the followed joint in the position vector.
         dof: usize,
-        /// Position per position of that joint.
+        /// Position per unit of the followed joint's position.
         multiplier: f64,
-        /// Position where that joint is at zero.
+        /// Position with the followed joint at zero.
         offset: f64,
     },
 }
 
 impl Motion {
-    /// The joint's position, for the position vector `positions`.
+    /// Returns the joint's position, given the position vector `positions`.
     pub fn position(&self, positions: &[f64]) -> f64 {
         match self.drive {
             Drive::Free { dof } => positions[dof],
@@ -132,12 +131,12 @@ impl Motion {
         }
     }
 
-    /// Whether the position vector holds the joint's position.
+    /// Returns `true` if the joint's position is an element of the position vector.
     pub(crate) fn is_free(&self) -> bool {
         matches!(self.drive, Drive::Free { .. })
     }
 
-    /// Where a joint at `position` has its link, in the joint's frame.
+    /// Returns the pose of the link in the joint's frame, with the joint at `position`.
     pub(crate) fn pose(&self, position: f64) -> Pose {
         match self.kind {
             MotionKind::Slide => Pose::at(position * self.axis),
@@ -150,22 +149,22 @@ impl Motion {
 }
 
 impl Description {
-    /// The robot's name.
+    /// Returns the robot's name.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Links, parents before children; the first is the root.
+    /// Returns the links, parents before children; the first is the root.
     pub fn links(&self) -> &[Link] {
         &self.links
     }
 
-    /// Joints; joint i carries link i + 1.
+    /// Returns the joints; joint i carries link i + 1.
     pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
-    /// Index of the link `name`, which `asked` names.
+    /// Returns the index of the link `name`. The error names `asked`, which refers to the link.
     pub(crate) fn link_index(&self, name: &str, asked: &str) -> Result<usize, DescriptionError> {
         let found = self.links.iter().position(|link| link.name == name);
         found.ok_or_else(|| DescriptionError::UnknownLink {
@@ -175,56 +174,58 @@ impl Description {
         })
     }
 
-    /// Length of a position vector.
+    /// Returns the length of a position vector.
     pub fn dofs(&self) -> usize {
         self.dofs
     }
 
-    /// The joints whose positions a position vector holds, in its order.
+    /// Returns the joints whose positions are in a position vector, in its order.
     pub fn free_joints(&self) -> impl Iterator<Item = (&Joint, &Motion)> {
         let moving = |joint| Joint::motion(joint).map(|motion| (joint, motion));
         let joints = self.joints.iter().filter_map(moving);
         joints.filter(|(_, motion)| motion.is_free())
     }
 
-    /// Free joints whose ranges are smaller than the file says, because joints follow them.
+    /// Returns the free joints whose ranges are smaller than in the file because of joints that
+    /// follow them.
     pub fn restrictions(&self) -> &[Restriction] {
         &self.restrictions
     }
 
-    /// Position vector of the robot at rest: zero, or the end of a joint's range nearest to zero.
+    /// Returns the position vector of the robot at rest: for each joint zero, or the end of its
+    /// range nearest to zero.
     pub fn rest(&self) -> Vec<f64> {
         let nearest = |[low, high]: [f64; 2]| 0_f64.clamp(low, high);
         let joints = self.free_joints();
         joints.map(|(_, motion)| motion.range.map_or(0.0, nearest)).collect()
     }
 
-    /// The root's frame in the world; the identity, unless [`Description::placed`] says otherwise.
+    /// Returns the pose of the root in the world: the identity, unless set by
+    /// [`Description::placed`].
     pub fn base(&self) -> Pose {
         self.base
     }
 
-    /// The same robot with its root at `base` in the world.
+    /// Returns this robot with its root at `base` in the world.
     ///
     /// # Errors
-    /// [`DescriptionError::Number`] where `base` is not finite, or its rotation no unit quaternion.
+    /// [`DescriptionError::Number`] if `base` is not finite, or its rotation no unit quaternion.
     pub fn placed(self, base: Pose) -> Result<Self, DescriptionError> {
         let place = || format!("the base of `{}`", self.name);
         finite(place, "its position", &base.position.to_array())?;
         let length = base.rotation.length();
         let is_unit = (length - 1.0).abs() < 1e-6;
-        let expected = "1, as of a unit quaternion";
+        let expected = "1, the length of a unit quaternion";
         require(is_unit, place, "the length of its rotation", length, expected)?;
         Ok(Self { base, ..self })
     }
 
-    /// The same robot whose free joint `joint` moves between two positions of its range alone, as a
-    /// gripper does that is not opened all the way. The positions of joints that follow it are
-    /// within theirs.
+    /// Returns this robot with the range of the free joint `joint` reduced to `range`, as for a
+    /// gripper that is not opened all the way. Joints that follow it stay within their own ranges.
     ///
     /// # Errors
-    /// [`DescriptionError::Number`] where `range` does not rise or is not within the joint's own,
-    /// and for a joint that the robot does not have, that follows another one or has no range.
+    /// [`DescriptionError::Number`] if `range` does not rise or is not within the joint's own, and
+    /// for a joint that the robot does not have, that follows another one or has no range.
     pub fn narrowed(mut self, joint: &str, range: [f64; 2]) -> Result<Self, DescriptionError> {
         let place = format!("the joint `{joint}` of `{}`", self.name);
         let [low, high] = range;
@@ -250,14 +251,15 @@ impl Description {
         Ok(self)
     }
 
-    /// Frames of all links in the world, in the order of [`Description::links`].
+    /// Returns the poses of all links in the world, in the order of [`Description::links`].
     ///
     /// # Panics
-    /// Where `positions` is not of length [`Description::dofs`].
+    /// If `positions` is not of length [`Description::dofs`].
     pub fn poses(&self, positions: &[f64]) -> Vec<Pose> {
         check_length("positions", positions.len(), self.dofs);
         let mut poses = Vec::with_capacity(self.links.len());
         poses.push(self.base);
+        // parents come before children, so the parent's pose is known already
         for joint in &self.joints {
             let moved = joint.motion().map(|motion| motion.pose(motion.position(positions)));
             poses.push(poses[joint.parent] * joint.origin * moved.unwrap_or(Pose::IDENTITY));
@@ -265,10 +267,10 @@ impl Description {
         poses
     }
 
-    /// Capsules that hold all shapes, in the world, each with the index of its link.
+    /// Returns capsules in the world that enclose all shapes, each with the index of its link.
     ///
     /// # Panics
-    /// As [`Description::poses`].
+    /// If `positions` is not of length [`Description::dofs`].
     pub fn capsules(&self, positions: &[f64]) -> Vec<(usize, Capsule)> {
         let links = self.links.iter().zip(self.poses(positions)).enumerate();
         let of_link = |(index, (link, pose)): (usize, (&Link, Pose))| {
@@ -285,7 +287,7 @@ impl Joint {
     }
 }
 
-/// Refuses a slice of another length than its meaning needs.
+/// Panics if a slice has another length than expected.
 #[track_caller]
 pub(crate) fn check_length(name: &str, got: usize, expected: usize) {
     assert_eq!(got, expected, "`{name}` has {got} elements, expected {expected}");

@@ -1,4 +1,4 @@
-//! Errors of reading a robot and of moving it.
+//! Errors of reading and controlling a robot.
 
 use std::error::Error;
 use std::fmt::Arguments;
@@ -6,58 +6,58 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
-/// Why a file describes no robot, or a robot has no such part.
+/// Error in a robot's file, or in a request for a part of a robot.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DescriptionError {
     /// The file cannot be read.
     #[error("cannot read `{}`: {source}", .path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The operating system's reason.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The file is too long for a robot.
+    /// A file that is too long.
     #[error("the URDF has more than {limit} bytes; give one robot, without meshes inside")]
     TooLong {
-        /// Bytes allowed.
+        /// Maximum number of bytes.
         limit: usize,
     },
-    /// Elements inside elements inside elements.
+    /// XML elements that are nested too deep.
     #[error("elements of the URDF are nested more than {limit} deep; URDF itself needs 5 levels")]
     TooDeep {
-        /// Levels allowed.
+        /// Maximum number of levels.
         limit: usize,
     },
-    /// Not XML, or not a URDF.
+    /// A file that is not XML, or not a URDF.
     #[error("the URDF cannot be parsed: {message}")]
     Syntax {
-        /// What the parser says.
+        /// Message of the parser.
         message: String,
     },
-    /// A template that `xacro` has not expanded: everything that it would add is missing.
+    /// A template that `xacro` has not expanded, so that parts of the robot are missing.
     #[error(
         "line {line}: {found} is xacro, not URDF: run `xacro FILE > arm.urdf` and read `arm.urdf`"
     )]
     Xacro {
-        /// Line of the file (from one).
+        /// Line number in the file, from 1.
         line: usize,
-        /// The element, or the attribute with its value.
+        /// Element, or attribute with its value.
         found: String,
     },
-    /// No links, or more links or shapes than any robot has.
+    /// No links, or too many links or shapes.
     #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
     Count {
-        /// The robot, or one of its links.
+        /// Robot, or one of its links.
         place: String,
         /// `link` or `collision shape`.
         kind: &'static str,
-        /// How many there are.
+        /// Number in the file.
         count: usize,
-        /// How many there must be.
+        /// Minimum number.
         least: usize,
-        /// How many there may be.
+        /// Maximum number.
         limit: usize,
     },
     /// A name that cannot be used.
@@ -65,118 +65,118 @@ pub enum DescriptionError {
     Name {
         /// `link`, `joint` or `robot`.
         kind: &'static str,
-        /// The name.
+        /// Rejected name, cut to 200 characters.
         name: String,
-        /// What is wrong with it.
+        /// Reason for the rejection.
         reason: &'static str,
     },
-    /// Two things of one name.
+    /// A name that two links or two joints share.
     #[error("two {kind}s are called `{name}`; names must be unique")]
     Duplicate {
         /// `link` or `joint`.
         kind: &'static str,
-        /// The name.
+        /// Shared name.
         name: String,
     },
     /// A link that does not exist.
     #[error("there is no link `{link}`, which {asked} names; known: {}", .known.join(", "))]
     UnknownLink {
-        /// The name asked for.
+        /// Requested name.
         link: String,
-        /// Who asks, for instance a joint.
+        /// Origin of the request, for instance a joint.
         asked: String,
-        /// Every link.
+        /// Names of all links.
         known: Vec<String>,
     },
-    /// A link that two joints carry.
+    /// A link that is the child of two joints.
     #[error(
         "the link `{link}` is the child of the joints `{}` and `{}`; a link hangs on one joint",
         .joints[0], .joints[1]
     )]
     SeveralParents {
-        /// The link.
+        /// Name of the link.
         link: String,
-        /// The joints.
+        /// Names of the joints.
         joints: [String; 2],
     },
-    /// Links that hang on nothing.
+    /// More than one link without a parent.
     #[error("no joint carries the links {}; a robot has one root", .roots.join(", "))]
     SeveralRoots {
-        /// The links.
+        /// Names of the links.
         roots: Vec<String>,
     },
-    /// Links that hang on themselves.
+    /// A cycle of links and joints.
     #[error("the link `{link}` hangs on itself through its joints; links must form a tree")]
     Cycle {
-        /// A link in the cycle, or one that hangs on the cycle.
+        /// Name of a link in the cycle or below it.
         link: String,
     },
-    /// A kind of joint that has more than one degree of freedom.
+    /// A joint with more than one degree of freedom.
     #[error(
         "the joint `{joint}` is {kind}, which is not supported; use revolute, continuous, \
          prismatic or fixed"
     )]
     JointKind {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
-        /// Its kind.
+        /// Kind of the joint in URDF.
         kind: &'static str,
     },
-    /// A number that makes no sense.
+    /// A number out of range.
     #[error("{place}: {what} is {value}, expected {expected}")]
     Number {
-        /// The link or joint.
+        /// Link or joint that has the number.
         place: String,
-        /// What the number is.
+        /// Name of the quantity.
         what: &'static str,
-        /// The number.
+        /// Value found.
         value: f64,
-        /// What was expected.
+        /// Range or property expected.
         expected: &'static str,
     },
-    /// Limits that leave no room.
+    /// Limits with a lower end that is not below the upper one.
     #[error(
         "the joint `{joint}` may move from {lower} to {upper}; give `<limit>` a lower limit below \
          the upper one, or make the joint continuous"
     )]
     Limits {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
         /// Lower limit.
         lower: f64,
         /// Upper limit.
         upper: f64,
     },
-    /// A link that moves but has no mass.
+    /// A moving link without mass.
     #[error("the joint `{joint}` moves the link `{link}`, which has no mass; give it `<inertial>`")]
     MissingInertia {
-        /// The link.
+        /// Name of the link.
         link: String,
-        /// The joint.
+        /// Name of the joint.
         joint: String,
     },
-    /// An inertia that no body has.
+    /// An inertia that no rigid body can have.
     #[error(
-        "the link `{link}` has an inertia that no body has: {reason} (ixx {}, iyy {}, izz {}, \
-         ixy {}, ixz {}, iyz {} kg m^2)",
+        "the link `{link}` has an inertia that no rigid body can have: {reason} (ixx {}, iyy {}, \
+         izz {}, ixy {}, ixz {}, iyz {} kg m^2)",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
     Inertia {
-        /// The link.
+        /// Name of the link.
         link: String,
-        /// ixx, iyy, izz, ixy, ixz, iyz, with the axes of the link.
+        /// Components ixx, iyy, izz, ixy, ixz, iyz (kg m^2) along the axes of the inertial frame.
         tensor: [f64; 6],
-        /// What is wrong with it.
+        /// Violated condition.
         reason: &'static str,
     },
-    /// A joint that follows what it cannot follow.
+    /// A `<mimic>` of a joint that cannot be followed.
     #[error("the joint `{joint}` cannot follow `{followed}`: {reason}")]
     Mimic {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
-        /// The joint that it names.
+        /// Name of the joint in `<mimic>`.
         followed: String,
-        /// What is wrong.
+        /// Reason for the rejection.
         reason: &'static str,
     },
     /// A joint that follows another one out of its own range.
@@ -187,75 +187,75 @@ pub enum DescriptionError {
         .ranges.own[0], .ranges.own[1], or_of(.other)
     )]
     FollowerRange {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
-        /// The joint that it follows.
+        /// Name of the followed joint.
         followed: String,
-        /// Ranges of both.
+        /// Ranges of both joints.
         ranges: Box<FollowerRanges>,
-        /// Another joint that follows the same one and has made its range smaller, if any.
+        /// Another follower of the same joint that has reduced its range, if any.
         other: Option<String>,
     },
-    /// A collision shape from a file that cannot be used.
+    /// A collision mesh that cannot be used.
     #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
     Mesh {
-        /// The link.
+        /// Name of the link.
         link: String,
-        /// The mesh's file as the URDF names it.
+        /// File of the mesh, as in the URDF.
         file: String,
-        /// What is wrong.
+        /// Reason for the rejection.
         reason: String,
     },
     /// A file outside of the URDF's folder.
     #[error("the link `{link}` names the file `{file}`, which lies outside of the URDF's folder")]
     FileOutside {
-        /// The link.
+        /// Name of the link.
         link: String,
-        /// The file as the URDF names it.
+        /// File, as in the URDF.
         file: String,
     },
-    /// More links in a row than MuJoCo reads.
+    /// A branch of more links than MuJoCo can read.
     #[error(
-        "the link `{link}` hangs on {limit} others in a row, and MuJoCo 2.2.2 reads at most {limit} \
-         links in a row: make one link of links that are fixed to each other"
+        "the link `{link}` hangs on {limit} others in a row, and MuJoCo 2.2.2 reads at most \
+         {limit} links in a row: merge links that are fixed to each other"
     )]
     LongRow {
-        /// The first link that is too far from the root.
+        /// Name of the first link that is too far from the root.
         link: String,
-        /// Links allowed, the root among them.
+        /// Maximum number of links in a row, including the root.
         limit: usize,
     },
-    /// A chain that cannot be moved by itself.
-    #[error("the way to the link `{tip}` cannot be controlled: {reason}")]
+    /// A chain that cannot be controlled.
+    #[error("the chain to the link `{tip}` cannot be controlled: {reason}")]
     Chain {
-        /// The link at its end.
+        /// Name of the link at the end of the chain.
         tip: String,
-        /// What is wrong.
+        /// Reason for the rejection.
         reason: String,
     },
 }
 
-/// Why an arm does not do what it is told. It stands still then, but for
+/// Error in a command to an arm, or failure of the arm. The arm stands still then, except after
 /// [`ControlError::NotStopped`].
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ControlError {
-    /// A command that holds a number that is not finite.
+    /// A command, or its solution, with a number that is not finite.
     #[error("{what} is {value}, expected finite numbers; the arm is stopped")]
     NotFinite {
-        /// What the number is part of.
+        /// Quantity that the number is part of.
         what: &'static str,
-        /// It.
+        /// Value of that quantity.
         value: String,
     },
     /// A setting out of range.
     #[error("{name} is {value}, expected {expected}")]
     Setting {
-        /// The setting.
+        /// Name of the setting.
         name: &'static str,
-        /// Its value.
+        /// Value of the setting.
         value: String,
-        /// What was expected.
+        /// Range expected.
         expected: &'static str,
     },
     /// A posture with a joint outside of its range.
@@ -264,42 +264,42 @@ pub enum ControlError {
         .range[0], .range[1]
     )]
     Posture {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
-        /// Its position (metres or radians).
+        /// Position of the joint (metres or radians).
         position: f64,
-        /// Its range.
+        /// Range of the joint.
         range: [f64; 2],
     },
-    /// A place that the arm cannot get to.
+    /// A pose that the arm cannot reach.
     #[error(
         "the arm cannot reach {target} in this orientation: it comes to {reached}, {distance} m \
          and {angle} rad away{}", at_limit(.joint)
     )]
     OutOfReach {
-        /// Where the tip should be (metres, world).
+        /// Target position of the tip (metres, world).
         target: DVec3,
-        /// Where it gets to (metres, world).
+        /// Position of the tip that was reached (metres, world).
         reached: DVec3,
-        /// How far apart they are (metres).
+        /// Distance between `target` and `reached` (metres).
         distance: f64,
-        /// How far the tip is turned from where it should be (radians).
+        /// Angle between the tip's orientation and the target's (radians).
         angle: f64,
         /// A joint at the end of its range, if that is what stops the arm.
         joint: Option<String>,
     },
-    /// The robot, or the way to it, failed.
+    /// A failure of the robot, or of the connection to it.
     #[error("the robot failed: {source}")]
     Driver {
-        /// Its own reason.
+        /// Error of the robot's driver.
         source: Box<dyn Error + Send + Sync>,
     },
-    /// The arm should have been stopped and could not be.
+    /// A failed attempt to stop the arm, which may still be moving.
     #[error("{cause}; AND THE ARM COULD NOT BE STOPPED: {source}")]
     NotStopped {
-        /// Why it should have been stopped.
+        /// Reason for the stop.
         cause: String,
-        /// Why it was not.
+        /// Error of the attempt.
         source: Box<ControlError>,
     },
 }
@@ -309,7 +309,7 @@ pub enum ControlError {
 pub struct FollowerRanges {
     /// Range of the followed joint.
     pub followed: [f64; 2],
-    /// Positions to which the followed joint leads the follower.
+    /// Lowest and highest position to which the followed joint leads the follower.
     pub led: [f64; 2],
     /// Range of the follower.
     pub own: [f64; 2],
@@ -332,7 +332,7 @@ fn at_limit(joint: &Option<String>) -> String {
     }
 }
 
-/// Refuses what holds numbers that are not finite.
+/// Returns [`ControlError::NotFinite`] unless `holds`.
 pub(crate) fn require_finite(
     holds: bool,
     what: &'static str,
@@ -345,7 +345,7 @@ pub(crate) fn require_finite(
     Err(ControlError::NotFinite { what, value })
 }
 
-/// Refuses a number that makes no sense.
+/// Returns [`DescriptionError::Number`] unless `holds`.
 pub(crate) fn require(
     holds: bool,
     place: impl Fn() -> String,
@@ -359,18 +359,19 @@ pub(crate) fn require(
     Err(DescriptionError::Number { place: place(), what, value, expected })
 }
 
-/// Largest number that a robot's file may hold, in any unit.
+/// Largest number in a robot's file, in any unit: larger ones are taken for mistakes.
 pub(crate) const LARGEST: f64 = 1e6;
 
-/// Refuses numbers that are not finite, and immense ones.
+/// Rejects numbers that are not finite or exceed [`LARGEST`].
 pub(crate) fn finite(
     place: impl Fn() -> String,
     what: &'static str,
     values: &[f64],
 ) -> Result<(), DescriptionError> {
+    // a comparison that is false for NaN, too
     let sound = |value: &f64| value.abs() <= LARGEST;
-    let absurd = values.iter().find(|value| !sound(value));
-    let value = absurd.copied().unwrap_or(0.0);
+    let invalid = values.iter().find(|value| !sound(value));
+    let value = invalid.copied().unwrap_or(0.0);
     let expected = "finite numbers up to 1e6";
-    require(absurd.is_none(), place, what, value, expected)
+    require(invalid.is_none(), place, what, value, expected)
 }

@@ -1,18 +1,18 @@
-//! The capsule around a set of points.
+//! Bounding capsule of a set of points.
 
 use glam::{DQuat, DVec3};
 
 use crate::capsule::{PlacedShape, Shape};
 use crate::pose::Pose;
 
-/// Smallest size of a shape (metres).
+/// Smallest size of a shape (metres): MuJoCo needs positive sizes.
 pub(crate) const LEAST_SIZE: f64 = 1e-6;
 
-/// The smallest by volume of three capsules, along x, y and z, that hold all points. The axis of
-/// each is in the middle of the points' extent.
-pub(crate) fn around(points: &[DVec3]) -> PlacedShape {
-    let along = DVec3::AXES.map(|axis| along(points, axis));
-    let [x, y, z] = along;
+/// Returns the smallest by volume of three capsules, along x, y and z, that enclose all points.
+///
+/// The axis of each passes through the middle of the points' bounding box.
+pub(crate) fn bounding_capsule(points: &[DVec3]) -> PlacedShape {
+    let [x, y, z] = DVec3::AXES.map(|axis| capsule_along(points, axis));
     [y, z].into_iter().fold(
         x,
         |best, other| {
@@ -21,14 +21,14 @@ pub(crate) fn around(points: &[DVec3]) -> PlacedShape {
     )
 }
 
-/// The shortest capsule of the least radius along `axis`.
-fn along(points: &[DVec3], axis: DVec3) -> PlacedShape {
+/// Returns the shortest capsule of the smallest radius along `axis`.
+fn capsule_along(points: &[DVec3], axis: DVec3) -> PlacedShape {
     let [low, high] = extent(points);
     let middle = 0.5 * (low + high) * (DVec3::ONE - axis);
-    // places along the axis, and distances from it
+    // positions along the axis, and distances from it
     let points = points.iter().map(|&point| {
-        let place = point.dot(axis);
-        (place, (point - place * axis).distance(middle))
+        let position = point.dot(axis);
+        (position, (point - position * axis).distance(middle))
     });
     let radius = points.clone().map(|(_, across)| across);
     let radius = radius.fold(LEAST_SIZE, f64::max);
@@ -41,22 +41,24 @@ fn along(points: &[DVec3], axis: DVec3) -> PlacedShape {
     PlacedShape { pose, shape }
 }
 
-/// The segment, from the end of which no point is farther than the radius. `points` are places
-/// along the axis, and distances from it.
+/// Returns the start and end of the shortest segment that has no point farther away than `radius`.
+/// `points` are positions along the axis, and distances from it.
 fn segment(points: impl Iterator<Item = (f64, f64)>, radius: f64) -> [f64; 2] {
-    let ends = points.map(|(place, across)| {
+    let ends = points.map(|(position, across)| {
+        // a hemisphere reaches this far beyond its centre at the distance `across`
         let reach = (radius * radius - across.powi(2)).max(0.0).sqrt();
-        [place + reach, place - reach]
+        [position + reach, position - reach]
     });
     let none = [f64::INFINITY, f64::NEG_INFINITY];
     ends.fold(none, |[start, end], [s, e]| [start.min(s), end.max(e)])
 }
 
-/// A capsule, or a sphere where the segment has no length: it may be anywhere from end to start.
+/// Returns a capsule, or a sphere if the segment has no length.
 fn shape(radius: f64, length: f64) -> Shape {
     if length > LEAST_SIZE {
         return Shape::Capsule { radius, length };
     }
+    // LEAST_SIZE more, so that it covers a segment of up to that length
     let radius = radius + LEAST_SIZE;
     Shape::Sphere { radius }
 }
@@ -66,7 +68,7 @@ fn extent(points: &[DVec3]) -> [DVec3; 2] {
     points.iter().fold(first, |[low, high], &point| [low.min(point), high.max(point)])
 }
 
-/// In units of pi.
+/// Returns the volume divided by pi.
 fn volume(placed: &PlacedShape) -> f64 {
     match placed.shape {
         Shape::Capsule { radius, length } => radius * radius * (length + 4.0 / 3.0 * radius),
@@ -84,7 +86,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// All points are inside, and one at least is on the surface.
+        /// All points are inside, and at least one is on the surface.
         #[test]
         fn the_capsule_holds_all_points_and_is_no_larger_than_it_must(
             points in prop::collection::vec(prop::array::uniform3(-1.0..1.0), 1..20),
@@ -93,7 +95,7 @@ mod tests {
             let stretch = DVec3::from_array(stretch);
             let points: Vec<DVec3> =
                 points.into_iter().map(|point| stretch * DVec3::from_array(point)).collect();
-            let capsule = around(&points).capsule(&Pose::IDENTITY);
+            let capsule = bounding_capsule(&points).capsule(&Pose::IDENTITY);
             let outside = points.iter().map(|&point| capsule.distance(point));
             let furthest = outside.fold(f64::NEG_INFINITY, f64::max);
             prop_assert!(furthest.abs() < 2.1 * LEAST_SIZE, "{furthest}");
@@ -104,7 +106,7 @@ mod tests {
     fn a_long_thing_has_a_long_capsule() {
         let corner = |x: f64| [DVec3::new(x, 0.1, 0.0), DVec3::new(x, -0.1, 0.0)];
         let points = [corner(-1.0), corner(3.0)].concat();
-        let capsule = around(&points).capsule(&Pose::IDENTITY);
+        let capsule = bounding_capsule(&points).capsule(&Pose::IDENTITY);
         assert!((capsule.radius - 0.1).abs() < 1e-12, "{capsule:?}");
         assert!(capsule.ends[0].distance(DVec3::new(-1.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");
         assert!(capsule.ends[1].distance(DVec3::new(3.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");

@@ -1,4 +1,4 @@
-//! A Kinova Gen3 with seven joints and a Robotiq 2F-85 gripper.
+//! Kinova Gen3 arm with seven joints and a Robotiq 2F-85 gripper.
 //!
 //! Sources of the figures: the descriptions and the user guide that Kinova publishes
 //! (`ros2_kortex`), and closed forms of the gripper's linkage.
@@ -8,28 +8,31 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use crate::description::Description;
 use crate::error::DescriptionError;
 
-/// The URDF. Of its links, `end_effector_link` is the flange, `tool_link` Kinova's own tool frame
-/// for this gripper (0.12 m from the flange), `pinch_link` the point between the pads (0.1443 m).
-/// Its joints are `joint_1` to `joint_7`, and the fingers `finger_l` and `finger_r`, which is open
-/// at 0 and closed at 0.0425 m; the right one follows the left one.
+/// URDF of the arm and its gripper.
+///
+/// Links: `end_effector_link` is the flange, `tool_link` Kinova's own tool frame for this gripper
+/// (0.12 m from the flange), `pinch_link` the point between the pads (0.1443 m). Joints: `joint_1`
+/// to `joint_7`, and the fingers `finger_l` and `finger_r`, open at 0 and closed at 0.0425 m; the
+/// right one follows the left one.
 pub const URDF: &str = include_str!("../assets/urdf/kinova_gen3.urdf");
 
-/// Joints (radians) of Kinova's pose "Home": the tool points away from the base, along x.
+/// Joint positions (radians) of Kinova's pose "Home": the tool points away from the base, along x.
 pub const HOME: [f64; 7] =
     [0.0, 15.0 / 180.0 * PI, PI, -130.0 / 180.0 * PI, 0.0, 55.0 / 180.0 * PI, FRAC_PI_2];
-/// Joints (radians) of Kinova's pose "Retract": folded, the tool down within four degrees.
+/// Joint positions (radians) of Kinova's pose "Retract": folded, the tool within four degrees of
+/// straight down.
 pub const RETRACT: [f64; 7] =
     [0.0, -20.0 / 180.0 * PI, PI, -146.0 / 180.0 * PI, 0.0, -50.0 / 180.0 * PI, FRAC_PI_2];
-/// Joints (radians) of the arm stretched upwards.
+/// Joint positions (radians) of the arm stretched upwards.
 pub const ZERO: [f64; 7] = [0.0; 7];
-/// Joints (radians) with the tool straight down 0.45 m in front of the base, the tool frame 0.15 m
-/// above the base's plane. The fingers open sideways. A posture for work on a table.
+/// Joint positions (radians) for work on a table: the tool points straight down, its frame 0.45 m
+/// in front of the base and 0.15 m above the base's plane. The fingers open sideways.
 pub const WORK: [f64; 7] = [0.0, 0.537, PI, -1.761, 0.0, -0.844, FRAC_PI_2];
 
-/// The arm with its base at the world's origin: x forwards, z up.
+/// Returns the arm with its base at the world's origin: x points forwards, z up.
 ///
 /// # Errors
-/// None: the crate's tests read it.
+/// Never in practice: the tests of the crate parse [`URDF`].
 pub fn description() -> Result<Description, DescriptionError> {
     Description::from_urdf(URDF)
 }

@@ -1,28 +1,30 @@
-//! What it takes to hold a robot up.
+//! Joint forces that hold a robot still against gravity.
 
 use glam::DVec3;
 
 use crate::description::{Description, Drive, Link, Motion, MotionKind};
 use crate::pose::Pose;
 
-/// Of the earth's gravity (m/s^2); z is up.
+/// Acceleration of the earth's gravity (m/s^2); z is up.
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
 impl Description {
-    /// The forces `[dofs]` (newtons, newton metres) of its joints that hold the robot still against
-    /// gravity in `positions`, without any load. A joint that follows another one leaves its part
-    /// to that one.
+    /// Returns the joint forces `[dofs]` (newtons, newton metres) that hold the robot still against
+    /// gravity in `positions`, without a payload.
+    ///
+    /// The force on a joint that follows another one is added to the followed joint.
     ///
     /// # Panics
-    /// As [`Description::poses`].
+    /// If `positions` is not of length [`Description::dofs`].
     pub fn holding_forces(&self, positions: &[f64]) -> Vec<f64> {
         let poses = self.poses(positions);
         let mut forces = vec![0.0; self.dofs];
         let mut loads = self.loads(&poses);
+        // from the tips to the root: a joint carries everything that hangs on its link
         for (index, joint) in self.joints.iter().enumerate().rev() {
             let link = index + 1;
             let load = loads[link];
-            loads[joint.parent].bear(load);
+            loads[joint.parent].add(load);
             let Some(motion) = joint.motion else {
                 continue;
             };
@@ -30,12 +32,12 @@ impl Description {
                 Drive::Free { dof } => (dof, 1.0),
                 Drive::Follows { dof, multiplier, .. } => (dof, multiplier),
             };
-            forces[dof] -= share * pull(load, &poses[link], &motion);
+            forces[dof] -= share * force_on_joint(load, &poses[link], &motion);
         }
         forces
     }
 
-    /// What each link weighs by itself.
+    /// Returns the weight of each link alone, without the links that hang on it.
     fn loads(&self, poses: &[Pose]) -> Vec<Load> {
         let load = |(link, pose): (&Link, &Pose)| {
             link.inertia.map_or(Load::NONE, |inertia| {
@@ -48,9 +50,10 @@ impl Description {
     }
 }
 
-/// The force (newtons) or torque (newton metres) of `load` on a joint whose link is at `pose`. A
-/// joint's axis is the same before and after its own motion.
-fn pull(load: Load, pose: &Pose, motion: &Motion) -> f64 {
+/// Returns the force (newtons) or torque (newton metres) of `load` on a joint whose link is at
+/// `pose`.
+fn force_on_joint(load: Load, pose: &Pose, motion: &Motion) -> f64 {
+    // the joint's own motion, which `pose` includes, does not change its axis
     let axis = pose.rotation * motion.axis;
     match motion.kind {
         MotionKind::Slide => load.weight.dot(axis),
@@ -58,7 +61,7 @@ fn pull(load: Load, pose: &Pose, motion: &Motion) -> f64 {
     }
 }
 
-/// The weight of links (newtons), and its moment about the world's origin (newton metres).
+/// Weight of links (newtons), and its moment about the world's origin (newton metres).
 #[derive(Clone, Copy)]
 struct Load {
     weight: DVec3,
@@ -68,8 +71,8 @@ struct Load {
 impl Load {
     const NONE: Self = Self { weight: DVec3::ZERO, moment: DVec3::ZERO };
 
-    /// Adds what hangs on these links.
-    fn bear(&mut self, other: Self) {
+    /// Adds the load of a link that hangs on these links.
+    fn add(&mut self, other: Self) {
         self.weight += other.weight;
         self.moment += other.moment;
     }

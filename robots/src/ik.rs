@@ -1,4 +1,4 @@
-//! Inverse kinematics by damped least squares: of velocities, and of a pose.
+//! Inverse kinematics by damped least squares, for velocities and for poses.
 
 use crate::chain::{Chain, ChainJoint};
 use crate::description::check_length;
@@ -6,11 +6,12 @@ use crate::error::{ControlError, require_finite};
 use crate::pose::Pose;
 use crate::twist::Twist;
 
-/// Solves for joint velocities again and again without allocating.
+/// Solver for joint velocities, with buffers that are reused from solve to solve.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DampedLeastSquares {
+    /// Columns of the Jacobian.
     columns: Vec<Twist>,
-    /// Joints whose velocity is given by a bound.
+    /// `true` for joints whose velocity is fixed at a bound.
     held: Vec<bool>,
     velocities: Vec<f64>,
 }
@@ -24,13 +25,13 @@ impl DampedLeastSquares {
         }
     }
 
-    /// What was solved last, one velocity for each joint.
+    /// Returns the last solution, one velocity for each joint.
     pub(crate) fn velocities(&self) -> &[f64] {
         &self.velocities
     }
 
-    /// Joint velocities within `bounds` that move the tip by `wanted` and, as far as that leaves a
-    /// choice, are those that `posture` asks for.
+    /// Solves for joint velocities within `bounds` that move the tip by `wanted`; redundant joints
+    /// move as `posture` requests.
     ///
     /// With damping `l` it minimises `|J v - wanted|^2 + l^2 |v - posture|^2` (Wampler 1986,
     /// "Manipulator inverse kinematic solutions based on vector formulations and damped
@@ -48,9 +49,10 @@ impl DampedLeastSquares {
     ) {
         chain.jacobian(configuration, &mut self.columns);
         self.held.fill(false);
+        // each pass holds one more joint, so this many always suffice
         for _ in 0..=self.held.len() {
             self.solve_free(wanted, damping, &posture);
-            let Some((joint, bound)) = self.worst(&bounds) else {
+            let Some((joint, bound)) = self.worst_violation(&bounds) else {
                 return;
             };
             self.held[joint] = true;
@@ -70,6 +72,7 @@ impl DampedLeastSquares {
             }
             rest = rest + -self.velocities[joint] * column;
         }
+        // (J J^T + l^2 I) m = rest, then v += J^T m: six equations for any number of joints
         (0..6).for_each(|row| system[row][row] += damping * damping);
         let multipliers = Twist::from(solve(&system, rest.to_array()));
         for joint in (0..self.held.len()).filter(|&joint| !self.held[joint]) {
@@ -77,8 +80,9 @@ impl DampedLeastSquares {
         }
     }
 
-    /// The free joint that is out of its bounds the most, and the bound that it should be held at.
-    fn worst(&self, bounds: impl Fn(usize) -> [f64; 2]) -> Option<(usize, f64)> {
+    /// Returns the free joint that is furthest out of its bounds, and the bound that it exceeds.
+    /// `None` if all are within their bounds.
+    fn worst_violation(&self, bounds: impl Fn(usize) -> [f64; 2]) -> Option<(usize, f64)> {
         let mut worst = None;
         let mut furthest = 0.0;
         for joint in (0..self.held.len()).filter(|&joint| !self.held[joint]) {
@@ -94,7 +98,7 @@ impl DampedLeastSquares {
     }
 }
 
-/// Adds `column column^T`.
+/// Adds `column column^T` to `system`.
 fn add_square(system: &mut [[f64; 6]; 6], column: Twist) {
     let column = column.to_array();
     for (row, left) in system.iter_mut().zip(column) {
@@ -102,30 +106,30 @@ fn add_square(system: &mut [[f64; 6]; 6], column: Twist) {
     }
 }
 
-/// Most iterations of [`Chain::solve`].
+/// Maximum number of iterations of [`Chain::solve`].
 const ITERATIONS: usize = 500;
-/// How near [`Chain::solve`] comes to its target (metres, radians).
+/// Largest error of the tip (metres, radians) that [`Chain::solve`] accepts.
 const PRECISION: f64 = 1e-10;
-/// Furthest that a joint moves in one iteration (metres, radians).
-const STRIDE: f64 = 0.3;
-/// Part of the way back to the seed that one iteration goes, where the target leaves a choice.
-const PULL: f64 = 0.1;
-/// Iterations in which that counts. The last ones are for the target alone.
-const PULLED: usize = 100;
-/// Added to half of the squared error, it is the damping of [`Chain::solve`]
+/// Largest motion of a joint in one iteration (metres, radians).
+const MAX_STEP: f64 = 0.3;
+/// Fraction of the displacement to the seed by which an iteration moves redundant joints.
+const SEED_PULL: f64 = 0.1;
+/// Number of iterations with [`SEED_PULL`]; the later ones minimise the error of the tip alone.
+const PULLED_ITERATIONS: usize = 100;
+/// Damping of [`Chain::solve`] at the target; half of the squared error is added to its square
 /// (Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method").
 const LEAST_DAMPING: f64 = 1e-3;
 
 impl Chain {
-    /// A configuration `[len]` within all ranges that brings the tip to `target`. Of several it
-    /// prefers one near `seed`, which is also where the search starts.
+    /// Solves the inverse kinematics: a configuration `[len]` within all ranges that brings the tip
+    /// to `target`. The search starts at `seed` and prefers solutions near it.
     ///
     /// # Errors
     /// [`ControlError::NotFinite`], [`ControlError::Posture`] for a seed out of range,
-    /// [`ControlError::OutOfReach`] with the nearest place that was found.
+    /// [`ControlError::OutOfReach`] with the pose at the last iteration.
     ///
     /// # Panics
-    /// Where `seed` is not as long as the chain.
+    /// If `seed` is not as long as the chain.
     pub fn solve(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
         check_length("seed", seed.len(), self.joints().len());
         check_posture(self, seed)?;
@@ -141,9 +145,9 @@ impl Chain {
             let damping = (0.5 * error.dot(&error) + LEAST_DAMPING * LEAST_DAMPING).sqrt();
             let bounds = |joint: usize| {
                 let [low, high] = room(&self.joints()[joint], configuration[joint]);
-                [low.max(-STRIDE), high.min(STRIDE)]
+                [low.max(-MAX_STEP), high.min(MAX_STEP)]
             };
-            let pull = if iteration < PULLED { PULL } else { 0.0 };
+            let pull = if iteration < PULLED_ITERATIONS { SEED_PULL } else { 0.0 };
             let posture = |joint: usize| pull * (seed[joint] - configuration[joint]);
             solver.solve(self, &configuration, error, damping, posture, bounds);
             step(self.joints(), &mut configuration, solver.velocities(), 1.0);
@@ -152,19 +156,20 @@ impl Chain {
     }
 }
 
-/// The way of the tip to its target, as a twist of one second.
+/// Returns the error of the tip as the twist that moves it to `target` in one second.
 pub(crate) fn error(tip: &Pose, target: &Pose) -> Twist {
-    let [linear, angular] = tip.way_to(target);
+    let [linear, angular] = tip.displacement_to(target);
     Twist { linear, angular }
 }
 
-/// How far down and up a joint at `position` can go.
+/// Returns the distances (metres, radians) from `position` to the ends of a joint's range; infinite
+/// for a joint without limits.
 pub(crate) fn room(joint: &ChainJoint, position: f64) -> [f64; 2] {
     let [low, high] = joint.motion.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
     [low - position, high - position]
 }
 
-/// Moves joints by `seconds` of their velocities, within their ranges.
+/// Moves joints by `seconds` of their velocities, clamped to their ranges.
 pub(crate) fn step(
     joints: &[ChainJoint],
     configuration: &mut [f64],
@@ -173,12 +178,12 @@ pub(crate) fn step(
 ) {
     for ((joint, position), velocity) in joints.iter().zip(configuration).zip(velocities) {
         let [low, high] = joint.motion.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-        // the bounds hold but for a rounding
+        // the solved velocities keep to the ranges up to rounding
         *position = (*position + seconds * velocity).clamp(low, high);
     }
 }
 
-/// Refuses a configuration with a joint outside of its range.
+/// Rejects a configuration with a joint outside of its range.
 pub(crate) fn check_posture(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
     for (joint, &position) in chain.joints().iter().zip(configuration) {
         let range = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
@@ -190,14 +195,14 @@ pub(crate) fn check_posture(chain: &Chain, configuration: &[f64]) -> Result<(), 
     Ok(())
 }
 
-/// What keeps the tip from its target.
+/// Returns the error of a tip that cannot reach `target`, with a joint at the end of its range.
 pub(crate) fn out_of_reach(chain: &Chain, configuration: &[f64], target: &Pose) -> ControlError {
     let tip = chain.tip(configuration);
     let error = error(&tip, target);
     let mut joints = chain.joints().iter().zip(configuration);
     let stuck = joints.find(|&(joint, &position)| {
         let [low, high] = room(joint, position);
-        (-low).min(high) < AT_LIMIT
+        (-low).min(high) < LIMIT_TOLERANCE
     });
     ControlError::OutOfReach {
         target: target.position,
@@ -208,11 +213,11 @@ pub(crate) fn out_of_reach(chain: &Chain, configuration: &[f64], target: &Pose) 
     }
 }
 
-/// Room (metres, radians) of a joint that stands at the end of its range.
-const AT_LIMIT: f64 = 1e-6;
+/// Largest distance (metres, radians) at which a joint counts as at the end of its range.
+const LIMIT_TOLERANCE: f64 = 1e-6;
 
-/// Solves `a x = b` by Cholesky's factorisation `a = l l^T`. Only the lower triangle of `a`, which
-/// must be symmetric and positive definite, is read.
+/// Solves `a x = b` by the Cholesky factorisation `a = l l^T`. `a` must be symmetric and positive
+/// definite; only its lower triangle is read.
 fn solve(a: &[[f64; 6]; 6], b: [f64; 6]) -> [f64; 6] {
     let l = factor(a);
     let mut x = b;
@@ -227,6 +232,7 @@ fn solve(a: &[[f64; 6]; 6], b: [f64; 6]) -> [f64; 6] {
     x
 }
 
+/// Returns the lower triangular factor `l` of `a = l l^T`.
 fn factor(a: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
     let mut l = [[0.0; 6]; 6];
     for row in 0..6 {

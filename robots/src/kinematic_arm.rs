@@ -1,14 +1,15 @@
-//! An arm without masses, for dry runs.
+//! Purely kinematic arm, for dry runs.
 
 use crate::control::CartesianControl;
 use crate::error::ControlError;
 use crate::robot::{Command, Robot, RobotState};
 
-/// Seconds in which fingers close: a Robotiq 2F-85 at full speed.
+/// Time (seconds) in which the fingers close: a Robotiq 2F-85 at full speed.
 const CLOSING_TIME: f64 = 0.57;
 
-/// A robot that is always exactly where its control wants it: for dry runs and tests, without a
-/// simulation. Its time passes in [`KinematicArm::advance`].
+/// Robot without dynamics that is always exactly at its references, for dry runs and tests.
+///
+/// Its time passes in [`KinematicArm::advance`].
 #[derive(Debug)]
 pub struct KinematicArm {
     control: CartesianControl,
@@ -17,24 +18,24 @@ pub struct KinematicArm {
 }
 
 impl KinematicArm {
-    /// An arm where `control` has it, with open fingers.
+    /// Creates an arm at the references of `control`, with open fingers.
     pub fn new(control: CartesianControl) -> Self {
         Self { control, wanted_closing: 0.0, closing: 0.0 }
     }
 
-    /// Lets `seconds` pass.
+    /// Advances the arm's time by `seconds`.
     ///
     /// # Errors
-    /// As [`CartesianControl::tick`], and the arm stands still.
+    /// Those of [`CartesianControl::tick`]; the arm stands still then.
     pub fn advance(&mut self, seconds: f64) -> Result<(), ControlError> {
         let moved = self.control.tick(seconds);
         self.unless_failed(moved)?;
-        let most = seconds / CLOSING_TIME;
-        self.closing += (self.wanted_closing - self.closing).clamp(-most, most);
+        let max_change = seconds / CLOSING_TIME;
+        self.closing += (self.wanted_closing - self.closing).clamp(-max_change, max_change);
         Ok(())
     }
 
-    /// Stops arm and fingers where something failed.
+    /// Stops arm and fingers if `outcome` is an error, and returns it.
     fn unless_failed(&mut self, outcome: Result<(), ControlError>) -> Result<(), ControlError> {
         if outcome.is_err() {
             self.stop()?;
@@ -42,7 +43,7 @@ impl KinematicArm {
         outcome
     }
 
-    /// What turns its commands into joint positions.
+    /// Returns the controller that turns commands into joint positions.
     pub fn control(&self) -> &CartesianControl {
         &self.control
     }
@@ -67,6 +68,7 @@ impl Robot for KinematicArm {
 
     fn stop(&mut self) -> Result<(), ControlError> {
         self.control.stop();
+        // the fingers stop where they are, too
         self.wanted_closing = self.closing;
         Ok(())
     }

@@ -1,15 +1,16 @@
-//! MJCF of a robot, for MuJoCo 2.2.2.
+//! Conversion of a robot to MJCF, for MuJoCo 2.2.2.
 //!
 //! Read this before editing. These points of MuJoCo 2.2.2 matter here:
 //! - rotations are quaternions, because its Euler angles turn with the body and URDF's do not;
-//! - nothing is limited unless `limited`, `ctrllimited` and `forcelimited` say so;
+//! - joints, controls and forces have no limits unless `limited`, `ctrllimited` and `forcelimited`
+//!   say so;
 //! - `fullinertia` is ordered ixx iyy izz ixy ixz iyz;
 //! - a body that has shapes but no `inertial` gets the mass of its shapes, and several shapes
-//!   without mass are refused;
+//!   without mass are rejected;
 //! - two bodies that are fixed to each other do not collide, nor do two that one joint moves
 //!   against each other, unless one of them is fixed to the world;
 //! - a position actuator has no damping;
-//! - its parser of XML refuses elements in the 100th level.
+//! - its XML parser rejects elements in the 100th level.
 
 use glam::{DQuat, DVec3};
 
@@ -20,58 +21,61 @@ use crate::error::{finite, require};
 use crate::overlap::Solids;
 use crate::pose::Pose;
 
-/// Most links that hang on each other in a row. With the document and two elements around them
-/// there are 99 levels.
-const MAX_ROW: usize = 96;
+/// Maximum number of nested links. With the document and two elements around them there are 99
+/// levels, the most that MuJoCo's parser accepts.
+const MAX_NESTED_LINKS: usize = 96;
 
-/// MJCF of a robot.
+/// Robot as MJCF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mjcf {
-    /// The MJCF.
+    /// MJCF source.
     pub text: String,
-    /// Pairs of links that touch at rest ([`Description::rest`]) and that nothing else keeps from
-    /// colliding. They do not collide in any pose.
+    /// Pairs of links whose collisions are switched off in all poses, because they touch at rest
+    /// ([`Description::rest`]) and would collide otherwise.
     pub excluded: Vec<[String; 2]>,
 }
 
-/// What MJCF holds beside the robot itself.
+/// Settings of the conversion to MJCF: additions to the robot itself.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MjcfSettings {
-    /// How joints are driven; without it, the model has no actuators.
+    /// Servos of the joints; if `None`, the model has no actuators.
     pub servo: Option<Servo>,
-    /// Links, and the default class (`childclass`) of each with everything that hangs on it. The
-    /// scene must declare the classes.
+    /// Links and their default class (`childclass`), which also holds for everything below them.
+    /// The scene must declare the classes.
     pub classes: Vec<(String, String)>,
-    /// What links hold beside their own masses and shapes.
+    /// Elements that are added to links.
     pub additions: Vec<Addition>,
 }
 
-/// Elements of MJCF inside a link's body, for instance sites and cameras. Geoms that are added
-/// contribute mass only to a link that has neither mass nor shapes; bodies that are added have
+/// MJCF elements that are added to a link's body, for instance sites and cameras.
+///
+/// Added geoms contribute mass only to a link that has neither mass nor shapes; added bodies have
 /// masses of their own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Addition {
     /// Name of the link.
     pub link: String,
-    /// The elements, which are not checked.
+    /// MJCF of the elements, which is not checked.
     pub mjcf: String,
 }
 
 /// Servos of the free joints: the force is `stiffness` times the position error plus `damping`
 /// times the speed error, up to the joint's effort.
 ///
-/// An actuator has the name of its joint, and [`Servo::control`] is its control. Its damping needs
-/// an implicit integrator (`<option integrator="implicit"/>`); with Euler's it vibrates.
+/// An actuator has the name of its joint, and takes [`Servo::control`] as its control. Its damping
+/// needs an implicit integrator (`<option integrator="implicit"/>`); with Euler's it vibrates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// Position error (radians, metres) at which a joint's whole effort is spent; 1e-6 or more.
+    /// Position error (radians, metres) at which the servo applies the joint's maximum effort; 1e-6
+    /// or more.
     pub saturation: f64,
     /// Damping over stiffness (seconds); zero or more.
     pub damping_time: f64,
 }
 
 impl Default for Servo {
-    /// For a Kinova Gen3 about the stiffness that others simulate it with: 1950 and 450 N m/rad.
+    /// Returns settings that give a Kinova Gen3 about the stiffness that others simulate it with:
+    /// 1950 and 450 N m/rad.
     fn default() -> Self {
         Self { saturation: 0.02, damping_time: 0.03 }
     }
@@ -89,29 +93,33 @@ impl Servo {
         require(damping_time >= 0.0, place, what, damping_time, expected)
     }
 
-    /// What a joint's control needs on top to spend `force` (newtons, newton metres), for instance
-    /// one of [`Description::holding_forces`].
+    /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
+    /// instance one of [`Description::holding_forces`].
     pub fn feed_forward(&self, motion: &Motion, force: f64) -> f64 {
         force * self.saturation / motion.effort
     }
 
-    /// The control that makes a joint follow a position and its velocity (radians, metres; 1/s).
+    /// Returns the control with which a joint follows a position (radians, metres) and its velocity
+    /// (rad/s, m/s).
     pub fn control(&self, position: f64, velocity: f64) -> f64 {
+        // cancels the servo's damping at this velocity
         position + self.damping_time * velocity
     }
 }
 
 impl Description {
-    /// A model of the robot alone: links with masses and collision shapes, joints with limits and
-    /// friction, servos in the order of position vectors, an equality for each joint that follows
-    /// another. Bodies and joints have the names of links and joints; a shape has its link's name
-    /// with `_0`, `_1` and so on. A link does not collide with the link that it moves on, nor do
-    /// links that touch at rest ([`Mjcf::excluded`]).
+    /// Converts the robot to a complete MJCF model.
+    ///
+    /// It has links with masses and collision shapes, joints with limits and friction, servos in
+    /// the order of position vectors, and an equality for each joint that follows another. Bodies
+    /// and joints have the names of links and joints; a shape has its link's name with `_0`, `_1`
+    /// and so on. A link does not collide with the link that it moves on, nor do links that touch
+    /// at rest ([`Mjcf::excluded`]).
     ///
     /// # Errors
     /// [`DescriptionError::Number`] for a servo out of range, [`DescriptionError::UnknownLink`] for
-    /// an addition to no link, [`DescriptionError::LongRow`] for more than 96 links that hang on
-    /// each other in a row.
+    /// a class or an addition of an unknown link, [`DescriptionError::LongRow`] for more than 96
+    /// nested links.
     pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let name = escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
@@ -120,22 +128,23 @@ impl Description {
         Ok(Mjcf { text, ..sections })
     }
 
-    /// Model of the robot as a part for a scene to include. The scene must count angles in radians
-    /// and, with servos, use an implicit integrator.
+    /// Converts the robot to an MJCF part (`<mujocoinclude>`) that a scene can include.
+    ///
+    /// The scene must count angles in radians and, with servos, use an implicit integrator.
     ///
     /// # Errors
-    /// As [`Description::to_mjcf`].
+    /// Those of [`Description::to_mjcf`].
     pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let sections = self.sections(settings)?;
         let text = format!("<mujocoinclude>\n{}</mujocoinclude>\n", sections.text);
         Ok(Mjcf { text, ..sections })
     }
 
-    /// The sections of a model, without an element around them.
+    /// Writes the sections of a model, without an element around them.
     fn sections(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         settings.servo.map_or(Ok(()), |servo| servo.check())?;
         self.check_links(settings)?;
-        self.check_rows()?;
+        self.check_nesting()?;
         let servos = settings.servo.map_or(String::new(), |servo| self.servos(&servo));
         let section = |(name, text): (&str, String)| match &text[..] {
             "" => String::new(),
@@ -162,22 +171,24 @@ impl Description {
         named.try_for_each(|link| self.link_index(link, "a setting of the MJCF").map(|_| ()))
     }
 
-    fn check_rows(&self) -> Result<(), DescriptionError> {
-        let mut rows = vec![1];
+    /// Rejects a robot with more than [`MAX_NESTED_LINKS`] links in a row.
+    fn check_nesting(&self) -> Result<(), DescriptionError> {
+        let mut levels = vec![1];
         for joint in &self.joints {
-            rows.push(rows[joint.parent] + 1);
+            levels.push(levels[joint.parent] + 1);
         }
-        match rows.iter().position(|&row| row > MAX_ROW) {
+        match levels.iter().position(|&level| level > MAX_NESTED_LINKS) {
             None => Ok(()),
             Some(link) => Err(DescriptionError::LongRow {
                 link: self.links[link].name.clone(),
-                limit: MAX_ROW,
+                limit: MAX_NESTED_LINKS,
             }),
         }
     }
 
-    /// Bodies inside their parents. Links come parents first, each followed by all that hangs on
-    /// it, so a link closes those that it does not hang on.
+    /// Writes the bodies, each inside its parent.
+    ///
+    /// Links are in depth-first order, so a link closes the open bodies that it does not hang on.
     fn bodies(&self, settings: &MjcfSettings) -> String {
         let mut text =
             body(&self.links[0], &self.base, settings) + &contents(&self.links[0], settings);
@@ -196,6 +207,7 @@ impl Description {
         text + &"</body>\n".repeat(open.len())
     }
 
+    /// Writes `<exclude>` for the pairs of links that must not collide.
     fn excludes(&self, touching: &[[usize; 2]]) -> String {
         let links = 0..self.links.len();
         let pairs =
@@ -207,7 +219,7 @@ impl Description {
         pairs.chain(touching.iter().copied()).map(exclude).collect()
     }
 
-    /// Pairs of links that would collide at rest.
+    /// Returns the pairs of links that would collide at rest.
     fn touching_at_rest(&self) -> Vec<[usize; 2]> {
         let poses = self.poses(&self.rest());
         let bodies = self.rigid_bodies();
@@ -230,7 +242,7 @@ impl Description {
         pairs.filter(|&pair| touch(pair) && !never_collide(pair)).collect()
     }
 
-    /// First of the links that are fixed to each other, for each link.
+    /// Returns, for each link, the first of the links that are fixed to it, itself included.
     fn rigid_bodies(&self) -> Vec<usize> {
         let mut bodies = vec![0];
         for (index, joint) in self.joints.iter().enumerate() {
@@ -240,7 +252,8 @@ impl Description {
         bodies
     }
 
-    /// The links below `link` that it moves on or is fixed to, as far as both have shapes.
+    /// Returns the links between `link` and the root that at most one joint separates from it, as
+    /// far as both have shapes.
     fn neighbours(&self, link: usize) -> Vec<usize> {
         let has_shapes = |link: usize| !self.links[link].shapes.is_empty();
         let mut found = Vec::new();
@@ -258,6 +271,7 @@ impl Description {
         found
     }
 
+    /// Writes an equality for each joint that follows another.
     fn equalities(&self) -> String {
         let names: Vec<&str> = self.free_joints().map(|(joint, _)| &joint.name[..]).collect();
         let equality = |joint: &Joint| match joint.motion?.drive {
@@ -271,6 +285,7 @@ impl Description {
         self.joints.iter().filter_map(equality).collect()
     }
 
+    /// Writes an actuator for each free joint.
     fn servos(&self, servo: &Servo) -> String {
         let of_joint = |(joint, motion): (&Joint, &Motion)| {
             let name = escaped(&joint.name);
@@ -286,10 +301,10 @@ impl Description {
     }
 }
 
-/// Start of a link's body. The name `world` is MuJoCo's own; only a root without shapes may have
-/// it.
+/// Writes the start tag of a link's body.
 fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     let name = match &link.name[..] {
+        // MuJoCo's own name of the world's body; reading a URDF allows it for a bare root only
         "world" => String::new(),
         name => format!(" name=\"{}\"", escaped(name)),
     };
@@ -300,10 +315,10 @@ fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     format!("<body{name}{class}{}>\n", placed(pose))
 }
 
-/// The inertia of a link that has shapes and no mass.
+/// Inertia of a link with shapes and no mass: MuJoCo rejects several shapes without mass otherwise.
 const NO_MASS: &str = "<inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>\n";
 
-/// Mass and shapes of a link, and what is added to it.
+/// Writes the mass, shapes and added elements of a link.
 fn contents(link: &Link, settings: &MjcfSettings) -> String {
     let shapes = link.shapes.iter().enumerate();
     let geoms = shapes.map(|(index, shape)| geom(&format!("{}_{index}", link.name), shape));
@@ -349,7 +364,7 @@ fn moving(name: &str, motion: &Motion) -> String {
     )
 }
 
-/// A shape, which has no mass of its own.
+/// Writes a shape, without mass: the link's `<inertial>` states the mass.
 fn geom(name: &str, placed_shape: &PlacedShape) -> String {
     let (kind, size) = match placed_shape.shape {
         Shape::Sphere { radius } => ("sphere", format!("{radius}")),
@@ -361,8 +376,9 @@ fn geom(name: &str, placed_shape: &PlacedShape) -> String {
     format!("<geom name=\"{name}\" type=\"{kind}\" size=\"{size}\"{place} mass=\"0\"/>\n")
 }
 
-/// Attributes of a pose; a quaternion starts with its real part.
+/// Writes the attributes of a pose.
 fn placed(pose: &Pose) -> String {
+    // MuJoCo's quaternions start with the real part
     let DQuat { x, y, z, w } = pose.rotation;
     format!(" pos=\"{}\" quat=\"{w} {x} {y} {z}\"", numbers(pose.position))
 }
@@ -371,7 +387,7 @@ fn numbers(DVec3 { x, y, z }: DVec3) -> String {
     format!("{x} {y} {z}")
 }
 
-/// A text as the value of an attribute.
+/// Escapes a text for the value of an XML attribute.
 pub(crate) fn escaped(name: &str) -> String {
     let escape = |character: char| match character {
         '&' => "&amp;".to_owned(),

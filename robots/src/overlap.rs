@@ -1,4 +1,4 @@
-//! Links whose collision shapes touch: the test of Gilbert, Johnson and Keerthi (1988, "A fast
+//! Overlap test of collision shapes by the GJK algorithm (Gilbert, Johnson, Keerthi 1988, "A fast
 //! procedure for computing the distance between complex objects in three-dimensional space").
 
 use glam::{DMat3, DVec3};
@@ -6,21 +6,21 @@ use glam::{DMat3, DVec3};
 use crate::capsule::{PlacedShape, Shape};
 use crate::pose::Pose;
 
-/// Shapes that are nearer than this (metres) touch. A scene may give shapes a margin of as much,
-/// and within it MuJoCo already pushes them apart.
+/// Distance (metres) below which shapes count as touching. A scene may give shapes a contact margin
+/// of that size, and within it MuJoCo already pushes them apart.
 const CLEARANCE: f64 = 1e-3;
-/// Most steps of the search. Shapes that it leaves undecided are at the clearance, but for
-/// rounding.
+/// Maximum number of steps of the search. Shapes that are undecided then are at the clearance, up
+/// to rounding.
 const STEPS: usize = 100;
 
-/// A convex shape in the world: all points within `radius` of a box, a cylinder, a segment or a
+/// Convex shape in the world: all points within `radius` of a box, a cylinder, a segment or a
 /// point.
 #[derive(Clone, Copy)]
 struct Solid {
     shape: Shape,
     pose: Pose,
     radius: f64,
-    /// Distance of its furthest point from the middle.
+    /// Distance of the furthest point from the middle.
     reach: f64,
 }
 
@@ -43,8 +43,8 @@ impl Solid {
         Sphere { centre: self.pose.position, radius: self.reach }
     }
 
-    /// The point that lies furthest in a direction, but for its radius.
-    fn furthest(&self, direction: DVec3) -> DVec3 {
+    /// Returns the support point, without the radius: the point that lies furthest in `direction`.
+    fn support(&self, direction: DVec3) -> DVec3 {
         let direction = self.pose.rotation.conjugate() * direction;
         let at_end = |length: f64| (0.5 * length).copysign(direction.z) * DVec3::Z;
         let point = match self.shape {
@@ -59,13 +59,14 @@ impl Solid {
         self.pose.point(point)
     }
 
+    /// Returns `true` if the distance to `other` is at most the clearance.
     fn touches(&self, other: &Self) -> bool {
         if self.sphere().is_apart(&other.sphere()) {
             return false;
         }
         let limit = self.radius + other.radius + CLEARANCE;
-        // differences of a point of one solid and a point of the other: the nearest one to zero so
-        // far, and those that it lies between
+        // differences of a point of one solid and a point of the other: the one nearest to zero so
+        // far, and the corners of the simplex that contains it
         let mut nearest = self.pose.position - other.pose.position;
         let mut corners = vec![nearest];
         for _ in 0..STEPS {
@@ -73,7 +74,8 @@ impl Solid {
             if distance <= limit {
                 return true;
             }
-            let corner = self.furthest(-nearest) - other.furthest(nearest);
+            let corner = self.support(-nearest) - other.support(nearest);
+            // a plane across `nearest` separates the solids by more than the limit
             if nearest.dot(corner) > limit * distance {
                 return false;
             }
@@ -84,28 +86,29 @@ impl Solid {
     }
 }
 
-/// The point of a simplex of up to four corners that is nearest to zero, and the corners that it
-/// lies between.
+/// Returns the point of a simplex of up to four corners that is nearest to zero, and the corners of
+/// the smallest face that contains it.
 fn nearest_of(corners: &[DVec3]) -> (DVec3, Vec<DVec3>) {
-    let parts = (1..1_usize << corners.len()).filter_map(|part| {
+    // each bit of `face` chooses a corner
+    let faces = (1..1_usize << corners.len()).filter_map(|face| {
         let numbered = corners.iter().enumerate();
-        let chosen = numbered.filter(|(index, _)| part >> index & 1 == 1);
+        let chosen = numbered.filter(|(index, _)| face >> index & 1 == 1);
         let chosen: Vec<DVec3> = chosen.map(|(_, corner)| *corner).collect();
         Some((foot(&chosen)?, chosen))
     });
-    let nearest = parts.min_by(|(a, _), (b, _)| a.length_squared().total_cmp(&b.length_squared()));
+    let nearest = faces.min_by(|(a, _), (b, _)| a.length_squared().total_cmp(&b.length_squared()));
     nearest.unwrap_or_default()
 }
 
-/// The point nearest to zero of the line, plane or space through all corners; none where it does
-/// not lie between them.
+/// Projects zero onto the line, plane or space through all corners. `None` if the result does not
+/// lie between them.
 fn foot(corners: &[DVec3]) -> Option<DVec3> {
     match *corners {
         [a] => Some(a),
         [a, b] => {
-            let way = b - a;
-            let part = -a.dot(way) / way.length_squared();
-            (0.0..=1.0).contains(&part).then(|| a + part * way)
+            let edge = b - a;
+            let part = -a.dot(edge) / edge.length_squared();
+            (0.0..=1.0).contains(&part).then(|| a + part * edge)
         }
         [a, b, c] => {
             let normal = (b - a).cross(c - a);
@@ -114,6 +117,7 @@ fn foot(corners: &[DVec3]) -> Option<DVec3> {
             (inside(a, b) && inside(b, c) && inside(c, a)).then_some(foot)
         }
         [a, b, c, d] => {
+            // barycentric coordinates of zero
             let parts = DMat3::from_cols(b - a, c - a, d - a).inverse() * -a;
             let inside = parts.min_element() >= 0.0 && parts.element_sum() <= 1.0;
             inside.then_some(DVec3::ZERO)
@@ -122,7 +126,7 @@ fn foot(corners: &[DVec3]) -> Option<DVec3> {
     }
 }
 
-/// A sphere around something.
+/// Bounding sphere, which spares the full test of distant shapes.
 #[derive(Clone, Copy)]
 struct Sphere {
     centre: DVec3,
@@ -130,21 +134,21 @@ struct Sphere {
 }
 
 impl Sphere {
-    /// `true` if what the spheres hold cannot touch.
+    /// Returns `true` if the contents of the spheres cannot touch.
     fn is_apart(&self, other: &Self) -> bool {
         let limit = self.radius + other.radius + CLEARANCE;
         self.centre.distance_squared(other.centre) > limit * limit
     }
 }
 
-/// Collision shapes of a link in the world.
+/// Collision shapes of a link in the world, with a bounding sphere.
 pub(crate) struct Solids {
     solids: Vec<Solid>,
     around: Sphere,
 }
 
 impl Solids {
-    /// Shapes of a link whose frame in the world is `link`.
+    /// Places the shapes of a link whose pose in the world is `link`.
     pub(crate) fn new(shapes: &[PlacedShape], link: &Pose) -> Self {
         let solids: Vec<Solid> = shapes.iter().map(|shape| Solid::new(shape, link)).collect();
         let places = solids.iter().map(|solid| solid.pose.position);
@@ -154,7 +158,7 @@ impl Solids {
         Self { solids, around: Sphere { centre, radius } }
     }
 
-    /// `true` if a shape of one link touches a shape of the other one.
+    /// Returns `true` if a shape of one link touches a shape of the other one.
     pub(crate) fn touch(&self, other: &Self) -> bool {
         let near = |solid: &&Solid| !solid.sphere().is_apart(&other.around);
         !self.around.is_apart(&other.around)
@@ -214,7 +218,7 @@ mod tests {
         }
     }
 
-    /// Spheres around links only spare work.
+    /// Bounding spheres do not change the result.
     #[test]
     fn links_of_many_shapes_touch_where_one_shape_does() {
         let ball = |x: f64| PlacedShape {

@@ -1,4 +1,4 @@
-//! Where a frame is, and how it is turned.
+//! Rigid transforms between frames.
 
 use std::ops::Mul;
 
@@ -7,38 +7,41 @@ use glam::{DQuat, DVec3, EulerRot};
 /// Position and rotation of one frame in another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// The frame's origin (metres).
+    /// Origin of the frame (metres).
     pub position: DVec3,
-    /// The frame's rotation, a unit quaternion.
+    /// Rotation of the frame, a unit quaternion.
     pub rotation: DQuat,
 }
 
 impl Pose {
-    /// The same frame.
+    /// Identity transform.
     pub const IDENTITY: Self = Self { position: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
-    /// A frame with parallel axes, its origin at `position` (metres).
+    /// Returns a frame with its origin at `position` (metres) and no rotation.
     pub fn at(position: DVec3) -> Self {
         Self { position, rotation: DQuat::IDENTITY }
     }
 
-    /// URDF's `<origin>`: roll, pitch and yaw (radians) about fixed axes, in this order.
+    /// Converts URDF's `<origin>`: metres, and roll, pitch and yaw (radians) about fixed axes, in
+    /// this order.
     pub fn from_xyz_rpy(xyz: [f64; 3], [roll, pitch, yaw]: [f64; 3]) -> Self {
         Self {
             position: DVec3::from_array(xyz),
+            // roll, pitch, yaw about fixed axes are yaw, pitch, roll about moving ones
             rotation: DQuat::from_euler(EulerRot::ZYX, yaw, pitch, roll),
         }
     }
 
-    /// A point of this frame in the frame that the pose is in.
+    /// Transforms a point of this frame into the frame that the pose is given in.
     pub fn point(&self, point: DVec3) -> DVec3 {
         self.position + self.rotation * point
     }
 
-    /// The way from this pose to `target`: a displacement (metres), and the rotation vector
-    /// (radians) of the shorter turn. Both have the axes of the frame that the poses are in.
-    pub fn way_to(&self, target: &Self) -> [DVec3; 2] {
+    /// Returns the displacement (metres) and the shortest rotation vector (radians) from this pose
+    /// to `target`, both along the axes of the frame that the poses are given in.
+    pub fn displacement_to(&self, target: &Self) -> [DVec3; 2] {
         let turn = target.rotation * self.rotation.conjugate();
+        // q and -q are one rotation; w >= 0 has the angle of at most pi
         let shorter = if turn.w < 0.0 { -turn } else { turn };
         [target.position - self.position, shorter.to_scaled_axis()]
     }
@@ -47,7 +50,7 @@ impl Pose {
 impl Mul for Pose {
     type Output = Self;
 
-    /// The pose of `inner`, given in the frame `self`, in the frame that `self` is in.
+    /// Composes transforms: `inner`, given in the frame `self`, in the frame that `self` is in.
     fn mul(self, inner: Self) -> Self {
         Self {
             position: self.point(inner.position),

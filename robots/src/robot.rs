@@ -1,20 +1,20 @@
-//! What every robot can do, simulated or real.
+//! Interface of every robot, simulated or real.
 
 use crate::error::ControlError;
 use crate::pose::Pose;
 use crate::twist::Twist;
 
-/// What a robot is told: how its tip moves, and how far its gripper closes.
+/// Command to a robot: twist of its tip and target of its gripper.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
-    /// Twist of the tip, with the axes of the world.
+    /// Twist of the tip, along the axes of the world.
     pub twist: Twist,
-    /// Where the fingers go: 0 is open, 1 is closed.
+    /// Target of the fingers, in [0, 1]: 0 is open, 1 is closed.
     pub closing: f64,
 }
 
 impl Command {
-    /// Refuses numbers that are not finite, and a closing out of range.
+    /// Rejects a twist that is not finite, and a `closing` out of range.
     ///
     /// # Errors
     /// [`ControlError::NotFinite`], [`ControlError::Setting`].
@@ -31,38 +31,39 @@ impl Command {
     }
 }
 
-/// What a robot tells of itself.
+/// Measured state of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotState {
-    /// Positions of its joints (radians, metres), from the base to the tip.
+    /// Positions of the joints (radians, metres), from the base to the tip.
     pub joints: Vec<f64>,
-    /// Frame of its tip in the world.
+    /// Pose of the tip in the world.
     pub tip: Pose,
-    /// Where its fingers are: 0 is open, 1 is closed.
+    /// Position of the fingers, in [0, 1]: 0 is open, 1 is closed.
     pub closing: f64,
 }
 
-/// A robot that moves its tip by twists.
+/// Robot that moves its tip by twists.
 ///
-/// A command stays in force until the next one, or until the robot is stopped, as on the arms that
-/// it stands for. A [`Watchdog`](crate::Watchdog) stops a robot that nobody commands any more.
+/// A command stays in force until the next one or until the robot is stopped, as on real arms. A
+/// [`Watchdog`](crate::Watchdog) stops a robot that receives no commands any more.
 pub trait Robot {
-    /// Where the robot is.
+    /// Reads the state of the robot.
     ///
     /// # Errors
-    /// [`ControlError::Driver`], or why the robot stopped by itself since the last call.
+    /// [`ControlError::Driver`], or the reason for which the robot stopped by itself since the last
+    /// call.
     fn state(&mut self) -> Result<RobotState, ControlError>;
 
     /// Moves the tip by a twist, and the fingers.
     ///
     /// # Errors
-    /// A [`ControlError`], and the robot stands still.
+    /// A [`ControlError`]; the robot stands still then.
     fn command(&mut self, command: &Command) -> Result<(), ControlError>;
 
     /// Stops all motion.
     ///
     /// # Errors
-    /// [`ControlError::Driver`], and the robot may be moving.
+    /// [`ControlError::Driver`]; the robot may still be moving then.
     fn stop(&mut self) -> Result<(), ControlError>;
 }
 

@@ -1,10 +1,10 @@
-//! Velocities of a rigid body, and how fast and how suddenly a tip may move.
+//! Twists (velocities of a rigid body), and limits of a tip's speed and acceleration.
 
 use std::ops::{Add, Mul};
 
 use glam::DVec3;
 
-/// Velocity of a tip, with the axes of the world.
+/// Linear and angular velocity of a tip, along the axes of the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Twist {
     /// Velocity of the tip's origin (m/s).
@@ -14,20 +14,21 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// No motion.
+    /// Twist of a tip at rest.
     pub const ZERO: Self = Self { linear: DVec3::ZERO, angular: DVec3::ZERO };
 
-    /// A motion without turning (m/s).
-    pub fn moving(linear: DVec3) -> Self {
+    /// Returns a twist with the given linear velocity (m/s) and no rotation.
+    pub fn from_linear(linear: DVec3) -> Self {
         Self { linear, angular: DVec3::ZERO }
     }
 
-    /// Whether all six numbers are finite, and both speeds.
+    /// Returns `true` if all six components and both speeds are finite.
     pub fn is_finite(&self) -> bool {
+        // the lengths, because squares of finite components can overflow
         self.linear.length().is_finite() && self.angular.length().is_finite()
     }
 
-    /// Linear, then angular.
+    /// Returns the linear components, then the angular ones.
     pub(crate) fn to_array(self) -> [f64; 6] {
         let ([x, y, z], [a, b, c]) = (self.linear.to_array(), self.angular.to_array());
         [x, y, z, a, b, c]
@@ -39,7 +40,7 @@ impl Twist {
 }
 
 impl From<[f64; 6]> for Twist {
-    /// Linear, then angular.
+    /// Takes three linear components, then three angular ones.
     fn from([x, y, z, a, b, c]: [f64; 6]) -> Self {
         Self { linear: DVec3::new(x, y, z), angular: DVec3::new(a, b, c) }
     }
@@ -61,45 +62,48 @@ impl Mul<Twist> for f64 {
     }
 }
 
-/// How fast a tip may move, and how fast its velocity may change.
+/// Maximum speeds and accelerations of a tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwistLimits {
-    /// Highest speed (m/s).
+    /// Maximum speed (m/s).
     pub speed: f64,
-    /// Highest angular speed (rad/s).
+    /// Maximum angular speed (rad/s).
     pub angular_speed: f64,
-    /// Highest acceleration (m/s^2).
+    /// Maximum acceleration (m/s^2).
     pub acceleration: f64,
-    /// Highest angular acceleration (rad/s^2).
+    /// Maximum angular acceleration (rad/s^2).
     pub angular_acceleration: f64,
 }
 
 impl Default for TwistLimits {
-    /// Those of a Kinova Gen3: 0.5 m/s and 100 degrees a second are its hard limits, 0.4 m/s^2 and
-    /// 0.4 rad/s^2 the accelerations that its driver states.
+    /// Returns the limits of a Kinova Gen3: 0.5 m/s and 100 degrees per second are its hard limits,
+    /// 0.4 m/s^2 and 0.4 rad/s^2 the accelerations that its driver states.
     fn default() -> Self {
         Self { speed: 0.5, angular_speed: 1.74, acceleration: 0.4, angular_acceleration: 0.4 }
     }
 }
 
 impl TwistLimits {
-    /// The twist that leads the tip over `way`, a displacement and a rotation vector as of
-    /// [`Pose::way_to`](crate::Pose::way_to). It is as fast as the limits let a tip be that is to
-    /// stop at the end, and at most `rate` (1/s) times what is left.
-    pub fn towards(&self, [way, turn]: [DVec3; 2], rate: f64) -> Twist {
-        let speed = |way: DVec3, speed: f64, acceleration: f64| {
-            let left = way.length();
-            let braking = (2.0 * acceleration * left).sqrt();
-            (rate * way).clamp_length_max(speed.min(braking))
+    /// Returns the twist that moves the tip by a displacement (metres) and a rotation vector
+    /// (radians), as returned by [`Pose::displacement_to`](crate::Pose::displacement_to).
+    ///
+    /// The speed is the highest from which the tip can still stop at the end, and at most `rate`
+    /// (1/s) times the remaining displacement.
+    pub fn towards(&self, [displacement, rotation]: [DVec3; 2], rate: f64) -> Twist {
+        let velocity = |remaining: DVec3, speed: f64, acceleration: f64| {
+            // v^2 = 2 a s: the speed from which a tip that brakes at `acceleration` stops in time
+            let braking = (2.0 * acceleration * remaining.length()).sqrt();
+            (rate * remaining).clamp_length_max(speed.min(braking))
         };
         Twist {
-            linear: speed(way, self.speed, self.acceleration),
-            angular: speed(turn, self.angular_speed, self.angular_acceleration),
+            linear: velocity(displacement, self.speed, self.acceleration),
+            angular: velocity(rotation, self.angular_speed, self.angular_acceleration),
         }
     }
 
-    /// The twist `seconds` after `present`, on the way to `wanted`. Too fast a `wanted` keeps its
-    /// direction.
+    /// Returns the twist `seconds` after `present`, accelerated towards `wanted` within the limits.
+    ///
+    /// A `wanted` above the maximum speed is scaled down and keeps its direction.
     pub fn ramp(&self, present: Twist, wanted: Twist, seconds: f64) -> Twist {
         let ramp = |present: DVec3, wanted: DVec3, speed: f64, acceleration: f64| {
             let change = wanted.clamp_length_max(speed) - present;

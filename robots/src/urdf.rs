@@ -1,7 +1,7 @@
-//! Descriptions from URDF: read by `urdf-rs`, then held to what a robot is.
+//! Robot descriptions from URDF: parsed by `urdf-rs`, then validated.
 //!
-//! `urdf-rs` accepts trees that are none and numbers that are not finite, and fills what is missing
-//! with zeros. Everything below distrusts it.
+//! `urdf-rs` accepts graphs that are no trees and numbers that are not finite, and fills in zeros
+//! for missing elements. The modules below check all of that.
 
 mod inertia;
 mod joints;
@@ -25,36 +25,37 @@ pub use names::MAX_LINKS;
 pub use xml::{MAX_BYTES, MAX_DEPTH};
 
 impl Description {
-    /// Reads a URDF file, and the meshes in its folder that its links collide as.
+    /// Reads a URDF file, and the collision meshes in its folder.
     ///
-    /// A mesh (STL or OBJ) becomes the capsule that holds its points. `package://NAME/PATH` is
+    /// A mesh (STL or OBJ) becomes a capsule that encloses its points. `package://NAME/PATH` is
     /// looked up as `PATH` in the URDF's folder.
     ///
     /// # Errors
-    /// [`DescriptionError::Read`], and as [`Description::from_urdf`].
+    /// [`DescriptionError::Read`], and those of [`Description::from_urdf`].
     pub fn read(path: &Path) -> Result<Self, DescriptionError> {
         // the folder of a plain name is the empty path, which is no folder
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
         Self::parse(&text(path)?, Some(folder.unwrap_or(Path::new("."))))
     }
 
-    /// Reads a URDF without meshes as collision shapes. Its root is at the world's origin;
+    /// Parses a URDF without collision meshes. Its root is at the world's origin;
     /// [`Description::placed`] moves it.
     ///
-    /// Of a link it reads `<inertial>` and `<collision>` (boxes, cylinders, spheres, capsules), of
-    /// a joint everything but `<safety_controller>` and `<calibration>`. Everything else is
+    /// Reads `<inertial>` and `<collision>` (boxes, cylinders, spheres, capsules) of links, and
+    /// everything but `<safety_controller>` and `<calibration>` of joints. Everything else is
     /// skipped. Units are those of URDF: metres, kilograms, seconds, radians.
     ///
     /// # Errors
-    /// A [`DescriptionError`] that says what is wrong where, for whatever is no robot.
+    /// A [`DescriptionError`] that names the link or joint and the defect, for anything but a
+    /// valid robot.
     pub fn from_urdf(text: &str) -> Result<Self, DescriptionError> {
         Self::parse(text, None)
     }
 
     fn parse(text: &str, folder: Option<&Path>) -> Result<Self, DescriptionError> {
         let elements = xml::elements(text)?;
-        let file = urdf_rs::read_from_string(&elements);
-        let file = file.map_err(|error| DescriptionError::Syntax { message: error.to_string() })?;
+        let file = urdf_rs::read_from_string(&elements)
+            .map_err(|error| DescriptionError::Syntax { message: error.to_string() })?;
         names::check(&file)?;
         let tree = tree::Tree::new(&file)?;
         let link = |&index: &usize| links::link(&file.links[index], folder);
@@ -74,18 +75,18 @@ impl Description {
     }
 }
 
-/// A file's content, or as much of it as shows that it is too long.
+/// Reads a file, up to one byte more than [`MAX_BYTES`], which shows that it is too long.
 fn text(path: &Path) -> Result<String, DescriptionError> {
     let read = || -> io::Result<String> {
         let mut text = String::new();
-        let most = MAX_BYTES as u64 + 1;
-        File::open(path)?.take(most).read_to_string(&mut text)?;
+        let limit = MAX_BYTES as u64 + 1;
+        File::open(path)?.take(limit).read_to_string(&mut text)?;
         Ok(text)
     };
     read().map_err(|source| DescriptionError::Read { path: path.to_owned(), source })
 }
 
-/// An `<origin>` with finite numbers.
+/// Converts an `<origin>`, which must hold finite numbers.
 fn origin(place: impl Fn() -> String, origin: &urdf_rs::Pose) -> Result<Pose, DescriptionError> {
     finite(&place, "the origin's xyz", &*origin.xyz)?;
     finite(&place, "the origin's rpy", &*origin.rpy)?;

@@ -1,17 +1,17 @@
-//! Stops a robot that nobody commands any more.
+//! Watchdog that stops a robot without recent commands.
 
 use std::time::Duration;
 
 use crate::error::ControlError;
 use crate::robot::{Command, Robot, RobotState};
 
-/// A robot that stops where no command comes for a while, where a command is refused, and when it
-/// is dropped.
+/// Wrapper that stops a robot if no command arrives within the time-out, if a command is rejected,
+/// and on drop.
 ///
-/// Time is what `clock` says. For a real robot that is `let start = Instant::now(); move ||
-/// start.elapsed()`; for a simulated one, the simulation's time. Somebody must call
-/// [`Watchdog::check`], or [`Robot::state`], which calls it, more often than the time-out: a
-/// thread, or the loop that reads the camera.
+/// `clock` defines time. For a real robot use `let start = Instant::now(); move ||
+/// start.elapsed()`; for a simulated one, the simulation's time. A thread, or the loop that reads
+/// the camera, must call [`Watchdog::check`] or [`Robot::state`], which includes it, more often
+/// than the time-out.
 pub struct Watchdog<R: Robot, C: Fn() -> Duration> {
     robot: R,
     clock: C,
@@ -19,32 +19,33 @@ pub struct Watchdog<R: Robot, C: Fn() -> Duration> {
     activity: Activity,
 }
 
-/// What the robot does, as far as the watchdog knows.
+/// State of the robot, as far as the watchdog knows.
 enum Activity {
-    /// It stands still.
+    /// Stopped, with no command since.
     Still,
-    /// It moves as it was told at that time.
+    /// Moving by a command that was sent at this time of the clock.
     Commanded(Duration),
-    /// It was told to stop and did not.
+    /// Possibly moving: the last attempt to stop it failed.
     Unstopped,
 }
 
-/// How long a robot goes on without a command.
+/// Default time after which a robot without a new command is stopped. It equals the default
+/// [`ControlSettings::horizon`](crate::ControlSettings::horizon), which commands are checked for.
 const TIMEOUT: Duration = Duration::from_millis(200);
 
 impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
-    /// Watches over `robot`, which stops 200 ms after its last command.
+    /// Wraps `robot`, and stops it 200 ms after its last command.
     pub fn new(robot: R, clock: C) -> Self {
         Self::with_timeout(robot, clock, TIMEOUT)
     }
 
-    /// Watches over `robot`, which stops `timeout` after its last command.
+    /// Wraps `robot`, and stops it `timeout` after its last command.
     pub fn with_timeout(robot: R, clock: C, timeout: Duration) -> Self {
         Self { robot, clock, timeout, activity: Activity::Still }
     }
 
-    /// Stops the robot if the last command is as old as the time-out, or seems to lie in the future
-    /// because the clock went back, and says whether it did.
+    /// Stops the robot if the last command is as old as the time-out, or if the clock went back
+    /// since. Returns `true` if it stopped the robot.
     ///
     /// # Errors
     /// [`ControlError::NotStopped`]; the next call tries again.
@@ -62,12 +63,12 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
         Ok(true)
     }
 
-    /// The robot.
+    /// Returns the wrapped robot.
     pub fn robot(&self) -> &R {
         &self.robot
     }
 
-    /// The robot, for instance to let its time pass.
+    /// Returns the wrapped robot, for instance to advance its time.
     pub fn robot_mut(&mut self) -> &mut R {
         &mut self.robot
     }
@@ -90,7 +91,7 @@ impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
-        // a stop that is due comes first
+        // before the command, which would make an overdue robot look freshly commanded
         self.check()?;
         let sent = command.check().and_then(|()| self.robot.command(command));
         if let Err(refused) = sent {
@@ -102,13 +103,14 @@ impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
     }
 
     fn stop(&mut self) -> Result<(), ControlError> {
-        self.halt(|| "the robot was told to stop".to_owned())
+        self.halt(|| "a stop was requested".to_owned())
     }
 }
 
 impl<R: Robot, C: Fn() -> Duration> Drop for Watchdog<R, C> {
-    /// Stops the robot; nobody is left who could be told of a failure.
+    /// Stops the robot.
     fn drop(&mut self) {
+        // a failure cannot be reported from here
         let _ = self.robot.stop();
     }
 }

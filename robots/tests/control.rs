@@ -1,4 +1,4 @@
-//! Kinematics and control: the Jacobian, inverse kinematics, and twists that become joint motion.
+//! Kinematics and control: the Jacobian, inverse kinematics, and Cartesian control.
 
 use std::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use robots::{
 
 use crate::SIX_JOINT;
 
-/// Seconds of a tick.
+/// Length of a tick (seconds).
 const TICK: f64 = 0.0125;
 
 fn chain(tip: &str) -> Chain {
@@ -47,7 +47,8 @@ fn the_jacobian_is_the_derivative_of_the_tip() {
                     joints[joint] += by;
                     chain.tip(&joints)
                 };
-                let [linear, angular] = moved(-1e-6).way_to(&moved(1e-6)).map(|way| way / 2e-6);
+                let [linear, angular] =
+                    moved(-1e-6).displacement_to(&moved(1e-6)).map(|way| way / 2e-6);
                 assert!(linear.distance(column.linear) < 1e-8, "{linear} {column:?}");
                 assert!(angular.distance(column.angular) < 1e-8, "{angular} {column:?}");
             }
@@ -93,7 +94,7 @@ fn the_inverse_finds_the_postures_of_the_sheet() {
         let tip = chain.tip(&joints);
         assert!(tip.position.distance(target.position) < 1e-9);
         for (joint, expected) in [(1, second), (3, fourth), (5, sixth)] {
-            // the redundant arm has a choice, of which the sheet names one
+            // the redundant arm has many solutions, of which the table lists one
             let off = (joints[joint] - expected).abs();
             assert!(
                 off < 0.02,
@@ -152,7 +153,7 @@ fn a_twist_moves_the_tip_and_keeps_its_orientation() {
     let limits = ControlSettings::default().limits;
     for (way, seconds) in [(DVec3::Y, 1.0), (-DVec3::Y, 2.0), (DVec3::new(0.6, 0.0, -0.8), 1.0)] {
         let before = control.tip();
-        control.command(Twist::moving(0.1 * way)).unwrap();
+        control.command(Twist::from_linear(0.1 * way)).unwrap();
         let mut travelled = DVec3::ZERO;
         for _ in 0..(seconds / TICK) as usize {
             control.tick(TICK).unwrap();
@@ -163,7 +164,7 @@ fn a_twist_moves_the_tip_and_keeps_its_orientation() {
         // to turn round takes 0.2 m/s, half of which is lost on the way
         let least = 0.1 * seconds - 0.1 * 0.2 / limits.acceleration - 0.01;
         assert!(least > 0.0 && travelled.dot(way) > least, "{travelled}");
-        let [_, turn] = start.way_to(&tip);
+        let [_, turn] = start.displacement_to(&tip);
         assert!(turn.length() < 5e-3, "{turn}");
     }
 }
@@ -178,14 +179,14 @@ fn a_twist_towards_a_target_ends_there() {
     let target = Pose { position: start.position + DVec3::new(0.05, 0.1, 0.02), rotation: turned };
     let mut fastest = 0.0_f64;
     for _ in 0..200 {
-        let way = control.tip().way_to(&target);
+        let way = control.tip().displacement_to(&target);
         control.command(limits.towards(way, 10.0)).unwrap();
         control.tick(TICK).unwrap();
         fastest = fastest.max(control.twist().linear.length());
         let passed = (control.tip().position - target.position).dot(DVec3::new(0.05, 0.1, 0.02));
         assert!(passed < 2e-3 * 0.113, "{passed}");
     }
-    let [way, turn] = control.tip().way_to(&target);
+    let [way, turn] = control.tip().displacement_to(&target);
     assert!(way.length() < 1e-4 && turn.length() < 1e-3, "{way} {turn}");
     assert!(fastest > 0.15 && fastest <= limits.speed, "{fastest}");
 }
@@ -203,7 +204,7 @@ fn an_arm_at_rest_moves_no_joint() {
     // but as soon as the tip moves, the elbow goes back towards its posture
     for round in 0..20 {
         let way = if round % 2 == 0 { 0.1 } else { -0.1 };
-        control.command(Twist::moving(way * DVec3::Z)).unwrap();
+        control.command(Twist::from_linear(way * DVec3::Z)).unwrap();
         for _ in 0..40 {
             control.tick(TICK).unwrap();
         }
@@ -212,7 +213,7 @@ fn an_arm_at_rest_moves_no_joint() {
     assert!(left < 0.35, "{left}");
 }
 
-/// A real arm reports its endless joints within one turn, wherever that starts.
+/// Real arms report the positions of continuous joints modulo one turn.
 #[test]
 fn whole_turns_of_an_endless_joint_change_nothing() {
     let velocities = |turn: f64| {
@@ -222,7 +223,7 @@ fn whole_turns_of_an_endless_joint_change_nothing() {
         }
         let mut control = at_work();
         control.restart(&joints).unwrap();
-        control.command(Twist::moving(0.1 * DVec3::Y)).unwrap();
+        control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
         control.tick(TICK).unwrap();
         control.velocities().to_vec()
     };
@@ -239,12 +240,12 @@ fn whole_turns_of_an_endless_joint_change_nothing() {
 fn commands_that_are_not_finite_stop_the_arm() {
     let mut control = at_work();
     for bad in [
-        Twist::moving(DVec3::NAN),
+        Twist::from_linear(DVec3::NAN),
         // its speed is not finite
-        Twist::moving(1e200 * DVec3::X),
+        Twist::from_linear(1e200 * DVec3::X),
         Twist { angular: DVec3::INFINITY, ..Twist::ZERO },
     ] {
-        control.command(Twist::moving(0.1 * DVec3::Y)).unwrap();
+        control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
         control.tick(TICK).unwrap();
         assert!(control.velocities().iter().any(|&velocity| velocity != 0.0));
         let error = control.command(bad).unwrap_err();
@@ -268,9 +269,9 @@ fn stands(control: &mut CartesianControl) {
 fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
     for way in [DVec3::X, -DVec3::X, DVec3::Z, -DVec3::Z, DVec3::Y] {
         let mut control = at_work();
-        control.command(Twist::moving(0.3 * way)).unwrap();
+        control.command(Twist::from_linear(0.3 * way)).unwrap();
         let stopped = (0..2000).find_map(|_| {
-            let command = control.command(Twist::moving(0.3 * way));
+            let command = control.command(Twist::from_linear(0.3 * way));
             command.and_then(|()| control.tick(TICK)).err()
         });
         let error = stopped.unwrap();
@@ -278,7 +279,7 @@ fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
         assert!(matches!(error, ControlError::OutOfReach { .. }), "{error}");
         stands(&mut control);
         // it can go back the way it came
-        control.command(Twist::moving(-0.05 * way)).unwrap();
+        control.command(Twist::from_linear(-0.05 * way)).unwrap();
         control.tick(TICK).unwrap();
     }
 }
@@ -327,7 +328,7 @@ fn postures_out_of_range_are_refused() {
     assert!(at_work().restart(&bent).is_err());
 }
 
-/// Two places of an endless joint may be further apart than numbers go.
+/// The difference of two positions of a continuous joint may overflow.
 #[test]
 fn velocities_that_are_not_finite_move_no_joint() {
     let mut posture = gen3::WORK;
@@ -336,7 +337,7 @@ fn velocities_that_are_not_finite_move_no_joint() {
     let mut control = CartesianControl::new(chain("tool_link"), &posture, settings).unwrap();
     posture[0] = f64::MIN;
     control.restart(&posture).unwrap();
-    let error = control.command(Twist::moving(0.1 * DVec3::Y)).unwrap_err();
+    let error = control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap_err();
     assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
     assert_eq!(control.joints(), posture);
     stands(&mut control);
@@ -346,7 +347,7 @@ fn velocities_that_are_not_finite_move_no_joint() {
 fn a_long_tick_is_many_short_ones() {
     let [mut long, mut short] = [at_work(), at_work()];
     for control in [&mut long, &mut short] {
-        control.command(Twist::moving(0.1 * DVec3::Y)).unwrap();
+        control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
     }
     long.tick(0.5).unwrap();
     (0..20).for_each(|_| short.tick(0.025).unwrap());
@@ -364,8 +365,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// Whatever is commanded: speeds, accelerations and ranges hold, and joints end where they are
-    /// said to be.
+    /// Limits of speed, acceleration and range hold for any sequence of commands.
     #[test]
     fn limits_hold_whatever_is_commanded(seed in any::<u64>()) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);

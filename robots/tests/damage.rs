@@ -1,4 +1,4 @@
-//! Damaged files: none is a panic, and what is accepted is a robot.
+//! Damaged files: none causes a panic, and accepted ones are valid robots.
 
 use mujoco::Model;
 use proptest::prelude::*;
@@ -8,7 +8,7 @@ use robots::{Description, MjcfSettings, Servo, gen3};
 
 use crate::SIX_JOINT;
 
-/// Numbers, names and words that files should not hold, or not there.
+/// Numbers, names and words that files should not hold, or not in every place.
 const VALUES: [&str; 16] = [
     "nan",
     "inf",
@@ -58,8 +58,8 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// A damaged file is refused, or it is a robot: its frames are finite, and MuJoCo takes its
-    /// MJCF.
+    /// A damaged file is rejected, or describes a valid robot: its frames are finite, and MuJoCo
+    /// loads its MJCF.
     #[test]
     fn no_damaged_file_is_a_panic(seed in any::<u64>(), ours: bool, times in 1..4_usize) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);

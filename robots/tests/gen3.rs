@@ -43,7 +43,7 @@ fn random(generator: &mut ChaCha8Rng, dofs: usize) -> Vec<f64> {
     (0..dofs).map(|_| generator.random_range(-3.2..3.2)).collect()
 }
 
-/// The flange by the table.
+/// Returns the pose of the flange by the table.
 fn by_table(joints: &[f64]) -> DMat4 {
     let quarter = std::f64::consts::FRAC_PI_2;
     let positions = [&[0.0], joints].concat();
@@ -71,7 +71,7 @@ fn the_flange_is_where_the_user_guide_has_it() {
     }
 }
 
-/// MuJoCo's frames of all bodies of `model`, by the names of links.
+/// Returns MuJoCo's frames of all bodies of `model`, by the names of links.
 fn check_against(model: Model, arm: &Description) {
     let model = Arc::new(model);
     let mut data = Data::new(Arc::clone(&model));

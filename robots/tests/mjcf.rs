@@ -14,7 +14,7 @@ use robots::{
 
 use crate::SIX_JOINT;
 
-/// The text without everything from `start` to `end`, wherever it is.
+/// Returns the text without every part from `start` to `end`.
 fn without(text: &str, start: &str, end: &str) -> String {
     let mut parts = text.split(start);
     let first = parts.next().unwrap().to_owned();
@@ -53,7 +53,7 @@ fn drawn(arm: &Description, generator: &mut ChaCha8Rng, clear: f64) -> Vec<f64> 
 #[test]
 fn arms_fall_as_mujoco_has_them_fall() {
     for urdf in [gen3::URDF, SIX_JOINT] {
-        // what collides, and what follows, is ours alone
+        // without shapes and mimics, which MuJoCo's own reading of a URDF treats differently
         let urdf = without(&without(urdf, "<collision>", "</collision>"), "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"1\" velocity=\"1\"");
         let arm = Description::from_urdf(&urdf).unwrap();
@@ -182,8 +182,7 @@ fn additions_to_no_link_are_refused() {
     assert!(message.contains("`elbow`, which a setting"), "{message}");
 }
 
-/// Servos that spend the holding forces keep an arm where it is: what is left of its acceleration
-/// is a rounding.
+/// Servos that apply the holding forces keep an arm still, up to rounding.
 #[test]
 fn holding_forces_hold() {
     let servo = Servo::default();
@@ -241,7 +240,7 @@ fn the_simulated_arm_follows_its_control() {
     let mut furthest: f64 = 0.0;
     let speed = 0.2;
     for way in [DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y] {
-        control.command(Twist::moving(speed * way)).unwrap();
+        control.command(Twist::from_linear(speed * way)).unwrap();
         // 0.75 s in ticks of 12.5 ms
         for _ in 0..60 {
             control.tick(0.0125).unwrap();
@@ -260,7 +259,7 @@ fn the_simulated_arm_follows_its_control() {
     assert!(furthest < 0.01, "{furthest}");
 }
 
-/// The joint that follows does so in motion, and no servo exceeds its joint's effort.
+/// A follower follows in motion, and no servo exceeds its joint's effort.
 #[test]
 fn followers_follow_and_efforts_hold_in_motion() {
     let arm = Description::from_urdf(SIX_JOINT).unwrap();
@@ -324,7 +323,7 @@ const FAT: &str = r#"<robot name="fat">
   </joint>
 </robot>"#;
 
-/// An arm that touches nothing but itself stays where it is told to be.
+/// An arm that touches only itself stays at its commanded position.
 #[test]
 fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
     let arm = Description::from_urdf(FAT).unwrap();

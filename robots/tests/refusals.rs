@@ -1,4 +1,4 @@
-//! Files that are no robots: each is a clear error.
+//! Invalid files: each causes a clear error.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ fn refused(old: &str, new: &str, words: &[&str]) {
     }
 }
 
-/// Lines of what stands there, what replaces it, and words of the message, with `|` between them.
+/// Lines of old text, new text and words of the message, separated by `|`.
 #[track_caller]
 fn all_refused(lines: &str) {
     for line in lines.trim().lines() {
@@ -116,7 +116,7 @@ fn followers_must_follow_a_free_joint() {
     refused("multiplier=\"-0.5\"", "multiplier=\"1e9\"", &["`balance`", "1000000000"]);
 }
 
-/// A hinge without end stays one where a follower hardly moves.
+/// A hinge without limits keeps its freedom if a follower hardly moves.
 #[test]
 fn endless_joints_that_hardly_move_their_followers_stay_endless() {
     for multiplier in ["1e-310", "-1e-9"] {
@@ -217,7 +217,7 @@ fn what_is_no_urdf_is_refused() {
     assert!(matches!(Description::from_urdf(&long), Err(DescriptionError::TooLong { .. })));
 }
 
-/// Tags that a careless count of levels takes for comments and instructions, 50 000 deep.
+/// Tags that a careless parser takes for comments and instructions, 50 000 deep.
 #[test]
 fn depth_hides_behind_no_comment_and_no_instruction() {
     let (open, close) = ("<a>".repeat(50_000), "</a>".repeat(50_000));
@@ -235,7 +235,7 @@ fn depth_hides_behind_no_comment_and_no_instruction() {
     }
 }
 
-/// `RustyXML` panics over each of these.
+/// `RustyXML` panics on each of these.
 #[test]
 fn xml_that_no_urdf_needs_is_refused_or_skipped() {
     let brackets = "]".repeat(256);
@@ -292,7 +292,7 @@ fn templates_that_were_not_expanded_are_refused() {
     let declared = SIX_JOINT.replacen("<robot ", "<robot xmlns:xacro=\"http://ros.org/xacro\" ", 1);
     let arm = Description::from_urdf(&declared).unwrap();
     assert_eq!(arm, Description::from_urdf(SIX_JOINT).unwrap());
-    // what stands in the file, what replaces it, and what is found there
+    // old text of the file, new text, and the text that the message quotes
     let cases = r#"
         </robot>           | <xacro:hand parent="tip"/>\n</robot>                             | `<xacro:hand>`
         </robot>           | <xacro:if value="1">\n<link name="c"/></xacro:if></robot>        | `<xacro:if>`
@@ -371,7 +371,7 @@ fn files_that_cannot_be_read_are_named() {
     assert_eq!((arm.name(), arm.dofs(), arm.links().len()), ("six_joint", 6, 9));
 }
 
-/// A folder of its own, gone when the test ends.
+/// Temporary folder that is removed when the test ends.
 struct Folder(PathBuf);
 
 impl Folder {

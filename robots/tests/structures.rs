@@ -1,4 +1,4 @@
-//! Robots of every structure: whatever is read, MuJoCo takes its MJCF.
+//! Random robots of every structure: MuJoCo loads the MJCF of each.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{Description, MjcfSettings, Servo};
 
-/// A tree that is drawn at random, part by part.
+/// Generator of a random tree.
 struct Draw(ChaCha8Rng);
 
 impl Draw {
@@ -146,7 +146,7 @@ fn with_servo() -> MjcfSettings {
     MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() }
 }
 
-/// A robot of so many links, each of which moves on the one before it.
+/// Returns a robot of this many links, each of which moves on the one before it.
 fn long(links: usize) -> Description {
     let inertial = "<inertial><mass value=\"1\"/><inertia ixx=\"1\" iyy=\"1\" izz=\"1\" ixy=\"0\" \
                     ixz=\"0\" iyz=\"0\"/></inertial>";

@@ -9,7 +9,7 @@ use robots::{
     RobotState, Twist, Watchdog, gen3,
 };
 
-/// What happens to a robot that may fail to stop.
+/// Record of the calls to a robot that may fail to stop.
 #[derive(Default)]
 struct Tape {
     calls: RefCell<Vec<&'static str>>,
@@ -77,7 +77,7 @@ fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
 fn it_stops_where_a_command_is_refused() {
     let tape = Tape::default();
     let mut watched = Watchdog::new(Recorded(&tape), || Duration::ZERO);
-    let lost = Command { twist: Twist::moving(DVec3::NAN), closing: 0.0 };
+    let lost = Command { twist: Twist::from_linear(DVec3::NAN), closing: 0.0 };
     assert!(matches!(watched.command(&lost), Err(ControlError::NotFinite { .. })));
     let wide = Command { closing: 1.5, ..Command::default() };
     let message = watched.command(&wide).unwrap_err().to_string();
@@ -144,7 +144,7 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
     let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let now = Cell::new(ms(0));
     let mut watched = Watchdog::new(KinematicArm::new(control), || now.get());
-    let command = Command { twist: Twist::moving(0.1 * DVec3::Y), closing: 1.0 };
+    let command = Command { twist: Twist::from_linear(0.1 * DVec3::Y), closing: 1.0 };
     watched.command(&command).unwrap();
     let start = watched.state().unwrap();
     let mut places = Vec::new();
@@ -164,7 +164,8 @@ fn a_kinematic_arm_that_refuses_a_command_stands_still() {
     let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
     let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let mut arm = KinematicArm::new(control);
-    let closing = |speed: f64| Command { twist: Twist::moving(speed * DVec3::Y), closing: 1.0 };
+    let closing =
+        |speed: f64| Command { twist: Twist::from_linear(speed * DVec3::Y), closing: 1.0 };
     arm.command(&closing(0.1)).unwrap();
     arm.advance(0.1).unwrap();
     assert!(arm.command(&closing(f64::NAN)).is_err());

@@ -5,10 +5,10 @@ use std::ops::Mul;
 
 use serde::{Deserialize, Serialize};
 
-/// An element of D2, the symmetry group of a rectangle centred on the origin.
+/// Element of D2, the symmetry group of a rectangle centred on the origin.
 ///
-/// Two bits: bit 0 flips x, bit 1 flips y. The product is the xor of the bits, so the group is
-/// commutative and every element is its own inverse. Files hold the name that
+/// It has two bits: bit 0 flips x, bit 1 flips y. The product is the xor of the bits, so the group
+/// is commutative and every element is its own inverse. Files hold the name that
 /// [`Display`](fmt::Display) prints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum D2 {
@@ -27,43 +27,43 @@ pub enum D2 {
 }
 
 impl D2 {
-    /// The four elements, in the order of their bits.
+    /// All four elements, in the order of their bits.
     pub const ALL: [D2; 4] = [D2::Identity, D2::FlipX, D2::FlipY, D2::HalfTurn];
 
-    /// The element's two bits, in 0..4.
+    /// Returns the element's two bits, in 0..4.
     pub const fn bits(self) -> usize {
         self as usize
     }
 
-    /// The element with these two bits; higher bits are ignored.
+    /// Returns the element with these two bits; higher bits are ignored.
     pub const fn from_bits(bits: usize) -> D2 {
         Self::ALL[bits & 3]
     }
 
-    /// The inverse: the element itself.
+    /// Returns the inverse: the element itself.
     pub const fn inverse(self) -> D2 {
         self
     }
 
-    /// Whether the element maps x to -x.
+    /// Returns `true` if the element maps x to -x.
     pub const fn flips_x(self) -> bool {
         self.bits() & 1 != 0
     }
 
-    /// Whether the element maps y to -y.
+    /// Returns `true` if the element maps y to -y.
     pub const fn flips_y(self) -> bool {
         self.bits() & 2 != 0
     }
 
-    /// The image of a point given relative to the centre, in any unit of length.
+    /// Transforms a point, given relative to the centre in any unit of length.
     pub fn apply_xy(self, [x, y]: [f64; 2]) -> [f64; 2] {
         [if self.flips_x() { -x } else { x }, if self.flips_y() { -y } else { y }]
     }
 
-    /// Where the pixel (row, col) of a `height` x `width` image goes.
+    /// Returns the row and column to which a pixel of a `height` x `width` image moves.
     ///
     /// # Panics
-    /// When the pixel lies outside the image.
+    /// If the pixel lies outside the image.
     pub fn apply_pixel(
         self,
         row: usize,
@@ -81,13 +81,12 @@ impl D2 {
         )
     }
 
-    /// The transformed copy of a channels-last image `[height, width, channels]`.
+    /// Returns a transformed copy of a channels-last image `[height, width, channels]`.
     ///
-    /// Only pixels move; channels that themselves change sign are the business of
-    /// [`FieldType::act`](crate::FieldType::act).
+    /// Only pixels move; [`FieldType::act`](crate::FieldType::act) changes the signs of channels.
     ///
     /// # Panics
-    /// When `image` does not hold height x width x channels values.
+    /// If `image` does not hold height x width x channels values.
     pub fn transform_image<T: Copy>(
         self,
         image: &[T],
@@ -101,7 +100,7 @@ impl D2 {
             "the image's length is not {height} x {width} x {channels}"
         );
         let len = width * channels;
-        // where each value of a row comes from, so that no pixel is copied by a call of its own
+        // source index of each value of a flipped row: one gather is faster than a copy per pixel
         let mirrored: Vec<usize> =
             (0..len).map(|i| (width - 1 - i / channels) * channels + i % channels).collect();
         let mut out = Vec::with_capacity(image.len());
@@ -118,7 +117,7 @@ impl D2 {
     }
 }
 
-/// The product of two elements, or of two irreps, in bits: bits add modulo two.
+/// Returns the product of two elements, or of two irreps, in bits: bits add modulo two.
 pub(crate) fn product(a: usize, b: usize) -> usize {
     a ^ b
 }

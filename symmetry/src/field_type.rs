@@ -1,4 +1,4 @@
-//! Field types: how often each irrep occurs among the channels.
+//! Field types: multiplicities of irreps among the channels.
 
 use std::ops::{Add, Neg, Range};
 
@@ -6,7 +6,7 @@ use crate::d2::D2;
 use crate::group::Group;
 use crate::irrep::Irrep;
 
-/// A representation of a [`Group`], given by its multiplicity per irrep.
+/// Representation of a [`Group`], given by the multiplicity of each irrep.
 ///
 /// Channels are irrep-major: [`range`](FieldType::range) gives the channels of an irrep. A type
 /// prints and parses the notation of the papers, `8 reg + 2 x` for a type of D2 and
@@ -15,20 +15,20 @@ use crate::irrep::Irrep;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FieldType {
     group: Group,
-    /// Zero for irreps of D2 that are not in the group's own list.
+    /// Multiplicities of 1, x, y and xy; zero for irreps that the group does not have.
     multiplicities: [usize; 4],
 }
 
 impl FieldType {
-    /// Most channels that a type can have, 2^24.
+    /// Maximum number of channels of a type, 2^24.
     pub const MAX_DIM: usize = 1 << 24;
 
-    /// The restriction to `group` of the type of D2 with these multiplicities of 1, x, y and xy.
+    /// Creates the type of D2 with these multiplicities of 1, x, y and xy, restricted to `group`.
     ///
-    /// Irreps that `group` cannot tell apart are added up.
+    /// Multiplicities of irreps that are equal under `group` are added up.
     ///
     /// # Panics
-    /// Where the multiplicities add up to more than [`FieldType::MAX_DIM`].
+    /// If the multiplicities add up to more than [`FieldType::MAX_DIM`].
     pub const fn new(group: Group, multiplicities: [usize; 4]) -> FieldType {
         match FieldType::checked(group, multiplicities) {
             Some(field) => field,
@@ -36,8 +36,9 @@ impl FieldType {
         }
     }
 
-    /// As [`FieldType::new`]; none where there are too many channels.
+    /// Creates a type as [`FieldType::new`] does. `None` if there are too many channels.
     pub(crate) const fn checked(group: Group, multiplicities: [usize; 4]) -> Option<FieldType> {
+        // subtracted from the maximum, since a sum could overflow; `for` is not allowed in const fn
         let (mut left, mut a) = (FieldType::MAX_DIM, 0);
         while a < 4 {
             match left.checked_sub(multiplicities[a]) {
@@ -49,8 +50,8 @@ impl FieldType {
         Some(FieldType::restricted(group, multiplicities))
     }
 
-    /// The direct sum with `count` copies of `other`, which has the same group; none where there
-    /// are too many channels.
+    /// Returns the direct sum with `count` copies of `other`, which must have the same group.
+    /// `None` if there are too many channels.
     pub(crate) fn with_copies(&self, count: usize, other: FieldType) -> Option<FieldType> {
         let mut multiplicities = self.multiplicities;
         for (sum, of_one) in multiplicities.iter_mut().zip(other.multiplicities) {
@@ -59,6 +60,7 @@ impl FieldType {
         FieldType::checked(self.group, multiplicities)
     }
 
+    /// Restricts the multiplicities of a type of D2 to `group`.
     const fn restricted(group: Group, multiplicities: [usize; 4]) -> FieldType {
         let mut restricted = [0; 4];
         let mut a = 0;
@@ -69,12 +71,13 @@ impl FieldType {
         FieldType { group, multiplicities: restricted }
     }
 
-    /// The type of a vector whose entries have these irreps of D2, in any order, under `group`.
+    /// Returns the type, under `group`, of a vector whose entries have these irreps of D2, in any
+    /// order.
     ///
     /// [`irrep_order`] sorts such a vector into the layout of the type.
     ///
     /// # Panics
-    /// Where there are more than [`FieldType::MAX_DIM`] entries.
+    /// If there are more than [`FieldType::MAX_DIM`] entries.
     pub fn from_irreps(group: Group, irreps: &[Irrep]) -> FieldType {
         let mut multiplicities = [0; 4];
         for irrep in irreps {
@@ -83,18 +86,18 @@ impl FieldType {
         FieldType::new(group, multiplicities)
     }
 
-    /// The group that acts.
+    /// Returns the group that acts.
     pub const fn group(&self) -> Group {
         self.group
     }
 
-    /// The same channels under a subgroup.
+    /// Restricts the type to a subgroup.
     ///
-    /// Channels of irreps that become one are now neighbours:
-    /// [`irrep_order`] of [`irreps`](FieldType::irreps) says where they move.
+    /// Channels of irreps that become equal are neighbours in the new layout: [`irrep_order`] of
+    /// [`irreps`](FieldType::irreps) gives the order of the old channels in it.
     ///
     /// # Panics
-    /// When `group` is not a subgroup of the type's.
+    /// If `group` is not a subgroup of the type's.
     pub fn restrict(&self, group: Group) -> FieldType {
         assert!(
             group.is_subgroup_of(self.group),
@@ -104,47 +107,47 @@ impl FieldType {
         FieldType::new(group, self.multiplicities)
     }
 
-    /// The number of channels.
+    /// Returns the number of channels.
     pub fn dim(&self) -> usize {
         self.multiplicities.iter().sum()
     }
 
-    /// How many channels have this irrep; 0 for an irrep that is not in the group's list.
+    /// Returns the number of channels with this irrep; 0 for one that the group does not have.
     pub const fn multiplicity(&self, irrep: Irrep) -> usize {
         self.multiplicities[irrep.index()]
     }
 
-    /// The channels of this irrep.
+    /// Returns the range of the channels with this irrep.
     pub fn range(&self, irrep: Irrep) -> Range<usize> {
         let start = self.multiplicities[..irrep.index()].iter().sum();
         start..start + self.multiplicity(irrep)
     }
 
-    /// The irrep of each channel.
+    /// Returns the irrep of each channel.
     pub fn irreps(&self) -> impl Iterator<Item = Irrep> + use<> {
         let multiplicities = self.multiplicities;
         Irrep::ALL.into_iter().flat_map(move |a| std::iter::repeat_n(a, multiplicities[a.index()]))
     }
 
-    /// The number of regular fields, if the type consists of regular fields only.
+    /// Returns the number of regular fields. `None` if the type has other fields, too.
     ///
     /// Every type of C1 does, since its regular representation is the trivial one.
     pub fn regular_fields(&self) -> Option<usize> {
         let n = self.multiplicity(Irrep::Trivial);
         let irreps = self.group.irreps();
-        let even = irreps.iter().all(|&irrep| self.multiplicity(irrep) == n);
-        even.then_some(n)
+        let is_regular = irreps.iter().all(|&irrep| self.multiplicity(irrep) == n);
+        is_regular.then_some(n)
     }
 
-    /// Whether every channel is invariant.
+    /// Returns `true` if every channel is invariant.
     pub fn is_trivial(&self) -> bool {
         self.multiplicities[1..] == [0; 3]
     }
 
-    /// Transforms a channel vector in place: channels of odd irreps change sign.
+    /// Transforms a channel vector in place: channels of irreps with the sign -1 are negated.
     ///
     /// # Panics
-    /// When `g` is not in the group or `channels` does not hold [`dim`](FieldType::dim) values.
+    /// If `g` is not in the group or `channels` does not hold [`dim`](FieldType::dim) values.
     pub fn act<T: Copy + Neg<Output = T>>(&self, g: D2, channels: &mut [T]) {
         assert!(
             self.group.contains(g),
@@ -161,10 +164,11 @@ impl FieldType {
 }
 
 impl Group {
-    /// The type of `fields` copies of the regular representation: every irrep `fields` times.
+    /// Returns the type of `fields` copies of the regular representation, in which every irrep
+    /// occurs `fields` times.
     ///
     /// # Panics
-    /// Where that is more than [`FieldType::MAX_DIM`] channels.
+    /// If that is more than [`FieldType::MAX_DIM`] channels.
     pub const fn regular(self, fields: usize) -> FieldType {
         match self {
             Group::C1 => FieldType::new(self, [fields, 0, 0, 0]),
@@ -174,10 +178,10 @@ impl Group {
         }
     }
 
-    /// The type of `channels` invariant channels.
+    /// Returns the type of `channels` invariant channels.
     ///
     /// # Panics
-    /// Where `channels` is more than [`FieldType::MAX_DIM`].
+    /// If `channels` is more than [`FieldType::MAX_DIM`].
     pub const fn trivial(self, channels: usize) -> FieldType {
         FieldType::new(self, [channels, 0, 0, 0])
     }
@@ -186,10 +190,10 @@ impl Group {
 impl Add for FieldType {
     type Output = FieldType;
 
-    /// The direct sum. Its channels are irrep-major again: a sum is not a concatenation.
+    /// Returns the direct sum. Its channels are irrep-major again, so it is no concatenation.
     ///
     /// # Panics
-    /// When the groups differ, or the sum has more than [`FieldType::MAX_DIM`] channels.
+    /// If the groups differ, or the sum has more than [`FieldType::MAX_DIM`] channels.
     fn add(self, other: FieldType) -> FieldType {
         assert_eq!(
             self.group, other.group,
@@ -216,6 +220,7 @@ impl Add for FieldType {
 /// ```
 pub fn irrep_order(group: Group, irreps: &[Irrep]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..irreps.len()).collect();
+    // a stable sort, so channels of one irrep keep their order
     order.sort_by_key(|&i| group.restrict(irreps[i]).index());
     order
 }

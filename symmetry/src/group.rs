@@ -1,4 +1,4 @@
-//! D2 and its subgroups as values.
+//! The group D2 and its subgroups as values.
 
 use std::error::Error;
 use std::fmt;
@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 use crate::d2::D2;
 use crate::irrep::Irrep;
 
-/// A subgroup of D2; each is a power of Z2.
+/// Subgroup of D2, a power of Z2.
 ///
-/// Restricted to a subgroup, different irreps of D2 can have the same signs. Of those that do, the
-/// first in [`Irrep::ALL`] stands for all: C2, for example, has the irreps 1 and x, and y is
-/// x there. Files hold the name that [`Display`](fmt::Display) prints.
+/// Restricted to a subgroup, several irreps of D2 can have equal signs. The first of them in
+/// [`Irrep::ALL`] then represents all: C2, for example, has the irreps 1 and x, and y becomes x.
+/// Files hold the name that [`Display`](fmt::Display) prints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Group {
-    /// The identity alone: layers are ordinary ones.
+    /// The identity alone: no symmetry.
     C1,
     /// The identity and flip x.
     D1x,
@@ -29,10 +29,10 @@ pub enum Group {
 }
 
 impl Group {
-    /// The five groups.
+    /// All five groups.
     pub const ALL: [Group; 5] = [Group::C1, Group::D1x, Group::D1y, Group::C2, Group::D2];
 
-    /// The elements, in the order of their bits; the first is the identity.
+    /// Returns the elements, in the order of their bits; the first is the identity.
     pub const fn elements(self) -> &'static [D2] {
         match self {
             Group::C1 => &[D2::Identity],
@@ -43,12 +43,13 @@ impl Group {
         }
     }
 
-    /// The number of elements: 1, 2 or 4.
+    /// Returns the number of elements: 1, 2 or 4.
     pub const fn order(self) -> usize {
         self.elements().len()
     }
 
-    /// The irreps, as many as elements, in the order of channel layout; the first is trivial.
+    /// Returns the irreps, as many as elements, in the order of the channel layout; the first is
+    /// trivial.
     pub const fn irreps(self) -> &'static [Irrep] {
         match self {
             Group::C1 => &[Irrep::Trivial],
@@ -58,8 +59,9 @@ impl Group {
         }
     }
 
-    /// The irrep of this group that an irrep of D2 becomes.
+    /// Restricts an irrep of D2 to this group.
     pub const fn restrict(self, irrep: Irrep) -> Irrep {
+        // equal signs on the elements of the subgroup make two irreps one
         match (self, irrep) {
             (Group::C1, _)
             | (Group::D1x, Irrep::Y)
@@ -71,22 +73,22 @@ impl Group {
         }
     }
 
-    /// Whether every element of this group is one of `other`.
+    /// Returns `true` if every element of this group is one of `other`.
     pub fn is_subgroup_of(self, other: Group) -> bool {
         self.elements().iter().all(|&g| other.contains(g))
     }
 
-    /// Whether `g` is an element.
+    /// Returns `true` if `g` is an element.
     pub fn contains(self, g: D2) -> bool {
         self.elements().contains(&g)
     }
 
-    /// Whether some element maps x to -x.
+    /// Returns `true` if an element maps x to -x.
     pub fn flips_x(self) -> bool {
         self.elements().iter().any(|g| g.flips_x())
     }
 
-    /// Whether some element maps y to -y.
+    /// Returns `true` if an element maps y to -y.
     pub fn flips_y(self) -> bool {
         self.elements().iter().any(|g| g.flips_y())
     }
@@ -104,7 +106,7 @@ impl fmt::Display for Group {
     }
 }
 
-/// A text that names no group.
+/// Error of parsing a text that names no group.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParseGroupError(pub String);
 

@@ -5,14 +5,14 @@ use std::ops::Mul;
 
 use crate::d2::{D2, product};
 
-/// An irreducible representation of D2: a sign for each group element.
+/// Irreducible representation of D2: a sign for each group element.
 ///
 /// Irrep `a` gives the element `g` the sign (-1)^popcount(a & g), on the two bits of both
 /// (Serre, "Linear Representations of Finite Groups", section 3.1: commutative groups have
 /// one-dimensional irreps). `X` and `Y` are different irreps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Irrep {
-    /// Never changes sign.
+    /// Invariant: never changes sign.
     Trivial,
     /// Changes sign under flip x and the half turn, as a coordinate x does.
     X,
@@ -23,15 +23,15 @@ pub enum Irrep {
 }
 
 impl Irrep {
-    /// The four irreps, in the order of channel layout.
+    /// All four irreps, in the order of the channel layout.
     pub const ALL: [Irrep; 4] = [Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::XY];
 
-    /// The position in [`Irrep::ALL`], in 0..4; its bits are those of the sign formula.
+    /// Returns the position in [`Irrep::ALL`], in 0..4; its bits are those of the sign formula.
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// The sign, 1 or -1, by which `g` acts.
+    /// Returns the sign, 1 or -1, by which `g` acts.
     pub const fn sign(self, g: D2) -> i8 {
         if (self.index() & g.bits()).count_ones().is_multiple_of(2) { 1 } else { -1 }
     }
@@ -40,7 +40,7 @@ impl Irrep {
 impl Mul for Irrep {
     type Output = Irrep;
 
-    /// The tensor product of two irreps: their signs multiply.
+    /// Returns the tensor product of two irreps: their signs multiply.
     fn mul(self, other: Irrep) -> Irrep {
         Irrep::ALL[product(self.index(), other.index())]
     }

@@ -1,9 +1,9 @@
-//! Says how vectors and images of a table top change when the table is flipped or turned.
+//! Symmetries of a table top: the group D2, its subgroups, and their actions on vectors and images.
 //!
 //! [`D2`] holds the identity, the two mirror flips of the table and the half turn. A [`Group`] is
 //! D2 or one of its subgroups: C1, D1x, D1y, C2. Their irreducible representations are signs
-//! ([`Irrep`]). So a representation is fully described by its group and by how often each sign
-//! occurs ([`FieldType`]). Channel vectors are laid out irrep-major: every channel of the trivial
+//! ([`Irrep`]). So a representation is fully described by its group and the multiplicity of each
+//! irrep ([`FieldType`]). Channel vectors are laid out irrep-major: every channel of the trivial
 //! irrep first, then of `x`, of `y` and of `xy`.
 //!
 //! Conventions shared by every crate of the workspace: world x points right and y away from
@@ -22,7 +22,7 @@
 //! hand.act(D2::FlipX, &mut channels);
 //! assert_eq!(channels, [0.1, 0.5, -0.2, -0.3]);
 //!
-//! // to somebody who can only flip x, y is one more invariant
+//! // under the group that only flips x, y is one more invariant
 //! assert_eq!(hand.restrict(Group::D1x).to_string(), "D1x: 1 reg + 2 1");
 //! ```
 

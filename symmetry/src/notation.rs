@@ -26,6 +26,7 @@ impl fmt::Display for FieldType {
             .map(|(count, name)| format!("{count} {name}"))
             .collect();
         let sum = if terms.is_empty() { "0".to_owned() } else { terms.join(" + ") };
+        // D2 is the usual group of a table, so its name is left out
         match group {
             Group::D2 => f.pad(&sum),
             _ => f.pad(&format!("{group}: {sum}")),
@@ -33,24 +34,24 @@ impl fmt::Display for FieldType {
     }
 }
 
-/// Why a text is not a field type; each variant holds the offending part.
+/// Error of parsing a field type; each variant holds the offending part of the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ParseFieldTypeError {
-    /// What stands before the colon is not a group.
+    /// The text before the colon is not a group.
     Group(ParseGroupError),
     /// A term is not a count and a representation.
     Term(String),
     /// A term brings the type above [`FieldType::MAX_DIM`] channels.
     TooManyChannels {
-        /// The term.
+        /// Term that exceeds the maximum.
         term: String,
     },
     /// A representation is none of those of the group.
     Representation {
-        /// The group whose representations are meant.
+        /// Group of the field type.
         group: Group,
-        /// What was found.
+        /// Name found in the text.
         name: String,
     },
 }
@@ -93,6 +94,7 @@ impl FromStr for FieldType {
             Some((group, sum)) => (group.trim().parse().map_err(ParseFieldTypeError::Group)?, sum),
             None => (Group::D2, text),
         };
+        // the empty type has no terms, so it needs a notation of its own
         if sum.trim() == "0" {
             return Ok(group.trivial(0));
         }
@@ -105,12 +107,14 @@ impl FromStr for FieldType {
     }
 }
 
-/// Parses a count, none where it is too large for any, and the type of a single representation.
+/// Parses a count and the type of a single representation. The count is `None` if it is too large
+/// for a `usize`.
 fn parse_term(group: Group, term: &str) -> Result<(Option<usize>, FieldType), ParseFieldTypeError> {
     let malformed = || ParseFieldTypeError::Term(term.to_owned());
     let (count, name) = term.split_once(' ').ok_or_else(malformed)?;
     let count = match count.parse() {
         Ok(count) => Some(count),
+        // reported as too many channels, not as a malformed term
         Err(error) if is_overflow(&error) => None,
         Err(_) => return Err(malformed()),
     };
@@ -121,13 +125,14 @@ fn is_overflow(error: &ParseIntError) -> bool {
     *error.kind() == IntErrorKind::PosOverflow
 }
 
+/// Parses the name of an irrep of `group`, or `reg`.
 fn parse_representation(group: Group, name: &str) -> Result<FieldType, ParseFieldTypeError> {
     if name == "reg" {
         return Ok(group.regular(1));
     }
     let mut irreps = group.irreps().iter();
-    let irrep = irreps.find(|irrep| irrep.to_string() == name);
-    let irrep = irrep
+    let irrep = irreps
+        .find(|irrep| irrep.to_string() == name)
         .ok_or_else(|| ParseFieldTypeError::Representation { group, name: name.to_owned() })?;
     Ok(FieldType::from_irreps(group, &[*irrep]))
 }

@@ -1,16 +1,17 @@
-//! Normal equations of least squares in up to ten unknowns.
+//! Normal equations of a least-squares problem with up to ten unknowns.
 
-/// The camera's turn (3), its place (3), the ball's place in the hand (3), and the focal length.
+/// Maximum number of unknowns: the camera's rotation (3) and position (3), the ball's offset in the
+/// hand (3), and the focal length.
 pub(super) const UNKNOWNS: usize = 10;
 
 pub(super) type Vector = [f64; UNKNOWNS];
 type Matrix = [[f64; UNKNOWNS]; UNKNOWNS];
 
-/// Largest factor by which the variance of an unknown may grow because the others are unknown, too.
-/// Beyond it, rounding decides.
-const LARGEST_INFLATION: f64 = 1e12;
+/// Largest variance inflation: the factor by which the variance of an unknown grows because the
+/// others are unknown, too. Beyond it, the result is mostly rounding.
+const MAX_INFLATION: f64 = 1e12;
 
-/// Sums of rows: the matrix, and the right-hand side. Unknowns from `free` on are not there.
+/// Normal equations: matrix and right-hand side. Only the first `free` unknowns take part.
 #[derive(Clone, Debug)]
 pub(super) struct Equations {
     matrix: Matrix,
@@ -19,7 +20,7 @@ pub(super) struct Equations {
 }
 
 impl Equations {
-    /// None yet, of which only the first `free` unknowns are to be found.
+    /// Creates an empty system for the first `free` unknowns; the others are held at 0.
     pub fn new(free: usize) -> Self {
         Self { matrix: [[0.0; UNKNOWNS]; UNKNOWNS], right: [0.0; UNKNOWNS], free }
     }
@@ -34,8 +35,8 @@ impl Equations {
         }
     }
 
-    /// The unknowns, the diagonal being larger by the part `damping`; held ones are 0. None where
-    /// the equations do not tell them.
+    /// Solves for the unknowns, with the diagonal multiplied by 1 + `damping`; held ones are 0.
+    /// `None` if the equations do not determine them.
     pub fn solve(&self, damping: f64) -> Option<Vector> {
         let scale = self.scale()?;
         let factor = self.factor(&scale, damping)?;
@@ -50,8 +51,8 @@ impl Equations {
         Some(unknowns)
     }
 
-    /// Variances of the unknowns for values of variance 1; held ones have 0. None where the
-    /// equations do not tell all of them.
+    /// Returns the variances of the unknowns for values of variance 1; held ones have 0. `None` if
+    /// the equations do not determine all unknowns.
     pub fn variances(&self) -> Option<Vector> {
         let scale = self.scale()?;
         let factor = self.factor(&scale, 0.0)?;
@@ -60,8 +61,9 @@ impl Equations {
             let mut column = [0.0; UNKNOWNS];
             column[i] = 1.0;
             substitute(&factor, &mut column, self.free);
+            // the matrix is scaled to a diagonal of 1, so this is the variance inflation
             let inflation = column[i];
-            if inflation > LARGEST_INFLATION || inflation.is_nan() {
+            if inflation > MAX_INFLATION || inflation.is_nan() {
                 return None;
             }
             variances[i] = inflation * scale[i] * scale[i];
@@ -69,7 +71,8 @@ impl Equations {
         Some(variances)
     }
 
-    /// Factors that make the diagonal 1.
+    /// Returns the factors, one for each unknown, that scale the matrix to a diagonal of 1. `None`
+    /// if an unknown occurs in no equation.
     fn scale(&self) -> Option<Vector> {
         let mut scale = [0.0; UNKNOWNS];
         for (i, scale) in scale.iter_mut().enumerate().take(self.free) {
@@ -81,7 +84,8 @@ impl Equations {
         Some(scale)
     }
 
-    /// Cholesky's factor of the scaled matrix.
+    /// Returns the lower Cholesky factor of the scaled matrix. `None` if that is not positive
+    /// definite.
     fn factor(&self, scale: &Vector, damping: f64) -> Option<Matrix> {
         let mut factor = [[0.0; UNKNOWNS]; UNKNOWNS];
         for row in 0..self.free {
@@ -103,7 +107,7 @@ impl Equations {
     }
 }
 
-/// Forward and backward substitution with a lower factor.
+/// Solves in place by forward and backward substitution with a lower factor.
 fn substitute(factor: &Matrix, x: &mut Vector, count: usize) {
     for row in 0..count {
         let known: f64 = (0..row).map(|k| factor[row][k] * x[k]).sum();
@@ -145,7 +149,7 @@ mod tests {
         }
     }
 
-    /// The i-th variance is what the solution of the i-th unit vector has at i.
+    /// The i-th variance is component i of the solution for the i-th unit vector.
     #[test]
     fn variances_are_the_inverse_of_the_matrix() {
         let mut equations = Equations::new(6);

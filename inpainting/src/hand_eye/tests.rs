@@ -8,7 +8,7 @@ use crate::camera::{Extrinsics, Intrinsics};
 use crate::distortion::Distortion;
 use crate::sensor::normal;
 
-/// A camera at a place, turned from looking straight down.
+/// Returns a camera at a position, turned from looking straight down.
 fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {
     let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
     let rotation = turn * Extrinsics::overhead(0.0).rotation;
@@ -26,7 +26,7 @@ fn plain() -> Calibration {
 
 const OFFSET: DVec3 = DVec3::new(0.1, 0.02, -0.15);
 
-/// Hands over a table, at three heights, turned about all axes.
+/// Returns poses of a hand over a table, at various heights, turned about all axes.
 fn hands(count: usize) -> Vec<(DVec3, DQuat)> {
     let hand = |index: usize| {
         let wave = |pace: f64| (pace * index as f64 + pace).sin();
@@ -37,8 +37,8 @@ fn hands(count: usize) -> Vec<(DVec3, DQuat)> {
     (0..count).map(hand).collect()
 }
 
-fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> Vec<Sighting> {
-    let sighting = |(pose, &(position, rotation)): (usize, &(DVec3, DQuat))| Sighting {
+fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> Vec<BallSighting> {
+    let sighting = |(pose, &(position, rotation)): (usize, &(DVec3, DQuat))| BallSighting {
         pose,
         position,
         rotation,
@@ -47,7 +47,7 @@ fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> V
     hands.iter().enumerate().map(sighting).collect()
 }
 
-/// How far a camera is from another: its place (metres), and its angles about its own axes.
+/// Returns the differences of two cameras: of positions (metres), and of angles about their axes.
 fn apart(found: &Calibration, truth: &Calibration) -> [DVec3; 2] {
     let turn = found.extrinsics.rotation * truth.extrinsics.rotation.transpose();
     let angles = DQuat::from_mat3(&turn).to_scaled_axis();
@@ -61,7 +61,7 @@ fn vector(most: f64) -> impl Strategy<Value = DVec3> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
-    /// From a start that is 0.1 m, 10 degrees and any number of quarters off.
+    /// The start is 0.1 m, 10 degrees and any number of quarter turns off.
     #[test]
     fn any_camera_is_found_exactly(
         (place, turn) in (vector(0.25), vector(0.2)),
@@ -74,7 +74,7 @@ proptest! {
         let lens = Distortion { radial: [radial, -radial], tangential: [tangential; 2] };
         let place = place + 1.6 * DVec3::Z;
         let truth = camera(place, turn, lens);
-        let start = turned(&camera(place + off, turn + twist, lens), quarters);
+        let start = rotated(&camera(place + off, turn + twist, lens), quarters);
         let seen = sightings(&truth, offset, &hands(12));
         let offset_given = if known { Offset::Known(offset) } else { Offset::Unknown };
         let found = HandEye::solve(&start, offset_given, &seen).unwrap();
@@ -87,8 +87,8 @@ proptest! {
     }
 }
 
-/// Squared errors over reported variances, averaged over many draws of the noise, are those of
-/// Student's distribution.
+/// Squared errors, over reported variances, have the mean of Student's distribution over many draws
+/// of the noise.
 #[test]
 fn errors_are_as_large_as_the_uncertainty_says() {
     const TRIALS: usize = 300;
@@ -133,7 +133,7 @@ fn errors_are_as_large_as_the_uncertainty_says() {
     assert_eq!(all_alarms, 1);
 }
 
-/// Poses as `covers calibrate` goes to: turned by 12 degrees, at three heights.
+/// Returns poses like those of `covers calibrate`: turned by 12 degrees, at three heights.
 fn calibration_poses() -> Vec<(DVec3, DQuat)> {
     let poses: [([f64; 3], [f64; 3]); 14] = [
         ([0.0, 0.0, 0.22], [0.0, 0.0, 0.0]),
@@ -158,8 +158,8 @@ fn calibration_poses() -> Vec<(DVec3, DQuat)> {
     poses.map(pose).to_vec()
 }
 
-/// Number of 20 draws of a noise of 0.1 pixels with which a focal length is refused that is wrong
-/// by a part.
+/// Counts the draws, of 20 with a noise of 0.1 pixels, in which a focal length with a relative
+/// error is rejected.
 fn refused(part: f64, offset: Offset) -> usize {
     let truth = plain();
     let mut start = truth;
@@ -189,7 +189,7 @@ fn refused(part: f64, offset: Offset) -> usize {
     draws.count()
 }
 
-/// Place of the simulated arm's ball in a hand with the axes of the world (metres).
+/// Offset of the simulated arm's ball in a hand with the axes of the world (metres).
 const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 
 /// Wrong focal lengths would leave the camera centimetres off, with residuals that look like noise.
@@ -239,7 +239,7 @@ fn lines_of_sight_that_miss_the_table_are_left_out_of_its_mean() {
     assert!(found.residuals.iter().all(finite));
 }
 
-fn refusal(start: &Calibration, offset: Offset, seen: &[Sighting]) -> String {
+fn refusal(start: &Calibration, offset: Offset, seen: &[BallSighting]) -> String {
     HandEye::solve(start, offset, seen).unwrap_err().to_string()
 }
 
@@ -257,8 +257,8 @@ fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
     assert!(message.contains("pose 0"), "{message}");
 }
 
-/// On a line nothing tells the turn about it; a hand that does not turn, or turns about one axis,
-/// does not tell the offset.
+/// Poses on a line do not determine the rotation about it; a hand that does not turn, or turns
+/// about one axis, does not determine the offset.
 #[test]
 fn poses_that_do_not_tell_the_camera_are_refused() {
     let known = Offset::Known(OFFSET);
@@ -288,7 +288,7 @@ fn poses_that_do_not_tell_the_camera_are_refused() {
 #[test]
 fn numbers_out_of_range_are_refused() {
     let exact = sightings(&plain(), OFFSET, &hands(12));
-    type Spoil = fn(&mut Sighting);
+    type Spoil = fn(&mut BallSighting);
     let spoils: [(Spoil, &str); 4] = [
         (|s| s.position.y = f64::NAN, "position of the hand"),
         (|s| s.position.y = 1e200, "position of the hand"),

@@ -1,4 +1,4 @@
-//! What a perception knows beforehand, and what follows from that.
+//! Settings of a perception, and the quantities derived from them.
 
 use glam::DVec3;
 
@@ -10,30 +10,28 @@ use crate::inpainter::InpainterSettings;
 use crate::links::Link;
 use crate::mark::Mark;
 
-/// Most pixels along the side of a pixel of the policy's.
-const FINEST: usize = 15;
-/// How far the policy's camera may be from looking straight down.
-const STRAIGHT: f64 = 1e-9;
+/// Maximum oversampling.
+const MAX_OVERSAMPLING: usize = 15;
+/// Largest deviation of a component of the policy camera's axis from straight down.
+const AXIS_TOLERANCE: f64 = 1e-9;
 
-/// What a [`Perception`](crate::Perception) knows beforehand.
+/// Settings of a [`Perception`](crate::Perception).
 #[derive(Clone, Debug, PartialEq)]
 pub struct PerceptionSettings {
-    /// What is known of the camera.
+    /// Calibration of the real camera.
     pub calibration: Calibration,
-    /// The camera whose pictures the policy knows. It looks straight down on the table, which is
-    /// the plane z = 0.
+    /// Camera of the policy's observations. It looks straight down on the table, the plane z = 0.
     pub policy: PinholeCamera,
-    /// Pixels that the arm is painted out in along each side of a pixel of the policy's; an odd
-    /// number, 15 at most.
+    /// Number of in-painting pixels along each side of a pixel of the policy: odd, at most 15.
     pub oversampling: usize,
-    /// The arm's links.
+    /// Links of the arm.
     pub links: Vec<Link>,
-    /// How much thicker the mask is than the links (metres): calibrations, joints and times are
-    /// never exact.
+    /// Margin (metres) by which the mask exceeds the links, for errors of calibration, joint
+    /// positions and timing.
     pub growth: f64,
-    /// How colours are corrected.
+    /// Colour correction to the policy's picture of the table.
     pub correction: ColorCorrection,
-    /// The mark over the gripper, as the policy knows it.
+    /// Mark over the gripper, as in the policy's training.
     pub mark: Mark,
 }
 
@@ -42,12 +40,12 @@ impl PerceptionSettings {
         self.calibration.check()?;
         self.policy.check()?;
         self.mark.check()?;
-        let odd = self.oversampling % 2 == 1 && self.oversampling <= FINEST;
-        let expected = "an odd number, 15 at most";
-        require(odd, "oversampling", &self.oversampling, expected)?;
+        // the median of an odd number of values is one of them
+        let odd = self.oversampling % 2 == 1 && self.oversampling <= MAX_OVERSAMPLING;
+        require(odd, "oversampling", &self.oversampling, "an odd number, 15 at most")?;
         require_length("growth", self.growth)?;
         let down = self.policy.extrinsics.rotation.transpose().z_axis;
-        let straight = down.abs_diff_eq(DVec3::NEG_Z, STRAIGHT);
+        let straight = down.abs_diff_eq(DVec3::NEG_Z, AXIS_TOLERANCE);
         require(straight, "policy's view", &down, "straight down, [0, 0, -1]")?;
         for (name, camera) in [
             ("height of the policy's camera", &self.policy.extrinsics),
@@ -59,14 +57,15 @@ impl PerceptionSettings {
         Ok(())
     }
 
-    /// A camera where the real one is, which looks straight down and shows the table in the places
-    /// in which the policy's camera shows it.
+    /// Returns a camera at the real one's position that looks straight down and shows each point of
+    /// the table where the policy's camera shows it.
     pub(super) fn view(&self) -> Result<PinholeCamera, InpaintingError> {
         let Extrinsics { rotation, .. } = self.policy.extrinsics;
         let (from, to) = (self.policy.extrinsics.position(), self.calibration.position());
         let inside = self.policy.intrinsics;
         let finer = self.oversampling as f64;
         let scale = inside.focal.map(|focal| finer * focal / from.z);
+        // shifts the principal point so that the table does not move in the picture
         let away = (rotation * (from - to)).to_array();
         let size = [inside.width, inside.height].map(|side| side.checked_mul(self.oversampling));
         let [width, height] = size.map(Option::unwrap_or_default);
@@ -83,6 +82,7 @@ impl PerceptionSettings {
         Ok(view)
     }
 
+    /// Returns the settings of the in-painter for the rectified pictures of `camera`.
     pub(super) fn inpainter(&self, camera: PinholeCamera) -> InpainterSettings {
         let links =
             self.links.iter().map(|link| Link { radius: link.radius + self.growth, ..*link });
@@ -95,8 +95,8 @@ impl PerceptionSettings {
         }
     }
 
-    /// Each pixel of the policy's as a square of the in-painting's.
-    pub(super) fn enlarged(&self, picture: &[u8]) -> Vec<u8> {
+    /// Upsamples one of the policy's pictures, each pixel to a square of in-painting pixels.
+    pub(super) fn upsampled(&self, picture: &[u8]) -> Vec<u8> {
         let Intrinsics { width, height, .. } = self.policy.intrinsics;
         let finer = self.oversampling;
         let pixels = (0..finer * height).flat_map(|row| {
@@ -107,11 +107,11 @@ impl PerceptionSettings {
         pixels.flatten().copied().collect()
     }
 
-    /// The median of each square of the in-painting's pixels.
-    pub(super) fn shrink(&self, painted: &[u8], out: &mut [u8]) {
+    /// Downsamples to the policy's pixels, by the median of each square of in-painting pixels.
+    pub(super) fn downsample(&self, painted: &[u8], out: &mut [u8]) {
         let (width, finer) = (self.policy.intrinsics.width, self.oversampling);
         let line = 3 * width * finer;
-        let mut values = [0; FINEST * FINEST];
+        let mut values = [0; MAX_OVERSAMPLING * MAX_OVERSAMPLING];
         let values = &mut values[..finer * finer];
         for (index, value) in out.iter_mut().enumerate() {
             let (pixel, channel) = (index / 3, index % 3);

@@ -1,4 +1,4 @@
-//! Masses and inertias that a body can have.
+//! Masses and inertias of links, and checks that a rigid body can have them.
 
 use glam::{DMat3, DVec3};
 
@@ -7,15 +7,14 @@ use crate::description::{Description, Inertia};
 use crate::error::DescriptionError;
 use crate::error::{finite, require};
 
-/// Smallest mass of a link that has any (kg).
+/// Smallest mass of a link with mass (kg).
 const LEAST_MASS: f64 = 1e-6;
-/// Smallest principal inertia of a link that has mass (kg m^2).
+/// Smallest principal inertia of a link with mass (kg m^2).
 const LEAST_INERTIA: f64 = 1e-12;
-/// By how much the largest principal inertia may exceed the sum of the others, relative to the sum
-/// of all: figures of a file are rounded.
+/// Tolerance of the triangle inequality, relative to the trace, because files round their numbers.
 const ROUNDING: f64 = 1e-6;
 
-/// The mass of a link; none where it has no `<inertial>`, which `urdf-rs` reads as zeros.
+/// Reads the mass and inertia of a link. `None` if it has no `<inertial>`.
 pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, DescriptionError> {
     let stated = &link.inertial;
     let place = || format!("inertial of link `{}`", link.name);
@@ -24,12 +23,13 @@ pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, Descripti
     let own = tensor(&stated.inertia);
     finite(place, "the inertia", &own.to_cols_array())?;
     let pose = origin(place, &stated.origin)?;
+    // `urdf-rs` reads a missing `<inertial>` as zeros
     if mass == 0.0 && own == DMat3::ZERO {
         return Ok(None);
     }
     let holds = mass >= LEAST_MASS;
     require(holds, place, what, mass, "a milligram or more")?;
-    let own = checked(&link.name, own)?;
+    let own = physical(&link.name, own)?;
     let turn = DMat3::from_quat(pose.rotation);
     Ok(Some(Inertia { mass, centre: pose.position, tensor: turn * own * turn.transpose() }))
 }
@@ -40,13 +40,13 @@ fn tensor(stated: &urdf_rs::Inertia) -> DMat3 {
     DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
 }
 
-/// The inertia of a body: all principal inertias are positive, and none is larger than the sum of
-/// the others (the triangle inequality). What misses the second by a rounding is mended.
+/// Checks that all principal inertias are positive and none exceeds the sum of the others (the
+/// triangle inequality). Returns the tensor, corrected if rounding violates the inequality.
 ///
 /// The triangle inequality holds exactly where the second moment of mass, half the trace times the
 /// identity less the inertia, has no negative eigenvalue (Wensing, Kim, Slotine 2018, "Linear
 /// matrix inequalities for physically consistent inertial parameter identification", section III).
-fn checked(link: &str, tensor: DMat3) -> Result<DMat3, DescriptionError> {
+fn physical(link: &str, tensor: DMat3) -> Result<DMat3, DescriptionError> {
     let identity = |scale: f64| DMat3::from_diagonal(DVec3::splat(scale));
     let trace = tensor.x_axis.x + tensor.y_axis.y + tensor.z_axis.z;
     let rounding = ROUNDING * trace;
@@ -60,7 +60,7 @@ fn checked(link: &str, tensor: DMat3) -> Result<DMat3, DescriptionError> {
     Ok(if sound { tensor } else { tensor + identity(4.0 * rounding) })
 }
 
-/// Refuses links that a joint moves but that have no mass.
+/// Rejects links without mass that a joint moves: MuJoCo cannot simulate them.
 pub(super) fn check_moving(description: &Description) -> Result<(), DescriptionError> {
     let carried = description.joints.iter().zip(&description.links[1..]);
     let mut moved = carried.filter(|(joint, _)| joint.motion.is_some());
@@ -90,7 +90,7 @@ fn refuse_unless(
     })
 }
 
-/// Whether a symmetric matrix has positive eigenvalues alone (Sylvester's criterion).
+/// Returns `true` if a symmetric matrix is positive definite (Sylvester's criterion).
 fn is_positive(matrix: &DMat3) -> bool {
     let [x, y] = [matrix.x_axis, matrix.y_axis];
     x.x > 0.0 && x.x * y.y - x.y * y.x > 0.0 && matrix.determinant() > 0.0
@@ -120,7 +120,7 @@ mod tests {
         ] {
             let (x, y, z) = moments;
             let tensor = turn * diagonal(x, y, z) * turn.transpose();
-            assert_eq!(checked("l", tensor).is_ok(), holds, "{moments:?}");
+            assert_eq!(physical("l", tensor).is_ok(), holds, "{moments:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Joints: kinds, axes, limits, and which follows which.
+//! Joints of a URDF: kinds, axes, limits, and mimics.
 
 use glam::DVec3;
 use urdf_rs::JointType;
@@ -9,10 +9,10 @@ use crate::description::{Drive, Joint, Motion, MotionKind};
 use crate::error::DescriptionError;
 use crate::error::{finite, require};
 
-/// Shortest axis that has a direction.
+/// Length of the shortest axis that is accepted.
 const SHORTEST_AXIS: f64 = 1e-6;
 
-/// The joints in the tree's order, and how many of them are free.
+/// Converts the joints, in the tree's order. Returns them with the number of free joints.
 pub(super) fn joints(
     file: &urdf_rs::Robot,
     tree: &Tree,
@@ -50,7 +50,7 @@ fn motion(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Option<Motion>, Descr
     Ok(Some(Motion { kind, axis: axis(joint)?, range, speed, effort, damping, friction, drive }))
 }
 
-/// How the joint moves, and whether it has limits; none for a fixed one.
+/// Returns the kind of motion, and `true` if the joint has limits. `None` for a fixed joint.
 fn kind(joint: &urdf_rs::Joint) -> Result<Option<(MotionKind, bool)>, DescriptionError> {
     let kind = match joint.joint_type {
         JointType::Fixed => return Ok(None),
@@ -83,7 +83,7 @@ fn range(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
     Err(DescriptionError::Limits { joint: joint.name.clone(), lower, upper })
 }
 
-/// Highest speed and effort. A joint that follows another one needs neither.
+/// Reads the maximum speed and effort, which must be positive unless the joint follows another one.
 fn strength(joint: &urdf_rs::Joint, drive: &Drive) -> Result<[f64; 2], DescriptionError> {
     let (speed, effort) = (joint.limit.velocity, joint.limit.effort);
     let place = || place(joint);
@@ -107,7 +107,7 @@ fn resistance(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
     Ok(resistance)
 }
 
-/// Where the joint's position comes from, `free` being the joints that follow none.
+/// Returns the source of the joint's position; `free` are the names of the free joints, in order.
 fn drive(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Drive, DescriptionError> {
     let dof = |name: &str| free.iter().position(|free| *free == name);
     let Some(mimic) = &joint.mimic else {

@@ -1,4 +1,4 @@
-//! Links: inertias and what they collide as.
+//! Links of a URDF: inertias and collision shapes.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::error::{finite, require};
 use crate::fit::LEAST_SIZE;
 use crate::pose::Pose;
 
-/// A link whose meshes are below `folder`, if it is known.
+/// Converts a link; without a `folder`, collision meshes are rejected.
 pub(super) fn link(
     stated: &urdf_rs::Link,
     folder: Option<&Path>,
@@ -40,7 +40,7 @@ fn shape(
     Ok(PlacedShape { pose, shape })
 }
 
-/// A shape, and where it is in its own frame if that is not the middle.
+/// Converts a shape. Returns it with its pose in the frame of `<origin>`, which only a mesh has.
 fn unplaced(
     link: &str,
     geometry: &Geometry,
@@ -69,7 +69,7 @@ fn unplaced(
     Ok((None, shape))
 }
 
-/// The sizes of a shape, each of which is one.
+/// Rejects sizes that are not finite or below [`LEAST_SIZE`], and returns the others.
 fn sized<const N: usize>(link: &str, sizes: [f64; N]) -> Result<[f64; N], DescriptionError> {
     let (place, what) = (|| place(link), "a size");
     finite(place, what, &sizes)?;
@@ -83,9 +83,9 @@ fn place(link: &str) -> String {
     format!("collision shape of link `{link}`")
 }
 
-/// What is only drawn is skipped. A file outside of the folder is refused all the same: other tools
-/// would open it.
+/// Rejects a visual shape that names a file outside of the URDF's folder.
 fn check_visual(link: &str, visual: &urdf_rs::Visual) -> Result<(), DescriptionError> {
+    // visual shapes are not used here, but other tools would open their files
     let material = visual.material.as_ref();
     let texture = material.and_then(|material| material.texture.as_ref());
     let mesh = match &visual.geometry {

@@ -1,4 +1,4 @@
-//! Collision shapes from mesh files: the capsule that holds a mesh's points.
+//! Collision shapes from mesh files: a capsule that encloses the points of a mesh.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -9,12 +9,13 @@ use glam::DVec3;
 use crate::capsule::PlacedShape;
 use crate::error::DescriptionError;
 use crate::error::LARGEST;
-use crate::fit::around;
+use crate::fit::bounding_capsule;
 
-/// Most bytes of a mesh.
+/// Maximum size of a mesh file (bytes).
 const MAX_BYTES: u64 = 64 << 20;
 
-/// The capsule that holds the points of the mesh `file`, which lies in `folder` or below.
+/// Reads the mesh `file`, which lies in `folder` or below, and returns a capsule that encloses its
+/// points.
 pub(super) fn capsule(
     link: &str,
     file: &str,
@@ -38,10 +39,10 @@ pub(super) fn capsule(
     if points.is_empty() || !points.iter().all(sound) {
         return Err(refused("it holds no points, or points beyond 1e6 m".to_owned()));
     }
-    Ok(around(&points))
+    Ok(bounding_capsule(&points))
 }
 
-/// Refuses the name of a file outside of the URDF's folder.
+/// Rejects the name of a file outside of the URDF's folder.
 pub(super) fn check_inside(link: &str, file: &str) -> Result<(), DescriptionError> {
     let path = relative(file);
     let plain = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
@@ -56,16 +57,18 @@ fn outside(link: &str, file: &str) -> DescriptionError {
     DescriptionError::FileOutside { link: link.to_owned(), file: file.to_owned() }
 }
 
-/// The path in the URDF's folder that a name means. `package://NAME/` of ROS is that folder.
+/// Returns the path in the URDF's folder that `file` refers to. ROS's `package://NAME/` stands for
+/// that folder.
 fn relative(file: &str) -> &str {
-    let package = file.strip_prefix("package://").map(|rest| match rest.split_once('/') {
+    let in_package = file.strip_prefix("package://").map(|rest| match rest.split_once('/') {
         Some((package, path)) if ![".", "..", ""].contains(&package) => path,
+        // a path that is rejected
         _ => "..",
     });
-    package.unwrap_or(file)
+    in_package.unwrap_or(file)
 }
 
-/// Where the file really is; none where links lead out of the folder.
+/// Returns the file's path with symbolic links resolved. `None` if it lies outside of the folder.
 fn real_path(folder: &Path, file: &str) -> io::Result<Option<PathBuf>> {
     let folder = folder.canonicalize()?;
     let path = folder.join(relative(file)).canonicalize()?;
@@ -78,7 +81,7 @@ fn read(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// All points that a mesh names, some of them many times.
+/// Returns all points of a mesh, with repetitions.
 fn points(path: &Path, bytes: &[u8]) -> Result<Vec<DVec3>, &'static str> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err("it has more than 64 MB");
@@ -86,14 +89,15 @@ fn points(path: &Path, bytes: &[u8]) -> Result<Vec<DVec3>, &'static str> {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     let text = || std::str::from_utf8(bytes).map_err(|_| "it is neither binary STL nor text");
     match extension.to_str() {
+        // a binary STL may start with `solid`, too, so the length decides
         Some("stl") => binary_stl(bytes).map_or_else(|| named(text()?, "vertex"), Ok),
         Some("obj") => named(text()?, "v"),
         _ => Err("only STL and OBJ files are read"),
     }
 }
 
-/// Points of an STL: 80 bytes, the number of triangles, and for each a normal, three points and two
-/// bytes.
+/// Parses a binary STL: 80 bytes, the number of triangles, and for each a normal, three points and
+/// two bytes. `None` if the length does not match the number of triangles.
 fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
     let (head, triangles) = bytes.split_at_checked(84)?;
     let count = u32::from_le_bytes(head[80..].try_into().ok()?) as usize;
@@ -110,7 +114,7 @@ fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
     Some(corners.map(point).collect())
 }
 
-/// Points of a text: three numbers after `word`.
+/// Parses the points of a text, three numbers on each line that starts with `word`.
 fn named(text: &str, word: &str) -> Result<Vec<DVec3>, &'static str> {
     let mut points = Vec::new();
     for line in text.lines() {

@@ -1,17 +1,17 @@
-//! Ranges of joints that others follow: a follower keeps to its own range, too.
+//! Ranges of joints that others follow, reduced so that the followers stay within their own.
 
 use crate::description::{Drive, Joint, Restriction};
 use crate::error::LARGEST;
 use crate::error::{DescriptionError, FollowerRanges};
 
-/// Rounding of a file's figures (radians, metres): a follower may leave its range by as much, and a
-/// range that is no wider is none.
+/// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
+/// a range that is no wider counts as empty.
 const ROUNDING: f64 = 1e-6;
-/// Range of a hinge that turns without end: no number of a file is larger.
+/// Range of a hinge without limits: no number of a file is larger.
 const ENDLESS: [f64; 2] = [-LARGEST, LARGEST];
 
-/// Makes ranges of free joints smaller until every joint that follows one is within its own, and
-/// lists those that became smaller.
+/// Reduces the ranges of free joints until every follower stays within its own range. Returns the
+/// reductions, in order.
 pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, DescriptionError> {
     let is_free = |joint: &Joint| joint.motion.is_some_and(|motion| motion.is_free());
     let free: Vec<usize> = (0..joints.len()).filter(|&joint| is_free(&joints[joint])).collect();
@@ -28,7 +28,7 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
             continue;
         };
         let leader = &joints[free[dof]];
-        // others may have made it smaller already
+        // earlier followers may have reduced it already
         let whole = range_of(leader).unwrap_or(ENDLESS);
         let Some(range) = narrowed(whole, own, multiplier, offset) else {
             let mut before = restrictions.iter().rev();
@@ -60,8 +60,8 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
     Ok(restrictions)
 }
 
-/// Part of the range `whole` in which a joint that follows stays within its `own`; none where
-/// nothing is left.
+/// Returns the part of the range `whole` in which the follower stays within its `own` range.
+/// `None` if nothing is left.
 fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Option<[f64; 2]> {
     let led = led(whole, multiplier, offset);
     if own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
@@ -76,7 +76,7 @@ fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Opt
     (range[1] - range[0] > ROUNDING).then_some(range)
 }
 
-/// Positions of a joint that follows another one through a range.
+/// Returns the range of a follower's positions while the followed joint moves through `whole`.
 fn led(whole: [f64; 2], multiplier: f64, offset: f64) -> [f64; 2] {
     ordered(whole.map(|end| multiplier * end + offset))
 }

@@ -1,18 +1,18 @@
-//! Names that MuJoCo and other tools can look things up by.
+//! Checks of names and counts: names must be unique and usable in MuJoCo.
 
 use std::collections::HashSet;
 
 use crate::error::DescriptionError;
 
-/// Most links of a robot.
+/// Maximum number of links of a robot.
 pub const MAX_LINKS: usize = 1000;
-/// Most collision shapes of a link.
+/// Maximum number of collision shapes of a link.
 const MAX_SHAPES: usize = 1000;
-/// Most bytes of a name.
+/// Maximum length of a name (bytes).
 const MAX_NAME: usize = 200;
 
-/// Refuses names that are empty, immense, unprintable or given twice, and files that could exhaust
-/// the memory.
+/// Rejects names that are empty, too long, unprintable or not unique, and files with too many links
+/// or shapes, which could exhaust the memory.
 pub(super) fn check(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
     count(|| "the robot".to_owned(), "link", file.links.len(), 1, MAX_LINKS)?;
     // a robot may go without a name
@@ -66,13 +66,14 @@ fn usable(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
     } else {
         return Ok(());
     };
-    // names end up in messages
+    // cut, because it becomes part of a message
     let name = name.chars().take(MAX_NAME).collect();
     Err(DescriptionError::Name { kind, name, reason })
 }
 
-/// MuJoCo calls the world's own body `world`, and many files call a root without shapes so.
+/// Rejects a link `world` that is not a bare root.
 fn not_reserved(file: &urdf_rs::Robot, link: &urdf_rs::Link) -> Result<(), DescriptionError> {
+    // MuJoCo reserves the name for the world's body; many files use it for a root without shapes
     let is_root = || file.joints.iter().all(|joint| joint.child.link != link.name);
     let is_bare = || link.collision.is_empty() && link.inertial.mass.value == 0.0;
     if link.name != "world" || (is_bare() && is_root()) {
@@ -81,6 +82,6 @@ fn not_reserved(file: &urdf_rs::Robot, link: &urdf_rs::Link) -> Result<(), Descr
     Err(DescriptionError::Name {
         kind: "link",
         name: link.name.clone(),
-        reason: "it is the simulated world's; only a root without shapes and mass may have it",
+        reason: "it is reserved for the simulated world and a root without shapes and mass",
     })
 }

@@ -1,17 +1,16 @@
-//! The tree that the joints make of the links.
+//! Tree of links and joints, with checks that they form one.
 
 use std::collections::HashMap;
 
 use crate::error::DescriptionError;
 
-/// Links and joints of a file, parents before children, each link followed by all that hangs on
-/// it. This is the order in which MuJoCo numbers bodies and joints.
+/// Links and joints of a file in depth-first order, in which MuJoCo numbers bodies and joints.
 pub(super) struct Tree {
-    /// Indices of the file's links; the root is the first.
+    /// Indices into the file's links; the root is the first.
     pub(super) links: Vec<usize>,
-    /// Indices of the file's joints; joint i carries link i + 1.
+    /// Indices into the file's joints; joint i carries link i + 1.
     pub(super) joints: Vec<usize>,
-    /// Of each joint, the place of the link that carries it in `links`.
+    /// Position in `links` of each joint's parent link.
     pub(super) parents: Vec<usize>,
 }
 
@@ -38,6 +37,7 @@ impl Tree {
 
     fn from_root(root: usize, children: &[Vec<(usize, usize)>]) -> Self {
         let mut tree = Self { links: vec![root], joints: Vec::new(), parents: Vec::new() };
+        // a stack, with the children reversed so that the first one is popped first
         let mut open = Vec::new();
         let below = |place: usize, link: usize| {
             let children = children[link].iter().rev();
@@ -53,8 +53,9 @@ impl Tree {
         tree
     }
 
-    /// Every link has one parent at most, so what the root does not lead to hangs on a cycle.
+    /// Rejects files with links that the root does not lead to.
     fn check_complete(&self, file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
+        // there is one root and one parent for every other link, so the rest hangs on a cycle
         let mut reached = vec![false; file.links.len()];
         self.links.iter().for_each(|&link| reached[link] = true);
         match reached.iter().position(|reached| !reached) {
@@ -64,7 +65,7 @@ impl Tree {
     }
 }
 
-/// Indices of a joint's parent and child.
+/// Returns the indices of a joint's parent and child links.
 fn ends(
     file: &urdf_rs::Robot,
     index: &HashMap<&str, usize>,
@@ -81,6 +82,7 @@ fn ends(
     Ok([find(&joint.parent.link)?, find(&joint.child.link)?])
 }
 
+/// Returns the index of the only link without a parent.
 fn root(file: &urdf_rs::Robot, carried_by: &[Option<usize>]) -> Result<usize, DescriptionError> {
     let free = (0..carried_by.len()).filter(|&link| carried_by[link].is_none());
     let name = |link: usize| file.links[link].name.clone();

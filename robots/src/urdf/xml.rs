@@ -1,35 +1,35 @@
-//! XML of a URDF: parsed by `roxmltree`, held to what a URDF may be, and written anew for `urdf-rs`.
+//! XML of a URDF: parsed by `roxmltree`, validated, and rewritten for `urdf-rs`.
 //!
-//! `RustyXML`, which `urdf-rs` reads with, panics over some texts, and readers of URDF skip what
-//! `xacro` would have expanded. So `urdf-rs` sees elements and their attributes alone, without
-//! namespaces, comments and text.
+//! `RustyXML`, the parser of `urdf-rs`, panics on some texts, and URDF readers silently skip
+//! unexpanded `xacro`. So `urdf-rs` gets only elements and their attributes, without namespaces,
+//! comments and text.
 
 use roxmltree::{Attribute, Document, Error, Node, ParsingOptions};
 
 use crate::error::DescriptionError;
 use crate::mjcf::escaped;
 
-/// Most bytes of a URDF.
+/// Maximum size of a URDF (bytes).
 pub const MAX_BYTES: usize = 2 << 20;
-/// Most levels of elements inside elements.
+/// Maximum nesting depth of elements.
 pub const MAX_DEPTH: usize = 64;
-/// Most elements, texts and comments.
+/// Maximum number of elements, texts and comments.
 const MAX_NODES: u32 = 1 << 18;
-/// Most namespaces that a URDF may declare, since each element may copy them.
+/// Maximum number of namespaces that a URDF may declare, since each element may copy them.
 const MAX_NAMESPACES: usize = 32;
-/// Most attributes of an element, each of which is compared with all others.
+/// Maximum number of attributes of an element, since each is compared with all others.
 const MAX_ATTRIBUTES: usize = 1000;
 
-/// Elements of xacro below `<robot>` that old files write without a prefix.
+/// Elements of xacro that old files write without a prefix, directly below `<robot>`.
 const OLD_XACRO: [&str; 6] = ["if", "include", "insert_block", "macro", "property", "unless"];
-/// Most characters of an attribute's value in a message; of longer ones it quotes what xacro would
-/// have expanded.
+/// Maximum number of characters of an attribute's value in a message. Longer values are quoted from
+/// the first unexpanded xacro expression on.
 const MAX_QUOTED: usize = 80;
-/// Elements and those of their attributes that hold vectors.
+/// Elements and attributes that hold vectors of three numbers.
 const VECTORS: [[&str; 2]; 5] =
     [["origin", "xyz"], ["origin", "rpy"], ["axis", "xyz"], ["box", "size"], ["mesh", "scale"]];
 
-/// The elements of a URDF as a text that every parser reads alike.
+/// Rewrites the elements of a URDF as plain XML that every parser reads alike.
 ///
 /// # Errors
 /// [`DescriptionError::TooLong`], [`DescriptionError::TooDeep`], [`DescriptionError::Xacro`] for a
@@ -39,6 +39,7 @@ pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
         return Err(DescriptionError::TooLong { limit: MAX_BYTES });
     }
     let text = without_comments(text)?;
+    // rough counts, taken before the parsing whose cost they limit
     if text.matches("xmlns").count() > MAX_NAMESPACES {
         return syntax(format!("more than {MAX_NAMESPACES} namespaces are declared"));
     }
@@ -65,17 +66,17 @@ pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
     Ok(urdf.text)
 }
 
-/// What a file must be.
+/// Expectation in the message about a file that is not one `<robot>` element.
 const ALONE: &str = "expected one `<robot>` and, around it, only blanks and comments";
 
 fn syntax<T>(message: String) -> Result<T, DescriptionError> {
     Err(DescriptionError::Syntax { message })
 }
 
-/// Removes comments between tags; lines keep their numbers. Many files are decorated with comments
-/// that hold `--`, which XML forbids. Whatever looks like a comment inside a tag, CDATA or an
-/// instruction stays, for the parser to judge.
+/// Removes comments between tags; lines keep their numbers. Text that looks like a comment inside a
+/// tag, CDATA or an instruction is left to the parser.
 fn without_comments(text: &str) -> Result<String, DescriptionError> {
+    // many files are decorated with comments that hold `--`, which XML forbids
     let (mut kept, mut rest) = (String::with_capacity(text.len()), text);
     while let Some(at) = rest.find('<') {
         let (before, markup) = rest.split_at(at);
@@ -95,8 +96,8 @@ fn without_comments(text: &str) -> Result<String, DescriptionError> {
     Ok(kept + rest)
 }
 
-/// Length of the tag, the CDATA or the instruction at the start of a text; of all of it where that
-/// has no end.
+/// Returns the length of the tag, CDATA or instruction at the start of a text, or that of the text
+/// if it has no end.
 fn markup_len(text: &str) -> usize {
     let up_to = |end: &str| text.find(end).map(|at| at + end.len());
     let end = if text.starts_with("<![CDATA[") {
@@ -109,7 +110,7 @@ fn markup_len(text: &str) -> usize {
     end.unwrap_or(text.len())
 }
 
-/// Place after the first `>` that is in no quotes.
+/// Returns the position after the first `>` outside of quotes. `None` if there is none.
 fn end_of_tag(text: &str) -> Option<usize> {
     let mut quote = None;
     for (at, byte) in text.bytes().enumerate() {
@@ -123,14 +124,14 @@ fn end_of_tag(text: &str) -> Option<usize> {
     None
 }
 
-/// A document, and what is written of it.
+/// Document, and the text that is rewritten from it.
 struct Urdf<'a> {
     document: &'a Document<'a>,
     text: String,
 }
 
 impl Urdf<'_> {
-    /// Writes an element that is `level` elements deep, without those of other namespaces.
+    /// Writes an element at depth `level`, without elements and attributes of other namespaces.
     fn write(&mut self, element: Node, level: usize) -> Result<(), DescriptionError> {
         if level > MAX_DEPTH {
             return Err(DescriptionError::TooDeep { limit: MAX_DEPTH });
@@ -157,6 +158,7 @@ impl Urdf<'_> {
             self.write(child, level + 1)?;
         }
         self.text += &format!("</{name}>");
+        // removed only now, so that xacro inside the element is rejected, too
         let root = self.document.root_element().tag_name().namespace();
         if element.tag_name().namespace() != root {
             self.text.truncate(start);
@@ -164,9 +166,10 @@ impl Urdf<'_> {
         Ok(())
     }
 
-    /// The element or one of its attributes, if it is what `xacro` would have expanded. To declare
-    /// its namespace alone is none of that: the tool leaves it in its output.
+    /// Describes the element, or one of its attributes, that `xacro` should have expanded, if
+    /// there is one.
     fn template(&self, element: Node, level: usize) -> Option<String> {
+        // a declaration of the namespace is no template: xacro leaves it in its output
         let text = self.document.input_text();
         let name = &text[element.range()][1..];
         let end = name.find(|c: char| c.is_whitespace() || "/>".contains(c));
@@ -184,25 +187,25 @@ impl Urdf<'_> {
     }
 }
 
-/// Whether an element or an attribute belongs to xacro, by its namespace or its name with prefix.
+/// Returns `true` if an element or attribute belongs to xacro, by its namespace or prefixed name.
 fn is_xacro(namespace: Option<&str>, name: &str) -> bool {
     let namespace = namespace.unwrap_or_default().to_ascii_lowercase();
     namespace.ends_with("/xacro") || name.starts_with("xacro:")
 }
 
-/// Place of a value at which xacro would have expanded something.
+/// Returns the position of the first unexpanded xacro expression in a value, if there is one.
 fn unexpanded(value: &str) -> Option<usize> {
     value.find("${").into_iter().chain(value.find("$(")).min()
 }
 
-/// A value, or a part of it, for a message.
+/// Returns at most [`MAX_QUOTED`] characters of a value, for a message.
 fn quoted(value: &str) -> String {
     let is_long = value.chars().nth(MAX_QUOTED).is_some();
     let start = if is_long { unexpanded(value) } else { None };
     value[start.unwrap_or(0)..].chars().take(MAX_QUOTED).collect()
 }
 
-/// What makes an attribute unfit for a URDF.
+/// Describes why an attribute is rejected. `None` if it is accepted.
 fn problem(element: &str, attribute: &Attribute) -> Option<String> {
     let (name, value) = (attribute.name(), attribute.value());
     if [element, name] == ["origin", "quat_xyzw"] {
@@ -215,8 +218,9 @@ fn problem(element: &str, attribute: &Attribute) -> Option<String> {
     })
 }
 
-/// `urdf-rs` skips what is no number as long as three others are left.
+/// Returns `true` if a value consists of three numbers.
 fn is_vector(value: &str) -> bool {
+    // `urdf-rs` would skip anything else between three numbers
     let numbers = || value.split_whitespace().map(str::parse::<f64>);
     numbers().count() == 3 && numbers().all(|number| number.is_ok())
 }
