@@ -152,7 +152,7 @@ fn shared_rows_are_rows_of_their_own_added_up() {
         let d_out = normal(LENGTHS.len() * gru.out_type().dim(), 5);
         let [out, dx, dparams] = run(&gru, &params, &own, &d_out);
         let mut pass = gru.pass(STEPS, LENGTHS.len());
-        gru.forward_shared(&params, &shared, (&reads, &LENGTHS), &mut pass);
+        gru.forward_shared(&params, &shared, &reads, &LENGTHS, &mut pass);
         assert!(largest_deviation(pass.out(), &out) < 1e-14);
         let (mut dshared, mut dshared_params) =
             (vec![f64::NAN; shared.len()], vec![0.0; params.len()]);
@@ -174,8 +174,8 @@ fn a_row_that_is_not_there_is_refused() {
     let gru = unit(Group::C1);
     let (mut pass, x) = (gru.pass(2, 1), vec![0.0; 2 * gru.in_type().dim()]);
     // what comes before the sequence is not read
-    gru.forward_shared(&drawn::<f32>(&gru), &x, (&[9, 1], &[1]), &mut pass);
-    gru.forward_shared(&drawn::<f32>(&gru), &x, (&[1, 2], &[1]), &mut pass);
+    gru.forward_shared(&drawn::<f32>(&gru), &x, &[9, 1], &[1], &mut pass);
+    gru.forward_shared(&drawn::<f32>(&gru), &x, &[1, 2], &[1], &mut pass);
 }
 
 #[test]

@@ -60,7 +60,9 @@ fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
 fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
     let named = format!("got {} of {got} values, expected {right}", SLICES[slice]);
     match SLICES[slice] {
-        "x" if got.is_multiple_of(right / SAMPLES) => message.ends_with("as its shapes and x say"),
+        "x" if got.is_multiple_of(right / SAMPLES) => {
+            message.ends_with("as its shapes and x require")
+        }
         "x" => {
             let each = right / SAMPLES;
             message.ends_with(&format!("got x of {got} values, expected a multiple of {each}"))
