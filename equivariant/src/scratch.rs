@@ -142,7 +142,7 @@ mod tests {
             for (i, value) in scratch.front(len).iter_mut().enumerate() {
                 *value = i as f32;
             }
-            // what lies between them moves the clone to another offset
+            // an allocation in between moves the clone to another offset
             let _between = vec![0u8; 8 * len + 8];
             let mut clone = scratch.clone();
             assert_eq!(clone.front(len), scratch.front(len));

@@ -31,8 +31,8 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize 
 }
 
 impl<'a, T: Real> Backward<'a, T> {
-    #[inline(always)]
     /// Runs the pass over panels of folded patches, for groups of `G` lanes.
+    #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut arena = Arena::new(std::mem::take(&mut self.scratch));

@@ -23,8 +23,8 @@ pub(crate) struct Chain {
     links: Vec<Link>,
 }
 
-#[derive(Clone, Debug)]
 /// Convolution with the ReLU and the pooling that are fused with it.
+#[derive(Clone, Debug)]
 struct Link {
     conv: R2Conv,
     rectified: bool,

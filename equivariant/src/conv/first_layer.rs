@@ -26,7 +26,7 @@ impl<T: Real> Forward<'_, T> {
         match self.x {
             Input::Channels(x) => self.run_pixels(lanes, lines, x),
             Input::Bytes(x) => self.run_pixels(lanes, lines, x),
-            Input::Staged(_) => unreachable!("a chain hands no trivial channels on"),
+            Input::Staged(_) => unreachable!("a chain stages no trivial channels"),
         }
     }
 
@@ -63,7 +63,7 @@ impl<T: Real> Backward<'_, T> {
         match self.x {
             Input::Channels(x) => self.run_pixels(lanes, lines, x),
             Input::Bytes(x) => self.run_pixels(lanes, lines, x),
-            Input::Staged(_) => unreachable!("a chain hands no trivial channels on"),
+            Input::Staged(_) => unreachable!("a chain stages no trivial channels"),
         }
     }
 

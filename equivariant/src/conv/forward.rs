@@ -28,8 +28,8 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize 
 }
 
 impl<'a, T: Real> Forward<'a, T> {
-    #[inline(always)]
     /// Runs the pass over panels of folded patches, for groups of `G` lanes.
+    #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
         let mut arena = Arena::new(self.scratch);

@@ -247,7 +247,7 @@ impl Plan {
             limit,
         };
         if largest > adapter.binding_bytes {
-            return Err(refused("bytes that a kernel sees of a buffer", adapter.binding_bytes));
+            return Err(refused("bytes of a buffer in one binding", adapter.binding_bytes));
         }
         if largest > adapter.buffer_bytes {
             return Err(refused("bytes of a buffer", adapter.buffer_bytes));

@@ -45,9 +45,9 @@ pub enum InterchangeError {
         path: PathBuf,
         /// Position among the layers, including those of nested chains.
         index: usize,
-        /// The layer in the file, or `nothing`.
+        /// Description of the layer in the file, or `nothing`.
         got: String,
-        /// The layer in the network, or `nothing`.
+        /// Description of the layer in the network, or `nothing`.
         expected: String,
     },
     /// Parameters of a layer that are missing or have another type or number.

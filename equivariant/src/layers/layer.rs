@@ -140,7 +140,7 @@ pub trait Layer<T: Scalar>: Signature {
     /// of the patch appears, rotated, in the columns of exactly one irrep and all irreps have
     /// equally many, hence the mean of E_w y^2 over a field is gain^2 times the mean square of the
     /// patch, whatever its correlations. The change to the regular basis is orthonormal, so the
-    /// same holds for the values that a ReLU sees.
+    /// same holds for the inputs of a ReLU.
     ///
     /// In a sequence, `gain` is that of the last layer with parameters; the layers before it keep
     /// the gain of [`init`](Layer::init).

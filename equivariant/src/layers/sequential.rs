@@ -174,8 +174,8 @@ impl<T: Scalar> Sequential<T> {
     fn check_bytes(&self) {
         assert!(
             self.stages[0].fused.is_some() && self.in_shape().fields.is_trivial(),
-            "{self}: got bytes, expected numbers, or a first layer that is a convolution of trivial \
-             channels"
+            "{self}: got bytes, expected numbers, or a first layer that is a convolution of \
+             trivial channels"
         );
     }
 

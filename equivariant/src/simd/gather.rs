@@ -76,8 +76,8 @@ impl Patches {
         }
     }
 
-    #[inline(always)]
     /// Adds the fold of replicated channels to the window that starts at `at`.
+    #[inline(always)]
     pub fn scatter_replicated<T: Real, L: Lanes<T>>(
         &self,
         lanes: L,
@@ -96,8 +96,8 @@ impl Patches {
     }
 }
 
-#[inline(always)]
 /// Folds an orbit of N taps for some windows.
+#[inline(always)]
 fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
     orbit: &Orbit,
@@ -137,8 +137,8 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     }
 }
 
-#[inline(always)]
 /// Folds an orbit of N taps of replicated channels for some windows.
+#[inline(always)]
 fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
     orbit: &Orbit,
@@ -179,8 +179,8 @@ impl Orbit {
     }
 }
 
-#[inline(always)]
 /// Converts a block to this precision.
+#[inline(always)]
 pub(crate) fn narrow<T: Real>(block: &Block<f64>) -> Block<T> {
     let mut narrow = [T::ZERO; LANES];
     for (to, &from) in narrow.iter_mut().zip(block) {

@@ -69,8 +69,8 @@ impl Interleaver {
     }
 }
 
-#[inline(always)]
 /// Interleaves n regular fields, N at a time.
+#[inline(always)]
 fn interleave_regular<T: Real, const G: usize, const N: usize>(
     n: usize,
     scale: T,
@@ -87,8 +87,8 @@ fn interleave_regular<T: Real, const G: usize, const N: usize>(
     }
 }
 
-#[inline(always)]
 /// Deinterleaves n regular fields, N at a time.
+#[inline(always)]
 fn deinterleave_regular<T: Real, const G: usize, const N: usize>(
     n: usize,
     scale: T,

@@ -126,8 +126,8 @@ pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
     v
 }
 
-#[inline(always)]
 /// Returns -1 for lanes with this bit in their index, and 1 for the others.
+#[inline(always)]
 fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
     let mut signs = [T::from_f64(1.0); LANES];
     for (lane, sign) in signs.iter_mut().enumerate() {

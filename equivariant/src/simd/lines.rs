@@ -139,8 +139,7 @@ impl Lines {
             for i in 0..self.each() {
                 let mirrored = self.kernel.size - 1 - i;
                 let line = lines[self.start(oy, i)..][..4 * len].as_chunks::<4>().0;
-                // e = a + b and o = a - b: both gradients go to a, and that of o is subtracted for
-                // b
+                // e = a + b and o = a - b: both gradients go to a, that of o negated to b
                 if let Some(start) = self.row(oy, i) {
                     for (x, d) in image[start..][..len].iter_mut().zip(line) {
                         *x += d[0] + d[1];
@@ -267,8 +266,8 @@ impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
         V
     }
 
-    #[inline(always)]
     /// Adds V blocks of K columns.
+    #[inline(always)]
     fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
         let Columns { lanes, width, step, .. } = *self;
         let rows = self.dy.len() / width;

@@ -332,8 +332,8 @@ impl Patches {
     }
 }
 
-#[inline(always)]
 /// Writes the sum of the G copies of every channel.
+#[inline(always)]
 fn add_up<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
     for (group, x) in groups.as_chunks::<G>().0.iter().zip(channels) {
         let mut sum = group[0];

@@ -82,8 +82,8 @@ fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: 
     V
 }
 
-#[inline(always)]
 /// Writes the sums of R rows and V blocks.
+#[inline(always)]
 fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
     lanes: L,
     x: &[[Block<T>; ROWS]],
@@ -179,8 +179,8 @@ impl<T: Real> GradientTile<'_, T> {
         V
     }
 
-    #[inline(always)]
     /// Adds the sums of B blocks of x, K groups and V blocks of outputs.
+    #[inline(always)]
     fn sum<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
         self,
         lanes: L,
