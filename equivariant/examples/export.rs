@@ -1,6 +1,6 @@
 //! Writes a network and samples of it for `benches/peers/interchange.py`: export DIR.
 //!
-//! Every kind of layer that another library has is in it; the reference encoder is followed by a
+//! It contains every kind of layer that other libraries have: the reference encoder, followed by a
 //! pooled one.
 
 use std::error::Error;
@@ -30,8 +30,8 @@ fn conv(layers: &mut Layers, shape: Shape, n: usize, kernel: Kernel) -> Result<S
     Ok(shape)
 }
 
-/// 64 x 64 x 6 -> 8, 16, 32, 32 fields by strided convolutions -> 16 fields, pooled to one pixel ->
-/// 5 numbers.
+/// Creates the network 64 x 64 x 6 -> 8, 16, 32, 32 fields by strided convolutions -> 16 fields,
+/// pooled to one pixel -> 5 numbers.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     let mut layers = Layers::new();
     let mut shape = Shape::image(64, 64, group.trivial(6));

@@ -1,4 +1,4 @@
-//! Minibatches in fixed chunks, in parallel, with the same bits for any number of threads.
+//! Parallel minibatches in fixed chunks, with the same bits for any number of threads.
 
 use std::cell::Cell;
 use std::ops::Range;
@@ -8,29 +8,30 @@ use rayon::prelude::*;
 
 use crate::real::Real;
 
-/// Chunks whose gradients are held at the same time; it bounds memory, not the batch.
+/// Maximum number of chunk gradients held in memory at once; batches may be larger.
 const WAVE: usize = 64;
-/// Parameters that one task of the reduction adds up: a piece that stays in the first-level cache.
+/// Number of parameters that one task of the reduction adds up; a part of this size stays in the
+/// first-level cache.
 const PIECE: usize = 2048;
 
 thread_local! {
-    /// `true` if this thread runs a chunk, while other chunks wait for a thread. A chunk that
-    /// panics leaves it set, which costs speed alone.
+    /// `true` while this thread runs one of several chunks. A chunk that panics leaves it set,
+    /// which only costs speed.
     static BUSY: Cell<bool> = const { Cell::new(false) };
 }
 
-/// `true` if another thread is better left to other chunks.
+/// Returns `true` if other chunks can use the free threads better than a split of this one.
 pub(crate) fn in_one_of_many_chunks() -> bool {
     BUSY.get()
 }
 
-/// Runs a minibatch in chunks of samples on the threads of the current rayon pool.
+/// Engine that runs a minibatch in chunks of samples on the threads of the current rayon pool.
 ///
-/// Every chunk writes a gradient buffer of its own and the buffers are added in chunk order, so the
-/// result does not depend on the number of threads. Buffers and workspaces are kept between calls:
-/// after the first, nothing is allocated but the vector of results, which needs no memory where a
-/// chunk returns `()`. A workspace (activations, scratch) is lent to one chunk at a time; what a
-/// chunk computes must not depend on what an earlier one left in it.
+/// Every chunk writes its own gradient buffer and the buffers are added in chunk order, so the
+/// result does not depend on the number of threads. Buffers and workspaces are reused: after the
+/// first call the only allocation is the vector of results, which needs no memory if a chunk
+/// returns `()`. A workspace (activations, scratch) belongs to one chunk at a time; the result of a
+/// chunk must not depend on values that an earlier one left in it.
 ///
 /// ```
 /// use equivariant::Chunks;
@@ -61,7 +62,8 @@ pub struct Chunks<T, W> {
 }
 
 impl<T: Real, W: Send> Chunks<T, W> {
-    /// An engine for gradients of `num_params` parameters and chunks of `chunk_size` samples.
+    /// Creates an engine for gradients of `num_params` parameters and chunks of `chunk_size`
+    /// samples.
     ///
     /// `new_workspace` is called once for each thread of the pool, or for each chunk if there are
     /// fewer.
@@ -83,7 +85,7 @@ impl<T: Real, W: Send> Chunks<T, W> {
         }
     }
 
-    /// The number of samples of a chunk; the last one of a batch may be smaller.
+    /// Returns the number of samples of a chunk; the last one of a batch may be smaller.
     pub fn chunk_size(&self) -> usize {
         self.chunk_size
     }
@@ -101,6 +103,8 @@ impl<T: Real, W: Send> Chunks<T, W> {
         gradient: &mut [T],
         f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
     ) -> Vec<S> {
+        // Waves bound the memory for gradients, and adding wave after wave keeps the order of the
+        // chunks.
         assert_eq!(gradient.len(), self.num_params, "wrong number of parameters");
         let count = self.prepare(num_samples);
         let mut buffers = std::mem::take(&mut self.gradients);
@@ -109,19 +113,20 @@ impl<T: Real, W: Send> Chunks<T, W> {
         for first in (0..count).step_by(WAVE) {
             let wave = first..count.min(first + WAVE);
             let buffers = &mut buffers[..wave.len()];
-            let one = |(chunk, buffer): (usize, &mut Vec<T>)| {
+            let run_chunk = |(chunk, buffer): (usize, &mut Vec<T>)| {
                 buffer.fill(T::ZERO);
                 let range = self.range(chunk, num_samples);
-                self.lend(count, |workspace| f(range, workspace, buffer))
+                self.run(count, |workspace| f(range, workspace, buffer))
             };
-            results.par_extend(wave.into_par_iter().zip(&mut *buffers).map(one));
+            results.par_extend(wave.into_par_iter().zip(&mut *buffers).map(run_chunk));
             add_in_order(gradient, buffers);
         }
         self.gradients = buffers;
         results
     }
 
-    /// Runs `f(samples, workspace)` on every chunk of `0..num_samples`; results in chunk order.
+    /// Runs `f(samples, workspace)` on every chunk of `0..num_samples` and returns the results in
+    /// chunk order.
     pub fn map<S: Send>(
         &self,
         num_samples: usize,
@@ -131,14 +136,14 @@ impl<T: Real, W: Send> Chunks<T, W> {
         let count = self.prepare(num_samples);
         (0..count)
             .into_par_iter()
-            .map(|chunk| self.lend(count, |workspace| f(range(chunk), workspace)))
+            .map(|chunk| self.run(count, |workspace| f(range(chunk), workspace)))
             .collect()
     }
 
     /// Runs `f(samples, workspace, rows)` on every chunk, where `rows` are the chunk's rows of
     /// `out`.
     ///
-    /// `out` holds `width` values per sample; it is how inference returns a network's outputs.
+    /// `out` holds `width` values per sample. Inference returns a network's outputs this way.
     ///
     /// # Panics
     /// When the length of `out` is not a multiple of `width`, or `width` is 0.
@@ -159,11 +164,11 @@ impl<T: Real, W: Send> Chunks<T, W> {
         (0..count)
             .into_par_iter()
             .zip(out.par_chunks_mut(width * self.chunk_size))
-            .map(|(chunk, rows)| self.lend(count, |workspace| f(range(chunk), workspace, rows)))
+            .map(|(chunk, rows)| self.run(count, |workspace| f(range(chunk), workspace, rows)))
             .collect()
     }
 
-    /// Makes the workspaces that this many samples can use, and counts the chunks.
+    /// Creates the workspaces that this many samples can use and returns the number of chunks.
     fn prepare(&self, num_samples: usize) -> usize {
         let chunks = num_samples.div_ceil(self.chunk_size);
         let mut idle = self.lock();
@@ -173,15 +178,17 @@ impl<T: Real, W: Send> Chunks<T, W> {
         chunks
     }
 
+    /// Returns the samples of a chunk.
     fn range(&self, chunk: usize, num_samples: usize) -> Range<usize> {
         let start = chunk * self.chunk_size;
         start..num_samples.min(start + self.chunk_size)
     }
 
-    /// Runs one of `count` chunks.
-    fn lend<S>(&self, count: usize, f: impl FnOnce(&mut W) -> S) -> S {
+    /// Runs `f` with a free workspace, for one of `count` chunks.
+    fn run<S>(&self, count: usize, f: impl FnOnce(&mut W) -> S) -> S {
         let idle = self.lock().pop();
         let mut workspace = idle.unwrap_or_else(|| (self.new_workspace)());
+        // chunks may run inside a chunk of another engine, whose flag comes back afterwards
         let outer = BUSY.replace(count > 1);
         let result = f(&mut workspace);
         BUSY.set(outer);
@@ -190,13 +197,14 @@ impl<T: Real, W: Send> Chunks<T, W> {
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<W>> {
-        // the list is whole even when a chunk panicked: its workspace is then merely lost
+        // the list stays consistent if a chunk panics: only its workspace is lost
         self.workspaces.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Adds the buffers, in their order, to every entry of `sum`.
 fn add_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
+    // Parallel over parameters, sequential over buffers: every sum has the order of the chunks.
     let pieces = sum.par_chunks_mut(PIECE).enumerate();
     pieces.for_each(|(i, piece)| {
         for buffer in buffers {

@@ -1,16 +1,16 @@
-//! Why a layer cannot be built.
+//! Errors of the layers' constructors.
 
 use symmetry::{FieldType, Group};
 use thiserror::Error;
 
-use crate::shape::{LARGEST, Shape};
+use crate::shape::{MAX_VALUES, Shape};
 use crate::window::Kernel;
 
-/// A layer that would not be exact, or does not fit its neighbours.
+/// Reason why a layer cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum LayerError {
-    /// A strided window does not sit symmetrically on an axis that the group flips.
+    /// A strided window that does not sit symmetrically on an axis that the group flips.
     #[error(
         "{layer}: {group} flips the {axis}, and a window of {k} pixels, stride {s} and padding {p} leaves a \
          remainder there: got ({size} + 2 * {p} - {k}) mod {s} = {remainder}, expected 0; change size, padding, \
@@ -20,18 +20,18 @@ pub enum LayerError {
     Inexact {
         /// Name of the layer.
         layer: &'static str,
-        /// The group of its types.
+        /// Symmetry group of the layer's types.
         group: Group,
         /// `height` or `width`.
         axis: &'static str,
-        /// The input's length along it in pixels.
+        /// Length of the input along the axis, in pixels.
         size: usize,
-        /// The window.
+        /// Rejected window.
         kernel: Kernel,
-        /// Remainder of the division.
+        /// Remainder of the division by the stride.
         remainder: usize,
     },
-    /// The window does not fit the padded image, or a size or stride is zero.
+    /// A window that does not fit the padded image, or whose size or stride is zero.
     #[error(
         "{layer}: got a window of {k} pixels, stride {s} and padding {p} on the {axis} of {size}, \
          expected 1 <= {k} <= {size} + 2 * {p} and a stride of at least 1",
@@ -42,22 +42,22 @@ pub enum LayerError {
         layer: &'static str,
         /// `height` or `width`.
         axis: &'static str,
-        /// The input's length along it in pixels.
+        /// Length of the input along the axis, in pixels.
         size: usize,
-        /// The window.
+        /// Rejected window.
         kernel: Kernel,
     },
-    /// A layer was given a type that it is not equivariant on.
+    /// A field type on which the layer would not be equivariant.
     #[error("{layer}: got the type `{got}`, expected {expected}")]
     Type {
         /// Name of the layer.
         layer: &'static str,
-        /// The refused type.
+        /// Rejected type.
         got: FieldType,
         /// Description of accepted values.
         expected: &'static str,
     },
-    /// Two types of one layer belong to different groups.
+    /// Two types of one layer that belong to different groups.
     #[error(
         "{layer}: got the types `{first}` of {} and `{second}` of {}, expected one group; restrict one of them",
         first.group(), second.group()
@@ -65,12 +65,12 @@ pub enum LayerError {
     Groups {
         /// Name of the layer.
         layer: &'static str,
-        /// One type.
+        /// First type.
         first: FieldType,
-        /// The other.
+        /// Second type.
         second: FieldType,
     },
-    /// A window can lie in the padding altogether, where nothing can be pooled.
+    /// A padding so large that a window can lie in it entirely, where there is nothing to pool.
     #[error(
         "{layer}: got a padding of {padding} for a window of {size}, expected at most {size} / 2"
     )]
@@ -82,25 +82,25 @@ pub enum LayerError {
         /// Side of the window in pixels.
         size: usize,
     },
-    /// A map without channels or pixels, in which there is nothing to compute.
+    /// A map without channels or pixels.
     #[error("{layer}: got a map of {shape}, expected at least one pixel and one channel")]
     EmptyMap {
         /// Name of the layer.
         layer: &'static str,
-        /// The refused shape.
+        /// Rejected shape.
         shape: Shape,
     },
-    /// Sizes whose product no memory holds.
+    /// Sizes whose product exceeds the limit on values.
     #[error(
-        "{layer}: got {what} of more than {LARGEST} values, expected at most that; lower sizes, channels or padding"
+        "{layer}: got {what} of more than {MAX_VALUES} values, expected at most that; lower sizes, channels or padding"
     )]
     TooLarge {
         /// Name of the layer.
         layer: &'static str,
-        /// Name of the thing that is too large.
+        /// Description of the object that is too large, such as `a map`.
         what: &'static str,
     },
-    /// A layer that needs a square map was given another one.
+    /// A map that is not square, for a layer that needs a square one.
     #[error("{layer}: got a map of {height} x {width} pixels, expected a square one")]
     NotSquare {
         /// Name of the layer.
@@ -110,7 +110,7 @@ pub enum LayerError {
         /// Columns of pixels.
         width: usize,
     },
-    /// Two maps that belong together have different sizes.
+    /// Two maps of different heights or widths, for a layer that combines them.
     #[error(
         "{layer}: got maps of {} x {} and {} x {} pixels, expected equal heights and widths",
         first[0], first[1], second[0], second[1]
@@ -120,41 +120,41 @@ pub enum LayerError {
         layer: &'static str,
         /// Height and width of one map in pixels.
         first: [usize; 2],
-        /// Height and width of the other.
+        /// Height and width of the other map in pixels.
         second: [usize; 2],
     },
-    /// A number of the layer's settings is out of its range.
+    /// A setting of the layer that is out of its range.
     #[error("{layer}: got the {setting} {got}, expected {expected}")]
     Setting {
         /// Name of the layer.
         layer: &'static str,
         /// Name of the setting.
         setting: &'static str,
-        /// The refused value.
+        /// Rejected value.
         got: String,
         /// Description of accepted values.
         expected: &'static str,
     },
-    /// Neighbouring layers of a sequence disagree.
+    /// Neighbouring layers of a sequence with different shapes between them.
     #[error(
         "Sequential: layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",
         previous = index - 1
     )]
     Mismatch {
-        /// Position of the second of the two layers.
+        /// Position of the second of the two layers, from 0.
         index: usize,
-        /// Its input.
+        /// Input shape of that layer.
         takes: Shape,
-        /// The output of the layer before it.
+        /// Output shape of the layer before it.
         gives: Shape,
     },
-    /// A sequence has no layers.
+    /// A sequence without layers.
     #[error("Sequential: got 0 layers, expected at least 1")]
     Empty,
 }
 
 impl LayerError {
-    /// Refuses types of different groups.
+    /// Returns [`Groups`](LayerError::Groups) if two types belong to different groups.
     pub(crate) fn check_groups(
         layer: &'static str,
         first: FieldType,
@@ -166,7 +166,8 @@ impl LayerError {
         Err(LayerError::Groups { layer, first, second })
     }
 
-    /// Refuses more output channels than a field type can have.
+    /// Returns [`Setting`](LayerError::Setting) for more output channels than a field type can
+    /// have.
     pub(crate) fn check_channels(layer: &'static str, channels: usize) -> Result<(), LayerError> {
         if channels <= FieldType::MAX_DIM {
             return Ok(());
@@ -179,9 +180,9 @@ impl LayerError {
         })
     }
 
-    /// Refuses maps without values, and those that no memory holds with `padding` on all sides.
+    /// Checks that a map has values and that its padded size is within the limit.
     ///
-    /// `layer` is the name that the error gives and `padding` is in pixels on each side.
+    /// `layer` is the name in the error and `padding` is in pixels on each side.
     ///
     /// # Errors
     /// [`EmptyMap`](LayerError::EmptyMap) and [`TooLarge`](LayerError::TooLarge).

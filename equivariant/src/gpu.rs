@@ -1,17 +1,17 @@
-//! The same layers on a GPU, through wgpu's Vulkan back end.
+//! GPU versions of the layers, through wgpu's Vulkan back end.
 //!
-//! [`adapters`] lists what there is and [`Device::open`] opens one of them. A [`Network`] is a
-//! layer or a chain of layers on a device: parameters, activations and gradients stay there. A
-//! [`Plan`] joins several layers with kernels of somebody else, such as a loss, and a [`Program`]
-//! is a plan on a device.
+//! [`adapters`] lists the GPUs and [`Device::open`] opens one of them. A [`Network`] is a layer or
+//! a chain of layers on a device: parameters, activations and gradients stay there. A [`Plan`]
+//! combines several layers with kernels of other crates, such as a loss, and a [`Program`] is a
+//! plan on a device.
 //!
 //! A convolution is three kernels, each for all irreps at once: patches are folded by parity,
-//! multiplied by the blocks of parameters, and, in the backward pass, unfolded. All numbers of a
-//! field, one for each irrep, are a vector of WGSL, and products of matrices of such vectors
-//! multiply number by number. Kernels are text in `wgsl/`, to which the layer's sizes are added as
-//! constants. Products have a fixed order of sums. Sums over the threads of a group use operations
-//! on subgroups where the adapter has them, and an order of their own elsewhere; an adapter gives
-//! the same bits each time.
+//! multiplied by the blocks of parameters and, in the backward pass, unfolded. The numbers of a
+//! field, one for each irrep, form a WGSL vector, and matrices of such vectors are multiplied
+//! component by component. Kernels are text in `wgsl/`, to which the layer's sizes are added as
+//! constants. The order of sums in a product is fixed. Sums over the threads of a workgroup use
+//! subgroup operations if the adapter has them and a fixed tree otherwise; an adapter gives the
+//! same bits each time.
 
 mod adapter;
 mod channels;

@@ -1,4 +1,4 @@
-//! The layers that networks are built from.
+//! Layers of networks.
 
 mod average_pool;
 mod check;
@@ -24,15 +24,15 @@ pub use interchange::{InterchangeError, load, save};
 pub use layer::{Layer, LayerKind, Scalar, Signature, Statistics};
 pub use sequential::Sequential;
 
-/// Exports layers, and collects the examples of every layer that its file gives.
+/// Exports the layers of each file and collects their examples.
 macro_rules! registry {
     ($($module:ident: $($Layer:ident)+,)+) => {
         $(pub use $module::{$($Layer),+};)+
 
-        /// Examples of every layer on its own for a group, for tests of whatever runs layers.
+        /// Returns examples of every layer for a group, for tests of code that runs layers.
         ///
         /// # Errors
-        /// Errors of the layers' constructors: none for the groups of this crate.
+        /// Errors of the layers' constructors; none for the groups of this crate.
         pub fn examples<T: Scalar>(
             group: symmetry::Group,
         ) -> Result<Vec<Example<T>>, crate::error::LayerError> {

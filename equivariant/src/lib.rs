@@ -9,11 +9,11 @@
 //!   layers; gradients have the same layout.
 //! - Feature maps are `[N, H, W, C]`, channels last, channels irrep-major ([`FieldType::range`]);
 //!   vectors are maps of height and width 1.
-//! - There is no tape: [`Layer::backward`] is called with what [`Layer::forward`] saw and with the
-//!   [`Scratch`] that it left. All buffers belong to the caller, so a training step allocates
+//! - There is no tape: [`Layer::backward`] takes the same slices as [`Layer::forward`] and the
+//!   [`Scratch`] that it filled. All buffers belong to the caller, so a training step allocates
 //!   nothing after the first.
-//! - Slices of wrong lengths are a panic that names the layer, the slice, its length and the
-//!   expected one; what cannot be built is a [`LayerError`].
+//! - Slices of wrong lengths panic with the layer, the slice, its length and the expected one;
+//!   constructors return a [`LayerError`].
 //! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current rayon
 //!   pool, with the same bits for any number of threads. Large convolutions of a single image use
 //!   two threads of the pool that they run in.
@@ -51,7 +51,7 @@ mod scratch;
 mod shape;
 mod window;
 
-/// The mathematics of steerable kernels on the pixel grid, without any thought of speed.
+/// Mathematics of steerable kernels on the pixel grid, written for clarity rather than speed.
 mod steerable {
     pub(crate) mod blocks;
     pub(crate) mod dense;
@@ -60,17 +60,17 @@ mod steerable {
     pub(crate) mod windows;
 }
 
-/// The inner loops, written once for all instruction sets, and the layout of what they read.
+/// Inner loops, written once for all instruction sets, and the memory layout of their operands.
 mod simd {
     pub(crate) mod gather;
-    pub(crate) mod join;
+    pub(crate) mod interleave;
     pub(crate) mod lanes;
     pub(crate) mod lines;
     pub(crate) mod patches;
     pub(crate) mod tiles;
 }
 
-/// Convolutions on the kernels of [`simd`], one by one and in chains.
+/// Convolutions built from the kernels of [`simd`], one by one and fused into chains.
 mod conv {
     pub(crate) mod backward;
     pub(crate) mod chain;

@@ -1,21 +1,21 @@
-//! Matrix products in some columns of wider matrices, through faer.
+//! Matrix products on columns of wider matrices, through faer.
 
 use faer::linalg::matmul::matmul;
 use faer::traits::RealField;
 use faer::{Accum, MatMut, MatRef, Par};
 
-/// A row-major matrix of `rows` x `cols` numbers: row `r` starts at `r * stride`.
+/// Row-major view of `rows` x `cols` numbers: row `r` starts at `r * stride`.
 #[derive(Clone, Copy, Debug)]
 pub struct Strided<'a, T> {
     pub(crate) data: &'a [T],
     pub(crate) rows: usize,
     pub(crate) cols: usize,
     pub(crate) stride: usize,
-    /// `true` if its transpose is meant.
+    /// `true` if the view stands for its transpose.
     pub(crate) transposed: bool,
 }
 
-/// A row-major matrix to be written.
+/// Row-major mutable view of a matrix.
 #[derive(Debug)]
 pub struct StridedMut<'a, T> {
     pub(crate) data: &'a mut [T],
@@ -46,32 +46,33 @@ impl<'a, T> StridedMut<'a, T> {
     }
 
     fn view(self) -> MatMut<'a, T> {
-        // the transpose of a column-major view, because faer 0.24.4 confuses the strides in
-        // `from_row_major_slice_with_stride_mut` and then writes outside the slice
+        // The transpose of a column-major view: faer 0.24.4 confuses the strides in
+        // `from_row_major_slice_with_stride_mut` and then writes outside the slice.
         let (data, stride) = (self.data, self.stride);
         MatMut::from_column_major_slice_with_stride_mut(data, self.cols, self.rows, stride)
             .transpose_mut()
     }
 }
 
-/// Writes a b into `to`, or adds it to what is there.
+/// Writes the product a b into `to`, or adds it to the values there.
 pub(crate) fn product<T: RealField + Copy>(
     to: StridedMut<T>,
     add: bool,
     a: Strided<T>,
     b: Strided<T>,
 ) {
+    // Par::Seq: minibatches already occupy all threads, and one thread gives a fixed order of sums
     let accumulate = if add { Accum::Add } else { Accum::Replace };
     matmul(to.view(), accumulate, a.view(), b.view(), T::one_impl(), Par::Seq);
     clear_upper_halves();
 }
 
-/// Does a little work on wide registers, at whose end the compiler clears their upper halves.
+/// Executes a few wide instructions, after which the compiler clears the upper register halves.
 ///
-/// The kernels of faer 0.24.4 do not. Until somebody does, the processor pays for every change
-/// between instructions that know of upper halves and those that do not: C's `expf` then takes 175
-/// ns instead of 3, and it comes right after the products of a recurrent unit. `benches/layers.rs`
-/// of the workspace measures it.
+/// The kernels of faer 0.24.4 do not clear them. Until that happens the processor pays for every
+/// switch between AVX and legacy SSE instructions: C's `expf` takes 175 ns instead of 3, and it
+/// runs right after the products of a recurrent unit. `benches/layers.rs` of the workspace measures
+/// it.
 fn clear_upper_halves() {
     #[cfg(target_arch = "x86_64")]
     if let Some(simd) = pulp::x86::V3::try_new() {
@@ -79,7 +80,7 @@ fn clear_upper_halves() {
     }
 }
 
-/// An addition of eight numbers.
+/// Addition of eight numbers.
 #[cfg(target_arch = "x86_64")]
 struct Wide(pulp::x86::V3);
 
@@ -89,6 +90,7 @@ impl pulp::NullaryFnOnce for Wide {
 
     #[inline(always)]
     fn call(self) {
+        // black_box keeps the compiler from removing an addition whose result nobody reads
         let x = std::hint::black_box(pulp::f32x8(0., 0., 0., 0., 0., 0., 0., 0.));
         std::hint::black_box(self.0.add_f32x8(x, x));
     }

@@ -1,4 +1,4 @@
-//! The numbers that layers compute with, and normal deviates for initial weights.
+//! Floating-point types of layers, and normal deviates for initial weights.
 
 use std::f64::consts::TAU;
 use std::fmt::{Debug, Display};
@@ -8,7 +8,7 @@ use rand::{Rng, RngExt};
 
 use crate::matrix::{Strided, StridedMut, product};
 
-/// Arithmetic of `f32` or `f64`; no other type can have it.
+/// Arithmetic of `f32` or `f64`. Other types cannot implement it.
 pub trait Real:
     Copy
     + Default
@@ -31,24 +31,24 @@ pub trait Real:
     /// The number 0.
     const ZERO: Self;
 
-    /// The nearest value of this type.
+    /// Returns the nearest value of this type.
     fn from_f64(value: f64) -> Self;
 
-    /// The value in double precision.
+    /// Converts the value to double precision.
     fn to_f64(self) -> f64;
 
-    /// e to the power of the value.
+    /// Returns e to the power of the value.
     fn exp(self) -> Self;
 
-    /// A number that keeps these bits, not their value.
+    /// Returns a number with these bits, so that slices of numbers can hold bit masks.
     #[doc(hidden)]
     fn from_mask(bits: u16) -> Self;
 
-    /// The bits that it keeps.
+    /// Returns the bits that [`from_mask`](Real::from_mask) stored.
     #[doc(hidden)]
     fn to_mask(self) -> u16;
 
-    /// Writes a b into `to`, or adds it to what is there.
+    /// Writes the product a b into `to`, or adds it to the values there.
     #[doc(hidden)]
     fn product(to: StridedMut<Self>, add: bool, a: Strided<Self>, b: Strided<Self>);
 }
@@ -72,6 +72,7 @@ macro_rules! real {
 
             #[inline(always)]
             fn from_mask(bits: u16) -> $float {
+                // masks are only copied, never computed with: most are subnormal numbers
                 $float::from_bits(bits.into())
             }
 
@@ -90,13 +91,14 @@ macro_rules! real {
 real!(f32);
 real!(f64);
 
-/// `true` if a running maximum moves on to this value; not a number counts as larger than anything.
+/// Returns `true` if a running maximum `best` is replaced by `value`; NaN exceeds every number.
 #[inline(always)]
 pub(crate) fn exceeds<T: Real>(value: T, best: T) -> bool {
     value > best || value.partial_cmp(&value).is_none()
 }
 
-/// Fills `out` with independent normal deviates of mean 0 (Box and Muller, 1958).
+/// Fills `out` with independent normal deviates of mean 0 and standard deviation `std` (Box and
+/// Muller, 1958).
 pub(crate) fn fill_normal<T: Real>(rng: &mut dyn Rng, std: f64, out: &mut [T]) {
     for pair in out.chunks_mut(2) {
         // 1 - u lies in (0, 1], where the logarithm is finite

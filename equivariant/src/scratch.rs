@@ -1,62 +1,60 @@
-//! The memory that the passes of a layer read and write.
+//! Memory that the passes of a layer read and write.
 
 use std::fmt;
 
 use crate::real::Real;
 
-/// Bytes of a cache line, on which scratches start.
+/// Bytes of a cache line; every scratch starts on one.
 const LINE: usize = 64;
-/// Numbers that are skipped at most to get to one, of the narrowest type.
+/// Maximum number of values skipped to reach a cache line, for the narrowest type.
 const SLACK: usize = LINE / size_of::<f32>();
 
-/// Memory for the passes of a layer: what `forward` leaves for `backward`, and room for sums.
+/// Memory for the passes of a layer: values that `forward` saves for `backward`, and working space.
 ///
-/// [`Layer::scratch`](crate::Layer::scratch) makes one. It starts on a cache line, because a load
-/// that straddles two of them takes twice the time, and what lies in it does not depend on its
-/// address: a clone made between `forward` and `backward` gives the same gradients. It remembers
-/// the number of samples and the kind of layer that filled it, and `backward` of another layer
-/// refuses it. Two layers with equal descriptions are not told apart.
+/// [`Layer::scratch`](crate::Layer::scratch) creates one. It starts on a cache line, because a load
+/// that straddles two of them takes twice the time. Its contents do not depend on its address: a
+/// clone made between `forward` and `backward` gives the same gradients. It records the number of
+/// samples and the kind of layer that filled it, and `backward` of another layer rejects it. Two
+/// layers with equal descriptions count as the same layer.
 pub struct Scratch<T> {
     values: Vec<T>,
-    /// The first value on a cache line.
+    /// Index of the first value on a cache line.
     start: usize,
     len: usize,
-    /// The number of samples that the last `forward` had, and its layer's key; zeros where it left
-    /// nothing.
-    filled: (usize, u64),
+    pub(crate) filled: Filled,
+}
+
+/// Origin of the values in a scratch; zeros if `forward` saved nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Filled {
+    /// Number of samples of the last forward pass.
+    pub samples: usize,
+    /// [`scratch_key`](crate::Signature::scratch_key) of the layer that ran it.
+    pub key: u64,
 }
 
 impl<T: Real> Scratch<T> {
-    /// Room for `len` values, all of them `value`: layers must not read what they did not write,
-    /// and a test of that fills it with NaN.
+    /// Creates a scratch of `len` values, all equal to `value`. Layers must not read what they did
+    /// not write; a test of that fills the scratch with NaN.
     pub fn filled(len: usize, value: T) -> Scratch<T> {
         Scratch::aligned(len, value)
     }
 }
 
 impl<T> Scratch<T> {
-    /// The number of values.
+    /// Returns the number of values.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// `true` if it has no room, as for layers that need none.
+    /// Returns `true` for a scratch without values, as of layers that need none.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// The first values.
+    /// Returns the first `len` values.
     pub(crate) fn front(&mut self, len: usize) -> &mut [T] {
         &mut self.values[self.start..][..len]
-    }
-
-    /// The number of samples that the last `forward` had, and its layer's key.
-    pub(crate) fn filled_by(&self) -> (usize, u64) {
-        self.filled
-    }
-
-    pub(crate) fn set_filled(&mut self, samples: usize, key: u64) {
-        self.filled = (samples, key);
     }
 }
 
@@ -64,10 +62,11 @@ impl<T: Clone> Scratch<T> {
     fn aligned(len: usize, value: T) -> Scratch<T> {
         let values = vec![value; len + SLACK];
         Scratch {
+            // align_offset may give up and return usize::MAX, which min turns into a valid start
             start: values.as_ptr().align_offset(LINE).min(SLACK),
             values,
             len,
-            filled: (0, 0),
+            filled: Filled::default(),
         }
     }
 }
@@ -81,6 +80,8 @@ impl<T> fmt::Debug for Scratch<T> {
 impl<T: Clone> Clone for Scratch<T> {
     fn clone(&self) -> Scratch<T> {
         let own = &self.values[self.start..][..self.len];
+        // the clone's vector has another address and so another offset: copy the values, not the
+        // vector
         let mut clone = Scratch::aligned(self.len, self.values[0].clone());
         clone.front(self.len).clone_from_slice(own);
         clone.filled = self.filled;
@@ -88,41 +89,41 @@ impl<T: Clone> Clone for Scratch<T> {
     }
 }
 
-/// The slices of [`Layer::backward`](crate::Layer::backward), of the right lengths.
+/// Slices of [`Layer::backward`](crate::Layer::backward), whose lengths have been checked.
 ///
-/// The compiler knows that arguments do not overlap, but not that these fields do not. Loops over
-/// them belong into functions that take them as arguments.
+/// The compiler knows that arguments of a function do not overlap, but not that these fields do
+/// not. So put loops over them into functions that take the slices as arguments.
 #[derive(Debug)]
 pub struct BackwardPass<'a, T> {
-    /// The parameters.
+    /// Parameters of the layer.
     pub params: &'a [T],
-    /// The input, `[N, H, W, C]`.
+    /// Input of the forward pass, `[N, H, W, C]`.
     pub x: &'a [T],
-    /// The output of the forward pass.
+    /// Output of the forward pass, `[N, H, W, C]`.
     pub y: &'a [T],
-    /// The gradient in the output.
+    /// Gradient with respect to the output.
     pub dy: &'a [T],
-    /// Memory for the gradient in the input, where it is wanted.
+    /// Buffer for the gradient with respect to the input; `None` if it is not needed.
     pub dx: Option<&'a mut [T]>,
-    /// Sum that the gradient in the parameters is added to.
+    /// Sum to which the gradient with respect to the parameters is added.
     pub dparams: &'a mut [T],
-    /// The scratch, as the forward pass left it where the layer keeps it.
+    /// Scratch; holds the values of the forward pass if the layer keeps them.
     pub scratch: &'a mut [T],
 }
 
-/// The length rounded up to cache lines, so that what follows starts on one.
+/// Rounds a length up to whole cache lines, so that the next part starts on one.
 pub(crate) fn whole(len: usize) -> usize {
     len.next_multiple_of(SLACK)
 }
 
-/// Takes values off the front.
+/// Splits `len` values off the front.
 pub(crate) fn take_front<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
     let (front, back) = std::mem::take(rest).split_at_mut(len);
     *rest = back;
     front
 }
 
-/// Takes values off the front, and what [`whole`] adds.
+/// Splits `len` values off the front and drops the padding that [`whole`] adds.
 pub(crate) fn take_whole<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
     &mut take_front(rest, whole(len))[..len]
 }
@@ -141,7 +142,7 @@ mod tests {
             for (i, value) in scratch.front(len).iter_mut().enumerate() {
                 *value = i as f32;
             }
-            // what lies between them moves the clone to another offset
+            // an allocation in between moves the clone to another offset
             let _between = vec![0u8; 8 * len + 8];
             let mut clone = scratch.clone();
             assert_eq!(clone.front(len), scratch.front(len));

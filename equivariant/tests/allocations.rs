@@ -1,7 +1,7 @@
 //! In the steady state nothing is allocated, on any thread.
 //!
-//! A program of its own, since the allocator counts for the whole process and the thread of a test
-//! harness allocates, too.
+//! A program of its own, because the allocator counts for the whole process and the thread of a
+//! test harness allocates, too.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
@@ -20,7 +20,7 @@ static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 const SAMPLES: usize = 40;
 const CHUNK: usize = 4;
 
-/// Allocations of ten runs after two.
+/// Returns the number of allocations of ten runs, after two runs that are not counted.
 fn allocations(mut run: impl FnMut()) -> usize {
     (0..2).for_each(|_| run());
     let region = Region::new(ALLOCATOR);
@@ -37,7 +37,7 @@ fn check(net: &Sequential<f32>) {
     let of_chunk = scratch.clone();
     let mut chunks: Chunks<f32, (Vec<f32>, Scratch<f32>)> =
         Chunks::new(params.len(), CHUNK, move || (vec![0.0; CHUNK * out_len], of_chunk.clone()));
-    // the matrix products of `Linear` keep buffers per thread: every thread needs to have run once
+    // the matrix products of `Linear` keep buffers per thread, so every thread must have run once
     rayon::broadcast(|_| {
         let (mut y, mut gradient) = (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
         let (mut scratch, x) = (scratch.clone(), &x[..CHUNK * in_len]);
@@ -65,7 +65,7 @@ fn check(net: &Sequential<f32>) {
 
 fn main() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
-    // inside the pool: handing it work from outside allocates now and then
+    // inside the pool, because submitting work from outside allocates now and then
     pool.install(|| {
         for group in Group::ALL {
             check(&network(group));

@@ -1,4 +1,4 @@
-//! Pictures of bytes give what their levels give.
+//! Networks on byte images give the same bits as on the levels of the bytes.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -13,7 +13,8 @@ use crate::common::{normal, params, scratch, unwritten};
 const SAMPLES: usize = 3;
 const SAME: Kernel = Kernel::new(3, 1, 1);
 
-/// Sides with a rest behind whole registers, and windows of all kinds that first layers tell apart.
+/// Returns convolutions whose rows have a remainder after whole registers, for every kind of window
+/// that first layers treat differently.
 fn convolutions() -> Vec<R2Conv> {
     let mut convolutions = Vec::new();
     for group in Group::ALL {
@@ -28,8 +29,8 @@ fn convolutions() -> Vec<R2Conv> {
     convolutions
 }
 
-/// A convolution alone, with a ReLU, with a pooling, and with others in the same chain and behind
-/// it.
+/// Returns networks around a convolution: alone, with a ReLU, with a pooling, and inside longer
+/// chains.
 fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
     let out = conv.out_shape();
     let halved = Kernel::new(2, 2, 0);
@@ -55,7 +56,7 @@ fn pictures(layer: &impl Signature, samples: usize) -> Vec<u8> {
     bytes.collect()
 }
 
-/// Output and gradient in the parameters.
+/// Returns the output and the gradient of the parameters.
 fn of_bytes<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] {
     let samples = pictures.len() / network.in_shape().len();
     let (params, mut scratch) = (params(network, 1), scratch(network, samples));
@@ -79,7 +80,8 @@ fn of_levels<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2]
     [y, dparams]
 }
 
-/// The bits of numbers in double precision, which tell all numbers of either precision apart.
+/// Converts numbers to their bits in double precision, which distinguish all values of either
+/// precision.
 fn bits<T: Scalar>(values: &[Vec<T>; 2]) -> Vec<u64> {
     let values = values.iter().flatten();
     values.map(|v| v.to_f64().to_bits()).collect()
@@ -111,7 +113,7 @@ fn bytes_give_the_bits_of_their_levels() {
     }
 }
 
-/// A single picture of this size is computed in two halves where a thread may be free.
+/// Checks an image so large that it is computed in two halves if a thread is free.
 #[test]
 fn two_threads_give_the_bits_of_one() {
     let halving = Kernel::new(4, 2, 1);
@@ -132,7 +134,7 @@ fn levels_are_centred_and_reach_half() {
     assert!((0..255).all(|byte| level::<f32>(byte) < level(byte + 1)));
 }
 
-/// The message of a panic.
+/// Returns the message of a panic.
 fn refusal(call: impl FnOnce()) -> String {
     let panic = catch_unwind(AssertUnwindSafe(call)).unwrap_err();
     panic.downcast_ref::<String>().unwrap().clone()

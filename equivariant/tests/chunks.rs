@@ -1,4 +1,4 @@
-//! The chunked gradient engine: same bits for any number of threads.
+//! The chunked gradient engine gives the same bits for any number of threads.
 
 use equivariant::{
     Chunks, FieldType, Group, Kernel, Layer, MaxPool, Relu, Scalar, Scratch, Sequential, Shape,
@@ -30,7 +30,7 @@ fn pool(threads: usize) -> rayon::ThreadPool {
     pool.build().unwrap()
 }
 
-/// Gradient and losses of half the squared output, after `rounds` calls.
+/// Returns the gradient and the losses of half the squared output, after `rounds` calls.
 fn gradient(threads: usize, rounds: usize) -> (Vec<f32>, Vec<f32>) {
     let net = network::<f32>(Group::D2);
     let params = params(&net, 1);
@@ -64,8 +64,8 @@ fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
     }
 }
 
-/// Layers with enough to do for a second thread: fused, also with a pooling, and alone, odd numbers
-/// of lines, types that fill no block.
+/// Returns layers with enough work for a second thread: fused, also with a pooling, and alone, with
+/// odd numbers of lines and types that do not fill a block.
 fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 5] {
     let mixed = FieldType::new(group, [5, 4, 3, 2]);
     let [trivial, regular] = [group.trivial(6), group.regular(16)];
@@ -90,7 +90,7 @@ fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 5] {
     ]
 }
 
-/// The output for one image, then the gradients that are computed from what the pass left behind.
+/// Returns the output for one image, then the gradients from the values that the pass saved.
 fn one_image<T: Scalar>(layer: &dyn Layer<T>, threads: usize) -> [Vec<T>; 3] {
     let params = params(layer, 1);
     let x = normal::<T>(layer.in_shape().len(), 2);

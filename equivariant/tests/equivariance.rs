@@ -1,4 +1,4 @@
-//! f(g x) = g f(x) for every layer, and a checker that can fail.
+//! f(g x) = g f(x) for every layer, and tests that the checker can fail.
 
 use equivariant::{
     Example, FieldType, Group, InstructionSet, Layer, R2Conv, Relu, Scalar, Sequential, Shape,
@@ -58,7 +58,8 @@ fn sums_of_maps_commute_with_every_group() {
     }
 }
 
-/// The reference encoder: four halving convolutions from 64 x 64 x 6 to 4 x 4, each with a ReLU.
+/// Creates the reference encoder: four halving convolutions from 64 x 64 x 6 to 4 x 4, each with a
+/// ReLU.
 fn reference<T: Scalar>(group: Group) -> Sequential<T> {
     let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
     let mut shape = Shape::image(64, 64, group.trivial(6));
@@ -91,8 +92,8 @@ fn assert_exact<T: Scalar>(layer: &dyn Layer<T>) {
     assert_eq!(error, 0.0, "{layer}");
 }
 
-/// Lines of output that are whole tiles of pixels, with a rest and shorter, of every number of
-/// channels that has code of its own and of others.
+/// Checks lines of output that are whole tiles of pixels, have a remainder or are shorter, for
+/// numbers of channels with and without specialised code.
 #[test]
 fn first_layers_are_exact_under_d2() {
     for channels in [1, 3, 4, 6, 7] {
@@ -110,7 +111,7 @@ fn first_layers_are_exact_under_d2() {
     }
 }
 
-/// Odd and even windows, more rows than a tile has and a rest.
+/// Checks odd and even windows, with more rows than a tile and a remainder.
 #[test]
 fn convolutions_are_exactly_equivariant() {
     for group in Group::ALL {
@@ -160,7 +161,7 @@ fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
 
 #[test]
 fn the_checker_applies_every_element_of_the_group() {
-    // x and y change places: the half turn does not see it
+    // x and y are exchanged, which the half turn leaves invariant
     let swapped = |group: Group| {
         let shape = Shape::vector(FieldType::new(group, [0, 1, 1, 0]));
         let f = |v: &[f64], y: &mut [f64]| y.copy_from_slice(&[v[1], v[0]]);

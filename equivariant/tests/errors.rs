@@ -1,5 +1,5 @@
-//! Wrong types, shapes, sizes and slices: refused with the layer's name, what was got and what was
-//! expected.
+//! Wrong types, shapes, sizes and slices are rejected with the layer's name, the value and the
+//! expectation.
 
 use equivariant::{
     AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel,
@@ -10,7 +10,7 @@ fn message<L>(refused: Result<L, LayerError>) -> String {
     refused.err().unwrap().to_string()
 }
 
-/// Checks that each layer refuses with its name and the reason.
+/// Checks that each layer is rejected with its name and the reason.
 fn assert_refused<const N: usize>(reason: &str, refused: [(&str, String); N]) {
     for (layer, message) in refused {
         let expected = format!("{layer}: {reason}");

@@ -1,5 +1,5 @@
-//! Values and gradients that PyTorch computed (`benches/peers/golden_layers.py`), and filters that
-//! escnn expanded (`benches/peers/escnn_filters.py`).
+//! Values and gradients from PyTorch (`benches/peers/golden_layers.py`), and filters that escnn
+//! expanded (`benches/peers/escnn_filters.py`).
 
 use equivariant::{
     AveragePool, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, MaxPool, R2Conv,
@@ -21,7 +21,8 @@ fn golden(name: &str) -> Vec<f64> {
     values.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect()
 }
 
-/// Changes maps of a type between the regular basis of the file and the irrep basis of the layers.
+/// Transforms maps of a type between the regular basis of the file and the irrep basis of the
+/// layers.
 fn change(shape: Shape, mut values: Vec<f64>) -> Vec<f64> {
     if shape.fields.regular_fields().is_some() {
         let pixels = values.chunks_exact_mut(shape.fields.dim());
@@ -35,7 +36,7 @@ fn assert_close(name: &str, got: &[f64], expected: &[f64]) {
     assert!(error < TOLERANCE, "{name}: {error}");
 }
 
-/// Runs a layer on a case of the file; returns the gradient in the parameters.
+/// Runs a layer on a case of the file and returns the gradient of the parameters.
 fn check(case: &str, layer: &dyn Layer<f64>, params: &[f64]) -> Vec<f64> {
     let (in_shape, out_shape) = (layer.in_shape(), layer.out_shape());
     let of = |part: &str| golden(&format!("{case}.{part}"));
@@ -51,7 +52,7 @@ fn check_keypoints(case: &str, shape: Shape, temperature: f64) {
     check(case, &layer, &[]);
 }
 
-/// The file's maps of 8 channels as regular fields.
+/// Returns the shape of the file's maps of 8 channels as regular fields.
 fn input(group: Group) -> Shape {
     Shape::image(SIZE[0], SIZE[1], group.regular(8 / group.order()))
 }
@@ -88,7 +89,7 @@ fn layers_of_d2_are_those_of_their_definition_in_pytorch() {
     check("d2_group_max", &GroupMaxPool::new(shape).unwrap(), &[]);
     check("d2_group_mean", &GroupMeanPool::new(shape).unwrap(), &[]);
     let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
-    // one number for four elements has twice its value as a trivial coefficient
+    // a bias that is equal for all four elements has a trivial coefficient of twice its value
     let biases = golden("d2_norm.bias").into_iter().map(|b| 2.0 * b);
     let params: Vec<f64> = golden("d2_norm.gain").into_iter().chain(biases).collect();
     let gradient = check("d2_norm", &norm, &params);
@@ -107,7 +108,7 @@ fn restrictions_are_those_of_their_definition_in_pytorch() {
     }
 }
 
-/// The parameters of a convolution whose kernel and bias are those of a case.
+/// Returns the parameters of a convolution with the kernel and the bias of a case.
 fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
     let dense = layer.dense();
     let projection = dense.project_regular(&golden(&format!("{case}.kernel")));
@@ -153,8 +154,8 @@ fn residual_connections_are_those_of_pytorch() {
     }
 }
 
-/// The part of a filter of escnn that is not steerable here, after a permutation of the output's
-/// elements.
+/// Returns the share of an escnn filter that is not steerable here, after a permutation of the
+/// output's elements.
 fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
     let tensors = SafeTensors::deserialize(ESCNN).unwrap();
     let tensor = tensors.tensor(name).unwrap();
@@ -179,7 +180,7 @@ fn filters_of_escnn_lie_in_the_space_of_steerable_kernels() {
         let layer = R2Conv::new(in_type, out_type, Kernel::new(size, 1, 0), [size; 2]).unwrap();
         let residual = escnn_residual(name, &layer, [0, 1, 2, 3]);
         assert!(residual < 1e-6, "{name}: {residual}");
-        // escnn's own order of the elements: the half turn second
+        // escnn orders the elements differently: the half turn is second
         let wrong = escnn_residual(name, &layer, [0, 3, 1, 2]);
         assert!(wrong > 0.1, "{name}: {wrong}");
     }

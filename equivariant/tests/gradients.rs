@@ -11,7 +11,7 @@ const SAMPLES: usize = 3;
 const STEP: f64 = 1e-5;
 const TOLERANCE: f64 = 1e-7;
 
-/// A layer with parameters, an input, and the gradient in its output.
+/// Layer with parameters, an input, and the gradient of its output.
 struct Case {
     name: String,
     layer: Box<dyn Layer<f64>>,
@@ -30,7 +30,7 @@ fn cases() -> impl Iterator<Item = Case> {
     })
 }
 
-/// The derivative of `f` along entry `i` of `at`.
+/// Returns the derivative of `f` along entry `i` of `at`.
 fn difference(at: &[f64], i: usize, f: impl Fn(&[f64]) -> f64) -> f64 {
     let moved = |by: f64| {
         let mut moved = at.to_vec();
@@ -40,11 +40,11 @@ fn difference(at: &[f64], i: usize, f: impl Fn(&[f64]) -> f64) -> f64 {
     (moved(STEP) - moved(-STEP)) / (2.0 * STEP)
 }
 
-/// The largest error of analytic gradients over the largest of them.
+/// Returns the largest error of analytic gradients, relative to the largest of them.
 fn error(analytic: &[f64], at: &[f64], f: impl Fn(&[f64]) -> f64) -> f64 {
-    // not a number stays one: it is not below 1e-3
+    // NaN stays NaN, which is not below 1e-3
     let scale = largest([1e-3, largest_magnitude(analytic)].into_iter());
-    // a spread of entries is enough, and a wrong formula is wrong nearly everywhere
+    // a spread of entries suffices, because a wrong formula is wrong nearly everywhere
     let stride = (at.len() / 120).max(1);
     let entries = (0..at.len()).step_by(stride);
     largest(entries.map(|i| (difference(at, i, &f) - analytic[i]).abs() / scale))

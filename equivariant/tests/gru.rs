@@ -16,7 +16,7 @@ fn golden(name: &str) -> Vec<f64> {
     values.iter().map(|&b| f64::from_le_bytes(b)).collect()
 }
 
-/// A unit on a type that has all irreps of the group, and some more often than others.
+/// Creates a unit on a type with all irreps of the group, some more often than others.
 fn unit(group: Group) -> Gru {
     let mut irreps = group.irreps().to_vec();
     irreps.extend([group.irreps()[0]; 2]);
@@ -26,22 +26,22 @@ fn unit(group: Group) -> Gru {
 fn drawn<T: Scalar>(gru: &Gru) -> Vec<T> {
     let mut params = vec![T::ZERO; gru.num_params()];
     gru.init(&mut rng(3), &mut params);
-    // biases, too
+    // draws the biases, too
     let shift = normal::<T>(params.len(), 4);
     let tenth = T::from_f64(0.1);
     params.iter_mut().zip(shift).for_each(|(p, s)| *p += tenth * s);
     params
 }
 
-/// Last states, gradient in the input and gradient in the parameters of `d_out . out`.
+/// Returns last states, gradient of the input and gradient of the parameters of `d_out . out`.
 fn run(gru: &Gru, params: &[f64], x: &[f64], d_out: &[f64]) -> [Vec<f64>; 3] {
-    // room for more, with what an earlier pass left
+    // a larger pass than needed, with values of an earlier run
     let mut pass = gru.pass(STEPS + 1, LENGTHS.len() + 2);
     let other = normal(2 * 6 * gru.in_type().dim(), 9);
     gru.forward(params, &other, &[2; 6], &mut pass);
     gru.forward(params, x, &LENGTHS, &mut pass);
     let out = pass.out().to_vec();
-    // one, not zero: gradients must be added
+    // starts at one, not zero, since gradients must be added
     let (mut dx, mut dparams) = (vec![f64::NAN; x.len()], vec![1.0; params.len()]);
     gru.backward(params, x, d_out, Some(&mut dx), &mut dparams, &mut pass);
     dparams.iter_mut().for_each(|d| *d -= 1.0);
@@ -86,7 +86,7 @@ fn backward_is_the_derivative_of_forward_for_every_group() {
     }
 }
 
-/// Over three steps, each a multiple of one vector.
+/// Checks sequences of three steps, each a multiple of one vector.
 #[test]
 fn the_unit_commutes_with_every_group() {
     for group in Group::ALL {
@@ -110,7 +110,7 @@ fn the_unit_commutes_with_every_group() {
     }
 }
 
-/// Steps before a sequence are not read, and a sequence of no steps leaves zeros.
+/// Checks that rows before a sequence are ignored and that an empty sequence leaves zeros.
 #[test]
 fn only_the_steps_of_a_sequence_count() {
     let gru = unit(Group::D2);
@@ -135,8 +135,8 @@ fn only_the_steps_of_a_sequence_count() {
     assert!(last(&x, [0, 1, 1, 1])[..width].iter().all(|&h| h == 0.0));
 }
 
-/// Sequences that share rows give what they give with rows of their own, and the gradient in a row
-/// is the sum over all steps that read it.
+/// Checks that sequences give the same results with shared rows as with rows of their own, and that
+/// the gradient of a row is the sum over all steps that read it.
 #[test]
 fn shared_rows_are_rows_of_their_own_added_up() {
     let rows = 7;
@@ -152,7 +152,7 @@ fn shared_rows_are_rows_of_their_own_added_up() {
         let d_out = normal(LENGTHS.len() * gru.out_type().dim(), 5);
         let [out, dx, dparams] = run(&gru, &params, &own, &d_out);
         let mut pass = gru.pass(STEPS, LENGTHS.len());
-        gru.forward_shared(&params, &shared, (&reads, &LENGTHS), &mut pass);
+        gru.forward_shared(&params, &shared, &reads, &LENGTHS, &mut pass);
         assert!(largest_deviation(pass.out(), &out) < 1e-14);
         let (mut dshared, mut dshared_params) =
             (vec![f64::NAN; shared.len()], vec![0.0; params.len()]);
@@ -173,9 +173,9 @@ fn shared_rows_are_rows_of_their_own_added_up() {
 fn a_row_that_is_not_there_is_refused() {
     let gru = unit(Group::C1);
     let (mut pass, x) = (gru.pass(2, 1), vec![0.0; 2 * gru.in_type().dim()]);
-    // what comes before the sequence is not read
-    gru.forward_shared(&drawn::<f32>(&gru), &x, (&[9, 1], &[1]), &mut pass);
-    gru.forward_shared(&drawn::<f32>(&gru), &x, (&[1, 2], &[1]), &mut pass);
+    // rows before the sequence are ignored
+    gru.forward_shared(&drawn::<f32>(&gru), &x, &[9, 1], &[1], &mut pass);
+    gru.forward_shared(&drawn::<f32>(&gru), &x, &[1, 2], &[1], &mut pass);
 }
 
 #[test]
@@ -187,7 +187,7 @@ fn a_sequence_that_is_longer_than_its_slice_is_refused() {
     gru.forward(&drawn::<f32>(&gru), &x, &[3], &mut pass);
 }
 
-/// One forward pass and this many backward passes of a unit, in a pass that `other` made.
+/// Runs one forward pass and this many backward passes of a unit, in a pass that `other` created.
 fn passes(other: &Gru, backward: usize) {
     let gru = unit(Group::D2);
     let (params, x) = (drawn::<f64>(&gru), vec![0.5; gru.in_type().dim()]);

@@ -18,7 +18,7 @@ fn output_moment(layer: &dyn Layer<f64>, gain: f64, x: &[f64]) -> f64 {
     second_moment(&forward(layer, &params, x))
 }
 
-/// Layers of about as many channels in every group.
+/// Returns layers with about as many channels in every group.
 fn wide(group: Group) -> [Box<dyn Layer<f64>>; 4] {
     let regular = |n: usize| group.regular(n / group.order());
     let mixed = FieldType::new(group, [40, 10, 20, 30]);

@@ -1,4 +1,4 @@
-//! Every instruction set that this machine has gives what the portable code gives.
+//! Every instruction set of this machine agrees with the portable code.
 
 use equivariant::{
     FieldType, Group, InstructionSet, Kernel, Layer, MaxPool, R2Conv, Relu, Sequential, Signature,
@@ -8,8 +8,8 @@ use crate::common::{params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
 
-/// Outputs and gradients of a convolution with a ReLU, and of one with a pooling where windows fit;
-/// without an input gradient first layers take another path.
+/// Returns outputs and gradients of a convolution with a ReLU, and of one with a pooling if windows
+/// fit. Without an input gradient first layers take another path.
 fn run(conv: &R2Conv, set: InstructionSet, with_dx: bool) -> Vec<f32> {
     let pooled = run_pooled(conv, set, with_dx, true);
     [run_pooled(conv, set, with_dx, false), pooled].concat()
@@ -41,7 +41,7 @@ fn run_pooled(conv: &R2Conv, set: InstructionSet, with_dx: bool, pooled: bool) -
     [y, dx, dparams].concat()
 }
 
-/// Outputs are wide enough for a full tile of every kernel and a rest.
+/// Returns convolutions wide enough for a full tile of every kernel and a remainder.
 fn convolutions() -> Vec<R2Conv> {
     let mut convolutions = Vec::new();
     for group in Group::ALL {
@@ -65,7 +65,7 @@ fn convolutions() -> Vec<R2Conv> {
     convolutions
 }
 
-/// The largest difference over the largest value; not a number if there is one.
+/// Returns the largest difference over the largest value; NaN if one is NaN.
 fn deviation(got: &[f32], expected: &[f32]) -> f32 {
     let largest = |values: &mut dyn Iterator<Item = f32>| {
         values.fold(0.0, |m: f32, v| if v > m || v.is_nan() { v } else { m })
@@ -76,13 +76,13 @@ fn deviation(got: &[f32], expected: &[f32]) -> f32 {
     largest(&mut differences) / scale
 }
 
-/// Wider sets are compared with the portable code, which rounds twice where they round once; among
+/// Compares instruction sets. Wider sets round once where the portable code rounds twice; among
 /// themselves they add the same numbers in the same order.
 #[test]
 fn all_instruction_sets_of_this_machine_agree() {
     let wider = &InstructionSet::ALL[1..];
     let wider: Vec<_> = wider.iter().filter(|set| set.is_available()).collect();
-    // none on a machine without AVX2 and FMA, where the portable code is all that ever runs
+    // none on a machine without AVX2 and FMA, where only the portable code runs
     println!("compared with {:?}: {wider:?}", InstructionSet::ALL[0]);
     let convolutions = convolutions();
     assert_eq!(convolutions.len(), 70);

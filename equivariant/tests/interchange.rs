@@ -1,4 +1,4 @@
-//! Files of networks: what goes in comes out, and nothing else is taken.
+//! Files of networks: parameters survive a round trip, and other files are rejected.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use safetensors::SafeTensors;
 
 use crate::common::{boxed, forward, layers, network, normal, params};
 
-/// A file of this test run that is removed when it is dropped.
+/// File of this test run, removed when dropped.
 struct File(PathBuf);
 
 impl File {
@@ -19,7 +19,7 @@ impl File {
 
 impl Drop for File {
     fn drop(&mut self) {
-        // a test that failed before it wrote leaves nothing to remove
+        // a test that fails before it writes leaves nothing to remove
         let _ = std::fs::remove_file(&self.0);
     }
 }

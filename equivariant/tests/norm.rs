@@ -1,4 +1,4 @@
-//! Normalised fields: their moments, and where they come from.
+//! Normalised fields: their moments, and the source of the statistics.
 
 use equivariant::{FieldNorm, FieldType, Group, Layer, Shape, Signature, Statistics, hadamard};
 
@@ -16,7 +16,7 @@ fn normalised(layer: &FieldNorm, x: &[f64]) -> Vec<f64> {
     y
 }
 
-/// Mean and variance of field `f` of `fields` in the regular basis.
+/// Returns mean and variance of field `f` of `fields` in the regular basis.
 fn regular_moments(group: Group, fields: usize, f: usize, y: &[f64]) -> [f64; 2] {
     let mut values = Vec::new();
     for pixel in y.chunks(group.order() * fields) {

@@ -6,7 +6,7 @@ use symmetry::D2;
 
 use crate::common::{forward, largest_deviation, normal, params};
 
-/// Ordinary cross-correlation of a `[C_out, C_in, k, k]` kernel with one channels-last image.
+/// Returns the cross-correlation of a `[C_out, C_in, k, k]` kernel with one channels-last image.
 fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> {
     let (input, output) = (layer.in_shape(), layer.out_shape());
     let (c_in, c_out, k) = (input.fields.dim(), output.fields.dim(), window.size);
@@ -66,7 +66,7 @@ proptest! {
         let params = with_zero_bias(&layer, seed);
         let kernel = layer.dense().kernel(&params);
         let len = layer.in_shape().len();
-        // five samples: more than a group of small images, and a group that is not full
+        // five samples: more than are staged together, and an incomplete group
         let x = normal::<f64>(5 * len, seed + 1);
         let y = forward(&layer, &params, &x);
         let expected: Vec<f64> = x.chunks(len).flat_map(|x| naive(&layer, &kernel, window, x)).collect();

@@ -4,7 +4,7 @@ use equivariant::{Group, Layer, Scalar, Sequential};
 
 use crate::common::{forward, largest_deviation, largest_magnitude, normal, params, pooled, run};
 
-/// Output, input gradient and parameter gradient of layers that run one by one.
+/// Returns output, input gradient and parameter gradient of layers that run one by one.
 fn one_by_one<T: Scalar>(
     layers: &[Box<dyn Layer<T>>],
     params: &[T],
@@ -29,8 +29,7 @@ fn one_by_one<T: Scalar>(
     [maps[layers.len()].clone(), gradient, dparams]
 }
 
-/// Checks three samples, of which the last has equal pixels: windows away from the border are ties
-/// there.
+/// Checks three samples. The last has equal pixels, so windows away from the border are ties there.
 fn check<T: Scalar>(group: Group, tolerance: f64) {
     let layers = pooled::<T>(group);
     let fused = Sequential::new(pooled::<T>(group)).unwrap();

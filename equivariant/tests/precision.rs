@@ -1,5 +1,5 @@
-//! The kernels of single precision, on the instruction set of this machine, against those of double
-//! precision, which are plain arrays and which the oracle and finite differences check.
+//! Kernels of single precision, on the instruction set of this machine, against those of double
+//! precision, which are plain arrays and are checked by the oracle and by finite differences.
 
 use equivariant::{Group, Layer, Scalar};
 
@@ -8,7 +8,7 @@ use crate::common::{self, conv, largest_deviation, largest_magnitude, network, n
 const SAMPLES: usize = 3;
 const TOLERANCE: f64 = 1e-5;
 
-/// Outputs, input gradients and parameter gradients, given operands of single precision.
+/// Returns outputs, input gradients and parameter gradients, given operands of single precision.
 fn run<T: Scalar>(layer: &dyn Layer<T>, operands: [&[f32]; 3]) -> [Vec<f64>; 3] {
     let exact = |values: &[f32]| -> Vec<T> {
         let values = values.iter();
@@ -19,7 +19,7 @@ fn run<T: Scalar>(layer: &dyn Layer<T>, operands: [&[f32]; 3]) -> [Vec<f64>; 3] 
     results.map(|values| values.into_iter().map(T::to_f64).collect())
 }
 
-/// The largest difference over the largest value, of each result.
+/// Returns the largest difference over the largest value, for each result.
 fn errors(single: &dyn Layer<f32>, double: &dyn Layer<f64>) -> [f64; 3] {
     let params = params(single, 1);
     let x = normal::<f32>(SAMPLES * single.in_shape().len(), 2);
@@ -29,7 +29,7 @@ fn errors(single: &dyn Layer<f32>, double: &dyn Layer<f64>) -> [f64; 3] {
     std::array::from_fn(|i| relative(&single[i], &double[i]))
 }
 
-/// The largest difference over the largest value.
+/// Returns the largest difference over the largest value.
 fn relative(got: &[f64], expected: &[f64]) -> f64 {
     largest_deviation(got, expected) / largest_magnitude(expected)
 }
@@ -46,8 +46,8 @@ fn the_comparison_sees_not_a_number_and_a_wrong_value() {
 #[test]
 fn convolutions_of_every_width_agree_in_both_precisions() {
     for group in Group::ALL {
-        // fields out: every way to cut outputs into tiles; 6 x 22 images: lines of a full tile and
-        // a rest
+        // numbers of fields for every way to divide outputs into tiles; images of 6 x 22 for lines
+        // of a full tile and a remainder
         for fields in [1, 4, 5, 8, 12, 16, 20, 33] {
             for input in [group.trivial(6), group.regular(8), group.regular(3)] {
                 for window in [[4, 2, 1], [3, 1, 1]] {

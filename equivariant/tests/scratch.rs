@@ -7,7 +7,7 @@ use crate::common::{layers, normal, params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
 
-/// The gradients, with the scratch moved between forward and backward.
+/// Returns the gradients, with the scratch moved between forward and backward.
 fn gradients<T: Scalar>(layer: &dyn Layer<T>, moved: impl Fn(Scratch<T>) -> Scratch<T>) -> Vec<T> {
     let params = params(layer, 1);
     let x = normal::<T>(SAMPLES * layer.in_shape().len(), 2);
@@ -22,7 +22,7 @@ fn gradients<T: Scalar>(layer: &dyn Layer<T>, moved: impl Fn(Scratch<T>) -> Scra
     [dx, dparams].concat()
 }
 
-/// Clones many times with blocks of odd sizes between, so that the memory lies at other offsets.
+/// Clones many times with blocks of odd sizes in between, so that clones have other offsets.
 fn cloned<T: Scalar>(scratch: Scratch<T>) -> Scratch<T> {
     let mut held = Vec::new();
     let mut clone = scratch;
@@ -60,7 +60,7 @@ fn an_empty_scratch_in_its_place_is_noticed() {
     }
 }
 
-/// A layer that keeps nothing writes where another left what its backward pass needs.
+/// Checks that a layer that keeps nothing cannot corrupt values that another layer saved.
 #[test]
 fn a_scratch_that_another_backward_pass_used_is_noticed() {
     let relu = Relu::new(Shape::vector(Group::D2.trivial(1))).unwrap();

@@ -1,4 +1,4 @@
-//! Slices and scratches of wrong lengths are refused by every layer, which says which slice it was.
+//! Slices and scratches of wrong lengths are rejected by every layer, with the name of the slice.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -9,7 +9,7 @@ use crate::common::{boxed, kernel, layers, normal, rng};
 
 const SAMPLES: usize = 3;
 
-/// The slices of a pass, in the order of their lengths here.
+/// Names of the slices of a pass, in the order of their lengths here.
 const SLICES: [&str; 7] = ["params", "x", "y", "dy", "dx", "dparams", "scratch"];
 
 fn lengths(layer: &dyn Layer<f32>) -> [usize; 7] {
@@ -18,7 +18,7 @@ fn lengths(layer: &dyn Layer<f32>) -> [usize; 7] {
     [params, x, y, y, x, params, layer.scratch_len(SAMPLES)]
 }
 
-/// Message of the panic of a call, if it panics.
+/// Returns the message of the panic of a call, if it panics.
 fn panic_of(call: impl FnOnce()) -> Option<String> {
     let panic = catch_unwind(AssertUnwindSafe(call)).err()?;
     Some(panic.downcast_ref::<String>().unwrap().clone())
@@ -33,7 +33,7 @@ fn forward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     layer.forward(&vec![0.1; params], &vec![0.1; x], &mut y, &mut scratch);
 }
 
-/// A backward pass after a forward pass of the right lengths.
+/// Runs a backward pass after a forward pass of the right lengths.
 fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     let [params, x, y, ..] = self::lengths(layer);
     let mut scratch = layer.scratch(SAMPLES);
@@ -55,12 +55,14 @@ fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     );
 }
 
-/// `true` if the message names the slice, its length and what was expected. A wrong `x` of whole
-/// samples makes the slices beside it wrong, whose messages name it.
+/// Returns `true` if the message names the slice, its length and the expected one. A wrong `x` of
+/// whole samples makes the other slices wrong, whose messages name it.
 fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
     let named = format!("got {} of {got} values, expected {right}", SLICES[slice]);
     match SLICES[slice] {
-        "x" if got.is_multiple_of(right / SAMPLES) => message.ends_with("as its shapes and x say"),
+        "x" if got.is_multiple_of(right / SAMPLES) => {
+            message.ends_with("as its shapes and x require")
+        }
         "x" => {
             let each = right / SAMPLES;
             message.ends_with(&format!("got x of {got} values, expected a multiple of {each}"))
@@ -73,7 +75,7 @@ fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
     }
 }
 
-/// Refuses the length in both passes, as far as they have the slice.
+/// Checks that the length is rejected in both passes, as far as they have the slice.
 fn assert_refused(name: &str, layer: &dyn Layer<f32>, slice: usize, wrong: usize) {
     let mut lengths = lengths(layer);
     let right = std::mem::replace(&mut lengths[slice], wrong);

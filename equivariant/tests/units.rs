@@ -1,4 +1,4 @@
-//! Sums of what units put out.
+//! Sums of the outputs of units.
 
 use equivariant::{
     FieldType, Group, Kernel, Layer, Linear, R2Conv, Relu, Sequential, Signature, unit_sums,
@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::common::forward;
 
-/// A convolution that sees a whole map of 4 x 4 pixels or halves it, and what follows it.
+/// Creates a chain: a convolution that halves a map of 4 x 4 pixels, one over the whole rest, their
+/// ReLUs and a linear layer.
 fn chain(group: Group) -> Sequential<f64> {
     let fields = |n| group.regular(n);
     let first = R2Conv::new(group.trivial(2), fields(3), Kernel::new(4, 2, 1), [4, 4]).unwrap();
@@ -24,8 +25,8 @@ fn chain(group: Group) -> Sequential<f64> {
     Sequential::new(layers).unwrap()
 }
 
-/// The oracle: each layer's dense kernel, applied by definition, with the regular basis written
-/// out.
+/// Compares with an oracle: each layer's dense kernel, applied by definition, with the regular
+/// basis written out.
 #[test]
 fn sums_are_those_of_the_layers_run_by_hand() {
     for group in Group::ALL {
@@ -48,7 +49,7 @@ fn sums_are_those_of_the_layers_run_by_hand() {
     }
 }
 
-/// Sums over rows of max(0, regular value), by the characters of the group.
+/// Returns the sums over rows of max(0, regular value), by the characters of the group.
 fn rectify(group: Group, fields: FieldType, rows: &[f64]) -> Vec<f64> {
     let (order, dim) = (group.order(), fields.dim());
     let n = dim / order;

@@ -1,51 +1,56 @@
-//! The backward pass of a convolution over panels of folded patches.
+//! Backward pass of a convolution over panels of folded patches.
 
 use std::ops::Range;
 
 use crate::conv::gradient_loader::{Buffers, Loader};
-use crate::conv::maps::{Cursor, Input, MapsMut, Pieces};
+use crate::conv::maps::{Arena, Cursor, Input, MapsMut};
 use crate::conv::operands::Backward;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
+use crate::simd::gather::OrbitBlock;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
 use crate::simd::patches::Patches;
 use crate::simd::tiles::{input, weights};
 
-/// Output pixels that a pass takes at a time.
+/// Number of output pixels of a panel of the backward pass.
 const ROWS: usize = 48;
 
-/// Rows of a tile of the input gradient.
+/// Rows of a tile of the input gradient: 6 rows of 4 folds are 24 sums, which leaves registers for
+/// operands if there are 32.
 const TILE: usize = 6;
 
-/// The length of the scratch; `staged` says whether the input is.
+/// Returns the number of values of scratch; `staged` is `true` if the input is staged already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, width) = (&conv.patches, conv.weights.width());
-    let images = if staged { 0 } else { 2 * conv.group(samples) };
+    // an input of channels is staged here, and so is the gradient with respect to it
+    let images = if staged { 0 } else { 2 * conv.images_together(samples) };
     let of_lines = |lines: &Lines| lines.staged() + lines.columns() * width * LANES;
     let line = patches.lines().map_or(0, of_lines);
     Buffers::<f32>::scratch_len(conv) + images * patches.staged() + line
 }
 
 impl<'a, T: Real> Backward<'a, T> {
+    /// Runs the pass over panels of folded patches, for groups of `G` lanes.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
-        let mut pieces = Pieces::new(std::mem::take(&mut self.scratch));
-        let products = Products::<T, L, G>::new(lanes, &self, &mut pieces);
-        let mut buffers = Buffers::new(&mut self, &mut pieces, ROWS);
+        let mut arena = Arena::new(std::mem::take(&mut self.scratch));
+        let products = Products::<T, L, G>::new(lanes, &self, &mut arena);
+        let mut buffers = Buffers::new(&mut self, &mut arena, ROWS);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
+        // images that are not staged yet are staged here, a few at a time
         let (together, own, own_gradient) = match self.x {
             Input::Channels(_) | Input::Bytes(_) => {
-                let together = conv.group(self.samples);
+                let together = conv.images_together(self.samples);
                 let len = patches.staged() * together;
-                (together, pieces.flat_zeros(len), pieces.take_flat(len))
+                (together, arena.flat_zeros(len), arena.take_flat(len))
             }
             Input::Staged(_) => (self.samples.max(1), Default::default(), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(lanes, patches, (first, images), own);
+            let staged = self.x.stage(lanes, patches, first..first + images, own);
             let gradient = match &mut self.dx {
                 None => None,
                 Some(MapsMut::Channels(_)) => Some(&mut *own_gradient),
@@ -61,7 +66,7 @@ impl<'a, T: Real> Backward<'a, T> {
     }
 }
 
-/// Brings staged images to channels.
+/// Writes staged images as channels.
 #[inline(always)]
 fn unstage<T: Real>(patches: &Patches, staged: &[T], dx: &mut [T], images: usize) {
     let staged = staged.chunks_exact(patches.staged());
@@ -71,17 +76,17 @@ fn unstage<T: Real>(patches: &Patches, staged: &[T], dx: &mut [T], images: usize
     }
 }
 
-/// Staged images of which panels of folded patches are made.
+/// Source of panels of folded patches: staged images.
 struct Panels<'a, T, L> {
     lanes: L,
     conv: &'a R2Conv,
     staged: &'a [T],
-    /// Which images of the pass they are.
+    /// Range of these images among those of the pass.
     images: Range<usize>,
 }
 
 impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
-    /// Adds what the images contribute; overwrites their gradient.
+    /// Adds the contributions of the images to the gradients and overwrites their input gradient.
     #[inline(always)]
     fn run<const G: usize>(
         &self,
@@ -108,7 +113,7 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
         }
     }
 
-    /// Adds what some windows contribute.
+    /// Adds the contributions of some windows.
     #[inline(always)]
     fn gather<const G: usize>(
         &self,
@@ -119,12 +124,14 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
     ) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         for c in 0..patches.blocks() {
-            // what one orbit reads of a block of channels the next reads from the first-level cache
+            // Each orbit reads the same block of channels, which then comes from the first-level
+            // cache.
             for orbit in 0..patches.orbits() {
                 let rows = Gathered { conv, orbit, c, windows };
                 let panel = &mut buffers.panel[..rows.folds() * windows.len()];
                 let step = windows.len();
-                patches.gather(self.lanes, (orbit, c), self.staged, windows, panel, step);
+                let fold = OrbitBlock { orbit, block: c };
+                patches.gather(self.lanes, fold, self.staged, windows, panel, step);
                 products.weights(&rows, buffers);
                 if let Some(gradient) = gradient.as_deref_mut() {
                     products.input(&rows, buffers, gradient);
@@ -134,7 +141,7 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
     }
 }
 
-/// One orbit of taps of one block of channels of the windows of some rows.
+/// Folds of one orbit of taps in one block of channels, for the windows of some rows.
 struct Gathered<'a> {
     pub conv: &'a R2Conv,
     pub orbit: usize,
@@ -143,7 +150,7 @@ struct Gathered<'a> {
 }
 
 impl Gathered<'_> {
-    /// Number of folds of the orbit.
+    /// Returns the number of folds of the orbit.
     #[inline(always)]
     pub fn folds(&self) -> usize {
         let patches = &self.conv.patches;
@@ -151,26 +158,26 @@ impl Gathered<'_> {
     }
 }
 
-/// The products of a backward pass.
+/// Operands of the matrix products of a backward pass.
 struct Products<'a, T, L, const G: usize> {
     lanes: L,
-    /// Transposed weights, unless nobody asks for the gradient of the input.
+    /// Transposed weights; unset if the gradient with respect to the input is not needed.
     w: &'a [Block<T>],
 }
 
 impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
     #[inline(always)]
-    fn new(lanes: L, pass: &Backward<'a, T>, pieces: &mut Pieces<'a, T>) -> Self {
+    fn new(lanes: L, pass: &Backward<'a, T>, arena: &mut Arena<'a, T>) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
-        let w = pieces.take(layout.blocks());
+        let w = arena.take(layout.blocks());
         if pass.dx.is_some() {
-            let packed = layout.packed(pass.params, pieces, true);
+            let packed = layout.packed(pass.params, arena, true);
             layout.transpose::<T, G>(&conv.patches, packed, w);
         }
         Products { lanes, w }
     }
 
-    /// Adds what some rows contribute to the gradient of the weights; `panel` is `[fold][row]`.
+    /// Adds the contribution of some rows to the weight gradient; `panel` is `[fold][row]`.
     #[inline(always)]
     fn weights(&self, of: &Gathered, buffers: &mut Buffers<T>) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.width());
@@ -183,7 +190,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
         weights::<T, L, G>(self.lanes, panel, dy, rows, dw, patches.blocks() * per_block);
     }
 
-    /// Adds what they contribute to the gradient of the staged input; overwrites the panel.
+    /// Adds the contribution of some rows to the gradient of the staged input.
     #[inline(always)]
     fn input(&self, of: &Gathered, buffers: &mut Buffers<T>, gradient: &mut [T]) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.width());
@@ -191,6 +198,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
         let dy = &buffers.dy[..width * of.windows.len()];
         let w = &self.w[patches.folded_of(of.orbit).start * per_block..];
         let w = &w[of.c * folds * per_block..][..folds * per_block];
+        // orbits of D2 have 1, 2 or 4 taps, so these are all sizes of the product
         match (patches.replicated(), folds) {
             (true, _) => of.replicated::<T, L, G>(self.lanes, w, dy, gradient),
             (false, 1) => of.input::<T, L, G, 1>(self.lanes, w, dy, gradient),
@@ -210,6 +218,7 @@ impl Gathered<'_> {
         gradient: &mut [T],
     ) {
         let mut row = 0;
+        // large tiles need many registers; instruction sets with fewer run single rows
         while row < self.windows.len() {
             if self.windows.len() - row >= TILE && L::REGISTERS >= 32 {
                 self.tile::<T, L, G, TILE, N>(lanes, row, w, dy, gradient);

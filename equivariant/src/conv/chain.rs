@@ -1,28 +1,29 @@
-//! Convolutions, ReLUs and max-poolings, fused.
+//! Fused chains of convolutions, ReLUs and max-poolings.
 //!
-//! Between the convolutions of a chain the feature maps stay as the kernels want them: a
-//! convolution, or the pooling behind it, writes its output straight into the staged image of the
-//! next, which is also what the backward pass reads. Of the values before a ReLU only their signs
-//! are kept.
+//! Between the convolutions of a chain the feature maps keep the layout of the kernels: a
+//! convolution, or the pooling after it, writes its output directly into the staged image of the
+//! next one, which the backward pass reads, too. Of the values before a ReLU only the signs are
+//! saved.
 
 use std::ops::Range;
 
-use crate::conv::dispatch::{self, Passes};
-use crate::conv::maps::{Input, Maps, MapsMut, Pieces};
+use crate::conv::dispatch::{self, Dispatch};
+use crate::conv::maps::{Arena, Input, Maps, MapsMut};
 use crate::conv::operands::{Backward, Forward, Output};
-use crate::conv::pool::{Pool, Pooling, Unpooling};
+use crate::conv::pool::{Pool, PoolBackward, PoolForward};
 use crate::conv::r2_conv::R2Conv;
 use crate::scratch::BackwardPass;
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
 use crate::window::Kernel;
 
-/// Convolutions, each perhaps with a ReLU, and then perhaps with a pooling.
+/// Sequence of convolutions, each optionally followed by a ReLU and then by a max-pooling.
 #[derive(Clone, Debug)]
 pub(crate) struct Chain {
     links: Vec<Link>,
 }
 
+/// Convolution with the ReLU and the pooling that are fused with it.
 #[derive(Clone, Debug)]
 struct Link {
     conv: R2Conv,
@@ -32,7 +33,7 @@ struct Link {
 }
 
 impl Chain {
-    /// A chain of one convolution.
+    /// Creates a chain of one convolution.
     pub fn new(conv: &R2Conv) -> Chain {
         let mut chain = Chain { links: Vec::new() };
         chain.push(conv);
@@ -49,9 +50,9 @@ impl Chain {
         });
     }
 
-    /// Takes a convolution; returns `false` if it does not fit behind the last one. Trivial
-    /// channels are staged in another way than they are written.
-    pub fn convolve(&mut self, conv: &R2Conv) -> bool {
+    /// Appends a convolution and returns `true`, or returns `false` if it cannot be fused. Trivial
+    /// channels cannot: their staged layout differs from the layout in which outputs are written.
+    pub fn fuse_conv(&mut self, conv: &R2Conv) -> bool {
         let fits = !conv.patches.replicated();
         if fits {
             self.push(conv);
@@ -59,20 +60,21 @@ impl Chain {
         fits
     }
 
-    /// Takes a ReLU; returns `false` if the last convolution has one or is pooled.
-    pub fn rectify(&mut self) -> bool {
+    /// Appends a ReLU and returns `true`, or returns `false` if the last convolution has one or is
+    /// pooled.
+    pub fn fuse_relu(&mut self) -> bool {
         let last = self.last_mut();
         last.pool.is_none() && !std::mem::replace(&mut last.rectified, true)
     }
 
-    /// Takes a max-pooling; returns `false` if the last convolution is pooled or the windows do not
-    /// fit (see [`Pool::behind`]).
-    pub fn pool(&mut self, kernel: Kernel) -> bool {
+    /// Appends a max-pooling and returns `true`, or returns `false` if the last convolution is
+    /// pooled or the windows do not qualify (see [`Pool::after`]).
+    pub fn fuse_max_pool(&mut self, kernel: Kernel) -> bool {
         let last = self.last_mut();
         if last.pool.is_some() {
             return false;
         }
-        last.pool = Pool::behind(&last.conv, kernel);
+        last.pool = Pool::after(&last.conv, kernel);
         last.pool.is_some()
     }
 
@@ -88,18 +90,20 @@ impl Chain {
         self.last().params.end
     }
 
-    /// Output of each convolution, in order.
+    /// Iterates over the output shapes of the convolutions, in order.
     pub fn outs(&self) -> impl Iterator<Item = Shape> {
         self.links.iter().map(Link::out)
     }
 
+    /// Returns the number of values of scratch for both passes.
     pub fn scratch_len(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         let passes = links.map(|(i, link)| {
             let pool = link.pool.as_ref().map_or(0, Pool::scratch_len);
             dispatch::scratch_len(&link.conv, samples, i > 0).max(pool)
         });
-        let own = self.kept(samples) + 2 * self.largest(samples);
+        // saved values, two buffers for gradients between links, and working space that links share
+        let own = self.saved_len(samples) + 2 * self.largest(samples);
         own + passes.max().unwrap_or(0)
     }
 
@@ -112,15 +116,15 @@ impl Chain {
         &mut self.links[last]
     }
 
-    /// Values that the forward pass leaves to the backward pass.
-    pub fn kept(&self, samples: usize) -> usize {
+    /// Returns the number of values that the forward pass saves for the backward pass.
+    pub fn saved_len(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         links
             .map(|(i, link)| self.staged(i, samples) + link.masks(samples) + link.pooled(samples))
             .sum()
     }
 
-    /// The length of the staged images between link `i` and the one before; the first is given
+    /// Returns the length of the staged input of link `i`; 0 for the first one, which reads
     /// channels.
     fn staged(&self, i: usize, samples: usize) -> usize {
         match i {
@@ -129,60 +133,64 @@ impl Chain {
         }
     }
 
-    /// The length of the largest images between convolutions and poolings.
+    /// Returns the length of the largest map between convolutions and poolings.
     fn largest(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         let largest = links.map(|(i, link)| self.staged(i, samples).max(link.pooled(samples)));
         largest.max().unwrap_or(0)
     }
 
-    /// Writes what the chain makes of so many samples, which are not staged.
-    pub fn forward<T: Passes>(
+    /// Writes the output of the chain for `samples` samples, which are not staged.
+    pub fn forward<T: Dispatch>(
         &self,
         params: &[T],
-        (samples, mut x): (usize, Input<T>),
+        samples: usize,
+        x: Input<T>,
         y: &mut [T],
         scratch: &mut [T],
     ) {
-        let mut pieces = Pieces::new(scratch);
-        let mut kept = Pieces::new(pieces.take_flat(self.kept(samples)));
-        let scratch = pieces.rest();
+        let mut arena = Arena::new(scratch);
+        let mut saved = Arena::new(arena.take_flat(self.saved_len(samples)));
+        let scratch = arena.rest();
+        let mut input = x;
         for (i, pair) in self.links.windows(2).enumerate() {
-            let own = pair[0].keep(samples, &mut kept);
-            let staged = kept.take_flat(self.staged(i + 1, samples));
+            let own = pair[0].take_saved(samples, &mut saved);
+            let staged = saved.take_flat(self.staged(i + 1, samples));
             let patches = &pair[1].conv.patches;
             let images = staged.chunks_exact_mut(patches.staged());
+            // the convolution writes the pixels only, and the scratch may hold other values in the
+            // padding
             images.for_each(|image| patches.clear_border(image));
             let y = MapsMut::Staged(patches, staged);
-            pair[0].forward(params, (samples, x), (y, own), scratch);
-            x = Input::Staged(staged);
+            pair[0].forward(params, samples, input, y, own, scratch);
+            input = Input::Staged(staged);
         }
-        let own = self.last().keep(samples, &mut kept);
+        let own = self.last().take_saved(samples, &mut saved);
         let y = MapsMut::Channels(y);
-        self.last().forward(params, (samples, x), (y, own), scratch);
+        self.last().forward(params, samples, input, y, own, scratch);
     }
 
-    /// Adds and writes gradients for the same samples: `x` is what the pass would hold, or stands
-    /// for it.
-    pub fn backward<T: Passes>(&self, (samples, x): (usize, Input<T>), pass: BackwardPass<T>) {
-        let mut pieces = Pieces::new(pass.scratch);
-        let mut kept = &*pieces.take_flat(self.kept(samples));
-        let mut output_gradient = pieces.take_flat(self.largest(samples));
-        let mut input_gradient = pieces.take_flat(self.largest(samples));
-        let scratch = pieces.rest();
+    /// Adds the gradients with respect to the parameters and writes those with respect to the input
+    /// `x`, which replaces the input of the pass.
+    pub fn backward<T: Dispatch>(&self, samples: usize, x: Input<T>, pass: BackwardPass<T>) {
+        let mut arena = Arena::new(pass.scratch);
+        let mut saved = &*arena.take_flat(self.saved_len(samples));
+        let mut output_gradient = arena.take_flat(self.largest(samples));
+        let mut input_gradient = arena.take_flat(self.largest(samples));
+        let scratch = arena.rest();
         let mut dx = pass.dx;
         for (i, link) in self.links.iter().enumerate().rev() {
             let patches = &link.conv.patches;
-            let pooled = take_back(&mut kept, link.pooled(samples));
-            let masks = take_back(&mut kept, link.masks(samples));
-            let staged = take_back(&mut kept, self.staged(i, samples));
+            let pooled = take_back(&mut saved, link.pooled(samples));
+            let masks = take_back(&mut saved, link.masks(samples));
+            let staged = take_back(&mut saved, self.staged(i, samples));
             let mut dy = match self.links.get(i + 1) {
                 None => Maps::Channels(pass.dy),
                 Some(next) => Maps::Staged(&next.conv.patches, output_gradient),
             };
             if let Some(pool) = &link.pool {
                 let dx = &mut input_gradient[..pooled.len()];
-                T::unpool(Unpooling { pool, samples, x: pooled, dy, dx, scratch });
+                T::pool_backward(PoolBackward { pool, samples, x: pooled, dy, dx, scratch });
                 std::mem::swap(&mut output_gradient, &mut input_gradient);
                 dy = Maps::Staged(&pool.patches, output_gradient);
             }
@@ -209,10 +217,10 @@ impl Chain {
     }
 }
 
-/// Values that the forward pass of a link leaves to the backward pass.
-struct Kept<'a, T> {
+/// Buffers of a link for values that the backward pass reads.
+struct Saved<'a, T> {
     masks: &'a mut [T],
-    /// Input of a pooling.
+    /// Input of the pooling.
     pooled: &'a mut [T],
 }
 
@@ -221,33 +229,42 @@ impl Link {
         self.pool.as_ref().map_or(self.conv.out, |pool| pool.out)
     }
 
-    fn keep<'a, T: Passes>(&self, samples: usize, kept: &mut Pieces<'a, T>) -> Kept<'a, T> {
-        Kept {
-            masks: kept.take_flat(self.masks(samples)),
-            pooled: kept.take_flat(self.pooled(samples)),
+    /// Splits off the buffers of this link.
+    fn take_saved<'a, T: Dispatch>(
+        &self,
+        samples: usize,
+        saved: &mut Arena<'a, T>,
+    ) -> Saved<'a, T> {
+        Saved {
+            masks: saved.take_flat(self.masks(samples)),
+            pooled: saved.take_flat(self.pooled(samples)),
         }
     }
 
-    fn forward<T: Passes>(
+    fn forward<T: Dispatch>(
         &self,
         params: &[T],
-        (samples, x): (usize, Input<T>),
-        (y, kept): (MapsMut<T>, Kept<T>),
+        samples: usize,
+        x: Input<T>,
+        y: MapsMut<T>,
+        saved: Saved<T>,
         scratch: &mut [T],
     ) {
         let Some(pool) = &self.pool else {
-            return self.convolve(params, (samples, x), (y, kept.masks), scratch);
+            return self.convolve(params, samples, x, y, saved.masks, scratch);
         };
-        let before = MapsMut::Staged(&pool.patches, &mut *kept.pooled);
-        self.convolve(params, (samples, x), (before, kept.masks), scratch);
-        T::pool(Pooling { pool, samples, x: kept.pooled, y, scratch });
+        let before = MapsMut::Staged(&pool.patches, &mut *saved.pooled);
+        self.convolve(params, samples, x, before, saved.masks, scratch);
+        T::pool_forward(PoolForward { pool, samples, x: saved.pooled, y, scratch });
     }
 
-    fn convolve<T: Passes>(
+    fn convolve<T: Dispatch>(
         &self,
         params: &[T],
-        (samples, x): (usize, Input<T>),
-        (y, masks): (MapsMut<T>, &mut [T]),
+        samples: usize,
+        x: Input<T>,
+        y: MapsMut<T>,
+        masks: &mut [T],
         scratch: &mut [T],
     ) {
         let pass = Forward {
@@ -265,13 +282,12 @@ impl Link {
         pass.run_on_threads();
     }
 
-    /// The length of the maps before a pooling.
+    /// Returns the length of the maps before the pooling; 0 without one.
     fn pooled(&self, samples: usize) -> usize {
-        let pool = self.pool.as_ref();
-        pool.map_or(0, |pool| samples * pool.patches.staged())
+        self.pool.as_ref().map_or(0, |pool| samples * pool.patches.staged())
     }
 
-    /// The length of the masks of the ReLU, in whole blocks.
+    /// Returns the length of the masks of the ReLU, in whole blocks; 0 without one.
     fn masks(&self, samples: usize) -> usize {
         let rows = samples * self.conv.out.pixels();
         let masks = rows * self.conv.weights.width();
@@ -290,18 +306,18 @@ mod tests {
     use super::*;
     use symmetry::{FieldType, Group};
 
-    /// A convolution of a 6 x 8 map to this type.
+    /// Creates a convolution of a 6 x 8 map to this type.
     fn conv(to: FieldType) -> R2Conv {
         let from = to.group().trivial(3);
         R2Conv::new(from, to, Kernel::new(3, 1, 1), [6, 8]).unwrap()
     }
 
-    /// `true` if a pooling of a rectified convolution to this type is fused.
+    /// Returns `true` if a pooling of a rectified convolution to this type is fused.
     fn pools(to: FieldType, [size, stride, padding]: [usize; 3]) -> bool {
         let mut chain = Chain::new(&conv(to));
-        assert!(chain.rectify() && !chain.rectify());
-        let pooled = chain.pool(Kernel::new(size, stride, padding));
-        assert!(!(pooled && chain.rectify()), "a ReLU behind a pooling");
+        assert!(chain.fuse_relu() && !chain.fuse_relu());
+        let pooled = chain.fuse_max_pool(Kernel::new(size, stride, padding));
+        assert!(!(pooled && chain.fuse_relu()), "a ReLU behind a pooling");
         pooled
     }
 

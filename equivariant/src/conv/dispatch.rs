@@ -1,36 +1,35 @@
-//! The passes of a convolution: which kernel runs, on which instruction set and on how many
-//! threads.
+//! Choice of kernel, instruction set and number of threads for the passes of a convolution.
 
 use crate::chunks::in_one_of_many_chunks;
 use crate::conv::operands::{Backward, Forward};
-use crate::conv::pool::{Pooling, Unpooling};
+use crate::conv::pool::{PoolBackward, PoolForward};
 use crate::conv::r2_conv::R2Conv;
 use crate::conv::{backward, forward};
 use crate::real::Real;
 use crate::simd::lanes::{LANES, Lanes, Portable, WithLanes, run_f32};
 use crate::steerable::hadamard::with_order;
 
-/// Multiplications from which on half of them are worth another thread, which takes microseconds to
-/// get.
-const SPLIT: usize = 1 << 18;
+/// Number of multiplications from which a second thread pays for one image, although waking it
+/// takes microseconds.
+const MIN_PRODUCTS_TO_SPLIT: usize = 1 << 18;
 
-/// The precisions that passes are compiled for: not generic, so that they are compiled once and
-/// with this crate's settings.
-pub trait Passes: Real {
+/// Precisions for which passes are compiled. The trait is implemented for two types rather than
+/// generically, so that passes are compiled once and with this crate's settings.
+pub trait Dispatch: Real {
     /// Runs a forward pass.
     fn forward(pass: Forward<Self>);
 
     /// Runs a backward pass.
     fn backward(pass: Backward<Self>);
 
-    /// Runs a pooling.
-    fn pool(pass: Pooling<Self>);
+    /// Runs the forward pass of a pooling.
+    fn pool_forward(pass: PoolForward<Self>);
 
     /// Runs the backward pass of a pooling.
-    fn unpool(pass: Unpooling<Self>);
+    fn pool_backward(pass: PoolBackward<Self>);
 }
 
-impl Passes for f32 {
+impl Dispatch for f32 {
     fn forward(pass: Forward<f32>) {
         let widest = pass.conv.widest;
         run_f32(pass, widest);
@@ -41,18 +40,18 @@ impl Passes for f32 {
         run_f32(pass, widest);
     }
 
-    fn pool(pass: Pooling<f32>) {
+    fn pool_forward(pass: PoolForward<f32>) {
         let widest = pass.pool.widest;
         run_f32(pass, widest);
     }
 
-    fn unpool(pass: Unpooling<f32>) {
+    fn pool_backward(pass: PoolBackward<f32>) {
         let widest = pass.pool.widest;
         run_f32(pass, widest);
     }
 }
 
-impl Passes for f64 {
+impl Dispatch for f64 {
     fn forward(pass: Forward<f64>) {
         pass.run(Portable);
     }
@@ -61,27 +60,31 @@ impl Passes for f64 {
         pass.run(Portable);
     }
 
-    fn pool(pass: Pooling<f64>) {
+    fn pool_forward(pass: PoolForward<f64>) {
         pass.run(Portable);
     }
 
-    fn unpool(pass: Unpooling<f64>) {
+    fn pool_backward(pass: PoolBackward<f64>) {
         pass.run(Portable);
     }
 }
 
-/// The length of the scratch of both passes; `staged` says whether the input is.
+/// Returns the number of values of scratch for both passes; `staged` is `true` if the input is
+/// staged already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let forward = forward::scratch_len(conv, samples, staged);
     forward.max(backward::scratch_len(conv, samples, staged))
 }
 
-impl<T: Passes> Forward<'_, T> {
-    /// Runs the pass: that of a single image in two halves, which have the same bits, if a thread
-    /// of the current rayon pool may be free for one of them.
+impl<T: Dispatch> Forward<'_, T> {
+    /// Runs the pass, in two halves for a large single image if the current rayon pool may have a
+    /// free thread. The bits are the same either way.
     pub(crate) fn run_on_threads(self) {
         let products = self.conv.out.pixels() * self.conv.weights.blocks() * LANES;
-        let worth = self.samples == 1 && self.conv.out.height > 1 && products >= SPLIT;
+        let worth =
+            self.samples == 1 && self.conv.out.height > 1 && products >= MIN_PRODUCTS_TO_SPLIT;
+        // outside a pool rayon::join would move work to the global pool, which the caller did not
+        // choose
         let threads = match rayon::current_thread_index() {
             Some(_) if !in_one_of_many_chunks() => rayon::current_num_threads(),
             _ => 1,
@@ -108,6 +111,8 @@ impl<T: Real> WithLanes<T> for Forward<'_, T> {
 impl<T: Real> WithLanes<T> for Backward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
+        // lines give gradients of parameters only; a gradient with respect to the input needs
+        // panels
         if let (Some(lines), None) = (self.conv.patches.lines(), &self.dx) {
             return self.run_lines(lanes, lines);
         }

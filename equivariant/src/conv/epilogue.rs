@@ -1,25 +1,26 @@
-//! Bias, ReLU and layout of the sums of an output pixel.
+//! Bias, ReLU and output layout for the sums of output pixels.
 
-use crate::conv::maps::{MapsMut, Pieces};
+use crate::conv::maps::{Arena, MapsMut};
 use crate::conv::operands::Output;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
-use crate::simd::join::Join;
+use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, Lanes, unscaled_hadamard};
 use crate::simd::tiles::ROWS;
 
-/// Adds the bias to sums, rectifies them if there are masks, and writes the output.
+/// Last step of a forward pass: adds the bias, applies the ReLU if there are masks and writes the
+/// output.
 pub(crate) struct Epilogue<'a, T, L, const G: usize> {
     lanes: L,
     width: usize,
-    join: Join,
+    interleaver: Interleaver,
     channels: usize,
     regular: bool,
     bias: &'a [Block<T>],
-    /// Room for the pixels of a call.
+    /// Buffer for the pixels of one call.
     own: &'a mut [Block<T>],
     to: Output<'a, T>,
-    /// The pixel of the output that it begins with.
+    /// Index of the first output pixel.
     start: usize,
     /// Blocks of a staged image before that pixel.
     skipped: usize,
@@ -31,7 +32,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
         lanes: L,
         conv: &R2Conv,
         params: &[T],
-        pieces: &mut Pieces<'a, T>,
+        arena: &mut Arena<'a, T>,
         to: Output<'a, T>,
     ) -> Self {
         let width = conv.weights.width();
@@ -40,27 +41,27 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
             MapsMut::Channels(_) => 0,
             MapsMut::Staged(patches, _) => patches.before(start),
         };
+        // only trivial channels have a bias, and theirs is the first lane of each group
         let biases = &params[conv.blocks.bias()];
-        let bias = pieces.zeros(width);
+        let bias = arena.zeros(width);
         for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
             group[0] = b;
         }
         Epilogue {
             lanes,
             width,
-            join: Join::new(conv.out.fields),
+            interleaver: Interleaver::new(conv.out.fields),
             channels: conv.out.fields.dim(),
             regular: conv.out.fields.regular_fields().is_some(),
             bias,
-            own: pieces.take(ROWS * width),
+            own: arena.take(ROWS * width),
             to,
             start,
             skipped,
         }
     }
 
-    /// Writes `count` output pixels, at most as many as it has room for, from pixel `first` of
-    /// those it has.
+    /// Writes `count` output pixels from pixel `first` on; at most [`ROWS`] of them.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
@@ -88,29 +89,30 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
             places: &places[..count],
         };
         let masks = self.to.masks.as_deref_mut();
-        let masks = masks.map(|masks| &mut masks[first * width..][..count * width]);
-        match masks {
+        match masks.map(|masks| &mut masks[first * width..][..count * width]) {
+            // regular fields are rectified in the regular basis, trivial channels as they are
             Some(masks) if self.regular => sums.rectify::<G>(masks, scale, to),
             Some(masks) => sums.rectify::<1>(masks, scale, to),
             None => sums.add_bias(scale, to),
         }
-        self.part(first, count);
+        self.write_channels(first, count);
     }
 
-    /// Brings the pixels from their own room to the channels of the output, if it has channels.
+    /// Copies the pixels from the buffer to the channels of the output, unless the output is
+    /// staged.
     #[inline(always)]
-    fn part(&mut self, first: usize, count: usize) {
+    fn write_channels(&mut self, first: usize, count: usize) {
         if let MapsMut::Channels(y) = &mut self.to.y {
             let pixels = y[first * self.channels..].chunks_exact_mut(self.channels);
             let own = self.own.chunks_exact(self.width);
             for (own, y) in own.take(count).zip(pixels) {
-                self.join.undo::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
+                self.interleaver.deinterleave::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
             }
         }
     }
 }
 
-/// The sums `[row][block]` of some output pixels.
+/// Sums `[row][block]` of some output pixels.
 struct PixelSums<'a, T, L> {
     lanes: L,
     sums: &'a [Block<T>],
@@ -133,11 +135,12 @@ impl<T: Real, L: Lanes<T>> PixelSums<'_, T, L> {
         }
     }
 
-    /// Adds the bias and rectifies in the basis that the group permutes.
+    /// Adds the bias and applies the ReLU in the basis that the group permutes.
     #[inline(always)]
     fn rectify<const G: usize>(&self, masks: &mut [T], scale: f64, to: &mut [Block<T>]) {
         let (lanes, width) = (self.lanes, self.bias.len());
         let masks = &mut masks[..self.sums.len()];
+        // two unscaled transforms multiply by G, which the scale takes back
         let scale = lanes.splat(T::from_f64(scale / G as f64));
         for (c, bias) in self.bias.iter().enumerate() {
             let bias = lanes.load(bias);

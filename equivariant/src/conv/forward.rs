@@ -1,78 +1,81 @@
-//! The forward pass of a convolution over panels of folded patches.
+//! Forward pass of a convolution over panels of folded patches.
 
 use crate::conv::epilogue::Epilogue;
-use crate::conv::maps::{Cursor, Input, Pieces};
+use crate::conv::maps::{Arena, Cursor, Input};
 use crate::conv::operands::Forward;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
+use crate::simd::gather::OrbitBlock;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
 use crate::simd::patches::Patches;
 use crate::simd::tiles::{ROWS, forward};
 
-/// Rows up to which a forward pass reads parameters in place: to copy them to cache lines pays when
-/// they are read often.
-const IN_PLACE: usize = 2 * ROWS;
+/// Maximum number of rows of a pass that reads parameters in place. With more rows it pays to copy
+/// them to aligned memory first.
+const MAX_ROWS_IN_PLACE: usize = 2 * ROWS;
 
-/// The length of the scratch, also of two halves of a single image; `staged` says whether the input
-/// is.
+/// Returns the number of values of scratch, also for two halves of a single image; `staged` is
+/// `true` if the input is staged already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
     let per_row = patches.folded() + weights.width();
     let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
     let line = patches.lines().map_or(0, Lines::staged);
     let with = |images| rest * LANES + images * patches.staged() + line;
-    if staged { 2 * with(0) } else { with(conv.group(samples)).max(2 * with(1)) }
+    // two halves of a single image run at the same time, each on its half of the scratch
+    if staged { 2 * with(0) } else { with(conv.images_together(samples)).max(2 * with(1)) }
 }
 
 impl<'a, T: Real> Forward<'a, T> {
+    /// Runs the pass over panels of folded patches, for groups of `G` lanes.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
-        let mut pieces = Pieces::new(self.scratch);
+        let mut arena = Arena::new(self.scratch);
         let (width, lines) = (conv.out.width, &self.to.lines);
         let windows = &patches.windows()[lines.start * width..lines.end * width];
-        let few = self.samples * windows.len() <= IN_PLACE;
+        let few = self.samples * windows.len() <= MAX_ROWS_IN_PLACE;
         let mut panels = Panels::<T, L, G> {
             lanes,
             patches,
             windows,
-            w: weights.packed(self.params, &mut pieces, few),
-            panel: pieces.take(ROWS * patches.folded()),
-            epilogue: Epilogue::new(lanes, conv, self.params, &mut pieces, self.to),
-            sums: pieces.take(ROWS * weights.width()),
+            w: weights.packed(self.params, &mut arena, few),
+            panel: arena.take(ROWS * patches.folded()),
+            epilogue: Epilogue::new(lanes, conv, self.params, &mut arena, self.to),
+            sums: arena.take(ROWS * weights.width()),
         };
         let (together, own) = match self.x {
             Input::Channels(_) | Input::Bytes(_) => {
-                let together = conv.group(self.samples);
-                (together, pieces.flat_zeros(patches.staged() * together))
+                let together = conv.images_together(self.samples);
+                (together, arena.flat_zeros(patches.staged() * together))
             }
             Input::Staged(_) => (self.samples.max(1), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(lanes, patches, (first, images), own);
+            let staged = self.x.stage(lanes, patches, first..first + images, own);
             panels.run(staged, first, images);
         }
     }
 }
 
-/// The products of panels of folded patches with the weights.
+/// Products of panels of folded patches with the weights.
 struct Panels<'a, T, L, const G: usize> {
     lanes: L,
     patches: &'a Patches,
-    /// Starts of the windows of the output pixels.
+    /// Start of the window of every output pixel in a staged image.
     windows: &'a [usize],
     w: &'a [Block<T>],
-    /// The folds of ROWS windows, `[block][row]`.
+    /// Folds of [`ROWS`] windows, `[block][row]`.
     panel: &'a mut [Block<T>],
     epilogue: Epilogue<'a, T, L, G>,
-    /// The sums of ROWS output pixels.
+    /// Sums of [`ROWS`] output pixels.
     sums: &'a mut [Block<T>],
 }
 
 impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
-    /// Runs over staged images, of which `first` is that of the pass.
+    /// Processes staged images, the first of which is number `first` of the pass.
     #[inline(always)]
     fn run(&mut self, staged: &[T], first: usize, images: usize) {
         let pixels = self.windows.len();
@@ -82,7 +85,8 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
             let count = ROWS.min(rows - row);
             let mut windows = [0; ROWS];
             for (r, window) in windows.iter_mut().enumerate() {
-                // an incomplete block ends with copies of its last row
+                // pads an incomplete panel with copies of its last row, so that tiles have a fixed
+                // size
                 *window = cursor.at(self.windows, self.patches.staged());
                 if r + 1 < count {
                     cursor.advance();
@@ -96,17 +100,19 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
         }
     }
 
-    /// Folds what ROWS windows see.
+    /// Folds the pixels of [`ROWS`] windows.
     #[inline(always)]
     fn gather(&mut self, staged: &[T], windows: &[usize]) {
         let patches = self.patches;
         let step = patches.blocks() * ROWS;
         for c in 0..patches.blocks() {
-            // what one orbit reads of a block of channels the next reads from the first-level cache
+            // Each orbit reads the same block of channels, which then comes from the first-level
+            // cache.
             for orbit in 0..patches.orbits() {
                 let first = patches.folded_of(orbit).start + c;
                 let panel = &mut self.panel[first * ROWS..];
-                patches.gather(self.lanes, (orbit, c), staged, windows, panel, step);
+                let fold = OrbitBlock { orbit, block: c };
+                patches.gather(self.lanes, fold, staged, windows, panel, step);
             }
         }
     }

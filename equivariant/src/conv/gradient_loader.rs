@@ -1,60 +1,62 @@
-//! Panels of the output gradient, as a backward pass reads it.
+//! Panels of the output gradient for the backward pass.
 
-use crate::conv::maps::{Maps, Pieces};
+use crate::conv::maps::{Arena, Maps};
 use crate::conv::operands::Backward;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
-use crate::simd::join::Join;
+use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, LANES, Lanes, unscaled_hadamard};
 
-/// Output pixels that a pass handles at a time, at most.
-pub(crate) const MOST: usize = 64;
+/// Maximum number of output pixels that a backward pass handles at a time.
+pub(crate) const MAX_ROWS: usize = 64;
 
-/// The buffers of a backward pass, in blocks.
+/// Buffers of a backward pass.
 pub(crate) struct Buffers<'a, T> {
-    /// The gradient of the packed weights.
+    /// Gradient of the packed weights.
     pub dw: &'a mut [Block<T>],
-    /// The gradient of the parameters, unless they are packed already and `dw` is the same.
+    /// Gradient of the parameters; `None` if they are packed already and `dw` is their gradient.
     dweights: Option<&'a mut [T]>,
     dbias: &'a mut [Block<T>],
     dbiases: &'a mut [T],
-    /// The output gradient of some rows, `[block][row]`.
+    /// Output gradient of some rows, `[block][row]`.
     pub dy: &'a mut [Block<T>],
-    /// Room for the same, `[row][block]`.
+    /// Output gradient of the same rows before transposition, `[row][block]`.
     pixels: &'a mut [Block<T>],
-    /// The folds of one orbit and one block of channels for some rows, `[fold][row]`.
+    /// Folds of one orbit and one block of channels for some rows, `[fold][row]`.
     pub panel: &'a mut [Block<T>],
 }
 
 impl<'a, T: Real> Buffers<'a, T> {
-    /// The length of the buffers for up to [`MOST`] rows, in values.
+    /// Returns the length of the buffers for up to [`MAX_ROWS`] rows, in values.
     pub fn scratch_len(conv: &R2Conv) -> usize {
         let weights = &conv.weights;
-        let panels = 4 * MOST + 2 * MOST * weights.width();
+        let panels = 4 * MAX_ROWS + 2 * MAX_ROWS * weights.width();
         (3 * weights.blocks() + weights.width() + panels) * LANES
     }
 
-    /// Cuts the buffers for this many rows off; takes the gradient of the parameters out of the
+    /// Splits off the buffers for `rows` rows and takes the gradient of the parameters out of the
     /// pass.
     #[inline(always)]
-    pub fn new(pass: &mut Backward<'a, T>, pieces: &mut Pieces<'a, T>, rows: usize) -> Self {
+    pub fn new(pass: &mut Backward<'a, T>, arena: &mut Arena<'a, T>, rows: usize) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
         let width = layout.width();
         let dparams = std::mem::take(&mut pass.dparams);
         let (dweights, dbiases) = dparams.split_at_mut(conv.blocks.bias().start);
+        // parameters in packed order need no second buffer: their gradient is summed in place
         let (dw, dweights) = if layout.in_place() {
             (&mut dweights.as_chunks_mut().0[..layout.blocks()], None)
         } else {
-            (pieces.zeros(layout.blocks()), Some(dweights))
+            (arena.zeros(layout.blocks()), Some(dweights))
         };
         Buffers {
             dw,
             dweights,
-            dbias: pieces.zeros(width),
+            dbias: arena.zeros(width),
             dbiases,
-            pixels: pieces.zeros(rows * width),
-            dy: pieces.take(rows * width),
-            panel: pieces.take(rows * 4),
+            pixels: arena.zeros(rows * width),
+            dy: arena.take(rows * width),
+            // an orbit has at most 4 taps and hence 4 folds
+            panel: arena.take(rows * 4),
         }
     }
 
@@ -70,12 +72,12 @@ impl<'a, T: Real> Buffers<'a, T> {
     }
 }
 
-/// Brings the output gradient into panels.
+/// Loader of panels of the output gradient.
 pub(crate) struct Loader<'a, T, L, const G: usize> {
     lanes: L,
     dy: Maps<'a, T>,
     masks: Option<&'a [T]>,
-    join: Join,
+    interleaver: Interleaver,
     width: usize,
     /// Output pixels of an image.
     pub pixels: usize,
@@ -89,7 +91,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
             lanes,
             dy,
             masks,
-            join: Join::new(conv.out.fields),
+            interleaver: Interleaver::new(conv.out.fields),
             width: conv.weights.width(),
             pixels: conv.out.pixels(),
             channels: conv.out.fields.dim(),
@@ -98,14 +100,14 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
     }
 
     /// Loads `count` pixels into a panel, back through the ReLU if there is one, and adds them to
-    /// the gradient of the bias.
+    /// the bias gradient.
     #[inline(always)]
     pub fn run(&self, first: usize, count: usize, buffers: &mut Buffers<T>) {
-        let mut places = [0; MOST];
+        let mut places = [0; MAX_ROWS];
         let places = &mut places[..count];
         let (from, scale) = match self.dy {
             Maps::Channels(dy) => {
-                self.join(&dy[first * self.channels..], buffers.pixels, places);
+                self.load_channels(&dy[first * self.channels..], buffers.pixels, places);
                 (&*buffers.pixels, 1.0)
             }
             Maps::Staged(patches, dy) => {
@@ -122,19 +124,19 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
         }
     }
 
-    /// Brings the channels of some pixels into blocks, one pixel after the other.
+    /// Copies the channels of some pixels into blocks, one pixel after the other.
     #[inline(always)]
-    fn join(&self, dy: &[T], pixels: &mut [Block<T>], places: &mut [usize]) {
+    fn load_channels(&self, dy: &[T], pixels: &mut [Block<T>], places: &mut [usize]) {
         let channels = dy.chunks_exact(self.channels);
         let pixels = pixels.chunks_exact_mut(self.width);
         for (r, ((place, to), dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate() {
             *place = r * self.width;
-            self.join.run::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
+            self.interleaver.interleave::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
         }
     }
 }
 
-/// Some pixels of the output gradient.
+/// Output gradient of some pixels.
 struct PixelGradients<'a, T, L> {
     lanes: L,
     from: &'a [Block<T>],
@@ -160,7 +162,7 @@ impl<T: Real, L: Lanes<T>> PixelGradients<'_, T, L> {
         }
     }
 
-    /// Lets through what the ReLU let through, in the basis that the group permutes.
+    /// Zeroes the gradient of values that the ReLU zeroed, in the basis that the group permutes.
     #[inline(always)]
     fn gate<const G: usize>(self, masks: &[T], scale: f64, panel: &mut [Block<T>]) {
         let (lanes, rows, width) = (self.lanes, self.places.len(), self.dbias.len());

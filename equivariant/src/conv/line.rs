@@ -1,32 +1,32 @@
-//! The products of a line of output pixels of a first layer.
+//! Products for a line of output pixels of a first layer.
 
 use symmetry::D2;
 
 use crate::real::Real;
 use crate::simd::gather::narrow;
-use crate::simd::join::head;
+use crate::simd::interleave::head;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::{Columns, G, Lines};
 use crate::simd::patches::{Orbit, Patches};
 use crate::simd::tiles::load_all;
 use crate::window::Kernel;
 
-/// Output pixels of a tile of a forward pass.
+/// Output pixels of a tile of the forward pass.
 pub(crate) const TILE: usize = 8;
-/// Columns that TILE windows see, of which neighbours share two.
+/// Columns under the windows of a tile with stride 2: neighbouring windows share two of their four.
 const COLUMNS: usize = 2 * TILE + 2;
 
-/// The products of a line of output.
+/// Kernel for one line of output pixels.
 #[derive(Clone, Copy)]
 pub(crate) struct Line<'a, T: Real, L: Lanes<T>> {
     lanes: L,
     patches: &'a Patches,
     channels: usize,
-    /// Blocks of an output pixel.
+    /// Number of blocks of an output pixel.
     width: usize,
-    /// From the window of an output pixel to the next.
+    /// Distance between the windows of neighbouring output pixels, in values.
     step: usize,
-    /// The signs of the lanes under a flip of x.
+    /// Signs of the lanes under a flip of x.
     signs: L::V,
     /// `true` if windows are 4 x 4 with stride 2.
     halves: bool,
@@ -53,15 +53,16 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         }
     }
 
-    /// Start of the window of an output pixel.
+    /// Returns the start of the window of an output pixel.
     pub fn start(&self, lines: &Lines, ox: usize) -> usize {
         lines.shift() + ox * self.step
     }
 
-    /// The sums `[pixel][block]` of the first `rows` of TILE pixels.
+    /// Writes the sums `[pixel][block]` of the first `rows` pixels of a tile.
     #[inline(always)]
     pub fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
-        // the last pixels of a line add in the order of the others: a mirror makes them the first
+        // The last pixels of a line sum in the same order as the others: under a flip they are the
+        // first.
         if L::REGISTERS >= 8 && self.halves {
             self.tiles::<true>(x, w, sums, rows);
         } else {
@@ -69,7 +70,8 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         }
     }
 
-    /// HALVING says that windows are 4 x 4 with stride 2, so two of them see every column.
+    /// Writes the sums of a tile. `HALVING`: windows are 4 x 4 with stride 2, so two windows read
+    /// every column.
     #[inline(always)]
     fn tiles<const HALVING: bool>(
         &self,
@@ -81,6 +83,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         let mut first = 0;
         while first < self.width {
             first += match (L::REGISTERS, rows, self.width - first) {
+                // three sets of R x V sums have to fit into the registers
                 (32.., TILE, 2..) => self.pixels::<HALVING, 4, 2>(x, w, first, rows, sums),
                 (32.., TILE, _) => self.pixels::<HALVING, TILE, 1>(x, w, first, rows, sums),
                 (8..32, TILE, _) => self.pixels::<HALVING, 2, 1>(x, w, first, rows, sums),
@@ -89,7 +92,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         }
     }
 
-    /// V blocks of some pixels, R pixels at a time.
+    /// Writes V blocks of some pixels, R pixels at a time, and returns V.
     #[inline(always)]
     fn pixels<const HALVING: bool, const R: usize, const V: usize>(
         &self,
@@ -109,7 +112,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         V
     }
 
-    /// The sums of R pixels and V blocks.
+    /// Writes the sums of R pixels and V blocks.
     #[inline(always)]
     fn tile<const R: usize, const V: usize>(
         &self,
@@ -155,7 +158,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         self.combine([a, b], Some(middle), first, row, sums);
     }
 
-    /// Sums where two windows see every column: it is loaded once for both.
+    /// Writes the sums where two windows share every column, which is loaded once for both.
     #[inline(always)]
     fn halving_tile<const R: usize, const V: usize>(
         &self,
@@ -168,7 +171,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         let lanes = self.lanes;
         let mut a = [[lanes.splat(T::ZERO); V]; R];
         let mut b = a;
-        // the orbits of a line are that of the outer columns of a window and that of the inner ones
+        // a line has two orbits: the outer columns of a window and the inner ones
         for [outer, inner] in self.patches.orbits.as_chunks().0 {
             let of = |orbit: &Orbit| &w[orbit.first * (LANES / G) * self.width + first..];
             let (outer_w, inner_w) = (of(outer), of(inner));
@@ -197,7 +200,8 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         self.combine([a, b], None, first, row, sums);
     }
 
-    /// Writes the sums over both halves of the windows and their middle column, if they have one.
+    /// Combines the sums over both halves of the windows and over their middle column, if there is
+    /// one.
     #[inline(always)]
     fn combine<const R: usize, const V: usize>(
         &self,
@@ -219,7 +223,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         }
     }
 
-    /// The channels that R neighbouring windows see through a tap.
+    /// Returns the channels that R neighbouring windows read at a tap.
     #[inline(always)]
     fn columns<'x, const R: usize>(&self, x: &'x [T], row: usize, tap: usize) -> [&'x [[T; G]]; R] {
         let mut columns: [&[[T; G]]; R] = [&[]; R];
@@ -230,7 +234,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         columns
     }
 
-    /// Adds x^T dy of neighbouring pixels, for every column of the lines by itself: dy
+    /// Adds x^T dy of neighbouring pixels, for each column of the lines separately: dy
     /// `[block][pixel]`, dw `[column][block]`.
     #[inline(always)]
     pub fn weights(&self, lines: &Lines, x: &[T], dy: &[Block<T>], dw: &mut [Block<T>]) {
@@ -252,7 +256,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         }
     }
 
-    /// Adds up what both halves of the windows say of the weights they share.
+    /// Adds the gradients of both halves of the windows to the weights that they share.
     #[inline(always)]
     pub fn fold(&self, lines: &Lines, columns: &[Block<T>], dw: &mut [Block<T>]) {
         let lanes = self.lanes;
@@ -269,7 +273,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
     }
 }
 
-/// The columns of the lines that an orbit meets.
+/// Returns the two columns of the lines that belong to an orbit, or its only one.
 fn halves(lines: &Lines, orbit: &Orbit) -> impl Iterator<Item = usize> {
     let [y, x] = orbit.start;
     let k = lines.size();

@@ -1,70 +1,73 @@
-//! The feature maps that passes read and write, and how their scratch is cut up.
+//! Feature maps that passes read and write, and the arena that divides their scratch.
+
+use std::ops::Range;
 
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::patches::Patches;
 
-/// Input of a convolution for some samples.
+/// Input of a convolution.
 #[derive(Clone, Copy)]
 pub(crate) enum Input<'a, T> {
-    /// `[N, H, W, C]`, irrep-major channels.
+    /// Numbers `[N, H, W, C]` with irrep-major channels.
     Channels(&'a [T]),
-    /// Pictures `[N, H, W, C]` of trivial channels, as bytes that stand for their
+    /// Images `[N, H, W, C]` of trivial channels as bytes, which stand for their
     /// [`level`](crate::level)s.
     Bytes(&'a [u8]),
-    /// Staged for this convolution.
+    /// Images staged for this convolution.
     Staged(&'a [T]),
 }
 
-/// Feature maps of some samples.
+/// Feature maps to read.
 #[derive(Clone, Copy)]
 pub(crate) enum Maps<'a, T> {
-    /// `[N, H, W, C]`, irrep-major channels.
+    /// Numbers `[N, H, W, C]` with irrep-major channels.
     Channels(&'a [T]),
-    /// Staged for the convolution with these patches.
+    /// Images staged for the convolution with these patches.
     Staged(&'a Patches, &'a [T]),
 }
 
-/// Feature maps of some samples, to be written.
+/// Feature maps to write.
 pub(crate) enum MapsMut<'a, T> {
     Channels(&'a mut [T]),
     Staged(&'a Patches, &'a mut [T]),
 }
 
 impl<T: Real> Input<'_, T> {
-    /// Some of the images, staged; `own` has room for them in case they are not.
+    /// Returns the staged form of some of the images; `own` is the buffer for images that are not
+    /// staged yet.
     #[inline(always)]
     pub fn stage<'b, L: Lanes<T>>(
         &'b self,
         lanes: L,
         patches: &Patches,
-        (first, images): (usize, usize),
+        images: Range<usize>,
         own: &'b mut [T],
     ) -> &'b [T] {
         let (staged, len) = (patches.staged(), patches.image().len());
         match self {
             Input::Channels(x) => {
-                for i in 0..images {
-                    let x = &x[(first + i) * len..][..len];
+                for (i, image) in images.enumerate() {
+                    let x = &x[image * len..][..len];
                     patches.stage(lanes, x, &mut own[i * staged..][..staged]);
                 }
                 own
             }
             Input::Bytes(x) => {
-                for i in 0..images {
-                    let x = &x[(first + i) * len..][..len];
+                for (i, image) in images.enumerate() {
+                    let x = &x[image * len..][..len];
                     patches.stage_bytes(x, &mut own[i * staged..][..staged]);
                 }
                 own
             }
-            Input::Staged(x) => &x[first * staged..][..images * staged],
+            Input::Staged(x) => &x[images.start * staged..images.end * staged],
         }
     }
 }
 
 impl<'a, T: Real> MapsMut<'a, T> {
-    /// The maps of a single image before this pixel, and from it on; it must be the first of a
-    /// line. `channels` is their number at a pixel.
+    /// Splits the maps of a single image before `pixel`, which must be the first of a line;
+    /// `channels` is the number of channels.
     pub fn split(self, pixel: usize, channels: usize) -> (MapsMut<'a, T>, MapsMut<'a, T>) {
         match self {
             MapsMut::Channels(y) => {
@@ -79,7 +82,7 @@ impl<'a, T: Real> MapsMut<'a, T> {
     }
 }
 
-/// Counts the pixels of images.
+/// Counter of pixels over several images.
 pub(crate) struct Cursor {
     pub image: usize,
     pub pixel: usize,
@@ -100,25 +103,25 @@ impl Cursor {
         }
     }
 
-    /// Index of the pixel in staged images.
+    /// Returns the index of the pixel in staged images.
     #[inline(always)]
     pub fn at(&self, offsets: &[usize], staged: usize) -> usize {
         self.image * staged + offsets[self.pixel]
     }
 }
 
-/// Splits whole blocks off the front of a scratch, so that each starts on a cache line if the
+/// Arena that splits whole blocks off the front of a scratch. Each starts on a cache line if the
 /// scratch does.
-pub(crate) struct Pieces<'a, T> {
+pub(crate) struct Arena<'a, T> {
     rest: &'a mut [Block<T>],
 }
 
-impl<'a, T: Real> Pieces<'a, T> {
-    pub fn new(scratch: &'a mut [T]) -> Pieces<'a, T> {
-        Pieces { rest: scratch.as_chunks_mut().0 }
+impl<'a, T: Real> Arena<'a, T> {
+    pub fn new(scratch: &'a mut [T]) -> Arena<'a, T> {
+        Arena { rest: scratch.as_chunks_mut().0 }
     }
 
-    /// Splits off values; a multiple of a block.
+    /// Splits off `len` values, a multiple of a block.
     pub fn take_flat(&mut self, len: usize) -> &'a mut [T] {
         self.take(len / LANES).as_flattened_mut()
     }
@@ -129,19 +132,19 @@ impl<'a, T: Real> Pieces<'a, T> {
         front
     }
 
-    /// Splits off blocks that are zero.
+    /// Splits off blocks and fills them with zeros.
     pub fn zeros(&mut self, blocks: usize) -> &'a mut [Block<T>] {
         let front = self.take(blocks);
         front.as_flattened_mut().fill(T::ZERO);
         front
     }
 
-    /// Values that are zero; a multiple of a block.
+    /// Splits off `len` values, a multiple of a block, and fills them with zeros.
     pub fn flat_zeros(&mut self, len: usize) -> &'a mut [T] {
         self.zeros(len / LANES).as_flattened_mut()
     }
 
-    /// The remaining values.
+    /// Returns the remaining values.
     pub fn rest(self) -> &'a mut [T] {
         self.rest.as_flattened_mut()
     }

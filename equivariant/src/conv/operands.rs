@@ -7,7 +7,7 @@ use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::lanes::LANES;
 
-/// Everything that a forward pass reads and writes.
+/// Operands of a forward pass.
 pub struct Forward<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
@@ -19,23 +19,23 @@ pub struct Forward<'a, T> {
 
 /// Output of a forward pass.
 pub(crate) struct Output<'a, T> {
-    /// Which lines of the output; all of them unless there is one sample. `y` and `masks` begin
-    /// with the first.
+    /// Range of the lines of output to compute; all lines unless there is one sample. `y` and
+    /// `masks` start with the first of them.
     pub lines: Range<usize>,
     pub y: MapsMut<'a, T>,
-    /// Room for the values that a ReLU passes, a number for every block of outputs; none for no
-    /// ReLU.
+    /// Buffer for a bit mask of the values that a ReLU passes, one number for each block of
+    /// outputs; `None` without a ReLU.
     pub masks: Option<&'a mut [T]>,
 }
 
-/// Everything that a backward pass reads and writes.
+/// Operands of a backward pass.
 pub struct Backward<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
     pub(crate) x: Input<'a, T>,
     pub(crate) dy: Maps<'a, T>,
     pub(crate) dx: Option<MapsMut<'a, T>>,
-    /// Which values the ReLU of the forward pass let through; none for no ReLU.
+    /// Bit masks of the values that the ReLU of the forward pass passed; `None` without a ReLU.
     pub(crate) masks: Option<&'a [T]>,
     pub(crate) params: &'a [T],
     pub(crate) dparams: &'a mut [T],
@@ -43,10 +43,10 @@ pub struct Backward<'a, T> {
 }
 
 impl<T: Real> Forward<'_, T> {
-    /// The pass over the upper and that over the lower lines of a single image.
+    /// Splits the pass over a single image into the upper and the lower lines.
     pub(crate) fn halves(self) -> (Self, Self) {
         let (above, below) = self.to.halves(self.conv);
-        // whole blocks: both halves start on a cache line
+        // whole blocks, so that both halves start on a cache line
         let middle = self.scratch.len() / 2 / LANES * LANES;
         let (scratch, scratch_below) = self.scratch.split_at_mut(middle);
         let above = Forward { to: above, scratch, ..self };
@@ -56,7 +56,7 @@ impl<T: Real> Forward<'_, T> {
 }
 
 impl<T: Real> Output<'_, T> {
-    /// The upper and the lower lines of a single image.
+    /// Splits the output of a single image into the upper and the lower lines.
     fn halves(self, conv: &R2Conv) -> (Self, Self) {
         let middle = conv.out.height / 2;
         let pixels = middle * conv.out.width;

@@ -1,49 +1,50 @@
 //! Max-pooling between the convolutions of a chain.
 //!
-//! A pooling reads what the convolution before it wrote in the layout of the kernels, and writes
-//! the staged image of the next: fields are transformed to the basis that the group permutes in
-//! registers, and no map is brought to irrep-major channels.
+//! A pooling reads the output of the convolution before it in the layout of the kernels and writes
+//! the staged image of the next one. Fields are transformed to the regular basis in registers; no
+//! map is converted to irrep-major channels.
 
-use crate::conv::maps::{Maps, MapsMut, Pieces};
+use crate::conv::maps::{Arena, Maps, MapsMut};
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::shape::Shape;
-use crate::simd::join::Join;
+use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, InstructionSet, LANES, Lanes, WithLanes, unscaled_hadamard};
 use crate::simd::patches::Patches;
 use crate::steerable::hadamard::with_order;
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
-/// Pixels of the largest window.
-const MOST: usize = 16;
+/// Maximum number of pixels of a window.
+const MAX_WINDOW_PIXELS: usize = 16;
 
-/// A max-pooling of regular fields whose windows tile the image.
+/// Max-pooling of regular fields whose windows tile the image.
 #[derive(Clone, Debug)]
 pub(crate) struct Pool {
-    /// The layout of the maps before it: no padding, and nothing is folded.
+    /// Layout of the maps before the pooling: without padding or folds.
     pub patches: Patches,
     pub out: Shape,
-    /// The first pixel of every window, in blocks of a staged image.
+    /// Index of the first pixel of every window, in blocks of a staged image.
     windows: Vec<usize>,
-    /// The pixels of a window, as distances from the first.
+    /// Distances of the pixels of a window from its first, in blocks.
     taps: Vec<usize>,
     pub widest: InstructionSet,
 }
 
 impl Pool {
-    /// The pooling of what a convolution gives; none if the windows overlap, leave pixels out or
-    /// have too many, or channels are not those of regular fields.
-    pub fn behind(conv: &R2Conv, kernel: Kernel) -> Option<Pool> {
+    /// Creates the pooling of a convolution's output. Returns `None` if the windows overlap, leave
+    /// pixels out or are too large, or if the channels are not regular fields.
+    pub fn after(conv: &R2Conv, kernel: Kernel) -> Option<Pool> {
         let image = conv.out;
         let size = kernel.size;
         let tiles = [image.height, image.width].map(|side| side / size);
         let whole = tiles.map(|count| count * size) == [image.height, image.width];
-        let apart = kernel == Kernel::new(size, size, 0) && size * size <= MOST;
+        let apart = kernel == Kernel::new(size, size, 0) && size * size <= MAX_WINDOW_PIXELS;
         image.fields.regular_fields()?;
         if !(whole && apart) {
             return None;
         }
+        // a window of one pixel gives the staged layout without padding and without folds
         let pixel = Kernel::new(1, 1, 0);
         let size_of = [image.height, image.width];
         let patches = Patches::new(&Taps::new(image.fields, 1), image, pixel, size_of);
@@ -61,53 +62,53 @@ impl Pool {
         })
     }
 
-    /// Room for the blocks of a pixel.
+    /// Returns the number of values of scratch: the blocks of a pixel.
     pub fn scratch_len(&self) -> usize {
         self.patches.blocks() * LANES
     }
 
-    /// Factor between values of two layouts, of which twice the transform was taken.
+    /// Returns the factor between values of two layouts after two unscaled transforms.
     fn scale(&self, from: f64, to: f64) -> f64 {
         to / from / self.out.fields.group().order() as f64
     }
 }
 
-/// Everything that a pooling reads and writes.
-pub struct Pooling<'a, T> {
+/// Operands of the forward pass of a pooling.
+pub struct PoolForward<'a, T> {
     pub(crate) pool: &'a Pool,
     pub(crate) samples: usize,
-    /// In the layout of the pooling.
+    /// Input in the layout of the pooling.
     pub(crate) x: &'a [T],
     pub(crate) y: MapsMut<'a, T>,
     pub(crate) scratch: &'a mut [T],
 }
 
-/// Everything that the backward pass of a pooling reads and writes.
-pub struct Unpooling<'a, T> {
+/// Operands of the backward pass of a pooling.
+pub struct PoolBackward<'a, T> {
     pub(crate) pool: &'a Pool,
     pub(crate) samples: usize,
     /// Input of the pooling.
     pub(crate) x: &'a [T],
     pub(crate) dy: Maps<'a, T>,
-    /// In the layout of the pooling; overwritten.
+    /// Gradient with respect to the input, in the layout of the pooling; overwritten.
     pub(crate) dx: &'a mut [T],
     pub(crate) scratch: &'a mut [T],
 }
 
-impl<T: Real> WithLanes<T> for Pooling<'_, T> {
+impl<T: Real> WithLanes<T> for PoolForward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         with_order!(G = self.pool.out.fields.group().order(), self.run_groups::<L, G>(lanes));
     }
 }
 
-impl<T: Real> Pooling<'_, T> {
+impl<T: Real> PoolForward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (pool, own) = (self.pool, self.pool.patches.scale());
         let (blocks, channels) = (pool.patches.blocks(), pool.out.fields.dim());
-        let room = Pieces::new(self.scratch).take(blocks);
-        let join = Join::new(pool.out.fields);
+        let room = Arena::new(self.scratch).take(blocks);
+        let interleaver = Interleaver::new(pool.out.fields);
         let images = self.x.as_chunks().0;
         let images = images.chunks_exact(pool.patches.staged() / LANES);
         for (n, x) in images.take(self.samples).enumerate() {
@@ -117,7 +118,7 @@ impl<T: Real> Pooling<'_, T> {
                         maxima::<T, L, G>(lanes, pool, &x[window..], pool.scale(own, 1.0), room);
                         let pixel = n * pool.windows.len() + i;
                         let y = &mut y[pixel * channels..][..channels];
-                        join.undo::<T, G>(T::from_f64(1.0), room.as_flattened(), y);
+                        interleaver.deinterleave::<T, G>(T::from_f64(1.0), room.as_flattened(), y);
                     }
                     MapsMut::Staged(patches, y) => {
                         let at = n * patches.staged() + patches.pixels()[i];
@@ -131,7 +132,7 @@ impl<T: Real> Pooling<'_, T> {
     }
 }
 
-/// The maxima of one window, which `x` begins with.
+/// Writes the maxima of the window at the start of `x`.
 #[inline(always)]
 fn maxima<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -152,31 +153,34 @@ fn maxima<T: Real, L: Lanes<T>, const G: usize>(
     }
 }
 
-impl<T: Real> WithLanes<T> for Unpooling<'_, T> {
+impl<T: Real> WithLanes<T> for PoolBackward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         with_order!(G = self.pool.out.fields.group().order(), self.run_groups::<L, G>(lanes));
     }
 }
 
-impl<T: Real> Unpooling<'_, T> {
+impl<T: Real> PoolBackward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (pool, own) = (self.pool, self.pool.patches.scale());
         let (blocks, channels) = (pool.patches.blocks(), pool.out.fields.dim());
-        let room = Pieces::new(self.scratch).zeros(blocks);
-        let join = Join::new(pool.out.fields);
+        // zeros, because lanes without a channel are never written below
+        let room = Arena::new(self.scratch).zeros(blocks);
+        let one = T::from_f64(1.0);
+        let interleaver = Interleaver::new(pool.out.fields);
         let staged = pool.patches.staged() / LANES;
         let images = self.x.as_chunks().0.chunks_exact(staged);
         let gradients = self.dx.as_chunks_mut().0.chunks_exact_mut(staged);
         for (n, (x, dx)) in images.zip(gradients).take(self.samples).enumerate() {
             for (i, &window) in pool.windows.iter().enumerate() {
-                // the gradient in a staged value is that in the value over its scale
+                // staged values are scaled, so their gradient is that of the values divided by the
+                // scale
                 let (dy, scale) = match self.dy {
                     Maps::Channels(dy) => {
                         let pixel = n * pool.windows.len() + i;
                         let dy = &dy[pixel * channels..][..channels];
-                        join.run::<T, G>(T::from_f64(1.0), dy, room.as_flattened_mut());
+                        interleaver.interleave::<T, G>(one, dy, room.as_flattened_mut());
                         (&*room, pool.scale(own, 1.0))
                     }
                     Maps::Staged(patches, dy) => {
@@ -186,30 +190,33 @@ impl<T: Real> Unpooling<'_, T> {
                     }
                 };
                 let (x, dx) = (&x[window..], &mut dx[window..]);
-                route::<T, L, G>(lanes, pool, x, (dy, scale), dx);
+                route::<T, L, G>(lanes, pool, x, dy, scale, dx);
             }
         }
     }
 }
 
-/// Hands the gradient of one window to the first pixel that holds the maximum. Where a pixel is not
-/// a number it takes the gradient, which [`MaxPool`](crate::MaxPool) by itself drops.
+/// Routes the gradient of one window to the first pixel that holds the maximum. If a pixel is NaN
+/// it receives the gradient, which [`MaxPool`](crate::MaxPool) drops.
 #[inline(always)]
 fn route<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
     pool: &Pool,
     x: &[Block<T>],
-    (dy, scale): (&[Block<T>], f64),
+    dy: &[Block<T>],
+    scale: f64,
     dx: &mut [Block<T>],
 ) {
     let scale = lanes.splat(T::from_f64(scale));
     for (c, dy) in dy.iter().enumerate() {
-        let mut won = [0; MOST];
+        let mut won = [0; MAX_WINDOW_PIXELS];
+        // the first pixel holds the maximum until a larger one is found
         won[0] = u16::MAX;
         let mut best = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[c]));
         for (i, tap) in pool.taps.iter().enumerate().skip(1) {
             let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[tap + c]));
             (best, won[i]) = lanes.larger(best, v);
+            // a later, larger value takes the win from all earlier ones
             for earlier in 0..i {
                 won[earlier] &= !won[i];
             }

@@ -1,4 +1,4 @@
-//! Steerable convolutions: their geometry, and where their parameters lie.
+//! Steerable convolutions: geometry and layout of the parameters.
 
 use symmetry::{FieldType, Irrep};
 
@@ -13,20 +13,20 @@ use crate::steerable::taps::Taps;
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
-/// Output pixels that are worth staging several images together.
-const GROUP_PIXELS: usize = 64;
+/// Minimum number of output pixels to stage at once: small images are staged together up to it.
+const STAGED_OUTPUT_PIXELS: usize = 64;
 
-/// A convolution that commutes with the group of its types, with a bias on the trivial irrep.
+/// Convolution that commutes with the group of its types, with a bias on the trivial irrep.
 ///
 /// The kernel obeys k(g t) = rho_out(g) k(t) rho_in(g)^-1 (Cohen and Welling, "Steerable CNNs",
 /// ICLR 2017). Between irreps a and b that is w(g t) = a(g) b(g) w(t): the signs of the irrep a b.
 /// Patches are therefore folded by parity (even and odd along each axis for D2), and output irrep b
 /// is one product of its folded columns with a matrix of parameters `[out multiplicity of b,
-/// columns]`. The parameters of all irreps are interleaved, in the order in which the kernels read
+/// columns]`. The parameters of all irreps are interleaved in the order in which the kernels read
 /// them, `[folded tap and input channel, output field, irrep]`, and the bias follows;
-/// [`dense`](R2Conv::dense) says what each of them does. Every steerable kernel on the grid is
-/// reached. Types of C1 give an ordinary convolution whose parameters are the kernel `[size, size,
-/// C_in, C_out]`.
+/// [`dense`](R2Conv::dense) maps them to an ordinary kernel. The parameters span every steerable
+/// kernel on the grid. Types of C1 give an ordinary convolution whose parameters are the kernel
+/// `[size, size, C_in, C_out]`.
 #[derive(Clone, Debug)]
 pub struct R2Conv {
     pub(crate) taps: Taps,
@@ -34,12 +34,12 @@ pub struct R2Conv {
     pub(crate) blocks: Blocks,
     pub(crate) weights: Weights,
     pub(crate) out: Shape,
-    /// Widest instructions of single precision, if the processor has them.
+    /// Widest instruction set for single precision, if the processor has it.
     pub(crate) widest: InstructionSet,
 }
 
 impl R2Conv {
-    /// A convolution of maps of `[height, width]` pixels.
+    /// Creates a convolution of maps of `[height, width]` pixels.
     ///
     /// # Errors
     /// When the groups of the types differ, a map is empty, the windows do not sit symmetrically
@@ -57,6 +57,7 @@ impl R2Conv {
         let out = windows.out_shape(out_type);
         LayerError::check_map(layer, image, kernel.padding)?;
         LayerError::check_map(layer, out, 0)?;
+        // `dense` builds this kernel, so its size must be within the limit as well
         let dense = [kernel.size, kernel.size, image.fields.dim(), out_type.dim()];
         product(dense).ok_or(LayerError::TooLarge { layer, what: "a kernel" })?;
         let taps = Taps::new(image.fields, kernel.size);
@@ -68,11 +69,12 @@ impl R2Conv {
             patches,
             blocks,
             out,
+            // an upper bound: `run_f32` falls back to what the processor has
             widest: InstructionSet::Avx512,
         })
     }
 
-    /// A convolution whose window is the whole map: it flattens a square map to a vector.
+    /// Creates a convolution whose window is the whole map: it flattens a square map to a vector.
     ///
     /// # Errors
     /// When the groups of the types differ or the map is not square.
@@ -85,14 +87,14 @@ impl R2Conv {
         R2Conv::new(shape.fields, out_type, kernel, [height, width])
     }
 
-    /// Limits the layer to instructions no wider than these, for comparing: AVX2 and AVX-512 give
-    /// the same bits, and the portable code others. Double precision is portable in any case.
+    /// Limits the layer to instruction sets up to `widest`, for comparisons. AVX2 and AVX-512 give
+    /// the same bits; portable code gives others and always runs double precision.
     pub fn at_most(mut self, widest: InstructionSet) -> R2Conv {
         self.widest = widest;
         self
     }
 
-    /// The layer as an ordinary convolution.
+    /// Returns the layer as an ordinary convolution.
     pub fn dense(&self) -> Dense<'_> {
         Dense {
             name: "R2Conv",
@@ -105,14 +107,14 @@ impl R2Conv {
         }
     }
 
-    /// The shape of one input sample.
+    /// Returns the shape of one input sample.
     pub(crate) fn image(&self) -> Shape {
         self.patches.image()
     }
 
-    /// The number of samples that are staged together.
-    pub(crate) fn group(&self, samples: usize) -> usize {
-        let group = GROUP_PIXELS / self.out.pixels();
-        group.clamp(1, samples.max(1))
+    /// Returns the number of samples that are staged together.
+    pub(crate) fn images_together(&self, samples: usize) -> usize {
+        let images = STAGED_OUTPUT_PIXELS / self.out.pixels();
+        images.clamp(1, samples.max(1))
     }
 }

@@ -1,35 +1,35 @@
-//! The parameters of a convolution in the order in which the kernels read them.
+//! Parameters of a convolution in the order in which the kernels read them.
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use symmetry::{FieldType, Irrep};
 
-use crate::conv::maps::Pieces;
+use crate::conv::maps::Arena;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES};
 use crate::simd::patches::Patches;
 use crate::steerable::blocks::Blocks;
 use crate::steerable::taps::Taps;
 
-/// The order of the weights among the parameters: `[group of a folded patch][output field][irrep]`.
+/// Layout of the weights among the parameters: `[group of a folded patch][output field][irrep]`.
 ///
-/// That is the order of the kernels but for lanes and groups that have no weight: regular fields in
-/// multiples of a block lack none, and packing is a copy.
+/// The packed layout of the kernels differs from it only by lanes and groups without a weight. If
+/// all fields are regular and fill whole blocks there are none, and packing is a copy.
 #[derive(Clone, Debug)]
 pub(crate) struct Weights {
     order: usize,
-    /// Groups of a folded patch.
+    /// Number of groups of a folded patch.
     groups: usize,
-    /// Blocks of an output pixel.
+    /// Number of blocks of an output pixel.
     width: usize,
-    /// Parameters that are neighbours in packed order too.
+    /// Runs of parameters that are contiguous in packed order, too.
     runs: Arc<[Run]>,
-    /// The parameter of every entry of the four blocks of the linear map.
+    /// Index of the parameter of every entry of the four blocks of the linear map.
     places: Arc<[usize]>,
 }
 
-/// Parameters that are neighbours in both orders.
+/// Range of parameters that is contiguous in both orders.
 #[derive(Clone, Debug)]
 struct Run {
     params: Range<usize>,
@@ -43,6 +43,7 @@ impl Weights {
         let groups = patches.folded() * LANES / irreps.len();
         let width = (fields.unwrap_or(0) * irreps.len()).div_ceil(LANES);
         let mut entries = vec![GAP; groups * width * LANES];
+        // lane b of a group computes output irrep b, from the fold whose parity leads to b
         for (lane, &b) in irreps.iter().enumerate() {
             for (i, function) in taps.functions().iter().enumerate() {
                 let group = patches.first_group(function.parity, function.parts[0].0);
@@ -61,44 +62,45 @@ impl Weights {
         Weights { order: irreps.len(), groups, width, runs: runs.into(), places: places.into() }
     }
 
-    /// The parameter of every entry of the blocks of the linear map, `[out, columns]` one after the
-    /// other.
+    /// Returns the index of the parameter of every entry of the blocks of the linear map, `[out,
+    /// columns]` for each irrep in turn.
     pub fn places(&self) -> &[usize] {
         &self.places
     }
 
-    /// Blocks of an output pixel.
+    /// Returns the number of blocks of an output pixel.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// The number of blocks of the packed weights.
+    /// Returns the number of blocks of the packed weights.
     pub fn blocks(&self) -> usize {
         self.groups * self.width
     }
 
-    /// `true` if the parameters are in packed order already, without gaps.
+    /// Returns `true` if the parameters are in packed order already, without gaps.
     pub fn in_place(&self) -> bool {
         let all = 0..self.blocks() * LANES;
         matches!(&self.runs[..], [run] if run.params == all && run.packed == all)
     }
 
-    /// The packed weights: the parameters themselves where they can be read in place.
+    /// Returns the packed weights: the parameters themselves if they can be read in place.
     pub fn packed<'a, T: Real>(
         &self,
         params: &'a [T],
-        pieces: &mut Pieces<'a, T>,
+        arena: &mut Arena<'a, T>,
         may_read_in_place: bool,
     ) -> &'a [Block<T>] {
         if may_read_in_place && self.in_place() {
             return &params.as_chunks().0[..self.blocks()];
         }
-        let packed = pieces.take(self.blocks());
+        let packed = arena.take(self.blocks());
         self.pack(params, packed);
         packed
     }
 
-    /// Writes `[group of a folded patch][block of outputs]`; a group of lanes is an output field.
+    /// Writes the packed weights `[group of a folded patch][block of outputs]`; a group of lanes is
+    /// an output field.
     pub fn pack<T: Real>(&self, params: &[T], packed: &mut [Block<T>]) {
         let packed = packed.as_flattened_mut();
         let mut end = 0;
@@ -110,7 +112,7 @@ impl Weights {
         packed[end..].fill(T::ZERO);
     }
 
-    /// Adds packed gradients to those of the parameters.
+    /// Adds gradients of the packed weights to those of the parameters.
     pub fn add_unpacked<T: Real>(&self, packed: &[Block<T>], dparams: &mut [T]) {
         let packed = packed.as_flattened();
         for run in self.runs.iter() {
@@ -151,21 +153,20 @@ impl Weights {
         }
     }
 
-    /// The order of the group.
+    /// Returns the order of the group.
     pub fn order(&self) -> usize {
         self.order
     }
 }
 
-/// An entry of the packed weights without a parameter.
+/// Marker of an entry of the packed weights without a parameter.
 const GAP: usize = usize::MAX;
 
-/// Numbers the entries in their order and lists those without a gap between them.
+/// Numbers the entries that have a parameter and returns their contiguous runs.
 fn runs(entries: &[usize], places: &mut [usize]) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
-    let entries = entries.iter().enumerate();
-    let entries = entries.filter(|(_, entry)| **entry != GAP);
-    for (next, (packed, &entry)) in entries.enumerate() {
+    let used = entries.iter().enumerate().filter(|(_, entry)| **entry != GAP);
+    for (next, (packed, &entry)) in used.enumerate() {
         places[entry] = next;
         match runs.last_mut().filter(|run| run.packed.end == packed) {
             Some(run) => {

@@ -1,24 +1,24 @@
-//! The GPUs of this machine, and software that stands in for one.
+//! GPUs of this machine, and software drivers that emulate one.
 
 use std::fmt;
 
-/// What runs an adapter's commands.
+/// Kind of hardware behind an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AdapterKind {
-    /// A GPU with memory of its own.
+    /// GPU with its own memory.
     Discrete,
-    /// A GPU that shares the processor's memory.
+    /// GPU that shares the processor's memory.
     Integrated,
-    /// A GPU that a virtual machine is given.
+    /// GPU of a virtual machine.
     Virtual,
-    /// The processor itself: for tests.
+    /// Software driver on the processor, for tests.
     Software,
-    /// Something else.
+    /// Unknown kind of hardware.
     Other,
 }
 
 impl AdapterKind {
-    /// Whether it is a GPU for certain.
+    /// Returns `true` if the adapter is certainly a GPU.
     pub fn is_hardware(self) -> bool {
         !matches!(self, AdapterKind::Software | AdapterKind::Other)
     }
@@ -36,27 +36,27 @@ impl fmt::Display for AdapterKind {
     }
 }
 
-/// An adapter, as its driver describes it.
+/// Description of an adapter by its driver.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Adapter {
-    /// Its name, such as `NVIDIA H100 80GB HBM3`.
+    /// Name of the hardware, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
-    /// What it is.
+    /// Kind of hardware.
     pub kind: AdapterKind,
-    /// The programming interface that reaches it, such as `vulkan`.
+    /// Programming interface that reaches the adapter, such as `vulkan`.
     pub backend: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// The most bytes that a kernel sees of a buffer.
+    /// Maximum bytes of a buffer that one kernel can access.
     pub binding_bytes: u64,
-    /// The most bytes of a buffer.
+    /// Maximum bytes of a buffer.
     pub buffer_bytes: u64,
-    /// The most bytes that the threads of a group share.
+    /// Maximum bytes of shared memory of a workgroup.
     pub shared_bytes: u32,
-    /// The most threads of a group.
+    /// Maximum number of threads of a workgroup.
     pub group_threads: u32,
-    /// The fewest and the most threads of a subgroup, which run in lockstep. No kernel relies on
-    /// their number.
+    /// Minimum and maximum number of threads of a subgroup, which run in lockstep. No kernel relies
+    /// on their number.
     pub subgroup: [u32; 2],
 }
 
@@ -72,13 +72,13 @@ impl fmt::Display for Adapter {
     }
 }
 
-/// The adapters that can run networks, real GPUs first; none where no driver is installed.
+/// Returns the adapters that can run networks, real GPUs first; empty if no driver is installed.
 pub fn adapters() -> Vec<Adapter> {
-    found().iter().map(describe).collect()
+    raw_adapters().iter().map(describe).collect()
 }
 
-/// The same, to be opened.
-pub(crate) fn found() -> Vec<wgpu::Adapter> {
+/// Returns wgpu's handles of the [`adapters`], in the same order.
+pub(crate) fn raw_adapters() -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN;
     let instance = wgpu::Instance::new(descriptor);
@@ -87,6 +87,7 @@ pub(crate) fn found() -> Vec<wgpu::Adapter> {
     found
 }
 
+/// Converts wgpu's information about an adapter.
 pub(crate) fn describe(adapter: &wgpu::Adapter) -> Adapter {
     let (info, limits) = (adapter.get_info(), adapter.limits());
     Adapter {
@@ -112,7 +113,7 @@ fn kind(device: wgpu::DeviceType) -> AdapterKind {
     }
 }
 
-/// The order in which adapters are preferred.
+/// Returns the rank of an adapter's kind in the order of preference; 0 is best.
 fn rank(kind: AdapterKind) -> u8 {
     match kind {
         AdapterKind::Discrete => 0,

@@ -1,25 +1,25 @@
-//! Where the numbers of a field lie among the channels of a pixel, and the text that reads them.
+//! Positions of a field's numbers among the channels of a pixel, and WGSL that accesses them.
 
 use symmetry::FieldType;
 
 use crate::gpu::step::{Slot, Step};
 
-/// Names of a field's numbers in WGSL.
+/// WGSL accessors of a field's numbers, for groups of order 1, 2 and 4.
 const LANES: [&[&str]; 3] = [&[""], &[".x", ".y"], &[".x", ".y", ".z", ".w"]];
 
-/// Fields among the channels of a pixel: number a of field f is channel `starts[a] + f`, if f is
-/// below `counts[a]`, and zero otherwise.
+/// Layout of fields among the channels of a pixel: number a of field f is channel `starts[a] + f`
+/// if f is below `counts[a]`, and zero otherwise.
 #[derive(Clone, Debug)]
 pub(crate) struct Channels {
-    /// Channels of a pixel.
+    /// Number of channels of a pixel.
     dim: usize,
     starts: Vec<usize>,
     counts: Vec<usize>,
 }
 
 impl Channels {
-    /// The channels of a type: a number for each irrep of its group. Irreps that have fewer
-    /// channels than others are filled up with zeros.
+    /// Creates the layout of a type: fields with a number for each irrep of its group. Irreps with
+    /// fewer channels than others are padded with zeros.
     pub fn of(fields: FieldType) -> Channels {
         let irreps = fields.group().irreps();
         Channels {
@@ -29,12 +29,12 @@ impl Channels {
         }
     }
 
-    /// `dim` fields of one number.
+    /// Creates the layout of `dim` fields of one number.
     pub fn single(dim: usize) -> Channels {
         Channels::regular(1, dim)
     }
 
-    /// `fields` fields of this many numbers.
+    /// Creates the layout of `fields` fields of `order` numbers.
     pub fn regular(order: usize, fields: usize) -> Channels {
         Channels {
             dim: order * fields,
@@ -43,70 +43,73 @@ impl Channels {
         }
     }
 
-    /// The same fields in pixels of `dim` channels, where number a starts at `starts[a]`.
+    /// Moves the fields into pixels of `dim` channels, where number a starts at `starts[a]`.
     pub fn within(mut self, dim: usize, starts: Vec<usize>) -> Channels {
         self.dim = dim;
         self.starts = starts;
         self
     }
 
-    /// The same fields where the first ones of another type are.
+    /// Returns the layout of the fields as the first ones of the direct sum `sum`.
     pub fn at_start_of(&self, sum: &Channels) -> Channels {
         self.clone().within(sum.dim, sum.starts.clone())
     }
 
-    /// The same fields where the last ones of another type are.
+    /// Returns the layout of the fields as the last ones of the direct sum `sum`.
     pub fn at_end_of(&self, sum: &Channels) -> Channels {
         let ends = sum.starts.iter().zip(&sum.counts).map(|(start, count)| start + count);
         let starts = ends.zip(&self.counts).map(|(end, count)| end - count);
         self.clone().within(sum.dim, starts.collect())
     }
 
-    /// The number of fields, of which some may lack numbers.
+    /// Returns the number of fields, some of which may lack numbers.
     pub fn fields(&self) -> usize {
         self.counts.iter().copied().max().unwrap_or(0)
     }
 
-    /// The number of irreps.
+    /// Returns the number of numbers of a field.
     pub fn order(&self) -> usize {
         self.counts.len()
     }
 
-    /// Adds a map that is read: `load_NAME(pixel, field)`.
+    /// Adds an input map with the function `load_NAME(pixel, field)`.
     pub fn read(&self, step: Step, name: &str, slot: Slot) -> Step {
         let step = step.read(name, "f32", slot);
         self.loader(step, name, name)
     }
 
-    /// Adds `load_NAME(pixel, field)` for a buffer that is there already.
+    /// Adds the function `load_NAME(pixel, field)` for a buffer that the kernel has already.
     pub fn loader(&self, step: Step, buffer: &str, name: &str) -> Step {
         let body = self.each(|lane, at| format!("v{lane} = {buffer}[{at}];"));
         let head = format!("fn load_{name}(pixel: u32, field: u32) -> Field {{ var v = Field();");
         step.text(&format!("{head} {body} return v; }}"))
     }
 
-    /// Adds a map that is written: `store_NAME(pixel, field, v)`.
+    /// Adds an output map with the function `store_NAME(pixel, field, v)`.
     pub fn write(&self, step: Step, name: &str, slot: Slot) -> Step {
         let step = step.write(name, "f32", slot);
         self.storer(step, name, name)
     }
 
-    /// Adds `store_NAME(pixel, field, v)` for a buffer that is there already.
+    /// Adds the function `store_NAME(pixel, field, v)` for a buffer that the kernel has already.
     pub fn storer(&self, step: Step, buffer: &str, name: &str) -> Step {
         let body = self.each(|lane, at| format!("{buffer}[{at}] = v{lane};"));
         let head = format!("fn store_{name}(pixel: u32, field: u32, v: Field) {{");
         step.text(&format!("{head} {body} }}"))
     }
 
-    /// A statement for each number that a field can have.
+    /// Joins one statement for each number of a field.
     fn each(&self, statement: impl Fn(&str, String) -> String) -> String {
+        // orders 1, 2 and 4 are entries 0, 1 and 2
         let lanes = LANES[self.order().ilog2() as usize].iter().zip(&self.starts);
         let lanes = lanes.zip(&self.counts).filter(|(_, count)| **count > 0);
         let statements = lanes.map(|((lane, start), &count)| {
             let at = format!("pixel * {}u + {start}u + field", self.dim);
-            match count < self.fields() {
-                true => format!("if field < {count}u {{ {} }} ", statement(lane, at)),
-                false => statement(lane, at) + " ",
+            // irreps with fewer channels than others have no number for the last fields
+            if count < self.fields() {
+                format!("if field < {count}u {{ {} }} ", statement(lane, at))
+            } else {
+                statement(lane, at) + " "
             }
         });
         statements.collect()

@@ -1,4 +1,4 @@
-//! Times of kernels by the device's own clock.
+//! Kernel times by the device's own clock.
 
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
@@ -6,14 +6,15 @@ use crate::gpu::error::GpuError;
 /// Bytes of a timestamp.
 const BYTES: u64 = 8;
 
-/// Two timestamps for each of some kernels.
+/// Timestamps before and after each kernel of a sequence.
 pub(crate) struct Clock {
     queries: wgpu::QuerySet,
     count: u32,
 }
 
 impl Clock {
-    /// A clock for so many kernels, or [`GpuError::Failed`] where the adapter has no timestamps.
+    /// Creates a clock for `kernels` kernels; [`GpuError::Failed`] if the adapter has no
+    /// timestamps.
     pub fn new(device: &Device, kernels: usize) -> Result<Clock, GpuError> {
         let features = device.device.features();
         if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
@@ -28,7 +29,7 @@ impl Clock {
         Ok(Clock { queries, count })
     }
 
-    /// A pass of one kernel with its timestamps.
+    /// Returns the descriptor of a pass that runs one kernel and writes its timestamps.
     pub fn pass(&self, kernel: usize) -> wgpu::ComputePassDescriptor<'_> {
         let first = 2 * kernel as u32;
         wgpu::ComputePassDescriptor {
@@ -41,7 +42,7 @@ impl Clock {
         }
     }
 
-    /// Runs what was recorded; returns the seconds of each kernel.
+    /// Submits the recorded commands and returns the seconds of each kernel.
     pub fn read(
         self,
         device: &Device,
@@ -63,6 +64,7 @@ impl Clock {
         let ticks: Vec<u64> = device.mapped(&staged)?;
         let seconds = f64::from(device.queue.get_timestamp_period()) * 1e-9;
         let kernels = ticks.as_chunks::<2>().0.iter();
+        // timestamps out of order count as zero seconds instead of overflowing
         Ok(kernels.map(|[begun, ended]| seconds * ended.saturating_sub(*begun) as f64).collect())
     }
 }

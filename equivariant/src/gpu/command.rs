@@ -1,14 +1,15 @@
-//! Compiled kernels.
+//! Compiled kernels with their buffers.
 
 use std::collections::hash_map::Entry;
 
 use crate::gpu::device::{Device, locked};
 use crate::gpu::step::Step;
 
-/// Groups of threads in one line of a dispatch; every adapter takes as many.
+/// Number of workgroups in one line of a dispatch; below the limit of 65,535 that every adapter
+/// has.
 const GROUPS_OF_A_LINE: usize = 32_768;
 
-/// A step with its compiled kernel and its buffers.
+/// Compiled step with its buffers.
 pub(crate) struct Command {
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
@@ -16,7 +17,7 @@ pub(crate) struct Command {
 }
 
 impl Command {
-    /// Compiles a step; `buffers` are those of its plan.
+    /// Compiles a step; `buffers` are all buffers of its plan.
     pub fn new(
         device: &Device,
         step: &Step,
@@ -43,14 +44,15 @@ impl Command {
         }
     }
 
-    /// The name of the step.
+    /// Returns the name of the step.
     pub fn label(&self) -> &'static str {
         self.step.label
     }
 
-    /// Adds a dispatch for so many samples.
+    /// Records a dispatch for `samples` samples.
     pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
         let groups = self.step.work.count(samples);
+        // larger dispatches fill a plane, because every dimension has a limit
         let line = groups.min(GROUPS_OF_A_LINE);
         if line == 0 {
             return;
@@ -80,14 +82,14 @@ fn layout(device: &wgpu::Device, step: &Step) -> wgpu::BindGroupLayout {
     })
 }
 
-/// The compiled kernel of a step; equal texts are compiled once.
+/// Returns the compiled kernel of a step; kernels with equal text are compiled once.
 fn pipeline(device: &Device, step: &Step, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
     let mut pipelines = locked(&device.pipelines);
     let known = pipelines.entry(step.source(device.subgroups()));
     match known {
         Entry::Occupied(known) => known.get().clone(),
         Entry::Vacant(place) => {
-            let pipeline = compile(&device.device, (step.label, place.key()), layout);
+            let pipeline = compile(&device.device, step.label, place.key(), layout);
             place.insert(pipeline).clone()
         }
     }
@@ -95,7 +97,8 @@ fn pipeline(device: &Device, step: &Step, layout: &wgpu::BindGroupLayout) -> wgp
 
 fn compile(
     device: &wgpu::Device,
-    (label, source): (&str, &str),
+    label: &str,
+    source: &str,
     layout: &wgpu::BindGroupLayout,
 ) -> wgpu::ComputePipeline {
     let label = Some(label);
@@ -113,7 +116,7 @@ fn compile(
         layout: Some(&layout),
         module: &module,
         entry_point: Some("main"),
-        // kernels write what they share before they read it
+        // kernels write shared memory before they read it
         compilation_options: wgpu::PipelineCompilationOptions {
             zero_initialize_workgroup_memory: false,
             ..Default::default()

@@ -1,44 +1,43 @@
-//! A device that runs kernels.
+//! Device that runs kernels.
 
 use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::gpu::adapter::{Adapter, describe, found};
+use crate::gpu::adapter::{Adapter, describe, raw_adapters};
 use crate::gpu::error::GpuError;
 
-/// An opened adapter. Clones are the same device.
+/// Opened adapter. Clones share one device.
 #[derive(Clone)]
 pub struct Device {
     adapter: Adapter,
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
-    /// Compiled kernels by their text.
+    /// Compiled kernels by their WGSL text.
     pub(crate) pipelines: Arc<Mutex<HashMap<String, wgpu::ComputePipeline>>>,
     fault: Fault,
-    /// Whether kernels use operations on subgroups.
+    /// `true` if kernels use subgroup operations.
     subgroups: bool,
 }
 
-/// Features that are used where an adapter has them.
+/// Optional features, enabled if the adapter has them.
 const OPTIONAL: wgpu::Features = wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY);
 
-/// The first thing that went wrong, if anything did.
+/// First error since the last check; `None` if there was none.
 type Fault = Arc<Mutex<Option<GpuError>>>;
 
 impl Device {
-    /// Opens the adapter whose name contains `name`, whatever the case; without a name the first of
-    /// [`adapters`](crate::gpu::adapters), which is real hardware where there is any.
+    /// Opens the first adapter whose name contains `name`, ignoring case. Without a name it opens
+    /// the first of [`adapters`](crate::gpu::adapters), which is real hardware if there is any.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] and [`GpuError::NoDevice`].
     pub fn open(name: Option<&str>) -> Result<Device, GpuError> {
-        let found = found();
+        let found = raw_adapters();
         let names: Vec<String> = found.iter().map(|adapter| describe(adapter).name).collect();
         let wanted = name.unwrap_or_default().to_lowercase();
         let index = names.iter().position(|name| name.to_lowercase().contains(&wanted));
-        let adapter = index.map(|index| &found[index]);
-        let adapter = adapter.ok_or_else(|| GpuError::NoAdapter {
+        let adapter = index.map(|index| &found[index]).ok_or_else(|| GpuError::NoAdapter {
             wanted: name.map_or("at all".to_owned(), |name| format!("named `{name}`")),
             found: names,
         })?;
@@ -50,6 +49,7 @@ impl Device {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("covers"),
             required_features: adapter.features() & OPTIONAL,
+            // wgpu's default limits allow bindings of 128 MiB only
             required_limits: adapter.limits(),
             ..Default::default()
         };
@@ -69,25 +69,25 @@ impl Device {
         })
     }
 
-    /// The adapter.
+    /// Returns the adapter's description.
     pub fn adapter(&self) -> &Adapter {
         &self.adapter
     }
 
-    /// Whether the kernels that are compiled from here on use operations on subgroups of threads:
-    /// they do where the adapter has them.
+    /// Returns `true` if newly compiled kernels use subgroup operations; they do if the adapter has
+    /// them.
     pub fn subgroups(&self) -> bool {
         self.subgroups
     }
 
-    /// The same device, whose kernels use no such operations, for comparing. Sums are added in
-    /// another order then.
+    /// Turns subgroup operations off for newly compiled kernels, for comparisons. The order of sums
+    /// differs then.
     pub fn without_subgroups(mut self) -> Device {
         self.subgroups = false;
         self
     }
 
-    /// Gives the device up, as a driver does that is reset: whatever is asked of it from here on is
+    /// Destroys the device, like a driver reset: every later operation fails with
     /// [`GpuError::Lost`].
     pub fn close(&self) {
         self.device.destroy();
@@ -96,7 +96,7 @@ impl Device {
         note(&self.fault, GpuError::Lost { adapter, reason });
     }
 
-    /// What went wrong since the last check, if anything did. A lost device stays lost.
+    /// Returns and clears the first error since the last check. A lost device stays lost.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         let mut fault = locked(&self.fault);
         let error = match &*fault {
@@ -106,39 +106,39 @@ impl Device {
         error.map_or(Ok(()), Err)
     }
 
-    /// A buffer of so many bytes, of zeros, for kernels.
+    /// Allocates a buffer of `size` bytes for kernels, filled with zeros.
     pub(crate) fn buffer(&self, size: u64) -> wgpu::Buffer {
         let copied = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
         self.allocate("values", size, wgpu::BufferUsages::STORAGE | copied)
     }
 
-    /// A buffer of so many bytes that all threads read.
+    /// Allocates a buffer of `size` bytes that all threads read.
     pub(crate) fn uniform(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
         self.allocate("batch", size, usage)
     }
 
-    /// A buffer that the processor reads.
+    /// Allocates a buffer of `size` bytes that the processor reads.
     pub(crate) fn staging(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         self.allocate("staging", size, usage)
     }
 
-    /// Waits for all that was started.
+    /// Waits for all submitted commands.
     pub(crate) fn wait(&self) -> Result<(), GpuError> {
         let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+        // a lost device must be reported as `Lost`, not as a failed poll
         self.check()?;
         waited.map_err(|error| self.failed(error))?;
         Ok(())
     }
 
-    /// The contents of a mapped buffer.
+    /// Returns the contents of a mapped buffer.
     pub(crate) fn mapped<T: bytemuck::Pod>(
         &self,
         staged: &wgpu::Buffer,
     ) -> Result<Vec<T>, GpuError> {
-        let view = staged.get_mapped_range(..);
-        let view = view.map_err(|error| self.failed(error))?;
+        let view = staged.get_mapped_range(..).map_err(|error| self.failed(error))?;
         Ok(bytemuck::pod_collect_to_vec(&view))
     }
 
@@ -156,7 +156,7 @@ impl Device {
     }
 }
 
-/// Whether they are one device, opened once.
+/// Compares the identity of two devices: clones of one device are equal.
 impl PartialEq for Device {
     fn eq(&self, other: &Device) -> bool {
         self.device == other.device
@@ -169,7 +169,7 @@ impl fmt::Debug for Device {
     }
 }
 
-/// Notes what goes wrong on a device: without this, wgpu panics.
+/// Records errors of a device. Without these callbacks wgpu panics.
 fn watch(device: &wgpu::Device, adapter: &str) -> Fault {
     let fault = Fault::default();
     let (lost, failed) = (fault.clone(), fault.clone());
@@ -185,7 +185,7 @@ fn watch(device: &wgpu::Device, adapter: &str) -> Fault {
     fault
 }
 
-/// Keeps the first fault, since later ones follow from it, but for the loss of the device.
+/// Keeps the first error, since later ones follow from it; the loss of the device replaces it.
 fn note(fault: &Fault, error: GpuError) {
     let mut fault = locked(fault);
     let known = matches!(&*fault, Some(GpuError::Lost { .. }));
@@ -194,7 +194,7 @@ fn note(fault: &Fault, error: GpuError) {
     }
 }
 
-/// What a mutex holds. Nothing that runs under it can leave it half written.
+/// Locks a mutex, also a poisoned one: no code under these locks leaves a value half written.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,32 +1,32 @@
-//! Why a GPU cannot be used.
+//! Errors of GPUs.
 
 use thiserror::Error;
 
-/// What keeps a network from running on a device.
+/// Reason why a network cannot run on a device.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum GpuError {
-    /// There is no adapter, or none of that name.
+    /// No adapter at all, or none with the requested name.
     #[error(
         "got no adapter {wanted}, expected one of [{}]; install a Vulkan driver, for instance \
          Debian's mesa-vulkan-drivers, which needs no hardware",
         found.join(", ")
     )]
     NoAdapter {
-        /// What was looked for.
+        /// Requested adapter.
         wanted: String,
-        /// The names of those that there are.
+        /// Names of the available adapters.
         found: Vec<String>,
     },
-    /// The driver opens no device on the adapter.
+    /// An adapter whose driver cannot open a device.
     #[error("{adapter}: opens no device: {reason}")]
     NoDevice {
         /// Name of the adapter.
         adapter: String,
-        /// What the driver says.
+        /// Message of the driver.
         reason: String,
     },
-    /// The network needs more than the adapter has; nothing was allocated.
+    /// A network that needs more than the adapter has; nothing was allocated.
     #[error(
         "{adapter}: got a network with {needed} {what}, expected at most {limit}; lower the number \
          of samples or the widths"
@@ -34,38 +34,38 @@ pub enum GpuError {
     Limit {
         /// Name of the adapter.
         adapter: String,
-        /// What is too large.
+        /// Name of the limit.
         what: &'static str,
-        /// What the network needs.
+        /// Amount that the network needs.
         needed: u64,
-        /// What the adapter has.
+        /// Amount that the adapter has.
         limit: u64,
     },
-    /// A layer has no kernels.
+    /// A layer without kernels.
     #[error(
         "{layer}: got a layer without GPU kernels, expected one of this crate's; run it on the \
          processor"
     )]
     Layer {
-        /// What the layer prints.
+        /// Description of the layer.
         layer: String,
     },
-    /// The device is gone: the driver was reset or updated, the hardware was removed or failed.
+    /// A lost device: the driver was reset or updated, or the hardware was removed or failed.
     #[error(
         "{adapter}: the device is lost: {reason}; go on from the last checkpoint on another device"
     )]
     Lost {
         /// Name of the adapter.
         adapter: String,
-        /// What the driver says.
+        /// Message of the driver.
         reason: String,
     },
-    /// The driver refused a command, for instance for lack of memory.
+    /// A command that the driver rejected, for instance for lack of memory.
     #[error("{adapter}: a command failed: {reason}")]
     Failed {
         /// Name of the adapter.
         adapter: String,
-        /// What the driver says.
+        /// Message of the driver.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! The kernels of every kind of layer.
+//! Kernels of every kind of layer.
 
 mod field_norm;
 mod folds;
@@ -19,12 +19,12 @@ use crate::shape::Shape;
 use crate::steerable::hadamard::permuted;
 
 impl Plan {
-    /// Adds a layer, or those of a chain; returns the output. A ReLU after a layer with weights is
-    /// part of that layer's kernels.
+    /// Adds a layer, or the layers of a chain, and returns the output. A ReLU after a layer with
+    /// weights is fused into that layer's kernels.
     ///
     /// # Errors
     /// [`GpuError::Layer`] for a layer without kernels: [`Sum`](crate::Sum),
-    /// [`Restrict`](crate::Restrict) and those of other crates.
+    /// [`Restrict`](crate::Restrict) and layers of other crates.
     pub fn layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
         let mut leaves = leaves(layer).into_iter().peekable();
         let mut x = x;
@@ -32,20 +32,21 @@ impl Plan {
             let y = self.tensor(layer.out_shape());
             let rectified = layer.kind().dense().is_some()
                 && leaves.next_if(|next| rectifies(*next, y.shape)).is_some();
-            add(self, layer, (&x, &y), rectified)?;
+            add(self, layer, &x, &y, rectified)?;
             x = y;
         }
         Ok(x)
     }
 
-    /// Adds the direct sum of two maps; returns it.
+    /// Adds the direct sum of two maps and returns it.
     pub fn concat(&mut self, concat: &Concat, inputs: [Tensor; 2]) -> Tensor {
         let y = self.tensor(concat.out_shape());
         joins::concat(self, &inputs, &y);
         y
     }
 
-    /// A map for two readers: each sends back a gradient of its own, and they are added up.
+    /// Duplicates a map for two consumers. Each has its own gradient, and the backward pass adds
+    /// them.
     pub fn fork(&mut self, x: Tensor) -> [Tensor; 2] {
         let readers = [(); 2]
             .map(|()| Tensor { gradient: x.gradient.map(|_| self.buffer(0, x.shape.len())), ..x });
@@ -54,22 +55,25 @@ impl Plan {
     }
 }
 
-/// `true` for a ReLU on fields as large as the group, which are those of products.
+/// Returns `true` for a ReLU on fields as large as the group, the only ones that kernels with
+/// weights can rectify.
 fn rectifies(layer: &dyn Layer<f32>, shape: Shape) -> bool {
     let whole =
         permuted(shape.fields).is_some_and(|(order, _)| order == shape.fields.group().order());
     whole && matches!(layer.kind(), LayerKind::Relu)
 }
 
+/// Adds the kernels of one layer from `x` to `y`.
 fn add(
     plan: &mut Plan,
     layer: &dyn Layer<f32>,
-    (x, y): (&Tensor, &Tensor),
+    x: &Tensor,
+    y: &Tensor,
     rectified: bool,
 ) -> Result<(), GpuError> {
     match layer.kind() {
-        LayerKind::R2Conv(conv) => linear::add(plan, &conv.dense(), (x, y), rectified),
-        LayerKind::Linear(dense) => linear::add(plan, &dense, (x, y), rectified),
+        LayerKind::R2Conv(conv) => linear::add(plan, &conv.dense(), x, y, rectified),
+        LayerKind::Linear(dense) => linear::add(plan, &dense, x, y, rectified),
         LayerKind::Relu => pointwise::relu(plan, x, y),
         LayerKind::GroupMaxPool => pointwise::group_max_pool(plan, x, y),
         LayerKind::GroupMeanPool => pointwise::group_mean_pool(plan, x, y),

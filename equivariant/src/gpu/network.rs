@@ -1,4 +1,4 @@
-//! A layer or a chain of layers on a device.
+//! Layers and chains of layers on a device.
 
 use std::fmt;
 
@@ -9,27 +9,27 @@ use crate::gpu::program::{Batch, Passes, Program};
 use crate::gpu::step::Slot;
 use crate::layers::layer::Layer;
 
-/// A layer on a device, with memory for the passes of a batch. What it computes is what
-/// [`Layer::forward`] and [`Layer::backward`] do, but for rounding.
+/// Layer on a device, with memory for the passes of a batch. It computes the same as
+/// [`Layer::forward`] and [`Layer::backward`], up to rounding.
 pub struct Network {
     program: Program,
     plan: Plan,
-    /// What the layer prints.
+    /// Description of the layer, for messages.
     name: String,
     x: Tensor,
     y: Tensor,
-    /// Gradients in input and output.
+    /// Gradients with respect to input and output.
     gradients: [Slot; 2],
-    /// Samples of the last forward pass.
-    seen: usize,
+    /// Number of samples of the last forward pass.
+    last_samples: usize,
 }
 
-/// What a backward pass computes.
+/// Result of a backward pass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gradients {
-    /// The gradient in the input, `[N, H, W, C]`.
+    /// Gradient with respect to the input, `[N, H, W, C]`.
     pub input: Vec<f32>,
-    /// The gradient in the parameters, in the order of the layer.
+    /// Gradient with respect to the parameters, in the order of the layer.
     pub params: Vec<f32>,
 }
 
@@ -42,7 +42,7 @@ impl Network {
     /// [`GpuError::Failed`].
     ///
     /// # Panics
-    /// For no samples.
+    /// When `samples` is 0.
     pub fn new(
         device: &Device,
         layer: &dyn Layer<f32>,
@@ -62,21 +62,21 @@ impl Network {
             x,
             y,
             gradients: [dx, dy],
-            seen: 0,
+            last_samples: 0,
         })
     }
 
-    /// The largest number of samples of a batch.
+    /// Returns the maximum number of samples of a batch.
     pub fn samples(&self) -> usize {
         self.program.samples()
     }
 
-    /// The number of parameters, as the layer has them.
+    /// Returns the number of parameters of the layer.
     pub fn num_params(&self) -> usize {
         self.plan.num_params()
     }
 
-    /// Kernels of one forward and one backward pass.
+    /// Returns the numbers of kernels of a forward and of a backward pass.
     pub fn dispatches(&self) -> [usize; 2] {
         self.plan.dispatches()
     }
@@ -90,13 +90,14 @@ impl Network {
         self.program.write(self.plan.params(), &self.plan.placed(params));
     }
 
-    /// f(x) of N samples `[N, H, W, C]`.
+    /// Runs the layer on N samples `[N, H, W, C]` and returns its output.
     ///
     /// # Errors
     /// [`GpuError::Lost`] and [`GpuError::Failed`].
     ///
     /// # Panics
-    /// When `x` is not whole samples, none, or more than there is memory for.
+    /// When `x` is empty, is not whole samples, or has more samples than
+    /// [`samples`](Network::samples).
     pub fn forward(&mut self, x: &[f32]) -> Result<Vec<f32>, GpuError> {
         let each = self.x.shape.len();
         let (got, most) = (x.len(), self.samples());
@@ -106,15 +107,15 @@ impl Network {
              times that",
             self.name
         );
-        self.seen = got / each;
+        self.last_samples = got / each;
         self.program.write(self.x.values, x);
         self.submit(Passes::Forward);
-        let len = self.seen * self.y.shape.len();
+        let len = self.last_samples * self.y.shape.len();
         let [y] = self.program.read([(self.y.values, len)])?;
         Ok(y)
     }
 
-    /// The gradients, given that in the output of the last forward pass.
+    /// Returns the gradients for `dy`, the gradient with respect to the last output.
     ///
     /// # Errors
     /// [`GpuError::Lost`] and [`GpuError::Failed`].
@@ -122,11 +123,11 @@ impl Network {
     /// # Panics
     /// When `dy` does not hold as many samples as the last forward pass had.
     pub fn backward(&mut self, dy: &[f32]) -> Result<Gradients, GpuError> {
-        self.check_len("dy", dy.len(), self.seen * self.y.shape.len());
+        self.check_len("dy", dy.len(), self.last_samples * self.y.shape.len());
         let [into, out_of] = self.gradients;
         self.program.write(out_of, dy);
         self.submit(Passes::Backward);
-        let input = (into, self.seen * self.x.shape.len());
+        let input = (into, self.last_samples * self.x.shape.len());
         let params = (self.plan.gradient(), self.plan.device_params());
         let [input, params] = self.program.read([input, params])?;
         let params = self.plan.unplaced(&params);
@@ -134,7 +135,7 @@ impl Network {
     }
 
     fn submit(&self, passes: Passes) {
-        let batch = Batch { samples: self.seen, ..Batch::default() };
+        let batch = Batch { samples: self.last_samples, ..Batch::default() };
         self.program.submit(passes, batch);
     }
 

@@ -1,4 +1,4 @@
-//! What a network needs of a device, as data: buffers, and kernels in their order.
+//! Buffers and kernels of a network as data, before any device is involved.
 
 use std::collections::HashSet;
 
@@ -7,12 +7,12 @@ use crate::gpu::error::GpuError;
 use crate::gpu::step::{Slot, Step};
 use crate::shape::Shape;
 
-/// Parameters of a layer start at multiples of this many numbers, so that vectors are aligned.
+/// Alignment of a layer's parameters, in numbers, as WGSL vectors need it.
 const ALIGNMENT: usize = 4;
 /// Bytes of a number.
 const WORD: usize = 4;
 
-/// The length of a buffer in numbers of 4 bytes: `fixed` and `each` a sample.
+/// Length of a buffer in numbers of 4 bytes: `fixed` plus `each` for every sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Extent {
     pub fixed: usize,
@@ -20,54 +20,58 @@ pub(crate) struct Extent {
 }
 
 impl Extent {
-    /// The number of bytes for so many samples.
+    /// Returns the number of bytes for `samples` samples.
     pub fn bytes(self, samples: usize) -> u64 {
-        let words = (self.each as u64).saturating_mul(samples as u64);
-        let words = words.saturating_add(self.fixed as u64);
+        let of_samples = (self.each as u64).saturating_mul(samples as u64);
+        let words = of_samples.saturating_add(self.fixed as u64);
+        // buffers of no bytes cannot be bound; saturation makes overflows exceed every limit
         words.max(ALIGNMENT as u64).saturating_mul(WORD as u64)
     }
 }
 
-/// A map of the batch, and the gradient in it where one is wanted.
+/// Map of the batch with its gradient.
 #[derive(Clone, Copy, Debug)]
 pub struct Tensor {
-    /// The shape of a sample.
+    /// Shape of a sample.
     pub shape: Shape,
-    /// The values, `[N, H, W, C]`.
+    /// Values, `[N, H, W, C]`.
     pub values: Slot,
-    /// The gradient, in the same layout.
+    /// Gradient, `[N, H, W, C]`; `None` if it is not needed.
     pub gradient: Option<Slot>,
 }
 
-/// Buffers that kernels use one after the other, none needing what another left.
+/// Working buffers that all kernels share: none of them relies on earlier contents.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shared {
-    /// The gradient in folded patches.
+    /// Gradient with respect to folded patches.
     Folded,
-    /// Partial gradients in parameters.
+    /// Partial gradients with respect to parameters.
     Partial,
 }
 
-/// The buffers and the kernels of networks that run together, for a
-/// [`Program`](crate::gpu::Program).
+/// Buffers and kernels of networks that run together, for a [`Program`](crate::gpu::Program).
 ///
-/// Layers are added one after the other. Parameters are laid out as the kernels read them, with
-/// zeros where a vector of WGSL has no parameter; [`placed`](Plan::placed) brings those of the
-/// processor there and [`unplaced`](Plan::unplaced) back.
+/// Layers are added one after the other. Parameters are stored in the order of the kernels, with
+/// zeros where a WGSL vector has no parameter; [`placed`](Plan::placed) converts parameters of the
+/// processor to this order and [`unplaced`](Plan::unplaced) converts them back.
 #[derive(Debug)]
 pub struct Plan {
     extents: Vec<Extent>,
     tables: Vec<(Slot, Vec<u32>)>,
     forward: Vec<Step>,
-    /// The steps of each layer, in the order of the forward pass.
+    /// Steps of each layer, in the order of the forward pass.
     backward: Vec<Vec<Step>>,
     last: Vec<Step>,
     places: Vec<u32>,
 }
 
+/// Buffer of all parameters.
 const PARAMS: Slot = Slot(0);
+/// Buffer of the gradient with respect to all parameters.
 const GRADIENT: Slot = Slot(1);
+/// Buffer of [`Shared::Folded`].
 const FOLDED: Slot = Slot(2);
+/// Buffer of [`Shared::Partial`].
 const PARTIAL: Slot = Slot(3);
 
 impl Default for Plan {
@@ -77,7 +81,7 @@ impl Default for Plan {
 }
 
 impl Plan {
-    /// A plan of nothing.
+    /// Creates an empty plan.
     pub fn new() -> Plan {
         Plan {
             extents: vec![Extent::default(); 4],
@@ -89,32 +93,33 @@ impl Plan {
         }
     }
 
-    /// The buffer of all parameters, in the order of the kernels.
+    /// Returns the buffer of all parameters, in the order of the kernels.
     pub fn params(&self) -> Slot {
         PARAMS
     }
 
-    /// The buffer of the gradient in them.
+    /// Returns the buffer of the gradient with respect to all parameters.
     pub fn gradient(&self) -> Slot {
         GRADIENT
     }
 
-    /// The number of parameters as the processor has them.
+    /// Returns the number of parameters of all layers, without padding.
     pub fn num_params(&self) -> usize {
         self.places.len()
     }
 
-    /// Kernels of the forward pass, and of the backward pass with what comes after it.
+    /// Returns the numbers of kernels of the forward pass, and of the backward pass with later
+    /// steps.
     pub fn dispatches(&self) -> [usize; 2] {
         [self.forward.len(), self.backward().count()]
     }
 
-    /// The length of the device's parameters.
+    /// Returns the number of parameters on the device, with padding.
     pub fn device_params(&self) -> usize {
         self.extents[PARAMS.0].fixed
     }
 
-    /// Values of all parameters in the order of the kernels.
+    /// Converts parameters to the order of the kernels.
     ///
     /// # Panics
     /// When there are more or fewer than [`num_params`](Plan::num_params).
@@ -128,52 +133,49 @@ impl Plan {
         placed
     }
 
-    /// The reverse of [`placed`](Plan::placed).
+    /// Converts parameters from the order of the kernels, the reverse of [`placed`](Plan::placed).
     ///
     /// # Panics
     /// When there are fewer than [`device_params`](Plan::device_params).
     pub fn unplaced(&self, placed: &[f32]) -> Vec<f32> {
-        let places = self.places.iter();
-        places.map(|&place| placed[place as usize]).collect()
+        self.places.iter().map(|&place| placed[place as usize]).collect()
     }
 
-    /// A buffer of `fixed` numbers of 4 bytes, and `each` a sample.
+    /// Adds a buffer of `fixed` numbers of 4 bytes, and `each` for every sample.
     pub fn buffer(&mut self, fixed: usize, each: usize) -> Slot {
         self.extents.push(Extent { fixed, each });
         Slot(self.extents.len() - 1)
     }
 
-    /// A buffer whose contents do not change.
+    /// Adds a buffer of constants.
     pub fn table(&mut self, words: Vec<u32>) -> Slot {
         let slot = self.buffer(words.len(), 0);
         self.tables.push((slot, words));
         slot
     }
 
-    /// A map without a gradient.
+    /// Adds a map without a gradient.
     pub fn input(&mut self, shape: Shape) -> Tensor {
         Tensor { shape, values: self.buffer(0, shape.len()), gradient: None }
     }
 
-    /// A map with its gradient.
+    /// Adds a map with its gradient.
     pub fn tensor(&mut self, shape: Shape) -> Tensor {
         Tensor { gradient: Some(self.buffer(0, shape.len())), ..self.input(shape) }
     }
 
-    /// Makes room for `len` parameters of the device, of which the processor's lie at `places`;
-    /// returns where they start.
+    /// Reserves `len` parameters on the device, where the layer's parameters have the positions
+    /// `places`, and returns the index of the first.
     pub fn reserve(&mut self, len: usize, places: impl IntoIterator<Item = usize>) -> usize {
         let start = self.device_params().next_multiple_of(ALIGNMENT);
         for slot in [PARAMS, GRADIENT] {
             self.extents[slot.0].fixed = start + len;
         }
-        let places = places.into_iter().map(|place| (start + place) as u32);
-        self.places.extend(places);
+        self.places.extend(places.into_iter().map(|place| (start + place) as u32));
         start
     }
 
-    /// Adds the steps of a layer. Those of the backward pass run before those of all layers that
-    /// were added earlier.
+    /// Adds the steps of a layer. Its backward steps run before those of all layers added earlier.
     pub fn push(&mut self, forward: Vec<Step>, backward: Vec<Step>) {
         self.forward.extend(forward);
         self.backward.push(backward);
@@ -184,14 +186,15 @@ impl Plan {
         self.last.push(step);
     }
 
-    /// The forward pass alone: without the backward pass, what comes after it, and the buffers that
-    /// only those use, the gradient among them. It comes after all layers were added.
+    /// Drops the backward pass, later steps, and the buffers that only they use, such as gradients.
+    /// Call it after all layers were added.
     #[must_use]
     pub fn forward_only(mut self) -> Plan {
         self.backward.clear();
         self.last.clear();
-        let used = self.forward.iter().flat_map(|step| &step.buffers);
-        let mut used: HashSet<Slot> = used.map(|&(slot, _)| slot).collect();
+        let buffers = self.forward.iter().flat_map(|step| &step.buffers);
+        let mut used: HashSet<Slot> = buffers.map(|&(slot, _)| slot).collect();
+        // parameters are written from outside, whether or not a step reads them
         used.insert(PARAMS);
         for (slot, extent) in self.extents.iter_mut().enumerate() {
             if !used.contains(&Slot(slot)) {
@@ -202,7 +205,7 @@ impl Plan {
         self
     }
 
-    /// A buffer that is shared, with room for so many numbers.
+    /// Returns a shared buffer after enlarging it to this length.
     pub(crate) fn shared(&mut self, which: Shared, fixed: usize, each: usize) -> Slot {
         let slot = match which {
             Shared::Folded => FOLDED,
@@ -214,30 +217,29 @@ impl Plan {
         slot
     }
 
-    /// The lengths of all buffers, by their slots.
+    /// Returns the lengths of all buffers, by slot.
     pub(crate) fn extents(&self) -> &[Extent] {
         &self.extents
     }
 
-    /// Buffers whose contents do not change, and these.
+    /// Returns the buffers of constants with their contents.
     pub(crate) fn tables(&self) -> &[(Slot, Vec<u32>)] {
         &self.tables
     }
 
-    /// The steps of the forward pass, in their order.
+    /// Iterates over the steps of the forward pass, in order.
     pub(crate) fn forward(&self) -> impl Iterator<Item = &Step> {
         self.forward.iter()
     }
 
-    /// The steps of the backward pass and what comes after it, in their order.
+    /// Iterates over the steps of the backward pass and later ones, in order.
     pub(crate) fn backward(&self) -> impl Iterator<Item = &Step> {
         self.backward.iter().rev().flatten().chain(&self.last)
     }
 
-    /// Refuses a plan whose buffers for so many samples an adapter cannot hold.
+    /// Returns [`GpuError::Limit`] if an adapter cannot hold the buffers for `samples` samples.
     pub(crate) fn check(&self, adapter: &Adapter, samples: usize) -> Result<(), GpuError> {
-        let bytes = self.extents.iter().map(|extent| extent.bytes(samples));
-        let largest = bytes.max().unwrap_or(0);
+        let largest = self.extents.iter().map(|extent| extent.bytes(samples)).max().unwrap_or(0);
         let refused = |what, limit| GpuError::Limit {
             adapter: adapter.name.clone(),
             what,
@@ -245,7 +247,7 @@ impl Plan {
             limit,
         };
         if largest > adapter.binding_bytes {
-            return Err(refused("bytes that a kernel sees of a buffer", adapter.binding_bytes));
+            return Err(refused("bytes of a buffer in one binding", adapter.binding_bytes));
         }
         if largest > adapter.buffer_bytes {
             return Err(refused("bytes of a buffer", adapter.buffer_bytes));

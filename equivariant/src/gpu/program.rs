@@ -1,40 +1,40 @@
-//! A plan on a device: compiled kernels and allocated buffers.
+//! Plans on a device: compiled kernels and allocated buffers.
 
 use crate::gpu::clock::Clock;
 use crate::gpu::command::Command;
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
-use crate::gpu::plan::Plan;
+use crate::gpu::plan::{Extent, Plan};
 use crate::gpu::step::Slot;
 
-/// Bytes of a [`Batch`] as kernels see it.
+/// Bytes of a [`Batch`] in the layout of the kernels.
 const BATCH_BYTES: u64 = 32;
 
-/// What all kernels of a pass know of the batch.
+/// Batch, as all kernels of a pass see it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Batch {
-    /// The number of samples.
+    /// Number of samples.
     pub samples: usize,
-    /// Where the batch starts, in whatever the program draws it from.
+    /// Index of the first sample in the data set of the program.
     pub start: usize,
-    /// The position of the batch in the order of batches.
+    /// Index of the batch in the sequence of batches.
     pub index: usize,
     /// Further numbers, such as learning rates.
     pub numbers: [f32; 4],
 }
 
-/// Which passes to run.
+/// Selection of passes to run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passes {
-    /// The forward pass.
+    /// Forward pass only.
     Forward,
-    /// The backward pass, and what comes after it.
+    /// Backward pass and later steps.
     Backward,
-    /// All of them.
+    /// Forward pass, backward pass and later steps.
     All,
 }
 
-/// A plan on a device, with memory for batches of up to some number of samples.
+/// Plan on a device, with memory for batches of up to some number of samples.
 pub struct Program {
     device: Device,
     samples: usize,
@@ -45,16 +45,16 @@ pub struct Program {
 }
 
 impl Program {
-    /// Compiles the kernels of a plan and allocates its buffers, all of zeros but for its tables.
+    /// Compiles the kernels of a plan and allocates its buffers, filled with zeros except for
+    /// constants.
     ///
     /// # Errors
     /// [`GpuError::Limit`] before anything is allocated when the batch is too large for the
     /// adapter, [`GpuError::Lost`] and [`GpuError::Failed`].
     pub fn new(device: &Device, plan: &Plan, samples: usize) -> Result<Program, GpuError> {
         plan.check(device.adapter(), samples)?;
-        let extents = plan.extents().iter();
-        let buffers = extents.map(|extent| device.buffer(extent.bytes(samples)));
-        let buffers: Vec<wgpu::Buffer> = buffers.collect();
+        let buffer = |extent: &Extent| device.buffer(extent.bytes(samples));
+        let buffers: Vec<wgpu::Buffer> = plan.extents().iter().map(buffer).collect();
         let uniform = device.uniform(BATCH_BYTES);
         let command = |step| Command::new(device, step, &uniform, &buffers);
         let program = Program {
@@ -72,41 +72,42 @@ impl Program {
         Ok(program)
     }
 
-    /// The device.
+    /// Returns the device.
     pub fn device(&self) -> &Device {
         &self.device
     }
 
-    /// The largest number of samples of a batch.
+    /// Returns the maximum number of samples of a batch.
     pub fn samples(&self) -> usize {
         self.samples
     }
 
-    /// Writes to the front of a buffer before the next commands.
+    /// Writes numbers to the front of a buffer, before commands submitted later.
     ///
     /// # Panics
-    /// For more numbers than it has.
+    /// When there are more numbers than the buffer holds.
     pub fn write(&self, slot: Slot, numbers: &[f32]) {
         self.write_bytes(slot, bytemuck::cast_slice(numbers));
     }
 
-    /// The same with integers.
+    /// Writes integers to the front of a buffer, before commands submitted later.
     ///
     /// # Panics
-    /// For more numbers than it has.
+    /// When there are more numbers than the buffer holds.
     pub fn write_words(&self, slot: Slot, words: &[u32]) {
         self.write_bytes(slot, bytemuck::cast_slice(words));
     }
 
-    /// The same with bytes, four to a word, the first the lowest; the last word is filled up with
-    /// zeros.
+    /// Writes bytes to the front of a buffer, before commands submitted later: four to a word, the
+    /// first one lowest. The last word is padded with zeros.
     ///
     /// # Panics
-    /// For more bytes than it has.
+    /// When there are more bytes than the buffer holds.
     pub fn write_bytes(&self, slot: Slot, bytes: &[u8]) {
         let buffer = &self.buffers[slot.0];
         let (got, most) = (bytes.len() as u64, buffer.size());
         assert!(got <= most, "got {got} bytes for a buffer, expected at most {most}");
+        // wgpu writes whole words only
         let (words, rest) = bytes.split_at(bytes.len() - bytes.len() % 4);
         let queue = &self.device.queue;
         queue.write_buffer(buffer, 0, words);
@@ -117,27 +118,26 @@ impl Program {
         }
     }
 
-    /// Starts passes over a batch, in one command buffer. They run after all that was started
-    /// before; [`read`](Program::read) waits for them.
+    /// Submits passes over a batch in one command buffer. They run after earlier submissions;
+    /// [`read`](Program::read) waits for them.
     ///
     /// # Panics
-    /// For more samples than there is memory for.
+    /// When the batch has more samples than there is memory for.
     pub fn submit(&self, passes: Passes, batch: Batch) {
         let (got, most) = (batch.samples, self.samples);
         assert!(got <= most, "got a batch of {got} samples, expected at most {most}");
         self.write_batch(batch);
         let mut encoder = self.encoder();
         let mut pass = encoder.begin_compute_pass(&Default::default());
-        let commands = self.commands(passes);
-        commands.for_each(|command| command.record(got, &mut pass));
+        self.commands(passes).for_each(|command| command.record(got, &mut pass));
         drop(pass);
         self.device.queue.submit([encoder.finish()]);
     }
 
-    /// Waits for all that was started and reads so many numbers from the front of some buffers.
+    /// Waits for all submitted commands and reads the first numbers of some buffers.
     ///
     /// # Errors
-    /// [`GpuError::Lost`] and [`GpuError::Failed`], also for what went wrong before.
+    /// [`GpuError::Lost`] and [`GpuError::Failed`], also for earlier errors.
     pub fn read<const N: usize>(
         &self,
         fronts: [(Slot, usize); N],
@@ -151,7 +151,7 @@ impl Program {
         });
         self.device.queue.submit([encoder.finish()]);
         for staged in &staged {
-            // whether it was mapped is seen below
+            // `mapped` reports a failed mapping below
             staged.map_async(wgpu::MapMode::Read, .., |_| ());
         }
         self.device.wait()?;
@@ -162,15 +162,16 @@ impl Program {
         Ok(read)
     }
 
-    /// Runs passes over a batch kernel by kernel and measures each with the device's clock: names
-    /// and seconds in the order of execution. Kernels do not overlap here, so the sum may exceed the
+    /// Runs passes over a batch kernel by kernel and returns name and seconds of each, in the order
+    /// of execution, by the device's clock. Kernels do not overlap here, so the sum may exceed the
     /// time of [`submit`](Program::submit).
     ///
     /// # Errors
-    /// [`GpuError::Failed`] where the adapter has no timestamps, and as [`read`](Program::read).
+    /// [`GpuError::Failed`] if the adapter has no timestamps, and the errors of
+    /// [`read`](Program::read).
     ///
     /// # Panics
-    /// For more samples than there is memory for.
+    /// When the batch has more samples than there is memory for.
     pub fn kernel_times(
         &self,
         passes: Passes,
@@ -206,6 +207,7 @@ impl Program {
     fn write_batch(&self, batch: Batch) {
         let [a, b, c, d] = batch.numbers.map(f32::to_bits);
         let [samples, start, index] = [batch.samples, batch.start, batch.index].map(|n| n as u32);
+        // the layout of `Batch` in common.wgsl, where a vec4 is aligned to 16 bytes
         let words = [samples, start, index, 0, a, b, c, d];
         let queue = &self.device.queue;
         queue.write_buffer(&self.uniform, 0, bytemuck::cast_slice(&words));

@@ -1,11 +1,11 @@
-//! A kernel with the buffers that it runs on.
+//! Kernels with the buffers on which they run.
 
-/// A buffer of a plan.
+/// Index of a buffer of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Slot(pub(crate) usize);
 
-/// How many groups of threads a kernel needs for N samples: `times` for each tile of `each` N +
-/// `fixed` units.
+/// Number of workgroups of a kernel as a function of the number of samples N: `times` for each tile
+/// of `each` N + `fixed` units.
 #[derive(Clone, Copy, Debug)]
 pub struct Work {
     each: usize,
@@ -14,31 +14,31 @@ pub struct Work {
     times: usize,
 }
 
-/// Threads of a group; `common.wgsl` says the same.
+/// Threads of a workgroup, equal to `THREADS` in `common.wgsl`.
 pub(crate) const THREADS: usize = 64;
 
 impl Work {
-    /// This many threads for each sample.
+    /// Creates work of `each` threads for every sample.
     pub fn threads(each: usize) -> Work {
         Work { each, fixed: 0, tile: THREADS, times: 1 }
     }
 
-    /// This many threads, whatever the number of samples.
+    /// Creates work of `fixed` threads, independent of the number of samples.
     pub fn fixed_threads(fixed: usize) -> Work {
         Work { each: 0, fixed, tile: THREADS, times: 1 }
     }
 
-    /// This many groups for each sample.
+    /// Creates work of `each` workgroups for every sample.
     pub fn groups(each: usize) -> Work {
         Work { each, fixed: 0, tile: 1, times: 1 }
     }
 
-    /// This many groups, whatever the number of samples.
+    /// Creates work of `fixed` workgroups, independent of the number of samples.
     pub fn fixed_groups(fixed: usize) -> Work {
         Work { each: 0, fixed, tile: 1, times: 1 }
     }
 
-    /// `times` groups for each tile of rows.
+    /// Creates work of `times` workgroups for each tile of rows.
     pub(crate) fn tiles(rows: Rows, tile: usize, times: usize) -> Work {
         let (each, fixed) = match rows {
             Rows::Each(each) => (each, 0),
@@ -47,13 +47,13 @@ impl Work {
         Work { each, fixed, tile, times }
     }
 
-    /// The number of groups.
+    /// Returns the number of workgroups for `samples` samples.
     pub(crate) fn count(self, samples: usize) -> usize {
         (self.each * samples + self.fixed).div_ceil(self.tile) * self.times
     }
 }
 
-/// A number of rows: so many for each sample, or for the whole batch.
+/// Number of rows, for each sample or for the whole batch.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Rows {
     Each(usize),
@@ -61,7 +61,7 @@ pub(crate) enum Rows {
 }
 
 impl Rows {
-    /// The number as an expression of WGSL.
+    /// Returns the number of rows as a WGSL expression.
     pub fn expression(self) -> String {
         match self {
             Rows::Each(each) => format!("batch.samples * {each}u"),
@@ -70,14 +70,14 @@ impl Rows {
     }
 }
 
-/// How a kernel combines the values of the threads of a group.
+/// Operation that combines the values of the threads of a workgroup.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Combine {
     Sum,
     Largest,
 }
 
-/// A function that combines values of type `element`.
+/// WGSL function that combines values of type `element`.
 #[derive(Clone, Copy, Debug)]
 struct Reduction {
     name: &'static str,
@@ -87,39 +87,40 @@ struct Reduction {
 
 impl Reduction {
     fn text(self, subgroups: bool) -> String {
-        let text = match subgroups {
-            true => include_str!("wgsl/reduce_in_subgroups.wgsl"),
-            false => include_str!("wgsl/reduce.wgsl"),
+        let text = if subgroups {
+            include_str!("wgsl/reduce_in_subgroups.wgsl")
+        } else {
+            include_str!("wgsl/reduce.wgsl")
         };
         let (combined, of_subgroup) = match self.combine {
             Combine::Sum => ("a + b", "subgroupAdd"),
             Combine::Largest => ("max(a, b)", "subgroupMax"),
         };
-        let text = text.replace("NAME", self.name);
-        let text = text.replace("TYPE", self.element);
-        let text = text.replace("COMBINED", combined);
-        text.replace("OF_SUBGROUP", of_subgroup)
+        text.replace("NAME", self.name)
+            .replace("TYPE", self.element)
+            .replace("COMBINED", combined)
+            .replace("OF_SUBGROUP", of_subgroup)
     }
 }
 
-/// A dispatch: the text of its kernel, its buffers in the order of their bindings, and its size.
+/// Dispatch of a kernel: its text, its buffers in the order of their bindings, and its size.
 #[derive(Clone, Debug)]
 pub struct Step {
     pub(crate) label: &'static str,
     source: String,
     reductions: Vec<Reduction>,
-    /// Buffers, and whether the kernel writes them.
+    /// Buffers, each with `true` if the kernel writes it.
     pub(crate) buffers: Vec<(Slot, bool)>,
     pub(crate) work: Work,
 }
 
 impl Step {
-    /// A kernel on fields of this order, 1, 2 or 4.
+    /// Creates a kernel on fields of order 1, 2 or 4.
     ///
-    /// Its text begins with `wgsl/common.wgsl`, which has the batch and what follows from a thread's
-    /// `Place`, and with `wgsl/group_1.wgsl` or another of these, which has the arithmetic of a
-    /// field. A kernel's `main` takes a `Place` (`wgsl/place.wgsl`), which says by `thread` which
-    /// of the group's threads it is.
+    /// Its text begins with `wgsl/common.wgsl`, which declares the batch and derives indices from a
+    /// thread's `Place`, and with `wgsl/group_1.wgsl`, `group_2.wgsl` or `group_4.wgsl`, which has
+    /// the arithmetic of a field. A kernel's `main` takes a `Place` (`wgsl/place.wgsl`), whose
+    /// `thread` is the index of the thread in its workgroup.
     pub fn new(label: &'static str, order: usize, work: Work) -> Step {
         let group = match order {
             1 => include_str!("wgsl/group_1.wgsl"),
@@ -135,7 +136,7 @@ impl Step {
         }
     }
 
-    /// Adds text of WGSL.
+    /// Adds WGSL text.
     pub fn text(mut self, text: &str) -> Step {
         self.source.push_str(text);
         self.source.push('\n');
@@ -149,20 +150,21 @@ impl Step {
             .fold(self, |step, (name, value)| step.text(&format!("const {name} = {value}u;")))
     }
 
-    /// Adds a constant of type f32, the nearest finite one.
+    /// Adds a constant of type f32: the nearest finite value.
     pub fn number(self, name: &str, value: f64) -> Step {
         let value = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX));
-        // in decimal, with a point or an exponent: as short as it can be read back
+        // Debug prints the shortest decimal that reads back as the same value, with a point or an
+        // exponent
         self.text(&format!("const {name}: f32 = {:?};", value as f32))
     }
 
-    /// Adds the sum over the threads of a group: `summed(value, place)`, where `place` is that of
-    /// `main`. All threads of the group must call it.
+    /// Adds `summed(value, place)`, the sum over the threads of a workgroup, where `place` is the
+    /// argument of `main`. All threads of the workgroup must call it.
     pub fn sums(self) -> Step {
         self.reduction("summed", "f32", Combine::Sum)
     }
 
-    /// Adds `name(value, place)`, which combines the values of the threads of a group.
+    /// Adds `name(value, place)`, which combines the values of the threads of a workgroup.
     pub(crate) fn reduction(
         mut self,
         name: &'static str,
@@ -173,12 +175,14 @@ impl Step {
         self
     }
 
-    /// The whole text of the kernel, which combines values by operations on subgroups or without.
+    /// Returns the complete text of the kernel, with or without subgroup operations.
     pub(crate) fn source(&self, subgroups: bool) -> String {
+        // kernels without reductions need no subgroup extension
         let subgroups = subgroups && !self.reductions.is_empty();
-        let place = match subgroups {
-            true => include_str!("wgsl/place_in_subgroups.wgsl"),
-            false => include_str!("wgsl/place.wgsl"),
+        let place = if subgroups {
+            include_str!("wgsl/place_in_subgroups.wgsl")
+        } else {
+            include_str!("wgsl/place.wgsl")
         };
         let mut source = [&self.source, place].concat();
         for reduction in &self.reductions {
@@ -187,18 +191,20 @@ impl Step {
         source
     }
 
-    /// Adds a buffer that is read, as an array of `element`.
+    /// Adds an input buffer as an array of `element`.
     pub fn read(self, name: &str, element: &str, slot: Slot) -> Step {
-        self.buffer((name, "read"), element, (slot, false))
+        self.buffer(name, element, slot, false)
     }
 
-    /// Adds a buffer that is written, as an array of `element`.
+    /// Adds an output buffer as an array of `element`.
     pub fn write(self, name: &str, element: &str, slot: Slot) -> Step {
-        self.buffer((name, "read_write"), element, (slot, true))
+        self.buffer(name, element, slot, true)
     }
 
-    fn buffer(mut self, (name, access): (&str, &str), element: &str, slot: (Slot, bool)) -> Step {
-        self.buffers.push(slot);
+    fn buffer(mut self, name: &str, element: &str, slot: Slot, written: bool) -> Step {
+        let access = if written { "read_write" } else { "read" };
+        self.buffers.push((slot, written));
+        // binding 0 is the batch, so the first buffer has binding 1
         let binding = self.buffers.len();
         self.text(&format!(
             "@group(0) @binding({binding}) var<storage, {access}> {name}: array<{element}>;"

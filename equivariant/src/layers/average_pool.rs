@@ -11,7 +11,7 @@ use crate::shape::Shape;
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
-/// The average over a window, channel by channel, of any type; padding counts as zeros.
+/// Average over a window, channel by channel, for any type; padding counts as zeros.
 #[derive(Clone, Copy, Debug)]
 pub struct AveragePool {
     shape: Shape,
@@ -19,7 +19,7 @@ pub struct AveragePool {
 }
 
 impl AveragePool {
-    /// The pooling of maps of this shape.
+    /// Creates the pooling of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, the windows do not sit symmetrically (see [`Kernel`]), none fits, or
@@ -29,7 +29,7 @@ impl AveragePool {
         Ok(AveragePool { shape, windows })
     }
 
-    /// The weight of one pixel.
+    /// Returns the weight of one pixel.
     fn weight<T: Scalar>(&self) -> T {
         T::from_f64((self.windows.kernel.size as f64).powi(2).recip())
     }
@@ -85,7 +85,7 @@ impl fmt::Display for AveragePool {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let mixed = Shape::image(4, 6, FieldType::new(group, [2, 1, 3, 0]));
     let regular = Shape::image(3, 4, group.regular(2));

@@ -1,4 +1,4 @@
-//! Looks into networks: the equivariance checker, and sums of what units put out.
+//! Diagnostics of networks: the equivariance error, and the outputs of single units.
 
 use rand::Rng;
 
@@ -7,36 +7,38 @@ use crate::real::fill_normal;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{permuted, transform_pixels};
 
-/// A layer that the tests of all layers run on.
+/// Layer on which the tests of all layers run.
 pub struct Example<T> {
-    /// Unique among the examples of a group.
+    /// Name, unique among the examples of a group.
     pub name: &'static str,
     /// `true` for a layer without parameters that only permutes, compares, scales and adds single
     /// values: its equivariance error is zero in any precision.
     pub exact: bool,
-    /// The layer.
+    /// Layer to test.
     pub layer: Box<dyn Layer<T>>,
 }
 
 impl<T: Scalar> Example<T> {
+    /// Creates an example whose equivariance error is zero.
     pub(crate) fn exact(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
         Example { name, exact: true, layer: Box::new(layer) }
     }
 
+    /// Creates an example whose equivariance error is at the level of rounding.
     pub(crate) fn rounded(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
         Example { exact: false, ..Example::exact(name, layer) }
     }
 }
 
-/// The largest relative error of f(g x) = g f(x) over the elements of the output's group.
+/// Returns the largest relative error of f(g x) = g f(x) over the elements of the output's group.
 ///
 /// Draws `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y` of
-/// a sample `x`. The group of the output's type acts on pixels and channels as the two shapes say.
-/// The error of a trial is the largest absolute difference over the largest absolute output; an
-/// output that is not finite gives infinity.
+/// a sample `x`. The group of the output's type acts on pixels and channels according to the two
+/// shapes. The error of a trial is the largest absolute difference over the largest absolute
+/// output; an output that is not finite gives infinity.
 ///
 /// # Panics
-/// When the output's group is no subgroup of the input's, or there are no trials.
+/// When the output's group is no subgroup of the input's, or `trials` is 0.
 pub fn equivariance_error_of<T: Scalar>(
     in_shape: Shape,
     out_shape: Shape,
@@ -51,7 +53,7 @@ pub fn equivariance_error_of<T: Scalar>(
     );
     assert!(trials > 0, "got 0 trials, expected at least 1");
     let mut worst: f64 = 0.0;
-    // what f leaves unwritten is not finite
+    // entries that f does not write stay NaN, which counts as an infinite error
     let mut f = |x: &[T], y: &mut [T]| {
         y.fill(T::from_f64(f64::NAN));
         f(x, y);
@@ -70,7 +72,7 @@ pub fn equivariance_error_of<T: Scalar>(
     worst
 }
 
-/// The [`equivariance_error_of`] of a layer.
+/// Returns the [`equivariance_error_of`] a layer.
 pub fn equivariance_error<T: Scalar>(
     layer: &dyn Layer<T>,
     params: &[T],
@@ -82,11 +84,14 @@ pub fn equivariance_error<T: Scalar>(
     equivariance_error_of(layer.in_shape(), layer.out_shape(), f, trials, rng)
 }
 
+/// Returns the largest difference over the largest expected value; infinity if one is not finite.
 fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
+    // not 0, so that outputs of zeros give an error of 0 instead of NaN
     let mut scale = f64::MIN_POSITIVE;
     let mut error: f64 = 0.0;
     for (&g, &e) in got.iter().zip(expected) {
         let difference = (g.to_f64() - e.to_f64()).abs();
+        // `max` would ignore NaN
         if !difference.is_finite() {
             return f64::INFINITY;
         }
@@ -96,22 +101,23 @@ fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
     error / scale
 }
 
-/// Sums of what each unit puts out for the samples `x` `[N, H, W, C]`, a list for each ReLU of a
-/// chain in its order; those inside a [`Sum`](crate::Sum) are left out.
+/// Sums the absolute outputs of every unit over the samples `x` `[N, H, W, C]`.
 ///
-/// A unit is a channel of a ReLU in the basis in which it is pointwise: |G| of them for a regular
-/// field. Sums are over samples and places. The layers of the chain run one by one, so nothing is
-/// fused and every map is allocated: this is for a look now and then.
+/// Returns a list for each ReLU of a chain, in order, except for those inside a
+/// [`Sum`](crate::Sum). A unit is a channel of a ReLU in the basis in which it is pointwise: |G| of
+/// them for a regular field. Sums are over samples and pixels. The layers of the chain run one by
+/// one, so nothing is fused and every map is allocated: the function is meant for occasional
+/// diagnostics.
 ///
 /// # Panics
-/// When a slice has another length than the layer's shapes say.
+/// When a slice has a length other than the layer's shapes imply.
 pub fn unit_sums<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<Vec<f64>> {
     let mut sums = Vec::new();
     walk(layer, params, x, &mut sums);
     sums
 }
 
-/// Runs a layer, or those of a chain; returns the output.
+/// Runs a layer, or the layers of a chain, and returns the output.
 fn walk<T: Scalar>(
     layer: &dyn Layer<T>,
     params: &[T],
@@ -133,6 +139,7 @@ fn walk<T: Scalar>(
     })
 }
 
+/// Runs one layer and returns its output.
 fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
     let mut y = vec![T::ZERO; samples * layer.out_shape().len()];
@@ -140,7 +147,7 @@ fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     y
 }
 
-/// The sums of each channel of maps in the basis that the group permutes.
+/// Returns the sums of each channel of maps in the basis that the group permutes.
 fn sums_of<T: Scalar>(layer: &dyn Layer<T>, mut maps: Vec<T>) -> Vec<f64> {
     let fields = layer.out_shape().fields;
     if let Some((order, n)) = permuted(fields) {

@@ -1,4 +1,4 @@
-//! The direct sum of two maps.
+//! Direct sum of two maps.
 
 use std::fmt;
 use std::ops::Range;
@@ -8,11 +8,11 @@ use symmetry::Irrep;
 use crate::error::LayerError;
 use crate::shape::Shape;
 
-/// The direct sum of two maps of one size; within an irrep, the first map's channels come first.
+/// Direct sum of two maps of equal size; within an irrep, the first map's channels come first.
 ///
-/// Channels stay irrep-major, so the sum interleaves the two maps irrep by irrep: it is not one
-/// pixel's channels after the other's. It has two inputs and hence is not a
-/// [`Layer`](crate::Layer): it stands between the networks that it joins.
+/// Channels stay irrep-major, so the sum interleaves the two maps irrep by irrep rather than
+/// appending one pixel's channels to the other's. It has two inputs and hence is not a
+/// [`Layer`](crate::Layer): it joins two networks.
 #[derive(Clone, Copy, Debug)]
 pub struct Concat {
     first: Shape,
@@ -21,7 +21,7 @@ pub struct Concat {
 }
 
 impl Concat {
-    /// The sum of maps of these shapes.
+    /// Creates the sum of maps of these shapes.
     ///
     /// # Errors
     /// When heights, widths or groups differ, a map is empty, or the sum is too large.
@@ -40,12 +40,12 @@ impl Concat {
         Ok(Concat { first, second, sum })
     }
 
-    /// The shapes of the inputs.
+    /// Returns the shapes of the inputs.
     pub fn in_shapes(&self) -> [Shape; 2] {
         [self.first, self.second]
     }
 
-    /// The shape of the sum.
+    /// Returns the shape of the sum.
     pub fn out_shape(&self) -> Shape {
         self.sum
     }
@@ -55,7 +55,7 @@ impl Concat {
     /// # Panics
     /// When the lengths of the slices do not agree.
     pub fn forward<T: Copy>(&self, first: &[T], second: &[T], y: &mut [T]) {
-        self.check([first.len(), second.len()], ("y", y.len()));
+        self.check([first.len(), second.len()], "y", y.len());
         for [a, b, to_a, to_b] in self.pieces(y.len()) {
             y[to_a].copy_from_slice(&first[a]);
             y[to_b].copy_from_slice(&second[b]);
@@ -67,15 +67,15 @@ impl Concat {
     /// # Panics
     /// When the lengths of the slices do not agree.
     pub fn backward<T: Copy>(&self, dy: &[T], first: &mut [T], second: &mut [T]) {
-        self.check([first.len(), second.len()], ("dy", dy.len()));
+        self.check([first.len(), second.len()], "dy", dy.len());
         for [a, b, from_a, from_b] in self.pieces(dy.len()) {
             first[a].copy_from_slice(&dy[from_a]);
             second[b].copy_from_slice(&dy[from_b]);
         }
     }
 
-    /// For every pixel of a sum of `len` values and every irrep: where its channels lie in the
-    /// first map, in the second, and, of either, in the sum.
+    /// Iterates over the pixels of a sum of `len` values and over irreps, and returns four ranges:
+    /// of the channels in the first map and in the second, and of either in the sum.
     fn pieces(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
         let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
         let dims = fields.map(|fields| fields.dim());
@@ -96,8 +96,8 @@ impl Concat {
         })
     }
 
-    /// Refuses slices that do not hold equally many samples, as the sum does.
-    fn check(&self, inputs: [usize; 2], (sum, got): (&str, usize)) {
+    /// Panics unless all slices hold the same number of samples; `sum` is the name of the output.
+    fn check(&self, inputs: [usize; 2], sum: &str, got: usize) {
         let each = self.sum.len();
         assert!(
             got.is_multiple_of(each),
@@ -109,7 +109,7 @@ impl Concat {
             let expected = samples * shape.len();
             assert!(
                 got == expected,
-                "{self}: got {name} of {got} values, expected {expected}, as {sum} says"
+                "{self}: got {name} of {got} values, expected {expected} to match {sum}"
             );
         }
     }

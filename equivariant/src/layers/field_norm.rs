@@ -14,18 +14,19 @@ use crate::layers::layer::{Layer, LayerKind, Scalar, Signature, Statistics};
 use crate::scratch::BackwardPass;
 use crate::shape::Shape;
 
-/// Added to every variance.
+/// Constant added to every variance against division by zero, the default of PyTorch's
+/// normalisations.
 const EPSILON: f64 = 1e-5;
-/// Fields that are treated together: their sums live on the stack.
+/// Number of fields that are processed together, so that their sums live on the stack.
 const BLOCK: usize = 8;
 
-/// Normalises every field to mean 0 and variance 1 over the group, space and samples, then scales
-/// and shifts it.
+/// Layer that normalises every field to mean 0 and variance 1, then scales and shifts it.
 ///
-/// For regular fields, mean and variance are those of the values in the regular basis. In the irrep
-/// basis the mean is the trivial coefficient's and the transform is orthonormal, so no change of
-/// basis is needed: with G coefficients c_a a field, mu = E c_0 and var = (sum_a E c_a^2 - mu^2) /
-/// G, and y_a = gain (c_a - mu \[a = 0\]) / sqrt(var + 1e-5) + bias \[a = 0\].
+/// Statistics are over the group, space and samples. For regular fields, mean and variance are
+/// those of the values in the regular basis. In the irrep basis the mean is the trivial
+/// coefficient's and the transform is orthonormal, so no change of basis is needed: with G
+/// coefficients c_a a field, mu = E c_0 and var = (sum_a E c_a^2 - mu^2) / G, and y_a = gain (c_a -
+/// mu \[a = 0\]) / sqrt(var + 1e-5) + bias \[a = 0\].
 ///
 /// In other types every channel is a field of its own. Channels of odd irreps have mean 0 over the
 /// group and are only scaled. The parameters are one gain per field, then one bias per trivial
@@ -33,7 +34,7 @@ const BLOCK: usize = 8;
 #[derive(Clone, Debug)]
 pub struct FieldNorm {
     shape: Shape,
-    /// Channels of a field; the channels of field f are f, f + fields, f + 2 fields ...
+    /// Number of channels of a field; the channels of field f are f, f + fields, f + 2 fields ...
     order: usize,
     fields: usize,
     statistics: Statistics,
@@ -42,10 +43,17 @@ pub struct FieldNorm {
 /// Shift and scale that normalise a field's coefficients.
 #[derive(Clone, Copy)]
 struct Standard<T> {
-    /// Of the first coefficient; the others have none.
+    /// Mean of the first coefficient; the others have mean 0.
     mean: T,
-    /// One over the standard deviation.
+    /// Reciprocal of the standard deviation.
     inverse: T,
+}
+
+/// Values that share statistics, with the gradients of their normalised values.
+#[derive(Clone, Copy)]
+struct Values<'a, T> {
+    x: &'a [T],
+    dy: &'a [T],
 }
 
 impl<T: Scalar> Standard<T> {
@@ -58,13 +66,13 @@ impl<T: Scalar> Standard<T> {
     }
 }
 
-/// One over the standard deviation.
+/// Returns the reciprocal of the standard deviation.
 fn inverse(variance: f64) -> f64 {
     (variance + EPSILON).sqrt().recip()
 }
 
 impl FieldNorm {
-    /// The normalisation of maps of this shape.
+    /// Creates the normalisation of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, or fixed statistics are not one mean and one variance of at least 0
@@ -87,6 +95,7 @@ impl FieldNorm {
         };
         let mut of_fields = moments.iter().enumerate();
         let usable = of_fields.all(|(f, &[mean, variance])| {
+            // passes in single precision use exactly these two numbers
             let finite = (mean as f32).is_finite() && (inverse(variance) as f32).is_normal();
             finite && variance >= 0.0 && (mean == 0.0 || self.centred(f))
         });
@@ -102,11 +111,11 @@ impl FieldNorm {
         })
     }
 
-    /// `[mean, variance]` of every field over all samples of `x`, in units of
+    /// Returns `[mean, variance]` of every field over all samples of `x`, in the units of
     /// [`Statistics::Fixed`].
     ///
     /// # Panics
-    /// When `x` is not whole samples, or none.
+    /// When `x` is empty or is not whole samples.
     pub fn moments<T: Scalar>(&self, x: &[T]) -> Vec<[f64; 2]> {
         let (got, each) = (x.len(), self.shape.len());
         assert!(
@@ -118,23 +127,24 @@ impl FieldNorm {
         moments.take(self.fields).collect()
     }
 
-    /// `true` if a field has a trivial channel, hence a mean and a bias.
+    /// Returns `true` if a field has a trivial channel, hence a mean and a bias.
     fn centred(&self, field: usize) -> bool {
         field < self.shape.fields.multiplicity(Irrep::Trivial)
     }
 
-    /// The channels of a block's fields, one range per coefficient; only those of the first are
-    /// trivial.
+    /// Iterates over the coefficients of a block's fields with the range of their channels; only
+    /// those of the first coefficient can be trivial.
     fn channels(&self, first: usize) -> impl Iterator<Item = (usize, Range<usize>)> + use<> {
         let (fields, end) = (self.fields, self.fields.min(first + BLOCK));
         (0..self.order).map(move |a| (a, a * fields + first..a * fields + end))
     }
 
+    /// Iterates over the pixels of maps.
     fn pixels<'a, T>(&self, x: &'a [T]) -> ChunksExact<'a, T> {
         x.chunks_exact(self.shape.fields.dim())
     }
 
-    /// `[mean, variance]` of the fields of a block, summed in double precision.
+    /// Returns `[mean, variance]` of the fields of a block, summed in double precision.
     fn measure<T: Scalar>(&self, x: &[T], first: usize) -> [[f64; 2]; BLOCK] {
         let pixels = self.pixels(x).len().max(1) as f64;
         let mut means = [0.0; BLOCK];
@@ -145,6 +155,7 @@ impl FieldNorm {
         }
         let means: [f64; BLOCK] =
             from_fn(|j| if self.centred(first + j) { means[j] / pixels } else { 0.0 });
+        // a second pass over centred values: E x^2 - mu^2 would cancel for large means
         let mut squares = [0.0; BLOCK];
         for pixel in self.pixels(x) {
             for (a, channels) in self.channels(first) {
@@ -157,6 +168,7 @@ impl FieldNorm {
         from_fn(|j| [means[j], squares[j] / (pixels * self.order as f64)])
     }
 
+    /// Returns the shift and scale of the fields of a block.
     fn standards<T: Scalar>(&self, x: &[T], first: usize) -> [Standard<T>; BLOCK] {
         let moments = match &self.statistics {
             Statistics::Fixed(moments) => {
@@ -170,8 +182,8 @@ impl FieldNorm {
         })
     }
 
-    /// The number of values that share statistics.
-    fn group(&self, len: usize) -> usize {
+    /// Returns the number of consecutive values that share statistics.
+    fn statistics_len(&self, len: usize) -> usize {
         match self.statistics {
             Statistics::Sample => self.shape.len(),
             _ => len.max(1),
@@ -196,15 +208,16 @@ impl FieldNorm {
         }
     }
 
-    /// Sums over a block of dy times the normalised input, and of dy in the first coefficient.
+    /// Returns, for each field of a block, the sum of dy times the normalised input and the sum of
+    /// dy in the first coefficient.
     fn sums<T: Scalar>(
         &self,
         standards: &[Standard<T>; BLOCK],
         first: usize,
-        (x, dy): (&[T], &[T]),
+        values: Values<T>,
     ) -> [[f64; 2]; BLOCK] {
         let mut sums = [[0.0; 2]; BLOCK];
-        for (x, dy) in self.pixels(x).zip(self.pixels(dy)) {
+        for (x, dy) in self.pixels(values.x).zip(self.pixels(values.dy)) {
             for (a, channels) in self.channels(first) {
                 let values = x[channels.clone()].iter().zip(&dy[channels]);
                 for (j, (&x, &dy)) in values.enumerate() {
@@ -216,16 +229,17 @@ impl FieldNorm {
         sums
     }
 
-    /// The gradients of a block: those of its parameters are added, that of its input is written.
+    /// Adds the gradients of a block's parameters and writes the gradient with respect to its
+    /// input.
     fn differentiate<T: Scalar>(
         &self,
         params: &[T],
         first: usize,
-        values: (&[T], &[T]),
+        values: Values<T>,
         dx: Option<&mut [T]>,
         dparams: &mut [T],
     ) {
-        let standards = self.standards(values.0, first);
+        let standards = self.standards(values.x, first);
         let sums = self.sums(&standards, first, values);
         for (f, [scaled, shifted]) in (first..self.fields).zip(sums) {
             dparams[f] += T::from_f64(scaled);
@@ -234,13 +248,13 @@ impl FieldNorm {
             }
         }
         if let Some(dx) = dx {
-            let means = self.gradient_means(first, values.0, sums);
-            self.input_gradient(params, first, (&standards, means), values, dx);
+            let means = self.gradient_means(first, values.x, sums);
+            self.input_gradient(params, first, &standards, means, values, dx);
         }
     }
 
-    /// Terms that the gradients in the statistics subtract: the means of dy times the normalised
-    /// input, and of dy.
+    /// Returns the terms that the dependence of the statistics on the input subtracts: the means of
+    /// dy times the normalised input, and of dy.
     fn gradient_means<T: Scalar>(
         &self,
         first: usize,
@@ -258,16 +272,18 @@ impl FieldNorm {
         })
     }
 
+    /// Writes the gradient with respect to the input of a block.
     fn input_gradient<T: Scalar>(
         &self,
         params: &[T],
         first: usize,
-        (standards, means): (&[Standard<T>; BLOCK], [[T; 2]; BLOCK]),
-        (x, dy): (&[T], &[T]),
+        standards: &[Standard<T>; BLOCK],
+        means: [[T; 2]; BLOCK],
+        values: Values<T>,
         dx: &mut [T],
     ) {
         let dim = self.shape.fields.dim();
-        let inputs = self.pixels(x).zip(self.pixels(dy));
+        let inputs = self.pixels(values.x).zip(self.pixels(values.dy));
         for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
                 let values = x[channels.clone()].iter().zip(&dy[channels.clone()]);
@@ -309,7 +325,7 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     }
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        let group = self.group(x.len());
+        let group = self.statistics_len(x.len());
         for (x, y) in x.chunks(group).zip(y.chunks_mut(group)) {
             for first in (0..self.fields).step_by(BLOCK) {
                 self.normalise(params, first, x, y);
@@ -318,20 +334,20 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     }
 
     fn run_backward(&self, pass: BackwardPass<T>) {
-        let group = self.group(pass.x.len());
-        let values = pass.x.chunks(group).zip(pass.dy.chunks(group));
+        let group = self.statistics_len(pass.x.len());
+        let groups = pass.x.chunks(group).zip(pass.dy.chunks(group));
         let mut dx = pass.dx;
-        for (i, values) in values.enumerate() {
+        for (i, (x, dy)) in groups.enumerate() {
+            let values = Values { x, dy };
             for first in (0..self.fields).step_by(BLOCK) {
-                let dx = dx.as_deref_mut();
-                let dx = dx.map(|dx| &mut dx[i * group..][..values.0.len()]);
+                let dx = dx.as_deref_mut().map(|dx| &mut dx[i * group..][..x.len()]);
                 self.differentiate(pass.params, first, values, dx, pass.dparams);
             }
         }
     }
 }
 
-/// With fixed statistics to the last bit.
+/// Prints fixed statistics to the last bit, since files of networks are compared by this text.
 impl fmt::Display for FieldNorm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let statistics = match self.statistics {
@@ -348,13 +364,13 @@ impl fmt::Display for FieldNorm {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let norm = |fields, statistics| FieldNorm::new(Shape::image(3, 2, fields), statistics);
     let regular = |n| group.regular(n);
     let fixed = Statistics::Fixed(vec![[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]]);
     let mixed = FieldType::new(group, [2, 1, 3, 0]);
-    // only trivial channels, those of C1 included, have a mean
+    // only trivial channels have a mean; under C1 all channels are trivial
     let trivial = mixed.multiplicity(Irrep::Trivial);
     let mean = |f| if f < trivial { 0.7 } else { 0.0 };
     // the mixed type is regular under one of the flips

@@ -12,7 +12,7 @@ use crate::real::exceeds;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform, with_order};
 
-/// Maps of regular fields, and how many they have.
+/// Shape of maps of regular fields, with the number of fields.
 #[derive(Clone, Copy, Debug)]
 struct RegularMaps {
     shape: Shape,
@@ -20,7 +20,7 @@ struct RegularMaps {
 }
 
 impl RegularMaps {
-    /// Refuses every other type.
+    /// Checks that the type consists of regular fields.
     fn new(layer: &'static str, shape: Shape) -> Result<RegularMaps, LayerError> {
         LayerError::check_map(layer, shape, 0)?;
         let fields = shape.fields.regular_fields().ok_or(LayerError::Type {
@@ -31,18 +31,18 @@ impl RegularMaps {
         Ok(RegularMaps { shape, fields })
     }
 
-    /// Maps with a trivial channel for each field.
+    /// Returns the shape of maps with a trivial channel for each field.
     fn pooled(&self) -> Shape {
         let fields = self.shape.fields.group().trivial(self.fields);
         Shape { fields, ..self.shape }
     }
 }
 
-/// Makes a layer of a struct around [`RegularMaps`] that leaves one number of each field.
+/// Implements the parts that are common to layers that reduce each regular field to one number.
 macro_rules! pooled_over_the_group {
     ($Pool:ident) => {
         impl $Pool {
-            /// The pooling of maps of this shape.
+            /// Creates the pooling of maps of this shape.
             ///
             /// # Errors
             /// When the map is empty or its type is not regular fields only.
@@ -69,10 +69,10 @@ macro_rules! pooled_over_the_group {
     };
 }
 
-/// The maximum over the group of every regular field.
+/// Maximum over the group of every regular field.
 ///
-/// Maps n regular fields to n trivial channels: the largest value in the regular basis. On
-/// ties the gradient goes to the first group element.
+/// Maps n regular fields to n trivial channels: the largest value in the regular basis. On ties the
+/// gradient goes to the first group element.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupMaxPool(RegularMaps);
 
@@ -94,6 +94,7 @@ impl Parameterless for GroupMaxPool {
     }
 }
 
+/// Writes the maximum of each of the n fields of every pixel.
 fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
     for (x, y) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
         let x = parts::<T, G>(x, n);
@@ -103,6 +104,7 @@ fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
     }
 }
 
+/// Writes the gradient of each field into the element that holds its maximum.
 fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
     let inputs = x.chunks_exact(G * n).zip(dy.chunks_exact(n));
     for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(G * n)) {
@@ -120,7 +122,7 @@ fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]
     }
 }
 
-/// The first of the largest values, and its place; not a number counts as larger than anything.
+/// Returns the index of the first of the largest values and the value; NaN exceeds every number.
 fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     let mut best = (0, values[0]);
     for (g, &value) in values.iter().enumerate().skip(1) {
@@ -131,15 +133,16 @@ fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     best
 }
 
-/// The mean over the group of every regular field.
+/// Mean over the group of every regular field.
 ///
-/// Maps n regular fields to n trivial channels: the mean of a field's values is its trivial
-/// coefficient over the square root of the group's order. The other coefficients are dropped, so it
-/// is linear.
+/// Maps n regular fields to n trivial channels. The mean of a field's values is its trivial
+/// coefficient over the square root of the group's order; the other coefficients do not matter, so
+/// the layer is linear.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupMeanPool(RegularMaps);
 
 impl GroupMeanPool {
+    /// Returns the factor from the trivial coefficient to the mean.
     fn scale<T: Scalar>(&self) -> T {
         let order = self.0.shape.fields.group().order() as f64;
         T::from_f64(order.sqrt().recip())
@@ -176,7 +179,7 @@ impl Parameterless for GroupMeanPool {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let shape = Shape::image(2, 3, group.regular(4));
     Ok(vec![

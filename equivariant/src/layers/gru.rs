@@ -1,4 +1,4 @@
-//! A gated recurrent unit on regular fields.
+//! Gated recurrent unit on regular fields.
 
 use std::fmt;
 use std::ops::Range;
@@ -12,12 +12,14 @@ use crate::layers::linear::Linear;
 use crate::scratch::Scratch;
 use crate::steerable::hadamard::hadamard;
 
-/// The gain of the weights: no ReLU follows.
+/// Gain of the weights: 1, because no ReLU follows that would halve the second moment.
 const GAIN: f64 = 1.0;
 
-/// A gated recurrent unit: Cho et al., "Learning phrase representations using RNN encoder-decoder"
-/// (EMNLP 2014, section 2.3), in the variant of cuDNN and of PyTorch's `GRU`, which applies the
-/// reset gate after the matrix and not before:
+/// Gated recurrent unit on regular fields.
+///
+/// The unit of Cho et al., "Learning phrase representations using RNN encoder-decoder" (EMNLP 2014,
+/// section 2.3), in the variant of cuDNN and of PyTorch's `GRU`, which applies the reset gate after
+/// the matrix and not before:
 ///
 /// ```text
 /// r = sigmoid(W_ir x + b_ir + W_hr h + b_hr)
@@ -26,23 +28,24 @@ const GAIN: f64 = 1.0;
 /// h' = (1 - z) n + z h
 /// ```
 ///
-/// The state h starts at zero. Matrices are equivariant and map to regular fields, whose regular
-/// basis the group permutes; what is pointwise happens there, so the unit is equivariant. Under C1
-/// it is PyTorch's, with its layout of parameters: W_i `[3 H, in]`, b_i, W_h `[3 H, H]`, b_h, and
-/// the rows of r, z and n in this order.
+/// The state h starts at zero. Matrices are equivariant and map to regular fields. Pointwise
+/// operations happen in their regular basis, which the group permutes, so the unit is equivariant.
+/// Under C1 it equals PyTorch's, with its layout of parameters: W_i `[3 H, in]`, b_i, W_h `[3 H,
+/// H]`, b_h, and the rows of r, z and n in this order.
 ///
-/// It reads sequences `[L, N, in]` of N samples and gives their last states `[N, H]`. It is no
-/// [`Layer`]: the lengths of the sequences are not known before.
+/// It maps sequences `[L, N, in]` of N samples to their last states `[N, H]`. It does not implement
+/// [`Layer`], because the lengths of the sequences are not known in advance.
 #[derive(Clone, Debug)]
 pub struct Gru {
-    /// Regular fields of the state.
+    /// Number of regular fields of the state.
     fields: usize,
     input: Linear,
     hidden: Linear,
 }
 
 impl Gru {
-    /// A unit that reads vectors of a type and remembers `fields` regular fields of its group.
+    /// Creates a unit for vectors of `in_type` with a state of `fields` regular fields of its
+    /// group.
     ///
     /// # Errors
     /// When a type has no channels, or the gates have more than a field type can have.
@@ -58,17 +61,17 @@ impl Gru {
         })
     }
 
-    /// The type of what it reads.
+    /// Returns the type of the input vectors.
     pub fn in_type(&self) -> FieldType {
         self.input.in_shape().fields
     }
 
-    /// The type of the state.
+    /// Returns the type of the state.
     pub fn out_type(&self) -> FieldType {
         self.hidden.in_shape().fields
     }
 
-    /// The number of parameters.
+    /// Returns the number of parameters.
     pub fn num_params(&self) -> usize {
         self.input.num_params() + self.hidden.num_params()
     }
@@ -84,19 +87,21 @@ impl Gru {
         self.hidden.init_scaled(rng, GAIN, hidden);
     }
 
-    /// Memory for up to `samples` sequences of up to `steps` steps.
+    /// Allocates memory for up to `samples` sequences of up to `steps` steps.
     pub fn pass<T: Scalar>(&self, steps: usize, samples: usize) -> GruPass<T> {
         let dims = [self.in_type().dim(), self.width()];
         GruPass::new(dims, [steps, samples], self.input.scratch(steps * samples))
     }
 
-    /// Reads `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end;
-    /// [`GruPass::out`] then holds the last states. What comes before these steps counts for
-    /// nothing, but must be finite. A sequence of no steps leaves the state at zero.
+    /// Runs the sequences `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end;
+    /// [`GruPass::out`] then returns the last states.
+    ///
+    /// Earlier rows of a sample are ignored but must be finite. An empty sequence leaves the state
+    /// at zero.
     ///
     /// # Panics
-    /// When a slice has a wrong length, a sequence is longer than L, or the pass has no room or is
-    /// of a unit of other sizes.
+    /// When a slice has a wrong length, a sequence is longer than L, or the pass has no room or
+    /// belongs to a unit of other sizes.
     pub fn forward<T: Scalar>(
         &self,
         params: &[T],
@@ -108,24 +113,26 @@ impl Gru {
         let steps = x.len().checked_div(row).unwrap_or(0);
         self.check("x", x.len(), steps * row);
         let reads: Vec<usize> = (0..steps * samples).collect();
-        self.forward_shared(params, x, (&reads, lengths), pass);
+        self.forward_shared(params, x, &reads, lengths, pass);
     }
 
-    /// Reads sequences that share what they read: step l of sample i is row `reads[l, i]` of `x`
-    /// `[M, in]`, for `reads` `[L, N]`, where sample i has its `lengths[i]` steps at the end and
-    /// reads nothing before. The matrix of the input is applied to each of the M rows once. In all
-    /// else this is [`Gru::forward`].
+    /// Runs sequences that share input rows, as [`Gru::forward`] runs separate ones.
+    ///
+    /// Step l of sample i reads row `reads[l, i]` of `x` `[M, in]`, for `reads` `[L, N]`; sample i
+    /// has its `lengths[i]` steps at the end and ignores earlier ones. The input matrix is applied
+    /// to each of the M rows once.
     ///
     /// # Panics
-    /// As [`Gru::forward`], and for a row that is read and that `x` has not.
+    /// As [`Gru::forward`], and when a step reads a row that `x` does not have.
     pub fn forward_shared<T: Scalar>(
         &self,
         params: &[T],
         x: &[T],
-        (reads, lengths): (&[usize], &[usize]),
+        reads: &[usize],
+        lengths: &[usize],
         pass: &mut GruPass<T>,
     ) {
-        self.begin(params, x.len(), (reads, lengths), pass);
+        self.begin(params, x.len(), reads, lengths, pass);
         let [steps, samples] = pass.sizes;
         let (input, hidden) = params.split_at(self.input.num_params());
         let gates = 3 * self.width();
@@ -142,13 +149,15 @@ impl Gru {
         }
     }
 
-    /// Adds the gradient in the parameters to `dparams` from `d_out` `[N, H]`, that in the last
-    /// states, and writes the gradient in the input, of its shape, where it is asked for. `x` is
-    /// that of the last forward pass.
+    /// Adds the gradient with respect to the parameters to `dparams` and writes the gradient with
+    /// respect to the input into `dx`, if given.
+    ///
+    /// `d_out` `[N, H]` is the gradient with respect to the last states and `x` is the input of the
+    /// last forward pass.
     ///
     /// # Panics
-    /// When a slice has a wrong length, the pass is of a unit of other sizes, or no forward pass
-    /// came since the last backward pass, which writes over what that left.
+    /// When a slice has a wrong length, the pass belongs to a unit of other sizes, or no forward
+    /// pass ran since the last backward pass, which overwrites the saved values.
     pub fn backward<T: Scalar>(
         &self,
         params: &[T],
@@ -176,29 +185,30 @@ impl Gru {
         pass.gather_rows(3 * self.width());
         self.change_basis(3, &mut pass.row_gates);
         let (input, gates) = (&params[..at], &pass.row_gates[..]);
-        // the values of the output are not looked at
+        // the layer is linear, so its output is not needed and dy stands in for it
         let scratch = &mut pass.scratch;
         self.input.backward(input, x, gates, gates, dx, d_input, scratch);
     }
 
-    /// H, the channels of the state.
+    /// Returns H, the number of channels of the state.
     fn width(&self) -> usize {
         self.out_type().dim()
     }
 
-    /// Changes rows of `parts` states between the regular basis and that of the irreps.
+    /// Transforms rows of `parts` states between the regular basis and the irrep basis.
     fn change_basis<T: Scalar>(&self, parts: usize, rows: &mut [T]) {
         for row in rows.chunks_exact_mut(parts * self.width()) {
             hadamard(self.out_type().group(), row);
         }
     }
 
-    /// Checks the slices and notes where the sequences begin and what they read.
+    /// Checks the slices and records the starts of the sequences and the rows that they read.
     fn begin<T>(
         &self,
         params: &[T],
         x: usize,
-        (reads, lengths): (&[usize], &[usize]),
+        reads: &[usize],
+        lengths: &[usize],
         pass: &mut GruPass<T>,
     ) {
         let (samples, rows) = (lengths.len(), x / self.in_type().dim());
@@ -225,6 +235,7 @@ impl Gru {
         }
     }
 
+    /// Runs one step of all samples.
     fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruPass<T>) {
         let width = self.width();
         let rows = pass.rows(step);
@@ -241,6 +252,7 @@ impl Gru {
             samples.zip(parts).zip(&pass.begins)
         {
             if step < begin {
+                // the sequence has not begun: its state is still the initial one
                 after.fill(T::ZERO);
             } else {
                 self.cell(gates, from_state, candidate, before, after);
@@ -251,7 +263,8 @@ impl Gru {
         self.change_basis(1, &mut pass.coefficients[next]);
     }
 
-    /// One step of one sample in the regular basis. `gates` hold the input's part and then r, z, n.
+    /// Computes one step of one sample in the regular basis. `gates` hold the input's part, then r,
+    /// z and n.
     fn cell<T: Scalar>(
         &self,
         gates: &mut [T],
@@ -264,20 +277,22 @@ impl Gru {
             let [r, z, n] = self.gates_of(i);
             gates[r] = sigmoid(gates[r] + from_state[r]);
             gates[z] = sigmoid(gates[z] + from_state[z]);
+            // saved, because the gradient of r needs the candidate before the reset gate
             candidate[i] = from_state[n];
             gates[n] = tanh(gates[n] + gates[r] * from_state[n]);
             after[i] = gates[n] + gates[z] * (before[i] - gates[n]);
         }
     }
 
-    /// Places of the gates r, z and n of channel `i` of the state, in the regular basis.
+    /// Returns the positions of the gates r, z and n of channel `i` of the state, in the regular
+    /// basis.
     fn gates_of(&self, i: usize) -> [usize; 3] {
         let (element, field) = (i / self.fields, i % self.fields);
         [0, 1, 2].map(|gate| (3 * element + gate) * self.fields + field)
     }
 
-    /// Brings the gradient in the state after a step to the state before it and to the gates, whose
-    /// gradient takes the place of their values.
+    /// Propagates the gradient of the state after a step to the state before it and to the gates,
+    /// whose gradients overwrite their values.
     fn step_backward<T: Scalar>(
         &self,
         hidden: &[T],
@@ -308,7 +323,7 @@ impl Gru {
         self.hidden.backward(
             hidden,
             coefficients,
-            // the values of the output are not looked at
+            // the layer is linear, so its output is not needed and the gradient stands in for it
             d_from_state,
             d_from_state,
             Some(&mut *d_before),
@@ -321,8 +336,8 @@ impl Gru {
         }
     }
 
-    /// One step of one sample in the regular basis; `d_state` becomes what the state before gets
-    /// past the gates.
+    /// Differentiates one step of one sample in the regular basis; `d_state` becomes the part of
+    /// the gradient that reaches the state before through z h.
     fn cell_backward<T: Scalar>(
         &self,
         gates: &mut [T],
@@ -335,6 +350,7 @@ impl Gru {
             let at = self.gates_of(i);
             let [r, z, n] = at.map(|gate| gates[gate]);
             let d = d_state[i];
+            // sigmoid' = r (1 - r) and tanh' = 1 - n^2, from the values of the forward pass
             let d_n = d * (one - z) * (one - n * n);
             let d_z = d * (before[i] - n) * z * (one - z);
             let d_r = d_n * candidate[i] * r * (one - r);
@@ -347,6 +363,7 @@ impl Gru {
         }
     }
 
+    /// Panics if the pass belongs to a unit of other sizes.
     fn check_pass<T>(&self, pass: &GruPass<T>) {
         let own = [self.in_type().dim(), self.width()];
         assert!(
@@ -367,6 +384,7 @@ fn sigmoid<T: Scalar>(x: T) -> T {
 }
 
 fn tanh<T: Scalar>(x: T) -> T {
+    // tanh x = 2 sigmoid(2 x) - 1, because `Real` has no function but exp
     let two = T::from_f64(2.0);
     two * sigmoid(two * x) - T::from_f64(1.0)
 }
@@ -378,42 +396,44 @@ impl fmt::Display for Gru {
     }
 }
 
-/// Memory of a [`Gru`]: values that its forward pass leaves for the backward pass, over
-/// up to a fixed number of sequences.
+/// Memory of a [`Gru`] for a limited number of sequences: values that the forward pass saves for
+/// the backward pass.
 #[derive(Clone, Debug)]
 pub struct GruPass<T> {
     /// Channels of the input and of the state.
     pub(super) dims: [usize; 2],
-    /// For how many steps and samples there is room.
+    /// Maximum number of steps and of samples.
     pub(super) room: [usize; 2],
     /// Steps and samples of the last forward pass.
     pub(super) sizes: [usize; 2],
-    /// `true` if it holds what a forward pass left and no backward pass has written over.
+    /// `true` if the values of a forward pass have not been overwritten by a backward pass.
     pub(super) holds_values: bool,
-    /// Steps that each sample begins after, `[N]`.
+    /// Number of steps before each sample begins, `[N]`.
     pub(super) begins: Vec<usize>,
-    /// The row of the input that each step reads, `[L, N]`; none before a sequence begins.
+    /// Row of the input that each step reads, `[L, N]`; `None` before a sequence begins.
     pub(super) reads: Vec<Option<usize>>,
-    /// The part in the gates of each row of the input, then the gradient in it, `[M, 3 H]`.
+    /// Part of the gates from each row of the input, then the gradient of it, `[M, 3 H]`.
     pub(super) row_gates: Vec<T>,
-    /// States `[L + 1, N, H]` in the regular basis, and in that of the irreps.
+    /// States `[L + 1, N, H]` in the regular basis.
     pub(super) states: Vec<T>,
+    /// States `[L + 1, N, H]` in the irrep basis.
     pub(super) coefficients: Vec<T>,
-    /// The input's part of the gates, then r, z and n, `[L, N, 3 H]`.
+    /// Part of the gates from the input, then r, z and n, `[L, N, 3 H]`.
     pub(super) gates: Vec<T>,
-    /// The state's part of the gates, then the gradient in it, `[N, 3 H]`.
+    /// Part of the gates from the state, then the gradient of it, `[N, 3 H]`.
     pub(super) from_state: Vec<T>,
-    /// W_hn h + b_hn, `[L, N, H]`.
+    /// Values of W_hn h + b_hn, `[L, N, H]`.
     pub(super) candidates: Vec<T>,
-    /// Gradients in the state, and in the state before, `[N, H]`.
+    /// Gradient of the state after the current step, `[N, H]`.
     pub(super) d_state: Vec<T>,
+    /// Gradient of the state before the current step, `[N, H]`.
     pub(super) d_before: Vec<T>,
     pub(super) scratch: Scratch<T>,
 }
 
 impl<T: Scalar> GruPass<T> {
-    /// Room for steps and samples of a unit with `dims` channels of input and state, and with the
-    /// scratch of its matrix for the input.
+    /// Allocates memory for `room` `[steps, samples]` of a unit with `dims` channels of input and
+    /// state, and with the scratch of its input matrix.
     pub(super) fn new(dims: [usize; 2], room: [usize; 2], scratch: Scratch<T>) -> Self {
         let zeros = |len: usize| vec![T::ZERO; len];
         let ([steps, samples], state) = (room, room[1] * dims[1]);
@@ -436,18 +456,18 @@ impl<T: Scalar> GruPass<T> {
         }
     }
 
-    /// The states `[N, H]` after the last step of the last forward pass.
+    /// Returns the states `[N, H]` after the last step of the last forward pass.
     pub fn out(&self) -> &[T] {
         &self.coefficients[self.rows(self.sizes[0])]
     }
 
-    /// Range of the states before a step.
+    /// Returns the range of the states before a step.
     pub(super) fn rows(&self, step: usize) -> Range<usize> {
         let len = self.sizes[1] * self.dims[1];
         step * len..(step + 1) * len
     }
 
-    /// Copies the part of each row to the gates, `width` of them, of the steps that read it.
+    /// Copies the gates' part of each row, `width` numbers, to the steps that read it.
     pub(super) fn spread_rows(&mut self, width: usize) {
         for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.reads) {
             if let Some(row) = read {
@@ -456,7 +476,7 @@ impl<T: Scalar> GruPass<T> {
         }
     }
 
-    /// Adds up the gradients in the gates of all steps that read the same row.
+    /// Adds up the gradients of the gates over all steps that read a row.
     pub(super) fn gather_rows(&mut self, width: usize) {
         self.row_gates.fill(T::ZERO);
         for (from, read) in self.gates.chunks_exact(width).zip(&self.reads) {

@@ -1,4 +1,4 @@
-//! Networks as safetensors files.
+//! Networks in safetensors files.
 
 use std::path::{Path, PathBuf};
 
@@ -8,69 +8,69 @@ use thiserror::Error;
 
 use crate::layers::layer::{Layer, leaves};
 
-/// The key of the metadata. There is no second one, whose order could vary: equal networks give
-/// equal bytes.
+/// Key of the only metadata entry. Several entries would have no fixed order; with one, equal
+/// networks give equal bytes.
 const METADATA: &str = "covers-equivariant 1";
 
-/// Why a network was not saved or loaded.
+/// Reason why a network was not saved or loaded.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum InterchangeError {
-    /// The file cannot be read or written.
+    /// A file that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Error of the system.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The file is not in the safetensors format.
+    /// A file that is not in the safetensors format.
     #[error("{}: not a safetensors file: {source}", path.display())]
     Format {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Error of the format's parser.
         source: SafeTensorError,
     },
-    /// The file was not written by [`save`].
+    /// A file that was not written by [`save`].
     #[error("{}: got no metadata `{METADATA}`, expected a file that this crate saved", path.display())]
     Metadata {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// The file holds another network.
+    /// A file that holds another network.
     #[error("{}: layer {index} is `{got}` in the file and `{expected}` in the network", path.display())]
     Layer {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Position among the layers, those of nested chains counted one by one.
+        /// Position among the layers, including those of nested chains.
         index: usize,
-        /// The layer in the file, or `nothing`.
+        /// Description of the layer in the file, or `nothing`.
         got: String,
-        /// The layer in the network, or `nothing`.
+        /// Description of the layer in the network, or `nothing`.
         expected: String,
     },
-    /// A layer's parameters are missing or have another type or number.
+    /// Parameters of a layer that are missing or have another type or number.
     #[error("{}: got `{name}` as {got}, expected F32 {expected:?}", path.display())]
     Tensor {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Name of the tensor.
         name: String,
-        /// Its type and shape in the file, or `nothing`.
+        /// Type and shape in the file, or `nothing`.
         got: String,
-        /// The shape that the layer takes.
+        /// Shape that the layer requires.
         expected: [usize; 1],
     },
 }
 
 /// Saves a layer or a chain of layers with its parameters.
 ///
-/// Layers are numbered one by one, those of nested chains included. Layer `i` with parameters has
-/// the tensor `i.params`, which [`load`] reads. What other libraries read are `i.kernel` `[C_out,
+/// Layers are numbered in order, including those of nested chains. Layer `i` with parameters has
+/// the tensor `i.params`, which [`load`] reads. For other libraries there are `i.kernel` `[C_out,
 /// C_in, size, size]` and `i.bias` `[C_out]`, an ordinary convolution in the regular basis
 /// ([`Dense::regular_kernel`](crate::Dense::regular_kernel)). The metadata `covers-equivariant 1`
-/// holds one line a layer, which is what the layer prints.
+/// holds one line for each layer: its description.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -92,24 +92,26 @@ pub fn save(
     });
     let views: Result<Vec<_>, _> = views.collect();
     let metadata = [(METADATA.to_owned(), describe(&layers))];
-    let bytes = views.and_then(|v| safetensors::serialize(v, Some(metadata.into_iter().collect())));
-    let bytes = bytes.map_err(|source| format_error(path, source))?;
+    let bytes = views
+        .and_then(|views| safetensors::serialize(views, Some(metadata.into_iter().collect())))
+        .map_err(|source| format_error(path, source))?;
     std::fs::write(path, bytes).map_err(|source| io_error(path, source))
 }
 
 /// Loads the parameters of a layer or a chain of layers that [`save`] wrote.
 ///
 /// # Errors
-/// When the file cannot be read, or holds other layers than `layer`, compared by what they
-/// print: kind, types, window, and all else that they were built with.
+/// When the file cannot be read, or holds other layers than `layer`. Layers are compared by their
+/// descriptions: kind, types, window, and all other settings.
 pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, InterchangeError> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(|source| io_error(path, source))?;
-    let header = SafeTensors::read_metadata(&bytes);
-    let (_, header) = header.map_err(|source| format_error(path, source))?;
-    let lines = header.metadata().as_ref().and_then(|m| m.get(METADATA));
-    let lines = lines.ok_or_else(|| InterchangeError::Metadata { path: path.to_owned() })?;
+    let (_, header) =
+        SafeTensors::read_metadata(&bytes).map_err(|source| format_error(path, source))?;
+    let entry = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
+    let lines = entry.ok_or_else(|| InterchangeError::Metadata { path: path.to_owned() })?;
     let layers = leaves(layer);
+    // descriptions first, so that the error names the layer that differs rather than a tensor
     compare(path, lines, &layers)?;
     let file = SafeTensors::deserialize(&bytes).map_err(|source| format_error(path, source))?;
     let mut params = Vec::with_capacity(layer.num_params());
@@ -121,13 +123,16 @@ pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, 
     Ok(params)
 }
 
+/// Returns the descriptions of the layers, one on each line.
 fn describe(layers: &[&dyn Layer<f32>]) -> String {
     let lines: Vec<String> = layers.iter().map(|layer| layer.to_string()).collect();
     lines.join("\n")
 }
 
+/// Name, shape and little-endian bytes of a tensor.
 type Tensor = (String, Vec<usize>, Vec<u8>);
 
+/// Returns the tensors of all layers.
 fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
     let mut tensors = Vec::new();
     let mut push = |name: String, shape: &[usize], values: &[f32]| {
@@ -150,7 +155,7 @@ fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
     tensors
 }
 
-/// Refuses a file whose layers differ from those of the network.
+/// Returns an error if the file's layers differ from those of the network.
 fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), InterchangeError> {
     let mut got = lines.lines();
     let mut expected = layers.iter().map(|layer| layer.to_string());
@@ -171,6 +176,7 @@ fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), I
     Ok(())
 }
 
+/// Reads the tensor of a layer's parameters.
 fn read(
     path: &Path,
     file: &SafeTensors,

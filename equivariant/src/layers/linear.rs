@@ -15,7 +15,7 @@ use crate::steerable::dense::Dense;
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
-/// A linear map of vectors, with a bias on the trivial irrep.
+/// Linear map of vectors, with a bias on the trivial irrep.
 ///
 /// By Schur's lemma it mixes channels of the same irrep only: y_b = W_b x_b. The parameters are W_b
 /// `[out multiplicity of b, in multiplicity of b]` in irrep order, then the bias.
@@ -27,7 +27,7 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// The map between two types; an output irrep that the input lacks is zero.
+    /// Creates the map between two types; an output irrep that the input lacks is zero.
     ///
     /// # Errors
     /// When the groups of the types differ, or one of them has no channels.
@@ -42,7 +42,7 @@ impl Linear {
         Ok(Linear { in_type, out_type, blocks: Blocks::new(cols, out_type) })
     }
 
-    /// The layer as an ordinary convolution of one tap.
+    /// Returns the layer as an ordinary convolution of one tap.
     pub fn dense(&self) -> Dense<'_> {
         Dense {
             name: "Linear",
@@ -55,8 +55,10 @@ impl Linear {
         }
     }
 
+    /// Returns the channels of an irrep as columns of the input.
     fn channels<'a, T>(&self, b: Irrep, x: &'a [T]) -> Columns<'a, T> {
         Columns {
+            // a slice of no samples is shorter than the start of an irrep
             data: x.get(self.in_type.range(b).start..).unwrap_or_default(),
             stride: self.in_type.dim(),
         }
@@ -119,7 +121,7 @@ impl fmt::Display for Linear {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let mixed = FieldType::new(group, [2, 1, 3, 0]);
     let lacking = FieldType::new(group, [1, 2, 0, 2]);

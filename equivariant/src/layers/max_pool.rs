@@ -13,10 +13,10 @@ use crate::steerable::hadamard::{permuted_fields, transform_pixels};
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
-/// The maximum over a window, for every channel in the regular basis.
+/// Maximum over a window, for every channel in the regular basis.
 ///
 /// The group permutes pixels and the channels of the regular basis, so the map is exactly
-/// equivariant wherever the windows sit symmetrically. Padding never wins. On ties the gradient
+/// equivariant if the windows sit symmetrically. Padding is never the maximum. On ties the gradient
 /// goes to the first pixel, row-major. Trivial channels are pooled as they are.
 #[derive(Clone, Copy, Debug)]
 pub struct MaxPool {
@@ -27,7 +27,7 @@ pub struct MaxPool {
 }
 
 impl MaxPool {
-    /// The pooling of maps of this shape.
+    /// Creates the pooling of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, its type is neither regular fields only nor trivial channels only,
@@ -43,6 +43,7 @@ impl MaxPool {
         })
     }
 
+    /// Transforms pixels between the irrep basis and the regular basis.
     fn transform<T: Scalar>(&self, values: &mut [T]) {
         transform_pixels(self.order, self.fields, values);
     }
@@ -61,12 +62,14 @@ impl MaxPool {
         }
     }
 
-    /// Adds the gradient of window `index` to the first pixel that holds the maximum; uses `dy` up.
+    /// Adds the gradient of window `index` to the first pixel that holds the maximum; consumes
+    /// `dy`.
     fn route<T: Scalar>(&self, regular: &[T], index: usize, y: &[T], dy: &mut [T], dx: &mut [T]) {
         let dim = y.len();
         for pixel in self.windows.pixels(index) {
             let (x, dx) = (&regular[pixel * dim..][..dim], &mut dx[pixel * dim..][..dim]);
             for c in 0..dim {
+                // the winner takes dy and leaves zero for later pixels of equal value
                 let hit = x[c] == y[c];
                 dx[c] += if hit { dy[c] } else { T::ZERO };
                 dy[c] = if hit { T::ZERO } else { dy[c] };
@@ -84,7 +87,7 @@ impl Signature for MaxPool {
         self.windows.out_shape(self.shape.fields)
     }
 
-    /// One image in the regular basis, then two of its pixels.
+    /// Returns the size of one image in the regular basis, and of two of its pixels.
     fn scratch_len(&self, _samples: usize) -> usize {
         self.shape.len() + 2 * self.shape.fields.dim()
     }
@@ -111,6 +114,8 @@ impl Parameterless for MaxPool {
     fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         let (regular, pixel) = scratch.split_at_mut(self.shape.len());
+        // the maxima are computed again: y was rounded by two transforms, and would not equal a
+        // pixel
         let (y, gradient) = pixel[..2 * dim].split_at_mut(dim);
         let inputs = self.shape.each(x).zip(self.out_shape().each(dy));
         for ((x, dy), dx) in inputs.zip(self.shape.each_mut(dx)) {
@@ -134,7 +139,7 @@ impl fmt::Display for MaxPool {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let pool = |height, width, fields, [size, stride, padding]: [usize; 3]| {
         let kernel = Kernel::new(size, stride, padding);

@@ -1,4 +1,4 @@
-//! Steerable convolutions as layers.
+//! Layer traits of steerable convolutions.
 
 use std::fmt;
 
@@ -40,6 +40,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
     }
 
     fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        // weights are drawn block by block and then moved to the interleaved order of the kernels
         let mut drawn = params.to_vec();
         self.blocks.init(rng, gain, &mut drawn);
         params.copy_from_slice(&drawn);
@@ -83,7 +84,7 @@ impl fmt::Display for R2Conv {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let conv = |from, to, [size, stride, padding]: [usize; 3], image| {
         R2Conv::new(from, to, Kernel::new(size, stride, padding), image)

@@ -11,7 +11,7 @@ use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, permuted_fields, transform, with_order};
 
-/// The pointwise max(0, .) in the regular basis.
+/// Pointwise max(0, .) in the regular basis.
 ///
 /// The group permutes the regular basis, so a pointwise map there is equivariant: Hadamard
 /// transform, ReLU, transform back, all orthonormal. On trivial channels it is the plain ReLU.
@@ -23,7 +23,7 @@ pub struct Relu {
 }
 
 impl Relu {
-    /// The ReLU of maps of this shape.
+    /// Creates the ReLU of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty or its type is neither regular fields only nor trivial channels only.
@@ -63,7 +63,8 @@ impl fmt::Display for Relu {
     }
 }
 
-/// Zero where `gate` is at most zero, else `value`: not a number stays visible.
+/// Returns zero if `gate` is at most zero, else `value`; a NaN gate passes, so that errors stay
+/// visible.
 #[inline(always)]
 fn pass<T: Scalar>(gate: T, value: T) -> T {
     if gate <= T::ZERO { T::ZERO } else { value }
@@ -122,7 +123,7 @@ fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let image = Shape::image;
     let trivial = Shape::vector(group.trivial(5));

@@ -1,4 +1,4 @@
-//! The change to a subgroup inside a chain.
+//! Restriction to a subgroup inside a chain.
 
 use std::fmt;
 use std::ops::Range;
@@ -10,12 +10,12 @@ use crate::layers::check::Example;
 use crate::layers::layer::{Parameterless, Scalar, Signature};
 use crate::shape::Shape;
 
-/// Maps of a group seen as maps of a subgroup, as escnn's `RestrictionModule` does it.
+/// Maps of a group seen as maps of a subgroup, like escnn's `RestrictionModule`.
 ///
-/// Layers behind it need to commute with the subgroup only. A regular field becomes |G| / |H|
-/// regular fields of the subgroup H, one for each of its cosets, and their values in the regular
-/// basis are those that the field had: a ReLU before gives what a ReLU behind gives. Channels of
-/// other types keep their values and are sorted by the irreps of the subgroup.
+/// Later layers need to commute with the subgroup only. A regular field becomes |G| / |H| regular
+/// fields of the subgroup H, one for each of its cosets, with the same values in the regular basis:
+/// a ReLU gives the same result before or after. Channels of other types keep their values and are
+/// sorted by the irreps of the subgroup.
 #[derive(Clone, Debug)]
 pub struct Restrict {
     shape: Shape,
@@ -23,7 +23,8 @@ pub struct Restrict {
     blocks: Vec<Block>,
 }
 
-/// Channels `from` of the input, times `scale`, as a part of channels `to` and on of the output.
+/// Summand of the matrix: channels `from` of the input, times `scale`, are added to the output from
+/// channel `to` on.
 #[derive(Clone, Debug)]
 struct Block {
     to: usize,
@@ -32,7 +33,7 @@ struct Block {
 }
 
 impl Restrict {
-    /// The restriction of maps of this shape to a group.
+    /// Creates the restriction of maps of this shape to a group.
     ///
     /// # Errors
     /// When the map is empty or the group is not a subgroup of that of its type.
@@ -54,31 +55,29 @@ impl Restrict {
     }
 }
 
-/// The irreps of a type that become irrep `b` of a subgroup, with their channels.
+/// Iterates over the irreps of a type that become irrep `b` of a subgroup, with their channels.
 fn sources_of(
     fields: FieldType,
     group: Group,
     b: Irrep,
 ) -> impl Iterator<Item = (Irrep, Range<usize>)> {
-    let irreps = fields.group().irreps().iter();
-    let irreps = irreps.filter(move |&&a| group.restrict(a) == b);
+    let irreps = fields.group().irreps().iter().filter(move |&&a| group.restrict(a) == b);
     irreps.map(move |&a| (a, fields.range(a)))
 }
 
-/// Channels that keep their values, next to those of the same irrep of the subgroup.
+/// Returns the blocks that keep values and sort channels by the irreps of the subgroup.
 fn sorted(fields: FieldType, group: Group) -> Vec<Block> {
-    let sources = group.irreps().iter();
-    let sources = sources.flat_map(|&b| sources_of(fields, group, b));
+    let sources = group.irreps().iter().flat_map(|&b| sources_of(fields, group, b));
     let mut to = 0;
-    let blocks = sources.map(|(_, from)| {
+    let block = |(_, from): (Irrep, Range<usize>)| {
         let start = to;
         to += from.len();
         Block { to: start, from, scale: 1.0 }
-    });
-    blocks.collect()
+    };
+    sources.map(block).collect()
 }
 
-/// The matrix that keeps the values of regular fields.
+/// Returns the matrix that preserves the values of regular fields.
 ///
 /// The field of coset H t has the value v(h t) at element h, where v(g) = |G|^-1/2 sum_a a(g) c_a
 /// are the values of the field of G. Its coefficient of irrep b is hence (|H| / |G|)^1/2 sum_a a(t)
@@ -100,9 +99,10 @@ fn of_regular_fields(fields: FieldType, n: usize, group: Group) -> Vec<Block> {
     blocks
 }
 
-/// The first element of every coset of a subgroup.
+/// Returns the first element of every coset of a subgroup.
 fn cosets(group: Group, subgroup: Group) -> Vec<D2> {
     let (all, own) = (group.elements().iter(), subgroup.elements());
+    // the smallest element represents its coset
     let first = |t: &D2| own.iter().all(|&h| t.bits() <= (h * *t).bits());
     all.copied().filter(first).collect()
 }
@@ -129,7 +129,7 @@ impl Parameterless for Restrict {
         }
     }
 
-    /// The matrix is orthogonal.
+    /// Multiplies by the transpose, which is the inverse since the matrix is orthogonal.
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         dx.fill(T::ZERO);
@@ -141,7 +141,7 @@ impl Parameterless for Restrict {
     }
 }
 
-/// Adds values times `scale`, as many as the shorter slice has.
+/// Adds `scale` times the values, as many as the shorter slice has.
 fn add<T: Scalar>(scale: f64, from: &[T], to: &mut [T]) {
     let scale = T::from_f64(scale);
     for (to, &from) in to.iter_mut().zip(from) {
@@ -155,7 +155,7 @@ impl fmt::Display for Restrict {
     }
 }
 
-/// Examples for the tests of all layers: restrictions to the next smaller groups.
+/// Returns examples for the tests of all layers: restrictions to the next smaller groups.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let mixed = Shape::image(3, 2, FieldType::new(group, [2, 1, 3, 0]));
     let regular = Shape::image(2, 4, group.regular(3));

@@ -1,4 +1,4 @@
-//! Layers one after the other.
+//! Chains of layers.
 
 use std::fmt;
 use std::ops::Range;
@@ -15,12 +15,12 @@ use crate::layers::layer::{
 use crate::scratch::{BackwardPass, Scratch, take_front, take_whole, whole};
 use crate::shape::Shape;
 
-/// A chain of layers, itself a layer.
+/// Chain of layers, itself a layer.
 ///
-/// Convolutions, ReLUs and max-poolings that follow one another run fused, which changes no value
-/// but by rounding. Its parameters are those of its layers in order. `forward` leaves every
-/// activation in `scratch`, from where `backward` reads them: hand it the scratch that `forward` of
-/// the same samples filled.
+/// Consecutive convolutions, ReLUs and max-poolings run fused, which changes values by rounding
+/// only. Its parameters are those of its layers in order. `forward` saves every activation in
+/// `scratch`, where `backward` reads them, so pass the scratch that `forward` of the same samples
+/// filled.
 pub struct Sequential<T> {
     layers: Vec<Box<dyn Layer<T>>>,
     params: Vec<Range<usize>>,
@@ -28,14 +28,14 @@ pub struct Sequential<T> {
     scratch_key: u64,
 }
 
-/// Layers that run as one.
+/// Consecutive layers that run as one.
 struct Stage {
     layers: Range<usize>,
-    /// Of the layers, if they begin with a convolution.
+    /// Fused form of the layers, if they begin with a convolution.
     fused: Option<Chain>,
 }
 
-/// Groups layers into stages: a convolution takes all layers behind it that can be fused with it.
+/// Groups layers into stages: a convolution takes all later layers that can be fused with it.
 fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
     let mut stages: Vec<Stage> = Vec::new();
     for (i, layer) in layers.iter().enumerate() {
@@ -57,21 +57,21 @@ fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
     stages
 }
 
-/// Adds a layer to a chain if it can be fused with it.
+/// Appends a layer to a chain if it can be fused with it; returns `true` if it was.
 fn extends<T: Scalar>(chain: &mut Chain, kind: &LayerKind<'_, T>) -> bool {
     match kind {
-        LayerKind::R2Conv(conv) => chain.convolve(conv),
-        LayerKind::Relu => chain.rectify(),
-        LayerKind::MaxPool(kernel) => chain.pool(*kernel),
+        LayerKind::R2Conv(conv) => chain.fuse_conv(conv),
+        LayerKind::Relu => chain.fuse_relu(),
+        LayerKind::MaxPool(kernel) => chain.fuse_max_pool(*kernel),
         _ => false,
     }
 }
 
 impl<T: Scalar> Sequential<T> {
-    /// Chains the layers.
+    /// Creates a chain of layers.
     ///
     /// # Errors
-    /// When there are none, or neighbours disagree about the shape between them.
+    /// When `layers` is empty, or neighbours disagree about the shape between them.
     pub fn new(layers: Vec<Box<dyn Layer<T>>>) -> Result<Sequential<T>, LayerError> {
         if layers.is_empty() {
             return Err(LayerError::Empty);
@@ -97,17 +97,17 @@ impl<T: Scalar> Sequential<T> {
         })
     }
 
-    /// The layers, in order.
+    /// Returns the layers, in order.
     pub fn layers(&self) -> &[Box<dyn Layer<T>>] {
         &self.layers
     }
 
-    /// Range of the parameters of layer `index` among those of the chain.
+    /// Returns the range of the parameters of layer `index` among those of the chain.
     pub fn params_of(&self, index: usize) -> Range<usize> {
         self.params[index].clone()
     }
 
-    /// The stages with their parameters.
+    /// Iterates over the stages with the ranges of their parameters.
     fn stages(&self) -> impl DoubleEndedIterator<Item = (&dyn Layer<T>, Range<usize>)> + Clone {
         self.stages.iter().map(|stage| {
             let Range { start, end } = stage.layers;
@@ -119,12 +119,13 @@ impl<T: Scalar> Sequential<T> {
         })
     }
 
-    /// Writes what [`forward`](Layer::forward) would for pictures `[N, H, W, C]` whose bytes stand
-    /// for their [`level`](crate::level)s, to the same bits. The levels are made where they are
-    /// read.
+    /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with the same bits as on
+    /// their [`level`](crate::level)s.
+    ///
+    /// Bytes are converted where they are read, so the levels are never stored.
     ///
     /// # Panics
-    /// As `forward`; and when the first layer is no [`R2Conv`](crate::R2Conv) of trivial channels.
+    /// As `forward`, and when the first layer is no [`R2Conv`](crate::R2Conv) of trivial channels.
     pub fn forward_bytes(
         &self,
         params: &[T],
@@ -133,15 +134,15 @@ impl<T: Scalar> Sequential<T> {
         scratch: &mut Scratch<T>,
     ) {
         self.check_bytes();
-        let samples = samples(self, ("pictures", pictures.len()));
+        let samples = samples(self, "pictures", pictures.len());
         check_forward(self, samples, [params.len(), y.len()]);
-        let x = (samples, Input::Bytes(pictures));
-        self.run_from(params, x, y, empty(self, samples, scratch));
+        let x = Input::Bytes(pictures);
+        self.run_from(params, samples, x, y, empty(self, samples, scratch));
         fill(self, samples, scratch);
     }
 
-    /// The backward pass of [`forward_bytes`](Sequential::forward_bytes), to the bits of
-    /// [`backward`](Layer::backward); bytes have no gradient.
+    /// Runs the backward pass of [`forward_bytes`](Sequential::forward_bytes), with the same bits
+    /// as [`backward`](Layer::backward). Bytes have no gradient.
     ///
     /// # Panics
     /// As `forward_bytes` and `backward`.
@@ -154,7 +155,7 @@ impl<T: Scalar> Sequential<T> {
         scratch: &mut Scratch<T>,
     ) {
         self.check_bytes();
-        let samples = samples(self, ("pictures", pictures.len()));
+        let samples = samples(self, "pictures", pictures.len());
         let lens = [params.len(), y.len(), dy.len(), dparams.len()];
         check_backward(self, samples, lens);
         let pass = BackwardPass {
@@ -166,26 +167,20 @@ impl<T: Scalar> Sequential<T> {
             dparams,
             scratch: filled(self, samples, scratch),
         };
-        self.run_back_to((samples, Input::Bytes(pictures)), pass);
+        self.run_back_to(samples, Input::Bytes(pictures), pass);
     }
 
-    /// Refuses bytes where no convolution reads them.
+    /// Panics unless the first layer is a convolution that reads bytes.
     fn check_bytes(&self) {
         assert!(
             self.stages[0].fused.is_some() && self.in_shape().fields.is_trivial(),
-            "{self}: got bytes, which a convolution of trivial channels reads, expected such a \
-             first layer"
+            "{self}: got bytes, expected numbers, or a first layer that is a convolution of \
+             trivial channels"
         );
     }
 
     /// Runs the stages one after the other; `x` is not staged.
-    fn run_from(
-        &self,
-        params: &[T],
-        (samples, x): (usize, Input<T>),
-        y: &mut [T],
-        scratch: &mut [T],
-    ) {
+    fn run_from(&self, params: &[T], samples: usize, x: Input<T>, y: &mut [T], scratch: &mut [T]) {
         let mut parts = self.parts(samples, scratch);
         let mut y = Some(y);
         let mut input = x;
@@ -195,21 +190,24 @@ impl<T: Scalar> Sequential<T> {
             } else {
                 &mut parts.shared[..layer.scratch_len(samples)]
             };
+            // only the last stage writes to y; the others write activations, which the backward
+            // pass reads
             let output = match y.take_if(|_| i + 1 == self.stages.len()) {
                 Some(y) => y,
                 None => take_whole(&mut parts.activations, samples * layer.out_shape().len()),
             };
             match (input, &self.stages[i].fused) {
                 (Input::Channels(x), _) => layer.run_forward(&params[range], x, output, scratch),
-                (x, Some(chain)) => chain.forward(&params[range], (samples, x), output, scratch),
+                (x, Some(chain)) => chain.forward(&params[range], samples, x, output, scratch),
                 (_, None) => unreachable!("bytes are for chains"),
             }
             input = Input::Channels(output);
         }
     }
 
-    /// Runs them back to `x`, which the pass holds, if it is no bytes.
-    fn run_back_to(&self, (samples, x): (usize, Input<T>), pass: BackwardPass<T>) {
+    /// Runs the backward passes of the stages in reverse order; `x` replaces `pass.x` if it holds
+    /// bytes.
+    fn run_back_to(&self, samples: usize, x: Input<T>, pass: BackwardPass<T>) {
         let mut parts = self.parts(samples, pass.scratch);
         let mut dx = pass.dx;
         let [mut output_gradient, mut input_gradient] = parts.gradients;
@@ -238,15 +236,16 @@ impl<T: Scalar> Sequential<T> {
                 },
             };
             match (i, x, &self.stages[i].fused) {
-                (0, Input::Bytes(_), Some(chain)) => chain.backward((samples, x), pass),
+                (0, Input::Bytes(_), Some(chain)) => chain.backward(samples, x, pass),
                 _ => layer.run_backward(pass),
             }
+            // the input gradient of this stage is the output gradient of the stage before it
             std::mem::swap(&mut output_gradient, &mut input_gradient);
             output = input;
         }
     }
 
-    /// The parts of the scratch of this many samples.
+    /// Divides the scratch of this many samples into its parts.
     fn parts<'a>(&self, samples: usize, scratch: &'a mut [T]) -> Parts<'a, T> {
         let sizes = self.sizes(samples);
         let mut rest = scratch;
@@ -258,13 +257,14 @@ impl<T: Scalar> Sequential<T> {
         }
     }
 
+    /// Returns the lengths of the parts of the scratch of this many samples.
     fn sizes(&self, samples: usize) -> Sizes {
         let inner = self.stages().take(self.stages.len() - 1);
         let activations = inner.map(|(layer, _)| whole(samples * layer.out_shape().len()));
         let scratch = |kept| {
-            let stages = self.stages().map(|(layer, _)| layer);
-            let stages = stages.filter(move |layer| layer.keeps_scratch() == kept);
-            stages.map(move |layer| whole(layer.scratch_len(samples)))
+            let layers = self.stages().map(|(layer, _)| layer);
+            let chosen = layers.filter(move |layer| layer.keeps_scratch() == kept);
+            chosen.map(move |layer| whole(layer.scratch_len(samples)))
         };
         Sizes {
             activations: activations.clone().sum(),
@@ -277,17 +277,17 @@ impl<T: Scalar> Sequential<T> {
 
 /// Lengths of the parts of a chain's scratch.
 struct Sizes {
-    /// Outputs of stages.
+    /// Total length of the outputs of all stages but the last.
     activations: usize,
-    /// The scratches of those stages that keep theirs.
+    /// Total length of the scratches of stages that keep theirs.
     kept: usize,
-    /// Each of two gradients of activations.
+    /// Length of each of two buffers for gradients of activations.
     gradient: usize,
-    /// The scratch of the stages that do not keep theirs.
+    /// Length of the scratch that the other stages share.
     shared: usize,
 }
 
-/// The parts of a chain's scratch.
+/// Parts of a chain's scratch.
 struct Parts<'a, T> {
     activations: &'a mut [T],
     kept: &'a mut [T],
@@ -328,6 +328,7 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
     }
 
     fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        // layers without parameters, such as a ReLU at the end, do not use up the gain
         let scaled = self.layers.iter().rposition(|layer| layer.num_params() > 0);
         for (i, (layer, range)) in self.layers.iter().zip(&self.params).enumerate() {
             let params = &mut params[range.clone()];
@@ -340,13 +341,12 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
         let samples = x.len() / self.in_shape().len();
-        self.run_from(params, (samples, Input::Channels(x)), y, scratch);
+        self.run_from(params, samples, Input::Channels(x), y, scratch);
     }
 
     fn run_backward(&self, pass: BackwardPass<T>) {
         let samples = pass.x.len() / self.in_shape().len();
-        let x = Input::Channels(pass.x);
-        self.run_back_to((samples, x), pass);
+        self.run_back_to(samples, Input::Channels(pass.x), pass);
     }
 }
 
@@ -368,19 +368,19 @@ impl Signature for Chain {
     }
 
     fn keeps_scratch(&self) -> bool {
-        self.kept(1) > 0
+        self.saved_len(1) > 0
     }
 }
 
 impl<T: Scalar> Layer<T> for Chain {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
         let samples = x.len() / Signature::in_shape(self).len();
-        Chain::forward(self, params, (samples, Input::Channels(x)), y, scratch);
+        Chain::forward(self, params, samples, Input::Channels(x), y, scratch);
     }
 
     fn run_backward(&self, pass: BackwardPass<T>) {
         let samples = pass.x.len() / Signature::in_shape(self).len();
-        Chain::backward(self, (samples, Input::Channels(pass.x)), pass);
+        Chain::backward(self, samples, Input::Channels(pass.x), pass);
     }
 }
 
@@ -391,7 +391,7 @@ impl fmt::Display for Chain {
     }
 }
 
-/// Takes values off the back, and what [`whole`] adds.
+/// Splits `len` values off the back and drops the padding that [`whole`] adds.
 fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
     let (front, back) = rest.split_at(rest.len() - whole(len));
     *rest = front;

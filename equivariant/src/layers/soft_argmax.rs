@@ -11,12 +11,12 @@ use crate::real::exceeds;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{permuted_fields, transform_pixels};
 
-/// The expected position of every map under the softmax over its pixels.
+/// Expected position of every map under the softmax over its pixels.
 ///
 /// Each channel in the regular basis is divided by the temperature and turned into a distribution
 /// over the pixels; its mean (x, y) is a keypoint (Levine et al., "End-to-end training of deep
 /// visuomotor policies", JMLR 2016, section 5.1). x grows to the right and y upwards; the image's
-/// edges lie at -1 and 1.
+/// edges are at -1 and 1.
 ///
 /// An element g permutes the channels of a regular field and negates the coordinates that it flips:
 /// keypoints transform as regular x (x + y). Multiplying the value at element h by the sign x(h),
@@ -31,7 +31,7 @@ pub struct SpatialSoftArgmax {
 }
 
 impl SpatialSoftArgmax {
-    /// The keypoints of maps of this shape; 1 is the usual temperature, and a lower one is closer
+    /// Creates the layer for maps of this shape. 1 is the usual temperature; lower ones are closer
     /// to the maximum.
     ///
     /// # Errors
@@ -54,6 +54,7 @@ impl SpatialSoftArgmax {
         Ok(SpatialSoftArgmax { shape, order, fields, temperature })
     }
 
+    /// Returns the type of the keypoints.
     fn out_type(&self) -> FieldType {
         let (group, n) = (self.shape.fields.group(), self.fields);
         match self.order {
@@ -62,20 +63,22 @@ impl SpatialSoftArgmax {
         }
     }
 
-    /// The position of a pixel.
+    /// Returns the position `[x, y]` of a pixel's centre, in [-1, 1].
     fn position<T: Scalar>(&self, pixel: usize) -> [T; 2] {
         let Shape { height, width, .. } = self.shape;
+        // centres of pixels, for edges at -1 and 1; rows count downwards, y upwards
         let centred = |at: usize, size: usize| (2.0 * at as f64 + 1.0 - size as f64) / size as f64;
         [T::from_f64(centred(pixel % width, width)), T::from_f64(-centred(pixel / width, height))]
     }
 
-    /// Place in the output of a coordinate of a channel of the regular basis, and its sign there.
+    /// Returns the output channel of a coordinate of a channel of the regular basis, and its sign
+    /// there.
     fn target(&self, channel: usize, coordinate: usize) -> (usize, i8) {
         let (n, irrep) = (self.fields, [Irrep::X, Irrep::Y][coordinate]);
         let group = self.shape.fields.group();
         if self.order == 1 {
             let range = self.out_type().range(group.restrict(irrep));
-            // x and y are one irrep to C1 and C2, and x comes first there
+            // under C1 and C2, x and y are the same irrep, and x comes first
             let place = if coordinate == 0 { range.start } else { range.end - n };
             return (place + channel, 1);
         }
@@ -92,8 +95,8 @@ impl SpatialSoftArgmax {
         transform_pixels(self.order, 2 * self.fields, values);
     }
 
-    /// Writes output fields `y` `[2 dim]` as x of every channel in the regular basis, then y;
-    /// `spare` is as long.
+    /// Converts output fields `y` `[2 dim]` to x of every channel in the regular basis, then y;
+    /// `spare` has the same length.
     fn keypoints<T: Scalar>(&self, y: &[T], spare: &mut [T], keypoints: &mut [T]) {
         spare.copy_from_slice(y);
         self.transform_output(spare);
@@ -107,6 +110,7 @@ impl SpatialSoftArgmax {
     /// Turns the channels `[H, W, dim]` of one sample into distributions over the pixels.
     fn softmax<T: Scalar>(&self, map: &mut [T], row: &mut [T]) {
         let dim = row.len();
+        // subtracting the maximum leaves the softmax unchanged and keeps exp from overflowing
         largest(map, row);
         let inverse = T::from_f64(self.temperature.recip());
         for pixel in map.chunks_exact_mut(dim) {
@@ -140,9 +144,10 @@ impl SpatialSoftArgmax {
         }
     }
 
-    /// Writes the gradient in the channels of the regular basis, given the distributions, and the
-    /// keypoints and their gradient as [`keypoints`](SpatialSoftArgmax::keypoints) writes them.
-    fn gradient<T: Scalar>(&self, map: &[T], (means, gradients): (&[T], &[T]), dx: &mut [T]) {
+    /// Writes the gradient with respect to the channels of the regular basis from the
+    /// distributions, and from the keypoints and their gradient in the layout of
+    /// [`keypoints`](SpatialSoftArgmax::keypoints).
+    fn gradient<T: Scalar>(&self, map: &[T], means: &[T], gradients: &[T], dx: &mut [T]) {
         let dim = self.shape.fields.dim();
         let inverse = T::from_f64(self.temperature.recip());
         let pixels = map.chunks_exact(dim).zip(dx.chunks_exact_mut(dim));
@@ -176,7 +181,7 @@ impl Signature for SpatialSoftArgmax {
         Shape::vector(self.out_type())
     }
 
-    /// The distributions of all samples, then three rows of keypoints.
+    /// Returns the size of the distributions of all samples and of three rows of keypoints.
     fn scratch_len(&self, samples: usize) -> usize {
         samples * self.shape.len() + 6 * self.shape.fields.dim()
     }
@@ -223,7 +228,7 @@ impl Parameterless for SpatialSoftArgmax {
         for ((map, (y, dy)), dx) in maps.zip(ys.zip(dys)).zip(self.shape.each_mut(dx)) {
             self.keypoints(y, spare, means);
             self.keypoints(dy, spare, gradients);
-            self.gradient(map, (means, gradients), dx);
+            self.gradient(map, means, gradients, dx);
             self.transform_input(dx);
         }
     }
@@ -236,7 +241,7 @@ impl fmt::Display for SpatialSoftArgmax {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let regular = Shape::image(4, 5, group.regular(3));
     let trivial = Shape::image(3, 3, group.trivial(2));

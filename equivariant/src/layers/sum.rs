@@ -18,30 +18,30 @@ use crate::scratch::{BackwardPass, take_whole, whole};
 use crate::shape::Shape;
 use crate::window::Kernel;
 
-/// The sum of what several layers make of one input: f(x) + g(x) + ..., or x + f(x).
+/// Sum of several layers on one input: f(x) + g(x) + ..., or x + f(x).
 ///
 /// Its parameters are those of its branches in order. The residual connection x + f(x) is that of
 /// He et al., "Deep residual learning", CVPR 2016, equation 1. Initial weights of every branch have
-/// the gain over the square root of the number of terms, x included, so that a sum of branches has
-/// the second moment that a single one would have.
+/// the gain over the square root of the number of terms, x included, so that the sum has the second
+/// moment of a single branch.
 pub struct Sum<T> {
     branches: Vec<Box<dyn Layer<T>>>,
     params: Vec<Range<usize>>,
-    /// `true` where the input is a term of its own.
+    /// `true` if the input itself is a term.
     residual: bool,
     scratch_key: u64,
 }
 
 impl<T: Scalar> Sum<T> {
-    /// The sum of layers.
+    /// Creates the sum of layers.
     ///
     /// # Errors
-    /// When there are none, or they do not map the same shape to the same shape.
+    /// When `branches` is empty, or they do not map the same shape to the same shape.
     pub fn new(branches: Vec<Box<dyn Layer<T>>>) -> Result<Sum<T>, LayerError> {
         Sum::of(branches, false)
     }
 
-    /// The sum of the input and of a layer.
+    /// Creates the sum of the input and a layer.
     ///
     /// # Errors
     /// When the layer's output has another shape than its input.
@@ -77,13 +77,14 @@ impl<T: Scalar> Sum<T> {
         Ok(Sum { params, residual, scratch_key: hash_of(("Sum", residual, printed)), branches })
     }
 
+    /// Iterates over the branches with the ranges of their parameters.
     fn branches(&self) -> impl Iterator<Item = (&dyn Layer<T>, Range<usize>)> {
         let branches = self.branches.iter().map(|branch| branch.as_ref());
         branches.zip(self.params.iter().cloned())
     }
 }
 
-/// The output of a branch and its own scratch, off the front of that of the sum.
+/// Splits the output of a branch and its scratch off the front of the sum's scratch.
 fn take_branch<'a, T: Scalar>(
     branch: &dyn Layer<T>,
     samples: usize,
@@ -112,12 +113,11 @@ impl<T: Scalar> Signature for Sum<T> {
         self.params[self.params.len() - 1].end
     }
 
-    /// Outputs and scratches of all branches, then the gradient of one of them in the input.
+    /// Returns the size of outputs and scratches of all branches, and of one gradient of the input.
     fn scratch_len(&self, samples: usize) -> usize {
         let output = whole(samples * self.out_shape().len());
-        let branches = self.branches.iter();
-        let branches = branches.map(|branch| output + whole(branch.scratch_len(samples)));
-        branches.sum::<usize>() + samples * self.in_shape().len()
+        let lens = self.branches().map(|(branch, _)| output + whole(branch.scratch_len(samples)));
+        lens.sum::<usize>() + samples * self.in_shape().len()
     }
 
     fn keeps_scratch(&self) -> bool {
@@ -131,6 +131,7 @@ impl<T: Scalar> Signature for Sum<T> {
 
 impl<T: Scalar> Layer<T> for Sum<T> {
     fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        // second moments of independent terms add up
         let terms = self.branches.len() + usize::from(self.residual);
         for (branch, range) in self.branches() {
             branch.init_scaled(rng, gain / (terms as f64).sqrt(), &mut params[range]);
@@ -197,7 +198,7 @@ impl<T: Scalar> fmt::Debug for Sum<T> {
     }
 }
 
-/// Examples for the tests of all layers.
+/// Returns examples for the tests of all layers.
 pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
     let shape = Shape::image(4, 3, group.regular(2));
     let same = Kernel::new(3, 1, 1);

@@ -1,34 +1,41 @@
-//! The fold of patches: the gather of a convolution, and its transpose.
+//! Fold of patches: the gather step of a convolution, and its transpose.
 
 use crate::real::Real;
-use crate::simd::join::{head, head_mut};
+use crate::simd::interleave::{head, head_mut};
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::patches::{Orbit, Patches};
 
+/// One orbit of taps in one block of channels.
+#[derive(Clone, Copy)]
+pub(crate) struct OrbitBlock {
+    pub orbit: usize,
+    pub block: usize,
+}
+
 impl Patches {
-    /// Folds a block of one orbit of the windows that start at `windows` into panels of rows, one
-    /// for each fold, `step` rows apart.
+    /// Folds one orbit in one block of channels, for the windows that start at `windows`. There is
+    /// a panel of rows for each fold, and `step` rows from one panel to the next.
     #[inline(always)]
     pub fn gather<T: Real, L: Lanes<T>>(
         &self,
         lanes: L,
-        (orbit, c): (usize, usize),
+        fold: OrbitBlock,
         staged: &[T],
         windows: &[usize],
         panels: &mut [Block<T>],
         step: usize,
     ) {
-        let orbit = &self.orbits[orbit];
+        let orbit = &self.orbits[fold.orbit];
         if self.replicated() {
-            let staged = &staged[c * LANES..];
+            let staged = &staged[fold.block * LANES..];
             let panel = &mut panels[..windows.len()];
             return match orbit.taps.len() {
                 1 => gather_replicated::<T, L, 1>(lanes, orbit, staged, windows, panel),
-                // of the four taps of D2 the lines have folded two pairs
+                // an orbit of D2 has up to four taps, of which the lines fold two pairs already
                 _ => gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
             };
         }
-        let staged = &staged.as_chunks().0[c..];
+        let staged = &staged.as_chunks().0[fold.block..];
         match orbit.taps.len() {
             1 => gather_orbit::<T, L, 1>(lanes, orbit, staged, windows, panels, step),
             2 => gather_orbit::<T, L, 2>(lanes, orbit, staged, windows, panels, step),
@@ -36,8 +43,8 @@ impl Patches {
         }
     }
 
-    /// The transpose of [`gather`](Patches::gather) for a block of the windows that start at
-    /// `windows`: adds the folds to the staged image.
+    /// Adds folds to a block of the staged image, the transpose of [`gather`](Patches::gather), for
+    /// the windows that start at `windows`.
     #[inline(always)]
     pub fn scatter<T: Real, L: Lanes<T>, const R: usize, const N: usize>(
         &self,
@@ -69,6 +76,7 @@ impl Patches {
         }
     }
 
+    /// Adds the fold of replicated channels to the window that starts at `at`.
     #[inline(always)]
     pub fn scatter_replicated<T: Real, L: Lanes<T>>(
         &self,
@@ -88,6 +96,7 @@ impl Patches {
     }
 }
 
+/// Folds an orbit of N taps for some windows.
 #[inline(always)]
 fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
@@ -120,7 +129,7 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
         }
         values = butterfly(lanes, values);
         for i in 0..N {
-            // four folds have the four parities, and a constant is one instruction
+            // Four folds have the four parities in order, and a constant parity is one instruction.
             let parity = if N == 4 { i } else { parities[i] };
             let fold = swap(lanes, values[i], parity);
             lanes.store(&mut folds[i][row], fold);
@@ -128,6 +137,7 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     }
 }
 
+/// Folds an orbit of N taps of replicated channels for some windows.
 #[inline(always)]
 fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
@@ -136,7 +146,8 @@ fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     windows: &[usize],
     panel: &mut [Block<T>],
 ) {
-    // the taps of a fold differ in signs alone, and a sum of signed values is that of its mirror
+    // The taps of a fold differ in signs only. Signed values sum to the same bits under a flip;
+    // products with coefficients would not.
     let mut signs = [lanes.splat(T::ZERO); N];
     let mut taps = [0; N];
     for i in 0..N {
@@ -156,8 +167,8 @@ fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
 }
 
 impl Orbit {
-    /// Places of the taps in a window, in blocks and in rising order, and the parities of the
-    /// folds.
+    /// Returns the offsets of the taps in a window, in blocks and ascending, and the parities of
+    /// the folds.
     #[inline(always)]
     fn constants<const N: usize>(&self) -> ([usize; N], [usize; N]) {
         let (mut taps, mut parities) = ([0; N], [0; N]);
@@ -168,6 +179,7 @@ impl Orbit {
     }
 }
 
+/// Converts a block to this precision.
 #[inline(always)]
 pub(crate) fn narrow<T: Real>(block: &Block<f64>) -> Block<T> {
     let mut narrow = [T::ZERO; LANES];
@@ -177,7 +189,7 @@ pub(crate) fn narrow<T: Real>(block: &Block<f64>) -> Block<T> {
     narrow
 }
 
-/// Lane i receives lane i xor parity; the four cases are constants for the instruction.
+/// Swaps lanes: lane i receives lane i xor parity. Each case is a constant of the instruction.
 #[inline(always)]
 fn swap<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
     match parity {
@@ -188,7 +200,7 @@ fn swap<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
     }
 }
 
-/// The Walsh-Hadamard transform without a factor.
+/// Returns the Walsh-Hadamard transform without its factor.
 #[inline(always)]
 fn butterfly<T: Real, L: Lanes<T>, const N: usize>(lanes: L, mut v: [L::V; N]) -> [L::V; N] {
     let mut step = 1;

@@ -1,24 +1,24 @@
-//! Sixteen numbers at a time, on the instruction set that the processor has.
+//! Vectors of sixteen numbers, on the instruction set of the processor.
 
 use crate::real::{Real, exceeds};
 
-/// Instruction sets of convolutions in single precision, from narrow to wide. They take the widest
-/// that the processor has, unless they are told otherwise.
+/// Instruction set of convolutions in single precision, in ascending order of width. The default is
+/// the widest that the processor has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum InstructionSet {
     /// Instructions that every processor has.
     Portable,
-    /// AVX2 and FMA.
+    /// AVX2 and FMA, with vectors of 8 numbers.
     Avx2,
-    /// AVX-512 with its extensions DQ and VL.
+    /// AVX-512 with its extensions DQ and VL, with vectors of 16 numbers.
     Avx512,
 }
 
 impl InstructionSet {
-    /// All of them, from narrow to wide.
+    /// All instruction sets in ascending order of width.
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
-    /// `true` if this processor has it.
+    /// Returns `true` if this processor has the instruction set.
     #[cfg(target_arch = "x86_64")]
     pub fn is_available(self) -> bool {
         match self {
@@ -28,7 +28,7 @@ impl InstructionSet {
         }
     }
 
-    /// `true` if this processor has it.
+    /// Returns `true` if this processor has the instruction set.
     #[cfg(not(target_arch = "x86_64"))]
     pub fn is_available(self) -> bool {
         self == Self::Portable
@@ -38,10 +38,10 @@ impl InstructionSet {
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-/// Number of values that a kernel handles at once.
+/// Number of values that a kernel handles at once: an AVX-512 register of single precision.
 pub(crate) const LANES: usize = 16;
 
-/// The unit of memory of the kernels.
+/// Unit of memory of the kernels.
 pub(crate) type Block<T> = [T; LANES];
 
 /// Arithmetic on sixteen lanes of one instruction set.
@@ -50,43 +50,47 @@ pub(crate) type Block<T> = [T; LANES];
 pub(crate) trait Lanes<T>: Copy {
     /// Sixteen numbers in registers.
     type V: Copy;
-    /// Number of lots of sixteen lanes that the registers hold.
+    /// Number of vectors of sixteen lanes that the registers hold.
     const REGISTERS: usize;
 
+    /// Loads a block.
     fn load(self, block: &Block<T>) -> Self::V;
-    /// Sixteen bytes as numbers.
+    /// Converts sixteen bytes to numbers.
     fn bytes(self, bytes: &[u8; LANES]) -> Self::V;
+    /// Stores a block.
     fn store(self, block: &mut Block<T>, v: Self::V);
+    /// Repeats a number in all lanes.
     fn splat(self, value: T) -> Self::V;
-    /// Group `i` of the block, repeated in all groups.
+    /// Repeats group `i` of the block in all groups.
     fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
-    /// A group of four, repeated.
+    /// Repeats a group of four numbers.
     fn quad(self, group: &[T; 4]) -> Self::V;
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
-    /// a b + c.
+    /// Returns a b + c, with one rounding where the instruction set has fused operations.
     fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
-    /// Lane i receives lane i xor `bits`, for `bits` in 0..4.
+    /// Swaps lanes: lane i receives lane i xor `bits`, for `bits` in 0..4.
     fn swap(self, v: Self::V, bits: usize) -> Self::V;
-    /// The groups `[e, e, o, o]` of lanes 4 i to 4 i + 3 of two registers.
+    /// Interleaves lanes 4 i to 4 i + 3 of two registers into the groups `[e, e, o, o]`.
     fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
-    /// Zero where a lane is at most zero, and the bits of the others: not a number stays visible.
+    /// Zeroes lanes that are at most zero and returns the bit mask of the others, NaN among them.
     fn rectify(self, v: Self::V) -> (Self::V, u16);
-    /// Zero where a bit is not set.
+    /// Zeroes lanes whose bit is not set.
     fn keep(self, v: Self::V, bits: u16) -> Self::V;
-    /// The larger number of each lane, `best` of two equal ones, and the bits of the lanes of `v`
-    /// that won: not a number wins over anything.
+    /// Returns the larger number of each lane and the bit mask of the lanes that `v` wins: `best`
+    /// wins ties, and NaN wins over every number.
     fn larger(self, best: Self::V, v: Self::V) -> (Self::V, u16);
 }
 
-/// Work that is written once for all instruction sets.
+/// Computation that is written once for all instruction sets.
 pub(crate) trait WithLanes<T> {
+    /// Runs the computation on an instruction set.
     fn run<L: Lanes<T>>(self, lanes: L);
 }
 
-/// Runs work in single precision on the widest instruction set that the processor has, up to
-/// `widest`.
+/// Runs a computation in single precision on the widest instruction set that the processor has, up
+/// to `widest`.
 pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
     #[cfg(target_arch = "x86_64")]
     {
@@ -106,13 +110,14 @@ pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
     work.run(Portable);
 }
 
-/// The Walsh-Hadamard transform within groups of lanes, without its factor 1/sqrt(G).
+/// Returns the Walsh-Hadamard transform within groups of lanes, without its factor 1/sqrt(G).
 #[inline(always)]
 pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
     mut v: L::V,
 ) -> L::V {
     if G > 1 {
+        // one multiplication by signs replaces separate sums and differences of lanes
         v = lanes.mul_add(v, signs(lanes, 1), lanes.swap(v, 1));
     }
     if G > 2 {
@@ -121,6 +126,7 @@ pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
     v
 }
 
+/// Returns -1 for lanes with this bit in their index, and 1 for the others.
 #[inline(always)]
 fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
     let mut signs = [T::from_f64(1.0); LANES];
@@ -132,12 +138,13 @@ fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
     lanes.load(&signs)
 }
 
-/// Arrays, for every processor and both precisions.
+/// Portable lanes: arrays, for every processor and both precisions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Portable;
 
 impl<T: Real> Lanes<T> for Portable {
     type V = Block<T>;
+    // sixteen registers of four numbers, as every x86-64 processor has
     const REGISTERS: usize = 4;
 
     #[inline(always)]

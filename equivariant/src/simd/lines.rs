@@ -1,5 +1,5 @@
-//! Lines of first layers: pictures of trivial channels, as numbers or bytes, folded along y, and
-//! the weight gradients of every column.
+//! Lines of first layers: images of trivial channels, as numbers or bytes, folded along y, and the
+//! weight gradients of every column.
 
 #![expect(
     clippy::needless_range_loop,
@@ -10,26 +10,26 @@ use std::ops::Range;
 
 use crate::real::Real;
 use crate::shape::Shape;
-use crate::simd::join::{head, head_mut};
+use crate::simd::interleave::{head, head_mut};
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::window::Kernel;
 
-/// Lanes of a group.
+/// Number of lanes of a group: the order of D2.
 pub(crate) const G: usize = 4;
 
-/// The fold of rows of an image along y, for every line of output pixels.
+/// Fold of the rows of an image along y, for every line of output pixels.
 ///
 /// Rows t and k - 1 - t of the windows become e = a + b and o = a - b, and a channel becomes the
-/// group e e o o, to which a fold along x adds or from which it subtracts another. The middle row
-/// of an odd kernel is its own e, and its o is zero.
+/// group e e o o. The fold along x later adds another such group or subtracts it. The middle row of
+/// an odd kernel is its own e, and its o is zero.
 #[derive(Clone, Debug)]
 pub(crate) struct Lines {
     image: Shape,
-    /// Of the image: it is asked for at every line.
+    /// Channels of the image, cached because every line needs their number.
     channels: usize,
     kernel: Kernel,
     out_height: usize,
-    /// The length of a line with its padding.
+    /// Length of a line with its padding.
     len: usize,
 }
 
@@ -38,69 +38,71 @@ impl Lines {
         Lines { image, channels: image.fields.dim(), kernel, out_height, len }
     }
 
-    /// Lines of one line of windows.
+    /// Returns the number of folded lines for one line of windows.
     pub fn each(&self) -> usize {
         self.kernel.size.div_ceil(2)
     }
 
-    /// Side of the kernel in pixels.
+    /// Returns the side of the kernel in pixels.
     pub fn size(&self) -> usize {
         self.kernel.size
     }
 
-    /// Values of a line that a window sees: taps and channels.
+    /// Returns the number of columns in a window, over its lines, taps and channels.
     pub fn columns(&self) -> usize {
         self.each() * self.size() * self.channels
     }
 
-    /// The length of the lines of one line of windows, in whole blocks.
+    /// Returns the length of the folded lines for one line of windows, in whole blocks.
     pub fn staged(&self) -> usize {
         (self.shift() + self.offset(self.each())).next_multiple_of(LANES)
     }
 
-    /// Start of a line, seen from the first.
+    /// Returns the start of line `i`, relative to the first.
     pub fn offset(&self, i: usize) -> usize {
         i * self.len
     }
 
-    /// Lines of output pixels.
+    /// Returns the number of lines of output pixels.
     pub fn out_height(&self) -> usize {
         self.out_height
     }
 
+    /// Returns the number of folded lines of an image.
     pub fn count(&self) -> usize {
         self.out_height * self.each()
     }
 
-    /// Start of the lines of one line of windows, but for the shift.
+    /// Returns the start of the folded lines for one line of windows, without the shift.
     pub fn first(&self, oy: usize) -> usize {
         self.offset(oy * self.each())
     }
 
+    /// Returns the length of a row of the image.
     fn row_len(&self) -> usize {
         self.image.width * self.channels
     }
 
-    /// The row of the image that a tap sees, unless it is padding.
+    /// Returns the start of the image row at a tap; `None` if it is padding.
     fn row(&self, oy: usize, tap: usize) -> Option<usize> {
         let row = (oy * self.kernel.stride + tap).checked_sub(self.kernel.padding)?;
         (row < self.image.height).then(|| row * self.row_len())
     }
 
-    /// Start of the part of a line that is not padding.
+    /// Returns the start of the part of a line that is not padding.
     fn start(&self, oy: usize, i: usize) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
         self.shift() + self.first(oy) + self.offset(i) + padding
     }
 
-    /// Shift that brings the first pixel to a cache line: a store that straddles two of them takes
-    /// twice the time.
+    /// Returns the shift that aligns the first pixel with a cache line: a store that straddles two
+    /// of them takes twice the time.
     pub fn shift(&self) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
         padding.next_multiple_of(LANES) - padding
     }
 
-    /// Folds the rows of one image for a band of lines of windows; padding along x must be zero and
+    /// Folds the rows of one image for a band of lines of windows. Padding along x must be zero and
     /// stays so.
     #[inline(always)]
     pub fn fold<T: Real, L: Lanes<T>, P: Pixel<T>>(
@@ -116,8 +118,9 @@ impl Lines {
                 let mirrored = self.kernel.size - 1 - i;
                 let line = &mut lines[self.start(oy - band.start, i)..][..4 * len];
                 let a = self.row(oy, i).map(|start| &image[start..][..len]);
-                let b = self.row(oy, mirrored).filter(|_| mirrored != i);
-                let b = b.map(|start| &image[start..][..len]);
+                let start_of_b = self.row(oy, mirrored).filter(|_| mirrored != i);
+                let b = start_of_b.map(|start| &image[start..][..len]);
+                // a row of padding is zero, so e and o are the other row up to the sign of o
                 match (a, b) {
                     (Some(a), Some(b)) => fold_rows(lanes, a, b, line),
                     (Some(a), None) => copy_row(a, mirrored != i, T::from_f64(1.0), line),
@@ -128,7 +131,7 @@ impl Lines {
         }
     }
 
-    /// The transpose of [`fold`](Lines::fold): overwrites one image.
+    /// Writes the transpose of [`fold`](Lines::fold) to one image.
     pub fn unfold<T: Real>(&self, lines: &[T], image: &mut [T]) {
         let len = self.row_len();
         image.fill(T::ZERO);
@@ -136,6 +139,7 @@ impl Lines {
             for i in 0..self.each() {
                 let mirrored = self.kernel.size - 1 - i;
                 let line = lines[self.start(oy, i)..][..4 * len].as_chunks::<4>().0;
+                // e = a + b and o = a - b: both gradients go to a, that of o negated to b
                 if let Some(start) = self.row(oy, i) {
                     for (x, d) in image[start..][..len].iter_mut().zip(line) {
                         *x += d[0] + d[1];
@@ -174,7 +178,7 @@ fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line
     }
 }
 
-/// Folds a row where the other one is padding, or where there is none.
+/// Folds a row whose mirrored row is padding or does not exist.
 #[inline(always)]
 fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T]) {
     for (group, x) in line.as_chunks_mut().0.iter_mut().zip(row) {
@@ -184,23 +188,23 @@ fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T])
     }
 }
 
-/// Factor of a byte.
-const UNIT: f64 = 1.0 / 255.0;
-/// Number that is subtracted then.
-const CENTRE: f64 = 0.5;
+/// Factor of a byte: 255 levels span one unit.
+const BYTE_SCALE: f64 = 1.0 / 255.0;
+/// Number subtracted after scaling, which centres the levels at zero.
+const BYTE_OFFSET: f64 = 0.5;
 
-/// The number that a byte of a picture stands for, in [-0.5, 0.5].
+/// Returns the number that a byte of an image stands for, in [-0.5, 0.5].
 #[inline(always)]
 pub fn level<T: Real>(byte: u8) -> T {
-    T::from_f64(f64::from(byte)) * T::from_f64(UNIT) - T::from_f64(CENTRE)
+    T::from_f64(f64::from(byte)) * T::from_f64(BYTE_SCALE) - T::from_f64(BYTE_OFFSET)
 }
 
-/// A value of a picture.
+/// Value of an image: a number, or a byte.
 pub(crate) trait Pixel<T>: Copy {
-    /// The number that it stands for.
+    /// Converts the value to its number.
     fn number(self) -> T;
 
-    /// The numbers of sixteen of them.
+    /// Converts sixteen values to their numbers.
     fn numbers<L: Lanes<T>>(lanes: L, pixels: &[Self; LANES]) -> L::V;
 }
 
@@ -216,7 +220,8 @@ impl<T: Real> Pixel<T> for T {
     }
 }
 
-/// Bytes stand for their [`level`]s, with the same rounding one by one and sixteen at a time.
+/// Conversion of bytes to their [`level`]s, with the same rounding one by one and sixteen at a
+/// time.
 impl<T: Real> Pixel<T> for u8 {
     #[inline(always)]
     fn number(self) -> T {
@@ -225,26 +230,26 @@ impl<T: Real> Pixel<T> for u8 {
 
     #[inline(always)]
     fn numbers<L: Lanes<T>>(lanes: L, pixels: &[u8; LANES]) -> L::V {
-        let unit = lanes.mul(lanes.bytes(pixels), lanes.splat(T::from_f64(UNIT)));
-        lanes.sub(unit, lanes.splat(T::from_f64(CENTRE)))
+        let unit = lanes.mul(lanes.bytes(pixels), lanes.splat(T::from_f64(BYTE_SCALE)));
+        lanes.sub(unit, lanes.splat(T::from_f64(BYTE_OFFSET)))
     }
 }
 
-/// The operands of the weight gradient of a line.
+/// Operands of the weight gradient of a line.
 pub(crate) struct Columns<'a, T, L> {
     pub lanes: L,
-    /// Blocks of an output pixel.
+    /// Number of blocks of an output pixel.
     pub width: usize,
-    /// From the window of an output pixel to the next.
+    /// Distance between the windows of neighbouring output pixels, in values.
     pub step: usize,
     pub x: &'a [T],
     pub dy: &'a [Block<T>],
-    /// The first block of dy.
+    /// First block of dy to process.
     pub first: usize,
 }
 
 impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
-    /// V blocks of all columns, K of them at a time.
+    /// Adds V blocks of all columns, K columns at a time, and returns V.
     #[inline(always)]
     pub fn all<const K: usize, const V: usize>(
         &self,
@@ -261,6 +266,7 @@ impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
         V
     }
 
+    /// Adds V blocks of K columns.
     #[inline(always)]
     fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
         let Columns { lanes, width, step, .. } = *self;

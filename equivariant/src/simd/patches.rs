@@ -1,15 +1,15 @@
-//! Images laid out for the kernels, and the fold of their patches.
+//! Images in the layout of the kernels, and the geometry of folded patches.
 //!
 //! Read this before editing. The *staged* image is padded with zeros and holds the channels of a
-//! pixel field by field: G lanes per field, one for each irrep. The fold of an orbit of taps then
-//! is a butterfly over a few blocks, and its result of parity p goes from input irrep a = b p to
-//! output irrep b by a swap of lanes within the groups. A *panel* holds the folded patches of some
-//! rows (output pixels), `[block][row]`.
+//! pixel field by field: G lanes per field, one for each irrep. The fold of an orbit of taps is
+//! then a butterfly over a few blocks. Its result of parity p leads from input irrep a = b p to
+//! output irrep b, by a swap of lanes within the groups. A *panel* holds the folded patches of some
+//! rows (output pixels), `[block][row]`, like im2col does for ordinary convolutions.
 //!
 //! Trivial channels would leave most lanes empty. They are staged as G copies, and the lanes of a
-//! folded group are the parities of one orbit, since parity b is what leads from the trivial irrep
-//! to irrep b. For D2 the copies are folded along y already (see [`Lines`]), since the windows of a
-//! line share that fold.
+//! folded group are the parities of one orbit, since parity b leads from the trivial irrep to irrep
+//! b. For D2 the copies are folded along y already (see [`Lines`]), since the windows of a line
+//! share that fold.
 
 use std::ops::Range;
 
@@ -17,14 +17,14 @@ use symmetry::{Group, Irrep};
 
 use crate::real::Real;
 use crate::shape::Shape;
-use crate::simd::join::Join;
+use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::{Lines, Pixel};
 use crate::steerable::hadamard::with_order;
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
-/// The geometry of staged images and of the fold.
+/// Geometry of staged images and of their folds.
 #[derive(Clone, Debug)]
 pub(crate) struct Patches {
     image: Shape,
@@ -33,37 +33,39 @@ pub(crate) struct Patches {
     windows: Vec<usize>,
     /// Index of every pixel of the image in a staged image.
     pixels: Vec<usize>,
-    /// The length of a staged pixel.
+    /// Length of a staged pixel.
     pitch: usize,
-    /// Blocks of a staged pixel, the last perhaps not full.
+    /// Number of blocks of a staged pixel, the last of which may be partly filled.
     blocks: usize,
     replicated: bool,
     lines: Option<Lines>,
     pub(crate) orbits: Vec<Orbit>,
-    /// Blocks of a folded patch.
+    /// Number of blocks of a folded patch.
     folded: usize,
 }
 
-/// The taps {g t}, folded together.
+/// Taps {g t} of one orbit, folded together.
 #[derive(Clone, Debug)]
 pub(crate) struct Orbit {
-    /// The tap that it starts with.
+    /// First tap of the orbit.
     pub start: [usize; 2],
-    /// Places of the taps in a window.
+    /// Offsets of the taps in a window.
     pub taps: Vec<usize>,
-    /// The parities of the folds, as positions in the group's list of irreps.
+    /// Parities of the folds, as positions in the group's list of irreps.
     pub parities: Vec<usize>,
-    /// The first block of the folds in a patch.
+    /// Index of the first block of the folds in a patch.
     pub first: usize,
-    /// The factor that makes the fold orthonormal, given staged values over sqrt(G).
+    /// Factor that makes the fold orthonormal, if staged values are divided by sqrt(G).
     pub scale: f64,
-    /// For replicated channels: the coefficient of each tap in each lane.
+    /// Coefficient of each tap in each lane, for replicated channels.
     pub coefficients: Vec<Block<f64>>,
 }
 
 impl Patches {
     pub fn new(taps: &Taps, image: Shape, kernel: Kernel, out_size: [usize; 2]) -> Patches {
         let group = image.fields.group();
+        // a field has a lane for each irrep, so every irrep gets as many lanes as the most frequent
+        // one
         let irreps = group.irreps().iter();
         let fields = irreps.map(|&a| image.fields.multiplicity(a)).max();
         let lanes = fields.unwrap_or(0) * group.order();
@@ -81,7 +83,8 @@ impl Patches {
             folded: 0,
         };
         if patches.replicated {
-            // neighbours share a block: what a load sees beyond the pixel meets weights of zero
+            // Pixels are packed: a load also reads the next ones, and their lanes meet weights of
+            // zero.
             patches.pitch = lanes;
         }
         patches.windows = patches.offsets(out_size, kernel.stride, 0);
@@ -101,14 +104,14 @@ impl Patches {
         patches
     }
 
-    /// The offsets of a grid of pixels in a staged image.
+    /// Returns the offsets of a grid of pixels in a staged image.
     fn offsets(&self, [height, width]: [usize; 2], step: usize, first: usize) -> Vec<usize> {
         let at = |y, x| (first + y * step) * self.staged_width() + first + x * step;
         let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
         lines.map(|(y, x)| at(y, x) * self.pitch).collect()
     }
 
-    /// Adds the orbit that starts with this tap, unless it is there.
+    /// Adds the orbit that starts with this tap, unless it exists.
     fn add(&mut self, taps: &Taps, start: [usize; 2]) {
         if self.orbits.iter().any(|o| o.start == start) {
             return;
@@ -120,7 +123,7 @@ impl Patches {
         let position = |p: Irrep| group.irreps().iter().position(|&a| a == p).unwrap_or(0);
         let parities: Vec<usize> = functions.iter().map(|f| position(f.parity)).collect();
         let mut parts = functions[0].parts.clone();
-        // folded lines stand for the rows of taps below the first
+        // the rows of taps below the first are folded into the lines already
         parts.retain(|(tap, _)| self.lines.is_none() || tap[0] == start[0]);
         let orbit_len = functions[0].parts.len();
         let coefficients = (0..parts.len()).map(|tap| {
@@ -149,32 +152,34 @@ impl Patches {
         self.kernel
     }
 
-    /// Blocks of a staged pixel.
+    /// Returns the number of blocks of a staged pixel.
     pub fn blocks(&self) -> usize {
         self.blocks
     }
 
+    /// Returns `true` if channels are trivial and staged as G copies.
     pub fn replicated(&self) -> bool {
         self.replicated
     }
 
+    /// Returns the number of orbits of taps.
     pub fn orbits(&self) -> usize {
         self.orbits.len()
     }
 
-    /// Blocks of a folded patch.
+    /// Returns the number of blocks of a folded patch.
     pub fn folded(&self) -> usize {
         self.folded
     }
 
-    /// Blocks of a folded patch that come from one orbit.
+    /// Returns the range of blocks of a folded patch that come from one orbit.
     pub fn folded_of(&self, orbit: usize) -> Range<usize> {
         let next = self.orbits.get(orbit + 1).map_or(self.folded, |o| o.first);
         self.orbits[orbit].first..next
     }
 
-    /// The first group of lanes of a folded patch that holds the channels of a function on the
-    /// taps.
+    /// Returns the first group of lanes of a folded patch that holds the channels of a function on
+    /// the taps.
     pub fn first_group(&self, parity: Irrep, start: [usize; 2]) -> usize {
         let group = self.image.fields.group();
         let per_block = LANES / group.order();
@@ -186,11 +191,12 @@ impl Patches {
         (orbit.first + skipped * self.blocks) * per_block
     }
 
+    /// Returns the width of a staged image in pixels, with padding.
     fn staged_width(&self) -> usize {
         self.image.width + 2 * self.kernel.padding
     }
 
-    /// The length of a staged image, with room for a block at every pixel.
+    /// Returns the length of a staged image, including space to load a block at the last pixel.
     pub fn staged(&self) -> usize {
         let line = self.staged_width() * self.pitch;
         let lines = match &self.lines {
@@ -201,17 +207,17 @@ impl Patches {
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Start of the window of every output pixel in a staged image.
+    /// Returns the start of the window of every output pixel in a staged image.
     pub fn windows(&self) -> &[usize] {
         &self.windows
     }
 
-    /// Index of every pixel of the image in a staged image.
+    /// Returns the index of every pixel of the image in a staged image.
     pub fn pixels(&self) -> &[usize] {
         &self.pixels
     }
 
-    /// Places of consecutive pixels in staged images, in blocks.
+    /// Writes the positions of consecutive pixels in staged images, in blocks.
     #[inline(always)]
     pub fn places(&self, first: usize, places: &mut [usize]) {
         let pixels = self.pixels.len();
@@ -225,7 +231,8 @@ impl Patches {
         }
     }
 
-    /// Blocks of a staged image before this pixel; the padding above the first pixel belongs to it.
+    /// Returns the number of blocks of a staged image before a pixel; the padding above the first
+    /// pixel belongs to it.
     pub fn before(&self, pixel: usize) -> usize {
         match pixel {
             0 => 0,
@@ -233,7 +240,8 @@ impl Patches {
         }
     }
 
-    /// The factor of staged values, which orbits of G taps then need no other to be orthonormal.
+    /// Returns the factor of staged values, with which orbits of G taps need no other factor to be
+    /// orthonormal.
     pub fn scale(&self) -> f64 {
         (self.image.fields.group().order() as f64).sqrt().recip()
     }
@@ -249,12 +257,12 @@ impl Patches {
         staged[end..].fill(T::ZERO);
     }
 
-    /// The folded lines of trivial channels of D2.
+    /// Returns the folded lines of trivial channels of D2; `None` for other types.
     pub fn lines(&self) -> Option<&Lines> {
         self.lines.as_ref()
     }
 
-    /// Stages one image; padding and lanes without a channel must be zero and stay so.
+    /// Stages one image. Padding and lanes without a channel must be zero and stay so.
     #[inline(always)]
     pub fn stage<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
         if let Some(lines) = &self.lines {
@@ -271,14 +279,14 @@ impl Patches {
         }
         let channels = self.image.fields.dim();
         let scale = T::from_f64(self.scale());
-        let join = Join::new(self.image.fields);
+        let interleaver = Interleaver::new(self.image.fields);
         for (i, &to) in self.pixels.iter().enumerate() {
             let from = &image[i * channels..][..channels];
-            join.run::<T, G>(scale, from, &mut staged[to..][..self.pitch]);
+            interleaver.interleave::<T, G>(scale, from, &mut staged[to..][..self.pitch]);
         }
     }
 
-    /// Stages the bytes of trivial channels, where they are not folded into lines.
+    /// Stages the bytes of trivial channels of groups whose channels are not folded into lines.
     #[inline(always)]
     pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
         let order = self.image.fields.group().order();
@@ -297,7 +305,7 @@ impl Patches {
         }
     }
 
-    /// The transpose of [`stage`](Patches::stage): overwrites one image.
+    /// Writes the transpose of [`stage`](Patches::stage) to one image.
     #[inline(always)]
     pub fn unstage<T: Real>(&self, staged: &[T], image: &mut [T]) {
         if let Some(lines) = &self.lines {
@@ -311,19 +319,20 @@ impl Patches {
     fn unstage_groups<T: Real, const G: usize>(&self, staged: &[T], image: &mut [T]) {
         let channels = self.image.fields.dim();
         let scale = T::from_f64(self.scale());
-        let join = Join::new(self.image.fields);
+        let interleaver = Interleaver::new(self.image.fields);
         for (i, &from) in self.pixels.iter().enumerate() {
             let to = &mut image[i * channels..][..channels];
             let from = &staged[from..][..self.pitch];
             if self.replicated {
                 add_up::<T, G>(from, to);
             } else {
-                join.undo::<T, G>(scale, from, to);
+                interleaver.deinterleave::<T, G>(scale, from, to);
             }
         }
     }
 }
 
+/// Writes the sum of the G copies of every channel.
 #[inline(always)]
 fn add_up<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
     for (group, x) in groups.as_chunks::<G>().0.iter().zip(channels) {

@@ -1,7 +1,7 @@
-//! The inner loops of the matrix products: tiles of sums that stay in registers.
+//! Inner loops of the matrix products: tiles of sums that stay in registers.
 //!
 //! One lane is one (field, irrep) of the result. A factor that all fields share is a group of G
-//! lanes, one for each irrep, repeated over the block: so one product serves all the irreps at
+//! lanes, one for each irrep, repeated over the block. So one product serves all the irreps at
 //! once, and narrow layers fill the registers as well as wide ones.
 
 #![expect(
@@ -10,13 +10,14 @@
 )]
 
 use crate::real::Real;
-use crate::simd::join::head;
+use crate::simd::interleave::head;
 use crate::simd::lanes::{Block, LANES, Lanes};
 
-/// Rows of the panels of a forward pass.
+/// Rows of the panels of a forward pass: 12 rows of two blocks are 24 sums, which fit into 32
+/// registers.
 pub(crate) const ROWS: usize = 12;
 
-/// Loads in a plain loop: a closure would not be compiled for the instruction set.
+/// Loads N blocks. A plain loop, because a closure would not be compiled for the instruction set.
 #[inline(always)]
 pub(crate) fn load_all<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
@@ -29,8 +30,8 @@ pub(crate) fn load_all<T: Real, L: Lanes<T>, const N: usize>(
     values
 }
 
-/// y = x w for the first `rows` of ROWS rows; x is a panel `[block][row]`, w `[group of x][block of
-/// y]`, y `[row][block]`.
+/// Writes y = x w for the first `rows` of [`ROWS`] rows; x is a panel `[block][row]`, w `[group of
+/// x][block of y]`, y `[row][block]`.
 #[inline(always)]
 pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -43,7 +44,7 @@ pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
     let mut first = 0;
     while first < width {
         let tile = Tile { w, width, first };
-        // weights come from the second-level cache: a tile reads them once for all of its rows
+        // Weights come from the second-level cache, so a tile reads them once for all of its rows.
         first += match (L::REGISTERS, width - first) {
             (32.., 2..) if rows == ROWS => {
                 forward_tiles::<T, L, G, ROWS, 2>(lanes, x, rows, tile, y)
@@ -57,7 +58,7 @@ pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
     }
 }
 
-/// Some columns of the weights `[group][width]`.
+/// Columns of the weights `[group][width]`, from block `first` on.
 #[derive(Clone, Copy)]
 struct Tile<'a, T> {
     w: &'a [Block<T>],
@@ -65,7 +66,8 @@ struct Tile<'a, T> {
     first: usize,
 }
 
-/// V blocks of the first `rows` rows, R rows at a time, of which the last may be more.
+/// Writes V blocks of the first `rows` rows, R rows at a time, and returns V. The last tile may
+/// write more rows.
 #[inline(always)]
 fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
     lanes: L,
@@ -80,6 +82,7 @@ fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: 
     V
 }
 
+/// Writes the sums of R rows and V blocks.
 #[inline(always)]
 fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
     lanes: L,
@@ -113,8 +116,8 @@ fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: u
     }
 }
 
-/// dw += x^T dy over all rows; x is a panel `[block][row]`, dy `[block][row]`, dw `[group of
-/// x][block of y]`, `step` blocks from one block of x to the next.
+/// Adds x^T dy over all rows to dw; x and dy are panels `[block][row]`, dw is `[group of x][block
+/// of y]` with `step` blocks from one block of x to the next.
 #[inline(always)]
 pub(crate) fn weights<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -128,7 +131,7 @@ pub(crate) fn weights<T: Real, L: Lanes<T>, const G: usize>(
     let mut first = 0;
     while first < tile.width {
         let wide = L::REGISTERS >= 32;
-        // sixteen sums hide the latency of the additions
+        // Sixteen independent sums hide the latency of the additions.
         first += match (G, tile.width - first) {
             (4, 4..) if wide => tile.blocks::<L, G, 1, 4, 4>(lanes, first, dw),
             (4, 2..) if wide => tile.blocks::<L, G, 2, 4, 2>(lanes, first, dw),
@@ -141,7 +144,7 @@ pub(crate) fn weights<T: Real, L: Lanes<T>, const G: usize>(
     }
 }
 
-/// The operands of a weight gradient.
+/// Operands of a weight gradient.
 #[derive(Clone, Copy)]
 struct GradientTile<'a, T> {
     x: &'a [Block<T>],
@@ -152,8 +155,8 @@ struct GradientTile<'a, T> {
 }
 
 impl<T: Real> GradientTile<'_, T> {
-    /// V blocks of outputs for all blocks of x, B of them at a time where there are so many, K
-    /// groups at a time.
+    /// Adds V blocks of outputs for all blocks of x, and returns V. B blocks of x are processed at
+    /// a time as far as possible, and K groups at a time.
     #[inline(always)]
     fn blocks<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
         self,
@@ -176,6 +179,7 @@ impl<T: Real> GradientTile<'_, T> {
         V
     }
 
+    /// Adds the sums of B blocks of x, K groups and V blocks of outputs.
     #[inline(always)]
     fn sum<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
         self,
@@ -221,8 +225,8 @@ impl<T: Real> GradientTile<'_, T> {
     }
 }
 
-/// The gradient of N folds in R rows: sums over the groups of dy `[block][row]`, w `[group of
-/// dy][N]`.
+/// Returns the gradient of N folds in R rows: sums over the groups of dy `[block][row]`, with w
+/// `[group of dy][N]`.
 #[inline(always)]
 pub(crate) fn input<T: Real, L: Lanes<T>, const G: usize, const R: usize, const N: usize>(
     lanes: L,
@@ -237,7 +241,7 @@ pub(crate) fn input<T: Real, L: Lanes<T>, const G: usize, const R: usize, const 
     for dy in dy.chunks_exact(rows) {
         let Some(w) = ws.next() else { break };
         let dy: &[Block<T>; R] = head(&dy[row..]);
-        // an iterator, since with an index the loop takes instructions that it has no room for
+        // An iterator: indexing takes registers that the loop does not have.
         for (g, w) in w.as_chunks::<N>().0.iter().enumerate() {
             let w = load_all(lanes, w);
             for r in 0..R {

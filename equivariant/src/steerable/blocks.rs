@@ -1,4 +1,4 @@
-//! The block-diagonal linear map: one weight matrix per output irrep.
+//! Block-diagonal linear map: one weight matrix per output irrep.
 
 use std::ops::Range;
 
@@ -10,9 +10,9 @@ use crate::real::{Real, fill_normal};
 
 /// Parameter layout and products of an equivariant linear map.
 ///
-/// Output irrep b sees `cols[b]` inputs; irreps that the group lacks see and have none. Its weights
-/// are `[out multiplicity of b, cols[b]]`, row-major, the blocks in irrep order, then one bias per
-/// trivial output channel.
+/// Output irrep b has `cols[b]` inputs; irreps that the group lacks have no inputs and no outputs.
+/// The weights of b are `[out multiplicity of b, cols[b]]`, row-major. The blocks come in irrep
+/// order, then one bias per trivial output channel.
 #[derive(Clone, Debug)]
 pub(crate) struct Blocks {
     cols: [usize; 4],
@@ -24,6 +24,7 @@ impl Blocks {
         Blocks { cols, out }
     }
 
+    /// Returns the number of inputs of output irrep b.
     pub fn cols(&self, b: Irrep) -> usize {
         self.cols[b.index()]
     }
@@ -32,12 +33,13 @@ impl Blocks {
         self.cols(b) * self.out.multiplicity(b)
     }
 
-    /// Range of the weights of a block among the parameters.
+    /// Returns the range of the weights of a block among the parameters.
     pub fn weights(&self, b: Irrep) -> Range<usize> {
         let start = Irrep::ALL[..b.index()].iter().map(|&a| self.block_len(a)).sum();
         start..start + self.block_len(b)
     }
 
+    /// Returns the range of the biases among the parameters.
     pub fn bias(&self) -> Range<usize> {
         let start = self.weights(Irrep::XY).end;
         start..start + self.out.multiplicity(Irrep::Trivial)
@@ -47,6 +49,7 @@ impl Blocks {
         self.bias().end
     }
 
+    /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero.
     pub fn init<T: Real>(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         assert_eq!(params.len(), self.num_params(), "wrong number of parameters");
         for b in Irrep::ALL {
@@ -76,7 +79,8 @@ impl Blocks {
         }
     }
 
-    /// y_b += x_b W_b^T, with y `[rows, dim]` and x `[rows, channels]` of a type with these inputs.
+    /// Adds x_b W_b^T to y_b, for y `[rows, dim]` and x `[rows, channels]` of a type with these
+    /// inputs.
     pub fn forward<T: Real>(&self, b: Irrep, params: &[T], x: Columns<T>, y: &mut [T]) {
         let Some([rows, k, n]) = self.sizes(b, y.len()) else {
             return;
@@ -86,7 +90,7 @@ impl Blocks {
         T::product(y, true, x.view([rows, k]), weight.transpose());
     }
 
-    /// dW_b += dy_b^T x_b.
+    /// Adds dy_b^T x_b to the weight gradient dW_b.
     pub fn add_weight_gradient<T: Real>(
         &self,
         b: Irrep,
@@ -102,13 +106,14 @@ impl Blocks {
         T::product(dweight, true, dy.transpose(), x.view([rows, k]));
     }
 
-    /// dx_b = dy_b W_b; zero where the block has no outputs.
+    /// Writes dx_b = dy_b W_b; zero if the block has no outputs.
     pub fn input_gradient<T: Real>(&self, b: Irrep, params: &[T], dy: &[T], dx: ColumnsMut<T>) {
         let ColumnsMut { data, stride } = dx;
         if let Some([rows, k, n]) = self.sizes(b, dy.len()) {
             let dx = StridedMut::new(data, [rows, k], stride);
             let weight = Strided::new(&params[self.weights(b)], [n, k], k);
             T::product(dx, false, self.output(b, dy).view([rows, n]), weight);
+        // inputs that no output uses have a gradient of zero; no inputs, nothing to write
         } else if self.out.multiplicity(b) == 0 {
             for row in data.chunks_mut(stride) {
                 row[..self.cols(b)].fill(T::ZERO);
@@ -116,27 +121,28 @@ impl Blocks {
         }
     }
 
-    /// Rows, inputs and outputs of a block for an output of this length, if there is anything to
-    /// multiply.
+    /// Returns rows, inputs and outputs of a block for an output of this length; `None` if one of
+    /// them is 0.
     fn sizes(&self, b: Irrep, out_len: usize) -> Option<[usize; 3]> {
         let rows = out_len / self.out.dim();
         let sizes = [rows, self.cols(b), self.out.multiplicity(b)];
         (!sizes.contains(&0)).then_some(sizes)
     }
 
+    /// Returns the channels of output irrep b as columns of `dy`.
     fn output<'a, T>(&self, b: Irrep, dy: &'a [T]) -> Columns<'a, T> {
         Columns { data: &dy[self.out.range(b).start..], stride: self.out.dim() }
     }
 }
 
-/// The channels of an irrep in vectors of `stride` channels, from its first one on.
+/// Channels of an irrep in vectors of `stride` channels, starting at its first channel.
 #[derive(Clone, Copy)]
 pub(crate) struct Columns<'a, T> {
     pub data: &'a [T],
     pub stride: usize,
 }
 
-/// Columns of a wider matrix, to be written.
+/// Channels of an irrep in vectors of `stride` channels, to be written.
 pub(crate) struct ColumnsMut<'a, T> {
     pub data: &'a mut [T],
     pub stride: usize,

@@ -1,4 +1,4 @@
-//! The dense form of a linear layer: what other libraries hold, and the slow twin of ours.
+//! Dense form of a layer with weights: the ordinary convolution that other libraries store.
 
 use symmetry::{FieldType, Irrep};
 
@@ -9,12 +9,12 @@ use crate::steerable::hadamard::{permuted, transform_pixels};
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
-/// A layer with weights as an ordinary convolution: a kernel `[C_out, C_in, size, size]` and a bias
+/// Ordinary convolution equal to a layer: a kernel `[C_out, C_in, size, size]` and a bias
 /// `[C_out]`.
 ///
-/// [`R2Conv::dense`](crate::R2Conv::dense) and [`Linear::dense`](crate::Linear::dense) make it; a
-/// linear layer is a convolution of one tap. An ordinary cross-correlation with the kernel, plus
-/// the bias, is the layer. It is meant for checks, export and import; layers never build it.
+/// [`R2Conv::dense`](crate::R2Conv::dense) and [`Linear::dense`](crate::Linear::dense) create it; a
+/// linear layer is a convolution of one tap. Cross-correlation with the kernel, plus the bias,
+/// equals the layer. It is meant for checks, export and import; layers never build it.
 ///
 /// In the irrep basis the parameters are coefficients of an orthonormal basis of all steerable
 /// kernels, so [`project`](Dense::project) is both the inverse of [`kernel`](Dense::kernel) and the
@@ -24,7 +24,7 @@ pub struct Dense<'a> {
     pub(crate) name: &'static str,
     pub(crate) taps: Taps,
     pub(crate) blocks: &'a Blocks,
-    /// The parameter of every entry of the blocks; none where the blocks themselves are the
+    /// Index of the parameter of every entry of the blocks; `None` if the blocks are the
     /// parameters.
     pub(crate) places: Option<&'a [usize]>,
     pub(crate) window: Kernel,
@@ -32,39 +32,39 @@ pub struct Dense<'a> {
     pub(crate) out_shape: Shape,
 }
 
-/// The steerable part of a dense kernel.
+/// Steerable part of a dense kernel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Projection<T> {
-    /// The layer's parameters; the biases are zero.
+    /// Parameters of the layer; the biases are zero.
     pub params: Vec<T>,
-    /// Share that is not steerable: the Euclidean norm of the rest over that of the kernel, in [0,
-    /// 1].
+    /// Share that is not steerable, in [0, 1]: the Euclidean norm of the rest over that of the
+    /// kernel.
     pub residual: f64,
 }
 
 impl Dense<'_> {
-    /// The window of the convolution.
+    /// Returns the window of the convolution.
     pub fn window(&self) -> Kernel {
         self.window
     }
 
-    /// The shape of one input sample.
+    /// Returns the shape of one input sample.
     pub fn in_shape(&self) -> Shape {
         self.in_shape
     }
 
-    /// The shape of one output sample.
+    /// Returns the shape of one output sample.
     pub fn out_shape(&self) -> Shape {
         self.out_shape
     }
 
-    /// `[C_out, C_in, size, size]`.
+    /// Returns the shape of the kernel, `[C_out, C_in, size, size]`.
     pub fn kernel_shape(&self) -> [usize; 4] {
         let size = self.taps.size();
         [self.out_type().dim(), self.in_type().dim(), size, size]
     }
 
-    /// The kernel in the irrep basis.
+    /// Returns the kernel in the irrep basis.
     ///
     /// # Panics
     /// When `params` does not hold the layer's parameters.
@@ -75,7 +75,7 @@ impl Dense<'_> {
         kernel
     }
 
-    /// The bias in the irrep basis: zero but for trivial channels.
+    /// Returns the bias in the irrep basis: zero except for trivial channels.
     ///
     /// # Panics
     /// As [`kernel`](Dense::kernel).
@@ -86,10 +86,11 @@ impl Dense<'_> {
         bias
     }
 
-    /// The kernel in the regular basis, as a library of expanded steerable kernels would hold it.
+    /// Returns the kernel in the regular basis, as libraries of expanded steerable kernels store
+    /// it.
     ///
-    /// Regular fields are in the layout of [`hadamard`](crate::hadamard()), where a ReLU is that of
-    /// every other library. A side of another type stays in the irrep basis.
+    /// Regular fields are in the layout of [`hadamard`](crate::hadamard()), where a ReLU is
+    /// pointwise as in every other library. A side of another type stays in the irrep basis.
     ///
     /// # Panics
     /// As [`kernel`](Dense::kernel).
@@ -99,7 +100,7 @@ impl Dense<'_> {
         kernel
     }
 
-    /// The bias in the regular basis: the same for all elements of a field.
+    /// Returns the bias in the regular basis: equal for all elements of a field.
     ///
     /// # Panics
     /// As [`kernel`](Dense::kernel).
@@ -109,7 +110,7 @@ impl Dense<'_> {
         bias
     }
 
-    /// The steerable kernel that is closest to a dense one in the irrep basis.
+    /// Returns the steerable kernel that is closest to a dense one in the irrep basis.
     ///
     /// # Panics
     /// When `kernel` is not of the [`kernel_shape`](Dense::kernel_shape).
@@ -128,10 +129,11 @@ impl Dense<'_> {
         let projected = self.kernel(&params);
         let pairs = kernel.iter().zip(&projected);
         let rest: f64 = pairs.map(|(a, b)| square(a.to_f64() - b.to_f64())).sum();
+        // a kernel of zeros has a residual of 0 instead of 0 / 0
         Projection { params, residual: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
     }
 
-    /// The steerable kernel that is closest to a dense one in the regular basis.
+    /// Returns the steerable kernel that is closest to a dense one in the regular basis.
     ///
     /// # Panics
     /// As [`project`](Dense::project).
@@ -156,8 +158,8 @@ impl Dense<'_> {
         assert!(got == expected, "{}: got {got} parameters, expected {expected}", self.name);
     }
 
-    /// Calls `f(parameter, kernel entry, coefficient)` for every entry that a basis kernel is not
-    /// zero at.
+    /// Calls `f(parameter, kernel entry, coefficient)` for every non-zero entry of the basis
+    /// kernels.
     fn each_coefficient(&self, mut f: impl FnMut(usize, usize, f64)) {
         let [_, in_dim, size, _] = self.kernel_shape();
         for b in Irrep::ALL {
@@ -179,6 +181,7 @@ impl Dense<'_> {
         }
     }
 
+    /// Transforms both sides of a kernel between the irrep basis and the regular basis.
     fn change_basis<T: Real>(&self, kernel: &mut [T]) {
         let [_, in_dim, size, _] = self.kernel_shape();
         for per_output in kernel.chunks_exact_mut((in_dim * size * size).max(1)) {
@@ -188,11 +191,11 @@ impl Dense<'_> {
     }
 }
 
-/// Transforms the first axis, the channels, of `[dim, inner]` values between the irrep basis and
-/// the regular one.
+/// Transforms the first axis of `[dim, inner]` values, the channels, between the irrep basis and
+/// the regular basis.
 fn change_channels<T: Real>(fields: FieldType, values: &mut [T], inner: usize) {
     if let Some((order, n)) = permuted(fields) {
-        // [order, n, inner] is to the transform one pixel of n * inner fields
+        // the transform treats [order, n, inner] as one pixel of n * inner fields
         transform_pixels(order, n * inner, values);
     }
 }

@@ -1,4 +1,4 @@
-//! The change between the irrep basis and the regular basis of regular fields.
+//! Change between the irrep basis and the regular basis of regular fields.
 
 use std::array::from_fn;
 
@@ -8,15 +8,17 @@ use crate::error::LayerError;
 use crate::real::Real;
 use crate::shape::Shape;
 
-/// The orthonormal Walsh-Hadamard transform of G = 1, 2 or 4 numbers; its own inverse.
+/// Returns the orthonormal Walsh-Hadamard transform of G = 1, 2 or 4 numbers; it is its own
+/// inverse.
 ///
-/// Maps the coefficients of the irreps to the values at the group elements, and back: out\[g\] =
+/// It maps the coefficients of the irreps to the values at the group elements, and back: out\[g\] =
 /// 1/sqrt(G) sum_a a(g) in\[a\]. Flipping the signs of a group element on one side permutes the
-/// other side, bit by bit.
+/// other side, with the same bits.
 #[inline(always)]
 pub(crate) fn transform<T: Real, const G: usize>(mut values: [T; G]) -> [T; G] {
     let mut step = 1;
     while step < G {
+        // G is a constant, so the compiler unrolls these loops into additions of registers
         for i in (0..G).filter(|i| i & step == 0) {
             let (a, b) = (values[i], values[i + step]);
             (values[i], values[i + step]) = (a + b, a - b);
@@ -46,10 +48,9 @@ pub fn hadamard<T: Real>(group: Group, channels: &mut [T]) {
     transform_pixels(group.order(), n, channels);
 }
 
-/// The order of the group and the number of fields of a type that has a basis which the group
-/// permutes.
+/// Returns the order and the number of fields of a type with a basis that the group permutes.
 ///
-/// Trivial channels are fields of order 1. Other types have no such basis here.
+/// Trivial channels are fields of order 1. The result is `None` for other types.
 pub(crate) fn permuted(fields: FieldType) -> Option<(usize, usize)> {
     if fields.is_trivial() {
         return Some((1, fields.dim()));
@@ -58,8 +59,8 @@ pub(crate) fn permuted(fields: FieldType) -> Option<(usize, usize)> {
     Some((fields.group().order(), n))
 }
 
-/// The order of the group and the number of fields of a map that has a basis which the group
-/// permutes; refuses other maps.
+/// Returns the order and the number of fields of a map with a basis that the group permutes;
+/// rejects other types.
 pub(crate) fn permuted_fields(
     layer: &'static str,
     shape: Shape,
@@ -94,7 +95,7 @@ fn transform_each<T: Real, const G: usize>(n: usize, pixels: &mut [T]) {
     }
 }
 
-/// Evaluates an expression in which `$order` is a constant: the value of `$value`, 1, 2 or 4.
+/// Evaluates an expression in which `$order` is a constant with the value of `$value`: 1, 2 or 4.
 macro_rules! with_order {
     ($order:ident = $value:expr, $result:expr) => {
         match $value {
@@ -116,13 +117,13 @@ macro_rules! with_order {
 
 pub(crate) use with_order;
 
-/// Splits the channels of one pixel into those of the irreps.
+/// Splits the channels of one pixel by irrep.
 #[inline(always)]
 pub(crate) fn parts<T, const G: usize>(pixel: &[T], n: usize) -> [&[T]; G] {
     from_fn(|a| &pixel[a * n..][..n])
 }
 
-/// Splits the channels of one pixel to be written.
+/// Splits the channels of one pixel by irrep, mutably.
 #[inline(always)]
 pub(crate) fn parts_mut<T, const G: usize>(mut pixel: &mut [T], n: usize) -> [&mut [T]; G] {
     from_fn(|_| {

@@ -1,11 +1,10 @@
-//! The taps of a kernel, folded into functions of a pure parity.
+//! Taps of a kernel, folded into functions of a pure parity.
 
 use std::collections::BTreeMap;
 
 use symmetry::{FieldType, Group, Irrep};
 
-/// An orthonormal basis of the functions on k x k taps, each with the signs of one irrep of the
-/// group.
+/// Orthonormal basis of the functions on k x k taps, each with the signs of one irrep of the group.
 ///
 /// An orbit of taps {g t} carries, for every irrep a, the function sum_g a(g) delta(g t), unless
 /// the taps that g leaves in place cancel it. D2 folds along both axes, D1x and D1y along one, C2
@@ -21,12 +20,12 @@ pub(crate) struct Taps {
     functions: Vec<FoldedTap>,
 }
 
-/// One function on the taps.
+/// Basis function on the taps.
 #[derive(Clone, Debug)]
 pub(crate) struct FoldedTap {
-    /// The irrep whose signs it has.
+    /// Irrep by whose signs the group acts on the function.
     pub parity: Irrep,
-    /// Its taps `[row, column]` and coefficients; the first tap is that of the orbit.
+    /// Taps `[row, column]` with coefficients; the first tap identifies the orbit.
     pub parts: Vec<([usize; 2], f64)>,
 }
 
@@ -43,40 +42,42 @@ impl Taps {
         self.in_type
     }
 
-    /// Side of the kernel in pixels.
+    /// Returns the side of the kernel in pixels.
     pub fn size(&self) -> usize {
         self.size
     }
 
+    /// Returns the basis functions, ordered by parity and then by the first tap of their orbit.
     pub fn functions(&self) -> &[FoldedTap] {
         &self.functions
     }
 
-    /// The input irrep that a function of this parity takes to output irrep b.
+    /// Returns the input irrep that a function of this parity maps to output irrep b.
     pub fn input(&self, b: Irrep, parity: Irrep) -> Irrep {
         self.in_type.group().restrict(b * parity)
     }
 
-    /// The first column, in the matrix of output irrep b, of the channels of a function.
+    /// Returns the first column, in the matrix of output irrep b, of the channels of a function.
     pub fn column(&self, b: Irrep, function: usize) -> usize {
         let before = self.functions[..function].iter();
         before.map(|f| self.in_type.multiplicity(self.input(b, f.parity))).sum()
     }
 
-    /// The number of columns of the matrix of output irrep b; 0 unless b is an irrep of the group.
+    /// Returns the number of columns of the matrix of output irrep b; 0 if the group lacks b.
     pub fn cols(&self, b: Irrep) -> usize {
         if self.in_type.group().restrict(b) == b { self.column(b, self.functions.len()) } else { 0 }
     }
 }
 
-/// The function of this parity on the orbit of `tap`; `None` if it vanishes or `tap` is not the
-/// first of its orbit.
+/// Returns the function of this parity on the orbit of `tap`; `None` if it vanishes or `tap` is not
+/// the first of its orbit.
 fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<FoldedTap> {
     let mut sums = BTreeMap::new();
     for &g in group.elements() {
         let (row, col) = g.apply_pixel(tap[0], tap[1], size, size);
         *sums.entry([row, col]).or_insert(0.0) += f64::from(parity.sign(g));
     }
+    // taps that an element leaves in place may cancel, which makes the function zero
     let norm = sums.values().map(|s| s * s).sum::<f64>().sqrt();
     let first = sums.first_key_value().is_some_and(|(t, _)| *t == tap);
     (first && norm > 0.0).then(|| FoldedTap {

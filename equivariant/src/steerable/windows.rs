@@ -1,4 +1,4 @@
-//! Places of windows on an image.
+//! Positions of windows on an image.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use crate::error::LayerError;
 use crate::shape::Shape;
 use crate::window::Kernel;
 
-/// The windows of a convolution or of a pooling.
+/// Windows of a convolution or of a pooling layer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Windows {
     pub kernel: Kernel,
@@ -17,8 +17,8 @@ pub(crate) struct Windows {
 }
 
 impl Windows {
-    /// The windows on a `[height, width]` image, if they sit symmetrically on the axes that the
-    /// group flips.
+    /// Creates the windows on a `[height, width]` image. They must sit symmetrically on the axes
+    /// that the group flips.
     pub fn new(
         layer: &'static str,
         group: Group,
@@ -28,12 +28,12 @@ impl Windows {
         let [height, width] = in_size;
         let axes = [("height", height, group.flips_y()), ("width", width, group.flips_x())];
         let [rows, columns] = axes.map(|(axis, size, flipped)| {
-            along(layer, kernel, (axis, size), flipped.then_some(group))
+            along(layer, kernel, axis, size, flipped.then_some(group))
         });
         Ok(Windows { kernel, in_size, out_size: [rows?, columns?] })
     }
 
-    /// The windows of a pooling, which must not lie in the padding altogether.
+    /// Creates the windows of a pooling, none of which may lie entirely in the padding.
     pub fn of_pooling(
         layer: &'static str,
         shape: Shape,
@@ -48,13 +48,13 @@ impl Windows {
         Ok(windows)
     }
 
-    /// The map of an output pixel for every window.
+    /// Returns the shape of a map with a pixel for every window.
     pub fn out_shape(&self, fields: FieldType) -> Shape {
         let [height, width] = self.out_size;
         Shape::image(height, width, fields)
     }
 
-    /// Writes the name of a pooling, its maps and its kernel.
+    /// Writes the description of a pooling layer: name, shapes and window.
     pub fn write_pooling(
         &self,
         f: &mut fmt::Formatter<'_>,
@@ -66,7 +66,8 @@ impl Windows {
         write!(f, "{name}({from} -> {to}, {})", self.kernel)
     }
 
-    /// The indices of the pixels that output pixel `index` sees, row-major; padding is no pixel.
+    /// Iterates over the indices of the pixels in the window of output pixel `index`, row-major and
+    /// without padding.
     pub fn pixels(&self, index: usize) -> impl Iterator<Item = usize> + use<> {
         let [_, out_width] = self.out_size;
         let [height, width] = self.in_size;
@@ -80,13 +81,15 @@ impl Windows {
     }
 }
 
-/// The number of windows along an axis; `flipped` by a group, or by none.
+/// Returns the number of windows along an axis; `flipped` is the group if it flips the axis.
 fn along(
     layer: &'static str,
     kernel: Kernel,
-    (axis, size): (&'static str, usize),
+    axis: &'static str,
+    size: usize,
     flipped: Option<Group>,
 ) -> Result<usize, LayerError> {
+    // settings come from the caller, so sums of them may overflow
     let padding = kernel.padding.checked_mul(2);
     let padded = padding.and_then(|padding| padding.checked_add(size));
     let room = padded.and_then(|padded| padded.checked_sub(kernel.size));

@@ -1,4 +1,4 @@
-//! The layers that every property is tested on.
+//! Layers on which every property is tested, and helpers.
 
 #![allow(dead_code, reason = "every test file uses a part of it")]
 #![allow(clippy::unwrap_used, reason = "a helper of tests")]
@@ -9,7 +9,7 @@ use equivariant::{
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-/// Every example of the registry and chains of layers, for every group, by name.
+/// Returns every example of the registry and chains of layers, for every group, by name.
 pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
     let named = |group: Group| {
         let layers = layers_of(group).into_iter();
@@ -18,7 +18,7 @@ pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
     Group::ALL.into_iter().flat_map(named).collect()
 }
 
-/// Examples and chains of one group.
+/// Returns examples and chains of one group.
 pub fn layers_of<T: Scalar>(group: Group) -> Vec<(&'static str, Box<dyn Layer<T>>)> {
     let single = examples(group).unwrap().into_iter();
     let mut layers: Vec<_> = single.map(|of| (of.name, of.layer)).collect();
@@ -28,7 +28,7 @@ pub fn layers_of<T: Scalar>(group: Group) -> Vec<(&'static str, Box<dyn Layer<T>
     layers
 }
 
-/// The sum of a map that lacks irreps and one of regular fields.
+/// Creates the sum of a map that lacks irreps and one of regular fields.
 pub fn concat(group: Group) -> Concat {
     let lacking = Shape::image(2, 3, FieldType::new(group, [1, 2, 0, 1]));
     Concat::new(lacking, Shape::image(2, 3, group.regular(2))).unwrap()
@@ -51,7 +51,7 @@ pub fn conv<T: Scalar>(
     boxed(R2Conv::new(in_type, out_type, kernel(window), image))
 }
 
-/// A small encoder: images to vectors.
+/// Creates a small encoder: images to vectors.
 pub fn network<T: Scalar>(group: Group) -> Sequential<T> {
     let regular = |n| group.regular(n);
     let relu = |size, n| boxed(Relu::new(Shape::image(size, size, regular(n))));
@@ -67,8 +67,8 @@ pub fn network<T: Scalar>(group: Group) -> Sequential<T> {
     Sequential::new(layers).unwrap()
 }
 
-/// Convolutions with poolings behind them, over the largest windows that run fused, over three
-/// pixels and over one: of a rectified map, of one that is not, and one that gives channels.
+/// Returns convolutions followed by poolings, over the largest windows that run fused, over three
+/// pixels and over one: of a rectified map, of one that is not, and one that ends a chain.
 pub fn pooled<T: Scalar>(group: Group) -> Vec<Box<dyn Layer<T>>> {
     let regular = |n| group.regular(n);
     let image = Shape::image;
@@ -89,7 +89,7 @@ fn hidden(group: Group) -> FieldType {
     FieldType::new(group, [2, 1, 1, 0])
 }
 
-/// A chain whose layers are chains.
+/// Creates a chain whose layers are chains.
 fn nested<T: Scalar>(group: Group) -> Sequential<T> {
     let regular = group.regular(3);
     let head = vec![
@@ -104,7 +104,7 @@ pub fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
 
-/// Normal numbers of unit variance, from the library's own initialisation.
+/// Draws normal numbers of unit variance, from the library's own initialisation.
 pub fn normal<T: Scalar>(len: usize, seed: u64) -> Vec<T> {
     let rows = len.max(1);
     let source = Linear::new(Group::D2.trivial(1), Group::D2.trivial(rows)).unwrap();
@@ -114,47 +114,46 @@ pub fn normal<T: Scalar>(len: usize, seed: u64) -> Vec<T> {
     values
 }
 
-/// Parameters with biases that are not zero.
+/// Draws parameters with non-zero biases.
 pub fn params<T: Scalar>(layer: &dyn Layer<T>, seed: u64) -> Vec<T> {
     let scale = T::from_f64(0.4);
     normal(layer.num_params(), seed).into_iter().map(|p: T| p * scale).collect()
 }
 
-/// Memory for the passes, full of NaN: layers must not read what they did not write.
+/// Creates memory for the passes, full of NaN: layers must not read what they did not write.
 pub fn scratch<T: Scalar>(layer: &(impl Layer<T> + ?Sized), samples: usize) -> Scratch<T> {
     Scratch::filled(layer.scratch_len(samples), T::from_f64(f64::NAN))
 }
 
-/// An output of NaN: layers must write all of it and add to none.
+/// Creates an output of NaN: layers must write all of it and add to none.
 pub fn unwritten<T: Scalar>(len: usize) -> Vec<T> {
     vec![T::from_f64(f64::NAN); len]
 }
 
-/// The largest absolute difference between two slices of one length; NaN where a value or a
-/// difference is not a number, so that every comparison with a tolerance fails.
+/// Returns the largest absolute difference between two slices of equal length; NaN if a value or a
+/// difference is NaN, so that every comparison with a tolerance fails.
 pub fn largest_deviation<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
     assert_eq!(got.len(), expected.len(), "lengths differ");
     let pairs = got.iter().zip(expected);
     largest(pairs.map(|(a, b)| (a.to_f64() - b.to_f64()).abs()))
 }
 
-/// The largest magnitude; NaN if one is not a number.
+/// Returns the largest magnitude; NaN if one is NaN.
 pub fn largest_magnitude<T: Scalar>(values: &[T]) -> f64 {
     largest(values.iter().map(|v| v.to_f64().abs()))
 }
 
-/// The largest of some numbers of at least zero; NaN if one is not a number, which `f64::max`
-/// drops.
+/// Returns the largest of some numbers of at least zero; NaN if one is NaN, which `f64::max` drops.
 pub fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |m, v| if v > m || v.is_nan() { v } else { m })
 }
 
-/// The output, the gradient in the input and that in the parameters, of both passes.
+/// Returns the output and the gradients of input and parameters, of both passes.
 pub fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T], dy: &[T]) -> [Vec<T>; 3] {
     let mut scratch = scratch(layer, x.len() / layer.in_shape().len());
     let (mut y, mut dx) = (unwritten(dy.len()), unwritten(x.len()));
     layer.forward(params, x, &mut y, &mut scratch);
-    // one, not zero: gradients must be added
+    // starts at one, not zero, since gradients must be added
     let mut dparams = vec![T::from_f64(1.0); params.len()];
     layer.backward(params, x, &y, dy, Some(&mut dx), &mut dparams, &mut scratch);
     dparams.iter_mut().for_each(|d| *d -= T::from_f64(1.0));

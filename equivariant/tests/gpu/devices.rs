@@ -1,4 +1,4 @@
-//! Adapters, limits and devices that are gone.
+//! Adapters, limits and lost devices.
 
 use equivariant::gpu::{Device, GpuError, Network, adapters};
 use equivariant::{BackwardPass, Group, Layer, Relu, Scalar, Shape, Signature};
@@ -55,12 +55,12 @@ fn a_lost_device_is_an_error() {
     assert!(lost(network.forward(&x).unwrap_err()));
     assert!(lost(network.backward(&x).unwrap_err()));
     assert!(lost(Network::new(&device, &relu(), 1).unwrap_err()));
-    // another one is not concerned
+    // other devices are not affected
     let other = Device::open(None).unwrap();
     Network::new(&other, &relu(), 1).unwrap().forward(&x).unwrap();
 }
 
-/// A layer of somebody else.
+/// Layer of another crate.
 struct Foreign;
 
 impl std::fmt::Display for Foreign {

@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 
 use equivariant::gpu::Device;
 
-/// The device of most tests, which compiles every kernel once.
+/// Returns the device of most tests, which compiles every kernel once.
 fn device() -> &'static Device {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     DEVICE.get_or_init(|| Device::open(None).unwrap())

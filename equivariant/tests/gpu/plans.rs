@@ -1,4 +1,4 @@
-//! Networks that part and meet, and kernels of somebody else.
+//! Networks that branch and join, and kernels of other crates.
 
 use equivariant::gpu::{Batch, Passes, Plan, Program, Step, Work};
 use equivariant::{Group, Linear, Shape, Signature};
@@ -48,7 +48,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
     let ends = [first, second].map(|x| plan.layer(&layer, x).unwrap());
     let program = Program::new(device(), &plan, SAMPLES).unwrap();
     assert_eq!(plan.num_params(), 2 * layer.num_params());
-    // one layer passes the gradient on, the other its threefold
+    // one layer passes the gradient on, the other its triple
     let params: Vec<f32> = normal(layer.num_params(), 1);
     let threefold = params.iter().map(|p| 3.0 * p);
     let both: Vec<f32> = params.iter().copied().chain(threefold).collect();

@@ -11,17 +11,17 @@ use crate::common::{
 use crate::device;
 
 const SAMPLES: usize = 3;
-/// Of the largest value of the processor's.
+/// Tolerance relative to the processor's largest value.
 const TOLERANCE: f64 = 1e-4;
 
 type Named = (String, Box<dyn Layer<f32>>);
 
-/// `true` for a layer that devices have no kernels for.
+/// Returns `true` for a layer without device kernels.
 fn refused((_, layer): &Named) -> bool {
     matches!(layer.kind(), LayerKind::Other)
 }
 
-/// The layers that run on a device.
+/// Returns the layers that run on a device.
 fn layers() -> impl Iterator<Item = Named> {
     let all = crate::common::layers().into_iter();
     all.filter(|layer| !refused(layer))
@@ -33,7 +33,7 @@ fn layers_without_kernels_are_refused_by_name() {
     let others: Vec<Named> = all.filter(refused).collect();
     assert!(!others.is_empty());
     for (_, layer) in others {
-        // a layer that loses its kind would leave all comparisons
+        // a layer that loses its kind would drop out of all comparisons
         let name = layer.to_string();
         let expected = name.starts_with("Sum(") || name.starts_with("Restrict(");
         assert!(expected, "{name}");
@@ -43,7 +43,7 @@ fn layers_without_kernels_are_refused_by_name() {
     }
 }
 
-/// A network for up to five samples with these parameters.
+/// Creates a network for up to five samples with these parameters.
 fn network(layer: &dyn Layer<f32>, params: &[f32]) -> Network {
     network_on(device(), layer, params)
 }
@@ -67,8 +67,8 @@ fn outputs_and_gradients_are_those_of_the_processor() {
     }
 }
 
-/// `true` if a layer of this name combines the values of a group of threads, as statistics and
-/// expected positions do.
+/// Returns `true` if a layer of this name combines values of the threads of a workgroup, as
+/// statistics and expected positions do.
 fn combines(name: &str) -> bool {
     ["norm of", "soft-argmax"].iter().any(|of| name.contains(of))
 }
@@ -87,7 +87,7 @@ fn they_are_so_without_operations_on_subgroups() {
     assert_eq!((differ, plain.subgroups()), (device().subgroups(), false));
 }
 
-/// Compares outputs and gradients with the processor's; returns them.
+/// Compares outputs and gradients with the processor's and returns them.
 fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32>; 3] {
     let params = params(layer, 1);
     let x = normal(SAMPLES * layer.in_shape().len(), 2);
@@ -105,7 +105,7 @@ fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32
     [output, gradients.input, gradients.params]
 }
 
-/// The equivariance error of what a device computes with these parameters.
+/// Returns the equivariance error of a device's results with these parameters.
 fn equivariance_error_on(layer: &dyn Layer<f32>, params: &[f32]) -> f64 {
     let mut network = network(layer, params);
     let run = |x: &[f32], y: &mut [f32]| y.copy_from_slice(&network.forward(x).unwrap());
@@ -119,14 +119,15 @@ fn all_layers_are_as_equivariant_as_on_the_processor() {
         let params = params(layer, 1);
         let here = equivariance_error(layer, &params, 3, &mut rng(5));
         let there = equivariance_error_on(layer, &params);
-        // what is exact to the bit here is so there, but for sums over a map in another order
+        // layers that are exact on the processor are exact here, except for sums over a map in
+        // another order
         let exact = here == 0.0 && !combines(&name);
         let allowed = if exact { 0.0 } else { 1e-5 };
         assert!(there <= allowed, "{name}: error {there}, and {here} on the processor");
     }
 }
 
-/// A first layer and a later one, each with a ReLU, on even and odd windows.
+/// Checks a first layer and a later one, each with a ReLU, on even and odd windows.
 #[test]
 fn convolutions_are_exactly_equivariant() {
     for group in Group::ALL {
@@ -150,7 +151,7 @@ fn a_relu_after_weights_takes_no_kernel_of_its_own() {
     let alone = Network::new(device(), relu.as_ref(), 1).unwrap();
     assert_eq!(alone.dispatches(), [1, 1]);
     let net = Sequential::new(vec![first, relu]).unwrap();
-    // fold and product; the gradient in the weights, its sum, that in the patches, unfold
+    // fold and product; the gradient of the weights and its sum; that of the patches and the unfold
     let fused = Network::new(device(), &net, 1).unwrap();
     assert_eq!(fused.dispatches(), [2, 4]);
 }

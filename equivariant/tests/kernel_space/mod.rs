@@ -8,7 +8,7 @@ use solver::{Representation, kernel_space};
 
 use crate::common::{self, normal};
 
-/// The part of `kernel` outside the span of an orthonormal basis, relative to it.
+/// Returns the part of `kernel` outside the span of an orthonormal basis, relative to it.
 fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut rest = kernel.to_vec();
@@ -19,7 +19,7 @@ fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
     (dot(&rest, &rest) / dot(kernel, kernel)).sqrt()
 }
 
-/// The kernels of the unit vectors among the weights.
+/// Returns the kernels of the unit vectors among the weights.
 fn closed_form(dense: &Dense, weights: usize, regular: bool) -> Vec<Vec<f64>> {
     let biases = dense.out_shape().fields.multiplicity(symmetry::Irrep::Trivial);
     let kernel = |i| {
@@ -50,7 +50,7 @@ fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
         .prop_filter("few channels", |m| (1..4).contains(&m.iter().sum::<usize>()))
 }
 
-/// Two types of one group.
+/// Returns pairs of types of one group.
 fn types() -> impl Strategy<Value = [FieldType; 2]> {
     let group = proptest::sample::select(&Group::ALL);
     let of_group = |(group, types): (_, [_; 2])| types.map(|of| FieldType::new(group, of));
@@ -146,7 +146,7 @@ fn projection_inverts_expansion_and_measures_the_rest() {
         for (a, b) in params.iter().zip(&back.params) {
             assert!((a - b).abs() < 1e-14);
         }
-        // noise: what remains is what the oracle says
+        // the norms of noise: the part that remains must be what the oracle finds
         let noise = normal::<f64>(steerable.len(), 2);
         let solved = kernel_space(
             &Representation::irreps(group.regular(2)),

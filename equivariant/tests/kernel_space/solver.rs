@@ -1,23 +1,23 @@
-//! A general solver of the kernel constraint: the oracle of the closed form.
+//! General solver of the kernel constraint, the oracle of the closed form.
 
 use equivariant::{FieldType, Group, hadamard};
 use faer::Mat;
 use symmetry::D2;
 
-/// Singular values below this, relative to the largest possible one, count as zero.
+/// Threshold relative to the largest possible singular value, below which one counts as zero.
 const TOLERANCE: f64 = 1e-9;
 
-/// Matrices of a group: any real representation, in any basis.
+/// Real representation of a group in any basis, as matrices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Representation {
     group: Group,
     dim: usize,
-    /// Row-major `[dim, dim]`, in the order of the group's elements.
+    /// Row-major matrices `[dim, dim]`, in the order of the group's elements.
     matrices: Vec<Vec<f64>>,
 }
 
 impl Representation {
-    /// The representation with these row-major `[dim, dim]` matrices, in the order of
+    /// Creates the representation with these row-major `[dim, dim]` matrices, in the order of
     /// [`Group::elements`].
     pub fn new(group: Group, dim: usize, matrices: Vec<Vec<f64>>) -> Representation {
         let rho = Representation { group, dim, matrices };
@@ -32,17 +32,18 @@ impl Representation {
         rho
     }
 
-    /// A type in the irrep basis: signs on the diagonal.
+    /// Creates the representation of a type in the irrep basis: signs on the diagonal.
     pub fn irreps(fields: FieldType) -> Representation {
         Representation::from_action(fields, |_| ())
     }
 
-    /// A type of regular fields in the regular basis, in the layout of `hadamard`: permutations.
+    /// Creates the representation of regular fields in the regular basis, in the layout of
+    /// `hadamard`: permutations.
     pub fn regular(group: Group, fields: usize) -> Representation {
         Representation::from_action(group.regular(fields), |v| hadamard(group, v))
     }
 
-    /// The action of a type, seen through a change of basis that is its own inverse.
+    /// Returns the action of a type after a change of basis that is its own inverse.
     fn from_action(fields: FieldType, change: impl Fn(&mut [f64])) -> Representation {
         let (group, dim) = (fields.group(), fields.dim());
         let matrix = |&g: &D2| {
@@ -72,8 +73,8 @@ impl Representation {
     }
 }
 
-/// An orthonormal basis of the kernels `[C_out, C_in, size, size]` with k(g t) = rho_out(g) k(t)
-/// rho_in(g)^-1 for all g.
+/// Returns an orthonormal basis of the kernels `[C_out, C_in, size, size]` with k(g t) = rho_out(g)
+/// k(t) rho_in(g)^-1 for all g.
 ///
 /// The constraint is a homogeneous linear system in the entries of the kernel, and its null space
 /// comes from a singular value decomposition (Weiler and Cesa, "General E(2)-equivariant steerable
@@ -99,7 +100,8 @@ pub fn kernel_space(
         .collect()
 }
 
-/// The matrix of k -> (k(g t) rho_in(g) - rho_out(g) k(t)) for all g, t, on flattened kernels.
+/// Returns the matrix of k -> (k(g t) rho_in(g) - rho_out(g) k(t)) for all g, t, on flattened
+/// kernels.
 fn constraint(rho_in: &Representation, rho_out: &Representation, size: usize) -> Mat<f64> {
     let taps = size * size;
     let at = |out: usize, input: usize, tap: usize| (out * rho_in.dim + input) * taps + tap;

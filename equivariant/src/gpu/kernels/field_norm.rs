@@ -1,4 +1,4 @@
-//! Normalised fields.
+//! Kernels of field normalisation.
 
 use symmetry::Irrep;
 
@@ -9,22 +9,24 @@ use crate::gpu::plan::{Plan, Shared, Tensor};
 use crate::gpu::step::{Rows, Slot, Step, Work};
 use crate::layers::layer::Statistics;
 
-/// Added to every variance.
+/// Constant added to every variance against division by zero, equal to that of the processor's
+/// layer.
 const EPSILON: f64 = 1e-5;
 
-/// A normalisation as kernels see it.
+/// Normalisation with its buffers.
 struct FieldNorm<'a> {
     moments: &'a Statistics,
     x: Tensor,
     channels: Channels,
-    /// Fields with a mean and a bias.
+    /// Number of fields with a mean and a bias.
     centred: usize,
-    /// Where the parameters start.
+    /// Index of the first parameter.
     base: usize,
-    /// Mean and one over the standard deviation of each part and field.
+    /// Mean and reciprocal of the standard deviation of each part and field.
     kept: Slot,
 }
 
+/// Adds the kernels of a normalisation from `x` to `y`.
 pub(super) fn add(plan: &mut Plan, moments: &Statistics, x: &Tensor, y: &Tensor) {
     let fields = x.shape.fields;
     let channels = match fields.regular_fields() {
@@ -45,14 +47,14 @@ pub(super) fn add(plan: &mut Plan, moments: &Statistics, x: &Tensor, y: &Tensor)
         channels,
     };
     let forward = norm.forward(plan, y.values);
-    // the gradient in the parameters is wanted in any case
+    // the backward kernel computes the parameters' gradient, too, so it needs a place for dx
     let dx = x.gradient.unwrap_or_else(|| plan.buffer(0, x.shape.len()));
     let backward = y.gradient.map(|dy| norm.backward(plan, [dx, dy], len));
     plan.push(vec![forward], backward.unwrap_or_default());
 }
 
 impl FieldNorm<'_> {
-    /// Parts of the batch that kernels treat apart from one another.
+    /// Returns the number of parts of the batch that have their own statistics.
     fn parts(&self) -> Rows {
         match self.moments {
             Statistics::Batch => Rows::Fixed(1),
@@ -93,11 +95,8 @@ impl FieldNorm<'_> {
             Rows::Fixed(parts) => plan.shared(Shared::Partial, parts * len, 0),
             Rows::Each(parts) => plan.shared(Shared::Partial, 0, parts * len),
         };
-        // fixed statistics do not depend on the input
-        let dependent = match self.moments {
-            Statistics::Fixed(_) => 0.0,
-            _ => 1.0,
-        };
+        // fixed statistics do not depend on the input, so no gradient flows through them
+        let dependent = if matches!(self.moments, Statistics::Fixed(_)) { 0.0 } else { 1.0 };
         let step = self.kernel(plan, "field norm backward");
         let step = self.channels.read(step, "dy", dy);
         let step = self.channels.write(step, "dx", dx);
@@ -108,11 +107,11 @@ impl FieldNorm<'_> {
             .number("DEPENDENT", dependent)
             .sums()
             .text(include_str!("../wgsl/field_norm_backward.wgsl"));
-        vec![step, sum(plan, partial, self.parts(), (self.base, len))]
+        vec![step, sum(plan, partial, self.parts(), self.base..self.base + len)]
     }
 }
 
-/// Means and ones over standard deviations.
+/// Returns mean and reciprocal of the standard deviation of each field as bits of f32.
 fn standards(moments: &[[f64; 2]]) -> Vec<u32> {
     let standards = moments.iter().flat_map(|&[mean, variance]| {
         let inverse = (variance + EPSILON).sqrt().recip();

@@ -1,4 +1,4 @@
-//! How patches are folded: the orbits of the taps, and where each parameter goes.
+//! Folds of patches: the orbits of the taps and the layout of the parameters.
 
 use std::collections::BTreeSet;
 
@@ -7,35 +7,35 @@ use symmetry::{FieldType, Irrep};
 use crate::gpu::channels::Channels;
 use crate::steerable::dense::Dense;
 
-/// The folds of a linear map's patches, in the order in which kernels read them.
+/// Folds of the patches of a linear map, in the order in which kernels read them.
 pub(super) struct Folds<'a> {
     dense: &'a Dense<'a>,
     in_type: FieldType,
     order: usize,
-    /// Whether the input has trivial channels only, whose folds of one orbit are one field.
+    /// `true` if the input has trivial channels only; all folds of an orbit then form one field.
     pub trivial: bool,
-    /// Input fields, or channels where they are trivial.
+    /// Number of input fields; of channels if they are trivial.
     pub fields: usize,
     orbits: Vec<Orbit>,
-    /// Fields of a folded patch.
+    /// Number of fields of a folded patch.
     pub entries: usize,
 }
 
-/// The taps that the group moves to one another, folded together.
+/// Taps that the group maps to one another, folded together.
 #[derive(Clone, Copy, Debug)]
 struct Orbit {
     /// Row and column of its first tap.
     tap: [usize; 2],
-    /// Its taps, and as many parities.
+    /// Number of its taps, and of its parities.
     len: usize,
-    /// A bit for each parity, by its position in the group's list of irreps.
+    /// Bit mask of the parities, by their positions in the group's list of irreps.
     parities: u32,
-    /// The first of its entries in a folded patch.
+    /// Index of its first entry in a folded patch.
     first: usize,
 }
 
 impl<'a> Folds<'a> {
-    /// The folds of a map; `direct` where a patch is a pixel.
+    /// Creates the folds of a map; `direct` is `true` if a patch is a single pixel.
     pub fn new(dense: &'a Dense<'a>, direct: bool) -> Folds<'a> {
         let in_type = dense.in_shape.fields;
         let order = in_type.group().order();
@@ -52,11 +52,12 @@ impl<'a> Folds<'a> {
         folds
     }
 
-    /// The number of orbits.
+    /// Returns the number of orbits.
     pub fn orbits(&self) -> usize {
         self.orbits.len()
     }
 
+    /// Adds the orbits of all taps, in the order of their first taps.
     fn add_orbits(&mut self) {
         let functions = self.dense.taps.functions();
         let starts: BTreeSet<[usize; 2]> = functions.iter().map(|f| f.parts[0].0).collect();
@@ -69,13 +70,13 @@ impl<'a> Folds<'a> {
         }
     }
 
-    /// The position of an irrep in its group's list.
+    /// Returns the position of an irrep in its group's list.
     fn position(&self, irrep: Irrep) -> usize {
         let irreps = self.in_type.group().irreps();
         irreps.iter().position(|&a| a == irrep).unwrap_or(0)
     }
 
-    /// The entry of a folded patch with the first channel of a function on the taps.
+    /// Returns the entry of a folded patch that holds the first channel of a function on the taps.
     fn entry(&self, tap: [usize; 2], parity: Irrep) -> usize {
         let Some(orbit) = self.orbits.iter().find(|orbit| orbit.tap == tap) else {
             unreachable!("every function starts with the first tap of an orbit")
@@ -85,8 +86,8 @@ impl<'a> Folds<'a> {
         orbit.first + skipped * self.fields
     }
 
-    /// For every parameter of the layer, its place among `[entry, output field, irrep]`; the bias
-    /// is one entry more.
+    /// Returns the position of every parameter of the layer among `[entry, output field, irrep]`;
+    /// the bias has an entry of its own at the end.
     pub fn places(&self) -> Vec<usize> {
         let Dense { taps, blocks, .. } = self.dense;
         let (out_type, in_type) = (self.dense.out_shape.fields, self.in_type);
@@ -112,19 +113,19 @@ impl<'a> Folds<'a> {
         places
     }
 
-    /// `Orbit` of `window.wgsl`, with the factor that makes the fold of all elements orthonormal.
+    /// Returns the `Orbit`s of `window.wgsl`, with the factor that makes the fold orthonormal.
     pub fn orbit_table(&self) -> Vec<u32> {
         let rows = self.orbits.iter().map(|orbit| {
             let scale = (orbit.len as f64).sqrt() / self.order as f64;
             let [row, col] = orbit.tap.map(|at| at as u32);
             let first = orbit.first as u32;
-            // the last number fills up what the alignment of the first two asks for
+            // padding: a struct with a `vec2` is aligned to 8 bytes
             [row, col, first, orbit.parities, (scale as f32).to_bits(), 0]
         });
         rows.flatten().collect()
     }
 
-    /// `Tap` of `window.wgsl`, row-major.
+    /// Returns the `Tap`s of `window.wgsl`, row-major.
     pub fn tap_table(&self) -> Vec<u32> {
         let size = self.dense.window.size;
         let elements = self.in_type.group().elements();

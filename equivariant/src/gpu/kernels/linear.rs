@@ -1,4 +1,4 @@
-//! Convolutions and linear layers: folds, products, and their gradients.
+//! Kernels of convolutions and linear layers: folds, products and their gradients.
 
 use crate::gpu::channels::Channels;
 use crate::gpu::kernels::folds::Folds;
@@ -11,15 +11,15 @@ use crate::gpu::step::{Rows, Slot, Step};
 use crate::steerable::dense::Dense;
 use crate::window::Kernel;
 
-/// Partial gradients in the parameters at most, each of a part of the output pixels.
-const MOST_SLICES: usize = 256;
-/// Groups of threads of a gradient in the parameters, about: several for each processor of a large
+/// Maximum number of partial gradients of the parameters, each over a part of the output pixels.
+const MAX_SLICES: usize = 256;
+/// Target for the number of workgroups of a weight gradient: several for each processor of a large
 /// GPU.
-const GROUPS: usize = 1024;
-/// The window of a map that needs no fold.
+const TARGET_GROUPS: usize = 1024;
+/// Window of a map that needs no fold.
 const PIXEL: Kernel = Kernel::new(1, 1, 0);
 
-/// A linear map as kernels see it.
+/// Linear map with its buffers.
 struct Linear<'a> {
     folds: Folds<'a>,
     window: Kernel,
@@ -28,17 +28,17 @@ struct Linear<'a> {
     order: usize,
     input: Channels,
     output: Channels,
-    /// Where the parameters start, in fields.
+    /// Index of the first parameter, in fields.
     base: usize,
-    /// The folded patches; none where a patch is a pixel.
+    /// Folded patches; `None` if a patch is a single pixel.
     folded: Option<Slot>,
-    /// Which numbers of each output field a ReLU lets pass, where one follows.
+    /// Bit masks of the numbers of each output field that the ReLU passes; `None` without a ReLU.
     masks: Option<Slot>,
 }
 
-/// Adds a linear map, with a ReLU after it if it is `rectified`.
-pub(super) fn add(plan: &mut Plan, dense: &Dense, (x, y): (&Tensor, &Tensor), rectified: bool) {
-    let linear = Linear::new(plan, dense, (x, y), rectified);
+/// Adds the kernels of a linear map, with a ReLU after it if `rectified`.
+pub(super) fn add(plan: &mut Plan, dense: &Dense, x: &Tensor, y: &Tensor, rectified: bool) {
+    let linear = Linear::new(plan, dense, x, y, rectified);
     let fold = linear.folded.map(|folded| linear.fold(plan, folded));
     let forward = fold.into_iter().chain([linear.forward(plan)]).collect();
     let mut backward = Vec::new();
@@ -55,13 +55,15 @@ impl<'a> Linear<'a> {
     fn new(
         plan: &mut Plan,
         dense: &'a Dense<'a>,
-        (x, y): (&Tensor, &Tensor),
+        x: &Tensor,
+        y: &Tensor,
         rectified: bool,
     ) -> Linear<'a> {
         let direct = dense.window == PIXEL;
         let folds = Folds::new(dense, direct);
         let [input, output] = [x, y].map(|map| Channels::of(map.shape.fields));
         let (order, pixels) = (input.order(), y.shape.pixels());
+        // the bias is one more entry
         let params = (folds.entries + 1) * output.fields() * order;
         Linear {
             base: plan.reserve(params, folds.places()) / order,
@@ -81,14 +83,14 @@ impl<'a> Linear<'a> {
         self.y.shape.pixels()
     }
 
-    /// A kernel on windows, with a thread for each of so many places and each input field.
+    /// Returns a kernel on windows with a thread for each of `places` places and each input field.
     fn windowed(&self, label: &'static str, places: usize) -> Step {
         let step = each_field(label, &self.input, places);
         let step = step.constants([("ENTRIES", self.folds.entries)]);
         windows(step, self.window, [self.x.shape, self.y.shape])
     }
 
-    /// Folds the patches.
+    /// Returns the kernel that folds the patches.
     fn fold(&self, plan: &mut Plan, folded: Slot) -> Step {
         let orbits = self.folds.orbits();
         let step = self
@@ -113,7 +115,7 @@ impl<'a> Linear<'a> {
         Product { order: self.order, rows, cols, depth, slices: 1, rows_are_neighbours: false }
     }
 
-    /// Adds the folded patches, or the pixels that they are, as `input_at(row, entry)`.
+    /// Adds the folded patches, or the pixels if they need no fold, as `input_at(row, entry)`.
     fn patches(&self, step: Step) -> Step {
         let function =
             |body| format!("fn input_at(row: u32, entry: u32) -> Field {{ return {body}; }}");
@@ -155,7 +157,7 @@ impl<'a> Linear<'a> {
         }
     }
 
-    /// Adds the gradient in the output, before its ReLU, as `d_output(row, field)`.
+    /// Adds the output gradient, back through the ReLU, as `d_output(row, field)`.
     fn output_gradient(&self, step: Step, dy: Slot) -> Step {
         let step = self.output.read(step, "dy", dy);
         match self.masks {
@@ -177,13 +179,15 @@ impl<'a> Linear<'a> {
         let mut product =
             self.product(Rows::Fixed(self.folds.entries + 1), cols, Rows::Each(self.out_pixels()));
         product.rows_are_neighbours = true;
-        let slices = GROUPS.div_ceil(product.tiles()).min(MOST_SLICES);
+        let slices = TARGET_GROUPS.div_ceil(product.tiles()).min(MAX_SLICES);
         let slices = slices.min(self.out_pixels());
+        // The product over pixels is cut into slices, because it has few rows and columns, which
+        // alone would occupy a fraction of a GPU.
         product.slices = slices;
         let len = (self.folds.entries + 1) * cols * self.order;
         let step = self.patches(product.step("weight gradient"));
         let step = self.output_gradient(step, dy).text(
-            // the bias has an input of one
+            // the bias is a weight whose input is 1
             "fn left_at(r: u32, d: u32) -> Field {
                  if r == ENTRIES { return first(1.0); }
                  return input_at(d, r);
@@ -203,7 +207,7 @@ impl<'a> Linear<'a> {
         let step = step.write("partial", "Field", partial);
         let step = step.text(&put("partial")).constants(sizes(0));
         let at = self.base * self.order;
-        vec![step, sum(plan, partial, Rows::Fixed(slices), (at, len))]
+        vec![step, sum(plan, partial, Rows::Fixed(slices), at..at + len)]
     }
 
     fn input_gradient(&self, plan: &mut Plan, dy: Slot, dx: Slot) -> Vec<Step> {
@@ -225,7 +229,7 @@ impl<'a> Linear<'a> {
         vec![step.text(&put("d_folded[r * COLS + c] = v")), self.unfold(plan, folded, dx)]
     }
 
-    /// Takes the gradient in the folded patches back to the input.
+    /// Returns the kernel that adds the gradient of the folded patches to the input's.
     fn unfold(&self, plan: &mut Plan, folded: Slot, dx: Slot) -> Step {
         let step = self.windowed("unfold", self.x.shape.pixels());
         let step = sum_over_taps(step, "window_at")
@@ -239,7 +243,7 @@ impl<'a> Linear<'a> {
     }
 }
 
-/// The function that reads what a window sees at a tap: zero in the padding.
+/// Returns the WGSL function that reads the input at a tap of a window; zero in the padding.
 fn seen(element: &str, value: &str) -> String {
     format!(
         "fn seen(row: u32, tap: vec2<u32>, field: u32) -> {element} {{

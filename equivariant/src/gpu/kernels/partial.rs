@@ -1,13 +1,15 @@
 //! Sums of partial gradients.
 
+use std::ops::Range;
+
 use crate::gpu::kernels::product::expression;
 use crate::gpu::plan::Plan;
 use crate::gpu::step::{Rows, Slot, Step, Work};
 
-/// Adds up partial gradients in the `len` parameters from number `start` on.
-pub(super) fn sum(plan: &Plan, partial: Slot, parts: Rows, (start, len): (usize, usize)) -> Step {
-    Step::new("sum", 1, Work::fixed_threads(len))
-        .constants([("BASE", start), ("LEN", len)])
+/// Returns the kernel that adds up partial gradients of the parameters `params`.
+pub(super) fn sum(plan: &Plan, partial: Slot, parts: Rows, params: Range<usize>) -> Step {
+    Step::new("sum", 1, Work::fixed_threads(params.len()))
+        .constants([("BASE", params.start), ("LEN", params.len())])
         .text(&expression("parts", parts))
         .read("partial", "f32", partial)
         .write("gradient", "f32", plan.gradient())

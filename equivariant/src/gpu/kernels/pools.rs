@@ -1,12 +1,13 @@
-//! Pooling over windows.
+//! Kernels of pooling over windows.
 
 use crate::gpu::channels::Channels;
-use crate::gpu::kernels::pointwise::{each_field, gradients, passes, permuted_channels};
+use crate::gpu::kernels::pointwise::{Map, each_field, gradients, passes, permuted_channels};
 use crate::gpu::kernels::window::{sum_over_taps, windows};
 use crate::gpu::plan::{Plan, Tensor};
 use crate::gpu::step::Slot;
 use crate::window::Kernel;
 
+/// Adds the kernels of a max-pooling.
 pub(super) fn max_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let step = |label, pixels| {
@@ -17,10 +18,10 @@ pub(super) fn max_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tensor) 
     let backward = step("max-pool backward", x.shape.pixels());
     let backward = sum_over_taps(backward, "window_at");
     let backward = backward.text(include_str!("../wgsl/max_pool_backward.wgsl"));
-    passes(plan, [(x, &channels), (y, &channels)], [forward, backward]);
+    passes(plan, Map::new(x, &channels), Map::new(y, &channels), [forward, backward]);
 }
 
-/// Channel by channel, whatever the type.
+/// Adds the kernels of an average-pooling, which treats channels of any type separately.
 pub(super) fn average_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tensor) {
     let channels = Channels::single(x.shape.fields.dim());
     let weight = (kernel.size as f64).powi(2).recip();
@@ -32,6 +33,7 @@ pub(super) fn average_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tens
     };
     let [forward, backward] =
         [("average-pool", "pixel_at"), ("average-pool backward", "window_at")];
+    // the gradient is an average as well: over the windows that contain a pixel
     let back = |[dx, dy]: [Slot; 2]| step(backward, x.shape.pixels(), [dy, dx]);
     plan.push(
         vec![step(forward, y.shape.pixels(), [x.values, y.values])],

@@ -2,26 +2,27 @@
 
 use crate::gpu::step::{Rows, Step, THREADS, Work};
 
-/// Numbers of a sum that a group of threads loads at once.
+/// Number of terms of a sum that a workgroup loads at once.
 const TILE_DEPTH: usize = 8;
 /// Columns of a thread.
 const COLS_EACH: usize = 2;
 
-/// A product; `product.wgsl` says what of.
+/// Product of two matrices, whose operands `product.wgsl` reads through functions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Product {
     pub order: usize,
     pub rows: Rows,
     pub cols: usize,
     pub depth: Rows,
-    /// Parts of the sum that are made apart from one another.
+    /// Number of parts of the sum, computed by separate workgroups.
     pub slices: usize,
-    /// Whether the rows of the left factor, not its columns, are neighbours in memory.
+    /// `true` if neighbouring rows of the left factor are adjacent in memory, `false` if its
+    /// columns are.
     pub rows_are_neighbours: bool,
 }
 
 impl Product {
-    /// The kernel, without its buffers and the functions that read and write them.
+    /// Returns the kernel without its buffers and the functions that access them.
     pub fn step(self, label: &'static str) -> Step {
         let tile = self.tile();
         let work = Work::tiles(self.rows, tile.rows(), tile.col_tiles * self.slices);
@@ -41,16 +42,17 @@ impl Product {
             .text(&tile.text())
     }
 
-    /// Groups of threads for each slice, of a product whose number of rows is fixed.
+    /// Returns the number of workgroups of each slice, for a fixed number of rows.
     pub fn tiles(self) -> usize {
         let tile = self.tile();
         Work::tiles(self.rows, tile.rows(), tile.col_tiles).count(0)
     }
 
     fn tile(self) -> Tile {
+        // a power of two, so that it divides the number of threads
         let col_threads = self.cols.div_ceil(COLS_EACH).next_power_of_two().min(8);
         let row_threads = THREADS / col_threads;
-        // smaller tiles where there are few rows, or most of a GPU would wait
+        // with few rows, large tiles would leave most of a GPU idle
         let most = match self.rows {
             Rows::Each(0..=16) => 1,
             Rows::Each(17..=64) => 2,
@@ -60,14 +62,14 @@ impl Product {
         Tile {
             row_threads,
             col_threads,
-            // a tile has at most 64 rows, which bounds the shared memory
+            // at most 64 rows, which bounds the shared memory
             rows_each: col_threads.min(most),
             col_tiles: self.cols.div_ceil(col_threads * COLS_EACH),
         }
     }
 }
 
-/// The part of a product that a group of threads makes.
+/// Part of a product that a workgroup computes.
 #[derive(Clone, Copy)]
 struct Tile {
     row_threads: usize,
@@ -81,8 +83,8 @@ impl Tile {
         self.row_threads * self.rows_each
     }
 
-    /// The kernel with the loops over a thread's values written out: arrays with computed indices
-    /// would be in memory, which made products up to 37 times slower on an H200.
+    /// Returns the kernel with the loops over a thread's values unrolled. Arrays with computed
+    /// indices would be in memory, which made products up to 37 times slower on an H200.
     fn text(self) -> String {
         let results = || (0..self.rows_each).flat_map(|i| (0..COLS_EACH).map(move |j| (i, j)));
         let lefts = 0..(TILE_DEPTH * self.rows()).div_ceil(THREADS);
@@ -142,7 +144,7 @@ impl Tile {
     }
 }
 
-/// A function that gives a number of rows.
+/// Returns a WGSL function that returns a number of rows.
 pub(super) fn expression(name: &str, rows: Rows) -> String {
     format!("fn {name}() -> u32 {{ return {}; }}", rows.expression())
 }

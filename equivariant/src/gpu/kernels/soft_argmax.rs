@@ -1,4 +1,4 @@
-//! Expected positions of the maxima of fields.
+//! Kernels of the spatial soft-argmax.
 
 use symmetry::Irrep;
 
@@ -7,6 +7,7 @@ use crate::gpu::kernels::pointwise::{each_field, gradients, permuted_channels};
 use crate::gpu::plan::{Plan, Tensor};
 use crate::gpu::step::{Combine, Step, Work};
 
+/// Adds the kernels of a soft-argmax from `x` to `y`.
 pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let keypoints = keypoints(&channels, x, y);
@@ -43,7 +44,7 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
     plan.push(vec![forward], backward.into_iter().collect());
 }
 
-/// Where the fields of x and of y lie in the output.
+/// Returns the layouts of the fields of x and of y in the output.
 fn keypoints(channels: &Channels, x: &Tensor, y: &Tensor) -> [Channels; 2] {
     let (n, order, to) = (channels.fields(), channels.order(), y.shape.fields);
     let group = x.shape.fields.group();
@@ -52,12 +53,12 @@ fn keypoints(channels: &Channels, x: &Tensor, y: &Tensor) -> [Channels; 2] {
         let starts = |skipped| (0..order).map(|a| 2 * n * a + skipped).collect();
         return [at(starts(0)), at(starts(n))];
     }
-    // x and y are one irrep to C1 and C2, and x comes first there
+    // under C1 and C2, x and y are the same irrep, and x comes first
     let range = |irrep| to.range(group.restrict(irrep));
     [at(vec![range(Irrep::X).start]), at(vec![range(Irrep::Y).end - n])]
 }
 
-/// The signs by which the elements of the group flip x and y.
+/// Adds the signs by which the group's elements flip x and y.
 fn signs(step: Step, channels: &Channels, x: &Tensor) -> Step {
     let elements = x.shape.fields.group().elements();
     let named = [("SIGNS_X", Irrep::X), ("SIGNS_Y", Irrep::Y)];

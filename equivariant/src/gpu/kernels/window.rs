@@ -1,4 +1,4 @@
-//! Where windows lie, for kernels.
+//! Windows in kernels.
 
 use symmetry::Group;
 
@@ -6,7 +6,7 @@ use crate::gpu::step::Step;
 use crate::shape::Shape;
 use crate::window::Kernel;
 
-/// Adds what `window.wgsl` needs, and that.
+/// Adds `window.wgsl` with its constants.
 pub(super) fn windows(step: Step, kernel: Kernel, [from, to]: [Shape; 2]) -> Step {
     let step = step.constants([
         ("SIZE", kernel.size),
@@ -21,16 +21,16 @@ pub(super) fn windows(step: Step, kernel: Kernel, [from, to]: [Shape; 2]) -> Ste
     step.text(include_str!("../wgsl/window.wgsl"))
 }
 
-/// Adds a kernel that runs for each field, with the sum over taps of what is found there. `at_tap`
-/// is `pixel_at`, for the pixels that a window sees, or `window_at`, for the windows that see one.
+/// Adds a kernel that runs for each field and sums over taps. `at_tap` is `pixel_at`, for the
+/// pixels in a window, or `window_at`, for the windows that contain a pixel.
 pub(super) fn sum_over_taps(step: Step, at_tap: &str) -> Step {
     let head = "fn at_tap(place: u32, tap: vec2<u32>) -> i32";
     step.text(&format!("{head} {{ return {at_tap}(place, tap); }}"))
         .text(include_str!("../wgsl/each_tap.wgsl"))
 }
 
-/// What the position of an element in its group's list is multiplied with to give its bits: bit 0
-/// flips x and bit 1 flips y.
+/// Returns the factor from an element's position in its group's list to its bits: bit 0 flips x and
+/// bit 1 flips y.
 fn flips(group: Group) -> usize {
     group.elements().get(1).map_or(0, |second| second.bits())
 }

@@ -1,4 +1,4 @@
-//! AVX-512 and AVX2 through the safe intrinsics of `pulp`.
+//! AVX-512 and AVX2 lanes through the safe intrinsics of `pulp`.
 
 use std::arch::x86_64::{__m256, __m512, _CMP_GT_OQ, _CMP_UNORD_Q};
 
@@ -7,7 +7,7 @@ use pulp::{NullaryFnOnce, cast};
 
 use crate::simd::lanes::{Block, LANES, Lanes, WithLanes};
 
-/// Work with AVX-512 or with AVX2 and FMA.
+/// Computation on AVX-512, or on AVX2 and FMA.
 pub(super) struct On<S, W> {
     pub simd: S,
     pub work: W,
@@ -88,6 +88,7 @@ impl Lanes<f32> for V4 {
     fn swap(self, v: __m512, bits: usize) -> __m512 {
         match bits {
             0 => v,
+            // two bits of the constant select the source of each lane of a group of four
             1 => self.avx512f._mm512_permute_ps::<0b10_11_00_01>(v),
             2 => self.avx512f._mm512_permute_ps::<0b01_00_11_10>(v),
             _ => self.avx512f._mm512_permute_ps::<0b00_01_10_11>(v),
@@ -97,7 +98,7 @@ impl Lanes<f32> for V4 {
     #[inline(always)]
     fn pair(self, e: __m512, o: __m512, i: usize) -> __m512 {
         let first = self.avx512f._mm512_set1_epi32(4 * i as i32);
-        // an index of 16 and more is a lane of the second register
+        // indices from 16 on select lanes of the second register
         let index = [0, 0, 16, 16, 1, 1, 17, 17, 2, 2, 18, 18, 3, 3, 19, 19];
         let index = self.avx512f._mm512_add_epi32(cast::<[i32; 16], _>(index), first);
         self.avx512f._mm512_permutex2var_ps(e, index, o)
@@ -116,6 +117,7 @@ impl Lanes<f32> for V4 {
 
     #[inline(always)]
     fn larger(self, best: __m512, v: __m512) -> (__m512, u16) {
+        // comparisons with NaN are false, so the second mask adds the lanes where v is NaN
         let more = self.avx512f._mm512_cmp_ps_mask::<_CMP_GT_OQ>(v, best);
         let bits = more | self.avx512f._mm512_cmp_ps_mask::<_CMP_UNORD_Q>(v, v);
         (self.avx512f._mm512_mask_mov_ps(best, bits, v), bits)
@@ -207,7 +209,7 @@ impl Lanes<f32> for V3 {
 
     #[inline(always)]
     fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V {
-        // groups k and k + 4 of eight lanes
+        // groups k and k + 4 of eight lanes come from the two halves of a register
         let (e, o) = (e[i / 2], o[i / 2]);
         let first = self.avx._mm256_shuffle_ps::<0b00_00_00_00>(e, o);
         let second = self.avx._mm256_shuffle_ps::<0b01_01_01_01>(e, o);
@@ -229,7 +231,7 @@ impl Lanes<f32> for V3 {
     #[inline(always)]
     fn rectify(self, v: Self::V) -> (Self::V, u16) {
         let zero = self.avx._mm256_set1_ps(0.0);
-        // "not at most", unordered: true for not a number
+        // predicate "not less or equal, unordered", which is true for NaN
         let low = self.avx._mm256_cmp_ps::<0x16>(v[0], zero);
         let high = self.avx._mm256_cmp_ps::<0x16>(v[1], zero);
         let bits = self.avx._mm256_movemask_ps(low) | self.avx._mm256_movemask_ps(high) << 8;
@@ -240,6 +242,7 @@ impl Lanes<f32> for V3 {
     #[inline(always)]
     fn keep(self, v: Self::V, bits: u16) -> Self::V {
         let bits = self.avx._mm256_set1_epi32(i32::from(bits));
+        // AVX2 has no mask registers: lane i compares bit i with itself
         let low = cast([1, 2, 4, 8, 16, 32, 64, 128]);
         let high = self.avx2._mm256_slli_epi32::<8>(low);
         let low = self.avx2._mm256_cmpeq_epi32(self.avx2._mm256_and_si256(bits, low), low);

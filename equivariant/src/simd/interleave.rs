@@ -1,40 +1,40 @@
-//! Between irrep-major channels and groups of lanes.
+//! Conversion between irrep-major channels and groups of lanes.
 
 use symmetry::FieldType;
 
 use crate::real::Real;
 
-/// Which channels of a pixel go to which lane of the groups.
+/// Map between the channels of a pixel and the lanes of its groups.
 #[derive(Clone, Debug)]
-pub(crate) struct Join {
-    /// The number of regular fields, if there is nothing else.
+pub(crate) struct Interleaver {
+    /// Number of regular fields, if the type has no other channels.
     regular: Option<usize>,
-    /// The first channel of each irrep and their number.
+    /// First channel and number of channels of each irrep.
     parts: [(usize, usize); 4],
 }
 
-impl Join {
-    pub fn new(fields: FieldType) -> Join {
+impl Interleaver {
+    pub fn new(fields: FieldType) -> Interleaver {
         let mut parts = [(0, 0); 4];
         for (part, &irrep) in parts.iter_mut().zip(fields.group().irreps()) {
             let range = fields.range(irrep);
             *part = (range.start, range.len());
         }
-        Join { regular: fields.regular_fields(), parts }
+        Interleaver { regular: fields.regular_fields(), parts }
     }
 
-    /// Writes the channels of a pixel, scaled, into the groups; lanes without a channel stay as
-    /// they are.
+    /// Writes the scaled channels of a pixel into the groups; lanes without a channel stay
+    /// unchanged.
     ///
-    /// Never inlined: a kernel would test at every pixel whether the slices overlap, even where it
-    /// joins nothing.
+    /// Never inlined: otherwise kernels test at every pixel whether the slices overlap, even if
+    /// they do not interleave anything.
     #[inline(never)]
-    pub fn run<T: Real, const G: usize>(&self, scale: T, channels: &[T], groups: &mut [T]) {
+    pub fn interleave<T: Real, const G: usize>(&self, scale: T, channels: &[T], groups: &mut [T]) {
         let groups = groups.as_chunks_mut::<G>().0;
         match self.regular {
             // constant widths let the compiler interleave whole registers
-            Some(n) if n % 16 == 0 => join_regular::<T, G, 16>(n, scale, channels, groups),
-            Some(n) if n % 4 == 0 => join_regular::<T, G, 4>(n, scale, channels, groups),
+            Some(n) if n % 16 == 0 => interleave_regular::<T, G, 16>(n, scale, channels, groups),
+            Some(n) if n % 4 == 0 => interleave_regular::<T, G, 4>(n, scale, channels, groups),
             _ => {
                 for (lane, &(start, len)) in self.parts[..G].iter().enumerate() {
                     for (group, &x) in groups.iter_mut().zip(&channels[start..start + len]) {
@@ -45,14 +45,19 @@ impl Join {
         }
     }
 
-    /// Writes the lanes of the groups, scaled, into the channels of a pixel; never inlined for the
-    /// same reason.
+    /// Writes the scaled lanes of the groups into the channels of a pixel. Never inlined, like
+    /// [`interleave`](Interleaver::interleave).
     #[inline(never)]
-    pub fn undo<T: Real, const G: usize>(&self, scale: T, groups: &[T], channels: &mut [T]) {
+    pub fn deinterleave<T: Real, const G: usize>(
+        &self,
+        scale: T,
+        groups: &[T],
+        channels: &mut [T],
+    ) {
         let groups = groups.as_chunks::<G>().0;
         match self.regular {
-            Some(n) if n % 16 == 0 => part_regular::<T, G, 16>(n, scale, groups, channels),
-            Some(n) if n % 4 == 0 => part_regular::<T, G, 4>(n, scale, groups, channels),
+            Some(n) if n % 16 == 0 => deinterleave_regular::<T, G, 16>(n, scale, groups, channels),
+            Some(n) if n % 4 == 0 => deinterleave_regular::<T, G, 4>(n, scale, groups, channels),
             _ => {
                 for (lane, &(start, len)) in self.parts[..G].iter().enumerate() {
                     for (group, x) in groups.iter().zip(&mut channels[start..start + len]) {
@@ -64,8 +69,9 @@ impl Join {
     }
 }
 
+/// Interleaves n regular fields, N at a time.
 #[inline(always)]
-fn join_regular<T: Real, const G: usize, const N: usize>(
+fn interleave_regular<T: Real, const G: usize, const N: usize>(
     n: usize,
     scale: T,
     channels: &[T],
@@ -81,8 +87,9 @@ fn join_regular<T: Real, const G: usize, const N: usize>(
     }
 }
 
+/// Deinterleaves n regular fields, N at a time.
 #[inline(always)]
-fn part_regular<T: Real, const G: usize, const N: usize>(
+fn deinterleave_regular<T: Real, const G: usize, const N: usize>(
     n: usize,
     scale: T,
     groups: &[[T; G]],
@@ -98,7 +105,7 @@ fn part_regular<T: Real, const G: usize, const N: usize>(
     }
 }
 
-/// The first N values.
+/// Returns the first N values.
 #[inline(always)]
 pub(crate) fn head<V, const N: usize>(values: &[V]) -> &[V; N] {
     match values.first_chunk() {
@@ -107,7 +114,7 @@ pub(crate) fn head<V, const N: usize>(values: &[V]) -> &[V; N] {
     }
 }
 
-/// The first N values, to be written.
+/// Returns the first N values mutably.
 #[inline(always)]
 pub(crate) fn head_mut<V, const N: usize>(values: &mut [V]) -> &mut [V; N] {
     match values.first_chunk_mut() {
