@@ -140,6 +140,7 @@ impl Canvas {
 
     fn paste(&mut self, cell: &Cell, time: usize, [left, top]: [usize; 2]) {
         let enlarge = cell.enlarge();
+        // a film that has ended keeps its last picture
         let Some(picture) = cell.frames.get(time).or(cell.frames.last()) else {
             return;
         };

@@ -106,6 +106,7 @@ impl Set {
     fn cut(self) -> [Self; 2] {
         let (axis, mean) = (self.axis(), self.mean);
         let low = |(rgb, _): &(Rgb, u32)| f64::from(rgb[axis]) <= mean[axis];
+        // sets that are cut have two colours or more, so neither half is empty
         let (low, high) = self.pixels.into_iter().partition(low);
         [Self::of(low), Self::of(high)]
     }

@@ -128,6 +128,7 @@ impl EpisodeRecorder {
         self.renderer.compose(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
         scale(&mut out.vectors);
+        // for viewers only: the policy's observation is complete, and it gets the goal as numbers
         mark_goal(&self.table, &mut picture);
         self.seen.push(picture);
         Ok(())
