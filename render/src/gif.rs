@@ -56,8 +56,8 @@ fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
     }
 }
 
-/// Delay between pictures (hundredths of a second), which makes 12.5 pictures per second. A decision
-/// lasts 0.125 s, so a film runs at about one and a half times the simulated speed.
+/// Delay between pictures (hundredths of a second), which makes 12.5 pictures per second. A
+/// decision lasts 0.125 s, so a film runs at about one and a half times the simulated speed.
 pub(super) const DELAY: u16 = 8;
 /// Delays for which the last picture stays before a film repeats.
 pub(super) const HOLD: u16 = 12;

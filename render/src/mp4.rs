@@ -24,8 +24,8 @@ impl Ffmpeg {
         found.map(Self).ok_or_else(|| RenderError::NoFfmpeg { path: film.to_owned() })
     }
 
-    /// Encodes a film as an mp4 (H.264) and returns the file's bytes. `ffmpeg` writes to a temporary
-    /// file beside `path`, since the mp4 format needs an output that can seek.
+    /// Encodes a film as an mp4 (H.264) and returns the file's bytes. `ffmpeg` writes to a
+    /// temporary file beside `path`, since the mp4 format needs an output that can seek.
     ///
     /// # Errors
     /// [`RunError::Write`] with the last line of `ffmpeg`'s standard error.

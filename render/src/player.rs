@@ -81,8 +81,8 @@ impl PolicyPlayer {
         Ok(FilmedEpisode { variant, policy, success, cells: recorder.cells(views, decisions) })
     }
 
-    /// Lets the learner choose a policy for `variant` and plays one episode of it in `env`, a vector
-    /// of one environment. Returns the policy's index, and `true` if the episode succeeded.
+    /// Lets the learner choose a policy for `variant` and plays one episode of it in `env`, a
+    /// vector of one environment. Returns the policy's index, and `true` if the episode succeeded.
     ///
     /// # Errors
     /// Errors of the environments and the learner.
@@ -103,8 +103,8 @@ impl PolicyPlayer {
         rgb(number.unwrap_or(schedule.groups.len()))
     }
 
-    /// Returns the rows of a grid: the variants of a group side by side, one row for each view, and a
-    /// second one with pictures mirrored back if the settings ask for it.
+    /// Returns the rows of a grid: the variants of a group side by side, one row for each view, and
+    /// a second one with pictures mirrored back if the settings ask for it.
     pub(super) fn rows(&self, settings: &FilmSettings<'_>, episodes: &[FilmedEpisode]) -> Vec<Row> {
         let row = |group: TaskGroup, view: usize, mirrored_back: bool| {
             let of_group = episodes.iter().filter(|episode| episode.variant.group == group);
@@ -129,9 +129,9 @@ impl PolicyPlayer {
     }
 }
 
-/// Films one episode of each variant of every group of a run, with the policies of the newest intact
-/// checkpoint. Returns each group's name with a GIF file of its four variants as the policies see
-/// them.
+/// Films one episode of each variant of every group of a run, with the policies of the newest
+/// intact checkpoint. Returns each group's name with a GIF file of its four variants as the
+/// policies see them.
 ///
 /// # Errors
 /// A folder without policies; errors of the environments and the learner.

@@ -1,4 +1,5 @@
-//! Environment that films an episode: the policy's observations and a camera's view of the same table.
+//! Environment that films an episode: the policy's observations and a camera's view of the same
+//! table.
 
 use std::sync::Arc;
 

@@ -36,8 +36,8 @@ pub struct WatchOptions {
 
 impl WatchOptions {
     /// Shows the run on the terminal until the user quits. If standard output is not a terminal,
-    /// prints a line for each rollout and evaluation until the run is finished. Returns the exit code
-    /// of the process: 0, or 128 plus the number of the signal that ended it.
+    /// prints a line for each rollout and evaluation until the run is finished. Returns the exit
+    /// code of the process: 0, or 128 plus the number of the signal that ended it.
     ///
     /// # Errors
     /// [`RunError::NoRun`], [`WatchError::NoTables`], files that cannot be read, an `out` that

@@ -76,8 +76,8 @@ fn rollout(row: &RolloutRow) -> RolloutLine<'_> {
     }
 }
 
-/// Returns the mean success of each group's variants. If other policies than the groups' own played,
-/// the success of their own policies follows.
+/// Returns the mean success of each group's variants. If other policies than the groups' own
+/// played, the success of their own policies follows.
 fn successes(scores: &[&ScoreRow]) -> String {
     let of = |figure: fn(&ScoreRow) -> Option<f64>| {
         let groups: Vec<&str> = scores.iter().map(|row| row.group.as_str()).unique().collect();
@@ -116,7 +116,8 @@ impl EventFeed {
         all.sort_by_key(|(moment, _)| *moment);
         let newest = all.last().map(|(moment, _)| *moment);
         let returned = self.last.replace(newest.unwrap_or_default());
-        // after a resume from an earlier checkpoint, the run may have fewer events than were returned
+        // after a resume from an earlier checkpoint, the run may have fewer events than were
+        // returned
         let returned = returned.min(newest);
         if newest.is_none() {
             self.last = None;

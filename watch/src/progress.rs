@@ -13,8 +13,8 @@ const RECENT: usize = 20;
 pub(super) struct Progress {
     /// Number of decisions of the whole stream.
     pub stream: usize,
-    /// Number of completed decisions, at most `stream`. If the stream's clock counts turns, rollouts
-    /// that a learner discarded do not count.
+    /// Number of completed decisions, at most `stream`. If the stream's clock counts turns,
+    /// rollouts that a learner discarded do not count.
     pub done: usize,
     /// Decisions per second in the latest rollouts; `None` if their times are not known.
     pub decisions_per_second: Option<f64>,

@@ -60,8 +60,8 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     }
 }
 
-/// Returns a bar that is full at twice the threshold, or a dash if the ratio is not a number of 0 or
-/// more.
+/// Returns a bar that is full at twice the threshold, or a dash if the ratio is not a number of 0
+/// or more.
 fn bar(ratio: Option<f64>) -> String {
     let Some(ratio) = ratio.filter(|ratio| ratio.is_finite() && *ratio >= 0.0) else {
         return "-".to_owned();

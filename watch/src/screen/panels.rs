@@ -113,9 +113,9 @@ fn draw_strip(
     }
 }
 
-/// Draws the ratio of each distance to its threshold over the whole stream, as dots in the policies'
-/// colours. With a permutation test's threshold, a dot above the line at 1 is a rollout that is
-/// unlikely to be of the policy's group.
+/// Draws the ratio of each distance to its threshold over the whole stream, as dots in the
+/// policies' colours. With a permutation test's threshold, a dot above the line at 1 is a rollout
+/// that is unlikely to be of the policy's group.
 pub fn draw_ratios(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
     let end = newest.max(Progress::after(run, 0).stream as f64);

@@ -107,8 +107,9 @@ struct Viewer {
 }
 
 impl Viewer {
-    /// Draws until the run is over. The first request to quit stops the run, the second one ends the
-    /// process. Tables that cannot be read do not stop the run: the screen keeps the older ones.
+    /// Draws until the run is over. The first request to quit stops the run, the second one ends
+    /// the process. Tables that cannot be read do not stop the run: the screen keeps the older
+    /// ones.
     fn view(mut self, over: &AtomicBool) -> Result<(), RunError> {
         // without a screen nobody could stop the run, so it stops when this function ends
         let _stop = StopOnDrop(self.stop.clone());
@@ -238,8 +239,8 @@ impl QuitListener {
     }
 }
 
-/// Returns `true` if a request to quit with this code counts, `since` being the time since the first
-/// one. Code 0 is that of `q`.
+/// Returns `true` if a request to quit with this code counts, `since` being the time since the
+/// first one. Code 0 is that of `q`.
 fn counts(code: u8, since: Option<Duration>) -> bool {
     code != 0 || since.is_none_or(|since| since >= HELD)
 }

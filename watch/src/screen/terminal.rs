@@ -22,8 +22,8 @@ type PanicMessages = Arc<Mutex<Option<Vec<String>>>>;
 /// Terminal in full-screen mode. Dropping it restores the former contents, then prints the messages
 /// of panics that happened meanwhile, so that a caught panic does not garble the screen.
 pub struct Screen {
-    /// Backend that is never dropped: its destructor prints to a terminal that may be gone, and would
-    /// panic.
+    /// Backend that is never dropped: its destructor prints to a terminal that may be gone, and
+    /// would panic.
     terminal: ManuallyDrop<Terminal<CrosstermBackend<Stdout>>>,
     messages: PanicMessages,
 }
@@ -38,7 +38,8 @@ impl Screen {
         enable_raw_mode().map_err(broken)?;
         let messages = Arc::new(Mutex::new(Some(Vec::new())));
         keep(Arc::clone(&messages));
-        // before the next call, which may fail: from here on, dropping the value restores the terminal
+        // before the next call, which may fail: from here on, dropping the value restores the
+        // terminal
         let screen = Self { terminal: ManuallyDrop::new(terminal), messages };
         execute!(stdout(), EnterAlternateScreen).map_err(broken)?;
         Ok(screen)
