@@ -144,7 +144,7 @@ impl SimulatedRig {
     /// `camera`.
     fn compile(&self, group: TaskGroup, camera: SimulatedCamera) -> Result<Workspace, DeployError> {
         let inside = camera.ideal().intrinsics;
-        // scenes are drawn square: as wide as the camera's picture, which is wider than high
+        // the perfect camera is square: half its width in pixels gives what it sees of the table
         let half = inside.width as f64 / 2.0;
         let seen = Camera {
             half_extent: half * self.policy.height / inside.focal[0],
