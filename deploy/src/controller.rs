@@ -74,7 +74,7 @@ impl ActionController {
     }
 
     /// Returns `true` if a decision lasts a whole number of ticks.
-    pub fn keeps_time(control: &Control) -> bool {
+    pub fn is_whole_ticks(control: &Control) -> bool {
         let ticks = control.decision_seconds() / TICK.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0
     }

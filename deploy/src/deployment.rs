@@ -226,7 +226,7 @@ pub(super) fn check(learner: &LearnerSettings, envs: &VecEnvSettings) -> Result<
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }
-    if !ActionController::keeps_time(&envs.control) {
+    if !ActionController::is_whole_ticks(&envs.control) {
         return refuse(
             "envs.control.action_repeat",
             envs.control.action_repeat.to_string(),
@@ -237,7 +237,7 @@ pub(super) fn check(learner: &LearnerSettings, envs: &VecEnvSettings) -> Result<
         LearnerSettings::OffPolicy(settings) if settings.context.is_some() => refuse(
             "off_policy.context",
             "set".to_owned(),
-            "none: a context reads rewards, and nobody pays a robot",
+            "none: a context reads rewards, which only a simulation knows",
         ),
         _ => Ok(()),
     }
