@@ -1,5 +1,5 @@
-//! Where the camera is: found by a ball that the arm carries, kept in a file, and checked by the
-//! arm's mask.
+//! Calibration of the camera by a ball that the arm carries, its file, and its check by the arm's
+//! mask.
 
 mod approach;
 mod command;
@@ -11,7 +11,7 @@ mod overlay;
 mod poses;
 
 #[cfg(test)]
-mod blank;
+mod fake_rig;
 #[cfg(test)]
 mod refusals;
 #[cfg(test)]
@@ -21,5 +21,5 @@ pub use command::CalibrateOptions;
 pub use file::CalibrationFile;
 pub use mask::{MaskCheck, MaskRow};
 pub use mask_command::MaskOptions;
-pub use measure::{CalibrateSettings, Calibrated, LeftOut, calibrate};
+pub use measure::{CalibrateSettings, Calibrated, SkippedPose, calibrate};
 pub use poses::poses;

@@ -1,4 +1,4 @@
-//! `covers deploy`: trials of all variants on a robot.
+//! `covers deploy`: runs trials of all variants on a robot.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -16,20 +16,28 @@ use render::gif;
 
 use super::deployment::Deployment;
 use super::faults::{Fault, FaultSweep};
+use super::film_strip::FilmStrip;
 use super::options::{RobotKind, SiteOptions};
 use super::results::Results;
 use super::rig::{Rig, Trial};
-use super::settings::SightSettings;
-use super::simulated::{SimulatedRig, SimulationSettings};
-use super::strip::Strip;
+use super::settings::{RigSettings, VisionSettings};
+use super::simulated::SimulatedRig;
 use super::table::{TrialScore, deployment_table};
 
-/// What is wrong with a simulated rig, and how its pictures are looked at.
-type Wrong = (SimulationSettings, SightSettings);
-/// A fault, its amounts, and the settings with each.
-type Amounts = (Fault, Vec<(f64, Wrong)>);
+/// Fault with its amounts and the settings for each amount.
+type SweepSettings = (Fault, Vec<(f64, RigSettings)>);
 
-/// What to try.
+/// Trials of one batch.
+#[derive(Clone, Copy)]
+struct Batch<'a> {
+    groups: &'a [TaskGroup],
+    /// Number of trials of each variant.
+    trials: usize,
+    /// Folder for pictures; `None` to keep none.
+    video: Option<&'a Path>,
+}
+
+/// Options of `covers deploy`: the policies, the robot, the trials and their outputs.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  \
     covers deploy assets/pretrained-robot --trials 5 --video films --gif\n  \
@@ -40,30 +48,30 @@ pub struct DeployOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub site: SiteOptions,
-    /// Trials of each variant.
+    /// Number of trials of each variant.
     #[arg(long, default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub trials: usize,
-    /// This group alone, as `goal-reach` (default: all groups of the run).
+    /// Group to try, as `goal-reach` (default: all groups of the run).
     #[arg(long, visible_alias = "group")]
     pub task: Option<String>,
-    /// Do all but move: one trial of the first variant on the table as it is. Prints the decisions,
-    /// the commands that were withheld, and how long each stage takes.
+    /// Run one trial of the first variant on the table as it is, without sending commands to the
+    /// robot. Prints the decisions, the commands that were withheld, and how long each stage takes.
     #[arg(long, conflicts_with_all = ["json", "out", "sweep", "sweep_trials", "video"])]
     pub dry_run: bool,
-    /// Folder for strips of pictures (PNG) of the first trial of each variant and of each trial
-    /// that failed: what the camera saw, the mask, and what the policy was shown.
+    /// Folder for film strips (PNG) of the first trial of each variant and of each trial that
+    /// failed: the camera's pictures, the masks and the policy's pictures.
     #[arg(long)]
     pub video: Option<PathBuf>,
-    /// Moving pictures (GIF) of all decisions instead of strips.
+    /// Write films (GIF) of all decisions instead of strips.
     #[arg(long, requires = "video")]
     pub gif: bool,
     /// Print all trials as one JSON value, in the last line.
     #[arg(long)]
     pub json: bool,
-    /// Then run the trials once for each amount of something that is wrong, as
-    /// `position-error=0,5,10,20,30`: position-error and mask-growth (mm), angle-error (degrees),
-    /// picture-latency and command-latency (ms), exposure-drift and balance-drift (%). May be given
-    /// several times, for one fault each.
+    /// Then run the trials again for each amount of a fault, as `position-error=0,5,10,20,30`.
+    /// Faults: position-error and mask-growth (mm), angle-error (degrees), picture-latency and
+    /// command-latency (ms), exposure-drift and balance-drift (%). May be given several times, for
+    /// one fault each.
     #[arg(long, value_name = "FAULT=AMOUNTS", requires = "out", conflicts_with = "json")]
     pub sweep: Vec<FaultSweep>,
     /// Trials of each variant for each amount of a sweep (default: as many as `--trials`).
@@ -80,36 +88,39 @@ impl DeployOptions {
     /// Runs all trials, then those of the sweeps, and prints to `out`.
     ///
     /// # Errors
-    /// As [`Deployment::trial`]; folders and an `out` that cannot be written to; options that do
-    /// not fit each other.
+    /// As [`Deployment::trial`]; folders and an `out` that cannot be written to; options that
+    /// contradict each other.
     pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
         let nominal = self.site.rig.settings()?;
-        let sweeps = self.amounts(nominal)?;
+        // check the sweeps before the first trial
+        let sweeps = self.sweep_settings(nominal)?;
         let (mut deployment, mut rig) = self.simulated(nominal)?;
         if self.dry_run {
-            // a table that is there, which a rehearsal does not set
-            let set_up = rig.set_up(&self.first(self.groups()?[0]));
-            set_up.map_err(|source| DeployError::Rig { source })?;
+            // a dry run does not set the table up, and a simulation has none before its first
+            // set-up
+            let first = self.first(self.groups()?[0]);
+            rig.set_up(&first).map_err(|source| DeployError::Rig { source })?;
         }
         let arm = rig.arm().clone();
         let results = self.results()?;
-        let scores = self.act(&mut deployment, (&mut rig, &arm), results.as_ref(), out)?;
+        let scores = self.act(&mut deployment, &mut rig, &arm, results.as_ref(), out)?;
         match results {
-            Some(results) => self.sweep(&sweeps, (nominal, &scores), &results, out),
+            Some(results) => self.sweep(&sweeps, nominal, &scores, &results, out),
             None => Ok(()),
         }
     }
 
-    /// The trials on a rig of somebody's own; `arm` is what is known of its robot.
+    /// Runs the trials on your own rig; `arm` is the model of its robot.
     ///
     /// # Errors
-    /// As [`DeployOptions::run`], and single faults and sweeps, which nobody can set there.
+    /// As [`DeployOptions::run`], and faults and sweeps, which only a simulated rig can set.
     pub fn run_on(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
+        // a fault that is ignored would pass for one that does no harm
         let single = self.site.rig.fault.iter().map(|of| of.fault);
         let mut faults = self.sweep.iter().map(|of| of.fault).chain(single);
         if let Some(fault) = faults.next() {
@@ -120,35 +131,34 @@ impl DeployOptions {
             }
             .into());
         }
-        let mut deployment = self.site.deployment(SightSettings::default())?;
+        let mut deployment = self.site.deployment(VisionSettings::default())?;
         let results = self.results()?;
-        self.act(&mut deployment, (rig, arm), results.as_ref(), out)?;
+        self.act(&mut deployment, rig, arm, results.as_ref(), out)?;
         Ok(())
     }
 
     fn results(&self) -> Result<Option<Results>, DeployError> {
         let faults = || self.sweep.iter().map(|sweep| sweep.fault);
-        let folder = self.out.as_deref();
-        let results = folder.map(|folder| Results::create(folder, faults()));
-        results.transpose()
+        self.out.as_deref().map(|folder| Results::create(folder, faults())).transpose()
     }
 
-    /// The trials, or the rehearsal of one.
+    /// Runs the trials, or the dry run of one.
     fn act(
         &self,
         deployment: &mut Deployment,
-        (rig, arm): (&mut dyn Rig, &Arm),
+        rig: &mut dyn Rig,
+        arm: &Arm,
         results: Option<&Results>,
         out: &mut impl Write,
     ) -> Result<Vec<TrialScore>, DeployError> {
         let groups = self.groups()?;
         if self.dry_run {
-            let rehearsal = deployment.rehearse(rig, arm, &self.first(groups[0]))?;
-            say(out, rehearsal.text().trim_end())?;
+            let report = deployment.dry_run(rig, arm, &self.first(groups[0]))?;
+            say(out, report.text().trim_end())?;
             return Ok(Vec::new());
         }
-        let video = self.video.as_deref();
-        let scores = self.trials(out, deployment, (rig, arm), (&groups, self.trials), video)?;
+        let batch = Batch { groups: &groups, trials: self.trials, video: self.video.as_deref() };
+        let scores = self.trials(out, deployment, rig, arm, batch)?;
         if let Some(results) = results {
             results.write_trials(&scores)?;
         }
@@ -158,7 +168,7 @@ impl DeployOptions {
         Ok(scores)
     }
 
-    /// The first trial of a group.
+    /// Returns the first trial of a group.
     fn first(&self, group: TaskGroup) -> Trial {
         Trial { variant: group.variants()[0], number: 0, seed: self.site.rig.seed }
     }
@@ -168,19 +178,16 @@ impl DeployOptions {
         schedule.chosen(self.task.as_deref(), &TaskRegistry::standard())
     }
 
-    fn simulated(
-        &self,
-        (settings, sight): Wrong,
-    ) -> Result<(Deployment, SimulatedRig), DeployError> {
+    fn simulated(&self, settings: RigSettings) -> Result<(Deployment, SimulatedRig), DeployError> {
         let RobotKind::KinovaSim = self.site.rig.robot;
-        let deployment = self.site.deployment(sight)?;
-        let rig = SimulatedRig::new(settings, *deployment.camera())?;
+        let deployment = self.site.deployment(settings.vision)?;
+        let rig = SimulatedRig::new(settings.simulation, *deployment.camera())?;
         Ok((deployment, rig))
     }
 
-    /// What each amount of each sweep makes of the settings.
-    fn amounts(&self, nominal: Wrong) -> Result<Vec<Amounts>, DeployError> {
-        let mut sweeps: Vec<Amounts> = Vec::new();
+    /// Returns the settings for each amount of each sweep.
+    fn sweep_settings(&self, nominal: RigSettings) -> Result<Vec<SweepSettings>, DeployError> {
+        let mut sweeps: Vec<SweepSettings> = Vec::new();
         for FaultSweep { fault, amounts } in &self.sweep {
             let refused = |expected| RunError::Setting {
                 name: "sweep",
@@ -198,60 +205,63 @@ impl DeployOptions {
                 )
                 .into());
             }
-            let amounts = amounts.iter();
-            let steps = amounts.map(|&amount| Ok((amount, fault.set(amount, nominal)?)));
-            sweeps.push((*fault, steps.collect::<Result<_, DeployError>>()?));
+            let settings = amounts.iter().map(|&amount| Ok((amount, fault.set(amount, nominal)?)));
+            sweeps.push((*fault, settings.collect::<Result<_, DeployError>>()?));
         }
         Ok(sweeps)
     }
 
-    /// Runs the trials for each amount of each fault; those of `nominal` have been run.
+    /// Runs the trials for each amount of each fault. `scores` are the results with the `nominal`
+    /// settings, which are not run again.
     fn sweep(
         &self,
-        sweeps: &[Amounts],
-        (nominal, scores): (Wrong, &[TrialScore]),
+        sweeps: &[SweepSettings],
+        nominal: RigSettings,
+        scores: &[TrialScore],
         results: &Results,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
         let groups = self.groups()?;
         let trials = self.sweep_trials.unwrap_or(self.trials);
+        // pictures of swept trials would overwrite those of the first trials
+        let batch = Batch { groups: &groups, trials, video: None };
         for (fault, amounts) in sweeps {
             let mut swept = Vec::new();
-            for &(amount, wrong) in amounts {
+            for &(amount, settings) in amounts {
                 say(out, &format!("{}: {amount}", fault.axis()))?;
-                let scores = if wrong == nominal && trials <= self.trials {
+                let scores = if settings == nominal && trials <= self.trials {
                     say(out, "among the trials above")?;
                     let first = scores.iter().filter(|score| score.number < trials);
                     first.copied().collect()
                 } else {
-                    let (mut deployment, mut rig) = self.simulated(wrong)?;
+                    let (mut deployment, mut rig) = self.simulated(settings)?;
                     let arm = rig.arm().clone();
-                    let on = (&mut rig as &mut dyn Rig, &arm);
-                    self.trials(out, &mut deployment, on, (&groups, trials), None)?
+                    self.trials(out, &mut deployment, &mut rig, &arm, batch)?
                 };
                 swept.push((amount, scores));
+                // after each amount, so that an interrupted sweep leaves its results
                 results.write_sweep(*fault, &groups, &swept)?;
             }
         }
         Ok(())
     }
 
-    /// Runs so many trials of each variant of `groups` and prints their table; pictures go to
-    /// `video`.
+    /// Runs a batch of trials and prints a line for each variant and the table of all.
     fn trials(
         &self,
         out: &mut impl Write,
         deployment: &mut Deployment,
-        (rig, arm): (&mut dyn Rig, &Arm),
-        (groups, trials): (&[TaskGroup], usize),
-        video: Option<&Path>,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        batch: Batch<'_>,
     ) -> Result<Vec<TrialScore>, DeployError> {
+        let Batch { groups, trials, video } = batch;
         let mut scores = Vec::new();
         for variant in groups.iter().flat_map(|group| group.variants()) {
             let of_variant = scores.len();
             for number in 0..trials {
                 let trial = Trial { variant, number, seed: self.site.rig.seed };
-                let mut strip = video.map(|_| Strip::default());
+                let mut strip = video.map(|_| FilmStrip::default());
                 let score = deployment.trial(rig, arm, &trial, strip.as_mut())?;
                 if let (Some(folder), Some(strip)) = (video, strip) {
                     self.keep(folder, &trial, &score, &strip)?;
@@ -265,12 +275,13 @@ impl DeployOptions {
         Ok(scores)
     }
 
+    /// Writes the pictures of a trial: the first of a variant, and each that failed.
     fn keep(
         &self,
         folder: &Path,
         trial: &Trial,
         score: &TrialScore,
-        strip: &Strip,
+        strip: &FilmStrip,
     ) -> Result<(), DeployError> {
         if score.success && trial.number > 0 {
             return Ok(());
@@ -281,15 +292,11 @@ impl DeployOptions {
         let path = folder.join(format!("{variant}-{}-{outcome}.{ending}", trial.number));
         let written = |error| RunError::write(&path, error);
         std::fs::create_dir_all(folder).map_err(written)?;
-        let bytes = match self.gif {
-            true => {
-                let title = format!("{}, trial {}", trial.variant, trial.number);
-                gif(&strip.film(&title)).map_err(|error| RunError::write(&path, error))?
-            }
-            false => {
-                let png = strip.picture().to_png();
-                png.map_err(|error| RunError::write(&path, error))?
-            }
+        let bytes = if self.gif {
+            let title = format!("{}, trial {}", trial.variant, trial.number);
+            gif(&strip.film(&title)).map_err(|error| RunError::write(&path, error))?
+        } else {
+            strip.picture().to_png().map_err(|error| RunError::write(&path, error))?
         };
         Ok(replace(&LocalDisk, &path, &bytes)?)
     }

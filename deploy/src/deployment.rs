@@ -1,4 +1,4 @@
-//! Learnt policies on a rig.
+//! Deployment of a run's policies on a rig.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -19,42 +19,44 @@ use crate::DeployError;
 use experiments::{Experiment, RunError, RunFolder, Stream};
 use learner::{Labels, Learner, LearnerSettings, Recognised};
 
-use super::dry_run::{DryRun, Rehearsal};
-use super::pilot::Pilot;
+use super::controller::ActionController;
+use super::dry_run::{DryRunReport, DryRunRig};
+use super::film_strip::FilmStrip;
+use super::latency::{LatencyProfile, Stage};
+use super::observer::Observer;
 use super::plausibility;
 use super::rig::{Rig, SetUp, Trial, then_stop};
-use super::settings::SightSettings;
-use super::sight::Sight;
-use super::stages::{Stage, Stages};
-use super::strip::Strip;
+use super::settings::VisionSettings;
 use super::table::TrialScore;
 use super::trial::{FirstPicture, TrialEnv};
 
-/// Policies of a run, and what they know of pictures.
+/// Policies of a run with the camera and the table of their training.
 pub struct Deployment {
     learner: Box<dyn Learner>,
     spec: EnvSpec,
     control: Control,
     camera: Camera,
-    /// The empty table `[drawn_size, drawn_size, 3]` as the policies know it.
+    /// Picture of the empty table `[drawn_size, drawn_size, 3]` by the camera of training.
     table: Vec<u8>,
-    sight: SightSettings,
+    vision: VisionSettings,
 }
 
 impl Deployment {
-    /// The policies of the newest intact checkpoint in `folder`.
+    /// Loads the policies of the newest intact checkpoint in `folder`.
     ///
     /// # Errors
-    /// As [`RunFolder::experiment`] and [`RunFolder::load_learner`], and what the scene says of the
-    /// empty table; [`RunError::Setting`] for policies that have learnt in another layout, with
-    /// decisions that twists cannot follow, or with a context, which reads rewards.
-    pub fn load(folder: &RunFolder, sight: SightSettings) -> Result<Self, DeployError> {
+    /// As [`RunFolder::experiment`] and [`RunFolder::load_learner`], and errors of the scene;
+    /// [`RunError::Setting`] for policies that were trained in another layout, with decisions that
+    /// are no multiple of the arm's control period, or with a context, which needs rewards.
+    pub fn load(folder: &RunFolder, vision: VisionSettings) -> Result<Self, DeployError> {
         let Experiment { learner, mut envs, .. } = folder.experiment()?;
         check(&learner, &envs)?;
+        // a rig has one robot
         envs.num_envs = 1;
         let spec = Stream::spec_of(&envs);
         let drawn = envs.camera.with_size(envs.camera.drawn_size());
         let mut table = vec![0; drawn.size * drawn.size * RGB];
+        // the group that puts nothing on the table
         let empty = TaskGroup::GOAL_REACH;
         let scene = Arc::new(Scene::new(empty, envs.embodiment, drawn)?);
         let mut top = TableTop::new(Arc::clone(&scene), envs.control)?;
@@ -66,53 +68,54 @@ impl Deployment {
             control: envs.control,
             camera: envs.camera,
             table,
-            sight,
+            vision,
         })
     }
 
-    /// The camera that the policies have learnt with.
+    /// Returns the camera that the policies were trained with.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// Sets the table for a trial, lets the learner choose a policy by the first picture, and lets
-    /// it act. `arm` is what is known of the rig's robot. The robot is told to stop at the end, and
-    /// before an error is returned, but for one of the calibration, before which it is told nothing.
+    /// Runs a trial: sets the table up, lets the learner choose a policy from the first picture,
+    /// and lets the policy act. `arm` is the model of the rig's robot. The robot is stopped at the
+    /// end and before any error is returned, except [`DeployError::OtherCamera`], before which it
+    /// is sent nothing.
     ///
     /// # Errors
-    /// [`DeployError::OtherCamera`] for a calibration that is not of the rig's camera;
+    /// [`DeployError::OtherCamera`] for a calibration that is not that of the rig's camera;
     /// [`DeployError::Rig`], [`DeployError::Robot`], [`DeployError::StalePicture`],
-    /// [`DeployError::PictureOfTheFuture`], directly or as the cause of [`RunError::Rl`]; what
-    /// perception or the learner says.
+    /// [`DeployError::CameraClockAhead`], directly or as the cause of [`RunError::Rl`]; errors of
+    /// the perception and the learner.
     pub fn trial(
         &mut self,
         rig: &mut dyn Rig,
         arm: &Arm,
         trial: &Trial,
-        strip: Option<&mut Strip>,
+        strip: Option<&mut FilmStrip>,
     ) -> Result<TrialScore, DeployError> {
         Ok(self.run(rig, arm, trial, strip)?.score)
     }
 
-    /// Does all that a trial does, but tells the robot nothing: it stands where it stands, on a
-    /// table that is as it is, and the rig is not told to set it up.
+    /// Runs a trial without a set-up and without sending anything to the robot, which stays where
+    /// it is.
     ///
     /// # Errors
     /// As [`Deployment::trial`].
-    pub fn rehearse(
+    pub fn dry_run(
         &mut self,
         rig: &mut dyn Rig,
         arm: &Arm,
         trial: &Trial,
-    ) -> Result<Rehearsal, DeployError> {
-        let mut dry = DryRun::new(rig, arm)?;
+    ) -> Result<DryRunReport, DeployError> {
+        let mut dry = DryRunRig::new(rig, arm)?;
         let played = self.run(&mut dry, arm, trial, None)?;
-        Ok(Rehearsal {
+        Ok(DryRunReport {
             policy: played.score.policy,
             fits: played.score.fits,
             actions: played.actions,
-            stages: played.stages,
-            withheld: dry.into_withheld(),
+            latencies: played.latencies,
+            blocked: dry.into_blocked(),
         })
     }
 
@@ -121,79 +124,80 @@ impl Deployment {
         rig: &mut dyn Rig,
         arm: &Arm,
         trial: &Trial,
-        strip: Option<&mut Strip>,
+        strip: Option<&mut FilmStrip>,
     ) -> Result<Played, DeployError> {
+        // outside of `then_stop`: an error here must not send anything to the robot
         self.check_calibration(rig)?;
         let env = self.env(&mut *rig, arm, trial, strip);
         let played = env.and_then(|mut env| {
             let score = self.play(&mut env, trial)?;
-            Ok(Played { score, actions: env.actions, stages: env.stages })
+            Ok(Played { score, actions: env.actions, latencies: env.latencies })
         });
         then_stop(rig, played)
     }
 
-    /// Refuses a calibration from a file that cannot be of the rig's camera, before the arm moves.
-    /// The rig's standing estimate is the same in every trial, and so is the answer.
+    /// Rejects a calibration from a file that cannot be that of the rig's camera. Does not move the
+    /// arm.
     ///
     /// # Errors
     /// [`DeployError::OtherCamera`].
     pub(super) fn check_calibration(&self, rig: &dyn Rig) -> Result<(), DeployError> {
-        let file = self.sight.calibration;
+        // the estimate of a single trial would accept a file in one trial and reject it in the next
+        let file = self.vision.calibration;
         file.map_or(Ok(()), |file| plausibility::check(&file, &rig.standing_calibration()))
     }
 
-    /// What a policy sees of a table that was set as `set_up` says, from `start` on.
-    pub(super) fn sight(
+    /// Returns the perception of a table that was set up as `set_up`, with the arm in the state
+    /// `start`.
+    pub(super) fn observer(
         &self,
         rig: &dyn Rig,
         arm: &Arm,
         set_up: &SetUp,
         start: RobotState,
-    ) -> Result<Sight, DeployError> {
-        let calibration = self.sight.calibration;
-        let calibration = calibration.unwrap_or_else(|| rig.calibration());
-        let known = (&self.camera, &self.table[..]);
-        Sight::new(&self.sight, arm, calibration, known, set_up, (rig.now(), start))
+    ) -> Result<Observer, DeployError> {
+        let calibration = self.vision.calibration.unwrap_or_else(|| rig.calibration());
+        let start = (rig.now(), start);
+        Observer::new(&self.vision, arm, calibration, &self.camera, &self.table, set_up, start)
     }
 
-    /// The table of a trial once it is set, as an environment.
+    /// Sets the table up for a trial and returns the trial as an environment.
     fn env<'a>(
         &self,
         rig: &'a mut dyn Rig,
         arm: &'a Arm,
         trial: &Trial,
-        strip: Option<&'a mut Strip>,
+        strip: Option<&'a mut FilmStrip>,
     ) -> Result<TrialEnv<'a>, DeployError> {
-        let set_up = rig.set_up(trial);
-        let set_up = set_up.map_err(|source| DeployError::Rig { source })?;
+        let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
         let start = rig.state()?;
-        let pilot = Pilot::new(arm, &self.control, &start);
-        let sight = self.sight(rig, arm, &set_up, start)?;
+        let controller = ActionController::new(arm, &self.control, &start);
+        let observer = self.observer(rig, arm, &set_up, start)?;
         Ok(TrialEnv {
-            pilot,
+            controller,
             rig,
             arm,
-            sight,
+            observer,
             spec: self.spec.clone(),
             control: self.control,
             goal: set_up.goal.unwrap_or(DVec3::ZERO),
             first: Vec::new(),
             start: Observations::new(&self.spec),
             actions: Vec::new(),
-            stages: Stages::default(),
-            told: None,
+            latencies: LatencyProfile::default(),
+            observed: None,
             strip,
         })
     }
 
-    /// Lets the learner choose a policy, and lets that act.
+    /// Lets the learner choose a policy, and lets the policy act for one episode.
     fn play(&mut self, env: &mut TrialEnv, trial: &Trial) -> Result<TrialScore, DeployError> {
         env.begin()?;
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         let mut look = FirstPicture { spec: &self.spec, first: &env.start };
         let started = Instant::now();
         let Recognised { policy, fits } = self.learner.recognise(&mut look, Some(1), &mut rng)?;
-        env.stages.note(Stage::Recognition, started.elapsed());
+        env.latencies.record(Stage::Recognition, started.elapsed());
         let stats = self.learner.perform(policy, env, 1)?.stats;
         Ok(TrialScore {
             group: trial.variant.group,
@@ -203,26 +207,26 @@ impl Deployment {
             fits,
             success: stats.success_rate() == Some(1.0),
             success_at_end: stats.success_at_end_rate() == Some(1.0),
-            refused: env.pilot.refused(),
+            refused: env.controller.refused(),
         })
     }
 }
 
-/// What came of a trial, and how.
+/// Result of a trial with its actions and times.
 struct Played {
     score: TrialScore,
     actions: Vec<[f32; ACTION_DIM]>,
-    stages: Stages,
+    latencies: LatencyProfile,
 }
 
-/// Refuses policies that would act otherwise than they have learnt to.
+/// Rejects policies that would act under other conditions than those of their training.
 pub(super) fn check(learner: &LearnerSettings, envs: &VecEnvSettings) -> Result<(), DeployError> {
     let refuse =
         |name, value: String, expected| Err(RunError::Setting { name, value, expected }.into());
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }
-    if !Pilot::keeps_time(&envs.control) {
+    if !ActionController::is_whole_ticks(&envs.control) {
         return refuse(
             "envs.control.action_repeat",
             envs.control.action_repeat.to_string(),
@@ -233,7 +237,7 @@ pub(super) fn check(learner: &LearnerSettings, envs: &VecEnvSettings) -> Result<
         LearnerSettings::OffPolicy(settings) if settings.context.is_some() => refuse(
             "off_policy.context",
             "set".to_owned(),
-            "none: a context reads rewards, and nobody pays a robot",
+            "none: a context reads rewards, which only a simulation knows",
         ),
         _ => Ok(()),
     }

@@ -1,69 +1,69 @@
-//! Rehearsals: all that a trial does, and nothing moves.
+//! Dry runs: trials in which no command reaches the robot.
 
 use std::fmt::Write as _;
 use std::time::Duration;
 
 use envs::ACTION_DIM;
 use envs::carriers::Arm;
-use inpainting::Calibration;
+use inpainting::{Calibration, Intrinsics};
 use rl::BoxError;
 use robots::{CartesianControl, Command, ControlError, Robot, RobotState, Twist, TwistLimits};
 
 use crate::DeployError;
 
-use super::pilot::TICK;
+use super::controller::TICK;
+use super::latency::{LatencyProfile, Stage};
 use super::rig::{Rig, SetUp, Trial, Verdict, fresh_picture};
-use super::stages::{Stage, Stages};
 
-/// A command that was not sent.
+/// Command that was not sent.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Withheld {
-    /// The command.
+pub struct BlockedCommand {
+    /// Command of the policy's action.
     pub command: Command,
-    /// How the hand would move after the tick, by the arm's limits of speed and acceleration.
+    /// Twist of the hand after the tick, within the arm's limits of speed and acceleration.
     pub twist: Twist,
-    /// Why the arm would refuse it, where it would.
+    /// Reason for which the arm would refuse the command; `None` if it would accept it.
     pub refusal: Option<String>,
 }
 
-/// What a rehearsal came to.
+/// Result of a dry run.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rehearsal {
-    /// The policy that the learner chose.
+pub struct DryRunReport {
+    /// Index of the policy that the learner chose.
     pub policy: usize,
-    /// Whether it takes the task for one of that policy's.
+    /// `true` if the learner considered the policy to match the task.
     pub fits: bool,
-    /// What the policy decided.
+    /// Actions of the policy.
     pub actions: Vec<[f32; ACTION_DIM]>,
-    /// The commands, the same number of each decision.
-    pub withheld: Vec<Withheld>,
-    /// How long everything took.
-    pub stages: Stages,
+    /// Blocked commands, the same number for each decision.
+    pub blocked: Vec<BlockedCommand>,
+    /// Times of all stages.
+    pub latencies: LatencyProfile,
 }
 
-impl Rehearsal {
-    /// Decisions with what they would send, and a table of times.
+impl DryRunReport {
+    /// Formats the decisions with their commands, and a table of times.
     pub fn text(&self) -> String {
         let fits = if self.fits { "fits" } else { "does not fit" };
         let mut text = format!("policy {}, which {fits}\n", self.policy);
-        let each = self.withheld.len() / self.actions.len().max(1);
-        let commands = self.withheld.chunks(each.max(1));
+        let each = self.blocked.len() / self.actions.len().max(1);
+        let commands = self.blocked.chunks(each.max(1));
         for (number, (action, commands)) in self.actions.iter().zip(commands).enumerate() {
             text += &decision(number, action, commands);
         }
-        let refused = self.withheld.iter().filter(|one| one.refusal.is_some());
+        let refused = self.blocked.iter().filter(|one| one.refusal.is_some());
         // writing to a String cannot fail
         let _ = writeln!(
             text,
             "{} commands were withheld, {} of which the arm would refuse; nothing was sent\n\n\
              stage        times  median (ms)  worst (ms)",
-            self.withheld.len(),
+            self.blocked.len(),
             refused.count()
         );
         for stage in Stage::ALL {
-            if let Some(times) = self.stages.times(stage) {
+            if let Some(times) = self.latencies.times(stage) {
                 let [median, worst] = times.map(|time| 1e3 * time.as_secs_f64());
-                let (name, count) = (stage.name(), self.stages.count(stage));
+                let (name, count) = (stage.name(), self.latencies.count(stage));
                 let _ = writeln!(text, "{name:<12} {count:>5}  {median:>11.2}  {worst:>10.2}");
             }
         }
@@ -71,7 +71,7 @@ impl Rehearsal {
     }
 }
 
-fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[Withheld]) -> String {
+fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[BlockedCommand]) -> String {
     let action = action.map(|part| format!("{part:>6.2}")).concat();
     let Some(last) = commands.last() else {
         return String::new();
@@ -88,18 +88,20 @@ fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[Withheld]) ->
     )
 }
 
-/// A rig whose robot is told nothing, and whose table nobody sets.
-pub(super) struct DryRun<'a> {
+/// Rig that passes on pictures and states, but blocks commands, stops and set-ups.
+pub(super) struct DryRunRig<'a> {
     rig: &'a mut dyn Rig,
     control: CartesianControl,
     limits: TwistLimits,
     twist: Twist,
-    withheld: Vec<Withheld>,
+    blocked: Vec<BlockedCommand>,
 }
 
-impl<'a> DryRun<'a> {
+impl<'a> DryRunRig<'a> {
+    /// Wraps a rig; `arm` is the model of its robot.
+    ///
     /// # Errors
-    /// None but those of the arm's own settings.
+    /// [`DeployError::Robot`] for settings of the arm that its control rejects.
     pub fn new(rig: &'a mut dyn Rig, arm: &Arm) -> Result<Self, DeployError> {
         let settings = arm.settings();
         let (chain, control) = (arm.chain().clone(), settings.control);
@@ -108,25 +110,29 @@ impl<'a> DryRun<'a> {
             control: CartesianControl::new(chain, &settings.ready, control)?,
             limits: control.limits,
             twist: Twist::ZERO,
-            withheld: Vec::new(),
+            blocked: Vec::new(),
         })
     }
 
-    /// The commands that were not sent.
-    pub fn into_withheld(self) -> Vec<Withheld> {
-        self.withheld
+    /// Returns the blocked commands.
+    pub fn into_blocked(self) -> Vec<BlockedCommand> {
+        self.blocked
     }
 
-    /// Whether the arm would take a command where it stands.
+    /// Checks that the arm would accept a command in its current state.
+    ///
+    /// # Errors
+    /// Reason for which the arm would refuse the command.
     fn try_out(&mut self, command: &Command) -> Result<(), ControlError> {
         command.check()?;
         let state = self.rig.state()?;
+        // from the measured joints, since the robot does not follow the commands
         self.control.restart(&state.joints)?;
         self.control.command(command.twist)
     }
 }
 
-impl Robot for DryRun<'_> {
+impl Robot for DryRunRig<'_> {
     fn state(&mut self) -> Result<RobotState, ControlError> {
         self.rig.state()
     }
@@ -134,11 +140,12 @@ impl Robot for DryRun<'_> {
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         let tried = self.try_out(command);
         let seconds = TICK.as_secs_f64();
+        // a robot stops when it refuses a command
         self.twist = match tried {
             Ok(()) => self.limits.ramp(self.twist, command.twist, seconds),
             Err(_) => Twist::ZERO,
         };
-        self.withheld.push(Withheld {
+        self.blocked.push(BlockedCommand {
             command: *command,
             twist: self.twist,
             refusal: tried.as_ref().err().map(ToString::to_string),
@@ -146,19 +153,20 @@ impl Robot for DryRun<'_> {
         tried
     }
 
-    /// Nothing moves, so nothing is stopped.
+    /// Does not stop the robot, since nothing moved it.
     fn stop(&mut self) -> Result<(), ControlError> {
         self.twist = Twist::ZERO;
         Ok(())
     }
 }
 
-impl Rig for DryRun<'_> {
-    /// The table as it is, with the arm where it is, in a picture as fresh as those of decisions.
-    /// What the arm hides is taken to be empty table.
+impl Rig for DryRunRig<'_> {
+    /// Takes a picture of the table and the arm as they are. What the arm hides is treated as empty
+    /// table.
     fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
-        let inside = self.calibration().intrinsics;
-        let mut background = vec![0; 3 * inside.width * inside.height];
+        let Intrinsics { width, height, .. } = self.calibration().intrinsics;
+        let mut background = vec![0; 3 * width * height];
+        // an old picture may show another table
         fresh_picture(self.rig, &mut background).map_err(|error| match error {
             DeployError::Rig { source } => source,
             other => other.into(),
@@ -186,7 +194,7 @@ impl Rig for DryRun<'_> {
         self.rig.picture(rgb)
     }
 
-    /// Nobody is asked.
+    /// Returns no success, because nothing moved.
     fn verdict(&mut self) -> Result<Verdict, BoxError> {
         Ok(Verdict::default())
     }

@@ -11,88 +11,87 @@ use rl::BoxError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeployError {
-    /// A run.
+    /// Error of the run whose policies act.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A film.
+    /// Error while a film is made.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// The environments.
+    /// Error of the environments.
     #[error(transparent)]
     Env(#[from] envs::EnvError),
-    /// What a camera's pictures are made into.
+    /// Error of the perception or of the camera's calibration.
     #[error(transparent)]
     Inpainting(#[from] inpainting::InpaintingError),
-    /// A robot.
+    /// Error of the robot or its control.
     #[error(transparent)]
     Robot(#[from] robots::ControlError),
-    /// A robot's rig: its table, its camera, its clock.
+    /// Error of the rig: its table, its camera or its clock.
     #[error("the rig failed: {source}")]
     Rig {
-        /// The reason.
+        /// Cause.
         source: BoxError,
     },
-    /// A camera that shows the past.
+    /// Camera whose latest picture is too old.
     #[error(
         "the camera's newest picture is {} ms old, expected at most {} ms",
         age.as_millis(), most.as_millis()
     )]
     StalePicture {
-        /// The picture's age.
+        /// Age of the picture.
         age: Duration,
-        /// The age at which the arm is stopped.
+        /// Maximum age.
         most: Duration,
     },
-    /// A camera with another clock than the robot's.
+    /// Camera whose clock is ahead of the robot's.
     #[error(
         "the camera's newest picture was taken {} ms from now: expected one clock for robot and camera",
         ahead.as_millis()
     )]
-    PictureOfTheFuture {
-        /// How far ahead it is.
+    CameraClockAhead {
+        /// Time from now to the picture's time stamp.
         ahead: Duration,
     },
-    /// A hand that does not come to where it is sent.
+    /// Hand that did not reach a pose in time.
     #[error(
-        "the hand does not get to where it is sent: {left:.0} mm and {turn:.0} degrees are left \
-         after 20 s"
+        "the hand did not reach its target within 20 s: {left:.0} mm and {turn:.0} degrees are left"
     )]
-    Unreached {
-        /// What is left of the way (mm).
+    PoseNotReached {
+        /// Remaining distance (mm).
         left: f64,
-        /// What is left of the turn (degrees).
+        /// Remaining angle (degrees).
         turn: f64,
     },
-    /// A hand that does not stand.
-    #[error("the hand does not come to rest within 2 s of being told to stop")]
-    Restless,
-    /// A ball that was seen too seldom to find the camera by.
+    /// Hand that kept moving after the robot was stopped.
+    #[error("the hand does not come to rest within 2 s of a stop")]
+    HandNotAtRest,
+    /// Calibration ball that was seen in too few poses.
     #[error(
         "the ball was seen in {got} poses, expected at least {needed}; pose {pose} was left out: \
          {why}"
     )]
     FewSightings {
-        /// Poses in which it was seen.
+        /// Number of poses in which the ball was seen.
         got: usize,
-        /// Poses that it takes.
+        /// Minimum number of poses.
         needed: usize,
-        /// Number of the first pose that was left out.
+        /// Number of the first pose that was skipped, counted from 1.
         pose: usize,
-        /// Why it was.
+        /// Reason for which it was skipped.
         why: String,
     },
-    /// A calibration that cannot be of the rig's camera.
+    /// Calibration that cannot be that of the rig's camera.
     #[error(
         "the calibration is not of this rig's camera: its {what} is {value}, expected {expected}. \
          Make a new one with `covers calibrate` and try it with `covers check mask`; if it is \
          right, correct what the rig says of its camera"
     )]
     OtherCamera {
-        /// Part of the calibration.
+        /// Name of the implausible part.
         what: &'static str,
-        /// Value of that part.
+        /// Value of the part.
         value: String,
-        /// Values that would be accepted.
+        /// Description of plausible values.
         expected: String,
     },
 }

@@ -1,34 +1,33 @@
-//! What is wrong with a rig and its camera, as amounts that a sweep goes through.
+//! Faults of a simulated rig and its camera, with amounts for sweeps.
 
 use std::str::FromStr;
 
 use crate::DeployError;
 use experiments::RunError;
 
-use super::settings::SightSettings;
-use super::simulated::SimulationSettings;
+use super::settings::RigSettings;
 
-/// Something that is wrong, or is chosen, more or less.
+/// Fault, or setting, whose amount can be varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// How far the camera is from where its calibration has it (mm).
+    /// Distance of the camera from its calibrated position (mm).
     PositionError,
-    /// How far it is turned from how its calibration has it (degrees).
+    /// Angle between the camera and its calibrated orientation (degrees).
     AngleError,
-    /// Age of a picture when it comes (ms); it shows the last control step, of 12.5 ms, before.
+    /// Age of a picture on arrival (ms), rounded up to control steps of 12.5 ms.
     PictureLatency,
-    /// From a command to its effect (ms, in control steps of 12.5 ms).
+    /// Delay from a command to its effect (ms, a multiple of the control step of 12.5 ms).
     CommandLatency,
-    /// How far the exposure wanders (%).
+    /// Range of the exposure's drift (%).
     ExposureDrift,
-    /// How far the gains of red and blue wander (%).
+    /// Range of the drift of the gains of red and blue (%).
     BalanceDrift,
-    /// How much thicker than the arm the mask is (mm).
+    /// Margin of the mask around the arm (mm).
     MaskGrowth,
 }
 
 impl Fault {
-    /// All, in the order of the page.
+    /// All faults, in the order of docs/results/kinova.md.
     pub const ALL: [Self; 7] = [
         Self::PositionError,
         Self::AngleError,
@@ -39,7 +38,7 @@ impl Fault {
         Self::MaskGrowth,
     ];
 
-    /// Its name in commands and files.
+    /// Returns the fault's name in commands and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::PositionError => "position-error",
@@ -52,7 +51,7 @@ impl Fault {
         }
     }
 
-    /// Its name and unit under an axis.
+    /// Returns the label of an axis: name and unit.
     pub fn axis(self) -> &'static str {
         match self {
             Self::PositionError => "error of the camera's position (mm)",
@@ -65,52 +64,50 @@ impl Fault {
         }
     }
 
-    /// The settings with this much of it, in its unit.
+    /// Returns `settings` with this amount of the fault, in its unit.
     ///
     /// # Errors
     /// An amount out of range.
-    pub fn set(
-        self,
-        amount: f64,
-        (mut rig, mut sight): (SimulationSettings, SightSettings),
-    ) -> Result<(SimulationSettings, SightSettings), DeployError> {
-        let camera = &mut rig.imperfections;
+    pub fn set(self, amount: f64, mut settings: RigSettings) -> Result<RigSettings, DeployError> {
+        let RigSettings { simulation, vision } = &mut settings;
+        let camera = &mut simulation.imperfections;
         match self {
             Self::PositionError => camera.position_error = amount / 1e3,
             Self::AngleError => camera.angle_error = amount.to_radians(),
             Self::PictureLatency => camera.latency = amount / 1e3,
-            Self::CommandLatency => rig.command_latency = amount / 1e3,
+            Self::CommandLatency => simulation.command_latency = amount / 1e3,
             Self::ExposureDrift => camera.exposure_drift = amount / 1e2,
             Self::BalanceDrift => camera.balance_drift = amount / 1e2,
-            Self::MaskGrowth => sight.growth = amount / 1e3,
+            Self::MaskGrowth => vision.growth = amount / 1e3,
         }
         camera.check()?;
-        let taken = match self {
-            // an older picture stops the arm
+        let in_range = match self {
+            // below the age of 500 ms at which the arm is stopped
             Self::PictureLatency => amount <= 400.0,
+            // the simulation delays commands by whole control steps
             Self::CommandLatency => amount <= 1000.0 && amount % 12.5 == 0.0,
             Self::MaskGrowth => amount <= 1000.0,
             _ => true,
         };
-        match taken {
-            true => Ok((rig, sight)),
-            false => Err(RunError::Setting {
-                name: self.name(),
-                value: amount.to_string(),
-                expected: "a picture-latency of at most 400 ms, a command-latency of whole control \
-                           steps of 12.5 ms up to 1000 ms, a mask-growth of at most 1000 mm",
-            }
-            .into()),
+        if in_range {
+            return Ok(settings);
         }
+        Err(RunError::Setting {
+            name: self.name(),
+            value: amount.to_string(),
+            expected: "a picture-latency of at most 400 ms, a command-latency of whole control \
+                       steps of 12.5 ms up to 1000 ms, a mask-growth of at most 1000 mm",
+        }
+        .into())
     }
 }
 
-/// A fault with the amounts of it that are tried, as `angle-error=0,0.5,1` says.
+/// Fault with the amounts to try, parsed from text such as `angle-error=0,0.5,1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaultSweep {
-    /// What is wrong.
+    /// Fault to vary.
     pub fault: Fault,
-    /// Rising amounts, in its unit; the last one is above 0.
+    /// Rising amounts in the fault's unit; the last one is above 0.
     pub amounts: Vec<f64>,
 }
 
@@ -125,19 +122,20 @@ impl FromStr for FaultSweep {
         let amounts = amounts.map_err(|_| refused(FORM))?;
         let from_zero = amounts.iter().all(|amount| *amount >= 0.0 && amount.is_finite());
         let rising = amounts.windows(2).all(|pair| pair[0] < pair[1]);
-        match from_zero && rising && amounts.last() > Some(&0.0) {
-            true => Ok(Self { fault, amounts }),
-            false => Err(refused("rising amounts, none below 0 and one above").into()),
+        // NaN fails the comparisons, too; a sweep of 0 alone would show no fault
+        if from_zero && rising && amounts.last() > Some(&0.0) {
+            return Ok(Self { fault, amounts });
         }
+        Err(refused("rising amounts, none below 0 and one above").into())
     }
 }
 
-/// So much of a fault, as `angle-error=3` says.
+/// Fault with one amount, parsed from text such as `angle-error=3`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultAmount {
-    /// What is wrong.
+    /// Fault to set.
     pub fault: Fault,
-    /// How much, in its unit; 0 or more.
+    /// Amount in the fault's unit; 0 or more.
     pub amount: f64,
 }
 
@@ -146,9 +144,8 @@ impl FromStr for FaultAmount {
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
         let (fault, amount) = named(text)?;
-        let amount = amount.parse().ok();
-        let amount = amount.filter(|amount: &f64| *amount >= 0.0 && amount.is_finite());
-        let amount = amount.ok_or_else(|| RunError::Setting {
+        let in_range = |amount: &f64| *amount >= 0.0 && amount.is_finite();
+        let amount = amount.parse().ok().filter(in_range).ok_or_else(|| RunError::Setting {
             name: "fault",
             value: text.to_owned(),
             expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
@@ -157,7 +154,7 @@ impl FromStr for FaultAmount {
     }
 }
 
-/// The fault that a text begins with, and what stands behind its `=`.
+/// Splits a text at its `=` into a fault and the text of its amounts.
 fn named(text: &str) -> Result<(Fault, &str), DeployError> {
     let refused = |expected| RunError::Setting { name: "fault", value: text.to_owned(), expected };
     let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
@@ -165,7 +162,9 @@ fn named(text: &str) -> Result<(Fault, &str), DeployError> {
     Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))
 }
 
+/// Expected form of a fault with amounts, for error messages.
 const FORM: &str = "a fault and amounts of it, as `position-error=0,5,10`";
+/// Names and units of all faults, for error messages.
 const NAMES: &str = "position-error (mm), angle-error (degrees), picture-latency (ms), \
                      command-latency (ms), exposure-drift (%), balance-drift (%) or \
                      mask-growth (mm)";
@@ -220,10 +219,11 @@ mod tests {
         }
     }
 
-    /// Each changes one figure, and the figures of the page are the nominal ones.
+    /// Checks that each fault changes one setting, and that the nominal amounts are those of
+    /// docs/deployment.md.
     #[test]
     fn amounts_are_in_the_units_that_axes_name() {
-        let nominal = (SimulationSettings::NOMINAL, SightSettings::default());
+        let nominal = RigSettings::NOMINAL;
         let amounts = [5.0, 0.5, 60.0, 25.0, 10.0, 3.0, 20.0];
         for (fault, amount) in Fault::ALL.into_iter().zip(amounts) {
             let none = fault.set(0.0, nominal).unwrap();
@@ -234,7 +234,7 @@ mod tests {
 
     #[test]
     fn amounts_out_of_range_are_refused() {
-        let nominal = (SimulationSettings::NOMINAL, SightSettings::default());
+        let nominal = RigSettings::NOMINAL;
         for (fault, amount, says) in [
             (Fault::PositionError, 101.0, "`position_error` is 0.101"),
             (Fault::AngleError, 12.0, "`angle_error`"),

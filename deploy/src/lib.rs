@@ -1,26 +1,26 @@
-//! Trials of learnt policies on a robot that a camera watches.
+//! Trials of trained policies on a robot with a camera, and the calibration of that camera.
 //!
 //! A [`Rig`] is a robot with its table, its camera and its clock. [`SimulatedRig`] is one in
-//! simulation. Whoever owns an arm implements [`Rig`] for it. A [`Deployment`] lets policies act on
-//! a rig: it sees what the camera shows and what the robot says of itself, and nothing else.
+//! simulation; implement [`Rig`] for an arm of your own. A [`Deployment`] lets policies act on a
+//! rig and sees nothing but the camera's pictures and the robot's own state.
 
 mod calibrate;
 mod command;
+mod controller;
 mod deployment;
 mod dry_run;
 mod error;
 mod faults;
+mod film_strip;
+mod latency;
+mod observer;
 mod options;
-mod past;
-mod pilot;
 mod plausibility;
 mod results;
 mod rig;
 mod settings;
-mod sight;
 mod simulated;
-mod stages;
-mod strip;
+mod state_history;
 mod sweep;
 mod table;
 mod trial;
@@ -29,18 +29,18 @@ mod trial;
 mod tests;
 
 pub use calibrate::{
-    CalibrateOptions, CalibrateSettings, Calibrated, CalibrationFile, LeftOut, MaskCheck,
-    MaskOptions, MaskRow, calibrate, poses,
+    CalibrateOptions, CalibrateSettings, Calibrated, CalibrationFile, MaskCheck, MaskOptions,
+    MaskRow, SkippedPose, calibrate, poses,
 };
 pub use command::DeployOptions;
 pub use deployment::Deployment;
-pub use dry_run::{Rehearsal, Withheld};
+pub use dry_run::{BlockedCommand, DryRunReport};
 pub use error::DeployError;
 pub use faults::{Fault, FaultAmount, FaultSweep};
+pub use film_strip::FilmStrip;
+pub use latency::{LatencyProfile, Stage};
 pub use options::{CameraOptions, Faults, RigOptions, RobotKind, SiteOptions};
 pub use rig::{Rig, SetUp, Trial, Verdict};
-pub use settings::SightSettings;
+pub use settings::{RigSettings, VisionSettings};
 pub use simulated::{SimulatedRig, SimulationSettings};
-pub use stages::{Stage, Stages};
-pub use strip::Strip;
 pub use table::{TrialScore, deployment_table};

@@ -1,4 +1,4 @@
-//! Options that the commands for a robot share.
+//! Options shared by the commands for a robot.
 
 use std::path::PathBuf;
 
@@ -10,55 +10,54 @@ use experiments::{RunError, RunFolder};
 use super::calibrate::CalibrationFile;
 use super::deployment::Deployment;
 use super::faults::FaultAmount;
-use super::settings::SightSettings;
-use super::simulated::SimulationSettings;
+use super::settings::{RigSettings, VisionSettings};
 
-/// A robot that the commands know.
+/// Robot that the commands support.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RobotKind {
-    /// A Kinova Gen3 in simulation, which no policy was trained with.
+    /// Simulated Kinova Gen3, with which no policy was trained.
     KinovaSim,
 }
 
-/// What is wrong with a simulated robot and its camera.
+/// Set of faults of a simulated robot and its camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Faults {
-    /// Nothing.
+    /// No faults.
     Off,
-    /// About what is wrong with real ones.
+    /// Faults about as large as those of real robots and cameras.
     Nominal,
 }
 
-/// The robot, and what is wrong with it.
+/// Options that choose the robot and its faults.
 #[derive(Clone, Debug, Args)]
 pub struct RigOptions {
-    /// The robot.
+    /// Robot to use.
     #[arg(long, value_enum, default_value = "kinova-sim")]
     pub robot: RobotKind,
     /// Seed of placements and faults.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// What is wrong with the camera and the arm.
+    /// Faults of the camera and the arm.
     #[arg(long, value_enum, default_value = "nominal")]
     pub faults: Faults,
-    /// So much of one fault instead, as `position-error=30`, with the names and units of `covers
-    /// deploy --sweep`; may be given several times, for one fault each.
+    /// Amount of a single fault, as `position-error=30`, with the names and units of `covers deploy
+    /// --sweep`; may be given several times, for one fault each.
     #[arg(long, value_name = "FAULT=AMOUNT")]
     pub fault: Vec<FaultAmount>,
 }
 
 impl RigOptions {
-    /// What is wrong with a simulated rig, and how pictures are looked at.
+    /// Returns the settings of the simulated rig and the perception.
     ///
     /// # Errors
     /// [`RunError::Setting`] for amounts out of range, and for two amounts of one fault.
-    pub fn settings(&self) -> Result<(SimulationSettings, SightSettings), DeployError> {
-        let settings = match self.faults {
-            Faults::Off => SimulationSettings::OFF,
-            Faults::Nominal => SimulationSettings::NOMINAL,
+    pub fn settings(&self) -> Result<RigSettings, DeployError> {
+        let mut settings = match self.faults {
+            Faults::Off => RigSettings::OFF,
+            Faults::Nominal => RigSettings::NOMINAL,
         };
-        let mut settings = (settings, SightSettings::default());
         for (number, FaultAmount { fault, amount }) in self.fault.iter().enumerate() {
+            // a second amount would silently replace the first
             if self.fault[..number].iter().any(|of| of.fault == *fault) {
                 return Err(RunError::Setting {
                     name: "fault",
@@ -73,18 +72,18 @@ impl RigOptions {
     }
 }
 
-/// A camera's calibration from a file.
+/// Option for a camera's calibration from a file.
 #[derive(Clone, Debug, Args)]
 pub struct CameraOptions {
-    /// The camera's calibration as `covers calibrate` wrote it, in place of the robot's own.
+    /// Calibration of the camera, written by `covers calibrate`, in place of the robot's own.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
 }
 
-/// Whose policies act on which robot, and how its camera is seen.
+/// Options that choose the policies, the robot and the camera's calibration.
 #[derive(Clone, Debug, Args)]
 pub struct SiteOptions {
-    /// The folder of a run, or one that `covers pack` made.
+    /// Folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
@@ -95,23 +94,23 @@ pub struct SiteOptions {
 }
 
 impl SiteOptions {
-    /// The policies, which look through the camera with these settings, or with its calibration
-    /// from a file.
+    /// Loads the policies, with these settings of the perception and the calibration of the
+    /// options.
     ///
     /// # Errors
     /// As [`CameraOptions::apply`] and [`Deployment::load`].
-    pub fn deployment(&self, sight: SightSettings) -> Result<Deployment, DeployError> {
-        Deployment::load(&RunFolder::open(&self.run), self.camera.apply(sight)?)
+    pub fn deployment(&self, vision: VisionSettings) -> Result<Deployment, DeployError> {
+        Deployment::load(&RunFolder::open(&self.run), self.camera.apply(vision)?)
     }
 }
 
 impl CameraOptions {
-    /// The settings with the calibration, if there is one.
+    /// Returns the settings with the calibration from the file, if there is one.
     ///
     /// # Errors
     /// As [`CalibrationFile::read`].
-    pub fn apply(&self, settings: SightSettings) -> Result<SightSettings, DeployError> {
+    pub fn apply(&self, settings: VisionSettings) -> Result<VisionSettings, DeployError> {
         let read = self.calibration.as_deref().map(CalibrationFile::read);
-        Ok(SightSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
+        Ok(VisionSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
     }
 }

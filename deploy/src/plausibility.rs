@@ -1,22 +1,22 @@
-//! A calibration from a file, held to what the rig knows of its camera.
+//! Plausibility check of a calibration from a file against the rig's own estimate.
 
 use glam::DQuat;
 use inpainting::Calibration;
 
 use crate::DeployError;
 
-/// Largest distance (metres) and angle (degrees) between the two: half as much again as a rig may
-/// be wrong by (docs/deployment.md, "An arm of your own").
+/// Maximum distance (metres) and angle (degrees) between the two cameras: 1.5 times the error that
+/// a rig's estimate may have (docs/deployment.md, "An arm of your own").
 const LARGEST: [f64; 2] = [0.15, 15.0];
-/// Largest difference of focal lengths, as a part of the rig's.
+/// Maximum difference of focal lengths, relative to the rig's.
 const FOCAL: f64 = 0.1;
-/// Largest difference of optical axes, and of where the lens shows one direction, as a part of the
+/// Maximum distance of optical axes, and of the pixels that show one direction, relative to the
 /// picture's width.
 const SHIFT: f64 = 0.1;
-/// Places along a side of the picture at which lenses are compared.
-const PLACES: usize = 9;
+/// Number of points along each side of the picture at which lenses are compared.
+const POINTS: usize = 9;
 
-/// Refuses a calibration that cannot be of the camera that the rig takes for `known`.
+/// Rejects a calibration that cannot be that of the rig's camera, whose own estimate is `known`.
 ///
 /// # Errors
 /// [`DeployError::OtherCamera`].
@@ -60,28 +60,31 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     require(angle <= LARGEST[1], "rotation", value, || format!("at most {} degrees", LARGEST[1]))
 }
 
-/// Distance (metres) between two cameras, and the angle between them (degrees).
+/// Returns the distance between two cameras (metres) and the angle between them (degrees).
 pub(super) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
     let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
     let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
+    // a quaternion and its negative are the same rotation, so the angle may exceed half a turn
     let angle = angle.min(std::f64::consts::TAU - angle);
     [one.position().distance(other.position()), angle.to_degrees()]
 }
 
 /// Difference of two lenses.
 enum Shift {
-    /// Largest distance between the places at which they show one direction.
+    /// Largest distance between the pixels at which they show the same direction.
     Pixels(f64),
-    /// Place at which the known lens shows a direction that the other one does not show.
+    /// Pixel at which the known lens shows a direction that the other one does not show.
     Hidden([f64; 2]),
 }
 
+/// Compares two lenses on a grid of pixels, with the rig's focal lengths and pose for both.
 fn shift(file: &Calibration, known: &Calibration) -> Shift {
+    // only the lens differs, so that errors of the pose do not count twice
     let bent = Calibration { distortion: file.distortion, ..*known };
     let size = [known.intrinsics.width, known.intrinsics.height];
     let mut largest: f64 = 0.0;
-    for index in 0..PLACES * PLACES {
-        let parts = [index % PLACES, index / PLACES].map(|i| i as f64 / (PLACES - 1) as f64);
+    for index in 0..POINTS * POINTS {
+        let parts = [index % POINTS, index / POINTS].map(|i| i as f64 / (POINTS - 1) as f64);
         let pixel = [0, 1].map(|axis| parts[axis] * size[axis] as f64);
         // a lens may leave the corners of its picture dark
         let Some(way) = known.direction(pixel) else {
@@ -142,7 +145,7 @@ mod tests {
         Calibration { distortion, ..known() }
     }
 
-    /// A right file is accepted for rigs that are wrong by as much as a rig may be.
+    /// Checks that a correct file is accepted by rigs with the largest allowed error.
     #[test]
     fn cameras_within_10_cm_and_10_degrees_are_plausible() {
         let diagonal = DVec3::ONE.normalize();
@@ -156,7 +159,7 @@ mod tests {
         check(&inside(|of| of.centre = [300.0, 255.0]), &known()).unwrap();
     }
 
-    /// The corners of such a picture are dark.
+    /// Checks lenses whose pictures have dark corners.
     #[test]
     fn lenses_that_show_nothing_in_corners_are_compared_elsewhere() {
         for radial in [[-0.37, 0.0], [-0.4, 0.0], [-0.49, -0.49]] {

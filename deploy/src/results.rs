@@ -1,4 +1,4 @@
-//! The folder that the results of a deployment go to.
+//! Folder for the results of a deployment.
 
 use std::path::{Path, PathBuf};
 
@@ -12,20 +12,20 @@ use super::faults::Fault;
 use super::sweep::{Swept, figure, swept_rows};
 use super::table::{TrialScore, deployment_markdown, trial_rows};
 
-/// A folder with `table.md` and `trials.csv`, and for each sweep a table (CSV) and a figure (SVG)
+/// Folder with `table.md` and `trials.csv`, and for each sweep a table (CSV) and a figure (SVG)
 /// named after the fault.
 pub struct Results {
     folder: PathBuf,
 }
 
 impl Results {
-    /// In a folder, which is made where there is none; `faults` are those that will be swept.
+    /// Creates the folder if there is none. `faults` are those that will be swept.
     ///
     /// # Errors
-    /// [`RunError::FileExists`] where one of the files is there, and a folder that cannot be
-    /// made.
+    /// [`RunError::FileExists`] if one of the files exists, and a folder that cannot be created.
     pub fn create(folder: &Path, faults: impl Iterator<Item = Fault>) -> Result<Self, DeployError> {
         std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
+        // check all files before any trial runs, which takes minutes
         let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
         let table = ["table.md", "trials.csv"].map(|name| folder.join(name));
@@ -49,7 +49,7 @@ impl Results {
         Ok(write("table.md", deployment_markdown(scores))?)
     }
 
-    /// Writes what is known so far of a sweep.
+    /// Writes the table and the figure of a sweep that may be incomplete.
     ///
     /// # Errors
     /// Files that cannot be written.

@@ -1,4 +1,4 @@
-//! What a robot needs around it for trials.
+//! Interface of a robot with its table, camera and clock, and the description of a trial.
 
 use std::time::Duration;
 
@@ -11,19 +11,19 @@ use symmetry::D2;
 
 use crate::DeployError;
 
-/// One episode on a robot.
+/// Description of one episode on a robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
-    /// What stands on the table. Whoever sets the table must know; the policy is not told.
+    /// Task variant to set up. The policy does not see it.
     pub variant: TaskVariant,
-    /// Which trial of the variant it is; each has a placement of its own.
+    /// Index of the trial of this variant; each has its own placement.
     pub number: usize,
-    /// Seed of all that is random.
+    /// Seed of placements and faults.
     pub seed: u64,
 }
 
 impl Trial {
-    /// One of a task that puts nothing on the table.
+    /// Returns a trial of a task that puts nothing on the table.
     pub fn on_empty_table(seed: u64) -> Self {
         Self {
             variant: TaskVariant { group: TaskGroup::GOAL_REACH, element: D2::Identity },
@@ -33,34 +33,35 @@ impl Trial {
     }
 }
 
-/// A table that is set.
+/// Table that is ready for a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SetUp {
-    /// The camera's picture `[H, W, 3]` of the table with its things, the arm parked beside it.
+    /// Picture `[H, W, 3]` of the table with its objects, taken with the arm parked outside of it.
     pub background: Vec<u8>,
-    /// Where the arm was parked.
+    /// State of the parked arm.
     pub parked: RobotState,
-    /// Where the hand shall go (metres, world), in tasks in which that is told.
+    /// Goal position of the hand (metres, world); `None` in tasks whose policy does not observe it.
     pub goal: Option<DVec3>,
 }
 
-/// How a task stands, as somebody sees who does not tell the policy.
+/// Success of a task, judged by an observer outside of the policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Verdict {
-    /// Whether the task was solved at any time since the last verdict.
+    /// `true` if the task was solved at any time since the last verdict.
     pub success: bool,
-    /// Whether it is solved.
+    /// `true` if the task is solved now.
     pub success_at_end: bool,
 }
 
-/// Stops the robot once something is done, whatever came of it.
+/// Stops the robot after an operation, whether it succeeded or failed, and returns its result.
 ///
 /// # Errors
-/// What came of it; [`ControlError::NotStopped`] where the robot cannot be stopped after an error.
+/// Error of the operation, or else of the stop; [`ControlError::NotStopped`] if both failed.
 pub(super) fn then_stop<T>(
     rig: &mut dyn Rig,
     done: Result<T, DeployError>,
 ) -> Result<T, DeployError> {
+    // also after an error, which must not leave the arm moving
     match (done, rig.stop()) {
         (Err(error), Err(source)) => {
             Err(ControlError::NotStopped { cause: error.to_string(), source: Box::new(source) }
@@ -71,80 +72,80 @@ pub(super) fn then_stop<T>(
     }
 }
 
-/// A picture that is older stops the arm.
+/// Maximum age of a picture; an older one stops the arm.
 pub(super) const OLDEST: Duration = Duration::from_millis(500);
 
-/// Copies the camera's newest picture into `rgb`, and says when it was taken.
+/// Copies the camera's latest picture into `rgb` `[H, W, 3]` and returns the time at which it was
+/// taken.
 ///
 /// # Errors
-/// [`DeployError::Rig`]; [`DeployError::PictureOfTheFuture`] for a camera whose clock is ahead.
+/// [`DeployError::Rig`]; [`DeployError::CameraClockAhead`] for a camera whose clock is ahead.
 pub(super) fn newest_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Duration, DeployError> {
-    let taken = rig.picture(rgb);
-    let taken = taken.map_err(|source| DeployError::Rig { source })?;
+    let taken = rig.picture(rgb).map_err(|source| DeployError::Rig { source })?;
     let now = rig.now();
+    // with a clock that is ahead, old pictures would look fresh
     if taken > now {
         let ahead = taken - now;
-        return Err(DeployError::PictureOfTheFuture { ahead });
+        return Err(DeployError::CameraClockAhead { ahead });
     }
     Ok(taken)
 }
 
-/// Copies the newest picture, as [`newest_picture`] does, and refuses one older than [`OLDEST`].
+/// Copies the latest picture like [`newest_picture`], but rejects one older than [`OLDEST`].
 ///
 /// # Errors
 /// As [`newest_picture`]; [`DeployError::StalePicture`].
 pub(super) fn fresh_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Duration, DeployError> {
     let taken = newest_picture(rig, rgb)?;
     let (age, most) = (rig.now() - taken, OLDEST);
-    match age > most {
-        true => Err(DeployError::StalePicture { age, most }),
-        false => Ok(taken),
-    }
+    if age > most { Err(DeployError::StalePicture { age, most }) } else { Ok(taken) }
 }
 
-/// A robot with its table, its camera and its clock.
+/// Robot with its table, its camera and its clock.
 ///
-/// All places are in the frame of the policy: its origin is the middle of the table, x points
-/// right, y away from the robot, and z up. The [`Robot`] keeps the twist that it was commanded, so
-/// it must stop by itself where nobody commands it. A [`Watchdog`](robots::Watchdog) does so only
-/// where somebody asks it in time: give it a thread of its own where a camera may block.
+/// All positions are in the policy's frame: the origin is the middle of the table, x points right,
+/// y away from the robot, and z up. The [`Robot`] keeps the last commanded twist, so it must stop
+/// by itself when commands cease. A [`Watchdog`](robots::Watchdog) does so only if it is polled in
+/// time: poll it from its own thread if the camera may block.
 pub trait Rig: Robot {
-    /// Sets the table for a trial, takes a picture of it with the arm parked, and brings the arm to
-    /// its start. There it rests when this returns, and the camera's newest picture shows it.
+    /// Sets the table up for a trial, takes a picture of it with the arm parked, and moves the arm
+    /// to its start. On return, the arm rests there and the camera's latest picture shows it.
     ///
     /// # Errors
-    /// Whatever the rig cannot do.
+    /// Errors of the hardware.
     fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError>;
 
-    /// What is known of the camera, from the last [`Rig::set_up`] on. A rehearsal asks without one.
+    /// Returns the estimated calibration of the camera since the last [`Rig::set_up`]. A dry run
+    /// calls this without a set-up.
     fn calibration(&self) -> Calibration;
 
-    /// Estimate of the camera that is the same for all trials, asked for before [`Rig::set_up`]. A
-    /// calibration from a file is held to it. By default it is [`Rig::calibration`], which must
-    /// then answer at any time.
+    /// Returns the estimated calibration that is the same for all trials. A calibration from a file
+    /// is compared with it, before [`Rig::set_up`]. The default is [`Rig::calibration`], which must
+    /// then work at any time.
     fn standing_calibration(&self) -> Calibration {
         self.calibration()
     }
 
-    /// Time since some moment; it does not go back.
+    /// Returns the time since a fixed moment. It never decreases.
     fn now(&self) -> Duration;
 
-    /// Lets so much time pass while the robot moves.
+    /// Waits for a time while the robot keeps moving.
     ///
     /// # Errors
-    /// Whatever the rig cannot do.
+    /// Errors of the hardware.
     fn wait(&mut self, time: Duration) -> Result<(), BoxError>;
 
-    /// Copies the camera's newest picture into `rgb` `[H, W, 3]`, and says when it was taken.
+    /// Copies the camera's latest picture into `rgb` `[H, W, 3]` and returns the time at which it
+    /// was taken.
     ///
     /// # Errors
-    /// Whatever the rig cannot do.
+    /// Errors of the hardware.
     fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError>;
 
-    /// How the task stands. It is asked after every decision, while the arm moves on, so it must
-    /// answer at once. The policy does not see it.
+    /// Returns the success of the task, which the policy does not see. Called after every decision
+    /// while the arm moves, so it must not block.
     ///
     /// # Errors
-    /// Whatever the rig cannot do.
+    /// Errors of the hardware.
     fn verdict(&mut self) -> Result<Verdict, BoxError>;
 }

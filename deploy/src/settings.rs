@@ -1,37 +1,60 @@
-//! What a deployment needs to know of how pictures are made.
+//! Settings of the perception, and of a simulated rig with it.
 
 use envs::Camera;
 use inpainting::{Calibration, ColorCorrection, Link, Mark, PerceptionSettings, PinholeCamera};
 
-/// How a real camera's pictures become those that policies know.
+use super::simulated::SimulationSettings;
+
+/// Settings of the perception, which makes a real camera's pictures look like those of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SightSettings {
-    /// How much thicker the mask is than the arm (metres).
+pub struct VisionSettings {
+    /// Margin of the mask around the arm (metres).
     pub growth: f64,
-    /// Pixels that the arm is painted out in along each side of a pixel that is drawn for a policy;
-    /// odd.
+    /// Pixels of in-painting along each side of a pixel that is drawn for a policy; odd.
     pub oversampling: usize,
-    /// How colours are corrected.
+    /// Method of colour correction.
     pub correction: ColorCorrection,
-    /// The camera, where somebody knows more of it than the rig does.
+    /// Calibration that replaces the rig's own; `None` to use the rig's.
     pub calibration: Option<Calibration>,
 }
 
-impl Default for SightSettings {
-    /// A mask that hides the arm where the calibration is wrong by 5 mm and half a degree.
+/// Settings of a simulated rig and of the perception of its pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RigSettings {
+    /// Faults of the camera and the arm.
+    pub simulation: SimulationSettings,
+    /// Settings of the perception.
+    pub vision: VisionSettings,
+}
+
+impl RigSettings {
+    /// Settings without faults and with the default perception.
+    pub const OFF: Self =
+        Self { simulation: SimulationSettings::OFF, vision: VisionSettings::DEFAULT };
+    /// Settings with nominal faults and the default perception.
+    pub const NOMINAL: Self =
+        Self { simulation: SimulationSettings::NOMINAL, vision: VisionSettings::DEFAULT };
+}
+
+impl Default for VisionSettings {
+    /// Returns settings whose mask hides the arm if the calibration is wrong by 5 mm and 0.5
+    /// degrees.
     fn default() -> Self {
-        Self {
-            growth: 0.02,
-            oversampling: 3,
-            correction: ColorCorrection::GreyWorld,
-            calibration: None,
-        }
+        Self::DEFAULT
     }
 }
 
-impl SightSettings {
-    /// The perception of an arm of capsules with these radii, two joints for each, for a policy that
-    /// has learnt with `camera`: of the pictures that observations are made of, without the mark.
+impl VisionSettings {
+    const DEFAULT: Self = Self {
+        growth: 0.02,
+        oversampling: 3,
+        correction: ColorCorrection::GreyWorld,
+        calibration: None,
+    };
+
+    /// Returns the settings of the perception of an arm of capsules with these radii (metres), two
+    /// joints for each, for a policy that was trained with `camera`. Pictures have the size at
+    /// which observations are drawn, and no mark.
     pub(super) fn perception(
         &self,
         calibration: Calibration,
@@ -52,7 +75,7 @@ impl SightSettings {
     }
 }
 
-/// A camera of the environments as one of in-painting.
+/// Converts a camera of the environments to one of the crate `inpainting`.
 fn pinhole(camera: &Camera) -> PinholeCamera {
     PinholeCamera::overhead(camera.size, camera.height, camera.half_extent)
 }

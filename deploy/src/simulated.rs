@@ -1,5 +1,5 @@
-//! A rig in simulation: an arm behind the interface of a real one, and a camera with a real one's
-//! faults.
+//! Simulated rig: an arm behind the interface of a real one, and a camera with the faults of a real
+//! one.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -24,73 +24,75 @@ use crate::DeployError;
 
 use super::rig::{Rig, SetUp, Trial, Verdict};
 
-/// What is wrong with a simulated rig.
+/// Faults of a simulated rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimulationSettings {
-    /// The camera's faults.
+    /// Faults of the camera.
     pub imperfections: Imperfections,
-    /// From a command to its effect (seconds).
+    /// Delay from a command to its effect (seconds).
     pub command_latency: f64,
 }
 
 impl SimulationSettings {
-    /// A camera and an arm that do at once what they should.
+    /// Perfect camera and an arm without delay.
     pub const OFF: Self = Self { imperfections: Imperfections::OFF, command_latency: 0.0 };
-    /// A camera as real ones are, and an arm that takes a cycle of 40 Hz to obey.
+    /// Camera with the faults of real ones, and an arm with the delay of one cycle at 40 Hz.
     pub const NOMINAL: Self =
         Self { imperfections: Imperfections::NOMINAL, command_latency: 0.025 };
 }
 
 type Watched = Watchdog<SimulatedArm, Box<dyn Fn() -> Duration>>;
 
-/// A control step of the simulation.
+/// Control step of the simulation.
 const STEP: Duration = Duration::from_micros(12_500);
-/// How long the past is kept, for pictures that come late.
+/// Number of control steps whose states are kept for late pictures: 2.25 s, more than the largest
+/// latency and exposure time of a camera.
 const KEPT: usize = 180;
-/// Random streams: placements take the number of the trial, which is below this; streams of cameras
-/// have this bit.
+/// Bit that separates the random streams of cameras from those of placements, which are the numbers
+/// of the trials.
 const CAMERAS: u64 = 1 << 63;
 
-/// Where the arm carries a ball of 40 mm in magenta, from the tip of its hand, with the axes of the
-/// world where the hand is turned as it works (metres): on a rod before the wrist, where nothing of
-/// the arm is above it.
+/// Position of the magenta calibration ball of 40 mm (metres), from the tip of the hand in the
+/// world's axes while the hand has its working orientation: on a rod in front of the wrist, where
+/// no part of the arm hides it from the camera above.
 const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 
-/// A simulated Kinova Gen3 at its table, under a camera.
+/// Simulated Kinova Gen3 at its table, under a camera.
 pub struct SimulatedRig {
     settings: SimulationSettings,
-    /// How the policy's camera is lit, and where it hangs; this rig's hangs there, too.
+    /// Camera of the policy. The rig's camera has the same light and the same pose.
     policy: Camera,
     arm: Arm,
     embodiment: Embodiment,
     clock: Rc<Cell<Duration>>,
-    table: Option<Table>,
+    workspace: Option<Workspace>,
     verdict: Verdict,
 }
 
-/// What changes with the task.
-struct Table {
+/// Simulation of one task group.
+struct Workspace {
     group: TaskGroup,
     robot: Watched,
     camera: SimulatedCamera,
     renderer: SceneRenderer,
-    /// A copy of the scene that is drawn in the past, and with its arm parked.
+    /// Copy of the table that is set to past states, or to a parked arm, and drawn.
     ghost: TableTop,
-    /// The simulation after each of the last control steps, oldest first.
-    past: VecDeque<(Duration, State)>,
+    /// State after each of the last control steps, oldest first.
+    history: VecDeque<(Duration, State)>,
+    /// Pictures of a perfect camera at the end and at the beginning of the exposure.
     ideal: [Vec<u8>; 2],
 }
 
 impl SimulatedRig {
-    /// A rig for policies that have learnt with the camera `policy`.
+    /// Creates a rig for policies that were trained with the camera `policy`.
     ///
     /// # Errors
-    /// None but those of an arm that the crate's tests make.
+    /// Errors of the arm's model, which is fixed.
     pub fn new(settings: SimulationSettings, policy: Camera) -> Result<Self, DeployError> {
         Ok(Self::of(settings, policy, KinovaGen3.arm()?, Embodiment::KINOVA_GEN3))
     }
 
-    /// A rig whose arm carries a ball in magenta that `covers calibrate` looks for.
+    /// Creates a rig whose arm carries the magenta ball that `covers calibrate` looks for.
     ///
     /// # Errors
     /// As [`SimulatedRig::new`].
@@ -106,17 +108,17 @@ impl SimulatedRig {
             arm,
             embodiment,
             clock: Rc::default(),
-            table: None,
+            workspace: None,
             verdict: Verdict::default(),
         }
     }
 
-    /// What is known of its arm.
+    /// Returns the model of the arm.
     pub fn arm(&self) -> &Arm {
         &self.arm
     }
 
-    /// The camera as it is, but for the distortion that nobody knows.
+    /// Returns the true calibration of the camera, except for the lens distortion.
     pub fn truth(&self) -> Calibration {
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,
@@ -125,22 +127,24 @@ impl SimulatedRig {
         }
     }
 
-    fn table(&mut self) -> Result<&mut Table, ControlError> {
-        self.table
+    fn workspace(&mut self) -> Result<&mut Workspace, ControlError> {
+        self.workspace
             .as_mut()
             .ok_or_else(|| ControlError::Driver { source: Box::new(EnvError::NotReset) })
     }
 
-    /// A camera for one trial: each is calibrated anew, and wrong in its own way.
+    /// Creates the camera of one trial. Each trial has its own errors of the calibration.
     fn camera(&self, trial: &Trial) -> Result<SimulatedCamera, DeployError> {
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         rng.set_stream(camera_stream(trial));
         Ok(SimulatedCamera::new(self.truth(), self.settings.imperfections, rng)?)
     }
 
-    /// The scene of a group, drawn by a perfect camera with the lens of `camera`.
-    fn compile(&self, group: TaskGroup, camera: SimulatedCamera) -> Result<Table, DeployError> {
+    /// Builds the simulation of a group, drawn by a perfect camera with the field of view of
+    /// `camera`.
+    fn compile(&self, group: TaskGroup, camera: SimulatedCamera) -> Result<Workspace, DeployError> {
         let inside = camera.ideal().intrinsics;
+        // the perfect camera is square: half its width in pixels gives what it sees of the table
         let half = inside.width as f64 / 2.0;
         let seen = Camera {
             half_extent: half * self.policy.height / inside.focal[0],
@@ -151,12 +155,12 @@ impl SimulatedRig {
         let clock = Rc::clone(&self.clock);
         let time: Box<dyn Fn() -> Duration> = Box::new(move || clock.get());
         let pixels = vec![0; inside.width * inside.width * RGB];
-        Ok(Table {
+        Ok(Workspace {
             group,
             robot: Watchdog::new(arm, time),
             renderer: SceneRenderer::with_arm(Arc::clone(&scene))?,
             ghost: TableTop::new(scene, Control::default())?,
-            past: VecDeque::new(),
+            history: VecDeque::new(),
             ideal: [pixels.clone(), pixels],
             camera,
         })
@@ -165,56 +169,60 @@ impl SimulatedRig {
     fn set(&mut self, trial: &Trial) -> Result<SetUp, DeployError> {
         let camera = self.camera(trial)?;
         let group = trial.variant.group;
-        let kept = self.table.take().filter(|table| table.group == group);
-        let mut table = match kept {
-            Some(table) => Table { camera, ..table },
+        // compiling a scene is slow, so trials of one group share it
+        let kept = self.workspace.take().filter(|workspace| workspace.group == group);
+        let mut workspace = match kept {
+            Some(workspace) => Workspace { camera, ..workspace },
             None => self.compile(group, camera)?,
         };
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         rng.set_stream(trial.number as u64);
-        let placement = table.ghost.scene().place(&mut rng);
+        let placement = workspace.ghost.scene().place(&mut rng);
         let element = trial.variant.element;
-        table.robot.robot_mut().start(element, placement)?;
-        table.ghost.reset_to(element, placement)?;
-        table.past.clear();
+        workspace.robot.robot_mut().start(element, placement)?;
+        workspace.ghost.reset_to(element, placement)?;
+        // late pictures must not show the last trial
+        workspace.history.clear();
         let parked = parked(&self.arm);
-        let background = table.parked_picture(&self.arm, &parked, self.clock.get())?;
-        table.remember(self.clock.get());
-        let goal = table.ghost.observable_goal();
-        self.table = Some(table);
+        let background = workspace.parked_picture(&self.arm, &parked, self.clock.get())?;
+        workspace.remember(self.clock.get());
+        let goal = workspace.ghost.observable_goal();
+        self.workspace = Some(workspace);
         self.verdict = Verdict::default();
         Ok(SetUp { background, parked, goal })
     }
 
-    /// Lets a control step pass.
+    /// Simulates one control step and checks the watchdog.
     fn advance(&mut self) -> Result<(), DeployError> {
         let now = self.clock.get() + STEP;
-        let table = self.table()?;
-        let outcome = table.robot.robot_mut().advance()?;
-        table.remember(now);
+        let workspace = self.workspace()?;
+        let outcome = workspace.robot.robot_mut().advance()?;
+        workspace.remember(now);
         self.clock.set(now);
         let verdict = &mut self.verdict;
         verdict.success |= outcome.success;
         verdict.success_at_end = outcome.success;
-        self.table()?.robot.check()?;
+        self.workspace()?.robot.check()?;
         Ok(())
     }
 }
 
-impl Table {
-    /// Keeps the present.
+impl Workspace {
+    /// Stores the current state, and drops the oldest one if there are too many.
     fn remember(&mut self, now: Duration) {
         let state = self.robot.robot().table().simulation().save();
-        self.past.push_back((now, state));
-        if self.past.len() > KEPT {
-            self.past.pop_front();
+        self.history.push_back((now, state));
+        if self.history.len() > KEPT {
+            self.history.pop_front();
         }
     }
 
-    /// Draws what an ideal camera saw at a time, or at the first moment that is known.
+    /// Draws the perfect camera's picture at a time, or at the first known state, into
+    /// `ideal[which]`.
     fn draw(&mut self, time: Duration, which: usize) -> Result<(), EnvError> {
-        let after = self.past.partition_point(|(then, _)| *then <= time);
-        let found = self.past.get(after.saturating_sub(1));
+        // the last state that is not later than `time`
+        let after = self.history.partition_point(|(then, _)| *then <= time);
+        let found = self.history.get(after.saturating_sub(1));
         let (_, state) = found.ok_or(EnvError::NotReset)?;
         let simulation = self.ghost.simulation_mut();
         simulation.restore(state)?;
@@ -222,7 +230,7 @@ impl Table {
         self.renderer.render(&mut self.ghost, &mut self.ideal[which])
     }
 
-    /// The camera's picture of the table with the arm parked.
+    /// Returns the camera's picture of the table with the arm parked.
     fn parked_picture(
         &mut self,
         arm: &Arm,
@@ -241,7 +249,7 @@ impl Table {
         self.shoot(1, now)
     }
 
-    /// The camera's picture of the ideal ones.
+    /// Returns the camera's picture, made of the first `instants` pictures of the perfect camera.
     fn shoot(&mut self, instants: usize, now: Duration) -> Result<Vec<u8>, DeployError> {
         let Intrinsics { width, height, .. } = self.camera.calibration().intrinsics;
         let mut rgb = vec![0; width * height * RGB];
@@ -250,35 +258,33 @@ impl Table {
         Ok(rgb)
     }
 
-    /// The camera's newest picture, and the middle of the time in which it collected light.
+    /// Returns the camera's latest picture and the middle of its exposure time.
     fn picture(&mut self, now: Duration) -> Result<(Vec<u8>, Duration), DeployError> {
         let imperfections = *self.camera.imperfections();
         let of = Duration::from_secs_f64;
         let end = now.saturating_sub(of(imperfections.latency));
         let begin = end.saturating_sub(of(imperfections.exposure_time));
         self.draw(end, 0)?;
-        let instants = match begin < end {
-            true => {
-                self.draw(begin, 1)?;
-                2
-            }
-            false => 1,
-        };
-        Ok((self.shoot(instants, now)?, begin + (end - begin) / 2))
+        let blurred = begin < end;
+        if blurred {
+            self.draw(begin, 1)?;
+        }
+        let picture = self.shoot(if blurred { 2 } else { 1 }, now)?;
+        Ok((picture, begin + (end - begin) / 2))
     }
 }
 
-/// The random stream of a trial's camera: each trial of each variant has its own.
+/// Returns the random stream of a trial's camera. Each trial of each variant has its own.
 fn camera_stream(trial: &Trial) -> u64 {
     let variant = trial.variant.to_string();
-    // FNV-1a (Fowler, Noll and Vo), which depends on no version of a library
+    // FNV-1a (Fowler, Noll and Vo): unlike the standard library's hash, it never changes
     let name = variant.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
     });
     CAMERAS | name.wrapping_add(trial.number as u64)
 }
 
-/// The arm with its ball, made once.
+/// Returns the arm with its ball, which is built once per process.
 fn carrying_ball() -> Result<&'static Arm, DeployError> {
     static ARM: OnceLock<Arm> = OnceLock::new();
     if let Some(arm) = ARM.get() {
@@ -302,7 +308,7 @@ fn carrying_ball() -> Result<&'static Arm, DeployError> {
     Ok(ARM.get_or_init(|| arm))
 }
 
-/// Ready for work, but turned away from the table.
+/// Returns the state of the arm turned away from the table by half a turn about its base.
 fn parked(arm: &Arm) -> RobotState {
     let mut joints = arm.settings().ready.clone();
     if let Some(pan) = joints.first_mut() {
@@ -313,17 +319,17 @@ fn parked(arm: &Arm) -> RobotState {
 
 impl Robot for SimulatedRig {
     fn state(&mut self) -> Result<RobotState, ControlError> {
-        self.table()?.robot.state()
+        self.workspace()?.robot.state()
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
-        self.table()?.robot.command(command)
+        self.workspace()?.robot.command(command)
     }
 
     fn stop(&mut self) -> Result<(), ControlError> {
-        match &mut self.table {
-            Some(table) => table.robot.stop(),
-            // nothing that could move is there
+        match &mut self.workspace {
+            Some(workspace) => workspace.robot.stop(),
+            // before the first set-up there is no robot that could move
             None => Ok(()),
         }
     }
@@ -334,13 +340,13 @@ impl Rig for SimulatedRig {
         Ok(self.set(trial)?)
     }
 
-    /// Each trial is misjudged in its own way; before the first, the camera is where it is.
+    /// Returns the trial's calibration with its errors; before the first trial, the true one.
     fn calibration(&self) -> Calibration {
-        let table = self.table.as_ref();
-        table.map_or_else(|| self.truth(), |table| *table.camera.calibration())
+        let workspace = self.workspace.as_ref();
+        workspace.map_or_else(|| self.truth(), |workspace| *workspace.camera.calibration())
     }
 
-    /// The true camera: no trial misjudges it.
+    /// Returns the true calibration, without the errors that each trial draws.
     fn standing_calibration(&self) -> Calibration {
         self.truth()
     }
@@ -359,7 +365,7 @@ impl Rig for SimulatedRig {
 
     fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
         let now = self.clock.get();
-        let (picture, taken) = self.table()?.picture(now)?;
+        let (picture, taken) = self.workspace()?.picture(now)?;
         rgb.copy_from_slice(&picture);
         Ok(taken)
     }

@@ -1,4 +1,4 @@
-//! Success against how much is wrong.
+//! Tables and figures of success against the amount of a fault.
 
 use envs::TaskGroup;
 
@@ -8,14 +8,15 @@ use report::svg::{DOT, Drawing};
 use super::faults::Fault;
 use super::table::{COLUMNS, TrialScore, cells, wilson};
 
-/// Height of a panel (pixels), and the shares from its lower to its upper edge.
+/// Height of a panel (pixels).
 const HEIGHT: f64 = 100.0;
+/// Shares of success at the lower and the upper edge of a panel, with room for dots at 0 and 1.
 const BOUNDS: [f64; 2] = [-0.05, 1.05];
 
-/// What came of a sweep: each amount, and the trials with it.
+/// Results of a sweep: each amount with its trials.
 pub type Swept = Vec<(f64, Vec<TrialScore>)>;
 
-/// A row a trial (CSV).
+/// Returns a table (CSV) with a row for each trial.
 pub fn swept_rows(fault: Fault, swept: &Swept) -> String {
     let mut text = format!("fault,amount,{COLUMNS}\n");
     for (amount, scores) in swept {
@@ -26,7 +27,8 @@ pub fn swept_rows(fault: Fault, swept: &Swept) -> String {
     text
 }
 
-/// Success of each of `groups` over the amount (SVG), a panel each, with intervals of 95 % as bands.
+/// Draws the success of each group over the amount (SVG), a panel for each, with intervals of 95 %
+/// as bands.
 pub fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
     let end = swept.last().map_or(0.0, |(amount, _)| *amount);
     let mut drawing = Drawing::half(end, fault.axis());
@@ -37,7 +39,7 @@ pub fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
     drawing.finish(&format!("Success against {}", fault.axis()))
 }
 
-/// The line of one group, its band, and a dot for each amount.
+/// Draws the line of one group, its band and a dot for each amount.
 fn curve(drawing: &mut Drawing, stroke: &Stroke, group: TaskGroup, swept: &Swept) {
     let counts = swept.iter().map(|(amount, scores)| {
         let of_group: Vec<bool> =
@@ -45,6 +47,7 @@ fn curve(drawing: &mut Drawing, stroke: &Stroke, group: TaskGroup, swept: &Swept
         let successes = of_group.iter().filter(|success| **success).count();
         (*amount, successes, of_group.len())
     });
+    // a share of no trials is no point
     let counts: Vec<_> = counts.filter(|(_, _, trials)| *trials > 0).collect();
     let bound = |side: usize| -> Vec<(f64, f64)> {
         let points = counts.iter();
@@ -104,8 +107,8 @@ mod tests {
         assert!(lines.iter().all(|line| line.split(',').count() == columns));
     }
 
-    /// From (0, 1) to (10, 0.25): the axis is 440 pixels long from 64 on, and the second panel begins
-    /// 14 below the first.
+    /// From (0, 1) to (10, 0.25): the axis is 440 pixels long from 64 on, and the second panel
+    /// begins 14 below the first.
     #[test]
     fn a_group_has_a_line_through_its_shares() {
         let text = figure(Fault::MaskGrowth, &GROUPS, &swept());

@@ -1,4 +1,4 @@
-//! The table of a deployment, in the form of the paper's.
+//! Table of a deployment's success, in the form of the paper's table.
 
 use std::collections::BTreeMap;
 
@@ -13,32 +13,32 @@ use report::Table;
 /// section 5): a real arm.
 const PAPER: [(&str, f64); 4] =
     [("plate-slide", 0.45), ("button-press", 0.60), ("drawer-close", 0.65), ("goal-reach", 0.95)];
-/// Standard deviations of an interval of 95 %.
+/// Half width of a 95 % interval in standard deviations of the normal distribution.
 const DEVIATIONS: f64 = 1.959_963_984_540_054;
 
-/// What came of one trial.
+/// Result of one trial.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialScore {
-    /// The group of what stood on the table.
+    /// Task group that was set up.
     pub group: TaskGroup,
-    /// The variant's element of the group of symmetries.
+    /// Element of D2 that makes the variant.
     pub element: D2,
-    /// Which trial of the variant it was.
+    /// Index of the trial of the variant.
     pub number: usize,
-    /// Index of the policy that the learner chose by the first picture.
+    /// Index of the policy that the learner chose from the first picture.
     pub policy: usize,
-    /// Whether the learner took it for one that knows the group.
+    /// `true` if the learner considered the policy to match the group.
     pub fits: bool,
-    /// Whether the task was solved at any time.
+    /// `true` if the task was solved at any time.
     pub success: bool,
-    /// Whether it was solved at the end.
+    /// `true` if the task was solved at the end.
     pub success_at_end: bool,
-    /// Commands that the arm refused because it could not follow them.
+    /// Number of commands that the arm refused because it could not follow them.
     pub refused: usize,
 }
 
-/// Bounds of the share of successes: the score interval of 95 % (Wilson, "Probable inference, the
-/// law of succession, and statistical inference", JASA 22, 1927); all of `[0, 1]` without trials.
+/// Returns the score interval of 95 % of a success rate (Wilson, "Probable inference, the law of
+/// succession, and statistical inference", JASA 22, 1927); `[0, 1]` without trials.
 pub(super) fn wilson(successes: usize, trials: usize) -> [f64; 2] {
     if trials == 0 {
         return [0.0, 1.0];
@@ -50,13 +50,13 @@ pub(super) fn wilson(successes: usize, trials: usize) -> [f64; 2] {
     [-1.0, 1.0].map(|side| ((middle + side * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
 }
 
-/// A line a group: success with its interval, success at the end, the success that the paper had on
-/// its real arm, and the policies that were chosen with how often.
+/// Returns a table (text) with a row for each group: success with its interval, success at the end,
+/// the success that the paper reports for its real arm, and the policies that were chosen.
 pub fn deployment_table(scores: &[TrialScore]) -> String {
     table(scores).text()
 }
 
-/// The same in Markdown.
+/// Returns the table of [`deployment_table`] in Markdown.
 pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
     table(scores).markdown()
 }
@@ -72,7 +72,7 @@ fn table(scores: &[TrialScore]) -> Table {
         let paper = paper.map(|(_, success)| *success);
         table.rows.push(row(group.name(), &of.collect::<Vec<_>>(), paper));
     }
-    // the paper's average is of its four groups
+    // the paper's average is over its four groups, so it compares with all of them only
     let all = (groups.len() == PAPER.len()).then(|| {
         let known = PAPER.iter().map(|(_, success)| success);
         known.sum::<f64>() / PAPER.len() as f64
@@ -102,10 +102,10 @@ fn row(name: &str, scores: &[&TrialScore], paper: Option<f64>) -> Vec<String> {
     ]
 }
 
-/// Names of the cells of [`cells`].
+/// Header (CSV) of the columns of [`cells`].
 pub(super) const COLUMNS: &str = "group,variant,number,policy,fits,success,success_at_end,refused";
 
-/// A trial as cells of a line (CSV).
+/// Formats a trial as a row (CSV) without a line break.
 pub(super) fn cells(score: &TrialScore) -> String {
     format!(
         "{},{},{},{},{},{},{},{}",
@@ -120,13 +120,13 @@ pub(super) fn cells(score: &TrialScore) -> String {
     )
 }
 
-/// A row a trial (CSV).
+/// Returns a table (CSV) with a row for each trial.
 pub(super) fn trial_rows(scores: &[TrialScore]) -> String {
     let rows = scores.iter().map(|score| cells(score) + "\n");
     format!("{COLUMNS}\n{}", rows.collect::<String>())
 }
 
-/// Policies with how often each was chosen.
+/// Lists the chosen policies, each with its number of trials.
 fn policies(scores: &[&TrialScore]) -> String {
     let mut chosen: BTreeMap<usize, usize> = BTreeMap::new();
     for score in scores {

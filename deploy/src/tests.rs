@@ -1,4 +1,4 @@
-//! Trials on a rig without a simulation, whose camera may fail, and on the simulated one.
+//! Tests of trials on a rig without a simulation, whose camera may fail, and on the simulated one.
 
 use std::cell::Cell;
 use std::f64::consts::PI;
@@ -18,10 +18,10 @@ use robots::{
 use symmetry::D2;
 
 use super::deployment::check;
-use super::dry_run::DryRun;
+use super::dry_run::DryRunRig;
 use super::{
-    Deployment, MaskCheck, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Stage,
-    Trial, Verdict, Withheld, poses,
+    BlockedCommand, Deployment, MaskCheck, Rig, SetUp, SimulatedRig, SimulationSettings, Stage,
+    Trial, Verdict, VisionSettings, poses,
 };
 use crate::DeployError;
 use experiments::{Experiment, RunFolder};
@@ -34,21 +34,21 @@ const TRIAL: Trial = Trial {
 };
 
 fn deployment() -> Deployment {
-    seeing(SightSettings::default())
+    seeing(VisionSettings::default())
 }
 
-fn seeing(sight: SightSettings) -> Deployment {
+fn seeing(vision: VisionSettings) -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
-    Deployment::load(&RunFolder::open(&folder), sight).unwrap()
+    Deployment::load(&RunFolder::open(&folder), vision).unwrap()
 }
 
 type Camera = fn(Duration) -> Result<Duration, BoxError>;
 
-/// An arm without masses over a grey table: what somebody with an arm would write.
+/// Rig with a kinematic arm over a grey table, as an example of a rig of your own.
 struct DryRig {
     robot: Watchdog<KinematicArm, Box<dyn Fn() -> Duration>>,
     clock: Rc<Cell<Duration>>,
-    /// When the newest picture was taken.
+    /// Function from the current time to the time of the latest picture.
     camera: Camera,
 }
 
@@ -126,7 +126,7 @@ impl Rig for DryRig {
     }
 }
 
-/// Whether the hand moves in the next second.
+/// Returns `true` if the hand moves in the next second.
 fn moves(rig: &mut DryRig) -> bool {
     let place = |rig: &mut DryRig| rig.robot.robot().control().tip().position;
     let before = place(rig);
@@ -148,9 +148,8 @@ fn a_robot_without_a_simulation_runs_a_trial_and_stands_at_its_end() {
 
 #[test]
 fn a_camera_that_fails_or_stops_stops_the_arm() {
-    let fails: Camera = |now| match now < Duration::from_millis(700) {
-        true => Ok(now),
-        false => Err("the cable is loose".into()),
+    let fails: Camera = |now| {
+        if now < Duration::from_millis(700) { Ok(now) } else { Err("the cable is loose".into()) }
     };
     let freezes: Camera = |now| Ok(now.min(Duration::from_millis(300)));
     let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
@@ -165,7 +164,7 @@ fn a_camera_that_fails_or_stops_stops_the_arm() {
     }
 }
 
-/// A rig whose table is set, and whose robot must be told nothing.
+/// Rig that panics if anything is sent to its robot.
 struct Untouched(DryRig);
 
 impl Robot for Untouched {
@@ -208,39 +207,39 @@ impl Rig for Untouched {
     }
 }
 
-/// It goes all the way, within the arm's limits, and tells the robot nothing. Errors tell it
-/// nothing, either.
+/// Checks that a dry run completes, respects the arm's limits and sends nothing to the robot, not
+/// even after an error.
 #[test]
-fn a_rehearsal_sends_nothing_to_the_robot() {
+fn a_dry_run_sends_nothing_to_the_robot() {
     let mut rig = Untouched(dry_rig(Ok));
     let before = rig.state().unwrap();
     let mut deployment = deployment();
-    let rehearsal = deployment.rehearse(&mut rig, &arm(), &TRIAL).unwrap();
+    let report = deployment.dry_run(&mut rig, &arm(), &TRIAL).unwrap();
     assert_eq!(rig.state().unwrap(), before);
-    assert_eq!((rehearsal.actions.len(), rehearsal.withheld.len()), (50, 250));
+    assert_eq!((report.actions.len(), report.blocked.len()), (50, 250));
     let limits = arm().settings().control.limits;
     let mut last = robots::Twist::ZERO;
-    for Withheld { command, twist, refusal } in &rehearsal.withheld {
+    for BlockedCommand { command, twist, refusal } in &report.blocked {
         assert!(refusal.is_none() && command.check().is_ok());
         assert!(command.twist.linear.length() <= limits.speed + 1e-12);
         let sudden = (twist.linear - last.linear).length() / 0.025;
         assert!(sudden <= limits.acceleration + 1e-9, "{sudden}");
         last = *twist;
     }
-    assert!(rehearsal.withheld.iter().any(|one| one.twist.linear.length() > 0.05));
-    let text = rehearsal.text();
+    assert!(report.blocked.iter().any(|one| one.twist.linear.length() > 0.05));
+    let text = report.text();
     assert!(text.contains("decision  49") && text.contains("250 commands were withheld, 0"));
     for (stage, count) in Stage::ALL.into_iter().zip([51, 51, 1, 50, 50]) {
-        assert_eq!(rehearsal.stages.count(stage), count, "{}", stage.name());
+        assert_eq!(report.latencies.count(stage), count, "{}", stage.name());
         assert!(text.contains(stage.name()), "{text}");
     }
     let broken: Camera = |_| Err("the cable is loose".into());
-    let failed = deployment.rehearse(&mut Untouched(dry_rig(broken)), &arm(), &TRIAL);
+    let failed = deployment.dry_run(&mut Untouched(dry_rig(broken)), &arm(), &TRIAL);
     assert!(failed.unwrap_err().to_string().contains("the cable is loose"));
 }
 
-/// The robot is told nothing with a calibration of another camera, neither in a trial nor by a check
-/// of the mask.
+/// Checks that nothing is sent to the robot with a calibration of another camera, neither in a
+/// trial nor by a check of the mask.
 #[test]
 fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     let known = dry_rig(Ok).calibration();
@@ -255,13 +254,13 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     bent.distortion.radial = [0.49; 2];
     let trial = |calibration: Calibration, rig: &mut dyn Rig| {
         let mut deployment =
-            seeing(SightSettings { calibration: Some(calibration), ..SightSettings::default() });
+            seeing(VisionSettings { calibration: Some(calibration), ..VisionSettings::default() });
         let first = &poses(&arm())[..1];
         let masks = MaskCheck::measure(&deployment, rig, &arm(), first, &TRIAL);
         let refusals = [
             masks.map(|_| ()),
             deployment.trial(rig, &arm(), &TRIAL, None).map(|_| ()),
-            deployment.rehearse(rig, &arm(), &TRIAL).map(|_| ()),
+            deployment.dry_run(rig, &arm(), &TRIAL).map(|_| ()),
         ];
         refusals.map(Result::unwrap_err)
     };
@@ -280,7 +279,8 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     }
 }
 
-/// Every trial misjudges the camera in its own way, and none of that is held against the file.
+/// Checks that a file is compared with the standing calibration, not with that of a trial, which
+/// has errors of its own.
 #[test]
 fn calibrations_are_held_to_the_same_camera_in_every_trial() {
     let mut settings = SimulationSettings::OFF;
@@ -300,7 +300,7 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
     };
     let mut rig = SimulatedRig::new(settings, camera).unwrap();
     let mut deployment =
-        seeing(SightSettings { calibration: Some(file), ..SightSettings::default() });
+        seeing(VisionSettings { calibration: Some(file), ..VisionSettings::default() });
     for number in [1, 2] {
         let trial = Trial { number, ..TRIAL };
         deployment.trial(&mut rig, &arm, &trial, None).unwrap();
@@ -308,32 +308,32 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
     MaskCheck::measure(&deployment, &mut rig, &arm, &poses(&arm)[..1], &TRIAL).unwrap();
 }
 
-/// Its background is taken before any decision, and must show the table as it is now.
+/// Checks that the background of a dry run must be a recent picture.
 #[test]
-fn a_rehearsal_takes_no_old_background() {
+fn a_dry_run_takes_no_old_background() {
     let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
     for (camera, says) in
         [((|_| Ok(Duration::ZERO)) as Camera, "1000 ms old"), (ahead, "2 ms from now")]
     {
         let mut rig = dry_rig(camera);
         rig.wait(Duration::from_secs(1)).unwrap();
-        let set_up = DryRun::new(&mut rig, &arm()).unwrap().set_up(&TRIAL);
+        let set_up = DryRunRig::new(&mut rig, &arm()).unwrap().set_up(&TRIAL);
         let message = set_up.unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
     }
 }
 
 #[test]
-fn a_rehearsal_without_a_table_is_refused() {
+fn a_dry_run_without_a_table_is_refused() {
     let mut deployment = deployment();
     let camera = *deployment.camera();
     let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
     let arm = rig.arm().clone();
-    let failed = deployment.rehearse(&mut rig, &arm, &TRIAL);
+    let failed = deployment.dry_run(&mut rig, &arm, &TRIAL);
     assert!(matches!(failed, Err(DeployError::Rig { .. })));
 }
 
-/// The policy was trained with another arm, and sees this one through a camera with all faults.
+/// Checks a policy that was trained with another arm, on a camera with all faults.
 #[test]
 fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     let mut deployment = deployment();
@@ -341,7 +341,7 @@ fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL, camera).unwrap();
     assert!(rig.state().is_err(), "no table is set");
     let arm = rig.arm().clone();
-    let mut strip = super::Strip::default();
+    let mut strip = super::FilmStrip::default();
     let score = deployment.trial(&mut rig, &arm, &TRIAL, Some(&mut strip)).unwrap();
     assert!(score.success && score.fits && score.refused == 0, "{score:?}");
     // decisions 0, 5, ... 50

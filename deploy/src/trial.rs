@@ -1,4 +1,4 @@
-//! A trial as an environment of one: what a policy sees of it, and how it acts.
+//! Trial on a rig as a vector of one environment, in which a learner chooses a policy and acts.
 
 use std::time::Instant;
 
@@ -10,13 +10,14 @@ use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use crate::DeployError;
 use experiments::scale;
 
-use super::pilot::Pilot;
+use super::controller::ActionController;
+use super::film_strip::FilmStrip;
+use super::latency::{LatencyProfile, Stage};
+use super::observer::Observer;
 use super::rig::Rig;
-use super::sight::Sight;
-use super::stages::{Stage, Stages};
-use super::strip::Strip;
 
-/// The first picture of a trial, for a learner to recognise the group in. No robot moves.
+/// Environment that shows nothing but the first picture of a trial, for the choice of a policy. The
+/// robot does not move.
 pub(super) struct FirstPicture<'a> {
     pub spec: &'a EnvSpec,
     pub first: &'a Observations,
@@ -41,31 +42,34 @@ impl VectorEnv for FirstPicture<'_> {
     }
 }
 
-/// A trial that a policy acts in.
+/// Environment of a trial in which a policy acts.
 pub(super) struct TrialEnv<'a> {
     pub rig: &'a mut dyn Rig,
     pub arm: &'a Arm,
-    pub sight: Sight,
-    pub pilot: Pilot,
+    pub observer: Observer,
+    pub controller: ActionController,
     pub spec: EnvSpec,
     pub control: Control,
-    /// Where the hand shall go, where that is told.
+    /// Goal position of the hand (metres, world); zero in tasks whose policy does not observe it.
     pub goal: DVec3,
-    /// The trial's first picture `[size, size, 3]`; empty before it.
+    /// First picture of the trial `[size, size, 3]`; empty before it.
     pub first: Vec<u8>,
-    /// What the policy is told at the start.
+    /// Observation at the start.
     pub start: Observations,
-    /// What the policy decided.
+    /// Actions of the policy so far.
     pub actions: Vec<[f32; ACTION_DIM]>,
-    /// How long everything took.
-    pub stages: Stages,
-    /// When the policy was told what it sees.
-    pub told: Option<Instant>,
-    pub strip: Option<&'a mut Strip>,
+    /// Times of all stages.
+    pub latencies: LatencyProfile,
+    /// Time of the last observation; `None` before the first.
+    pub observed: Option<Instant>,
+    pub strip: Option<&'a mut FilmStrip>,
 }
 
 impl TrialEnv<'_> {
-    /// Looks for the first time, while the robot rests.
+    /// Makes the first observation while the robot rests.
+    ///
+    /// # Errors
+    /// Errors of the rig and the perception.
     pub fn begin(&mut self) -> Result<(), DeployError> {
         let mut start = Observations::new(&self.spec);
         self.observe(&mut start)?;
@@ -73,25 +77,26 @@ impl TrialEnv<'_> {
         Ok(())
     }
 
-    /// What the policy is told now.
+    /// Writes the current observation into `out` `[1, ..]`.
     fn observe(&mut self, out: &mut Observations) -> Result<(), DeployError> {
         let mut picture = vec![0; self.spec.image[0] * self.spec.image[1] * RGB];
         let started = Instant::now();
-        self.sight.shoot(self.rig)?;
-        self.stages.note(Stage::Picture, started.elapsed());
+        self.observer.shoot(self.rig)?;
+        self.latencies.record(Stage::Picture, started.elapsed());
         let started = Instant::now();
-        self.sight.paint(self.arm, &mut picture)?;
-        self.stages.note(Stage::InPainting, started.elapsed());
+        self.observer.paint(self.arm, &mut picture)?;
+        self.latencies.record(Stage::InPainting, started.elapsed());
         if let Some(strip) = &mut self.strip {
-            let perception = self.sight.perception();
-            strip.add(self.sight.picture(), perception, &picture);
+            let perception = self.observer.perception();
+            strip.add(self.observer.picture(), perception, &picture);
         }
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        self.sight.compose(&picture, &self.first, &mut out.images);
-        let (hand, goal) = (self.sight.state().tip.position, self.goal);
-        let aperture = self.arm.aperture(self.sight.state());
+        self.observer.compose(&picture, &self.first, &mut out.images);
+        let (hand, goal) = (self.observer.state().tip.position, self.goal);
+        let aperture = self.arm.aperture(self.observer.state());
+        // order of the vector in training
         let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];
         out.vectors.copy_from_slice(&numbers.map(|number| number as f32));
         scale(&mut out.vectors);
@@ -99,26 +104,23 @@ impl TrialEnv<'_> {
     }
 
     fn act(&mut self, action: &[f32], out: &mut Transition) -> Result<(), DeployError> {
-        if let Some(told) = self.told {
-            self.stages.note(Stage::Policy, told.elapsed());
+        if let Some(observed) = self.observed {
+            self.latencies.record(Stage::Policy, observed.elapsed());
         }
         let action = std::array::from_fn::<_, ACTION_DIM, _>(|i| action[i]);
         self.actions.push(action);
-        self.pilot.decide(self.rig, &mut self.sight, action)?;
-        self.stages.note(Stage::Commands, self.pilot.spent());
-        let verdict = self.rig.verdict();
-        let verdict = verdict.map_err(|source| DeployError::Rig { source })?;
+        self.controller.decide(self.rig, &mut self.observer, action)?;
+        self.latencies.record(Stage::Commands, self.controller.spent());
+        let verdict = self.rig.verdict().map_err(|source| DeployError::Rig { source })?;
         self.observe(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);
-        // nobody pays a robot
+        // rewards are known in simulation only
         out.rewards.fill(0.0);
         out.success.fill(verdict.success || verdict.success_at_end);
         out.success_at_end.fill(verdict.success_at_end);
-        out.outcomes.fill(match self.actions.len() < self.control.decisions() {
-            true => Outcome::Running,
-            false => Outcome::Truncated,
-        });
-        self.told = Some(Instant::now());
+        let running = self.actions.len() < self.control.decisions();
+        out.outcomes.fill(if running { Outcome::Running } else { Outcome::Truncated });
+        self.observed = Some(Instant::now());
         Ok(())
     }
 }
@@ -132,10 +134,10 @@ impl VectorEnv for TrialEnv<'_> {
         Some(self.control.decisions())
     }
 
-    /// The trial stands where it stands: the robot rests at its start.
+    /// Returns the first observation again. The robot still rests at its start.
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         out.clone_from(&self.start);
-        self.told = Some(Instant::now());
+        self.observed = Some(Instant::now());
         Ok(())
     }
 

@@ -1,4 +1,4 @@
-//! `covers render`: policies at work, as a GIF or an mp4.
+//! `covers render`: films policies as a GIF or an mp4.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -12,12 +12,12 @@ use experiments::cli::{Threads, say};
 use experiments::{RunFolder, thread_pool};
 
 use super::error::RenderError;
-use super::mosaic::mosaic;
-use super::show::{Played, Shot, Show};
-use super::studio::View;
-use super::target::Target;
+use super::grid::grid;
+use super::output::OutputFile;
+use super::player::{FilmSettings, FilmedEpisode, PolicyPlayer};
+use super::recorder::View;
 
-/// What to film.
+/// Options of `covers render`: the groups, the views and the file of a film.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers render runs/covers-seed0 --views raw --out policies.gif")]
 pub struct RenderOptions {
@@ -29,14 +29,14 @@ pub struct RenderOptions {
     /// The four variants of this group alone, as `goal-reach` (default: all groups of the run).
     #[arg(long, visible_alias = "task")]
     pub group: Option<String>,
-    /// What is shown of each variant, one row each; several are parted by commas.
+    /// Views of each variant, one row each; several are separated by commas.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "seen")]
     pub views: Vec<View>,
-    /// Below each row, show its pictures mirrored back: four times the same.
+    /// Below each row, show its pictures mirrored back: four times the same picture.
     #[arg(long)]
     pub twins: bool,
-    /// End the film after so many decisions (default: with the episode); whether a variant was
-    /// solved is said of the whole episode.
+    /// End the film after this number of decisions (default: with the episode). The printed outcome
+    /// is that of the whole episode.
     #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub decisions: Option<usize>,
     /// Seed of the placements, which the variants of a group share.
@@ -51,30 +51,31 @@ impl RenderOptions {
     /// Plays one episode of each variant, writes the film and prints to `out`.
     ///
     /// # Errors
-    /// A group that the run has not learnt, a folder without policies, a file that exists, has
-    /// another ending or cannot be written; what the environments or the learner say.
+    /// A group that the run was not trained on, a folder without policies, a file that exists, has
+    /// another extension or cannot be written; errors of the environments and the learner.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RenderError> {
-        let target = Target::new(&self.out)?;
+        let target = OutputFile::new(&self.out)?;
         let folder = RunFolder::open(&self.run);
         let schedule = folder.experiment()?.schedule;
         let groups = schedule.chosen(self.group.as_deref(), &TaskRegistry::standard())?;
         let threads = self.threads.count();
-        let mut show = Show::load(&folder, threads)?;
+        let mut player = PolicyPlayer::load(&folder, threads)?;
         target.prepare()?;
-        let shot = Shot {
+        let settings = FilmSettings {
             groups: &groups,
             views: &self.views,
-            twins: self.twins,
+            mirrored_back: self.twins,
             decisions: self.decisions,
             seed: self.seed,
         };
-        let played = thread_pool(threads)?.install(|| show.play(&shot))?;
+        let episodes = thread_pool(threads)?.install(|| player.play(&settings))?;
         let names = D2::ALL.map(|element| element.to_string());
-        let film = mosaic(&names.each_ref().map(String::as_str), &show.rows(&shot, &played));
-        // a closed pipe loses no film
+        let columns = names.each_ref().map(String::as_str);
+        let film = grid(&columns, &player.rows(&settings, &episodes));
+        // write before printing: a closed pipe must not lose the film
         target.write(&film)?;
-        for played in &played {
-            say(out, &line(played))?;
+        for episode in &episodes {
+            say(out, &line(episode))?;
         }
         let (frames, path) = (film.frames.len(), target.path().display());
         let (width, height) = (film.width, film.height);
@@ -83,8 +84,8 @@ impl RenderOptions {
     }
 }
 
-fn line(played: &Played) -> String {
-    let outcome = if played.success { "solved" } else { "not solved" };
-    let Played { variant, policy, .. } = played;
+fn line(episode: &FilmedEpisode) -> String {
+    let FilmedEpisode { variant, policy, success, .. } = episode;
+    let outcome = if *success { "solved" } else { "not solved" };
     format!("{variant}: policy {policy}, {outcome}")
 }

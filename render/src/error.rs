@@ -5,28 +5,28 @@ use std::path::PathBuf;
 use experiments::RunError;
 use learner::LearnerError;
 
-/// Error of a film.
+/// Error while policies are filmed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// A run.
+    /// Error of the run whose policies are filmed.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A file whose name does not say what can be written.
+    /// File name without the extension of a supported format.
     #[error("{} cannot be written: expected a name with the ending {expected}", path.display())]
     Ending {
-        /// The file.
+        /// Requested path of the film.
         path: PathBuf,
-        /// The endings that there are.
+        /// Supported extensions.
         expected: &'static str,
     },
-    /// A film that would need a program which is not there.
+    /// Film in a format that needs `ffmpeg`, which was not found.
     #[error(
-        "{} takes `ffmpeg`, which is not on the path: install it, or choose a name that ends in .gif",
+        "{} needs `ffmpeg`, which is not on the path: install it, or choose a name that ends in .gif",
         path.display()
     )]
     NoFfmpeg {
-        /// The file.
+        /// Requested path of the film.
         path: PathBuf,
     },
 }

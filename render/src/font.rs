@@ -1,10 +1,10 @@
-//! Letters of 5 x 7 pixels.
+//! Bitmap font of 5 x 7 pixels for the captions of films.
 
-/// Pixels across and down of a letter, the gap after it included.
+/// Width and height (pixels) of a character with the gap after it, before enlargement.
 pub(super) const LETTER: [usize; 2] = [6, 8];
 
-/// The columns of a letter from left to right; bit 0 is the top row. A letter that there is none of
-/// is a box.
+/// Returns the columns of a character from left to right; bit 0 is the top row. A character without
+/// a glyph is drawn as a box.
 fn columns(letter: char) -> [u8; 5] {
     match letter {
         ' ' => [0, 0, 0, 0, 0],
@@ -17,7 +17,7 @@ fn columns(letter: char) -> [u8; 5] {
     }
 }
 
-/// The ten digits, then the letters.
+/// Glyphs of the ten digits, then of the letters.
 const GLYPHS: [[u8; 5]; 36] = [
     [0x3e, 0x41, 0x41, 0x41, 0x3e],
     [0x00, 0x42, 0x7f, 0x40, 0x00],
@@ -57,7 +57,7 @@ const GLYPHS: [[u8; 5]; 36] = [
     [0x44, 0x64, 0x54, 0x4c, 0x44],
 ];
 
-/// The pixels that make up `text` at twice the size: columns from the left end, rows from the top.
+/// Returns the `[x, y]` of all pixels of `text` at twice the font's size, from its top left corner.
 pub(super) fn pixels(text: &str) -> impl Iterator<Item = [usize; 2]> {
     const TWICE: usize = 2;
     let letters = text.chars().enumerate();

@@ -1,22 +1,22 @@
-//! Films as GIF files.
+//! Encoding of films as GIF files.
 
 use ::gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
 
 use super::palette::Palette;
 
-/// The index of what stays as it was.
+/// Palette index of pixels that did not change since the last picture.
 const UNCHANGED: u8 = Palette::MOST as u8;
 
-/// The film as a GIF file that repeats for ever.
+/// Encodes a film as a GIF file that repeats for ever.
 ///
 /// # Errors
-/// A picture with a side above 65535 pixels, or no pixels.
+/// A film whose width or height is 0 or above 65535 pixels.
 pub fn encode(film: &Film) -> Result<Vec<u8>, EncodingError> {
     let side = |side: usize| u16::try_from(side).map_err(std::io::Error::other);
     let (width, height) = (side(film.width)?, side(film.height)?);
     let palette = Palette::of(film.frames.iter().map(Vec::as_slice));
     let mut colours = palette.bytes();
-    // a smaller palette would not hold the index of what stays
+    // a palette of fewer colours would have no index `UNCHANGED`
     colours.resize(3 * (Palette::MOST + 1), 0);
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, width, height, &colours)?;
@@ -34,7 +34,7 @@ pub fn encode(film: &Film) -> Result<Vec<u8>, EncodingError> {
     Ok(bytes)
 }
 
-/// What changes from one picture of a film to the next, cut out.
+/// Returns the smallest rectangle that holds all pixels that changed since the picture `before`.
 fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
     let changed = |pixel: &usize| before.get(*pixel) != now.get(*pixel);
     let changes = || (0..now.len()).filter(changed);
@@ -43,10 +43,7 @@ fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
     let rows = |pixel: Option<usize>| pixel.unwrap_or(0) / width;
     let (top, bottom) = (rows(changes().next()), rows(changes().next_back()));
     let pixels = (top..=bottom).flat_map(|row| (left..=right).map(move |x| row * width + x));
-    let pixels = pixels.map(|pixel| match changed(&pixel) {
-        true => now[pixel],
-        false => UNCHANGED,
-    });
+    let pixels = pixels.map(|pixel| if changed(&pixel) { now[pixel] } else { UNCHANGED });
     Frame {
         left: left as u16,
         top: top as u16,
@@ -59,20 +56,20 @@ fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
     }
 }
 
-/// Hundredths of a second from one picture to the next: 12.5 pictures a second. A decision lasts
-/// 0.125 s, so a film runs at one and a half times the speed of the table.
+/// Delay between pictures (hundredths of a second), which makes 12.5 pictures per second. A
+/// decision lasts 0.125 s, so a film runs at about one and a half times the simulated speed.
 pub(super) const DELAY: u16 = 8;
-/// How many times the last picture is shown before a film begins anew.
+/// Delays for which the last picture stays before a film repeats.
 pub(super) const HOLD: u16 = 12;
 
-/// Pictures of one size, one for each decision.
+/// Sequence of pictures of one size, one for each decision.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Film {
-    /// Pixels across.
+    /// Width (pixels).
     pub width: usize,
-    /// Pixels down.
+    /// Height (pixels).
     pub height: usize,
-    /// Each `[height, width, 3]`, row 0 on top.
+    /// Pictures, each `[height, width, 3]` with row 0 on top.
     pub frames: Vec<Vec<u8>>,
 }
 
@@ -81,7 +78,7 @@ mod tests {
     use super::*;
     use ::gif::{ColorOutput, DecodeOptions};
 
-    /// Three pictures of a dot that moves, and then rests.
+    /// Film of three pictures: a dot moves, then rests.
     fn film() -> Film {
         let (width, height) = (5, 3);
         let frame = |dot: usize| {
@@ -93,7 +90,7 @@ mod tests {
         Film { width, height, frames: [1, 8, 8].map(frame).to_vec() }
     }
 
-    /// What a viewer shows, picture by picture, and for how long.
+    /// Returns the pictures that a viewer shows, each with its delay.
     fn shown(bytes: &[u8]) -> Vec<(Vec<u8>, u16)> {
         let mut options = DecodeOptions::new();
         options.set_color_output(ColorOutput::RGBA);

@@ -1,23 +1,21 @@
-//! Moving pictures of policies: GIF, and mp4 where `ffmpeg` is on the path.
+//! Films of trained policies: GIF, and mp4 where `ffmpeg` is on the path.
 
 mod command;
 mod error;
 mod font;
-mod gallery;
 mod gif;
-mod helper;
-mod mosaic;
+mod grid;
 mod mp4;
+mod output;
 mod palette;
-mod show;
-mod studio;
-mod target;
+mod player;
+mod recorder;
+mod subprocess;
 
 pub use command::RenderOptions;
 pub use error::RenderError;
-pub use gallery::gallery;
 pub use gif::Film;
 pub use gif::encode as gif;
-pub use mosaic::{Cell, Row, mosaic};
-pub use show::Show;
-pub use studio::{Studio, View};
+pub use grid::{Cell, Row, grid};
+pub use player::{PolicyPlayer, film_groups};
+pub use recorder::{EpisodeRecorder, View};

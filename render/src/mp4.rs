@@ -1,37 +1,38 @@
-//! Films as mp4 files, which `ffmpeg` makes.
+//! Encoding of films as mp4 files by `ffmpeg`.
 
 use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::{RenderError, helper};
+use crate::{RenderError, subprocess};
 use experiments::RunError;
 use learner::disk::PARTIAL;
 
 use super::gif::{DELAY, Film, HOLD};
 
-/// The program.
+/// Path of the program `ffmpeg`.
 pub(super) struct Ffmpeg(PathBuf);
 
 impl Ffmpeg {
-    /// The first `ffmpeg` in these folders, as `PATH` lists them, for a film that goes to `film`.
+    /// Finds `ffmpeg` in `folders`, a list in the format of `PATH`.
     ///
     /// # Errors
-    /// [`RenderError::NoFfmpeg`].
+    /// [`RenderError::NoFfmpeg`] with `film`, the path of the film that cannot be written.
     pub fn find(folders: &OsStr, film: &Path) -> Result<Self, RenderError> {
-        let found = helper::find(folders, "ffmpeg");
+        let found = subprocess::find(folders, "ffmpeg");
         found.map(Self).ok_or_else(|| RenderError::NoFfmpeg { path: film.to_owned() })
     }
 
-    /// The bytes of an mp4 (H.264) of the film. What `ffmpeg` writes lies beside `path` meanwhile.
+    /// Encodes a film as an mp4 (H.264) and returns the file's bytes. `ffmpeg` writes to a
+    /// temporary file beside `path`, since the mp4 format needs an output that can seek.
     ///
     /// # Errors
-    /// [`RunError::Write`] with what `ffmpeg` said last.
+    /// [`RunError::Write`] with the last line of `ffmpeg`'s standard error.
     pub fn encode(&self, film: &Film, path: &Path) -> Result<Vec<u8>, RunError> {
         let scratch = path.with_added_extension("ffmpeg").with_added_extension(PARTIAL);
         let made = self.make(film, &scratch).and_then(|()| fs::read(&scratch));
-        // where nothing was made, there is nothing to remove
+        // fails if `ffmpeg` made no file
         let _ = fs::remove_file(&scratch);
         made.map_err(|error| RunError::write(path, error))
     }
@@ -39,14 +40,14 @@ impl Ffmpeg {
     fn make(&self, film: &Film, to: &Path) -> std::io::Result<()> {
         let size = format!("{}x{}", film.width, film.height);
         let rate = format!("100/{DELAY}");
-        // a name with a colon or a dash is no protocol and no option
+        // without the prefix, a name with a colon is a protocol and one with a dash is an option
         let mut file = OsString::from("file:");
         file.push(to);
         let mut ffmpeg = Command::new(&self.0);
         ffmpeg
             .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-s", &size, "-r", &rate, "-i", "-", "-an"])
-            // H.264 takes even sides
+            // yuv420p halves the resolution of colours, so width and height must be even
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"])
             .args([
                 "-c:v",
@@ -61,7 +62,7 @@ impl Ffmpeg {
             .arg(file);
         let last = film.frames.last().into_iter().cycle();
         let held = last.take(usize::from(HOLD) - 1);
-        helper::run(&mut ffmpeg, |pipe| {
+        subprocess::run(&mut ffmpeg, |pipe| {
             let mut frames = film.frames.iter().chain(held);
             frames.try_for_each(|frame| pipe.write_all(frame))
         })?;
@@ -72,7 +73,7 @@ impl Ffmpeg {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::helper::tests::Programs;
+    use crate::subprocess::tests::Programs;
 
     fn encoded(programs: &Programs) -> Result<Vec<u8>, RenderError> {
         let film = Film { width: 2, height: 1, frames: vec![vec![1; 6], vec![2; 6]] };
@@ -84,7 +85,7 @@ mod tests {
         Ok(found?)
     }
 
-    /// Copies what it is fed, where it is asked for H.264 in a file.
+    /// Stand-in for `ffmpeg` that copies its input if it is asked for H.264 in a file.
     const SCRIPT: &str = "for last; do :; done
         case \"$*\" in *'-c:v libx264 '*' file:'*) cat > \"${last#file:}\";; *) exit 1;; esac";
 

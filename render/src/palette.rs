@@ -1,11 +1,11 @@
-//! The colours of a film: one palette for all of its pictures, so that nothing shimmers.
+//! Quantisation of a film's colours: one palette for all pictures, so that colours do not shimmer.
 
 use std::collections::HashMap;
 
-/// Red, green and blue.
+/// Levels of red, green and blue.
 type Rgb = [u8; 3];
 
-/// At most 255 colours, and the nearest of them for every colour of a film.
+/// Palette of at most 255 colours, with the index of the colour that stands for each of a film's.
 ///
 /// The colours are split as in P. Heckbert's median cut ("Color image quantization for frame buffer
 /// display", SIGGRAPH 1982, section 4.2), but the set with the largest sum of squared distances
@@ -17,10 +17,10 @@ pub(super) struct Palette {
 }
 
 impl Palette {
-    /// Most colours; the index after them is left for what does not change.
+    /// Maximum number of colours; the index after them marks unchanged pixels.
     pub const MOST: usize = 255;
 
-    /// The palette of these pictures `[.., 3]`.
+    /// Chooses the palette of `pictures`, each `[.., 3]`.
     pub fn of<'a>(pictures: impl IntoIterator<Item = &'a [u8]>) -> Self {
         let mut counts: HashMap<Rgb, u32> = HashMap::new();
         for picture in pictures {
@@ -30,6 +30,7 @@ impl Palette {
             }
         }
         let mut pixels: Vec<(Rgb, u32)> = counts.into_iter().collect();
+        // the order of a hash map is random, and sums depend on the order
         pixels.sort_unstable();
         let mut sets = vec![Set::of(pixels)];
         while sets.len() < Self::MOST
@@ -47,12 +48,12 @@ impl Palette {
         palette
     }
 
-    /// Red, green and blue of every colour.
+    /// Returns the levels of red, green and blue of every colour.
     pub fn bytes(&self) -> Vec<u8> {
         self.colours.concat()
     }
 
-    /// The colour of each pixel of one of the film's pictures.
+    /// Returns the index of each pixel's colour, for one of the pictures of [`Palette::of`].
     pub fn indices(&self, picture: &[u8]) -> Vec<u8> {
         let (pixels, _) = picture.as_chunks();
         let index = |rgb| self.index.get(rgb).copied().unwrap_or_default();
@@ -60,11 +61,12 @@ impl Palette {
     }
 }
 
-/// Colours that share one, and how often each occurs.
+/// Set of colours that share a colour of the palette.
 struct Set {
+    /// Colours with the number of their pixels.
     pixels: Vec<(Rgb, u32)>,
     mean: [f64; 3],
-    /// Sums of squared distances from the mean.
+    /// Sum of squared distances from the mean along each axis.
     spread: [f64; 3],
 }
 
@@ -88,25 +90,29 @@ impl Set {
         self.mean.map(|mean| mean.round() as u8)
     }
 
-    /// The axis along which the colours differ most.
+    /// Returns the axis along which the colours differ most: 0 for red, 1 for green, 2 for blue.
     fn axis(&self) -> usize {
         let [red, green, blue] = self.spread;
-        match (red >= green && red >= blue, green >= blue) {
-            (true, _) => 0,
-            (false, true) => 1,
-            (false, false) => 2,
+        if red >= green && red >= blue {
+            0
+        } else if green >= blue {
+            1
+        } else {
+            2
         }
     }
 
+    /// Splits the set at its mean along its axis.
     fn cut(self) -> [Self; 2] {
         let (axis, mean) = (self.axis(), self.mean);
         let low = |(rgb, _): &(Rgb, u32)| f64::from(rgb[axis]) <= mean[axis];
+        // sets that are cut have two colours or more, so neither half is empty
         let (low, high) = self.pixels.into_iter().partition(low);
         [Self::of(low), Self::of(high)]
     }
 }
 
-/// The set that is to be cut next; none where every set is one colour.
+/// Returns the index of the set to cut next, or `None` if every set has one colour.
 fn widest(sets: &[Set]) -> Option<usize> {
     let several = (0..sets.len()).filter(|&set| sets[set].pixels.len() > 1);
     let spread = |set: &usize| sets[*set].spread.iter().sum::<f64>();

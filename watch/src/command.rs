@@ -1,4 +1,4 @@
-//! `covers watch`: a run while it goes on.
+//! `covers watch`: follows a run while it trains.
 
 use std::fs;
 use std::io::Write;
@@ -13,21 +13,21 @@ use crate::WatchError;
 use experiments::cli::say;
 use experiments::{RunError, RunFolder, SUMMARY};
 
-use super::told::{Teller, Told};
-use super::view::View;
+use super::events::{EventFeed, RunEvent};
+use super::snapshot::RunSnapshot;
 
-/// From one look at the folder to the next, where lines are printed.
-const EVERY: Duration = Duration::from_millis(500);
+/// Polling interval of the folder while lines are printed.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// The first file that a run leaves, and one that it has all along.
-const TRACES: [&str; 2] = ["lock", "metrics.csv"];
+/// First file that a run creates, and one that it has from then on.
+const EARLY_FILES: [&str; 2] = ["lock", "metrics.csv"];
 
-/// What to watch.
+/// Options of `covers watch`: the run and the output format.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  covers watch runs/covers-seed0\n  \
     covers watch runs/covers-seed0 --json | jq .reward")]
 pub struct WatchOptions {
-    /// The run's folder.
+    /// Folder of the run.
     pub run: PathBuf,
     /// Print a JSON object a line, one for each rollout and evaluation, and one for the end.
     #[arg(long)]
@@ -35,9 +35,9 @@ pub struct WatchOptions {
 }
 
 impl WatchOptions {
-    /// Shows the run on the terminal until somebody quits or, where standard output is none, prints
-    /// a line for each rollout and evaluation until the run is finished. Returns the process's exit
-    /// code: 0, or 128 and the number of the signal that ended it.
+    /// Shows the run on the terminal until the user quits. If standard output is not a terminal,
+    /// prints a line for each rollout and evaluation until the run is finished. Returns the exit
+    /// code of the process: 0, or 128 plus the number of the signal that ended it.
     ///
     /// # Errors
     /// [`RunError::NoRun`], [`WatchError::NoTables`], files that cannot be read, an `out` that
@@ -50,40 +50,37 @@ impl WatchOptions {
         self.print(out).map(|()| 0)
     }
 
-    fn open(&self) -> Result<View, WatchError> {
+    fn open(&self) -> Result<RunSnapshot, WatchError> {
         let folder = RunFolder::open(&self.run);
         if !folder.holds_run() {
             let folder = self.run.clone();
             return Err(RunError::NoRun { folder }.into());
         }
         // a run that has just begun has no tables yet
-        if !TRACES.iter().any(|name| folder.file(name).exists()) {
+        if !EARLY_FILES.iter().any(|name| folder.file(name).exists()) {
             let folder = self.run.clone();
             return Err(WatchError::NoTables { folder });
         }
-        Ok(View::open(&self.run)?)
+        Ok(RunSnapshot::open(&self.run)?)
     }
 
-    /// Prints a line for each rollout and evaluation until the run is finished, whatever standard
-    /// output is.
+    /// Prints a line for each rollout and evaluation to `out` until the run is finished.
     ///
     /// # Errors
     /// As [`WatchOptions::run`].
     pub fn print(&self, out: &mut impl Write) -> Result<(), WatchError> {
-        let mut view = self.open()?;
-        let mut teller = Teller::default();
-        let mut tell = |told: &Told<'_>| match self.json {
-            true => say(out, &told.json()),
-            false => say(out, &told.line()),
-        };
+        let mut snapshot = self.open()?;
+        let mut feed = EventFeed::default();
+        let mut print =
+            |event: &RunEvent<'_>| say(out, &if self.json { event.json() } else { event.line() });
         loop {
-            teller.news(&view.run).iter().try_for_each(&mut tell)?;
-            if view.finished {
-                let summary = summary(&view.folder)?;
-                return Ok(tell(&Told::Finished { summary })?);
+            feed.new_events(&snapshot.run).iter().try_for_each(&mut print)?;
+            if snapshot.finished {
+                let summary = summary(&snapshot.folder)?;
+                return Ok(print(&RunEvent::Finished { summary })?);
             }
-            while !view.refresh()? {
-                sleep(EVERY);
+            while !snapshot.refresh()? {
+                sleep(POLL_INTERVAL);
             }
         }
     }

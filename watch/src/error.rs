@@ -4,20 +4,20 @@ use std::path::PathBuf;
 
 use experiments::RunError;
 
-/// Error of following a run.
+/// Error while a run is followed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WatchError {
-    /// A run.
+    /// Error of the run's folder or of the terminal.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A folder that has policies and no tables.
+    /// Folder with policies but without tables.
     #[error(
-        "{} has no tables to watch: `covers pack` leaves policies alone. Watch the run's own folder",
+        "{} has no tables to watch: `covers pack` keeps only policies. Watch the run's own folder",
         folder.display()
     )]
     NoTables {
-        /// The folder.
+        /// Folder without tables.
         folder: PathBuf,
     },
 }

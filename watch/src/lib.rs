@@ -1,12 +1,12 @@
-//! A run while it goes on: as a screen, as lines, or as JSON, from the tables in its folder.
+//! Live view of a run as a screen, as lines or as JSON, from the tables in its folder.
 
 mod command;
 mod error;
-mod pace;
+mod events;
+mod progress;
 #[cfg(feature = "tui")]
 pub mod screen;
-mod told;
-mod view;
+mod snapshot;
 
 pub use command::WatchOptions;
 pub use error::WatchError;

@@ -1,20 +1,16 @@
-//! Screen of a run on the terminal.
+//! Full-screen view of a run on a terminal.
 
 mod curves;
 mod distances;
 mod draw;
-mod groups;
-mod ink;
-mod picture;
-mod ratios;
+mod panels;
 mod session;
-mod strips;
 mod terminal;
 #[cfg(test)]
 mod tests;
 
-use super::pace::Pace;
-use super::view::View;
+use super::progress::Progress;
+use super::snapshot::RunSnapshot;
 
 pub use session::train;
 pub(crate) use session::watch;

@@ -1,4 +1,4 @@
-//! Brings the hand to a pose, and looks at it once it stands.
+//! Motion of the hand to a pose, and a picture of it at rest.
 
 use std::time::Duration;
 
@@ -7,26 +7,29 @@ use robots::{Command, Pose, RobotState};
 
 use crate::DeployError;
 
-use crate::pilot::TICK;
+use crate::controller::TICK;
 use crate::rig::{Rig, newest_picture};
 
-/// Rate (1/s) at which what is left of the way is covered: slow enough for an arm that obeys late.
+/// Proportional gain (1/s) from the remaining way to the speed of the hand. Low enough to be stable
+/// with the delay of commands.
 const RATE: f64 = 4.0;
-/// How near (metres, radians) the hand comes. Where it is exactly, the joints say.
+/// Distance (metres) and angle (radians) at which a pose is reached. More precision is not needed,
+/// because the calibration uses the measured pose.
 const NEAR: [f64; 2] = [0.003, 0.02];
-/// Longest time for one way.
+/// Maximum time for the way to one pose.
 const LONGEST: Duration = Duration::from_secs(20);
-/// The hand stands if it moves and turns less than this (metres, radians) ...
+/// Maximum motion (metres, radians) of a hand at rest during [`PAUSE`].
 const STILL: [f64; 2] = [1e-4, 5e-4];
-/// ... within this time.
+/// Time over which the motion of the hand is measured.
 const PAUSE: Duration = Duration::from_millis(100);
-/// How long a hand may take to stand, and a picture to come.
+/// Maximum time until the hand is at rest, and then until a picture of it arrives.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Moves the hand to `target` in a straight line, and tells the robot to stop there.
+/// Moves the hand to `target` in a straight line and stops the robot there.
 ///
 /// # Errors
-/// [`DeployError::Robot`], [`DeployError::Rig`], [`DeployError::Unreached`]; the arm may be moving.
+/// [`DeployError::Robot`], [`DeployError::Rig`], [`DeployError::PoseNotReached`]; the arm may be
+/// moving.
 pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), DeployError> {
     let limits = arm.settings().control.limits;
     let until = rig.now() + LONGEST;
@@ -38,36 +41,38 @@ pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), Deplo
             return Ok(rig.stop()?);
         }
         if rig.now() > until {
-            return Err(DeployError::Unreached { left: 1e3 * place, turn: turn.to_degrees() });
+            return Err(DeployError::PoseNotReached { left: 1e3 * place, turn: turn.to_degrees() });
         }
+        // the fingers keep their opening
         rig.command(&Command { twist: limits.towards(way, RATE), closing: state.closing })?;
         wait(rig, TICK)?;
     }
 }
 
-/// A hand that stands.
+/// Hand at rest.
 #[derive(Clone, Debug)]
-pub struct Standing {
-    /// From when on it does.
+pub struct RestingHand {
+    /// Time since which the hand rests.
     pub since: Duration,
-    /// Where.
+    /// State of the arm at rest.
     pub state: RobotState,
 }
 
-/// Waits until the hand stands, copies a picture into `rgb` that shows it so, and says where it is.
+/// Waits until the hand rests and copies a picture of that into `rgb`. Returns the arm's state.
 ///
 /// # Errors
-/// [`DeployError::Robot`], [`DeployError::Rig`]; [`DeployError::Restless`] for a hand that does not
-/// come to rest, [`DeployError::StalePicture`] for a camera that does not show it, and
-/// [`DeployError::PictureOfTheFuture`] for one whose clock is ahead.
-pub fn look(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Standing, DeployError> {
+/// [`DeployError::Robot`], [`DeployError::Rig`]; [`DeployError::HandNotAtRest`] for a hand that
+/// keeps moving, [`DeployError::StalePicture`] if no picture of the hand at rest arrives, and
+/// [`DeployError::CameraClockAhead`] for a camera whose clock is ahead.
+pub fn capture_at_rest(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<RestingHand, DeployError> {
     rest(rig)?;
     let since = rig.now();
     loop {
         let taken = newest_picture(rig, rgb)?;
+        // an earlier picture may show the hand in motion
         if taken >= since {
             let state = rig.state()?;
-            return Ok(Standing { since, state });
+            return Ok(RestingHand { since, state });
         }
         if rig.now() > since + PATIENCE {
             let (age, most) = (rig.now() - taken, PATIENCE);
@@ -78,6 +83,9 @@ pub fn look(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Standing, DeployError> 
 }
 
 /// Waits until the hand neither moves nor turns.
+///
+/// # Errors
+/// [`DeployError::HandNotAtRest`] after [`PATIENCE`]; errors of the rig.
 fn rest(rig: &mut dyn Rig) -> Result<(), DeployError> {
     let until = rig.now() + PATIENCE;
     let mut before = rig.state()?.tip;
@@ -89,8 +97,9 @@ fn rest(rig: &mut dyn Rig) -> Result<(), DeployError> {
             return Ok(());
         }
         if rig.now() > until {
-            return Err(DeployError::Restless);
+            return Err(DeployError::HandNotAtRest);
         }
+        // from pause to pause, since the hand may still be braking in the first ones
         before = tip;
     }
 }

@@ -1,4 +1,4 @@
-//! `covers calibrate`: where is the camera?
+//! `covers calibrate`: finds the pose of the camera.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use clap::Args;
 use envs::Camera;
 use envs::carriers::Arm;
 use glam::DVec3;
-use inpainting::{Ball, Calibration, Focal, Offset, Uncertainty};
+use inpainting::{Ball, Calibration, Focal, HandEye, Offset, Uncertainty};
 use serde_json::{Value, json};
 
 use crate::{DeployError, plausibility};
@@ -24,7 +24,7 @@ use crate::options::{RigOptions, RobotKind};
 use crate::rig::{Rig, Trial};
 use crate::simulated::{SimulatedRig, SimulationSettings};
 
-/// How the camera is found.
+/// Options of `covers calibrate`: the robot, the ball and the file.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers calibrate --robot kinova-sim --fault position-error=30 \
                         --out calibration.json")]
@@ -32,14 +32,14 @@ pub struct CalibrateOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub rig: RigOptions,
-    /// The file to write, for `covers deploy --calibration`.
+    /// File to write, for `covers deploy --calibration`.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Where the middle of the ball is in the frame of the hand (mm), as 129.9,-0.1,-170.2: of the
-    /// link whose place the joints tell. Without it that is found, too.
+    /// Position of the ball's centre in the frame of the hand's link (mm), as 129.9,-0.1,-170.2
+    /// (default: it is estimated, too).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub offset: Option<Triple>,
-    /// Colour of the ball in the picture, red, green and blue of 255.
+    /// Colour of the ball in the picture: red, green and blue, each 0 to 255.
     #[arg(long, value_name = "R,G,B", default_value = "255,0,255")]
     pub color: Triple,
     /// Print the result as one JSON object, in the last line.
@@ -47,7 +47,7 @@ pub struct CalibrateOptions {
     pub json: bool,
 }
 
-/// Three numbers, as `1,2.5,-3`.
+/// Three numbers, parsed from text such as `1,2.5,-3`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triple(pub [f64; 3]);
 
@@ -71,7 +71,8 @@ impl FromStr for Triple {
 }
 
 impl CalibrateOptions {
-    /// Finds the camera, writes the file, and prints to `out` how sure that is.
+    /// Calibrates the camera of a simulated rig, writes the file and prints the result with its
+    /// uncertainty to `out`.
     ///
     /// # Errors
     /// As [`calibrate`]; a file and an `out` that cannot be written to.
@@ -91,8 +92,8 @@ impl CalibrateOptions {
         Ok(say(out, &simulated)?)
     }
 
-    /// Finds the camera of a rig of somebody's own; `arm` is what is known of its robot. Options of
-    /// faults are for simulated rigs.
+    /// Calibrates the camera of your own rig; `arm` is the model of its robot. Options of faults
+    /// are ignored.
     ///
     /// # Errors
     /// As [`CalibrateOptions::run`].
@@ -103,22 +104,25 @@ impl CalibrateOptions {
         out: &mut impl Write,
     ) -> Result<Calibrated, DeployError> {
         let settings = self.settings()?;
-        // the arm moves for minutes: what cannot be written is told before
+        // the arm moves for minutes, so check first that the file can be written
         try_out(&LocalDisk, &self.out)?;
         let trial = Trial::on_empty_table(self.rig.seed);
         let calibrated = calibrate(rig, arm, &settings, &poses(arm), &trial)?;
         let refusal = refusal(&calibrated.found.calibration, rig);
-        let told = if self.json {
+        let result = if self.json {
             object(&calibrated, refusal.as_deref()).to_string()
         } else {
             text(&calibrated, refusal.as_deref())
         };
-        say(out, &told)?;
+        say(out, &result)?;
         CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
         Ok(calibrated)
     }
 
-    /// What is wrong with a simulated rig. No mask is made here, so none can be too thick.
+    /// Returns the settings of the simulated rig.
+    ///
+    /// # Errors
+    /// [`RunError::Setting`] for a fault of the mask, which a calibration does not use.
     fn simulation(&self) -> Result<SimulationSettings, DeployError> {
         if self.rig.fault.iter().any(|of| of.fault == Fault::MaskGrowth) {
             return Err(RunError::Setting {
@@ -128,7 +132,7 @@ impl CalibrateOptions {
             }
             .into());
         }
-        Ok(self.rig.settings()?.0)
+        Ok(self.rig.settings()?.simulation)
     }
 
     fn settings(&self) -> Result<CalibrateSettings, DeployError> {
@@ -142,6 +146,7 @@ impl CalibrateOptions {
             }
             .into());
         }
+        // millimetres on the command line, metres inside
         let offset = self.offset.map(|Triple(place)| DVec3::from_array(place) / 1e3);
         Ok(CalibrateSettings {
             ball: Ball { color: levels.map(|level| level as u8) },
@@ -150,7 +155,7 @@ impl CalibrateOptions {
     }
 }
 
-/// Reason for which a file with the camera that was found is refused on this rig.
+/// Returns the reason for which `covers deploy` would reject the calibration on this rig, if any.
 fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
     match plausibility::check(found, &rig.standing_calibration()) {
         Err(DeployError::OtherCamera { what, value, expected }) => {
@@ -160,13 +165,13 @@ fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
     }
 }
 
-/// Distance of two cameras (mm), and the angle between them (degrees).
+/// Returns the distance between two cameras (mm) and the angle between them (degrees).
 pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
     let [place, angle] = plausibility::apart(one, other);
     [1e3 * place, angle]
 }
 
-/// A distance on the table, for people.
+/// Formats a distance on the table (metres) in millimetres; `None` is a point off the table.
 fn in_millimetres(distance: Option<f64>) -> String {
     distance.map_or_else(|| "nowhere".to_owned(), |metres| format!("{:.1} mm", 1e3 * metres))
 }
@@ -187,7 +192,7 @@ fn uncertainty(of: &Uncertainty) -> Value {
     })
 }
 
-/// The result for programs.
+/// Returns the result as a JSON object.
 fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
     let found = &calibrated.found;
     let [moved, turned] = apart(&found.calibration, &calibrated.before);
@@ -214,57 +219,22 @@ fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
     })
 }
 
-/// The result for people.
+/// Formats the result as text.
 fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
     let Calibrated { before, found, left_out } = calibrated;
-    let left_out = left_out.iter();
-    let mut lines: Vec<String> =
-        left_out.map(|left| format!("pose {} was left out: {}", left.pose, left.why)).collect();
-    let worst = found.worst();
-    let worst = worst.map_or_else(String::new, |worst| {
-        let (pose, pixels, table) = (worst.pose, worst.pixels, in_millimetres(worst.on_table));
-        format!("; at most {pixels:.2}, {table}, in pose {pose}")
-    });
-    lines.push(format!(
-        "{} poses; the ball is {:.2} pixels off (rms), {} on the table{worst}",
-        found.residuals.len(),
-        found.rms(),
-        in_millimetres(found.rms_on_table())
-    ));
-    let three = |name: &str, values: [f64; 3], sigma: [f64; 3], unit: &str| {
-        let values = values.map(|value| format!("{value:.1}")).join(", ");
-        let sigma = sigma.map(|value| format!("{value:.2}")).join(", ");
-        format!("{name} at {values} {unit}, give or take {sigma}")
-    };
-    let sigma = &found.uncertainty;
-    let place = millimetres(found.calibration.position());
-    lines.push(three("camera", place, millimetres(sigma.position), "mm"));
-    let [right, down, forwards] = degrees(sigma.angle);
-    lines.push(format!(
-        "turned as the file says, give or take {right:.3}, {down:.3}, {forwards:.3} degrees about \
-         its axes right, down and forwards"
-    ));
-    if sigma.offset != DVec3::ZERO {
-        let ball =
-            three("ball in the hand", millimetres(found.offset), millimetres(sigma.offset), "mm");
-        lines.push(ball);
-    }
-    lines.push(match found.focal {
-        Some(Focal { ratio, sigma }) => format!(
-            "that holds for the focal lengths that were given; the poses alone would put them \
-             {:.1} % {}, give or take {:.1}",
-            1e2 * (ratio - 1.0).abs(),
-            if ratio < 1.0 { "lower" } else { "higher" },
-            1e2 * sigma
-        ),
-        None => "that holds for the focal lengths that were given, which the poses do not tell"
-            .to_owned(),
-    });
-    let of = &found.dilution;
+    let mut lines: Vec<String> = left_out
+        .iter()
+        .map(|left| format!("pose {} was left out: {}", left.pose, left.why))
+        .collect();
+    lines.push(residuals(found));
+    lines.extend(estimates(found));
+    lines.push(focal(found.focal));
+    // small residuals do not show poses that determine the camera badly; this does
+    let sensitivity = &found.dilution;
     lines.push(format!(
         "a pixel of noise would leave {:.1} mm and {:.2} degrees",
-        1e3 * of.position.length(),
-        of.angle.length().to_degrees()
+        1e3 * sensitivity.position.length(),
+        sensitivity.angle.length().to_degrees()
     ));
     let [place, angle] = apart(&found.calibration, before);
     lines.push(format!("it was taken to be {place:.1} mm and {angle:.2} degrees from there"));
@@ -275,6 +245,59 @@ fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
         )
     }));
     lines.join("\n")
+}
+
+/// Returns the line on the residuals: their root mean square and the largest one.
+fn residuals(found: &HandEye) -> String {
+    let worst = found.worst().map_or_else(String::new, |worst| {
+        let (pose, pixels, table) = (worst.pose, worst.pixels, in_millimetres(worst.on_table));
+        format!("; at most {pixels:.2}, {table}, in pose {pose}")
+    });
+    format!(
+        "{} poses; the ball is {:.2} pixels off (rms), {} on the table{worst}",
+        found.residuals.len(),
+        found.rms(),
+        in_millimetres(found.rms_on_table())
+    )
+}
+
+/// Returns the lines on the estimates with their standard deviations: the camera's position and
+/// orientation, and the ball's position in the hand if it was estimated.
+fn estimates(found: &HandEye) -> Vec<String> {
+    let position = |name: &str, values: DVec3, sigma: DVec3| {
+        let values = millimetres(values).map(|value| format!("{value:.1}")).join(", ");
+        let sigma = millimetres(sigma).map(|value| format!("{value:.2}")).join(", ");
+        format!("{name} at {values} mm, give or take {sigma}")
+    };
+    let sigma = &found.uncertainty;
+    let [right, down, forwards] = degrees(sigma.angle);
+    let mut lines = vec![
+        position("camera", found.calibration.position(), sigma.position),
+        format!(
+            "turned as the file says, give or take {right:.3}, {down:.3}, {forwards:.3} degrees \
+             about its axes right, down and forwards"
+        ),
+    ];
+    // an offset that was given has no uncertainty
+    if sigma.offset != DVec3::ZERO {
+        lines.push(position("ball in the hand", found.offset, sigma.offset));
+    }
+    lines
+}
+
+/// Returns the line on the focal lengths, which the calibration does not change.
+fn focal(found: Option<Focal>) -> String {
+    match found {
+        Some(Focal { ratio, sigma }) => format!(
+            "that holds for the focal lengths that were given; the poses alone would put them \
+             {:.1} % {}, give or take {:.1}",
+            1e2 * (ratio - 1.0).abs(),
+            if ratio < 1.0 { "lower" } else { "higher" },
+            1e2 * sigma
+        ),
+        None => "that holds for the focal lengths that were given, which the poses do not tell"
+            .to_owned(),
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! A calibration in a file.
+//! File format of a calibration.
 
 use std::path::Path;
 
@@ -11,25 +11,24 @@ use experiments::RunError;
 use learner::disk::{LocalDisk, replace};
 use learner::overrides::{parse, read};
 
-/// A camera that is farther from the table's middle (metres) was measured in millimetres.
+/// Maximum coordinate of a camera's position (metres); a larger one must be in millimetres.
 const FARTHEST: f64 = 100.0;
 
-/// A camera as `calibration.json` has it. Lengths are in metres, the rest is in pixels or has no
-/// unit.
+/// Contents of `calibration.json`. Lengths are in metres; all else is in pixels or has no unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationFile {
-    /// Pixels across and down.
+    /// Width and height of pictures (pixels).
     pub size: [usize; 2],
-    /// Focal lengths across and down (pixels).
+    /// Horizontal and vertical focal length (pixels).
     pub focal: [f64; 2],
-    /// The optical axis: column and row (pixels).
+    /// Column and row of the optical axis (pixels).
     pub centre: [f64; 2],
-    /// k1 and k2.
+    /// Coefficients k1 and k2 of the radial distortion.
     pub radial: [f64; 2],
-    /// p1 and p2.
+    /// Coefficients p1 and p2 of the tangential distortion.
     pub tangential: [f64; 2],
-    /// Where the camera is (metres, world).
+    /// Position of the camera (metres, world).
     pub position: [f64; 3],
     /// Rows of the rotation from the world's axes to the camera's: right, down, forwards.
     pub rotation: [[f64; 3]; 3],
@@ -39,7 +38,7 @@ impl CalibrationFile {
     /// Reads a calibration from a file.
     ///
     /// # Errors
-    /// [`RunError::Read`] names the file and what is wrong in it.
+    /// [`RunError::Read`] with the file and the reason.
     pub fn read(path: &Path) -> Result<Calibration, RunError> {
         let file: Self = read(path)?;
         file.calibration().map_err(|error| RunError::read(path, error))
@@ -48,15 +47,16 @@ impl CalibrationFile {
     /// Reads a calibration from JSON.
     ///
     /// # Errors
-    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`];
-    /// [`RunError::Setting`] for a position in millimetres, [`DeployError::Inpainting`] for
-    /// numbers that are no camera's.
+    /// [`NotJson`](learner::LearnerError::NotJson),
+    /// [`UnknownSetting`](learner::LearnerError::UnknownSetting),
+    /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::Setting`] for a position
+    /// in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
     pub fn parse(text: &str) -> Result<Calibration, DeployError> {
         let file: Self = parse(text)?;
         file.calibration()
     }
 
-    /// Writes a calibration to a file; one of that name is replaced.
+    /// Writes a calibration to a file, which is replaced if it exists.
     ///
     /// # Errors
     /// [`RunError::Write`].

@@ -1,4 +1,4 @@
-//! Holds the arm's mask, which forward kinematics make, to where the picture shows the arm.
+//! Check of the arm's mask, which follows from forward kinematics, against pictures of the arm.
 
 use envs::carriers::Arm;
 use inpainting::LEAST_POSES;
@@ -8,74 +8,73 @@ use serde::Serialize;
 use crate::DeployError;
 use experiments::sheet::Picture;
 
-use super::approach::Standing;
-use super::measure::{LeftOut, is_of_the_pose, visit};
+use super::approach::RestingHand;
+use super::measure::{SkippedPose, concerns_one_pose, visit};
 use super::overlay::overlay;
 use crate::deployment::Deployment;
+use crate::observer::Observer;
 use crate::rig::{Rig, Trial, then_stop};
-use crate::sight::Sight;
 
-/// Levels of 255 from which on a pixel differs from the empty table: four deviations of the noise
-/// of two pictures.
+/// Minimum difference (levels of 255) from the empty table of a pixel that shows the arm: four
+/// standard deviations of the noise of the difference of two pictures.
 const DIFFERENT: u8 = 18;
-/// Of a pixel and the eight around it, those that must differ.
+/// Minimum number of differing pixels among a pixel and its eight neighbours.
 const MAJORITY: usize = 5;
 
-/// The mask of a pose beside the arm. The shares are of pixels of the policy's view.
+/// Comparison of mask and arm in one pose, by pixels of the policy's view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MaskRow {
     /// Number of the pose, counted from 1.
     pub pose: usize,
-    /// Pixels of mask and arm over pixels of mask or arm.
+    /// Intersection over union of mask and arm.
     pub overlap: f64,
-    /// Share of the arm that the mask leaves in the picture.
+    /// Share of the arm that the mask does not cover.
     pub outside: f64,
-    /// Share of the mask that hides table.
+    /// Share of the mask that covers the table instead of the arm.
     pub spare: f64,
 }
 
-/// The mask in several poses.
+/// Comparison of mask and arm in several poses.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaskCheck {
-    /// One for each pose.
+    /// Results, one for each pose.
     pub rows: Vec<MaskRow>,
-    /// The pictures, with the mask and the arm in colours: green where they agree, red where the
-    /// mask leaves the arm, blue where it hides table.
+    /// Pictures with mask and arm in colours: green for both, red for the arm alone, blue for the
+    /// mask alone.
     pub pictures: Vec<Picture>,
-    /// Poses that were left out.
-    pub left_out: Vec<LeftOut>,
+    /// Poses that were skipped.
+    pub left_out: Vec<SkippedPose>,
 }
 
-/// Sets the table; how the arm is seen there, and the picture of the empty table.
-fn watch(
+/// Sets the table up; returns the perception of the rig and a picture of the empty table.
+fn set_up_observer(
     deployment: &Deployment,
     rig: &mut dyn Rig,
     arm: &Arm,
     trial: &Trial,
-) -> Result<(Sight, Vec<u8>), DeployError> {
-    let set_up = rig.set_up(trial);
-    let set_up = set_up.map_err(|source| DeployError::Rig { source })?;
+) -> Result<(Observer, Vec<u8>), DeployError> {
+    let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
     let start = rig.state()?;
-    let sight = deployment.sight(rig, arm, &set_up, start)?;
-    Ok((sight, set_up.background))
+    let observer = deployment.observer(rig, arm, &set_up, start)?;
+    Ok((observer, set_up.background))
 }
 
 impl MaskCheck {
-    /// Largest part of the arm in any pose that a mask may leave in the picture.
+    /// Maximum share of the arm outside of the mask in any pose.
     pub const LARGEST_OUTSIDE: f64 = 0.02;
-    /// Smallest mean overlap: below it the mask hides far more than the arm.
+    /// Minimum mean overlap; below it the mask hides far more than the arm.
     pub const LEAST_OVERLAP: f64 = 0.5;
-    /// Fewest poses that a mask is judged by.
+    /// Minimum number of poses for a verdict.
     pub const LEAST_POSES: usize = LEAST_POSES;
 
-    /// Lets the arm go to `poses` over the table of `trial`, which should be empty, and holds the
-    /// mask that `deployment` would use to the picture. The robot is told to stop at the end, and
-    /// before an error is returned.
+    /// Moves the arm to `poses` over the table of `trial`, which should be empty, and compares the
+    /// mask that `deployment` would use with the pictures. The robot is stopped at the end and
+    /// before any error is returned.
     ///
     /// # Errors
     /// [`DeployError::OtherCamera`], before the arm moves; [`DeployError::Rig`],
-    /// [`DeployError::Robot`], [`DeployError::StalePicture`], [`DeployError::PictureOfTheFuture`];
-    /// what perception says of the camera.
+    /// [`DeployError::Robot`], [`DeployError::StalePicture`], [`DeployError::CameraClockAhead`];
+    /// errors of the perception.
     pub fn measure(
         deployment: &Deployment,
         rig: &mut dyn Rig,
@@ -85,35 +84,41 @@ impl MaskCheck {
     ) -> Result<Self, DeployError> {
         deployment.check_calibration(rig)?;
         let size = deployment.camera().size;
-        let watched = watch(deployment, rig, arm, trial);
-        let measured = watched.and_then(|(sight, background)| {
-            Self::visit_all(rig, arm, poses, (sight, background, vec![0; 3 * size * size]))
+        let started = set_up_observer(deployment, rig, arm, trial);
+        let measured = started.and_then(|(observer, background)| {
+            let seen = vec![0; 3 * size * size];
+            Self::visit_all(rig, arm, poses, observer, background, seen)
         });
         then_stop(rig, measured)
     }
 
+    /// Visits all poses. `picture` and `seen` are buffers for the pictures of camera and policy.
     fn visit_all(
         rig: &mut dyn Rig,
         arm: &Arm,
         poses: &[Pose],
-        (mut sight, mut picture, mut seen): (Sight, Vec<u8>, Vec<u8>),
+        mut observer: Observer,
+        mut picture: Vec<u8>,
+        mut seen: Vec<u8>,
     ) -> Result<Self, DeployError> {
         let mut check = Self::default();
         for (number, target) in poses.iter().enumerate() {
             let pose = number + 1;
             match visit(rig, arm, target, &mut picture) {
-                Ok(Standing { since, state }) => {
-                    // pictures come late: the next one may be of any time since it stands
-                    sight.note(since, state.clone());
-                    sight.note(rig.now(), state);
-                    sight.shoot(rig)?;
-                    sight.paint(arm, &mut seen)?;
-                    check.add(pose, &sight);
+                Ok(RestingHand { since, state }) => {
+                    // pictures come late: the next one may be of any time since the hand came to
+                    // rest
+                    observer.record(since, state.clone());
+                    observer.record(rig.now(), state);
+                    observer.shoot(rig)?;
+                    observer.paint(arm, &mut seen)?;
+                    check.add(pose, &observer);
                 }
-                Err(error) if is_of_the_pose(&error) => {
+                Err(error) if concerns_one_pose(&error) => {
+                    // the arm may still be on its way
                     rig.stop()?;
                     let why = error.to_string();
-                    check.left_out.push(LeftOut { pose, why });
+                    check.left_out.push(SkippedPose { pose, why });
                 }
                 Err(error) => return Err(error),
             }
@@ -121,9 +126,9 @@ impl MaskCheck {
         Ok(check)
     }
 
-    /// Compares the mask of the last picture with where it differs from the empty table.
-    fn add(&mut self, pose: usize, sight: &Sight) {
-        let perception = sight.perception();
+    /// Compares the last picture's mask with the pixels that differ from the empty table.
+    fn add(&mut self, pose: usize, observer: &Observer) {
+        let perception = observer.perception();
         let width = perception.view().intrinsics.width;
         let arm = smoothed(
             &perception.difference().map(|levels| levels >= DIFFERENT).collect::<Vec<_>>(),
@@ -133,26 +138,26 @@ impl MaskCheck {
         self.pictures.push(overlay(perception, &arm));
     }
 
-    /// The mean overlap.
+    /// Returns the mean overlap.
     pub fn overlap(&self) -> f64 {
         let overlaps = self.rows.iter().map(|row| row.overlap);
         overlaps.sum::<f64>() / self.rows.len().max(1) as f64
     }
 
-    /// Whether the mask was seen in enough poses, leaves at most 2 % of the arm in any, and
-    /// overlaps with it by at least half on average.
+    /// Returns `true` if the mask was checked in enough poses, leaves at most 2 % of the arm
+    /// uncovered in each, and has a mean overlap of at least 0.5.
     pub fn holds(&self) -> bool {
         self.rows.len() >= Self::LEAST_POSES && self.fits()
     }
 
-    /// Whether the mask holds in the poses that were seen, however few.
+    /// Returns `true` if the mask fits in the poses that were visited, however few.
     pub(super) fn fits(&self) -> bool {
         let hidden = |row: &MaskRow| row.outside <= Self::LARGEST_OUTSIDE;
         self.rows.iter().all(hidden) && self.overlap() >= Self::LEAST_OVERLAP
     }
 }
 
-/// Where most pixels of a neighbourhood say so: noise is alone.
+/// Removes single pixels, which are noise: keeps those with a majority of their neighbourhood.
 fn smoothed(differs: &[bool], width: usize) -> Vec<bool> {
     let height = differs.len() / width;
     let around = |place: usize, count: usize| place.saturating_sub(1)..(place + 2).min(count);
@@ -170,7 +175,7 @@ fn row(pose: usize, mask: &[bool], arm: &[bool]) -> MaskRow {
         let pairs = mask.iter().zip(arm);
         pairs.filter(|(mask, arm)| holds(**mask, **arm)).count() as f64
     };
-    // of nothing, the share is zero
+    // a share of no pixels is 0
     let share = |part: f64, all: f64| part / all.max(1.0);
     MaskRow {
         pose,

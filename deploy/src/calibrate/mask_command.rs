@@ -1,4 +1,4 @@
-//! `covers check mask`: is the arm where the mask hides it?
+//! `covers check mask`: checks that the mask hides the arm.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -17,10 +17,10 @@ use super::poses::poses;
 use crate::deployment::Deployment;
 use crate::options::{RobotKind, SiteOptions};
 use crate::rig::{Rig, Trial};
-use crate::settings::SightSettings;
+use crate::settings::VisionSettings;
 use crate::simulated::SimulatedRig;
 
-/// The mask of which policies, on which robot.
+/// Options of `covers check mask`: the policies, the robot and the outputs.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers check mask assets/pretrained-robot \
                         --calibration calibration.json --pictures masks")]
@@ -28,8 +28,8 @@ pub struct MaskOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub site: SiteOptions,
-    /// Folder for a picture (PNG) of each pose: green where mask and arm agree, red where the mask
-    /// leaves the arm, blue where it hides table.
+    /// Folder for a picture (PNG) of each pose: green for mask and arm, red for the arm alone, blue
+    /// for the mask alone.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// Print one JSON object instead of a table.
@@ -38,21 +38,21 @@ pub struct MaskOptions {
 }
 
 impl MaskOptions {
-    /// Runs the check, prints a row for each pose to `out`, and says whether the mask holds.
+    /// Runs the check and prints a row for each pose to `out`. Returns `true` if the mask holds.
     ///
     /// # Errors
     /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, DeployError> {
-        let (settings, sight) = self.site.rig.settings()?;
-        let deployment = self.site.deployment(sight)?;
+        let settings = self.site.rig.settings()?;
+        let deployment = self.site.deployment(settings.vision)?;
         let RobotKind::KinovaSim = self.site.rig.robot;
-        let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
+        let mut rig = SimulatedRig::new(settings.simulation, *deployment.camera())?;
         let arm = rig.arm().clone();
         self.check(&deployment, &mut rig, &arm, out)
     }
 
-    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
-    /// say of faults is for simulated rigs.
+    /// Runs the check on your own rig; `arm` is the model of its robot. Options of faults are
+    /// ignored.
     ///
     /// # Errors
     /// As [`MaskOptions::run`].
@@ -62,7 +62,7 @@ impl MaskOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, DeployError> {
-        let deployment = self.site.deployment(SightSettings::default())?;
+        let deployment = self.site.deployment(VisionSettings::default())?;
         self.check(&deployment, rig, arm, out)
     }
 
@@ -73,14 +73,11 @@ impl MaskOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, DeployError> {
-        // the arm moves for minutes: what cannot be written is told before
+        // the arm moves for minutes, so check first that the files can be written
         self.pictures.as_deref().map_or(Ok(()), prepare)?;
         let trial = Trial::on_empty_table(self.site.rig.seed);
         let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial)?;
-        match self.json {
-            true => say(out, &object(&check).to_string())?,
-            false => say(out, &table(&check))?,
-        }
+        say(out, &if self.json { object(&check).to_string() } else { table(&check) })?;
         if let Some(folder) = &self.pictures {
             write(&check, folder)?;
         }
@@ -88,13 +85,13 @@ impl MaskOptions {
     }
 }
 
-/// Makes the folder, where there is none, and sees whether it can be written to.
+/// Creates the folder if there is none, and checks that it can be written to.
 fn prepare(folder: &Path) -> Result<(), DeployError> {
     std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
     Ok(try_out(&LocalDisk, &picture(folder, 1))?)
 }
 
-/// The file of a pose.
+/// Returns the path of a pose's picture.
 fn picture(folder: &Path, pose: usize) -> PathBuf {
     folder.join(format!("pose-{pose:02}.png"))
 }
@@ -102,14 +99,13 @@ fn picture(folder: &Path, pose: usize) -> PathBuf {
 fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
     for (row, drawn) in check.rows.iter().zip(&check.pictures) {
         let path = picture(folder, row.pose);
-        let png = drawn.to_png();
-        let png = png.map_err(|error| RunError::write(&path, error))?;
+        let png = drawn.to_png().map_err(|error| RunError::write(&path, error))?;
         replace(&LocalDisk, &path, &png)?;
     }
     Ok(())
 }
 
-/// The result for programs.
+/// Returns the result as a JSON object.
 pub(super) fn object(check: &MaskCheck) -> Value {
     json!({
         "rows": check.rows,
@@ -132,10 +128,7 @@ fn table(check: &MaskCheck) -> String {
     }));
     let left_out = check.left_out.iter();
     lines.extend(left_out.map(|left| format!("pose {} was left out: {}", left.pose, left.why)));
-    let verdict = match check.holds() {
-        true => "holds",
-        false => "DOES NOT HOLD",
-    };
+    let verdict = if check.holds() { "holds" } else { "DOES NOT HOLD" };
     lines.push(format!(
         "the mask {}: at most {:.0} % of the arm may be outside in any pose, the mean overlap, \
          {:.2}, must be at least {}, and the poses seen, {}, at least {}",

@@ -1,4 +1,4 @@
-//! Finds the camera: the arm carries a ball from pose to pose, and the camera looks.
+//! Measurement of a calibration: the arm carries a ball from pose to pose in view of the camera.
 
 use envs::carriers::Arm;
 use inpainting::{Ball, Calibration, HandEye, InpaintingError, LEAST_POSES, Offset, Sighting};
@@ -7,48 +7,47 @@ use serde::Serialize;
 
 use crate::DeployError;
 
-use super::approach::{Standing, approach, look};
+use super::approach::{RestingHand, approach, capture_at_rest};
 use crate::rig::{Rig, Trial, then_stop};
 
-/// What the arm carries.
+/// Settings of a calibration: the ball that the arm carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrateSettings {
-    /// The ball.
+    /// Ball that the arm carries.
     pub ball: Ball,
-    /// Where it is in the frame of the hand.
+    /// Position of the ball in the frame of the hand, if it is known.
     pub offset: Offset,
 }
 
-/// A pose that tells nothing.
+/// Pose that was skipped.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct LeftOut {
-    /// Its number, counted from 1.
+pub struct SkippedPose {
+    /// Number of the pose, counted from 1.
     pub pose: usize,
-    /// Why.
+    /// Reason for which the pose was skipped.
     pub why: String,
 }
 
-/// A camera that was found.
+/// Result of a calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibrated {
-    /// What the rig took the camera for.
+    /// Calibration that the rig had before.
     pub before: Calibration,
-    /// The camera, and how sure that is.
+    /// Calibration that was found, with its uncertainty.
     pub found: HandEye,
-    /// Poses that were left out.
-    pub left_out: Vec<LeftOut>,
+    /// Poses that were skipped.
+    pub left_out: Vec<SkippedPose>,
 }
 
-/// Lets the arm carry its ball to `poses` over the table of `trial`, which should be empty, and
-/// finds the camera from what it sees. The robot is told to stop at the end, and before an error is
-/// returned.
+/// Calibrates the camera: the arm carries its ball to `poses` over the table of `trial`, which
+/// should be empty. The robot is stopped at the end and before any error is returned.
 ///
-/// Poses that the arm cannot reach, in which its hand does not come to rest, and in which the ball
-/// is not seen are left out.
+/// Poses that the arm cannot reach, in which its hand does not come to rest, or in which the ball
+/// is not seen are skipped.
 ///
 /// # Errors
 /// [`DeployError::FewSightings`]; [`DeployError::Rig`], [`DeployError::Robot`],
-/// [`DeployError::StalePicture`], [`DeployError::PictureOfTheFuture`]; as [`HandEye::solve`].
+/// [`DeployError::StalePicture`], [`DeployError::CameraClockAhead`]; as [`HandEye::solve`].
 pub fn calibrate(
     rig: &mut dyn Rig,
     arm: &Arm,
@@ -58,7 +57,10 @@ pub fn calibrate(
 ) -> Result<Calibrated, DeployError> {
     let seen = carry(rig, arm, settings, poses, trial);
     let (sightings, left_out) = then_stop(rig, seen)?;
-    if let (true, Some(first)) = (sightings.len() < LEAST_POSES, left_out.first()) {
+    // without a skipped pose, too few poses were given, which `HandEye::solve` reports
+    if let Some(first) = left_out.first()
+        && sightings.len() < LEAST_POSES
+    {
         return Err(DeployError::FewSightings {
             got: sightings.len(),
             needed: LEAST_POSES,
@@ -74,15 +76,16 @@ pub fn calibrate(
     })
 }
 
+/// Visits all poses; returns the places of the ball and the poses that were skipped.
 fn carry(
     rig: &mut dyn Rig,
     arm: &Arm,
     settings: &CalibrateSettings,
     poses: &[Pose],
     trial: &Trial,
-) -> Result<(Vec<Sighting>, Vec<LeftOut>), DeployError> {
-    let set_up = rig.set_up(trial);
-    let set_up = set_up.map_err(|source| DeployError::Rig { source })?;
+) -> Result<(Vec<Sighting>, Vec<SkippedPose>), DeployError> {
+    let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
+    // the empty table is not needed: its memory takes the pictures
     let mut picture = set_up.background;
     let width = rig.calibration().intrinsics.width;
     let (mut sightings, mut left_out) = (Vec::new(), Vec::new());
@@ -97,10 +100,11 @@ fn carry(
                 rotation: state.tip.rotation,
                 pixel,
             }),
-            Err(error) if is_of_the_pose(&error) => {
+            Err(error) if concerns_one_pose(&error) => {
+                // the arm may still be on its way
                 rig.stop()?;
                 let why = error.to_string();
-                left_out.push(LeftOut { pose, why });
+                left_out.push(SkippedPose { pose, why });
             }
             Err(error) => return Err(error),
         }
@@ -108,25 +112,25 @@ fn carry(
     Ok((sightings, left_out))
 }
 
-/// Goes to a pose and looks.
+/// Moves the hand to a pose and takes a picture of it at rest.
 pub(super) fn visit(
     rig: &mut dyn Rig,
     arm: &Arm,
     target: &Pose,
     picture: &mut [u8],
-) -> Result<Standing, DeployError> {
+) -> Result<RestingHand, DeployError> {
     approach(rig, arm, target)?;
-    look(rig, picture)
+    capture_at_rest(rig, picture)
 }
 
-/// Whether another pose may still do.
-pub(super) fn is_of_the_pose(error: &DeployError) -> bool {
+/// Returns `true` if an error concerns one pose alone, so that another pose may work.
+pub(super) fn concerns_one_pose(error: &DeployError) -> bool {
     use InpaintingError::{NoBall, NoDisc, SeveralBalls};
     matches!(
         error,
         DeployError::Robot(ControlError::OutOfReach { .. })
-            | DeployError::Unreached { .. }
-            | DeployError::Restless
+            | DeployError::PoseNotReached { .. }
+            | DeployError::HandNotAtRest
             | DeployError::Inpainting(NoBall { .. } | NoDisc { .. } | SeveralBalls { .. })
     )
 }

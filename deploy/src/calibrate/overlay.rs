@@ -1,17 +1,17 @@
-//! A picture with the mask and the arm in colours.
+//! Pictures with the mask and the arm in colours.
 
 use inpainting::Perception;
 
 use experiments::sheet::Picture;
 
-/// Each pixel becomes a square of this side.
+/// Factor by which pictures are enlarged.
 const ENLARGE: usize = 4;
-/// Where mask and arm agree, where the arm shows, and where the mask hides table.
+/// Colours of pixels with mask and arm, with the arm alone, and with the mask alone (RGB).
 const COLOURS: [[u8; 3]; 3] = [[0, 200, 0], [255, 0, 0], [40, 90, 255]];
-/// How much of a colour is laid over the picture, of 256.
+/// Opacity of the colours, of 256.
 const LAID: u32 = 110;
 
-/// The last picture of `perception`, with its mask and `arm`, where the arm shows.
+/// Returns the last picture of `perception` with its mask and `arm`, the pixels that show the arm.
 pub(super) fn overlay(perception: &Perception, arm: &[bool]) -> Picture {
     let inside = perception.view().intrinsics;
     let [width, height] = [inside.width, inside.height].map(|side| side * ENLARGE);

@@ -1,4 +1,4 @@
-//! Where the hand goes to be looked at.
+//! Poses of the hand for a calibration.
 
 use std::f64::consts::PI;
 
@@ -6,9 +6,9 @@ use envs::carriers::Arm;
 use glam::{DQuat, DVec3};
 use robots::Pose;
 
-/// Places of the hand (metres, world), and how it is turned there from how it works: a rotation
-/// vector with the axes of the world (degrees). They are spread over the table that policies see
-/// and over three heights, and a hand that turns about all axes tells where in it the ball is.
+/// Positions of the hand (metres, world) with its rotation from the working orientation, a rotation
+/// vector in the world's axes (degrees). Positions cover the table that policies see, at three
+/// heights. Rotations about all axes determine the ball's position in the hand.
 const POSES: [([f64; 3], [f64; 3]); 14] = [
     ([0.0, 0.0, 0.22], [0.0, 0.0, 0.0]),
     ([-0.18, -0.12, 0.12], [12.0, 0.0, 20.0]),
@@ -26,7 +26,7 @@ const POSES: [([f64; 3], [f64; 3]); 14] = [
     ([-0.12, 0.1, 0.28], [-12.0, 0.0, -20.0]),
 ];
 
-/// The poses of `arm`'s hand in which it is looked at, one after the other.
+/// Returns the poses of the hand of `arm` for a calibration, in order.
 pub fn poses(arm: &Arm) -> Vec<Pose> {
     let working = arm.chain().tip(&arm.settings().ready).rotation;
     let pose = |(place, turn): &([f64; 3], [f64; 3])| {
@@ -45,7 +45,7 @@ mod tests {
 
     use super::*;
 
-    /// The arm has a way from each to the next.
+    /// Checks that the inverse kinematics lead from each pose to the next.
     #[test]
     fn a_gen3_reaches_every_pose() {
         let arm = KinovaGen3.arm().unwrap();

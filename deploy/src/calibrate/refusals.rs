@@ -1,4 +1,4 @@
-//! What is refused before the arm moves, and what stops or spoils a calibration.
+//! Tests of errors: options that are rejected before the arm moves, and failures of a calibration.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -7,11 +7,11 @@ use clap::Parser;
 use envs::carriers::{Arm, KinovaGen3};
 use inpainting::{Ball, Offset};
 
-use super::blank::Blank;
 use super::command::CalibrateOptions;
+use super::fake_rig::FakeRig;
 use super::mask::{MaskCheck, MaskRow};
 use super::mask_command::{MaskOptions, object};
-use super::measure::{CalibrateSettings, LeftOut, calibrate};
+use super::measure::{CalibrateSettings, SkippedPose, calibrate};
 use crate::rig::Trial;
 use crate::{DeployError, DeployOptions};
 use experiments::RunError;
@@ -30,11 +30,11 @@ fn options(arguments: &[&str]) -> CalibrateOptions {
     Line::try_parse_from(line).unwrap().options
 }
 
-/// What `covers calibrate` says of a rig.
-fn spoilt(spoil: fn(&mut Blank)) -> DeployError {
+/// Returns the error of a calibration with a spoilt rig.
+fn spoilt(spoil: fn(&mut FakeRig)) -> DeployError {
     let settings =
         CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
-    let mut rig = Blank::new(&arm());
+    let mut rig = FakeRig::new(&arm());
     spoil(&mut rig);
     let there = [rig.state.tip];
     let trial = Trial::on_empty_table(0);
@@ -45,10 +45,10 @@ fn spoilt(spoil: fn(&mut Blank)) -> DeployError {
 fn a_camera_whose_clock_is_ahead_calibrates_nothing() {
     let error = spoilt(|rig| rig.ahead = Duration::from_millis(5));
     let message = error.to_string();
-    assert!(matches!(error, DeployError::PictureOfTheFuture { .. }), "{message}");
+    assert!(matches!(error, DeployError::CameraClockAhead { .. }), "{message}");
 }
 
-/// A hand that stays in its place but turns is left out, and named.
+/// Checks that a pose is skipped, and named, if the hand stays in its place but turns.
 #[test]
 fn a_hand_that_turns_does_not_stand() {
     let error = spoilt(|rig| rig.spin = 0.02);
@@ -61,9 +61,9 @@ fn a_hand_that_turns_does_not_stand() {
 #[test]
 fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let still = |rig: &Blank| rig.time.is_zero() && rig.state == Blank::new(&arm()).state;
+    let still = |rig: &FakeRig| rig.time.is_zero() && rig.state == FakeRig::new(&arm()).state;
     for out in ["no/such/folder/c.json", "src"] {
-        let mut rig = Blank::new(&arm());
+        let mut rig = FakeRig::new(&arm());
         let out = root.join(out);
         let failed =
             options(&["--out", out.to_str().unwrap()]).run_on(&mut rig, &arm(), &mut Vec::new());
@@ -79,7 +79,7 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
     let (run, folder) = (root.join("../assets/pretrained-robot"), root.join("Cargo.toml/masks"));
     let line = [PathBuf::from("mask"), run, PathBuf::from("--pictures"), folder];
     let mask = Line::try_parse_from(line).unwrap().options;
-    let mut rig = Blank::new(&arm());
+    let mut rig = FakeRig::new(&arm());
     let error = mask.run_on(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
     assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
     assert!(still(&rig));
@@ -104,13 +104,13 @@ struct Line {
     options: DeployOptions,
 }
 
-/// Why the command does not run.
+/// Returns the error of a command.
 fn refusal(line: &str) -> String {
     let deploy = Line::try_parse_from(line.split(' ')).unwrap().options;
     deploy.run(&mut Vec::new()).unwrap_err().to_string()
 }
 
-/// A file takes the place of the calibration that would be wrong.
+/// Checks sweeps of the calibration's errors, which a file replaces.
 #[test]
 fn a_sweep_of_what_a_file_replaces_is_refused() {
     for fault in ["position-error", "angle-error"] {
@@ -122,7 +122,7 @@ fn a_sweep_of_what_a_file_replaces_is_refused() {
     }
 }
 
-/// Before anything is read or written.
+/// Checks that contradicting options are rejected before anything is read or written.
 #[test]
 fn sweeps_that_do_not_fit_are_refused() {
     let deploy = "deploy no/such/run --out no/such/folder --sweep mask-growth=0,10";
@@ -142,16 +142,16 @@ fn sweeps_that_do_not_fit_are_refused() {
     }
 }
 
-/// The result for programs says why a mask does not hold.
+/// Checks that the JSON object says why a mask does not hold.
 #[test]
 fn a_mask_seen_in_too_few_poses_tells_what_was_left_out() {
     let check = MaskCheck {
         rows: vec![MaskRow { pose: 1, overlap: 0.7, outside: 0.0, spare: 0.3 }],
-        left_out: vec![LeftOut { pose: 2, why: "it is far".to_owned() }],
+        left_out: vec![SkippedPose { pose: 2, why: "it is far".to_owned() }],
         ..MaskCheck::default()
     };
-    let told = object(&check);
-    assert_eq!(told["holds"], false);
-    assert_eq!(told["rows"].as_array().unwrap().len(), 1);
-    assert_eq!(told["left_out"][0]["why"], "it is far");
+    let object = object(&check);
+    assert_eq!(object["holds"], false);
+    assert_eq!(object["rows"].as_array().unwrap().len(), 1);
+    assert_eq!(object["left_out"][0]["why"], "it is far");
 }

@@ -1,4 +1,4 @@
-//! The camera of a simulated rig is found, and its mask is held to what it shows.
+//! Tests of the calibration and the mask's check on a simulated rig.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,8 +9,8 @@ use inpainting::{Ball, Calibration, Extrinsics, Offset};
 use rl::BoxError;
 use robots::{Command, ControlError, Pose, Robot, RobotState};
 
-use super::blank::Blank;
 use super::command::{CalibrateOptions, Triple, apart};
+use super::fake_rig::FakeRig;
 use super::file::CalibrationFile;
 use super::mask::MaskCheck;
 use super::measure::{CalibrateSettings, calibrate};
@@ -18,15 +18,15 @@ use super::poses;
 use crate::faults::FaultAmount;
 use crate::rig::{Rig, SetUp, Trial, Verdict};
 use crate::{
-    DeployError, Deployment, Faults, RigOptions, RobotKind, SightSettings, SimulatedRig,
-    SimulationSettings,
+    DeployError, Deployment, Faults, RigOptions, RobotKind, SimulatedRig, SimulationSettings,
+    VisionSettings,
 };
 use experiments::RunFolder;
 
 const SETTINGS: CalibrateSettings =
     CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
 
-/// Options that write a file of this name.
+/// Returns options that write a file of this name.
 fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
     CalibrateOptions {
         rig: RigOptions { robot: RobotKind::KinovaSim, seed: 1000, faults: Faults::Nominal, fault },
@@ -43,7 +43,7 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let name = format!("covers-found-{}.json", std::process::id());
     let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
     let options = options(&name, faults.to_vec(), true);
-    let (settings, _) = options.rig.settings().unwrap();
+    let settings = options.rig.settings().unwrap().simulation;
     let mut rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.truth());
     let mut out = Vec::new();
@@ -61,7 +61,7 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     assert!(told["refused_by_deploy"].is_null(), "{told}");
 }
 
-/// A rig whose own calibration is further off than it may be.
+/// Rig whose own calibration has more than the allowed error.
 struct Misplaced(SimulatedRig);
 
 impl Robot for Misplaced {
@@ -111,7 +111,7 @@ impl Rig for Misplaced {
 fn a_file_that_deploy_will_refuse_is_told() {
     let name = format!("covers-refused-{}.json", std::process::id());
     let options = options(&name, Vec::new(), false);
-    let (settings, _) = options.rig.settings().unwrap();
+    let settings = options.rig.settings().unwrap().simulation;
     let rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
     let arm = rig.arm().clone();
     let mut out = Vec::new();
@@ -129,8 +129,8 @@ fn a_file_that_deploy_will_refuse_is_told() {
 
 fn deployment(calibration: Calibration) -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
-    let sight = SightSettings { calibration: Some(calibration), ..SightSettings::default() };
-    Deployment::load(&RunFolder::open(&folder), sight).unwrap()
+    let vision = VisionSettings { calibration: Some(calibration), ..VisionSettings::default() };
+    Deployment::load(&RunFolder::open(&folder), vision).unwrap()
 }
 
 /// A mask by the true camera holds, and one by a camera that is 30 mm and 3 degrees off does not.
@@ -179,7 +179,7 @@ fn masks_do_not_lag_behind_late_pictures() {
 #[test]
 fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
     let arm = envs::carriers::KinovaGen3.arm().unwrap();
-    let mut rig = Blank::new(&arm);
+    let mut rig = FakeRig::new(&arm);
     let tip = rig.state.tip;
     let high = Pose { position: HAND_START + 0.1 * DVec3::Z, ..tip };
     let trial = Trial::on_empty_table(0);

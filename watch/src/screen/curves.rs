@@ -1,4 +1,4 @@
-//! Curves of a run: a colour a group, a line a visit, a dot an evaluation.
+//! Curves of a run: a colour for each group, a line for each visit, a dot for each evaluation.
 
 use ratatui::Frame;
 use ratatui::layout::Rect;
@@ -8,37 +8,41 @@ use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType};
 
 use experiments::{RolloutRow, RunData, ScoreRow};
 
-use super::{Pace, ink};
+use super::Progress;
+use super::panels::group_colour;
 
-/// What a curve shows.
+/// Quantity that a curve shows.
 pub struct Figure {
     title: &'static str,
-    /// The largest value.
-    most: f64,
+    /// Upper end of the vertical axis, which begins at 0.
+    largest: f64,
     rollout: fn(&RolloutRow) -> Option<f64>,
     score: fn(&ScoreRow) -> f64,
 }
 
+/// Mean reward of a rollout's episodes, at most 500.
 pub const REWARD: Figure = Figure {
     title: "reward of 500",
-    most: 500.0,
+    largest: 500.0,
     rollout: |row| row.reward,
     score: |row| row.reward,
 };
+/// Share of a rollout's episodes that succeeded.
 pub const SUCCESS: Figure =
-    Figure { title: "success", most: 1.0, rollout: |row| row.success, score: |row| row.success };
+    Figure { title: "success", largest: 1.0, rollout: |row| row.success, score: |row| row.success };
 
-/// Points of one colour.
+/// Points of one colour: a line or dots.
 struct Line {
     colour: Color,
     points: Vec<(f64, f64)>,
     kind: GraphType,
 }
 
-/// Draws the figure over the decisions of the whole stream.
+/// Draws a quantity over the decisions of the whole stream.
 pub fn draw(figure: &Figure, run: &RunData, frame: &mut Frame, area: Rect) {
-    let stream = Pace::after(run, 0).stream as f64;
+    let stream = Progress::after(run, 0).stream as f64;
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
+    // a stream whose clock counts turns may take more decisions than planned
     let end = stream.max(newest);
     let lines: Vec<Line> =
         visits(figure, run).into_iter().chain(evaluations(figure, run)).collect();
@@ -53,22 +57,17 @@ pub fn draw(figure: &Figure, run: &RunData, frame: &mut Frame, area: Rect) {
             .style(Style::new().fg(line.colour))
             .data(&line.points)
     });
-    let middle = figure.most / 2.0;
-    let labels = |values: [f64; 3]| values.map(|value| value.to_string());
+    let labels = [0.0, figure.largest / 2.0, figure.largest].map(|value| value.to_string());
     let chart = Chart::new(sets.collect())
         .block(Block::bordered().title(figure.title))
         .x_axis(
             Axis::default().bounds([0.0, end]).labels(["0".to_owned(), format!("{end} decisions")]),
         )
-        .y_axis(Axis::default().bounds([0.0, figure.most]).labels(labels([
-            0.0,
-            middle,
-            figure.most,
-        ])));
+        .y_axis(Axis::default().bounds([0.0, figure.largest]).labels(labels));
     frame.render_widget(chart, area);
 }
 
-/// The rollouts of each visit of a group.
+/// Returns a line for each visit of a group: its rollouts, in order.
 fn visits(figure: &Figure, run: &RunData) -> Vec<Line> {
     let same = |one: &RolloutRow, other: &RolloutRow| one.group == other.group;
     let visits = run.rollouts.chunk_by(same);
@@ -78,7 +77,7 @@ fn visits(figure: &Figure, run: &RunData) -> Vec<Line> {
             Some((row.decisions as f64, value))
         });
         Line {
-            colour: ink::of_group(run, &rows[0].group),
+            colour: group_colour(run, &rows[0].group),
             points: points.collect(),
             kind: GraphType::Line,
         }
@@ -86,7 +85,7 @@ fn visits(figure: &Figure, run: &RunData) -> Vec<Line> {
     visits.map(line).collect()
 }
 
-/// The means of each group's variants, at each evaluation.
+/// Returns dots for each group: the mean of its variants at each evaluation.
 fn evaluations(figure: &Figure, run: &RunData) -> Vec<Line> {
     let plans = run.experiment.schedule.groups.iter();
     let line = |group: &str| {
@@ -95,7 +94,7 @@ fn evaluations(figure: &Figure, run: &RunData) -> Vec<Line> {
             Some((decisions as f64, value)).filter(|(_, value)| value.is_finite())
         });
         Line {
-            colour: ink::of_group(run, group),
+            colour: group_colour(run, group),
             points: points.collect(),
             kind: GraphType::Scatter,
         }

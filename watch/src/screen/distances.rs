@@ -1,4 +1,4 @@
-//! How far the newest rollout was from what each policy remembers.
+//! Distances of the latest rollout to the stored rollouts of each policy.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -9,17 +9,16 @@ use ratatui::widgets::{Block, Cell, Row, Table};
 use experiments::RunData;
 use experiments::text::number;
 
-use super::{ink, ratios};
+use super::panels::{draw_ratios, policy_colour};
 
-/// Cells of a bar; half of them are the threshold.
+/// Length of a bar (cells); the threshold is at the middle.
 const BAR: usize = 20;
 
-/// Least rows of a panel that shows earlier rollouts, too.
-const BOTH: u16 = 14;
+/// Minimum height (rows) of a panel that also shows earlier rollouts.
+const WITH_RATIOS: u16 = 14;
 
-/// Draws a row for each policy that the newest rollout was compared with: the distance, the
-/// threshold, and a bar of their ratio in whose middle the threshold stands. Where there is room,
-/// the ratios of all rollouts are below.
+/// Draws a row for each policy that the latest rollout was compared with: the distance, the
+/// threshold, and a bar of their ratio. If there is room, the ratios of all rollouts follow below.
 pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last();
     let distances = newest.map_or(&[][..], |row| &row.distances[..]);
@@ -30,10 +29,10 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
         (rollouts, _) => format!("W1 of rollout {} and its threshold", rollouts - 1),
     };
     let thresholds = thresholds.into_iter().chain(std::iter::repeat(None));
-    let rows = distances.iter().zip(thresholds).enumerate();
-    let rows = rows.map(|(policy, (&distance, threshold))| {
-        let colour = Style::new().fg(ink::of_policy(run, policy));
-        let ratio = distance.zip(threshold).map(|(own, most)| own / most);
+    let compared = distances.iter().zip(thresholds).enumerate();
+    let rows = compared.map(|(policy, (&distance, threshold))| {
+        let colour = Style::new().fg(policy_colour(run, policy));
+        let ratio = distance.zip(threshold).map(|(distance, threshold)| distance / threshold);
         Row::new([
             Cell::new(Span::styled(format!("policy {policy}"), colour)),
             Cell::new(number(distance, 2)),
@@ -47,19 +46,22 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let block = Block::bordered().title(title);
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    let height = match inner.height >= BOTH {
-        true => (inner.height / 2).min(distances.len().min(99) as u16 + 1),
-        false => inner.height,
+    let height = if inner.height >= WITH_RATIOS {
+        // a row for the header; the bound of 99 keeps the number within u16
+        (inner.height / 2).min(distances.len().min(99) as u16 + 1)
+    } else {
+        inner.height
     };
     let rows = [Constraint::Length(height), Constraint::Fill(1)];
     let [newest, all] = Layout::vertical(rows).areas(inner);
     frame.render_widget(table, newest);
     if !all.is_empty() {
-        ratios::draw(run, frame, all);
+        draw_ratios(run, frame, all);
     }
 }
 
-/// A bar that is full at twice the threshold; a dash where there is no ratio.
+/// Returns a bar that is full at twice the threshold, or a dash if the ratio is not a number of 0
+/// or more.
 fn bar(ratio: Option<f64>) -> String {
     let Some(ratio) = ratio.filter(|ratio| ratio.is_finite() && *ratio >= 0.0) else {
         return "-".to_owned();

@@ -1,4 +1,4 @@
-//! What a screen shows of a run, as much as there is room for.
+//! Layout of the screen: more panels on larger terminals.
 
 use std::time::Duration;
 
@@ -12,76 +12,77 @@ use experiments::RunData;
 use experiments::sheet::Picture;
 use experiments::text::number;
 
-use super::{Pace, curves, distances, groups, ink, picture, strips};
+use super::panels::{
+    draw_groups, draw_picture, draw_strips, fit_picture, group_colour, policy_colour,
+};
+use super::{Progress, curves, distances};
 
-/// Least columns and rows of a screen that shows every panel. Long names are cut at this width.
-const WHOLE: [u16; 2] = [100, 30];
-/// Least rows of what is not head or foot, where there are tables.
-const MOST: u16 = 20;
-/// Least columns at which curves stand beside each other.
-const BESIDE: u16 = 70;
-/// Rows of the tables, and of the strips with their frame.
+/// Minimum columns and rows of a screen with every panel. Long names are cut at this width.
+const LARGE: [u16; 2] = [100, 30];
+/// Minimum rows between headline and footline for a screen with tables.
+const MEDIUM: u16 = 20;
+/// Minimum columns for two curves side by side.
+const TWO_CURVES: u16 = 70;
+/// Height of the tables (rows).
 const TABLES: u16 = 8;
+/// Height of the two strips with their frame (rows).
 const STRIPS: u16 = 4;
 
-/// What is to be shown.
+/// Contents of the screen.
 pub struct Shown<'a> {
     pub run: &'a RunData,
     pub finished: bool,
-    /// How long nothing has come.
+    /// Time since the latest change of the tables.
     pub silence: Option<Duration>,
-    /// A picture and what it is of.
+    /// Picture with its title.
     pub picture: Option<(String, Picture)>,
-    /// What keys do, or what happens because of one.
+    /// Help for the keys, or a message.
     pub keys: &'a str,
 }
 
-/// Draws a whole screen.
+/// Draws the screen.
 pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
     let area = frame.area();
-    let rows = [2, 0, 1].map(Constraint::Length);
-    let rows = [rows[0], Constraint::Fill(1), rows[2]];
+    let rows = [Constraint::Length(2), Constraint::Fill(1), Constraint::Length(1)];
     let [head, body, foot] = Layout::vertical(rows).areas(area);
     frame.render_widget(Paragraph::new(headline(shown).to_vec()), head);
-    let [width, height] = WHOLE;
-    match (area.width >= width && area.height >= height, body.height) {
-        (true, _) => everything(shown, frame, body),
-        (false, MOST..) => most(shown, frame, body),
-        (false, _) => least(shown, frame, body),
+    let [width, height] = LARGE;
+    if area.width >= width && area.height >= height {
+        large(shown, frame, body);
+    } else if body.height >= MEDIUM {
+        medium(shown, frame, body);
+    } else {
+        small(shown, frame, body);
     }
     frame.render_widget(Line::from(footline(shown)).style(Style::new().dim()), foot);
 }
 
-/// The run's name and what happens now, and how far it is.
+/// Returns two lines: the run's name and current group, and its progress.
 fn headline<'a>(shown: &Shown<'a>) -> [Line<'a>; 2] {
     let run = shown.run;
     let name = Span::styled(&run.name, Style::new().bold());
-    let pace = Pace::after(run, run.rollouts.len());
+    let progress = Progress::after(run, run.rollouts.len());
     let now = match (shown.finished, run.rollouts.last()) {
         (true, _) => vec![Span::raw("finished")],
-        (false, Some(_)) if pace.done >= pace.stream => vec![Span::raw("last evaluation")],
+        (false, Some(_)) if progress.done >= progress.stream => vec![Span::raw("last evaluation")],
         (false, None) => vec![Span::raw("begins")],
         (false, Some(row)) => vec![
-            Span::styled(row.last_group.clone(), ink::of_group(run, &row.last_group)),
+            Span::styled(row.last_group.clone(), group_colour(run, &row.last_group)),
             Span::raw(", policy "),
-            Span::styled(row.policy.to_string(), ink::of_policy(run, row.policy)),
+            Span::styled(row.policy.to_string(), policy_colour(run, row.policy)),
         ],
     };
     let first = [name, Span::raw("  ")].into_iter().chain(now).collect();
-    [first, Line::from(progress(shown))]
+    [first, Line::from(progress_text(shown))]
 }
 
-fn progress(shown: &Shown<'_>) -> String {
-    let run = shown.run;
-    let pace = Pace::after(run, run.rollouts.len());
-    let done = pace.done;
-    let share = done.saturating_mul(100) / pace.stream.max(1);
-    let left = match (shown.finished, pace.seconds_left) {
-        (true, _) => "0 s".to_owned(),
-        (false, seconds) => seconds.map_or_else(|| "-".to_owned(), duration),
-    };
-    let rate = number(pace.decisions_per_second, 0);
-    let stream = pace.stream;
+fn progress_text(shown: &Shown<'_>) -> String {
+    let Progress { stream, done, decisions_per_second, seconds_left } =
+        Progress::after(shown.run, shown.run.rollouts.len());
+    let share = done.saturating_mul(100) / stream.max(1);
+    let left = if shown.finished { Some(0.0) } else { seconds_left };
+    let left = left.map_or_else(|| "-".to_owned(), duration);
+    let rate = number(decisions_per_second, 0);
     format!("{share} %, {left} left, {rate} decisions/s, {done} of {stream} decisions")
 }
 
@@ -92,7 +93,7 @@ fn footline(shown: &Shown<'_>) -> String {
     format!("{}{newest}", shown.keys)
 }
 
-/// Seconds as people say them.
+/// Formats seconds in hours and minutes, minutes or seconds.
 fn duration(seconds: f64) -> String {
     let whole = seconds as u64;
     match (whole / 3600, whole / 60 % 60) {
@@ -102,14 +103,13 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// Curves, strips, tables and the picture.
-fn everything(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
-    let rows = [3, 0, 2].map(Constraint::Fill);
-    let rows = [rows[0], Constraint::Length(STRIPS), rows[2]];
+/// Draws curves, strips, tables and the picture.
+fn large(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
+    let rows = [Constraint::Fill(3), Constraint::Length(STRIPS), Constraint::Fill(2)];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
     both_curves(shown.run, frame, top);
     framed_strips(shown.run, frame, middle);
-    // two pixels of a picture are as high as one cell
+    // a cell shows two pixels, one above the other; the border takes a cell on each side
     let side = 2 * bottom.height.saturating_sub(2) + 2;
     let columns = [Constraint::Fill(1), Constraint::Length(side)];
     let [tables, right] = Layout::horizontal(columns).areas(bottom);
@@ -119,31 +119,32 @@ fn everything(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
     let inner = block.inner(right);
     frame.render_widget(block, right);
     if let Some((_, picture)) = &shown.picture {
-        picture::draw(picture, picture::fit(picture, inner), frame.buffer_mut());
+        draw_picture(picture, fit_picture(picture, inner), frame.buffer_mut());
     }
 }
 
-/// Curves, strips and tables.
-fn most(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
-    let rows = [0, STRIPS, TABLES].map(Constraint::Length);
-    let rows = [Constraint::Fill(1), rows[1], rows[2]];
+/// Draws curves, strips and tables.
+fn medium(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
+    let rows = [Constraint::Fill(1), Constraint::Length(STRIPS), Constraint::Length(TABLES)];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
-    match area.width >= BESIDE {
-        true => both_curves(shown.run, frame, top),
-        false => curves::draw(&curves::REWARD, shown.run, frame, top),
+    if area.width >= TWO_CURVES {
+        both_curves(shown.run, frame, top);
+    } else {
+        curves::draw(&curves::REWARD, shown.run, frame, top);
     }
     framed_strips(shown.run, frame, middle);
-    match area.width >= WHOLE[0] {
-        true => both_tables(shown.run, frame, bottom),
-        false => groups::draw(shown.run, frame, bottom),
+    if area.width >= LARGE[0] {
+        both_tables(shown.run, frame, bottom);
+    } else {
+        draw_groups(shown.run, frame, bottom);
     }
 }
 
-/// Strips, and a curve below them where there is room.
-fn least(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
+/// Draws the strips without a frame, and the reward below them if there is room.
+fn small(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Length(2), Constraint::Fill(1)];
     let [top, bottom] = Layout::vertical(rows).areas(area);
-    strips::draw(shown.run, top, frame.buffer_mut());
+    draw_strips(shown.run, top, frame.buffer_mut());
     curves::draw(&curves::REWARD, shown.run, frame, bottom);
 }
 
@@ -159,7 +160,7 @@ fn both_curves(run: &RunData, frame: &mut Frame, area: Rect) {
 
 fn both_tables(run: &RunData, frame: &mut Frame, area: Rect) {
     let [left, right] = halves(area);
-    groups::draw(run, frame, left);
+    draw_groups(run, frame, left);
     distances::draw(run, frame, right);
 }
 
@@ -168,5 +169,5 @@ fn framed_strips(run: &RunData, frame: &mut Frame, area: Rect) {
     let block = Block::bordered().title(title);
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    strips::draw(run, inner, frame.buffer_mut());
+    draw_strips(run, inner, frame.buffer_mut());
 }

@@ -1,4 +1,4 @@
-//! Keys and signals of who looks on, beside a run of another process or of this one.
+//! Interactive session: the screen with keys and signals, for a run of this process or another one.
 
 use std::fs;
 use std::io::{self, IsTerminal, stdin};
@@ -17,137 +17,139 @@ use signal_hook::{flag, low_level};
 use experiments::sheet::{Picture, first_variant};
 use experiments::{Glimpse, Run, RunError, Stop};
 
-use super::View;
+use super::RunSnapshot;
 use super::draw::{Shown, draw};
 use super::terminal::{Screen, broken};
 
-/// From one look at keys, signals and tables to the next.
+/// Polling interval of keys, signals and tables.
 const TICK: Duration = Duration::from_millis(200);
-/// So long after a wish to end `q` is no second one: a key that is held repeats.
+/// Time after a request to quit in which `q` is not a second request: a key that is held repeats.
 const HELD: Duration = Duration::from_secs(2);
-/// The exit code of a program that a signal ended is this and the signal's number.
+/// Exit code of a program that a signal ended, less the signal's number.
 const SIGNALLED: usize = 128;
-/// That after Ctrl-C.
+/// Exit code after Ctrl-C.
 const INTERRUPTED: u8 = (SIGNALLED + SIGINT as usize) as u8;
 
 /// Exit code after SIGHUP.
 const HUNG_UP: u8 = (SIGNALLED + SIGHUP as usize) as u8;
 
-/// Shows the run of another process until somebody quits. Returns the exit code: 0 after `q`, 128
-/// and its number after a signal.
+/// Shows the run of another process until the user quits. Returns the exit code: 0 after `q`, 128
+/// plus its number after a signal.
 ///
 /// # Errors
 /// A terminal that is gone, tables that cannot be read.
-pub(crate) fn watch(mut view: View) -> Result<u8, RunError> {
-    let (wish, sheet) = (Wish::listen()?, sheet(&view));
+pub(crate) fn watch(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
+    let (quit, sheet) = (QuitListener::listen()?, contact_sheet(&snapshot));
     let mut screen = Screen::open()?;
     loop {
-        let picture = newest_group(&view, sheet.as_ref());
-        show(&mut screen, &view, picture, "q quits")?;
-        if let Some(code) = wish.uttered()? {
+        let picture = current_group(&snapshot, sheet.as_ref());
+        show(&mut screen, &snapshot, picture, "q quits")?;
+        if let Some(code) = quit.requested()? {
             return Ok(code);
         }
-        view.refresh()?;
+        snapshot.refresh()?;
     }
 }
 
-/// Learns to the end, or until somebody quits, and shows it meanwhile.
+/// Trains to the end of the run or until the user quits, with the screen in a second thread.
 ///
 /// # Errors
-/// What the run says; a terminal that is gone, after which the run is saved.
+/// Errors of the run; a terminal that is gone, in which case the run is saved first.
 pub fn train(run: &mut Run) -> Result<(), RunError> {
-    let (stop, glimpse) = (Stop::default(), Glimpse::default());
+    let (stop, latest_frame) = (Stop::default(), Glimpse::default());
     run.stop_at(stop.clone());
-    run.show_to(glimpse.clone());
-    let onlooker = Onlooker {
-        wish: Wish::listen()?,
-        view: View::open(run.folder().path())?,
+    run.show_to(latest_frame.clone());
+    let viewer = Viewer {
+        quit: QuitListener::listen()?,
+        snapshot: RunSnapshot::open(run.folder().path())?,
         screen: Screen::open()?,
         stop,
-        glimpse,
+        latest_frame,
     };
     let over = AtomicBool::new(false);
-    let (learnt, shown) = thread::scope(|scope| {
-        let onlooker = scope.spawn(|| onlooker.look_on(&over));
-        let learnt = {
-            let _over = Over(&over);
-            learn(run)
+    let (trained, shown) = thread::scope(|scope| {
+        let viewer = scope.spawn(|| viewer.view(&over));
+        let trained = {
+            let _over = SetOnDrop(&over);
+            advance_to_end(run)
         };
-        (learnt, onlooker.join())
+        (trained, viewer.join())
     });
     let shown = shown.unwrap_or_else(|panic| resume_unwind(panic));
-    learnt?;
+    trained?;
     if shown.is_err() {
         run.save()?;
     }
     shown
 }
 
-fn learn(run: &mut Run) -> Result<(), RunError> {
+fn advance_to_end(run: &mut Run) -> Result<(), RunError> {
     while run.advance()?.is_some() {}
     Ok(())
 }
 
-/// Says that a run is over when it is dropped, also by a panic.
-struct Over<'a>(&'a AtomicBool);
+/// Guard that sets a flag when it is dropped, which a panic does, too.
+struct SetOnDrop<'a>(&'a AtomicBool);
 
-impl Drop for Over<'_> {
+impl Drop for SetOnDrop<'_> {
     fn drop(&mut self) {
         self.0.store(true, Ordering::SeqCst);
     }
 }
 
-/// Who draws while a run learns in this process.
-struct Onlooker {
-    wish: Wish,
-    view: View,
+/// Screen of a run that trains in this process, with the means to stop the run.
+struct Viewer {
+    quit: QuitListener,
+    snapshot: RunSnapshot,
     screen: Screen,
     stop: Stop,
-    glimpse: Glimpse,
+    latest_frame: Glimpse,
 }
 
-impl Onlooker {
-    /// Draws until the run is over. The first wish to end stops the run, the second one ends the
-    /// process. Tables that cannot be read disturb no run: what was read before stays.
-    fn look_on(mut self, over: &AtomicBool) -> Result<(), RunError> {
-        // a run that nobody sees any more stops, whatever became of the screen
-        let _last = Last(self.stop.clone());
+impl Viewer {
+    /// Draws until the run is over. The first request to quit stops the run, the second one ends
+    /// the process. Tables that cannot be read do not stop the run: the screen keeps the older
+    /// ones.
+    fn view(mut self, over: &AtomicBool) -> Result<(), RunError> {
+        // without a screen nobody could stop the run, so it stops when this function ends
+        let _stop = StopOnDrop(self.stop.clone());
         let mut unreadable: Option<String> = None;
-        let mut wished: Option<Instant> = None;
+        let mut first_request: Option<Instant> = None;
         while !over.load(Ordering::SeqCst) {
-            let picture = self.glimpse.look();
+            let picture = self.latest_frame.look();
             let picture = picture.map(|picture| ("environment 0, now".to_owned(), picture));
             let keys = match (&unreadable, self.stop.requested()) {
                 (_, true) => "stops after this rollout; q again ends at once",
                 (Some(error), false) => error.as_str(),
                 (None, false) => "q stops with a checkpoint",
             };
-            show(&mut self.screen, &self.view, picture, keys)?;
-            let since = wished.map(|wished| wished.elapsed());
-            match self.wish.uttered()?.filter(|&code| counts(code, since)) {
+            show(&mut self.screen, &self.snapshot, picture, keys)?;
+            let since = first_request.map(|first| first.elapsed());
+            match self.quit.requested()?.filter(|&code| counts(code, since)) {
                 None => {}
                 // a terminal that closes may send SIGHUP twice, and SIGTERM may follow
                 Some(HUNG_UP) => self.stop.request(),
-                Some(code) if wished.is_some() => {
+                Some(code) if first_request.is_some() => {
+                    // `exit` runs no destructors: restore the terminal first
                     drop(self.screen);
                     // `q` ends a run as Ctrl-C does
                     low_level::exit(i32::from(if code == 0 { INTERRUPTED } else { code }));
                 }
                 Some(_) => {
-                    wished = Some(Instant::now());
+                    first_request = Some(Instant::now());
                     self.stop.request();
                 }
             }
-            unreadable = self.view.refresh().err().map(|error| error.to_string());
+            unreadable = self.snapshot.refresh().err().map(|error| error.to_string());
         }
         Ok(())
     }
 }
 
-/// Stops a run when it is dropped.
-struct Last(Stop);
+/// Guard that stops a run when it is dropped.
+struct StopOnDrop(Stop);
 
-impl Drop for Last {
+impl Drop for StopOnDrop {
     fn drop(&mut self) {
         self.0.request();
     }
@@ -155,39 +157,40 @@ impl Drop for Last {
 
 fn show(
     screen: &mut Screen,
-    view: &View,
+    snapshot: &RunSnapshot,
     picture: Option<(String, Picture)>,
     keys: &str,
 ) -> Result<(), RunError> {
-    let shown =
-        Shown { run: &view.run, finished: view.finished, silence: view.silence(), picture, keys };
+    let RunSnapshot { run, finished, .. } = snapshot;
+    let shown = Shown { run, finished: *finished, silence: snapshot.silence(), picture, keys };
     screen.draw(|frame| draw(&shown, frame))
 }
 
-/// The pictures with which episodes begin, where the run left them.
-fn sheet(view: &View) -> Option<Picture> {
-    let bytes = fs::read(view.folder.file("contact_sheet.png")).ok()?;
+/// Reads the run's contact sheet, the first pictures of episodes; `None` if there is none.
+fn contact_sheet(snapshot: &RunSnapshot) -> Option<Picture> {
+    let bytes = fs::read(snapshot.folder.file("contact_sheet.png")).ok()?;
     Picture::from_png(&bytes)
 }
 
-/// How episodes of the group that runs begin.
-fn newest_group(view: &View, sheet: Option<&Picture>) -> Option<(String, Picture)> {
-    let group = &view.run.rollouts.last()?.last_group;
-    let number = view.run.experiment.schedule.number(group)?;
-    let size = view.run.experiment.envs.camera.size;
+/// Returns the first picture of an episode of the current group, with a title.
+fn current_group(snapshot: &RunSnapshot, sheet: Option<&Picture>) -> Option<(String, Picture)> {
+    let run = &snapshot.run;
+    let group = &run.rollouts.last()?.last_group;
+    let number = run.experiment.schedule.number(group)?;
+    let size = run.experiment.envs.camera.size;
     let picture = first_variant(sheet?, size, number)?;
     Some((format!("how {group} begins"), picture))
 }
 
-/// The wish to end, by a key or a signal.
-struct Wish {
-    /// The number of the last signal; 0 before any.
+/// Listener for requests to quit, by a key or a signal.
+struct QuitListener {
+    /// Number of the last signal; 0 if there was none since the last call.
     signal: Arc<AtomicUsize>,
-    /// Whether keys come from standard input; otherwise from the terminal that owns the process.
+    /// `true` if keys come from standard input; otherwise they come from the controlling terminal.
     from_stdin: bool,
 }
 
-impl Wish {
+impl QuitListener {
     fn listen() -> Result<Self, RunError> {
         let signal = Arc::new(AtomicUsize::new(0));
         for number in [SIGHUP, SIGINT, SIGTERM] {
@@ -198,12 +201,15 @@ impl Wish {
         Ok(Self { signal, from_stdin })
     }
 
-    /// Waits for a moment; returns whether a key may have come. The library would wait for ever on
-    /// a terminal that is gone, so it does not wait for standard input.
+    /// Waits for up to [`TICK`]; returns `true` if a key may have been pressed.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::BrokenPipe`] for a terminal that is gone.
     fn wait(&self) -> io::Result<bool> {
         if !self.from_stdin {
             return event::poll(TICK);
         }
+        // crossterm would wait for ever on a terminal that is gone, so poll standard input here
         let (stdin, tick) = (stdin(), Timespec::try_from(TICK).ok());
         let mut keys = [PollFd::new(&stdin, PollFlags::IN)];
         match poll(&mut keys, tick.as_ref()) {
@@ -211,14 +217,14 @@ impl Wish {
             waited => waited?,
         };
         let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
-        match keys[0].revents().intersects(gone) {
-            true => Err(io::ErrorKind::BrokenPipe.into()),
-            false => event::poll(Duration::ZERO),
+        if keys[0].revents().intersects(gone) {
+            return Err(io::ErrorKind::BrokenPipe.into());
         }
+        event::poll(Duration::ZERO)
     }
 
-    /// Waits for a moment; returns an exit code where somebody wished to end since the last call.
-    fn uttered(&self) -> Result<Option<u8>, RunError> {
+    /// Waits for up to [`TICK`]; returns the exit code of a request to quit since the last call.
+    fn requested(&self) -> Result<Option<u8>, RunError> {
         let waited = self.wait();
         let signal = self.signal.swap(0, Ordering::SeqCst);
         if signal != 0 {
@@ -233,12 +239,14 @@ impl Wish {
     }
 }
 
-/// `true` if a wish to end with this code counts, `since` the last one.
+/// Returns `true` if a request to quit with this code counts, `since` being the time since the
+/// first one. Code 0 is that of `q`.
 fn counts(code: u8, since: Option<Duration>) -> bool {
     code != 0 || since.is_none_or(|since| since >= HELD)
 }
 
-/// The exit code that a key asks for: Ctrl-C comes as a key while a screen is up.
+/// Returns the exit code that a key requests. Ctrl-C is a key, too, because the terminal is in raw
+/// mode.
 fn code_of(key: KeyEvent) -> Option<u8> {
     match key.code {
         _ if !key.is_press() => None,
@@ -262,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn a_held_q_is_one_wish_and_a_second_ctrl_c_is_another() {
+    fn a_held_q_is_one_request_and_a_second_ctrl_c_is_another() {
         let soon = Some(Duration::from_millis(100));
         assert!(counts(0, None) && !counts(0, soon) && counts(0, Some(HELD)));
         assert!(counts(INTERRUPTED, None) && counts(INTERRUPTED, soon));
@@ -272,7 +280,7 @@ mod tests {
     fn a_run_is_over_also_after_a_panic() {
         let over = AtomicBool::new(false);
         let caught = std::panic::catch_unwind(|| {
-            let _over = Over(&over);
+            let _over = SetOnDrop(&over);
             panic!("the run fell over");
         });
         assert!(caught.is_err() && over.load(Ordering::SeqCst));

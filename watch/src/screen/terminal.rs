@@ -1,4 +1,4 @@
-//! The terminal, which is as it was whichever way a program leaves it.
+//! Terminal in full-screen mode, restored however the program leaves it.
 
 use std::io::{self, Stdout, Write, stderr, stdout};
 use std::mem::ManuallyDrop;
@@ -15,37 +15,40 @@ use ratatui::crossterm::terminal::{
 use ratatui::{Frame, Terminal};
 
 use experiments::RunError;
-/// What panics said while a screen was up; none while no screen is.
-type Said = Arc<Mutex<Option<Vec<String>>>>;
 
-/// A terminal that a program draws on. What it showed before comes back when the value is dropped,
-/// then what panics said meanwhile is printed. A panic that is caught disturbs nothing.
+/// Messages of panics while a screen is open; `None` while no screen is.
+type PanicMessages = Arc<Mutex<Option<Vec<String>>>>;
+
+/// Terminal in full-screen mode. Dropping it restores the former contents, then prints the messages
+/// of panics that happened meanwhile, so that a caught panic does not garble the screen.
 pub struct Screen {
-    /// Never dropped: it would print to a terminal that may be gone, and panic.
+    /// Backend that is never dropped: its destructor prints to a terminal that may be gone, and
+    /// would panic.
     terminal: ManuallyDrop<Terminal<CrosstermBackend<Stdout>>>,
-    said: Said,
+    messages: PanicMessages,
 }
 
 impl Screen {
-    /// Takes the terminal that standard output is.
+    /// Switches the terminal of standard output to full-screen mode.
     ///
     /// # Errors
-    /// [`RunError::Write`] where standard output is no terminal.
+    /// [`RunError::Write`] if standard output is not a terminal.
     pub fn open() -> Result<Self, RunError> {
         let terminal = Terminal::new(CrosstermBackend::new(stdout())).map_err(broken)?;
         enable_raw_mode().map_err(broken)?;
-        let said = Arc::new(Mutex::new(Some(Vec::new())));
-        keep(Arc::clone(&said));
-        // from here on dropping the value restores
-        let screen = Self { terminal: ManuallyDrop::new(terminal), said };
+        let messages = Arc::new(Mutex::new(Some(Vec::new())));
+        keep(Arc::clone(&messages));
+        // before the next call, which may fail: from here on, dropping the value restores the
+        // terminal
+        let screen = Self { terminal: ManuallyDrop::new(terminal), messages };
         execute!(stdout(), EnterAlternateScreen).map_err(broken)?;
         Ok(screen)
     }
 
-    /// Draws anew.
+    /// Redraws the screen.
     ///
     /// # Errors
-    /// [`RunError::Write`] of a terminal that is gone.
+    /// [`RunError::Write`] if the terminal is gone.
     pub fn draw(&mut self, draw: impl FnOnce(&mut Frame)) -> Result<(), RunError> {
         self.terminal.draw(draw).map_err(broken)?;
         Ok(())
@@ -54,16 +57,16 @@ impl Screen {
 
 impl Drop for Screen {
     fn drop(&mut self) {
-        // a terminal that is gone needs no more
+        // errors mean that the terminal is gone, and then there is nothing to restore
         let _ = disable_raw_mode();
         let _ = restore(&mut stdout());
-        for said in release(&self.said) {
-            let _ = writeln!(stderr(), "{said}");
+        for message in release(&self.messages) {
+            let _ = writeln!(stderr(), "{message}");
         }
     }
 }
 
-/// An error of the terminal.
+/// Converts an error of the terminal.
 pub fn broken(error: io::Error) -> RunError {
     RunError::write(Path::new("the terminal"), error)
 }
@@ -72,13 +75,14 @@ fn restore(out: &mut impl Write) -> io::Result<()> {
     execute!(out, LeaveAlternateScreen, Show)
 }
 
-/// From now on what panics say is kept while `said` holds a list, and printed as ever otherwise.
-fn keep(said: Said) {
+/// Collects the messages of panics while `messages` holds a list; afterwards they are printed as
+/// before.
+fn keep(messages: PanicMessages) {
     let before = panic::take_hook();
     panic::set_hook(Box::new(move |panic| {
-        let kept = said.lock().is_ok_and(|mut said| {
-            said.as_mut().is_some_and(|said| {
-                said.push(panic.to_string());
+        let kept = messages.lock().is_ok_and(|mut messages| {
+            messages.as_mut().is_some_and(|messages| {
+                messages.push(panic.to_string());
                 true
             })
         });
@@ -88,10 +92,9 @@ fn keep(said: Said) {
     }));
 }
 
-/// What was kept; nothing is kept from now on.
-fn release(said: &Said) -> Vec<String> {
-    let said = said.lock().ok().and_then(|mut said| said.take());
-    said.unwrap_or_default()
+/// Returns the collected messages and stops collecting.
+fn release(messages: &PanicMessages) -> Vec<String> {
+    messages.lock().ok().and_then(|mut messages| messages.take()).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -107,12 +110,12 @@ mod tests {
 
     #[test]
     fn what_a_panic_says_is_kept_while_a_screen_is_up() {
-        let said = Arc::new(Mutex::new(Some(Vec::new())));
-        keep(Arc::clone(&said));
+        let messages = Arc::new(Mutex::new(Some(Vec::new())));
+        keep(Arc::clone(&messages));
         let caught = panic::catch_unwind(|| panic!("a worker fell over"));
         assert!(caught.is_err());
-        let kept = release(&said);
+        let kept = release(&messages);
         assert!(kept.iter().any(|line| line.contains("a worker fell over")), "{kept:?}");
-        assert!(release(&said).is_empty());
+        assert!(release(&messages).is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! What stands on screens of several sizes.
+//! Contents of screens of several sizes.
 
 use std::time::Duration;
 
@@ -17,8 +17,8 @@ use experiments::{RolloutRow, RunData, ScoreRow, TimingRow};
 const WIDE: (u16, u16) = (160, 50);
 const NARROW: (u16, u16) = (40, 12);
 
-/// A run that visits two groups, whose rewards rise; the second rollout of the second group is
-/// assigned to the policy of the first.
+/// Run that visits two groups with rising rewards; the second rollout of the second group is
+/// assigned to the policy of the first group.
 fn run() -> RunData {
     let mut run = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers));
     let stream = run.experiment.schedule.total_decisions();
@@ -63,7 +63,7 @@ fn red() -> Picture {
     Picture { width: 2, height: 2, rgb: [[200, 0, 0]; 4].concat() }
 }
 
-fn drawn(run: &RunData, (width, height): (u16, u16)) -> Buffer {
+fn drawn(run: &RunData, size: (u16, u16)) -> Buffer {
     let shown = Shown {
         run,
         finished: false,
@@ -71,7 +71,7 @@ fn drawn(run: &RunData, (width, height): (u16, u16)) -> Buffer {
         picture: Some(("how it begins".to_owned(), red())),
         keys: "q quits",
     };
-    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
     terminal.draw(|frame| draw(&shown, frame)).unwrap();
     terminal.backend().buffer().clone()
 }
@@ -87,7 +87,7 @@ fn colour(number: usize) -> Color {
     Color::Rgb(r, g, b)
 }
 
-/// The line that begins with a name, and where its signs are.
+/// Returns the column and row of the first character behind the name of a strip.
 fn strip(buffer: &Buffer, name: &str) -> (u16, u16) {
     let lines = lines(buffer);
     let found = lines.iter().enumerate().find_map(|(y, line)| {
@@ -152,17 +152,17 @@ fn strips_have_the_colours_of_reports_on_every_screen() {
         // the fifth was wrong
         assert_eq!(colours("policy"), of([0, 0, 0, 1, 0, 1]), "{size:?}");
         let (left, y) = strip(&buffer, "policy");
-        let signs: String = (0..6).map(|x| buffer[(left + x, y)].symbol()).collect();
-        assert_eq!(signs, "000101");
+        let digits: String = (0..6).map(|x| buffer[(left + x, y)].symbol()).collect();
+        assert_eq!(digits, "000101");
     }
 }
 
-/// Where there is a curve in a group's colour: columns and rows.
+/// Returns the columns and rows of cells with a curve in a group's colour.
 fn points(buffer: &Buffer, number: usize) -> Vec<(u16, u16)> {
     let area = buffer.area;
     let all = (0..area.width).flat_map(|x| (0..area.height).map(move |y| (x, y)));
     let is_braille =
-        |symbol: &str| symbol.chars().all(|sign| ('\u{2801}'..='\u{28ff}').contains(&sign));
+        |symbol: &str| symbol.chars().all(|dots| ('\u{2801}'..='\u{28ff}').contains(&dots));
     all.filter(|&at| buffer[at].fg == colour(number) && is_braille(buffer[at].symbol())).collect()
 }
 

@@ -1,41 +1,41 @@
-//! Where an arm was when a picture was taken that comes later.
+//! Recent states of an arm, to look up its pose at the time of a picture that arrives later.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use robots::RobotState;
 
-/// The states of an arm of the last moments.
+/// History of an arm's states with their times.
 #[derive(Clone, Debug)]
-pub(super) struct Past {
-    /// Oldest first.
+pub(super) struct StateHistory {
+    /// States before the last one, oldest first.
     earlier: VecDeque<(Duration, RobotState)>,
     last: (Duration, RobotState),
-    /// How long states are kept.
+    /// Time for which states are kept.
     kept: Duration,
 }
 
-impl Past {
-    /// Begins with where the arm is at a time.
+impl StateHistory {
+    /// Creates a history that begins with a time and a state, and keeps states for the time `kept`.
     pub fn new(start: (Duration, RobotState), kept: Duration) -> Self {
         Self { earlier: VecDeque::new(), last: start, kept }
     }
 
-    /// Takes note of where the arm is at the time `now`, which does not go back.
-    pub fn note(&mut self, now: Duration, state: RobotState) {
+    /// Records the state at the time `now`, which must not go back.
+    pub fn record(&mut self, now: Duration, state: RobotState) {
         self.earlier.push_back(std::mem::replace(&mut self.last, (now, state)));
-        // one from before all that count is kept
+        // keep one older state, to interpolate from it
         let old = self.earlier.partition_point(|(then, _)| *then + self.kept < now);
         self.earlier.drain(..old.saturating_sub(1));
     }
 
-    /// Where the arm was noted last.
+    /// Returns the last recorded state.
     pub fn last(&self) -> &RobotState {
         &self.last.1
     }
 
-    /// Where the arm was at a time: on the straight way between what was noted before and after it,
-    /// and at the end that is nearer where nothing was.
+    /// Returns the state at a time, interpolated linearly between the records before and after it.
+    /// A time outside of the records gives the nearest record.
     pub fn at(&self, time: Duration) -> RobotState {
         let states = || self.earlier.iter().chain([&self.last]);
         let after = states().find(|(then, _)| *then > time);
@@ -51,7 +51,7 @@ impl Past {
     }
 }
 
-/// A share of the way from one state to another one soon after.
+/// Interpolates between two states; the pose of the hand is that of the nearer one.
 fn between(from: &RobotState, to: &RobotState, share: f64) -> RobotState {
     let joints = from.joints.iter().zip(&to.joints);
     RobotState {
@@ -71,7 +71,7 @@ mod tests {
         Duration::from_millis(t)
     }
 
-    /// An arm of one joint at this angle.
+    /// Returns the state of an arm of one joint at this angle.
     fn state(angle: f64) -> RobotState {
         RobotState {
             joints: vec![angle],
@@ -80,20 +80,20 @@ mod tests {
         }
     }
 
-    /// Noted every 20 ms, at an angle of the milliseconds over ten.
-    fn past(until: u64) -> Past {
-        let mut past = Past::new((millis(0), state(0.0)), millis(100));
+    /// Records a state every 20 ms; the angle is a tenth of the milliseconds.
+    fn history(until: u64) -> StateHistory {
+        let mut history = StateHistory::new((millis(0), state(0.0)), millis(100));
         for t in (20..=until).step_by(20) {
-            past.note(millis(t), state(t as f64 / 10.0));
+            history.record(millis(t), state(t as f64 / 10.0));
         }
-        past
+        history
     }
 
     #[test]
     fn between_two_notes_the_arm_is_on_the_straight_way() {
-        let past = past(60);
+        let history = history(60);
         for t in [0, 7, 20, 35, 59, 60] {
-            let was = past.at(millis(t));
+            let was = history.at(millis(t));
             let angle = t as f64 / 10.0;
             assert!((was.joints[0] - angle).abs() < 1e-12, "{t}: {was:?}");
             assert!((was.closing - angle / 10.0).abs() < 1e-12, "{t}: {was:?}");
@@ -105,30 +105,30 @@ mod tests {
 
     #[test]
     fn before_the_first_and_after_the_last_note_it_is_there() {
-        let mut past = Past::new((millis(40), state(4.0)), millis(100));
-        assert_eq!(past.at(millis(10)), state(4.0));
-        past.note(millis(60), state(6.0));
-        assert_eq!(past.at(millis(10)), state(4.0));
-        assert_eq!(past.at(millis(500)), state(6.0));
-        assert_eq!(past.last(), &state(6.0));
+        let mut history = StateHistory::new((millis(40), state(4.0)), millis(100));
+        assert_eq!(history.at(millis(10)), state(4.0));
+        history.record(millis(60), state(6.0));
+        assert_eq!(history.at(millis(10)), state(4.0));
+        assert_eq!(history.at(millis(500)), state(6.0));
+        assert_eq!(history.last(), &state(6.0));
     }
 
-    /// What is 100 ms old is still known exactly, and memory does not grow.
+    /// Checks that a state of 100 ms ago is exact, and that memory does not grow.
     #[test]
     fn as_much_is_kept_as_pictures_may_be_old() {
-        let past = past(10_000);
-        let angle = past.at(millis(9_907)).joints[0];
+        let history = history(10_000);
+        let angle = history.at(millis(9_907)).joints[0];
         assert!((angle - 990.7).abs() < 1e-9, "{angle}");
-        assert!(past.earlier.len() <= 7, "{}", past.earlier.len());
+        assert!(history.earlier.len() <= 7, "{}", history.earlier.len());
     }
 
-    /// Two notes of one time: the later one counts from then on.
+    /// Checks that the later one of two records of the same time counts.
     #[test]
     fn time_may_stand_still() {
-        let mut past = past(20);
-        past.note(millis(20), state(9.0));
-        assert_eq!(past.at(millis(20)), state(9.0));
-        past.note(millis(40), state(11.0));
-        assert_eq!(past.at(millis(30)).joints, [10.0]);
+        let mut history = history(20);
+        history.record(millis(20), state(9.0));
+        assert_eq!(history.at(millis(20)), state(9.0));
+        history.record(millis(40), state(11.0));
+        assert_eq!(history.at(millis(30)).joints, [10.0]);
     }
 }

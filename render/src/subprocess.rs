@@ -1,4 +1,4 @@
-//! Other people's programs that this one hands work to: they read standard input.
+//! External programs that read their input from a pipe.
 
 use std::ffi::OsStr;
 use std::io::{Error, ErrorKind, Write};
@@ -6,16 +6,17 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::thread;
 
-/// The first program of this name in these folders, as `PATH` lists them.
+/// Returns the first program of this name in `folders`, a list in the format of `PATH`.
 pub fn find(folders: &OsStr, name: &str) -> Option<PathBuf> {
     let mut programs = std::env::split_paths(folders).map(|folder| folder.join(name));
     programs.find(|program| program.is_file())
 }
 
-/// Runs a program, feeds it by `feed`, and returns what it printed.
+/// Runs a program, lets `feed` write to its standard input, and returns its standard output.
 ///
 /// # Errors
-/// What the system says, and, of a program that fails, what it said last.
+/// A program that does not start or does not read its input, and one that fails, with the last line
+/// of its standard error.
 pub fn run(
     command: &mut Command,
     feed: impl FnOnce(&mut dyn Write) -> std::io::Result<()> + Send,
@@ -23,7 +24,8 @@ pub fn run(
     let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped());
     let mut program = piped.stderr(Stdio::piped()).spawn()?;
     let pipe = program.stdin.take();
-    // it may complain while it is being fed: neither waits for the other
+    // feed from a second thread: a program that fills its output pipes while it is still being fed
+    // would otherwise block, and so would the feeder
     let (fed, output) = thread::scope(|scope| {
         let feeder = scope.spawn(|| {
             let mut pipe = pipe.ok_or(ErrorKind::BrokenPipe)?;
@@ -34,8 +36,8 @@ pub fn run(
     });
     let output = output?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        let last = said.trim().lines().last().unwrap_or("nothing");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        let last = stderr.trim().lines().last().unwrap_or("nothing");
         let name = command.get_program().display();
         let message = format!("{name} failed ({}): {last}", output.status);
         return Err(Error::other(message));
@@ -52,7 +54,7 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// A folder with one program, which a shell runs; removed with all that is in it in the end.
+    /// Folder with one shell script; dropping it removes the folder.
     pub struct Programs(pub PathBuf);
 
     impl Programs {

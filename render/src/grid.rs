@@ -1,43 +1,45 @@
-//! Many films beside each other as one.
+//! Grid of films that play side by side as one film.
 
 use super::font::{LETTER, pixels};
 use super::gif::Film;
 
-/// About the height of a cell (pixels): pictures are enlarged to it by a whole number.
+/// Approximate height of a cell (pixels): pictures are enlarged to it by a whole number.
 const HEIGHT: usize = 144;
-/// Pixels of a cell's border, and from cell to cell.
+/// Width of a cell's border (pixels).
 const BORDER: usize = 3;
+/// Distance between cells, and from the edge of the film (pixels).
 const GAP: usize = 6;
-/// Height of a line of text, the gap under it included.
+/// Height of a line of text with the gap below it (pixels).
 const LINE: usize = 2 * LETTER[1] + 4;
-/// Paper and ink.
+/// Level of all channels of the background.
 const WHITE: u8 = 255;
+/// Colour of the columns' names (RGB).
 const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
 
-/// A film in a mosaic. After its end its last picture stays.
+/// Film in a cell of a grid. Its last picture stays until the longest film ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cell {
-    /// Pixels of a row.
+    /// Width (pixels).
     pub width: usize,
-    /// Pixels of a column.
+    /// Height (pixels).
     pub height: usize,
-    /// Each `[height, width, 3]`; at least one.
+    /// Pictures, each `[height, width, 3]`; at least one.
     pub frames: Vec<Vec<u8>>,
 }
 
 impl Cell {
-    /// How many pixels of the mosaic each pixel has along a side.
+    /// Returns the whole number by which pictures are enlarged.
     fn enlarge(&self) -> usize {
         ((HEIGHT + self.height / 2) / self.height).max(1)
     }
 
-    /// Its sides in the mosaic, the border included.
+    /// Returns width and height (pixels) in the grid with the border.
     fn size(&self) -> [usize; 2] {
         [self.width, self.height].map(|side| side * self.enlarge() + 2 * BORDER)
     }
 }
 
-/// Cells beside each other.
+/// Row of a grid.
 pub struct Row {
     /// Title above the row.
     pub title: String,
@@ -47,36 +49,38 @@ pub struct Row {
     pub cells: Vec<Cell>,
 }
 
-/// Rows of films below each other, with a title over each row and a name over each column.
-pub fn mosaic(columns: &[&str], rows: &[Row]) -> Film {
-    let plan = Plan::of(rows);
-    let empty = plan.paper(columns, rows);
+/// Composes rows of films into one film, with a title over each row and a name over each column.
+pub fn grid(columns: &[&str], rows: &[Row]) -> Film {
+    let layout = GridLayout::of(rows);
+    let empty = layout.canvas(columns, rows);
     let lengths = rows.iter().flat_map(|row| &row.cells);
     let length = lengths.map(|cell| cell.frames.len()).max().unwrap_or(0);
     let frame = |time| {
-        let mut paper = empty.clone();
-        for (cell, [left, top]) in plan.cells(rows) {
-            paper.paste(cell, time, [left + BORDER, top + BORDER]);
+        let mut canvas = empty.clone();
+        for (cell, [left, top]) in layout.cells(rows) {
+            canvas.paste(cell, time, [left + BORDER, top + BORDER]);
         }
-        paper.rgb
+        canvas.rgb
     };
     Film { width: empty.width, height: empty.height, frames: (0..length).map(frame).collect() }
 }
 
-/// From one column of cells to the next, and from one row to the next.
-struct Plan {
+/// Distances (pixels) between the cells of a grid.
+struct GridLayout {
+    /// Distance from one column to the next.
     across: usize,
+    /// Distance from one row to the next.
     down: usize,
 }
 
-impl Plan {
+impl GridLayout {
     fn of(rows: &[Row]) -> Self {
         let sizes = || rows.iter().flat_map(|row| &row.cells).map(Cell::size);
         let [width, height] = [0, 1].map(|side| sizes().map(|size| size[side]).max().unwrap_or(0));
         Self { across: width + GAP, down: height + GAP + LINE }
     }
 
-    /// Cells, and where they are.
+    /// Iterates over the cells with their top left corners `[x, y]`.
     fn cells<'a>(&self, rows: &'a [Row]) -> impl Iterator<Item = (&'a Cell, [usize; 2])> {
         let (across, down) = (self.across, self.down);
         rows.iter().enumerate().flat_map(move |(number, row)| {
@@ -86,33 +90,34 @@ impl Plan {
         })
     }
 
-    /// Names, titles and borders.
-    fn paper(&self, columns: &[&str], rows: &[Row]) -> Paper {
+    /// Draws names, titles and borders, which are the same in every picture.
+    fn canvas(&self, columns: &[&str], rows: &[Row]) -> Canvas {
         let (across, down) = (self.across, self.down);
-        let mut paper = Paper::of(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
+        let mut canvas = Canvas::of(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
         for (column, name) in columns.iter().enumerate() {
-            paper.write(name, [GAP + column * across, GAP], INK);
+            canvas.write(name, [GAP + column * across, GAP], INK);
         }
         for (number, row) in rows.iter().enumerate() {
             let top = GAP + LINE + number * down;
-            paper.write(&row.title, [GAP, top], row.colour);
+            canvas.write(&row.title, [GAP, top], row.colour);
             for (column, cell) in row.cells.iter().enumerate() {
-                paper.fill([GAP + column * across, top + LINE], cell.size(), row.colour);
+                // the picture will be pasted over all but the border
+                canvas.fill([GAP + column * across, top + LINE], cell.size(), row.colour);
             }
         }
-        paper
+        canvas
     }
 }
 
-/// A picture that is drawn on.
+/// Picture that names, titles and cells are drawn on.
 #[derive(Clone)]
-struct Paper {
+struct Canvas {
     width: usize,
     height: usize,
     rgb: Vec<u8>,
 }
 
-impl Paper {
+impl Canvas {
     fn of(width: usize, height: usize) -> Self {
         Self { width, height, rgb: vec![WHITE; width * height * 3] }
     }
@@ -135,6 +140,7 @@ impl Paper {
 
     fn paste(&mut self, cell: &Cell, time: usize, [left, top]: [usize; 2]) {
         let enlarge = cell.enlarge();
+        // a film that has ended keeps its last picture
         let Some(picture) = cell.frames.get(time).or(cell.frames.last()) else {
             return;
         };
@@ -162,7 +168,7 @@ mod tests {
     #[test]
     fn cells_are_enlarged_side_by_side_with_borders_and_the_shorter_film_waits() {
         let row = Row { title: String::new(), colour: [0, 0, 255], cells: vec![cell(2), cell(3)] };
-        let film = mosaic(&["", ""], &[row]);
+        let film = grid(&["", ""], &[row]);
         assert_eq!((film.frames.len(), film.width), (3, 6 + 2 * (216 + 12)));
         assert_eq!(film.height, 6 + 20 + 20 + 144 + 12);
         let area = 216 * 144;
@@ -175,7 +181,7 @@ mod tests {
     #[test]
     fn titles_have_the_colour_of_their_row_and_stay_on_the_paper() {
         let row = Row { title: "a long title ".repeat(9), colour: [1, 2, 3], cells: vec![cell(1)] };
-        let film = mosaic(&["seen"], &[row]);
+        let film = grid(&["seen"], &[row]);
         assert!(count(&film, 0, INK) > 50);
         assert!(count(&film, 0, [1, 2, 3]) > 222 * 150 - 216 * 144);
     }

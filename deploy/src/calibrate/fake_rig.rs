@@ -1,4 +1,4 @@
-//! A rig for tests, which moves at once and whose camera shows nothing.
+//! Fake rig for tests: an arm that moves at once and a camera with a grey picture.
 
 use std::time::Duration;
 
@@ -12,17 +12,17 @@ use robots::{Command, ControlError, Pose, Robot, RobotState};
 use crate::rig::{Rig, SetUp, Trial, Verdict};
 use crate::{SimulatedRig, SimulationSettings};
 
-/// A rig whose arm is elsewhere than it should be, over a table that shows nothing.
-pub struct Blank {
+/// Rig with an arm without dynamics over a grey table.
+pub struct FakeRig {
     pub state: RobotState,
     pub time: Duration,
-    /// How fast the hand turns by itself (rad/s).
+    /// Angular velocity of the hand without commands (rad/s).
     pub spin: f64,
-    /// How far the camera's clock is ahead.
+    /// Time by which the camera's clock is ahead.
     pub ahead: Duration,
 }
 
-impl Blank {
+impl FakeRig {
     pub fn new(arm: &Arm) -> Self {
         let joints = arm.settings().ready.clone();
         Self {
@@ -43,12 +43,12 @@ impl Blank {
     }
 }
 
-impl Robot for Blank {
+impl Robot for FakeRig {
     fn state(&mut self) -> Result<RobotState, ControlError> {
         Ok(self.state.clone())
     }
 
-    /// Nothing above a height is within reach.
+    /// Moves the hand by one tick of 25 ms; heights above 0.24 m are out of reach.
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         let tip = &mut self.state.tip;
         if command.twist.linear.z > 0.0 && tip.position.z > 0.24 {
@@ -70,7 +70,7 @@ impl Robot for Blank {
     }
 }
 
-impl Rig for Blank {
+impl Rig for FakeRig {
     fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
         Ok(SetUp { background: vec![100; 3 * 640 * 480], parked: self.state.clone(), goal: None })
     }

@@ -1,4 +1,4 @@
-//! Decisions become twists, 40 of them a second.
+//! Controller that turns a policy's decisions into twists, at 40 Hz.
 
 use std::time::{Duration, Instant};
 
@@ -9,48 +9,50 @@ use robots::{Command, ControlError, Pose, RobotState, Twist, TwistLimits};
 
 use crate::DeployError;
 
+use super::observer::Observer;
 use super::rig::Rig;
-use super::sight::Sight;
 
-/// From one command to the next: the rate at which a Kinova Gen3 takes them.
+/// Time between commands: a Kinova Gen3 accepts them at 40 Hz.
 pub(super) const TICK: Duration = Duration::from_millis(25);
-/// Rate (1/s) at which what is left of the way is covered.
+/// Proportional gain (1/s) from the distance to the target to the speed of the hand.
 const RATE: f64 = 10.0;
-/// Part of that rate at which a turned hand is turned back: things that it pushes turn it.
+/// Fraction of [`RATE`] at which the hand's orientation is restored. Objects that the hand pushes
+/// turn it.
 const TURNING: f64 = 0.2;
-/// The furthest that the target may be ahead of the hand (metres): it waits for a hand that is slow
-/// or held back. More than the embodiment has for its experts, as commands come late.
+/// Maximum distance from the hand to the target (metres): the target waits for a hand that is slow
+/// or blocked. Larger than that of the scripted experts, because commands take effect late.
 const LEAD: f64 = 0.05;
 
-/// Leads an arm where a policy wants its hand, as the policy knows it from its training: the hand
-/// follows a target, and each decision moves the target on.
+/// Controller of an arm's hand for a policy. As in training, the hand follows a target, and each
+/// decision moves the target.
 ///
-/// It reckons where its commands bring the hand, and corrects that only by as much as the hand is
-/// further away than it may be. So an arm that obeys late does not swing.
+/// Commands follow from a reference: the position that earlier commands should have led to. The
+/// measured position corrects the reference only if it is further away than [`LEAD`], so an arm
+/// with delayed commands does not oscillate.
 #[derive(Clone, Debug)]
-pub(super) struct Pilot {
+pub(super) struct ActionController {
     limits: TwistLimits,
-    /// How the hand is turned.
+    /// Orientation that the hand keeps.
     rotation: DQuat,
-    /// Seconds in which the fingers close.
+    /// Time in which the fingers close (seconds).
     closing_time: f64,
-    /// How far a full action moves the target in a tick (metres).
+    /// Distance by which a full action moves the target in a tick (metres).
     displacement: f64,
-    /// Ticks of a decision.
+    /// Number of ticks per decision.
     ticks: usize,
     target: DVec3,
-    /// Where the arm's own control has the hand (metres), as far as it follows.
+    /// Position of the hand that the commands so far should have led to (metres).
     reference: DVec3,
-    /// How the reference moves.
+    /// Current twist of the reference.
     twist: Twist,
     closing: f64,
     refused: usize,
-    /// How long its last decision was reckoned and commanded.
+    /// Time spent on the commands of the last decision, waiting excluded.
     spent: Duration,
 }
 
-impl Pilot {
-    /// A pilot of an arm that rests at `start`, for a policy that was trained with `control`.
+impl ActionController {
+    /// Creates a controller of an arm that rests at `start`, for a policy trained with `control`.
     pub fn new(arm: &Arm, control: &Control, start: &RobotState) -> Self {
         let seconds = control.decision_seconds();
         let ticks = (seconds / TICK.as_secs_f64()).round().max(1.0);
@@ -58,6 +60,7 @@ impl Pilot {
         Self {
             limits: settings.control.limits,
             rotation: arm.chain().tip(&settings.ready).rotation,
+            // a hand without fingers never closes
             closing_time: arm.closing_time().unwrap_or(f64::INFINITY),
             displacement: control.displacement / ticks,
             ticks: ticks as usize,
@@ -70,37 +73,38 @@ impl Pilot {
         }
     }
 
-    /// Whether a decision is a whole number of ticks.
-    pub fn keeps_time(control: &Control) -> bool {
+    /// Returns `true` if a decision lasts a whole number of ticks.
+    pub fn is_whole_ticks(control: &Control) -> bool {
         let ticks = control.decision_seconds() / TICK.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0
     }
 
-    /// How often the arm refused a command because it could not follow it, and stood.
+    /// Returns the number of commands that the arm refused because it could not follow them.
     pub fn refused(&self) -> usize {
         self.refused
     }
 
-    /// How long the processor took for the commands of the last decision, without waiting.
+    /// Returns the time that computing and sending the commands of the last decision took.
     pub fn spent(&self) -> Duration {
         self.spent
     }
 
-    /// Holds `action` for one decision. Components are clipped to `[-1, 1]`. `sight` is told where
-    /// the arm is.
+    /// Executes `action` for one decision and records the arm's states in `observer`. Components
+    /// are clipped to `[-1, 1]`.
     ///
     /// # Errors
     /// [`DeployError::Robot`], [`DeployError::Rig`]; the arm may be moving.
     pub fn decide(
         &mut self,
         rig: &mut dyn Rig,
-        sight: &mut Sight,
+        observer: &mut Observer,
         action: [f32; ACTION_DIM],
     ) -> Result<(), DeployError> {
         let [x, y, z, finger] = action.map(|value| f64::from(value.clamp(-1.0, 1.0)));
         self.spent = Duration::ZERO;
         for _ in 0..self.ticks {
             let started = Instant::now();
+            // a robot may report a refused command when its state is read: count it, and read again
             let state = match rig.state() {
                 Err(ControlError::OutOfReach { .. }) => {
                     self.refused += 1;
@@ -118,15 +122,15 @@ impl Pilot {
             }
             self.spent += started.elapsed();
             rig.wait(TICK).map_err(|source| DeployError::Rig { source })?;
-            self.note(rig, sight)?;
+            self.record(rig, observer)?;
         }
         Ok(())
     }
 
-    /// Tells `sight` where the arm is.
-    fn note(&mut self, rig: &mut dyn Rig, sight: &mut Sight) -> Result<(), DeployError> {
+    /// Records the arm's state in `observer`.
+    fn record(&mut self, rig: &mut dyn Rig, observer: &mut Observer) -> Result<(), DeployError> {
         match rig.state() {
-            Ok(state) => sight.note(rig.now(), state),
+            Ok(state) => observer.record(rig.now(), state),
             Err(ControlError::OutOfReach { .. }) => self.refused += 1,
             Err(other) => return Err(other.into()),
         }
@@ -137,6 +141,7 @@ impl Pilot {
         let [low, high] = Layout::Symmetric.target_bounds();
         let wanted = (self.target + self.displacement * way).clamp(low, high);
         let hand = state.tip.position;
+        // both stay close to the measured position, or the arm would catch up in one jump
         let within_lead = |place: DVec3| hand + (place - hand).clamp_length_max(LEAD);
         (self.target, self.reference) = (within_lead(wanted), within_lead(self.reference));
         let closing = self.closing + finger * TICK.as_secs_f64() / self.closing_time;
@@ -146,6 +151,7 @@ impl Pilot {
     fn command(&self, state: &RobotState) -> Command {
         let target = Pose { position: self.target, rotation: self.rotation };
         let [_, turn] = state.tip.way_to(&target);
+        // the position follows the reference, the orientation follows the measured pose
         let way = [self.target - self.reference, TURNING * turn];
         Command { twist: self.limits.towards(way, RATE), closing: self.closing }
     }

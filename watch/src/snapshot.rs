@@ -1,4 +1,4 @@
-//! A run as its folder tells it, read again when a file changed.
+//! Snapshot of a run's folder, read again when a file changes.
 
 use std::fs;
 use std::path::Path;
@@ -8,34 +8,34 @@ use std::time::SystemTime;
 
 use experiments::{RunData, RunError, RunFolder, SUMMARY};
 
-/// The files that are looked at.
+/// Files whose changes are noticed.
 const FILES: [&str; 4] = ["metrics.csv", "timings.csv", "evaluation.csv", SUMMARY];
 
-/// Length and time of a file; nothing of one that is not there.
+/// Length and modification time of a file; `None` if it does not exist.
 type Stamp = Option<(u64, SystemTime)>;
 
-/// What a folder said when it was read last.
-pub(super) struct View {
+/// Contents of a run's folder when it was last read.
+pub(super) struct RunSnapshot {
     pub folder: RunFolder,
     pub run: RunData,
-    /// Whether the run was at its end.
+    /// `true` if the run was finished.
     pub finished: bool,
     stamps: [Stamp; FILES.len()],
 }
 
-impl View {
+impl RunSnapshot {
     /// Reads the folder of a run.
     ///
     /// # Errors
     /// As [`RunData::so_far`].
     pub fn open(path: &Path) -> Result<Self, RunError> {
         let folder = RunFolder::open(path);
-        // before the tables are read: what comes after them is not missed
+        // before the tables are read, so that later changes are noticed by `refresh`
         let (stamps, finished) = (stamps(&folder), folder.is_finished());
         Ok(Self { run: RunData::so_far(path)?, finished, stamps, folder })
     }
 
-    /// Reads the folder again where a file changed, and says whether one did.
+    /// Reads the folder again if a file changed; returns `true` if one did.
     ///
     /// # Errors
     /// As [`RunData::so_far`].
@@ -47,7 +47,7 @@ impl View {
         Ok(changed)
     }
 
-    /// How long nothing has come.
+    /// Returns the time since the latest change; `None` if there are no files yet.
     #[cfg(feature = "tui")]
     pub fn silence(&self) -> Option<Duration> {
         let newest = self.stamps.iter().flatten().map(|stamp| stamp.1).max()?;

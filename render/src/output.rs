@@ -1,4 +1,4 @@
-//! The file that a film goes to.
+//! Output file of a film.
 
 use std::path::Path;
 
@@ -6,19 +6,18 @@ use crate::RenderError;
 use experiments::RunError;
 use experiments::new_file::{NewFile, ending};
 
-use super::gif;
-use super::gif::Film;
+use super::gif::{self, Film};
 use super::mp4::Ffmpeg;
 
-/// A file that does not exist yet, in a format that films can be written in.
-pub(super) struct Target {
+/// File that does not exist yet, with the extension of a supported format.
+pub(super) struct OutputFile {
     file: NewFile,
-    /// What encodes an mp4; nothing for a GIF.
+    /// Encoder of an mp4; `None` for a GIF.
     ffmpeg: Option<Ffmpeg>,
 }
 
-impl Target {
-    /// Checks all that can be checked without writing.
+impl OutputFile {
+    /// Checks the path without writing anything.
     ///
     /// # Errors
     /// [`RenderError::Ending`], [`RunError::FileExists`], [`RenderError::NoFfmpeg`].
@@ -40,7 +39,7 @@ impl Target {
         Ok(Self { file, ffmpeg })
     }
 
-    /// Makes the file's folder, and tries whether it can be written to.
+    /// Creates the file's folder and checks that it can be written to.
     ///
     /// # Errors
     /// As [`NewFile::prepare`].
@@ -48,7 +47,7 @@ impl Target {
         self.file.prepare()
     }
 
-    /// Writes the film; the file appears whole or not at all.
+    /// Writes the film atomically: the file is complete or does not exist.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -61,7 +60,7 @@ impl Target {
         self.file.write(&bytes)
     }
 
-    /// Where the film is.
+    /// Returns the path of the film.
     pub fn path(&self) -> &Path {
         self.file.path()
     }

@@ -1,28 +1,28 @@
-//! How long the stages of a trial take.
+//! Latencies of the stages of a trial.
 
 use std::time::Duration;
 
-/// A stage of a decision; the recognition comes once in a trial.
+/// Stage of a decision. The recognition runs once per trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// The camera's picture is fetched.
+    /// Fetching the camera's picture.
     Picture,
-    /// It becomes what the policy sees.
+    /// Removing the arm from the picture.
     InPainting,
-    /// The learner chooses a policy.
+    /// Choice of a policy by the learner.
     Recognition,
-    /// The policy decides.
+    /// Choice of an action by the policy.
     Policy,
-    /// The decision becomes commands, and the robot takes them.
+    /// Computing the commands of a decision and sending them to the robot.
     Commands,
 }
 
 impl Stage {
-    /// All, in their order.
+    /// All stages, in the order in which they run.
     pub const ALL: [Self; 5] =
         [Self::Picture, Self::InPainting, Self::Recognition, Self::Policy, Self::Commands];
 
-    /// Its name in tables.
+    /// Returns the stage's name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Picture => "picture",
@@ -34,22 +34,22 @@ impl Stage {
     }
 }
 
-/// Times of all stages.
+/// Measured times of all stages.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Stages([Vec<Duration>; Stage::ALL.len()]);
+pub struct LatencyProfile([Vec<Duration>; Stage::ALL.len()]);
 
-impl Stages {
-    /// Notes that a stage took so long.
-    pub(super) fn note(&mut self, stage: Stage, took: Duration) {
+impl LatencyProfile {
+    /// Adds the time that a stage took.
+    pub(super) fn record(&mut self, stage: Stage, took: Duration) {
         self.0[stage as usize].push(took);
     }
 
-    /// How often a stage came.
+    /// Returns the number of times a stage ran.
     pub fn count(&self, stage: Stage) -> usize {
         self.0[stage as usize].len()
     }
 
-    /// The median and the largest time of a stage; none where it never came.
+    /// Returns the median and the largest time of a stage, or `None` if it never ran.
     pub fn times(&self, stage: Stage) -> Option<[Duration; 2]> {
         let mut times = self.0[stage as usize].clone();
         times.sort_unstable();
@@ -64,17 +64,17 @@ mod tests {
 
     #[test]
     fn stages_have_their_own_times() {
-        let mut stages = Stages::default();
+        let mut latencies = LatencyProfile::default();
         for (index, stage) in Stage::ALL.into_iter().enumerate() {
             assert_eq!(stage as usize, index);
-            assert_eq!(stages.times(stage), None);
+            assert_eq!(latencies.times(stage), None);
             for millis in [9, 1, 4] {
-                stages.note(stage, Duration::from_millis(millis + index as u64));
+                latencies.record(stage, Duration::from_millis(millis + index as u64));
             }
         }
         let millis = |[median, most]: [Duration; 2]| [median.as_millis(), most.as_millis()];
-        assert_eq!(stages.times(Stage::Picture).map(millis), Some([4, 9]));
-        assert_eq!(stages.times(Stage::Commands).map(millis), Some([8, 13]));
-        assert_eq!(stages.count(Stage::Policy), 3);
+        assert_eq!(latencies.times(Stage::Picture).map(millis), Some([4, 9]));
+        assert_eq!(latencies.times(Stage::Commands).map(millis), Some([8, 13]));
+        assert_eq!(latencies.count(Stage::Policy), 3);
     }
 }

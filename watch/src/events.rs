@@ -1,4 +1,4 @@
-//! What is told of a run, one thing after the other.
+//! Events of a run, in the order in which they happened.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -9,33 +9,35 @@ use experiments::text::{RolloutLine, number};
 use experiments::{RolloutRow, RunData, ScoreRow};
 use itertools::Itertools;
 
-use super::pace::Pace;
+use super::progress::Progress;
 
-/// Where an event stands in a run: how many rollouts there were, and, of two after the same
-/// rollout, the evaluation second.
+/// Position of an event in a run: the number of rollouts before its end, then 0 for a rollout and 1
+/// for an evaluation, which comes after the rollout.
 type Moment = (usize, u8);
 
-/// One thing that a run's tables tell.
+/// Event of a run, read from its tables.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
-pub(super) enum Told<'a> {
-    /// The learner learnt from a rollout.
+pub(super) enum RunEvent<'a> {
+    /// Update of the learner with a rollout.
     Rollout {
+        /// Index of the rollout.
         rollout: usize,
         #[serde(flatten)]
         row: &'a RolloutRow,
+        /// Thresholds of the rollout's distances, one for each policy.
         thresholds: Vec<Option<f64>>,
         #[serde(flatten)]
-        pace: Pace,
+        progress: Progress,
     },
-    /// All variants were scored.
+    /// Evaluation of all variants.
     Evaluation { rollouts: usize, decisions: usize, scores: Vec<&'a ScoreRow> },
-    /// The run is at its end; these are its figures.
+    /// End of the run, with the contents of its summary.
     Finished { summary: Value },
 }
 
-impl Told<'_> {
-    /// A line that a person reads: of a rollout the one that `covers train` prints.
+impl RunEvent<'_> {
+    /// Returns a line of text; for a rollout, the line that `covers train` prints.
     pub fn line(&self) -> String {
         match self {
             Self::Rollout { row, .. } => rollout(row).to_string(),
@@ -54,7 +56,7 @@ impl Told<'_> {
         }
     }
 
-    /// A line that a program reads.
+    /// Returns a line of JSON.
     pub fn json(&self) -> String {
         serde_json::json!(self).to_string()
     }
@@ -74,8 +76,8 @@ fn rollout(row: &RolloutRow) -> RolloutLine<'_> {
     }
 }
 
-/// The mean success of each group's variants, and that of the groups' own policies where other ones
-/// played.
+/// Returns the mean success of each group's variants. If other policies than the groups' own
+/// played, the success of their own policies follows.
 fn successes(scores: &[&ScoreRow]) -> String {
     let of = |figure: fn(&ScoreRow) -> Option<f64>| {
         let groups: Vec<&str> = scores.iter().map(|row| row.group.as_str()).unique().collect();
@@ -99,47 +101,50 @@ fn successes(scores: &[&ScoreRow]) -> String {
     }
 }
 
-/// Remembers what was told.
+/// Feed of a run's events that returns each event once.
 #[derive(Debug, Default)]
-pub(super) struct Teller {
+pub(super) struct EventFeed {
+    /// Position of the last event that was returned.
     last: Option<Moment>,
 }
 
-impl Teller {
-    /// What was not told yet, in order. A run that went on from an earlier checkpoint tells again
-    /// what it does again.
-    pub fn news<'a>(&mut self, run: &'a RunData) -> Vec<Told<'a>> {
+impl EventFeed {
+    /// Returns the events since the last call, in order. A run that was resumed from an earlier
+    /// checkpoint repeats the events of the rollouts that it repeats.
+    pub fn new_events<'a>(&mut self, run: &'a RunData) -> Vec<RunEvent<'a>> {
         let mut all = events(run);
         all.sort_by_key(|(moment, _)| *moment);
         let newest = all.last().map(|(moment, _)| *moment);
-        let told = self.last.replace(newest.unwrap_or_default());
-        // of a run that was set back there is less than was told
-        let told = told.min(newest);
+        let returned = self.last.replace(newest.unwrap_or_default());
+        // after a resume from an earlier checkpoint, the run may have fewer events than were
+        // returned
+        let returned = returned.min(newest);
         if newest.is_none() {
             self.last = None;
         }
-        all.retain(|(moment, _)| Some(*moment) > told);
+        all.retain(|(moment, _)| Some(*moment) > returned);
         all.into_iter().map(|(_, event)| event).collect()
     }
 }
 
-fn events(run: &RunData) -> Vec<(Moment, Told<'_>)> {
+/// Returns all events of a run: the rollouts, then the evaluations.
+fn events(run: &RunData) -> Vec<(Moment, RunEvent<'_>)> {
     let rollouts = run.rollouts.iter().enumerate().map(|(rollout, row)| {
-        let told = Told::Rollout {
+        let event = RunEvent::Rollout {
             rollout,
             row,
             thresholds: run.thresholds(row),
-            pace: Pace::after(run, rollout + 1),
+            progress: Progress::after(run, rollout + 1),
         };
-        ((rollout + 1, 0), told)
+        ((rollout + 1, 0), event)
     });
-    // an evaluation that is being written has fewer variants
+    // skip an evaluation that is still being written: it has fewer rows than there are variants
     let variants = run.experiment.schedule.groups.len() * D2::ALL.len();
     let evaluations = run.evaluated().filter_map(|rollouts| {
         let scores: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
         let decisions = scores.first()?.decisions;
         let whole = scores.len() >= variants;
-        let event = Told::Evaluation { rollouts, decisions, scores };
+        let event = RunEvent::Evaluation { rollouts, decisions, scores };
         whole.then_some(((rollouts, 1), event))
     });
     rollouts.chain(evaluations).collect()
@@ -150,7 +155,7 @@ mod tests {
     use super::*;
     use experiments::presets::{Budget, Method};
 
-    /// A run of one group with so many rollouts.
+    /// Run of one group with a number of rollouts.
     fn run(rollouts: usize) -> RunData {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
         run.experiment.schedule.groups.truncate(1);
@@ -170,14 +175,14 @@ mod tests {
     }
 
     #[test]
-    fn a_group_is_told_once_wherever_its_variants_stand() {
+    fn a_group_is_printed_once_wherever_its_variants_stand() {
         let mut run = run(1);
         evaluate(&mut run, 1, 4);
         run.scores[1].group = "drawer-close".to_owned();
         run.scores[1].success = 0.25;
         let scores: Vec<&ScoreRow> = run.scores.iter().collect();
-        let told = "success [goal-reach 0.50, drawer-close 0.25]";
-        assert_eq!(successes(&scores), told);
+        let expected = "success [goal-reach 0.50, drawer-close 0.25]";
+        assert_eq!(successes(&scores), expected);
     }
 
     fn evaluate(run: &mut RunData, rollouts: usize, variants: usize) {
@@ -197,39 +202,39 @@ mod tests {
         }
     }
 
-    fn moments(teller: &mut Teller, run: &RunData) -> Vec<String> {
-        let news = teller.news(run);
-        news.iter().map(|told| told.line()[..19].trim().to_owned()).collect()
+    fn moments(feed: &mut EventFeed, run: &RunData) -> Vec<String> {
+        let events = feed.new_events(run);
+        events.iter().map(|event| event.line()[..19].trim().to_owned()).collect()
     }
 
     #[test]
-    fn all_is_told_once_and_in_order() {
-        let (mut teller, mut growing) = (Teller::default(), run(0));
-        assert!(teller.news(&growing).is_empty());
+    fn all_events_are_returned_once_and_in_order() {
+        let (mut feed, mut growing) = (EventFeed::default(), run(0));
+        assert!(feed.new_events(&growing).is_empty());
         evaluate(&mut growing, 0, 4);
-        assert_eq!(moments(&mut teller, &growing), ["0  evaluation"]);
+        assert_eq!(moments(&mut feed, &growing), ["0  evaluation"]);
         growing.rollouts = run(2).rollouts;
         evaluate(&mut growing, 1, 4);
         let expected = ["500  goal-reach", "500  evaluation", "1000  goal-reach"];
-        assert_eq!(moments(&mut teller, &growing), expected);
+        assert_eq!(moments(&mut feed, &growing), expected);
         evaluate(&mut growing, 2, 3);
-        assert!(teller.news(&growing).is_empty(), "a variant is to come");
-        assert!(moments(&mut Teller::default(), &run(1)) == ["500  goal-reach"]);
+        assert!(feed.new_events(&growing).is_empty(), "a variant is to come");
+        assert!(moments(&mut EventFeed::default(), &run(1)) == ["500  goal-reach"]);
     }
 
     #[test]
-    fn a_run_that_was_set_back_tells_again_what_it_does_again() {
-        let mut teller = Teller::default();
-        assert_eq!(teller.news(&run(3)).len(), 3);
-        assert!(teller.news(&run(1)).is_empty());
-        assert_eq!(teller.news(&run(2)).len(), 1);
-        assert!(teller.news(&run(0)).is_empty());
-        assert_eq!(teller.news(&run(2)).len(), 2);
+    fn a_run_that_was_resumed_from_an_earlier_checkpoint_repeats_events() {
+        let mut feed = EventFeed::default();
+        assert_eq!(feed.new_events(&run(3)).len(), 3);
+        assert!(feed.new_events(&run(1)).is_empty());
+        assert_eq!(feed.new_events(&run(2)).len(), 1);
+        assert!(feed.new_events(&run(0)).is_empty());
+        assert_eq!(feed.new_events(&run(2)).len(), 2);
     }
 
-    /// One of four variants is played by another policy than the group's own.
+    /// Checks a run in which one of four variants is played by another group's policy.
     #[test]
-    fn both_scores_are_told_where_another_policy_played() {
+    fn both_scores_are_printed_if_another_policy_played() {
         let mut run = run(1);
         evaluate(&mut run, 1, 4);
         for (variant, row) in run.scores.iter_mut().enumerate() {
@@ -237,24 +242,24 @@ mod tests {
             row.own_policy = Some(0);
             row.own_success = Some(if variant == 2 { 0.9 } else { row.success });
         }
-        let line = Teller::default().news(&run)[1].line();
+        let line = EventFeed::default().new_events(&run)[1].line();
         let expected = "success [goal-reach 0.50], 1 of 4 variants by another policy than the \
             group's own, own policies [goal-reach 0.60]";
         assert!(line.ends_with(expected), "{line}");
         run.scores[2].policy = Some(0);
-        let line = Teller::default().news(&run)[1].line();
+        let line = EventFeed::default().new_events(&run)[1].line();
         assert!(line.ends_with("success [goal-reach 0.50]"), "{line}");
     }
 
     #[test]
     fn what_is_no_number_is_a_dash_and_no_value() {
         let run = run(2);
-        let news = Teller::default().news(&run);
-        let line = news[1].line();
+        let events = EventFeed::default().new_events(&run);
+        let line = events[1].line();
         assert!(line.contains("policy 0 2nd  reward     -"), "{line}");
         assert!(line.ends_with("W1 [0.50 (z 2.0), -]"), "{line}");
-        assert!(news[0].line().contains("policy 0 new"));
-        let json: Value = serde_json::from_str(&news[1].json()).unwrap();
+        assert!(events[0].line().contains("policy 0 new"));
+        let json: Value = serde_json::from_str(&events[1].json()).unwrap();
         assert_eq!((&json["event"], &json["rollout"]), (&"rollout".into(), &1.into()));
         assert_eq!(json["reward"], Value::Null);
         assert_eq!(json["distances"][0], 0.5);
@@ -264,7 +269,7 @@ mod tests {
     #[test]
     fn the_end_has_figures() {
         let summary = serde_json::json!({"policies": 4, "assignment_accuracy": 1.0});
-        let line = Told::Finished { summary }.line();
+        let line = RunEvent::Finished { summary }.line();
         let expected = "finished: 4 policies, assignment accuracy 1.000 (- when groups come back)";
         assert_eq!(line, expected);
     }

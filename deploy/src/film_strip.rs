@@ -1,28 +1,28 @@
-//! Strips of pictures: what the camera saw, the mask, and what the policy was shown.
+//! Film strips of a trial: the camera's pictures, the masks and the policy's pictures.
 
 use envs::RGB;
 use inpainting::{Intrinsics, Perception};
 
 use experiments::colours::rgb;
 use experiments::sheet::Picture;
-use render::{Cell, Film, Row, mosaic};
+use render::{Cell, Film, Row, grid};
 
-/// Size of a cell (pixels); the camera's pictures have a share of 4 to 3.
+/// Width and height of a cell (pixels), in the aspect ratio of the camera's pictures, 4 to 3.
 const CELL: [usize; 2] = [192, 144];
-/// White pixels between cells.
+/// Distance between cells (pixels).
 const GAP: usize = 4;
-/// Decisions from one column of the picture to the next.
+/// Number of decisions from one column of the strip to the next.
 const EVERY: usize = 5;
 
-/// Pictures of every decision: the camera's, the mask, and the policy's.
+/// Pictures of every decision of a trial: the camera's, the mask and the policy's.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Strip {
-    /// Cells `[144, 192, 3]`.
+pub struct FilmStrip {
+    /// Three cells `[144, 192, 3]` for each decision.
     columns: Vec<[Vec<u8>; 3]>,
 }
 
-impl Strip {
-    /// Adds the pictures of a decision; the policy's, `seen`, is square.
+impl FilmStrip {
+    /// Adds the pictures of a decision. The policy's picture, `seen`, is square.
     pub(super) fn add(&mut self, raw: &[u8], perception: &Perception, seen: &[u8]) {
         let Intrinsics { width, height, .. } = perception.settings().calibration.intrinsics;
         let view = perception.view().intrinsics;
@@ -36,7 +36,7 @@ impl Strip {
         ]);
     }
 
-    /// Three rows on white; each column is one decision, the first and every fifth after it.
+    /// Returns a picture with three rows on white: the first decision and every fifth after it.
     pub fn picture(&self) -> Picture {
         let [wide, high] = CELL.map(|side| side + GAP);
         let (width, height) = (self.columns.len().div_ceil(EVERY) * wide + GAP, 3 * high + GAP);
@@ -52,7 +52,7 @@ impl Strip {
         Picture { width, height, rgb }
     }
 
-    /// The same as a film of all decisions, the three pictures beside each other.
+    /// Returns a film of all decisions with the three pictures side by side.
     pub fn film(&self, title: &str) -> Film {
         let cell = |row: usize| Cell {
             width: CELL[0],
@@ -61,11 +61,11 @@ impl Strip {
         };
         let row =
             Row { title: title.to_owned(), colour: rgb(0), cells: [0, 1, 2].map(cell).to_vec() };
-        mosaic(&["camera", "mask", "policy"], &[row])
+        grid(&["camera", "mask", "policy"], &[row])
     }
 }
 
-/// A picture, as large as fits into a cell, on white.
+/// Scales a picture to the largest size that fits into a cell, on white.
 fn fitted(picture: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
     let scale = (CELL[0] as f64 / width as f64).min(CELL[1] as f64 / height as f64);
     let shown = [width, height].map(|side| (side as f64 * scale).round() as usize);
@@ -95,7 +95,7 @@ mod tests {
         assert_eq!(dark(&square), 144 * 144);
         assert!(square[..3] == [255; 3] && square[24 * 3..][..3] == [10; 3]);
         assert_eq!(dark(&fitted(&[10; 640 * 480 * 3], [640, 480])), 192 * 144);
-        let strip = Strip { columns: vec![[square.clone(), square.clone(), square]; 6] };
+        let strip = FilmStrip { columns: vec![[square.clone(), square.clone(), square]; 6] };
         let picture = strip.picture();
         assert_eq!((picture.width, picture.height), (2 * 196 + 4, 3 * 148 + 4));
         assert_eq!(dark(&picture.rgb), 6 * 144 * 144);

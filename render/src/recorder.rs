@@ -1,4 +1,5 @@
-//! One variant on film: what its policy sees, and what a camera would see of the same episode.
+//! Environment that films an episode: the policy's observations and a camera's view of the same
+//! table.
 
 use std::sync::Arc;
 
@@ -11,37 +12,39 @@ use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use experiments::sheet::{Picture, mark_goal};
 use experiments::{RunError, Stream, scale};
 
-use super::mosaic::Cell;
+use super::grid::Cell;
 
-/// What is shown of an episode.
+/// View of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum View {
-    /// What a camera sees: the table and the arm.
+    /// Picture of a camera: the table and the arm.
     Raw,
-    /// Where the arm hides the table: white.
+    /// Mask of the arm: white where it hides the table.
     Mask,
-    /// What the policy sees: the table without the arm, and a mark at the gripper.
+    /// Picture of the policy: the table without the arm, and a mark at the gripper.
     Seen,
 }
 
-/// Least side of a camera's pictures (pixels).
+/// Minimum side of a camera's pictures (pixels).
 const SIDE: usize = 144;
 
-/// An environment of one that is filmed. The policy sees what it has learnt with.
-pub struct Studio {
+/// Vector of one environment that films its episode. Observations are those of training.
+pub struct EpisodeRecorder {
     spec: EnvSpec,
     variant: TaskVariant,
     seed: u64,
     table: TableTop,
     renderer: SceneRenderer,
-    camera: Option<CameraMan>,
+    /// Second simulation for the views other than [`View::Seen`]; `None` if there are none.
+    large: Option<LargeView>,
+    /// First picture of the episode `[size, size, 3]`; empty before it.
     first: Vec<u8>,
-    /// What the policy saw, with a mark where a goal is told that no picture shows.
+    /// Pictures that the policy saw, with a mark at a goal that no picture shows.
     seen: Vec<Vec<u8>>,
 }
 
-/// A table on which all happens once more, with a larger picture of it.
-struct CameraMan {
+/// Copy of the simulation that takes the same actions, filmed at a higher resolution.
+struct LargeView {
     table: TableTop,
     with_arm: SceneRenderer,
     without: SceneRenderer,
@@ -49,9 +52,12 @@ struct CameraMan {
     mask: Vec<Vec<u8>>,
 }
 
-impl Studio {
-    /// A studio for environments of `settings`. The placement depends on `seed` alone, so variants
-    /// of a group are mirror images.
+impl EpisodeRecorder {
+    /// Creates an environment with the settings of a run. The placement depends on `seed` alone, so
+    /// the variants of a group are mirror images of each other.
+    ///
+    /// # Errors
+    /// Errors of the scene and its renderers.
     pub fn new(
         settings: &VecEnvSettings,
         variant: TaskVariant,
@@ -60,27 +66,25 @@ impl Studio {
     ) -> Result<Self, RunError> {
         let alone = VecEnvSettings { num_envs: 1, ..*settings };
         let (table, scene) = table(settings, variant, settings.camera)?;
-        let filmed = views.iter().any(|view| *view != View::Seen);
+        let needs_large = views.iter().any(|view| *view != View::Seen);
         Ok(Self {
             spec: Stream::spec_of(&alone),
             variant,
             seed,
             table,
             renderer: SceneRenderer::new(scene)?,
-            camera: match filmed {
-                true => Some(CameraMan::new(settings, variant)?),
-                false => None,
-            },
+            large: needs_large.then(|| LargeView::new(settings, variant)).transpose()?,
             first: Vec::new(),
             seen: Vec::new(),
         })
     }
 
-    /// What was filmed, one cell for each view, up to a number of decisions.
+    /// Returns the film of each view, up to a number of decisions.
     pub fn cells(&self, views: &[View], decisions: Option<usize>) -> Vec<Cell> {
         let cell = |&view| {
             let (table, frames) = self.filmed(view);
             let size = table.scene().camera.size;
+            // the first picture comes before any decision
             let length = decisions.map_or(usize::MAX, |decisions| decisions.saturating_add(1));
             Cell {
                 width: size,
@@ -91,17 +95,17 @@ impl Studio {
         views.iter().map(cell).collect()
     }
 
-    /// The table on which the episode is played.
+    /// Returns the simulated table of the episode.
     pub fn table(&self) -> &TableTop {
         &self.table
     }
 
-    /// The camera of a view that was asked for.
+    /// Returns the camera of a view that was requested from [`EpisodeRecorder::new`].
     pub fn camera(&self, view: View) -> Camera {
         self.filmed(view).0.scene().camera
     }
 
-    /// The newest picture of a view that was asked for.
+    /// Returns the latest picture of a requested view, or `None` before the episode.
     pub fn newest(&self, view: View) -> Option<Picture> {
         let (table, frames) = self.filmed(view);
         let size = table.scene().camera.size;
@@ -109,9 +113,9 @@ impl Studio {
     }
 
     fn filmed(&self, view: View) -> (&TableTop, &[Vec<u8>]) {
-        match (view, &self.camera) {
-            (View::Raw, Some(camera)) => (&camera.table, &camera.raw),
-            (View::Mask, Some(camera)) => (&camera.table, &camera.mask),
+        match (view, &self.large) {
+            (View::Raw, Some(large)) => (&large.table, &large.raw),
+            (View::Mask, Some(large)) => (&large.table, &large.mask),
             _ => (&self.table, &self.seen),
         }
     }
@@ -125,6 +129,7 @@ impl Studio {
         self.renderer.compose(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
         scale(&mut out.vectors);
+        // for viewers only: the policy's observation is complete, and it gets the goal as numbers
         mark_goal(&self.table, &mut picture);
         self.seen.push(picture);
         Ok(())
@@ -135,11 +140,12 @@ impl Studio {
     }
 
     fn begin(&mut self, out: &mut Observations) -> Result<(), RunError> {
+        // both simulations draw the same placement from generators of the same seed
         let rng = || ChaCha8Rng::seed_from_u64(self.seed);
         self.table.reset(self.variant.element, &mut rng())?;
-        if let Some(camera) = &mut self.camera {
-            camera.table.reset(self.variant.element, &mut rng())?;
-            camera.take()?;
+        if let Some(large) = &mut self.large {
+            large.table.reset(self.variant.element, &mut rng())?;
+            large.film()?;
         }
         self.observe(out)
     }
@@ -147,22 +153,21 @@ impl Studio {
     fn act(&mut self, action: &[f32], out: &mut Transition) -> Result<(), RunError> {
         let action = std::array::from_fn::<_, ACTION_DIM, _>(|i| action[i]);
         let step = self.table.step(&action)?;
-        if let Some(camera) = &mut self.camera {
-            camera.table.step(&action)?;
-            camera.take()?;
+        if let Some(large) = &mut self.large {
+            large.table.step(&action)?;
+            large.film()?;
         }
         self.observe(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);
         out.rewards.fill(step.reward as f32);
         out.success.fill(step.success);
         out.success_at_end.fill(step.success_at_end);
-        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(step.truncated)];
-        out.outcomes.fill(outcome);
+        out.outcomes.fill(if step.truncated { Outcome::Truncated } else { Outcome::Running });
         Ok(())
     }
 }
 
-impl CameraMan {
+impl LargeView {
     fn new(settings: &VecEnvSettings, variant: TaskVariant) -> Result<Self, RunError> {
         let size = settings.camera.size.max(SIDE);
         let camera = settings.camera.with_size(size);
@@ -176,7 +181,8 @@ impl CameraMan {
         })
     }
 
-    fn take(&mut self) -> Result<(), RunError> {
+    /// Renders the table with and without the arm; the mask is where the two pictures differ.
+    fn film(&mut self) -> Result<(), RunError> {
         let size = self.table.scene().camera.size;
         let [mut raw, mut bare] = [(); 2].map(|()| vec![0; size * size * RGB]);
         self.with_arm.render(&mut self.table, &mut raw)?;
@@ -190,7 +196,7 @@ impl CameraMan {
     }
 }
 
-impl VectorEnv for Studio {
+impl VectorEnv for EpisodeRecorder {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
@@ -204,7 +210,7 @@ impl VectorEnv for Studio {
     }
 }
 
-/// A table of a variant's group under a camera, and its scene.
+/// Creates the table of a variant's group under a camera, with its scene.
 fn table(
     settings: &VecEnvSettings,
     variant: TaskVariant,

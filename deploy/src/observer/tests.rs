@@ -1,4 +1,4 @@
-//! A close-up of what a real camera sees, beside that of the simulation in which a policy learns.
+//! Comparison of close-ups on a rig with those of the simulation in which a policy was trained.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,26 +12,26 @@ use rand_chacha::ChaCha8Rng;
 use robots::Robot;
 use symmetry::D2;
 
-use crate::{Deployment, Rig, SightSettings, SimulatedRig, SimulationSettings, Strip, Trial};
+use crate::{Deployment, FilmStrip, Rig, SimulatedRig, SimulationSettings, Trial, VisionSettings};
 use experiments::RunFolder;
 
-/// A button whose cap stands beside the hand's start.
+/// Trial of a button whose cap stands beside the hand's start.
 const TRIAL: Trial = Trial {
     variant: TaskVariant { group: TaskGroup::BUTTON_PRESS, element: D2::FlipX },
     number: 1,
     seed: 1000,
 };
 
-/// The policies that come with the project and have learnt with close-ups.
+/// Loads the pretrained policies, which were trained with close-ups.
 fn deployment() -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained");
-    let deployment = Deployment::load(&RunFolder::open(&folder), SightSettings::default()).unwrap();
+    let deployment =
+        Deployment::load(&RunFolder::open(&folder), VisionSettings::default()).unwrap();
     assert_eq!(deployment.camera().beside, Beside::CloseUp);
     deployment
 }
 
-/// What a learner of the simulation sees at the start of the trial: the whole picture and the
-/// close-up.
+/// Returns the pictures of training at the start of the trial: the whole picture and the close-up.
 fn learnt(camera: Camera) -> [Vec<u8>; 2] {
     let TaskVariant { group, element } = TRIAL.variant;
     let scene = Arc::new(Scene::new(group, Embodiment::HAND, camera).unwrap());
@@ -46,7 +46,7 @@ fn learnt(camera: Camera) -> [Vec<u8>; 2] {
     parts(|image| renderer.compose(&table, &seen, &[], image), camera)
 }
 
-/// The pictures of an observation's image.
+/// Splits the image of an observation into its two pictures.
 fn parts(compose: impl FnOnce(&mut [u8]), camera: Camera) -> [Vec<u8>; 2] {
     let mut image = vec![0; camera.size * camera.size * 2 * RGB];
     compose(&mut image);
@@ -56,7 +56,7 @@ fn parts(compose: impl FnOnce(&mut [u8]), camera: Camera) -> [Vec<u8>; 2] {
     })
 }
 
-/// Mean difference of two pictures (levels).
+/// Returns the mean difference of two pictures (levels).
 fn difference(a: &[u8], b: &[u8]) -> f64 {
     let differences = a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b)));
     differences.sum::<f64>() / a.len() as f64
@@ -70,11 +70,11 @@ fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
     let arm = rig.arm().clone();
     let set_up = rig.set_up(&TRIAL).unwrap();
     let start = rig.state().unwrap();
-    let mut sight = deployment.sight(&rig, &arm, &set_up, start).unwrap();
-    sight.shoot(&mut rig).unwrap();
+    let mut observer = deployment.observer(&rig, &arm, &set_up, start).unwrap();
+    observer.shoot(&mut rig).unwrap();
     let mut seen = vec![0; camera.size * camera.size * RGB];
-    sight.paint(&arm, &mut seen).unwrap();
-    let seen = parts(|image| sight.compose(&seen, &[], image), camera);
+    observer.paint(&arm, &mut seen).unwrap();
+    let seen = parts(|image| observer.compose(&seen, &[], image), camera);
     for (on_robot, learnt) in seen.iter().zip(learnt(camera)) {
         let off = difference(on_robot, &learnt);
         for element in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
@@ -90,7 +90,7 @@ fn a_trial_with_close_ups_is_filmed_as_any_other() {
     let mut deployment = deployment();
     let mut rig = SimulatedRig::new(SimulationSettings::OFF, *deployment.camera()).unwrap();
     let arm = rig.arm().clone();
-    let mut strip = Strip::default();
+    let mut strip = FilmStrip::default();
     let played = deployment.trial(&mut rig, &arm, &TRIAL, Some(&mut strip));
     assert!(played.unwrap().refused == 0);
     let picture = strip.picture();

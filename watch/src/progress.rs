@@ -1,29 +1,29 @@
-//! How far a run is, and how fast it goes on.
+//! Progress and speed of a run.
 
 use serde::Serialize;
 
 use experiments::RunData;
 use experiments::schedule::Clock;
 
-/// Rollouts whose seconds say how fast a run is now.
+/// Number of latest rollouts whose times give the current speed.
 const RECENT: usize = 20;
 
-/// How far a run is. Evaluations are not timed.
+/// Progress of a run and its speed, evaluations not included.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(super) struct Pace {
-    /// Decisions of the whole stream.
+pub(super) struct Progress {
+    /// Number of decisions of the whole stream.
     pub stream: usize,
-    /// Those of them that are done, by the stream's clock: where it counts turns, a rollout that a
-    /// learner threw away does not count.
+    /// Number of completed decisions, at most `stream`. If the stream's clock counts turns,
+    /// rollouts that a learner discarded do not count.
     pub done: usize,
-    /// Decisions a second in the last rollouts; none where no seconds are known.
+    /// Decisions per second in the latest rollouts; `None` if their times are not known.
     pub decisions_per_second: Option<f64>,
-    /// Seconds of learning that are left at this pace.
+    /// Seconds until the stream ends at the current speed; `None` if it is not known.
     pub seconds_left: Option<f64>,
 }
 
-impl Pace {
-    /// The pace of a run after the first of its rollouts, so many of them.
+impl Progress {
+    /// Returns the progress of a run after its first `rollouts` rollouts.
     pub fn after(run: &RunData, rollouts: usize) -> Self {
         let timed = &run.timings[..rollouts.min(run.timings.len())];
         let recent = &timed[timed.len().saturating_sub(RECENT)..];
@@ -34,9 +34,9 @@ impl Pace {
             rate.filter(|rate| rate.is_finite() && *rate > 0.0)
         };
         let (schedule, turn) = (&run.experiment.schedule, run.experiment.learner.rollout_steps());
-        let newest = rollouts.checked_sub(1);
-        let newest = newest.and_then(|newest| run.rollouts.get(newest));
-        let (done, pace) = match schedule.clock {
+        let newest = rollouts.checked_sub(1).and_then(|newest| run.rollouts.get(newest));
+        // a discarded rollout takes time but does not advance a clock that counts turns
+        let (done, advanced) = match schedule.clock {
             Clock::World => (newest.map_or(0, |row| row.decisions), decisions),
             Clock::Turns => (rollouts.saturating_mul(turn), (recent.len() * turn) as f64),
         };
@@ -46,7 +46,7 @@ impl Pace {
             stream,
             done: done.min(stream),
             decisions_per_second: rate(decisions),
-            seconds_left: rate(pace).map(|rate| left / rate),
+            seconds_left: rate(advanced).map(|rate| left / rate),
         }
     }
 }
@@ -61,7 +61,7 @@ mod tests {
     fn the_last_rollouts_say_how_long_the_rest_takes() {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
         let stream = run.experiment.schedule.total_decisions();
-        let nothing = Pace::after(&run, 0);
+        let nothing = Progress::after(&run, 0);
         assert_eq!((nothing.stream, nothing.seconds_left), (stream, None));
         for turn in 1..=40 {
             run.rollouts
@@ -70,15 +70,15 @@ mod tests {
             let total = if turn > 20 { 0.5 } else { 50.0 };
             run.timings.push(TimingRow { decisions: 100, total, ..TimingRow::default() });
         }
-        let now = Pace::after(&run, 40);
+        let now = Progress::after(&run, 40);
         assert_eq!(now.decisions_per_second, Some(200.0));
         assert_eq!(now.seconds_left, Some((stream - stream / 2) as f64 / 200.0));
-        assert_eq!(Pace::after(&run, 20).decisions_per_second, Some(2.0));
-        assert_eq!((now.done, Pace::after(&run, 0).done), (stream / 2, 0));
+        assert_eq!(Progress::after(&run, 20).decisions_per_second, Some(2.0));
+        assert_eq!((now.done, Progress::after(&run, 0).done), (stream / 2, 0));
         // second looks do not bring the end nearer where the stream counts turns
         run.experiment.schedule.clock = Clock::Turns;
         let turn = run.experiment.learner.rollout_steps();
-        let now = Pace::after(&run, 2);
+        let now = Progress::after(&run, 2);
         assert_eq!((now.done, now.decisions_per_second), (2 * turn, Some(2.0)));
         let left = (stream - 2 * turn) as f64 / (turn as f64 / 50.0);
         assert!((now.seconds_left.unwrap() / left - 1.0).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! What the policy sees: the camera's newest picture with the arm painted out where it was then.
+//! Observations of a policy: the camera's latest picture without the arm.
 
 use std::time::Duration;
 
@@ -10,32 +10,37 @@ use robots::RobotState;
 
 use crate::DeployError;
 
-use super::past::Past;
 use super::rig::{OLDEST, Rig, SetUp, fresh_picture};
-use super::settings::SightSettings;
+use super::settings::VisionSettings;
+use super::state_history::StateHistory;
 
-/// The perception of an arm that tells where its joints are.
-pub(super) struct Sight {
+/// Perception of a rig: removes the arm from pictures by the joints' positions at their time.
+pub(super) struct Observer {
     perception: Perception,
-    past: Past,
+    history: StateHistory,
+    /// Latest picture of the camera `[H, W, 3]`.
     picture: Vec<u8>,
-    /// When it was taken.
+    /// Time at which the picture was taken.
     taken: Duration,
-    /// The one that the policy has learnt with.
+    /// Camera that the policy was trained with.
     camera: Camera,
-    /// The table without the arm `[drawn_size, drawn_size, 3]`, as it was painted last.
+    /// Last picture without the arm `[drawn_size, drawn_size, 3]`.
     painted: Vec<u8>,
 }
 
-impl Sight {
-    /// Sees a table that was set as `set_up` says. `table` `[drawn_size, drawn_size, 3]` is the empty
-    /// table as a policy knows it that has learnt with `camera`. `start` is the time, and where the
-    /// arm is.
+impl Observer {
+    /// Creates the perception of a table that was set up as `set_up`, for a policy trained with
+    /// `camera`. `table` `[drawn_size, drawn_size, 3]` is a picture of the empty table by that
+    /// camera, and `start` the time with the arm's state.
+    ///
+    /// # Errors
+    /// [`DeployError::Inpainting`].
     pub fn new(
-        settings: &SightSettings,
+        settings: &VisionSettings,
         arm: &Arm,
         calibration: Calibration,
-        (camera, table): (&Camera, &[u8]),
+        camera: &Camera,
+        table: &[u8],
         set_up: &SetUp,
         start: (Duration, RobotState),
     ) -> Result<Self, DeployError> {
@@ -47,33 +52,40 @@ impl Sight {
         Ok(Self {
             perception,
             taken: start.0,
-            past: Past::new(start, OLDEST),
+            history: StateHistory::new(start, OLDEST),
             picture: vec![0; set_up.background.len()],
             camera: *camera,
             painted: vec![0; table.len()],
         })
     }
 
-    /// Takes note of where the arm is at the time `now`, which does not go back.
-    pub fn note(&mut self, now: Duration, state: RobotState) {
-        self.past.note(now, state);
+    /// Records the arm's state at the time `now`, which must not go back.
+    pub fn record(&mut self, now: Duration, state: RobotState) {
+        self.history.record(now, state);
     }
 
-    /// Where the arm was noted last.
+    /// Returns the arm's last recorded state.
     pub fn state(&self) -> &RobotState {
-        self.past.last()
+        self.history.last()
     }
 
-    /// Takes a picture.
+    /// Fetches the camera's latest picture.
+    ///
+    /// # Errors
+    /// As [`fresh_picture`].
     pub fn shoot(&mut self, rig: &mut dyn Rig) -> Result<(), DeployError> {
         self.taken = fresh_picture(rig, &mut self.picture)?;
         Ok(())
     }
 
-    /// Writes into `out` `[size, size, 3]` what the policy sees of the picture, with the mark where
-    /// the gripper is now.
+    /// Writes the picture without the arm into `out` `[size, size, 3]`, with the mark at the
+    /// gripper's current position.
+    ///
+    /// # Errors
+    /// [`DeployError::Inpainting`].
     pub fn paint(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), DeployError> {
-        let joints = joints(arm, &self.past.at(self.taken));
+        // pictures come late: mask the arm where it was when the picture was taken
+        let joints = joints(arm, &self.history.at(self.taken));
         let gripper = self.state().tip.position;
         self.perception.look(&self.picture, &joints, gripper, &mut self.painted)?;
         self.camera.shrink(&self.painted, out);
@@ -81,26 +93,26 @@ impl Sight {
         Ok(())
     }
 
-    /// Makes the image of an observation, `[size, size, C]`, of the picture that was painted last,
-    /// `now`, and the episode's first one.
+    /// Composes the image of an observation, `[size, size, C]`, from the last picture of
+    /// [`Observer::paint`], `now`, and the episode's first one.
     pub fn compose(&self, now: &[u8], first: &[u8], image: &mut [u8]) {
         let pictures =
             Pictures { now, first, drawn: &self.painted, hand: self.state().tip.position };
         self.camera.compose(&pictures, image);
     }
 
-    /// The camera's last picture `[H, W, 3]`.
+    /// Returns the camera's last picture `[H, W, 3]`.
     pub fn picture(&self) -> &[u8] {
         &self.picture
     }
 
-    /// The perception, for its mask.
+    /// Returns the perception, which has the mask of the last picture.
     pub fn perception(&self) -> &Perception {
         &self.perception
     }
 }
 
-/// Ends of the arm's capsules, two for each.
+/// Returns the ends of the arm's capsules, two for each.
 fn joints(arm: &Arm, state: &RobotState) -> Vec<DVec3> {
     let capsules = arm.capsules(state).into_iter();
     capsules.flat_map(|capsule| capsule.ends).collect()

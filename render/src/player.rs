@@ -1,0 +1,206 @@
+//! Films of the variants of groups, played by the policies that the learner assigns to them.
+
+use envs::{RGB, TaskGroup, TaskRegistry, TaskVariant};
+use rl::VectorEnv;
+use symmetry::D2;
+
+use experiments::colours::rgb;
+use experiments::evaluation::Evaluator;
+use experiments::{Experiment, RunError, RunFolder, Stream, thread_pool};
+use learner::{Labels, Learner};
+
+use super::gif::encode;
+use super::grid::{Cell, Row, grid};
+use super::recorder::{EpisodeRecorder, View};
+
+/// Length, in decisions, of a film of [`film_groups`]: three seconds of simulated time.
+const DECISIONS: usize = 24;
+
+/// Choice of episodes and views to film.
+pub(super) struct FilmSettings<'a> {
+    pub groups: &'a [TaskGroup],
+    pub views: &'a [View],
+    /// `true` if each row is repeated, with pictures mirrored back to the first variant's frame.
+    pub mirrored_back: bool,
+    /// Decisions after which a film ends; `None` for the whole episode.
+    pub decisions: Option<usize>,
+    /// Seed of placements, which the variants of a group share.
+    pub seed: u64,
+}
+
+/// Filmed episode of a variant.
+pub(super) struct FilmedEpisode {
+    pub variant: TaskVariant,
+    pub policy: usize,
+    pub success: bool,
+    /// One film for each view.
+    cells: Vec<Cell>,
+}
+
+/// Policies of a run with the environments in which they are evaluated.
+pub struct PolicyPlayer {
+    /// Settings of the run.
+    pub experiment: Experiment,
+    learner: Box<dyn Learner>,
+    evaluator: Evaluator,
+}
+
+impl PolicyPlayer {
+    /// Loads the policies of the newest intact checkpoint in `folder`.
+    ///
+    /// # Errors
+    /// As [`RunFolder::experiment`] and [`RunFolder::load_learner`].
+    pub fn load(folder: &RunFolder, threads: usize) -> Result<Self, RunError> {
+        let experiment = folder.experiment()?.with_threads(threads);
+        let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+        let learner = folder.load_learner(&experiment.learner, &spec, &labels)?;
+        let evaluator = Evaluator::of(&experiment, &TaskRegistry::standard(), labels)?;
+        Ok(Self { experiment, learner, evaluator })
+    }
+
+    /// Films one episode of each variant of the groups.
+    ///
+    /// # Errors
+    /// Errors of the environments and the learner.
+    pub(super) fn play(
+        &mut self,
+        settings: &FilmSettings<'_>,
+    ) -> Result<Vec<FilmedEpisode>, RunError> {
+        let variants = settings.groups.iter().flat_map(|group| group.variants());
+        variants.map(|variant| self.film(variant, settings)).collect()
+    }
+
+    fn film(
+        &mut self,
+        variant: TaskVariant,
+        settings: &FilmSettings<'_>,
+    ) -> Result<FilmedEpisode, RunError> {
+        let FilmSettings { views, decisions, seed, .. } = *settings;
+        let mut recorder = EpisodeRecorder::new(&self.experiment.envs, variant, views, seed)?;
+        let (policy, success) = self.perform(variant, &mut recorder)?;
+        Ok(FilmedEpisode { variant, policy, success, cells: recorder.cells(views, decisions) })
+    }
+
+    /// Lets the learner choose a policy for `variant` and plays one episode of it in `env`, a
+    /// vector of one environment. Returns the policy's index, and `true` if the episode succeeded.
+    ///
+    /// # Errors
+    /// Errors of the environments and the learner.
+    pub fn perform(
+        &mut self,
+        variant: TaskVariant,
+        env: &mut dyn VectorEnv,
+    ) -> Result<(usize, bool), RunError> {
+        let policy = self.evaluator.recognise(&mut *self.learner, variant)?;
+        let stats = self.learner.perform(policy, env, 1)?.stats;
+        Ok((policy, stats.success_rate() == Some(1.0)))
+    }
+
+    /// Returns the colour that reports use for a group, by its place in the run's schedule.
+    fn colour(&self, group: TaskGroup) -> [u8; 3] {
+        let schedule = &self.experiment.schedule;
+        let number = schedule.number(group.name());
+        rgb(number.unwrap_or(schedule.groups.len()))
+    }
+
+    /// Returns the rows of a grid: the variants of a group side by side, one row for each view, and
+    /// a second one with pictures mirrored back if the settings ask for it.
+    pub(super) fn rows(&self, settings: &FilmSettings<'_>, episodes: &[FilmedEpisode]) -> Vec<Row> {
+        let row = |group: TaskGroup, view: usize, mirrored_back: bool| {
+            let of_group = episodes.iter().filter(|episode| episode.variant.group == group);
+            let cells = of_group.map(|episode| {
+                let cell = &episode.cells[view];
+                if mirrored_back { mirrored(cell, episode.variant.element) } else { cell.clone() }
+            });
+            Row {
+                title: title(group, settings.views, view, mirrored_back),
+                colour: self.colour(group),
+                cells: cells.collect(),
+            }
+        };
+        let mut rows = Vec::new();
+        for &group in settings.groups {
+            for view in 0..settings.views.len() {
+                rows.push(row(group, view, false));
+                rows.extend(settings.mirrored_back.then(|| row(group, view, true)));
+            }
+        }
+        rows
+    }
+}
+
+/// Films one episode of each variant of every group of a run, with the policies of the newest
+/// intact checkpoint. Returns each group's name with a GIF file of its four variants as the
+/// policies see them.
+///
+/// # Errors
+/// A folder without policies; errors of the environments and the learner.
+pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Vec<u8>)>, RunError> {
+    let groups = folder.experiment()?.schedule.resolve(&TaskRegistry::standard())?;
+    let mut player = PolicyPlayer::load(folder, threads)?;
+    let pool = thread_pool(threads)?;
+    let names = D2::ALL.map(|element| element.to_string());
+    let films = groups.into_iter().map(|group| {
+        let settings = FilmSettings {
+            groups: &[group],
+            views: &[View::Seen],
+            mirrored_back: false,
+            decisions: Some(DECISIONS),
+            seed: 0,
+        };
+        let episodes = pool.install(|| player.play(&settings))?;
+        let columns = names.each_ref().map(String::as_str);
+        let film = grid(&columns, &player.rows(&settings, &episodes));
+        let gif = encode(&film).map_err(|error| RunError::write(folder.path(), error))?;
+        Ok((group.name().to_owned(), gif))
+    });
+    films.collect()
+}
+
+fn title(group: TaskGroup, views: &[View], view: usize, mirrored_back: bool) -> String {
+    let shown = match (views.len(), views[view]) {
+        (1, _) => "",
+        (_, View::Raw) => ": what a camera sees",
+        (_, View::Mask) => ": where the arm is",
+        (_, View::Seen) => ": what the policy sees",
+    };
+    let back = if mirrored_back { ", mirrored back" } else { "" };
+    format!("{group}{shown}{back}")
+}
+
+/// Transforms every picture of a film by `element`. Elements of D2 are their own inverses, so this
+/// mirrors a variant's film back.
+fn mirrored(cell: &Cell, element: D2) -> Cell {
+    let frames = cell.frames.iter().map(|frame| {
+        let mut rows: Vec<&[u8]> = frame.chunks_exact(cell.width * RGB).collect();
+        if element.flips_y() {
+            rows.reverse();
+        }
+        let turned = rows.into_iter().flat_map(|row| {
+            let mut pixels: Vec<&[u8]> = row.chunks_exact(RGB).collect();
+            if element.flips_x() {
+                pixels.reverse();
+            }
+            pixels.concat()
+        });
+        turned.collect()
+    });
+    Cell { frames: frames.collect(), ..*cell }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_film_is_mirrored_as_its_variant_is() {
+        let cell =
+            Cell { width: 2, height: 2, frames: vec![(0..12).collect(), (12..24).collect()] };
+        let first = |element| mirrored(&cell, element).frames[0].clone();
+        assert_eq!(first(D2::Identity), cell.frames[0]);
+        assert_eq!(first(D2::FlipX), [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]);
+        assert_eq!(first(D2::FlipY), [6, 7, 8, 9, 10, 11, 0, 1, 2, 3, 4, 5]);
+        let twice = |element| mirrored(&mirrored(&cell, element), element);
+        assert!(D2::ALL.into_iter().all(|element| twice(element) == cell));
+    }
+}

@@ -1,0 +1,199 @@
+//! Panels of the screen other than curves and distances, and the colours that all panels share.
+
+use envs::RGB;
+use ratatui::Frame;
+use ratatui::buffer::Buffer;
+use ratatui::layout::{Constraint, Rect};
+use ratatui::style::{Color, Style};
+use ratatui::symbols::Marker;
+use ratatui::text::Span;
+use ratatui::widgets::{Axis, Block, Borders, Cell, Chart, Dataset, GraphType, Row, Table};
+
+use experiments::RunData;
+use experiments::colours::rgb;
+use experiments::evaluation;
+use experiments::sheet::Picture;
+use experiments::text::number;
+
+use super::Progress;
+
+/// Luminance (0 to 255) of a background above which black text is easier to read than white.
+const LIGHT: f64 = 110.0;
+/// Largest ratio on the chart of ratios; larger ones are drawn at this height.
+const LARGEST_RATIO: f64 = 4.0;
+/// Columns of the names in front of the strips.
+const NAMES: u16 = 7;
+
+/// Returns the colour of a group by its place in the schedule, as in reports.
+pub fn group_colour(run: &RunData, group: &str) -> Color {
+    let number = run.experiment.schedule.number(group);
+    number.map(rgb).map_or(Color::Reset, |[r, g, b]| Color::Rgb(r, g, b))
+}
+
+/// Returns the colour of a policy: that of the group for which it was created.
+pub fn policy_colour(run: &RunData, policy: usize) -> Color {
+    let group = run.group_of(policy);
+    group.map_or(Color::Reset, |group| group_colour(run, group))
+}
+
+/// Returns a style for text on `colour`: black or white, whichever is easier to read.
+fn text_on(colour: Color) -> Style {
+    let Color::Rgb(r, g, b) = colour else {
+        return Style::new().reversed();
+    };
+    // weights of ITU-R BT.601
+    let luminance = 0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b);
+    let text = if luminance > LIGHT { Color::Black } else { Color::White };
+    Style::new().bg(colour).fg(text)
+}
+
+/// Draws a table with a row for each group: policy, reward and success of its latest rollout, and
+/// the mean success of its variants in the latest evaluation.
+pub fn draw_groups(run: &RunData, frame: &mut Frame, area: Rect) {
+    let plans = run.experiment.schedule.groups.iter();
+    let rows = plans.map(|plan| group_row(run, &plan.group));
+    let widths = [14, 8, 6, 6, 7, 9].map(Constraint::Length);
+    let header = ["group", "rollouts", "policy", "reward", "success", "evaluated"];
+    let table = Table::new(rows, widths)
+        .header(Row::new(header).style(Style::new().bold()))
+        .block(Block::bordered().title("groups, newest figures"));
+    frame.render_widget(table, area);
+}
+
+fn group_row<'a>(run: &RunData, group: &'a str) -> Row<'a> {
+    let own = || run.rollouts.iter().filter(|row| row.group == group);
+    let newest = own().next_back();
+    let policy = newest.map_or_else(|| "-".to_owned(), |row| row.policy.to_string());
+    let scores = run.last_scores().filter(|row| row.group == group);
+    let scores: Vec<f64> = scores.map(|row| row.success).collect();
+    let evaluated = (!scores.is_empty()).then(|| evaluation::mean(&scores));
+    let name = Span::styled(format!("■ {group}"), group_colour(run, group));
+    Row::new([
+        Cell::new(name),
+        Cell::new(own().count().to_string()),
+        Cell::new(policy),
+        Cell::new(number(newest.and_then(|row| row.reward), 1)),
+        Cell::new(number(newest.and_then(|row| row.success), 2)),
+        Cell::new(number(evaluated, 2)),
+    ])
+}
+
+/// Draws two strips, one below the other, of as many of the latest rollouts as fit: the group's
+/// first letter on its colour, and the policy's number on the colour of the group for which it was
+/// created. A rollout with two colours was assigned to another group's policy.
+pub fn draw_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
+    let room = usize::from(area.width.saturating_sub(NAMES));
+    let newest = &run.rollouts[run.rollouts.len().saturating_sub(room)..];
+    let mut lines = area.rows();
+    let groups = newest.iter().map(|row| {
+        let initial = row.group.chars().next().unwrap_or('?');
+        (initial, group_colour(run, &row.group))
+    });
+    draw_strip("group", groups, lines.next(), buffer);
+    let policies = newest.iter().map(|row| {
+        // a cell has room for the last digit only
+        let digit = char::from(b'0' + (row.policy % 10) as u8);
+        (digit, policy_colour(run, row.policy))
+    });
+    draw_strip("policy", policies, lines.next(), buffer);
+}
+
+/// Draws a name and characters on their colours; nothing if there is no line left.
+fn draw_strip(
+    name: &str,
+    characters: impl Iterator<Item = (char, Color)>,
+    line: Option<Rect>,
+    buffer: &mut Buffer,
+) {
+    let Some(line) = line else { return };
+    buffer.set_stringn(line.x, line.y, name, usize::from(line.width), Color::Reset);
+    let columns = line.x + NAMES.min(line.width)..line.right();
+    for (x, (character, colour)) in columns.zip(characters) {
+        buffer[(x, line.y)].set_char(character).set_style(text_on(colour));
+    }
+}
+
+/// Draws the ratio of each distance to its threshold over the whole stream, as dots in the
+/// policies' colours. With a permutation test's threshold, a dot above the line at 1 is a rollout
+/// that is unlikely to be of the policy's group.
+pub fn draw_ratios(run: &RunData, frame: &mut Frame, area: Rect) {
+    let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
+    let end = newest.max(Progress::after(run, 0).stream as f64);
+    let policies = run.rollouts.iter().map(|row| row.distances.len()).max();
+    let dots: Vec<Vec<(f64, f64)>> =
+        (0..policies.unwrap_or(0)).map(|policy| ratios(run, policy)).collect();
+    let one = [(0.0, 1.0), (end, 1.0)];
+    let line = Dataset::default()
+        .marker(Marker::Braille)
+        .graph_type(GraphType::Line)
+        .style(Style::new().fg(Color::DarkGray))
+        .data(&one);
+    let sets = dots.iter().enumerate().map(|(policy, dots)| {
+        Dataset::default()
+            .marker(Marker::Braille)
+            .style(Style::new().fg(policy_colour(run, policy)))
+            .data(dots)
+    });
+    let chart = Chart::new(std::iter::once(line).chain(sets).collect())
+        .block(Block::new().borders(Borders::TOP).title("W1 / threshold"))
+        .x_axis(Axis::default().bounds([0.0, end]))
+        .y_axis(Axis::default().bounds([0.0, LARGEST_RATIO]).labels(["0", "2", "4"]));
+    frame.render_widget(chart, area);
+}
+
+/// Returns the decisions and the ratio of each rollout's distance to one policy.
+fn ratios(run: &RunData, policy: usize) -> Vec<(f64, f64)> {
+    let rows = run.rollouts.iter().filter_map(|row| {
+        let threshold = run.thresholds(row).get(policy).copied()??;
+        let ratio = row.distances.get(policy).copied()?? / threshold;
+        Some((row.decisions as f64, ratio.min(LARGEST_RATIO))).filter(|_| ratio.is_finite())
+    });
+    rows.collect()
+}
+
+/// Returns the largest part of an area that has the aspect ratio of a picture. A cell shows two
+/// pixels, one above the other.
+pub fn fit_picture(picture: &Picture, area: Rect) -> Rect {
+    let (width, height) = (picture.width.max(1), picture.height.max(1));
+    let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));
+    let (across, down) = if across * height <= down * width {
+        (across, across * height / width)
+    } else {
+        (down * width / height, down)
+    };
+    Rect::new(area.x, area.y, across as u16, (down / 2) as u16)
+}
+
+/// Draws a picture in half blocks. It is stretched to the area, so the area should be that of
+/// [`fit_picture`].
+pub fn draw_picture(picture: &Picture, area: Rect, buffer: &mut Buffer) {
+    let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));
+    for y in 0..down / 2 {
+        for x in 0..across {
+            let pixel = |row: usize| mean_colour(picture, [x, row], [across, down]);
+            let cell = &mut buffer[(area.x + x as u16, area.y + y as u16)];
+            cell.set_char('▀').set_fg(pixel(2 * y)).set_bg(pixel(2 * y + 1));
+        }
+    }
+}
+
+/// Returns the mean colour of the part of a picture that the pixel `at` covers, of a grid of
+/// `of` = `[across, down]` pixels.
+fn mean_colour(picture: &Picture, at: [usize; 2], of: [usize; 2]) -> Color {
+    let range = |axis: usize, side: usize| {
+        let from = at[axis] * side / of[axis];
+        // at least one pixel, where the grid is finer than the picture
+        from..((at[axis] + 1) * side / of[axis]).max(from + 1)
+    };
+    let columns = range(0, picture.width);
+    let (mut sums, mut count) = ([0_usize; RGB], 0);
+    for y in range(1, picture.height) {
+        let row = &picture.rgb[y * picture.width * RGB..][columns.start * RGB..columns.end * RGB];
+        for pixel in row.chunks_exact(RGB) {
+            sums.iter_mut().zip(pixel).for_each(|(sum, &part)| *sum += usize::from(part));
+            count += 1;
+        }
+    }
+    let [r, g, b] = sums.map(|sum| (sum / count) as u8);
+    Color::Rgb(r, g, b)
+}
