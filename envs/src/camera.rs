@@ -235,27 +235,24 @@ const SHARE: &str = "a number in 0..=1";
 const RADIUS: &str = "a length in metres, or 0 for no mark";
 const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 
-#[cfg(test)]
-mod tests;
-
-/// The pictures behind that of now in an observation's image, three channels each.
+/// Pictures that follow the current one in an observation's image, three channels each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ExtraView {
-    /// The episode's first picture.
+    /// First picture of the episode.
     #[default]
     First,
-    /// The picture of now around the place of the table under the hand, without the gripper's mark:
-    /// where objects are relative to the hand. It is cut out of what is drawn, so the table is
+    /// Close-up of the table below the hand, without the gripper's mark, which shows objects
+    /// relative to the hand. It is cut out of the rendered picture, so the table is
     /// [`Camera::oversampling`](crate::Camera::oversampling) times as large as in the whole
-    /// picture. What lies beyond is grey.
+    /// picture. The area beyond the picture is grey.
     CloseUp,
-    /// The episode's first picture, then the close-up.
+    /// First picture of the episode, then the close-up.
     FirstAndCloseUp,
 }
 
 impl ExtraView {
-    /// Channels of an observation's image, C: six or nine.
+    /// Returns the number of channels of an observation's image, C: 6 or 9.
     pub const fn channels(self) -> usize {
         match self {
             Self::First | Self::CloseUp => 2 * RGB,
@@ -263,8 +260,8 @@ impl ExtraView {
         }
     }
 
-    /// How many of the last channels show the same throughout an episode, and need to be kept once:
-    /// three or none.
+    /// Returns the number of last channels that are constant during an episode, and need to be stored
+    /// once: 3 or 0.
     pub const fn still_channels(self) -> usize {
         match self {
             Self::First => RGB,
@@ -272,3 +269,6 @@ impl ExtraView {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

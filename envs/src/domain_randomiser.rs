@@ -16,7 +16,7 @@ const PICTURE_STREAMS: u64 = 1 << 63;
 /// Standard deviation of a patch's distance from the gripper along either axis (mm), about the
 /// width of an arm with its gripper.
 const PATCH_SPREAD: f64 = 100.0;
-/// Exponent interpolate light and the levels of a picture, as in sRGB.
+/// Approximate exponent between light and the levels of a picture, as in sRGB.
 const GAMMA: f64 = 2.2;
 /// Largest share of a pixel that one blur pass gives to each neighbour. With more, the pixel would
 /// keep less than its neighbours get.
@@ -183,7 +183,7 @@ fn blurred(own: Pixel, [before, behind]: [Pixel; 2], share: f32) -> Pixel {
     std::array::from_fn(of)
 }
 
-/// Interpolates linearly interpolate two colours.
+/// Interpolates linearly between two colours.
 fn interpolate(from: Pixel, to: Pixel, share: f32) -> Pixel {
     std::array::from_fn(|lane| from[lane] + (to[lane] - from[lane]) * share)
 }

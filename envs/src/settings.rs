@@ -50,8 +50,8 @@ impl Default for VecEnvSettings {
     }
 }
 
-const FIRST_PICTURE: &str = "the first picture where pictures are randomised: a camera's errors \
-are drawn for whole pictures, and close-ups of them would have none";
+const FIRST_PICTURE: &str = "the first picture if pictures are randomised: camera errors apply to \
+whole pictures, so close-ups would be without them";
 
 impl VecEnvSettings {
     /// Returns the length of one environment's image, size x size x C.

@@ -156,7 +156,7 @@ fn in_range(
         }
     }
     let ended = matches!(table.step(&[0.0; ACTION_DIM]), Err(EnvError::NotReset));
-    Ok(unless(ended, || "it goes on after the horizon".to_owned()))
+    Ok(unless(ended, || "the episode goes on after the horizon".to_owned()))
 }
 
 fn step_in_range(step: &Step, last: bool) -> bool {
@@ -194,7 +194,7 @@ fn determinism(case: &Case) -> RuleResult {
     let finding = if fresh(1)? != first {
         "two episodes of one seed differ"
     } else if again != first {
-        "the episode before shows"
+        "the previous episode affects the next"
     } else if fresh(2)? == first {
         "the seed changes nothing"
     } else {
@@ -250,7 +250,7 @@ fn continuation(case: &Case) -> RuleResult {
     let finding = if seen.map(f32::to_bits) != before.map(f32::to_bits) {
         "the restored observation differs"
     } else if straight != resumed {
-        "it goes on differently elsewhere"
+        "the restored episode continues differently"
     } else {
         return Ok(None);
     };

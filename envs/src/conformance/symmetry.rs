@@ -38,7 +38,8 @@ pub struct SymmetryRow {
     /// Largest deviation (metres) of hand, fingertips, claw distance or object before the first
     /// contact; open loop with mirrored actions.
     pub free_deviation: f64,
-    /// Largest deviation (metres) of these from the first contact on.
+    /// Largest deviation (metres) of hand, fingertips, claw distance or object from the first
+    /// contact on.
     pub contact_deviation: f64,
     /// Largest difference between the rewards of a decision, open loop.
     pub reward_deviation: f64,
