@@ -7,8 +7,7 @@
 //!
 //! - [`VecEnv`]: many environments on worker threads, pictures included, for training.
 //! - [`TableTop`]: one environment without a picture, for state-based work and scripted experts.
-//! - [`SimulatedArm`]: the arm of a [`TableTop`] behind the [`robots::Robot`] interface of real
-//! arms.
+//! - [`SimulatedArm`]: the arm of a [`TableTop`] as a [`robots::Robot`], like a real arm.
 //! - [`SceneRenderer`]: pictures of a [`TableTop`].
 //! - [`TaskRegistry`]: groups by name.
 //! - [`conformance`]: rules for tasks, as functions for tests.

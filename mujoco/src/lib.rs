@@ -6,8 +6,8 @@
 //! - [`Renderer`]: off-screen renderer; stays on its thread.
 //!
 //! Names are converted to typed ids once ([`Model::body`] and similar), where an unknown name is an
-//! error. Values are plain arrays: positions `[f64; 3]` in metres, quaternions `[f64; 4]` as (w, x,
-//! y, z), images `[H, W, 3]` of bytes with row 0 at the top.
+//! error. Values are plain arrays: positions `[f64; 3]` in metres, quaternions `[f64; 4]` in
+//! the order (w, x, y, z), images `[H, W, 3]` of bytes with row 0 at the top.
 //!
 //! ```
 //! use std::sync::Arc;
