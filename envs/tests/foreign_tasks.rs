@@ -115,7 +115,7 @@ fn parts_that_are_not_numbers_are_refused() {
 fn an_expert_that_asks_for_what_is_no_number_is_refused() {
     let lost = Spoilt { expert: |command, _| command.hand.x = f64::INFINITY, ..Spoilt::default() };
     let limp = Spoilt { expert: |command, _| command.finger = f64::NAN, ..Spoilt::default() };
-    for (spoilt, says) in [(lost, "inf"), (limp, "fingers of NaN")] {
+    for (spoilt, says) in [(lost, "inf"), (limp, "the fingers to NaN")] {
         let table = started(spoilt.group(), Control::default());
         let message = table.expert_action().unwrap_err().to_string();
         assert!(message.contains("the expert of push-block"), "{message}");
