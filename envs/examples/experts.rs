@@ -1,5 +1,5 @@
-//! How often the scripted expert solves each of the 16 variants: `experts EMBODIMENT N` runs N
-//! episodes of each, with the placements of the seeds 0 to N - 1.
+//! Measures the success rate of the scripted expert on each of the 16 variants: `experts EMBODIMENT
+//! N` runs N episodes of each, with the placements of the seeds 0 to N - 1.
 
 use std::error::Error;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Buffers for what N environments show.
+//! Buffers for observations and outcomes of N environments.
 
 use crate::settings::VecEnvSettings;
 use crate::tabletop::VECTOR_DIM;
@@ -6,54 +6,56 @@ use crate::tabletop::VECTOR_DIM;
 /// Borrowed buffers for the observations of N environments.
 #[derive(Debug)]
 pub struct ObservationsMut<'a> {
-    /// `[N, size, size, C]`: the current RGB picture, then what [`Beside`](crate::Beside) says.
+    /// Images `[N, size, size, C]`: the current RGB picture, then those of
+    /// [`ExtraView`](crate::ExtraView).
     pub images: &'a mut [u8],
-    /// `[N, 7]`, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
+    /// Vectors `[N, 7]`, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
     pub vectors: &'a mut [f32],
 }
 
 /// Borrowed buffers for the outcome of one step of N environments.
 #[derive(Debug)]
 pub struct StepMut<'a> {
-    /// What the next action should be chosen from: of the next episode where one ended.
+    /// Observations to choose the next actions from. Where an episode ended, the first of the next
+    /// one.
     pub observations: ObservationsMut<'a>,
-    /// The last observation of an episode; rows are written only where `truncated`.
+    /// Last observations of episodes that ended; only rows with `truncated` are written.
     pub final_observations: ObservationsMut<'a>,
-    /// `[N]`, in `[0, 1]`.
+    /// Rewards `[N]`, in `[0, 1]`.
     pub rewards: &'a mut [f32],
-    /// `[N]`: the success condition held at any control step of the decision.
+    /// `[N]`: `true` if the success condition held at any control step of the decision.
     pub success: &'a mut [bool],
-    /// `[N]`: the success condition holds after the decision's last control step.
+    /// `[N]`: `true` if the success condition holds after the decision's last control step.
     pub success_at_end: &'a mut [bool],
-    /// `[N]`: the episode reached its time limit, or its environment failed; tasks never end
-    /// otherwise.
+    /// `[N]`: `true` if the episode reached its time limit, or its environment failed. Tasks have
+    /// no other end.
     pub truncated: &'a mut [bool],
 }
 
-/// Owned buffers of the shapes that [`VecEnv`](crate::VecEnv) fills; see [`StepMut`] for what they
-/// hold.
+/// Owned buffers for the results of [`VecEnv`](crate::VecEnv); [`StepMut`] documents their
+/// contents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Batch {
-    /// `[N, size, size, 6]`.
+    /// Images `[N, size, size, C]`, C = 6 by default.
     pub images: Vec<u8>,
-    /// `[N, 7]`.
+    /// Vectors `[N, 7]`.
     pub vectors: Vec<f32>,
-    /// `[N, size, size, 6]`; of episodes that ended.
+    /// Last images `[N, size, size, C]` of episodes that ended.
     pub final_images: Vec<u8>,
-    /// `[N, 7]`; of episodes that ended.
+    /// Last vectors `[N, 7]` of episodes that ended.
     pub final_vectors: Vec<f32>,
-    /// `[N]`.
+    /// Rewards `[N]`.
     pub rewards: Vec<f32>,
-    /// `[N]`.
+    /// Success at any control step `[N]`.
     pub success: Vec<bool>,
-    /// `[N]`.
+    /// Success at the last control step `[N]`.
     pub success_at_end: Vec<bool>,
-    /// `[N]`.
+    /// Ends of episodes `[N]`.
     pub truncated: Vec<bool>,
 }
 
 impl Batch {
-    /// Zeros for the environments of `settings`.
+    /// Creates zeroed buffers for the environments of `settings`.
     pub fn new(settings: &VecEnvSettings) -> Self {
         let (n, image) = (settings.num_envs, settings.image_len());
         Self {
@@ -68,12 +70,12 @@ impl Batch {
         }
     }
 
-    /// What a reset fills.
+    /// Returns the buffers that a reset fills.
     pub fn observations(&mut self) -> ObservationsMut<'_> {
         ObservationsMut { images: &mut self.images, vectors: &mut self.vectors }
     }
 
-    /// What a step fills.
+    /// Returns the buffers that a step fills.
     pub fn step(&mut self) -> StepMut<'_> {
         StepMut {
             observations: ObservationsMut { images: &mut self.images, vectors: &mut self.vectors },

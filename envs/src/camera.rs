@@ -1,5 +1,4 @@
-//! How a picture is taken: the top-down camera, how points project, the light, and the mark over
-//! the gripper.
+//! Top-down camera: projection, light, and the mark over the gripper.
 
 use std::ops::RangeInclusive;
 
@@ -8,73 +7,72 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{EnvError, require};
 
-mod seen;
+mod compose;
 
-pub use seen::Pictures;
+pub use compose::Pictures;
 
 /// Colour channels of one picture.
 pub const RGB: usize = 3;
-/// Largest picture that is drawn (pixels along a side).
-const LARGEST: usize = 4096;
-/// Pixels that may be drawn along a side of one that is seen.
+/// Largest side of a drawn picture (pixels).
+const MAX_SIDE: usize = 4096;
+/// Range of drawn pixels along each side of an observed pixel.
 pub(crate) const OVERSAMPLING: RangeInclusive<usize> = 1..=8;
-/// Lowest camera (metres); at or below the hand's height a projection would be mirrored.
-const LOWEST: f64 = 0.6;
+/// Lowest camera (metres). A camera at or below the hand would project it mirrored.
+const MIN_HEIGHT: f64 = 0.6;
 
-/// How a picture is taken: the camera, the light and the gripper's mark. Part of what a trained
-/// policy depends on, so it serialises.
+/// Camera, light and gripper mark. A trained policy depends on them, so they serialise.
 ///
 /// A square pinhole camera looks straight down on the table's centre; image up is +y, image right
 /// is +x. There are no shadows and no reflections.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// Pixels along either side; even, so that flips map pixels to pixels.
+    /// Pixels along either side; an even number, so that flips map pixels to pixels.
     pub size: usize,
-    /// Pixels that are drawn along each side of one that is seen, 1 to 8: what is seen is their
-    /// mean, so that edges move by less than a pixel. One where a file says nothing.
+    /// Drawn pixels along each side of an observed pixel, 1 to 8 (1 if a file has no value). An
+    /// observed pixel is their mean, so an edge can move by less than a pixel.
     #[serde(default = "one")]
     pub oversampling: usize,
-    /// Height over the table (metres).
+    /// Height above the table (metres).
     pub height: f64,
-    /// Half the side of the square seen on the table (metres); with the height it sets the field of
-    /// view.
+    /// Half the side of the visible square of the table (metres). Together with the height it sets
+    /// the field of view.
     pub half_extent: f64,
-    /// Colour of the floor around the table before lighting, RGB in `[0, 1]`.
+    /// Unlit colour of the floor around the table, RGB in `[0, 1]`.
     pub background: [f64; 3],
-    /// The light.
+    /// Light sources.
     pub light: Light,
-    /// What marks the gripper.
+    /// Mark over the gripper.
     pub mark: Mark,
-    /// What an observation shows beside the picture of now; the first picture where a file says
-    /// nothing.
+    /// Pictures that an observation holds besides the current one; the first picture if a file has
+    /// no value.
     #[serde(default)]
-    pub beside: Beside,
+    pub beside: ExtraView,
 }
 
-/// White light that mirrors exactly: it comes from all around, from the camera and from straight
-/// above. A surface that faces the camera shows its colour times the sum of the three.
+/// White light that is symmetric under D2: ambient, from the camera and from straight above. A
+/// surface that faces the camera shows its colour times the sum of the three.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
-    /// From all around, in `[0, 1]`.
+    /// Ambient light, in `[0, 1]`.
     pub ambient: f64,
-    /// From the camera, in `[0, 1]`.
+    /// Light from the camera, in `[0, 1]`.
     pub camera: f64,
-    /// From straight above, in `[0, 1]`.
+    /// Light from straight above, in `[0, 1]`.
     pub overhead: f64,
 }
 
-/// A disc or a ring that is drawn over the gripper, as large in the picture as one that lies on the
-/// table, however high the gripper is.
+/// Disc or ring over the gripper. Its size in the picture is that of one on the table, whatever the
+/// gripper's height.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mark {
-    /// Outer radius (metres); zero draws nothing.
+    /// Outer radius (metres); 0 draws nothing.
     pub radius: f64,
-    /// Radius of the hole (metres); zero is a filled disc, more a ring.
+    /// Radius of the hole (metres); 0 for a filled disc.
     pub hole: f64,
-    /// Colour, RGB.
+    /// RGB colour.
     pub color: [u8; 3],
 }
 
@@ -88,7 +86,7 @@ impl Default for Camera {
             background: [0.73, 0.74, 0.74],
             light: Light::default(),
             mark: Mark::default(),
-            beside: Beside::default(),
+            beside: ExtraView::default(),
         }
     }
 }
@@ -106,19 +104,19 @@ impl Default for Mark {
 }
 
 impl Camera {
-    /// Refuses sizes that a flip does not map onto themselves, cameras that see nothing, and
+    /// Rejects sizes that a flip does not map onto themselves, cameras that see nothing, and
     /// colours out of range.
     ///
     /// # Errors
     /// [`EnvError::Setting`].
     pub fn check(&self) -> Result<(), EnvError> {
-        let even = (2..=LARGEST).contains(&self.size) && self.size.is_multiple_of(2);
+        let even = (2..=MAX_SIDE).contains(&self.size) && self.size.is_multiple_of(2);
         require(even, "image size", &self.size, SIZE)?;
         let samples = OVERSAMPLING.contains(&self.oversampling);
         require(samples, "oversampling", &self.oversampling, SAMPLES)?;
         let drawn = self.drawn_size();
-        require(drawn <= LARGEST, "image size times oversampling", &drawn, DRAWN)?;
-        let high = self.height >= LOWEST && self.height.is_finite();
+        require(drawn <= MAX_SIDE, "image size times oversampling", &drawn, DRAWN)?;
+        let high = self.height >= MIN_HEIGHT && self.height.is_finite();
         require(high, "camera height", &self.height, HEIGHT)?;
         let wide = self.half_extent > 0.0 && self.half_extent.is_finite();
         require(wide, "camera half extent", &self.half_extent, LENGTH)?;
@@ -129,7 +127,7 @@ impl Camera {
         self.mark.check()
     }
 
-    /// The camera, its light and the floor's material as the last part of a scene.
+    /// Returns the camera, its light and the floor's material as the last part of a scene.
     pub(crate) fn to_mjcf(self, name: &str) -> String {
         let fovy = 2.0 * (self.half_extent / self.height).atan().to_degrees();
         let height = self.height;
@@ -158,7 +156,7 @@ impl Camera {
         self.size as f64 / (2.0 * self.half_extent)
     }
 
-    /// How many pixels so many millimetres of the table take.
+    /// Converts a length on the table from millimetres to pixels.
     pub(crate) fn pixels(&self, millimetres: f64) -> f64 {
         millimetres / 1e3 * self.pixels_per_metre()
     }
@@ -173,9 +171,9 @@ impl Camera {
     }
 }
 
-/// Goes through the pixels of a picture `[size, size]` whose middles are nearer than `radii[0]` and
-/// not nearer than `radii[1]` to the point `offset` (right, down) from the picture's middle; all in
-/// pixels. Mirroring the offset mirrors the ring exactly.
+/// Calls `visit` with the index of every pixel of a picture `[size, size]` whose centre is nearer
+/// than `radii[0]`, but not nearer than `radii[1]`, to the point `offset` (right, down) from the
+/// picture's centre. All lengths are in pixels. Mirroring the offset mirrors the ring exactly.
 pub(crate) fn on_ring(
     offset: [f64; 2],
     radii: [f64; 2],
@@ -183,7 +181,7 @@ pub(crate) fn on_ring(
     mut visit: impl FnMut(usize),
 ) {
     let middle = size as f64 / 2.0;
-    // pixels outside of these ranges cannot be reached
+    // pixels outside of this box cannot be reached; the test below decides the rest
     let reach = |axis: usize| {
         let [low, high] = [-1.0, 1.0].map(|side| middle + offset[axis] + side * (radii[0] + 1.0));
         let pixel = |value: f64| value.clamp(0.0, size as f64) as usize;
@@ -191,6 +189,7 @@ pub(crate) fn on_ring(
     };
     let squares = radii.map(|radius| radius * radius);
     for row in reach(1) {
+        // in this order, since (row + 0.5) - middle is exact and negates exactly under a flip
         let dy = ((row as f64 + 0.5) - middle) - offset[1];
         for column in reach(0) {
             let dx = ((column as f64 + 0.5) - middle) - offset[0];
@@ -236,27 +235,24 @@ const SHARE: &str = "a number in 0..=1";
 const RADIUS: &str = "a length in metres, or 0 for no mark";
 const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 
-#[cfg(test)]
-mod tests;
-
-/// The pictures behind that of now in an observation's image, three channels each.
+/// Pictures that follow the current one in an observation's image, three channels each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Beside {
-    /// The episode's first picture.
+pub enum ExtraView {
+    /// First picture of the episode.
     #[default]
     First,
-    /// The picture of now around the place of the table under the hand, without the gripper's mark:
-    /// where objects are relative to the hand. It is cut out of what is drawn, so the table is
+    /// Close-up of the table below the hand, without the gripper's mark, which shows objects
+    /// relative to the hand. It is cut out of the rendered picture, so the table is
     /// [`Camera::oversampling`](crate::Camera::oversampling) times as large as in the whole
-    /// picture. What lies beyond is grey.
+    /// picture. The area beyond the picture is grey.
     CloseUp,
-    /// The episode's first picture, then the close-up.
+    /// First picture of the episode, then the close-up.
     FirstAndCloseUp,
 }
 
-impl Beside {
-    /// Channels of an observation's image, C: six or nine.
+impl ExtraView {
+    /// Returns the number of channels of an observation's image, C: 6 or 9.
     pub const fn channels(self) -> usize {
         match self {
             Self::First | Self::CloseUp => 2 * RGB,
@@ -264,8 +260,8 @@ impl Beside {
         }
     }
 
-    /// How many of the last channels show the same throughout an episode, and need to be kept once:
-    /// three or none.
+    /// Returns the number of last channels that are constant during an episode, and need to be stored
+    /// once: 3 or 0.
     pub const fn still_channels(self) -> usize {
         match self {
             Self::First => RGB,
@@ -273,3 +269,6 @@ impl Beside {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

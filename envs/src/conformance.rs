@@ -1,7 +1,7 @@
-//! What every task must do, as functions for the tests of whoever writes one.
+//! Rules for tasks, as functions that a task's tests call.
 //!
-//! [`check`] holds a group to all rules: one line in a test. [`experts()`] and [`symmetry()`]
-//! return figures of one variant on as many placements as wanted.
+//! [`check`] tests a group against all rules in one line. [`experts()`] and [`symmetry()`] measure
+//! one variant on a chosen number of placements.
 //!
 //! ```no_run
 //! #[test]

@@ -1,4 +1,4 @@
-//! How actions become motion and how long an episode lasts.
+//! Conversion of actions to motion, and length of an episode.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,10 +6,10 @@ use crate::error::{EnvError, require};
 
 /// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
 pub const PHYSICS_STEPS: usize = 5;
-/// Seconds of a control step.
+/// Duration of a control step (seconds).
 const CONTROL_STEP: f64 = 0.0125;
 
-/// How actions become motion and how long an episode lasts.
+/// Action scale, action repeat and episode length.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Control {
@@ -23,27 +23,30 @@ pub struct Control {
 
 impl Default for Control {
     fn default() -> Self {
+        // decisions at 8 Hz; Meta-World's 500 control steps then are an episode of 50 decisions
         Self { action_repeat: 10, displacement: 0.04, horizon: 500 }
     }
 }
 
 impl Control {
-    /// How long a decision lasts (seconds of the simulation).
+    /// Returns the duration of a decision (seconds of simulated time).
     pub fn decision_seconds(&self) -> f64 {
         self.action_repeat as f64 * CONTROL_STEP
     }
 
-    /// Meta-World's: an action is held for one control step and moves the target by a centimetre.
+    /// Returns Meta-World's settings: an action is held for one control step and moves the target
+    /// by 1 cm.
     pub fn meta_world() -> Self {
         Self { action_repeat: 1, displacement: 0.01, horizon: 500 }
     }
 
-    /// Decisions in an episode; 0 for an action repeat of 0, which [`Control::check`] refuses.
+    /// Returns the number of decisions in an episode; 0 if the action repeat is 0, which
+    /// [`Control::check`] rejects.
     pub fn decisions(&self) -> usize {
         self.horizon.checked_div(self.action_repeat).unwrap_or(0)
     }
 
-    /// Refuses settings out of range.
+    /// Rejects settings out of range.
     ///
     /// # Errors
     /// [`EnvError::Setting`].
@@ -58,13 +61,13 @@ impl Control {
     }
 }
 
-/// The action of one environment with its components clipped to `[-1, 1]`.
+/// Returns the action of one environment with its components clipped to `[-1, 1]`.
 pub(crate) fn clip<const N: usize>(action: &[f32; N]) -> Result<[f64; N], EnvError> {
     check_action(action)?;
     Ok(action.map(|value| f64::from(value.clamp(-1.0, 1.0))))
 }
 
-/// Refuses an action of one environment that holds anything but numbers.
+/// Rejects an action with components that are NaN or infinite.
 pub(crate) fn check_action(action: &[f32]) -> Result<(), EnvError> {
     match action.iter().position(|value| !value.is_finite()) {
         None => Ok(()),

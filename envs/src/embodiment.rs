@@ -1,71 +1,73 @@
-//! The handle by which the rest of the crate knows what carries the gripper, and the names.
+//! Embodiments by name: the handle that settings store, and the registry.
 
 use std::sync::{PoisonError, RwLock};
 
 use serde::{Deserialize, Deserializer, de};
 
-use crate::carrier::Carrier;
-use crate::carriers::{Hand, KinovaGen3, Sawyer};
+use crate::embodiment_spec::EmbodimentSpec;
+use crate::embodiments::{Hand, KinovaGen3, Sawyer};
 use crate::error::EnvError;
-use crate::identity::{Identity, stands_for_its_name};
+use crate::instance_id::{InstanceId, impl_traits_by_name};
 
-/// What carries the gripper: a handle on the [`Carrier`] that defines it.
+/// Robot or bare gripper that acts in an environment: a handle on the [`EmbodimentSpec`] that
+/// defines it.
 ///
-/// Embodiments are compared, ordered, hashed, printed and serialised by their names. Settings hold
-/// one by name, so reading them knows the embodiments that come with the crate, and those that the
-/// program has given to [`Embodiment::register`].
+/// Embodiments are compared, ordered, hashed, printed and serialised by name. Settings store the
+/// name, so reading them requires an embodiment of this crate, or one that the program gave to
+/// [`Embodiment::register`].
 #[derive(Clone, Copy)]
-pub struct Embodiment(&'static dyn Carrier);
+pub struct Embodiment(&'static dyn EmbodimentSpec);
 
-/// Those that a program has added.
+/// Embodiments registered by the program.
 static REGISTERED: RwLock<Vec<Embodiment>> = RwLock::new(Vec::new());
 
 impl Embodiment {
-    /// A seven-joint Sawyer arm, which breaks the symmetry of the table by a centimetre or two open
-    /// loop.
+    /// Seven-joint Sawyer arm. Open loop, it breaks the symmetry of the table by one or two
+    /// centimetres.
     pub const SAWYER: Self = Self::of(&Sawyer);
-    /// The gripper alone on three slides; moves like the arm's hand and mirrors exactly.
+    /// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
     pub const HAND: Self = Self::of(&Hand);
-    /// A Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that have learnt
+    /// Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that were trained
     /// with another arm.
     pub const KINOVA_GEN3: Self = Self::of(&KinovaGen3);
 
-    /// Those that learners learn with, in the order of reports. Every task is held to its rules
-    /// with them.
+    /// Embodiments for training, in the order of reports. Every task must pass its conformance
+    /// rules with them.
     pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::HAND];
-    /// Those that come with the crate.
+    /// Embodiments of this crate.
     pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
 
-    /// The embodiment that `carrier` defines.
+    /// Returns the embodiment that `spec` defines.
     ///
-    /// As with [`TaskGroup::of`](crate::TaskGroup::of), one that is made while the program runs is
-    /// leaked: `Embodiment::of(Box::leak(Box::new(carrier)))`.
-    pub const fn of(carrier: &'static dyn Carrier) -> Self {
-        Self(carrier)
+    /// A spec that is made at run time must be leaked, as with
+    /// [`TaskGroup::of`](crate::TaskGroup::of): `Embodiment::of(Box::leak(Box::new(spec)))`.
+    pub const fn of(spec: &'static dyn EmbodimentSpec) -> Self {
+        Self(spec)
     }
 
-    /// The name as settings and files spell it, for instance `sawyer`.
+    /// Returns the name as settings and files spell it, for instance `sawyer`.
     pub fn name(self) -> &'static str {
         self.0.name()
     }
 
-    /// What defines it.
-    pub fn carrier(self) -> &'static dyn Carrier {
+    /// Returns the definition.
+    pub fn spec(self) -> &'static dyn EmbodimentSpec {
         self.0
     }
 
-    /// Makes the name known to this process, so that settings which hold it can be read. To
-    /// register an embodiment again changes nothing.
+    /// Registers the name in this process, so that settings with it can be read. Registering an
+    /// embodiment again has no effect.
     ///
     /// # Errors
-    /// [`EnvError::EmbodimentName`] for a name that settings cannot spell,
-    /// [`EnvError::DuplicateEmbodiment`] for one that is taken.
+    /// [`EnvError::EmbodimentName`] for a malformed name, [`EnvError::DuplicateEmbodiment`] for a
+    /// name that is taken.
     pub fn register(self) -> Result<(), EnvError> {
         self.check_name()?;
         let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
         let mut known = Self::BUILT_IN.iter().chain(registered.iter());
         match known.find(|known| **known == self) {
-            Some(known) if known.identity() == self.identity() => {}
+            // the very same definition again, for instance from a second thread
+            Some(known) if known.instance_id() == self.instance_id() => {}
             Some(_) => {
                 let name = self.name().to_owned();
                 return Err(EnvError::DuplicateEmbodiment { name });
@@ -75,20 +77,20 @@ impl Embodiment {
         Ok(())
     }
 
-    /// Those that come with the crate, then the registered ones.
+    /// Returns the embodiments of this crate, then the registered ones.
     pub fn known() -> Vec<Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
         [&Self::BUILT_IN, &registered[..]].concat()
     }
 
-    /// Whether the four variants of a group move as exact mirror images of one another.
+    /// Returns `true` if the four variants of a group move as exact mirror images of each other.
     pub fn mirrors_exactly(self) -> bool {
         self.0.mirrors_exactly()
     }
 
-    /// What tells it from another one of its name.
-    pub(crate) fn identity(self) -> Identity {
-        Identity::of(self.0)
+    /// Returns an id that differs from that of another embodiment with this name.
+    pub(crate) fn instance_id(self) -> InstanceId {
+        InstanceId::of(self.0)
     }
 
     pub(crate) fn check_name(self) -> Result<(), EnvError> {
@@ -103,13 +105,13 @@ impl Embodiment {
 }
 
 impl Default for Embodiment {
-    /// [`Embodiment::SAWYER`].
+    /// Returns [`Embodiment::SAWYER`].
     fn default() -> Self {
         Self::SAWYER
     }
 }
 
-stands_for_its_name!(Embodiment);
+impl_traits_by_name!(Embodiment);
 
 impl std::str::FromStr for Embodiment {
     type Err = EnvError;
@@ -136,20 +138,20 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::carrier::CarrierParts;
-    use crate::drive::Posture;
-    use crate::identity::Named;
+    use crate::actuation::JointPositions;
+    use crate::embodiment_spec::EmbodimentParts;
+    use crate::instance_id::Named;
 
-    impl Carrier for Named {
+    impl EmbodimentSpec for Named {
         fn name(&self) -> &str {
             self.0
         }
 
-        fn parts(&self) -> Result<CarrierParts, EnvError> {
+        fn parts(&self) -> Result<EmbodimentParts, EnvError> {
             unreachable!("the registry asks for the name alone")
         }
 
-        fn posture(&self, _: DVec3) -> Result<Posture, EnvError> {
+        fn initial_joint_positions(&self, _: DVec3) -> Result<JointPositions, EnvError> {
             unreachable!("the registry asks for the name alone")
         }
     }

@@ -1,4 +1,4 @@
-//! What can go wrong in this crate.
+//! Errors of this crate.
 
 use crate::task::TaskGroup;
 
@@ -6,63 +6,63 @@ use crate::task::TaskGroup;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EnvError {
-    /// A task name that no group has.
+    /// Unknown task name.
     #[error("unknown task `{name}`: expected one of {}", known.join(", "))]
     UnknownTask {
-        /// The name given.
+        /// Name given.
         name: String,
-        /// The names of the registry.
+        /// Names in the registry.
         known: Vec<&'static str>,
     },
-    /// A task's name that options and files cannot spell.
+    /// Malformed task name.
     #[error(
         "the task's name is `{name}`, expected kebab-case: \
          lower-case letters and digits in words that are joined by hyphens"
     )]
     TaskName {
-        /// The name given.
+        /// Name given.
         name: String,
     },
-    /// A second group of one name.
+    /// Duplicate name of a task group.
     #[error("another task group is called `{name}` already: choose another name")]
     DuplicateTask {
-        /// The name given.
+        /// Name given.
         name: String,
     },
-    /// An embodiment's name that none has.
+    /// Unknown embodiment name.
     #[error("unknown embodiment `{name}`: expected one of {}", known.join(", "))]
     UnknownEmbodiment {
-        /// The name given.
+        /// Name given.
         name: String,
-        /// The names that exist: the crate's and the registered ones.
+        /// Names of this crate's and of registered embodiments.
         known: Vec<&'static str>,
     },
-    /// An embodiment's name that settings cannot spell.
+    /// Malformed embodiment name.
     #[error(
         "the embodiment's name is `{name}`, expected lower-case letters and digits in words that \
          are joined by hyphens or underscores"
     )]
     EmbodimentName {
-        /// The name given.
+        /// Name given.
         name: String,
     },
-    /// A second embodiment of one name.
+    /// Duplicate embodiment name.
     #[error("the embodiment name `{name}` is taken by another one: choose another name")]
     DuplicateEmbodiment {
-        /// The name given.
+        /// Name given.
         name: String,
     },
-    /// A setting outside its range.
+    /// Setting out of range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// The value given.
+        /// Value given.
         value: String,
-        /// What would be accepted.
+        /// Description of accepted values.
         expected: &'static str,
     },
-    /// An action that is not a number.
+    /// Action that is NaN or infinite.
     #[error(
         "component {component} of the action is {value}, \
          expected a finite number (it is clipped to [-1, 1])"
@@ -70,95 +70,94 @@ pub enum EnvError {
     NonFiniteAction {
         /// Index of the component, 0..4.
         component: usize,
-        /// The value given.
+        /// Value given.
         value: f32,
     },
-    /// A slice of the wrong length.
+    /// Slice of the wrong length.
     #[error("`{what}` has {got} elements, expected {expected}")]
     Length {
-        /// What the slice holds.
+        /// Name of the argument.
         what: &'static str,
-        /// Its length.
+        /// Length given.
         got: usize,
-        /// The length that the settings ask for.
+        /// Length required by the settings.
         expected: usize,
     },
-    /// An environment was stepped before a reset, after its episode's end, or after its simulation
-    /// failed.
+    /// Step before a reset, after the end of an episode, or after a failure of the simulation.
     #[error("no episode is running: call `reset` first")]
     NotReset,
-    /// One environment of many.
+    /// Error of one environment of a [`VecEnv`](crate::VecEnv).
     #[error("environment {index}: {source}")]
     InEnv {
         /// Index of the environment.
         index: usize,
-        /// What happened there.
+        /// Error of that environment.
         source: Box<EnvError>,
     },
-    /// A variant that a layout does not have.
+    /// Variant that the layout does not have.
     #[error(
         "the layout `{layout}` has no variant under {element}: \
          use `identity`, or the layout `symmetric`"
     )]
     NoSuchVariant {
-        /// The layout.
+        /// Name of the layout.
         layout: &'static str,
-        /// The element asked for.
+        /// Element requested.
         element: symmetry::D2,
     },
-    /// A group that a layout has no figures for.
+    /// Task group that the layout does not support.
     #[error(
-        "the layout `{layout}` has no figures of {group}: \
-         use the layout `symmetric`, or give the task `Task::stock`"
+        "the layout `{layout}` does not support {group}: \
+         use the layout `symmetric`, or implement `Task::meta_world` for the task"
     )]
     NoSuchLayout {
-        /// The layout.
+        /// Name of the layout.
         layout: &'static str,
-        /// The group.
+        /// Task group.
         group: TaskGroup,
     },
-    /// A placement that is not a number.
+    /// Placement that is NaN or infinite.
     #[error("the placement's {what} is {value}, expected finite numbers of metres")]
     NonFinitePlacement {
         /// `object` or `goal`.
         what: &'static str,
-        /// The value given.
+        /// Value given.
         value: glam::DVec3,
     },
-    /// A scripted expert's command that is not a number.
+    /// Command of a scripted expert that is NaN or infinite.
     #[error(
-        "the expert of {group} asks for the hand at {hand} and fingers of {finger}, \
+        "the expert of {group} commands the hand to {hand} and the fingers to {finger}, \
          expected finite numbers"
     )]
     NonFiniteCommand {
-        /// The group.
+        /// Task group.
         group: TaskGroup,
-        /// Where the hand should go (metres, canonical frame).
+        /// Target of the hand (metres, canonical frame).
         hand: glam::DVec3,
-        /// The finger action.
+        /// Finger action.
         finger: f64,
     },
-    /// A snapshot of another scene.
+    /// Snapshot of another scene.
     #[error("the snapshot is of {got}, this environment is {expected}")]
     OtherScene {
         /// Task, embodiment, layout and control of the snapshot.
         got: String,
-        /// Those of the environment.
+        /// Task, embodiment, layout and control of the environment.
         expected: String,
     },
-    /// No variants to draw from.
+    /// Empty set of variants.
     #[error("no variants of {group} to draw from: name at least one element of D2")]
     NoVariants {
-        /// The group.
+        /// Task group.
         group: TaskGroup,
     },
-    /// Simulating one environment panicked.
+    /// Panic while simulating one environment.
     #[error("the environment panicked: {message}")]
     Panicked {
-        /// What it said.
+        /// Panic message.
         message: String,
     },
-    /// A vector environment in another process than the one that made it.
+    /// Use of a vector environment in another process than the one that made it.
     #[error(
         "the vector environment was made in process {made_in}, this is process {process}: a fork \
          does not copy its worker threads, so make environments after the fork, or use `spawn`"
@@ -166,50 +165,50 @@ pub enum EnvError {
     OtherProcess {
         /// Identifier of the process that made it.
         made_in: u32,
-        /// Identifier of the process that calls it.
+        /// Identifier of the calling process.
         process: u32,
     },
-    /// A worker thread ended without an answer.
+    /// Worker thread that ended without an answer.
     #[error("worker thread {worker} of the vector environment panicked: {message}")]
     WorkerLost {
         /// Index of the worker.
         worker: usize,
-        /// What it said.
+        /// Panic message.
         message: String,
     },
-    /// A worker thread could not be started.
+    /// Worker thread that could not be started.
     #[error("cannot start worker thread {worker}: {source}")]
     Spawn {
         /// Index of the worker.
         worker: usize,
-        /// The operating system's reason.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A robot that is not described well.
+    /// Invalid robot description.
     #[error(transparent)]
     Robot(#[from] robots::DescriptionError),
-    /// A robot that cannot be where it should be, or control settings out of range.
+    /// Robot target out of reach, or control settings out of range.
     #[error(transparent)]
     Control(#[from] robots::ControlError),
-    /// A scene that MuJoCo does not take, or that lacks a name.
+    /// Scene that MuJoCo rejects, or that lacks a name.
     #[error(transparent)]
     Model(#[from] mujoco::ModelError),
-    /// A simulation that diverged or was given bad values.
+    /// Simulation that diverged or was given invalid values.
     #[error(transparent)]
     Simulation(#[from] mujoco::SimError),
-    /// Off-screen rendering.
+    /// Error of off-screen rendering.
     #[error(transparent)]
     Render(#[from] mujoco::RenderError),
 }
 
 impl EnvError {
-    /// Says which environment of many the error is from.
-    pub(crate) fn of(self, index: usize) -> Self {
+    /// Wraps the error with the index of its environment.
+    pub(crate) fn in_env(self, index: usize) -> Self {
         Self::InEnv { index, source: Box::new(self) }
     }
 }
 
-/// Refuses a setting where a condition does not hold.
+/// Returns [`EnvError::Setting`] unless `holds`.
 pub(crate) fn require(
     holds: bool,
     name: &'static str,

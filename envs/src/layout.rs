@@ -1,19 +1,18 @@
-//! Two layouts of the same tasks: the symmetric one to learn on, and Meta-World's own figures to
-//! compare with.
+//! Layouts of the tasks: the symmetric one for training, and Meta-World's own for comparison.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
-use crate::carrier::Carrier;
+use crate::actuation::JointPositions;
 use crate::control::Control;
-use crate::drive::Posture;
+use crate::embodiment_spec::EmbodimentSpec;
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, parts};
-use crate::task::{Stock, TaskGroup};
+use crate::task::{MetaWorldSpec, TaskGroup};
 
-/// Where the hand's target stands at the start of every episode of the symmetric layout (metres):
-/// over the centre, clear of an open drawer.
+/// Position of the hand's target at the start of every episode of the symmetric layout (metres):
+/// above the centre, clear of an open drawer.
 pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
 
 const SYMMETRIC: [Mjcf<'static>; 4] =
@@ -21,33 +20,33 @@ const SYMMETRIC: [Mjcf<'static>; 4] =
 const META_WORLD: [Mjcf<'static>; 4] =
     parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "metaworld");
 
-/// Physics steps until a hand is at rest at its start: 10 s.
+/// Physics steps for a hand to come to rest at its start: 10 s.
 const SETTLED: usize = 4000;
-/// Physics steps of Meta-World's reset: 0.625 s, after which its arm still moves.
-const STOCK_RESET: usize = 250;
+/// Physics steps of Meta-World's reset: 0.625 s, after which its arm is still moving.
+const META_WORLD_RESET: usize = 250;
 
-/// How a scene comes to where its episodes start.
+/// Settings of the simulation that leads to the start state of episodes.
 pub(crate) struct Settling {
-    /// Where the hand's target stands (metres).
+    /// Position of the hand's target (metres).
     pub hand_target: DVec3,
-    /// Joints and positions away from zero.
-    pub posture: Posture,
-    /// Physics steps until episodes may start.
+    /// Joint positions other than zero.
+    pub joint_positions: JointPositions,
+    /// Physics steps before episodes may start.
     pub steps: usize,
 }
 
-/// Whose figures a scene follows. In both the world's origin is the centre of the table;
-/// Meta-World's own is 0.6 m nearer to the robot.
+/// Geometry that a scene follows. The world's origin is the centre of the table in both layouts;
+/// Meta-World's own origin is 0.6 m nearer to the robot.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// Centred, settled, off-centre placements: four variants in four quadrants.
+    /// Centred bounds, start at rest, off-centre placements: four variants in four quadrants.
     #[default]
     Symmetric,
-    /// Meta-World's ranges, hand starts, bounds, finger strokes and contact shapes; one variant,
-    /// the identity.
+    /// Meta-World's ranges, hand starts, bounds, finger strokes and contact shapes; only the
+    /// identity variant.
     MetaWorld,
 }
 
@@ -55,7 +54,7 @@ impl Layout {
     /// Every layout.
     pub const ALL: [Self; 2] = [Self::Symmetric, Self::MetaWorld];
 
-    /// The name as options spell it.
+    /// Returns the name as options spell it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Symmetric => "symmetric",
@@ -63,7 +62,7 @@ impl Layout {
         }
     }
 
-    /// The variants that a group has in this layout.
+    /// Returns the elements of the variants that a group has in this layout.
     pub fn elements(self) -> &'static [D2] {
         match self {
             Self::Symmetric => &D2::ALL,
@@ -71,7 +70,7 @@ impl Layout {
         }
     }
 
-    /// The control settings that go with this layout.
+    /// Returns the control settings of this layout.
     pub fn control(self) -> Control {
         match self {
             Self::Symmetric => Control::default(),
@@ -79,56 +78,60 @@ impl Layout {
         }
     }
 
-    /// Lowest and highest corner (metres) of the box that holds the hand's target.
+    /// Returns the lowest and the highest corner (metres) of the box that holds the hand's target.
     pub fn target_bounds(self) -> [DVec3; 2] {
         match self {
-            // wider along y than the hand needs, so that a blocked hand can push
+            // wider along y than the hand needs, so that a target beyond a blocked hand makes it
+            // push
             Self::Symmetric => [DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35)],
             Self::MetaWorld => [DVec3::new(-0.5, -0.2, 0.05), DVec3::new(0.5, 0.4, 0.5)],
         }
     }
 
-    /// Meta-World's figures of the group, in the layout that follows them.
-    pub(crate) fn stock(self, group: TaskGroup) -> Result<Option<Stock<'static>>, EnvError> {
+    /// Returns the task's Meta-World settings if this layout follows them.
+    pub(crate) fn meta_world(
+        self,
+        group: TaskGroup,
+    ) -> Result<Option<MetaWorldSpec<'static>>, EnvError> {
         let layout = self.name();
-        match (self, group.task().stock()) {
+        match (self, group.task().meta_world()) {
             (Self::Symmetric, _) => Ok(None),
-            (Self::MetaWorld, Some(stock)) => Ok(Some(stock)),
+            (Self::MetaWorld, Some(spec)) => Ok(Some(spec)),
             (Self::MetaWorld, None) => Err(EnvError::NoSuchLayout { layout, group }),
         }
     }
 
-    /// How a scene with the hand's target at `hand_target` (metres) comes to where its episodes
-    /// start.
+    /// Returns the settings of the simulation that leads to the start state, with the hand's target
+    /// at `hand_target` (metres).
     ///
     /// # Errors
-    /// Why `carrier` has no posture there.
+    /// Those of [`EmbodimentSpec::initial_joint_positions`].
     pub(crate) fn settling(
         self,
         hand_target: DVec3,
-        carrier: &dyn Carrier,
+        spec: &dyn EmbodimentSpec,
     ) -> Result<Settling, EnvError> {
-        let posture = match self.stock_carrier(carrier) {
-            // the stock arm comes from its initial pose, stretched to the side
-            Some(_) => Posture::new(),
-            None => carrier.posture(hand_target)?,
+        let joint_positions = match self.meta_world_mjcf(spec) {
+            // Meta-World's arm starts from the model's initial pose, stretched to the side
+            Some(_) => JointPositions::new(),
+            None => spec.initial_joint_positions(hand_target)?,
         };
         let steps = match self {
             Self::Symmetric => SETTLED,
-            Self::MetaWorld => STOCK_RESET,
+            Self::MetaWorld => META_WORLD_RESET,
         };
-        Ok(Settling { hand_target, posture, steps })
+        Ok(Settling { hand_target, joint_positions, steps })
     }
 
-    /// The part of a scene that the embodiment has in this layout alone.
-    pub(crate) fn stock_carrier(self, carrier: &dyn Carrier) -> Option<&str> {
+    /// Returns the embodiment's MJCF for this layout, if it is not the usual one.
+    pub(crate) fn meta_world_mjcf(self, spec: &dyn EmbodimentSpec) -> Option<&str> {
         match self {
             Self::Symmetric => None,
-            Self::MetaWorld => carrier.stock(),
+            Self::MetaWorld => spec.meta_world(),
         }
     }
 
-    /// Files that other parts include by name.
+    /// Returns the files that other parts include by name.
     pub(crate) fn included(self) -> &'static [Mjcf<'static>] {
         match self {
             Self::Symmetric => &SYMMETRIC,
@@ -136,7 +139,7 @@ impl Layout {
         }
     }
 
-    /// Refuses an element that this layout has no variant for.
+    /// Rejects an element that this layout has no variant for.
     pub(crate) fn check(self, element: D2) -> Result<(), EnvError> {
         if self.elements().contains(&element) {
             return Ok(());
@@ -151,14 +154,14 @@ impl std::fmt::Display for Layout {
     }
 }
 
-/// Maps a point between the canonical and the world frame; every element is its own inverse.
+/// Maps a point between the canonical and the world frame. Every element is its own inverse.
 pub(crate) fn map(element: D2, point: DVec3) -> DVec3 {
     let [x, y] = element.apply_xy([point.x, point.y]);
     DVec3::new(x, y, point.z)
 }
 
-/// Orientation (w, x, y, z) of an object under `element`: flips along y turn it by half a turn
-/// instead of mirroring it, which is the same for objects that are their own mirror image along x.
+/// Returns the orientation (w, x, y, z) of an object under `element`. A flip along y rotates it by
+/// half a turn instead of mirroring it, which is equivalent for objects that are symmetric along x.
 pub(crate) fn facing(element: D2) -> [f64; 4] {
     if element.flips_y() { [0.0, 0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0, 0.0] }
 }

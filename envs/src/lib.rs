@@ -1,18 +1,17 @@
 //! Table-top manipulation tasks with D2 variants on MuJoCo, seen by a top-down camera.
 //!
-//! A group of tasks ([`TaskGroup`]) has four variants that are one another's images under
-//! [`symmetry::D2`] ([`TaskVariant`]). Four groups come with the crate; a program adds its own by
-//! implementing [`Task`]. A learner sees the table without the arm, a disc at the gripper, and the
-//! episode's first picture or a close-up of what is under the hand ([`Beside`]).
+//! A group of tasks ([`TaskGroup`]) has four variants that are images of one another under
+//! [`symmetry::D2`] ([`TaskVariant`]). The crate has four groups; a program adds its own by
+//! implementing [`Task`]. A learner observes the table without the arm, a disc at the gripper, and
+//! the episode's first picture or a close-up of the table below the hand ([`ExtraView`]).
 //!
-//! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner
-//!   uses.
+//! - [`VecEnv`]: many environments on worker threads, pictures included, for training.
 //! - [`TableTop`]: one environment without a picture, for state-based work and scripted experts.
-//! - [`SimulatedArm`]: the arm of a [`TableTop`] as a [`robots::Robot`], as real ones are driven.
-//! - [`SceneRenderer`]: the picture of a [`TableTop`].
+//! - [`SimulatedArm`]: the arm of a [`TableTop`] as a [`robots::Robot`], like a real arm.
+//! - [`SceneRenderer`]: pictures of a [`TableTop`].
 //! - [`TaskRegistry`]: groups by name.
-//! - [`conformance`]: what every task must do, as functions for tests.
-//! - [`mujoco`]: the wrapper whose models, simulations and errors this crate shows.
+//! - [`conformance`]: rules for tasks, as functions for tests.
+//! - [`mujoco`]: the wrapper whose models, simulations and errors this crate exposes.
 //!
 //! ```
 //! use envs::{ACTION_DIM, Batch, TaskGroup, VecEnv, VecEnvSettings};
@@ -37,24 +36,25 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+mod actuation;
 mod batch;
 mod camera;
-mod carrier;
-pub mod carriers;
 pub mod conformance;
 mod control;
-mod disturber;
-mod drive;
+mod domain_randomiser;
 mod embodiment;
+mod embodiment_spec;
+pub mod embodiments;
 mod error;
-mod identity;
+mod homography;
+mod instance_id;
 mod layout;
+mod messages;
 mod mjcf;
 mod randomisation;
 mod registry;
 mod renderer;
 pub mod reward;
-mod rows;
 mod scene;
 mod settings;
 mod sub_envs;
@@ -62,23 +62,22 @@ mod tabletop;
 mod task;
 pub mod tasks;
 mod vec_env;
-mod view;
 mod worker;
 
+pub use actuation::{Actuation, JointPositions, ServoController};
 pub use batch::{Batch, ObservationsMut, StepMut};
-pub use camera::{Beside, Camera, Light, Mark, Pictures, RGB};
-pub use carrier::{Carrier, CarrierParts};
+pub use camera::{Camera, ExtraView, Light, Mark, Pictures, RGB};
 pub use control::{Control, PHYSICS_STEPS};
-pub use drive::{Drive, Posture, ServoDrive};
 pub use embodiment::Embodiment;
+pub use embodiment_spec::{EmbodimentParts, EmbodimentSpec};
 pub use error::EnvError;
 pub use layout::{HAND_START, Layout};
+pub use messages::{EnvCommand, Failure};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
 pub use renderer::SceneRenderer;
 pub use robots;
-pub use rows::{Failure, Turn};
 pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
@@ -86,7 +85,7 @@ pub use tabletop::{
     VECTOR_IRREPS,
 };
 pub use task::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task, TaskGroup,
-    TaskVariant,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
+    TaskGroup, TaskVariant,
 };
 pub use vec_env::VecEnv;

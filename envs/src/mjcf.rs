@@ -1,9 +1,9 @@
-//! The files that scenes are made of: `assets/mjcf`, compiled in.
+//! MJCF files of `assets/mjcf`, compiled in.
 
-/// A file's name, by which others include it, and its text.
+/// Name and text of a file; other files include it by the name.
 pub(crate) type Mjcf<'a> = (&'a str, &'a str);
 
-/// A file of `assets/mjcf`, or of one of its folders.
+/// Expands to one file of `assets/mjcf` or of a folder in it.
 macro_rules! part {
     ($file:literal $(in $folder:literal)?) => {
         (
@@ -13,7 +13,7 @@ macro_rules! part {
     };
 }
 
-/// Files of one folder.
+/// Expands to several files of one folder.
 macro_rules! parts {
     ([$($file:literal),+] in $folder:literal) => {
         [$(crate::mjcf::part!($file in $folder)),+]

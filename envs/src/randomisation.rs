@@ -1,49 +1,48 @@
-//! What may be wrong with the pictures that a policy learns from.
+//! Settings of domain randomisation.
 
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
 use crate::error::{EnvError, require};
 
-/// Widest blur (pixels): passes over the picture grow with its square, to 32.
-const WIDEST: f64 = 4.0;
+/// Largest blur (pixels). The number of passes over a picture grows with its square, up to 32.
+const MAX_BLUR: f64 = 4.0;
 
-/// How far pictures are from those of a perfect camera, at random, so that a policy learns to bear
-/// what a real camera and in-painting do to them.
+/// Amounts of domain randomisation of pictures, so that a policy learns to tolerate the errors of a
+/// real camera and of in-painting.
 ///
-/// The camera's place, exposure, white balance and blur are drawn once an episode: the episode's
-/// first picture has the same. Patches and noise are drawn for every picture. The gripper's mark is
-/// drawn afterwards, in its right place, as it is drawn over pictures of a real camera.
+/// Camera pose, exposure, white balance and blur are drawn once per episode and also hold for its
+/// first picture. Patches and noise are drawn for every picture. The gripper's mark is drawn last
+/// and in its true place, because real pictures get it in the same way.
 ///
-/// No draw prefers a side: a mirrored table is seen in a mirrored way as often as the table is seen
-/// in that way. So pictures of no variant are harder than those of another.
+/// All distributions are symmetric under D2, so pictures of all variants are equally hard.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Randomisation {
-    /// How far the camera is at most from where it is taken to be (mm, 0 to 100). The distance is
-    /// uniform up to this, and all directions are alike.
+    /// Largest distance of the camera from its nominal position (mm, 0 to 100). The distance is
+    /// uniform up to it, in a uniform direction.
     pub position_error: f64,
-    /// How far it is turned at most (degrees, 0 to 10): uniform up to this, about any axis.
+    /// Largest rotation of the camera (degrees, 0 to 10): uniform up to it, about a uniform axis.
     pub angle_error: f64,
     /// Standard deviation of the logarithm of the exposure (%, 0 to 100).
     pub exposure: f64,
-    /// Standard deviation of the logarithms of the gains of red and of blue (%, 0 to 100).
+    /// Standard deviation of the logarithms of the red and the blue gain (%, 0 to 100).
     pub balance: f64,
     /// Largest standard deviation of the blur (mm on the table, 0 to 4 pixels): uniform up to it.
     pub blur: f64,
-    /// Standard deviation of a level of 255 (0 to 64).
+    /// Standard deviation of the noise (levels of 255, 0 to 64).
     pub noise: f64,
-    /// Most patches of a wrong colour in a picture (0 to 100): uniform up to it. They are discs
-    /// around the gripper, as remains of an arm that was painted out are.
+    /// Largest number of off-colour patches in a picture (0 to 100): uniform up to it. Patches are
+    /// discs around the gripper, like the remains of an arm that was painted out.
     pub patches: usize,
     /// Largest radius of a patch (mm, 0 to 200): uniform up to it.
     pub patch_radius: f64,
-    /// Standard deviation of how far a patch is off in each channel (levels of 255, 0 to 255).
+    /// Standard deviation of a patch's error in each channel (levels of 255, 0 to 255).
     pub patch_color: f64,
 }
 
 impl Randomisation {
-    /// Perfect pictures.
+    /// No randomisation.
     pub const OFF: Self = Self {
         position_error: 0.0,
         angle_error: 0.0,
@@ -56,9 +55,9 @@ impl Randomisation {
         patch_color: 0.0,
     };
 
-    /// Around what `covers deploy` takes for nominal: the camera is as far off on average,
-    /// exposure and white balance wander as far before they are corrected, and noise is that of a
-    /// middle grey, which a median then lessens.
+    /// Amounts near those that `covers deploy` assumes: its mean error of the camera pose, its
+    /// drift of exposure and white balance before correction, and the noise of a middle grey before
+    /// a median reduces it.
     pub const NOMINAL: Self = Self {
         position_error: 10.0,
         angle_error: 1.0,
@@ -71,7 +70,7 @@ impl Randomisation {
         patch_color: 40.0,
     };
 
-    /// Refuses amounts out of range, for pictures of `camera`.
+    /// Rejects amounts out of range for pictures of `camera`.
     ///
     /// # Errors
     /// [`EnvError::Setting`].
@@ -88,7 +87,8 @@ impl Randomisation {
         for (amount, most, name, expected) in ranges {
             require((0.0..=most).contains(&amount), name, &amount, expected)?;
         }
-        let blurred = (0.0..=WIDEST).contains(&camera.pixels(self.blur));
+        // in pixels, since the cost of a blur depends on them
+        let blurred = (0.0..=MAX_BLUR).contains(&camera.pixels(self.blur));
         require(blurred, "blur", &self.blur, BLUR)?;
         require(self.sees_the_table(camera), "angle_error", &self.angle_error, SEEN)?;
         let few = self.patches <= 100;
@@ -97,7 +97,8 @@ impl Randomisation {
 }
 
 impl Randomisation {
-    /// Whether the corner of a picture stays well below the horizon, however the camera turns.
+    /// Returns `true` if the corners of a picture stay well below the horizon, whatever the
+    /// rotation.
     fn sees_the_table(&self, camera: &Camera) -> bool {
         let corner = (2_f64.sqrt() * camera.half_extent / camera.height).atan();
         corner + self.angle_error.to_radians() < 80_f64.to_radians()

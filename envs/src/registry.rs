@@ -1,11 +1,11 @@
-//! The task groups that have names: the paper's four, and those that a program adds.
+//! Named task groups: the paper's four, and those that a program adds.
 
 use crate::error::EnvError;
 use crate::task::TaskGroup;
 use crate::tasks::{ButtonPress, DrawerClose, GoalReach, PlateSlide};
 
 impl TaskGroup {
-    /// Move the fingertips to a goal that is told, not seen.
+    /// Move the fingertips to a goal that the vector observation contains and pictures do not show.
     pub const GOAL_REACH: Self = Self::of(&GoalReach);
     /// Push a button into its box.
     pub const BUTTON_PRESS: Self = Self::of(&ButtonPress);
@@ -18,7 +18,7 @@ impl TaskGroup {
     pub const STANDARD: [Self; 4] =
         [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
 
-    /// Refuses a group whose name is not in kebab-case.
+    /// Rejects a group whose name is not in kebab-case.
     ///
     /// # Errors
     /// [`EnvError::TaskName`].
@@ -35,7 +35,7 @@ fn is_word(word: &str) -> bool {
     !word.is_empty() && word.bytes().all(plain)
 }
 
-/// Task groups by name: what settings that store names are resolved with.
+/// Registry of task groups by name, for reading settings that store names.
 ///
 /// ```
 /// use envs::{TaskGroup, TaskRegistry};
@@ -52,7 +52,7 @@ pub struct TaskRegistry {
 }
 
 impl TaskRegistry {
-    /// A registry of [`TaskGroup::STANDARD`].
+    /// Creates a registry of [`TaskGroup::STANDARD`].
     pub fn standard() -> Self {
         Self { groups: TaskGroup::STANDARD.to_vec() }
     }
@@ -72,19 +72,20 @@ impl TaskRegistry {
         Ok(())
     }
 
-    /// The group called `name`.
+    /// Returns the group called `name`.
     ///
     /// # Errors
     /// [`EnvError::UnknownTask`], which lists the known names.
     pub fn get(&self, name: &str) -> Result<TaskGroup, EnvError> {
-        let mut groups = self.groups.iter().copied();
-        groups.find(|group| group.name() == name).ok_or_else(|| EnvError::UnknownTask {
-            name: name.to_owned(),
-            known: self.groups.iter().map(|group| group.name()).collect(),
+        self.groups.iter().copied().find(|group| group.name() == name).ok_or_else(|| {
+            EnvError::UnknownTask {
+                name: name.to_owned(),
+                known: self.groups.iter().map(|group| group.name()).collect(),
+            }
         })
     }
 
-    /// The groups in the order of their registration.
+    /// Returns the groups in the order of their registration.
     pub fn groups(&self) -> &[TaskGroup] {
         &self.groups
     }
@@ -96,7 +97,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::identity::Named;
+    use crate::instance_id::Named;
     use crate::task::{EpisodeStart, ExpertCommand, Measurement, Parts, Placement};
     use crate::task::{StepReward, Task};
 

@@ -1,17 +1,18 @@
-//! The reward vocabulary: tolerances in `[0, 1]` and their Hamacher product.
+//! Building blocks of rewards: tolerances in `[0, 1]` and their Hamacher product.
 //!
 //! Source: dm_control's `tolerance` as Meta-World's rewards use it.
 
-/// One inside `distance <= bound`, then the long tail `1 / (9 d^2 + 1)` with `d = (distance -
-/// bound) / margin`: 0.1 at `d = 1`.
+/// Returns 1 for `distance <= bound`, beyond it the long tail `1 / (9 d^2 + 1)`, where
+/// `d = (distance - bound) / margin`; this is 0.1 at `d = 1`.
 ///
-/// `distance`, `bound` and `margin` are in metres. Outside the bound a margin of zero gives zero.
+/// `distance`, `bound` and `margin` are in metres. With a margin of 0 the value beyond the bound is
+/// 0.
 pub fn long_tail(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 1.0 / (9.0 * d * d + 1.0))
 }
 
-/// One inside `distance <= bound`, then the Gaussian `0.1^(d^2)` with `d = (distance - bound) /
-/// margin`.
+/// Returns 1 for `distance <= bound`, beyond it the Gaussian `0.1^(d^2)`, where
+/// `d = (distance - bound) / margin`.
 pub fn gaussian(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 0.1_f64.powf(d * d))
 }
@@ -26,8 +27,8 @@ fn tolerance(distance: f64, bound: f64, margin: f64, tail: impl Fn(f64) -> f64) 
     }
 }
 
-/// Hamacher product `ab / (a + b - ab)` of two values in `[0, 1]`: a soft "and"; zero where the
-/// denominator is.
+/// Returns the Hamacher product `ab / (a + b - ab)` of two values in `[0, 1]`, a soft "and"; 0 if
+/// the denominator is 0.
 pub fn hamacher(a: f64, b: f64) -> f64 {
     let denominator = a + b - a * b;
     if denominator > 0.0 { a * b / denominator } else { 0.0 }

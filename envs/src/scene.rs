@@ -1,4 +1,4 @@
-//! A compiled scene: arena, embodiment and task in one model, with the ids that the environment
+//! Compiled scene: arena, embodiment and task in one model, with the ids that the environment
 //! reads.
 
 use std::sync::Arc;
@@ -7,46 +7,47 @@ use glam::DVec3;
 use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
+use crate::actuation::{Actuation, ServoController};
 use crate::camera::Camera;
 use crate::control::{Control, PHYSICS_STEPS};
-use crate::drive::{Drive, ServoDrive};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
-use crate::identity::Identity;
+use crate::instance_id::InstanceId;
 use crate::layout::{HAND_START, Layout, Settling};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{Parts, Placement, Stock, TaskGroup};
+use crate::task::{MetaWorldSpec, Parts, Placement, TaskGroup};
 
-/// Geom group of the arm and the gripper.
+/// Geom group of arm and gripper.
 pub const ARM_GEOM_GROUP: usize = 3;
 
-/// File name of the scene that includes the parts.
+/// Name of the main file, which includes the parts.
 const MAIN: &str = "scene.xml";
-/// File names of what the task brings.
+/// Names of the files with the task's parts.
 const TASK: &str = "task.xml";
 const ADDITION: &str = "addition.xml";
 const ARENA: Mjcf<'static> = part!("arena.xml");
-/// File name of what the embodiment brings.
-const CARRIER: &str = "embodiment.xml";
+/// Name of the file with the embodiment's part.
+const EMBODIMENT: &str = "embodiment.xml";
 
-/// A model of one task group with one embodiment, at rest; shared by any number of environments.
+/// Model of one task group with one embodiment, and the state in which episodes start. Any number
+/// of environments share it.
 #[derive(Debug)]
 pub struct Scene {
-    /// Whose figures it follows.
+    /// Layout of the scene.
     pub layout: Layout,
-    /// The task group.
+    /// Task group.
     pub group: TaskGroup,
-    /// What carries the gripper.
+    /// Embodiment.
     pub embodiment: Embodiment,
-    /// The compiled model.
+    /// Compiled model.
     pub model: Arc<Model>,
-    /// The camera over the centre.
+    /// Camera above the centre.
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
-    /// Where the hand's target stands when an episode starts (metres).
+    /// Position of the hand's target when an episode starts (metres).
     pub(crate) hand_target_start: DVec3,
-    /// Meta-World's figures, in the layout that follows them.
-    stock: Option<Stock<'static>>,
+    /// Meta-World's settings of the task, if the layout follows them.
+    meta_world: Option<MetaWorldSpec<'static>>,
     pub(crate) hand: BodyId,
     pub(crate) claws: [BodyId; 2],
     pub(crate) tips: [SiteId; 2],
@@ -54,57 +55,60 @@ pub struct Scene {
     pub(crate) object: Option<MocapId>,
     pub(crate) goal: Option<MocapId>,
     pub(crate) object_body: Option<BodyId>,
-    /// From that body's origin to the point that the task speaks of (metres, canonical frame).
+    /// Offset from the origin of `object_body` to the task's reference point (metres, canonical
+    /// frame).
     pub(crate) object_offset: DVec3,
     pub(crate) goal_observable: bool,
-    /// Addresses in `qpos` and positions of the joints that an episode starts away from zero.
+    /// Addresses in `qpos` and start positions of the joints that do not start at zero.
     pub(crate) start_joints: Vec<(usize, f64)>,
-    /// Address in `qpos` of the loose cylinder's position, where there is one.
+    /// Address in `qpos` of the position of Meta-World's loose cylinder, if the scene has it.
     pub(crate) decoy: Option<usize>,
-    /// The state from which every episode starts.
+    /// State in which every episode starts.
     pub(crate) settled: State,
-    /// What moves the arm there, if no weld does.
-    pub(crate) drive: Option<ServoDrive>,
+    /// Controller of an arm with servos; `None` if a weld moves the hand.
+    pub(crate) controller: Option<ServoController>,
 }
 
 impl Scene {
-    /// Compiles the scene of `group` in the symmetric layout and lets it come to rest.
+    /// Compiles the scene of `group` in the symmetric layout and simulates it until it is at rest.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for an impossible camera, or an offset or start of a joint that is not
-    /// finite; [`EnvError::TaskName`], or what MuJoCo says of the model.
+    /// [`EnvError::Setting`] for an invalid camera, or an offset or joint position that is not
+    /// finite; [`EnvError::TaskName`], [`EnvError::EmbodimentName`], or MuJoCo's error for the
+    /// model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
         Self::in_layout(Layout::Symmetric, group, embodiment, camera)
     }
 
-    /// Compiles the scene of `group` in `layout` and brings it to where its episodes start.
+    /// Compiles the scene of `group` in `layout` and simulates it to the start of its episodes.
     ///
     /// # Errors
-    /// As [`Scene::new`], and [`EnvError::NoSuchLayout`].
+    /// Those of [`Scene::new`], and [`EnvError::NoSuchLayout`].
     pub fn in_layout(
         layout: Layout,
         group: TaskGroup,
         embodiment: Embodiment,
         camera: Camera,
     ) -> Result<Self, EnvError> {
+        // settings are checked before MuJoCo compiles, so that errors name the setting
         camera.check()?;
         group.check_name()?;
         embodiment.check_name()?;
-        let stock = layout.stock(group)?;
-        let hand_target_start = stock.map_or(HAND_START, |stock| stock.hand_target);
-        let settling = layout.settling(hand_target_start, embodiment.carrier())?;
+        let meta_world = layout.meta_world(group)?;
+        let hand_target_start = meta_world.map_or(HAND_START, |spec| spec.hand_target);
+        let settling = layout.settling(hand_target_start, embodiment.spec())?;
         let parts = group.task().parts();
         check_parts(&parts)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap(name);
-        let (settled, drive) = settle(&model, &settling, embodiment.carrier().drive()?)?;
+        let (settled, controller) = settle(&model, &settling, embodiment.spec().actuation()?)?;
         Ok(Self {
             layout,
             group,
             embodiment,
             hand_target_start,
-            stock,
-            decoy: stock.and_then(|stock| decoy(&model, &stock)),
+            meta_world,
+            decoy: meta_world.and_then(|spec| decoy(&model, &spec)),
             camera,
             camera_id: model.camera("top")?,
             hand: model.body("hand")?,
@@ -112,69 +116,71 @@ impl Scene {
             tips: [model.site("right_tip")?, model.site("left_tip")?],
             hand_target: mocap("hand_target")?,
             object: parts.mjcf.map(|_| mocap("object")).transpose()?,
+            // a scene may lack the body `goal`, but one that exists must be a mocap body
             goal: model.body("goal").ok().map(|_| mocap("goal")).transpose()?,
             object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
             start_joints: addresses(&model, parts.start_joints)?,
             settled,
-            drive,
+            controller,
             model,
         })
     }
 
-    /// The state with open fingers from which every episode starts: at rest, or where Meta-World's
-    /// reset leaves it.
+    /// Returns the state in which every episode starts, with open fingers: at rest, or as
+    /// Meta-World's reset leaves it.
     pub fn settled(&self) -> &State {
         &self.settled
     }
 
-    /// What the future of an episode depends on, beside its state.
+    /// Returns everything besides the state that determines the future of an episode.
     pub(crate) fn key(&self, control: Control) -> SceneKey {
         SceneKey {
             layout: self.layout,
             embodiment: self.embodiment,
             group: self.group,
-            identities: [self.group.identity(), self.embodiment.identity()],
+            instance_ids: [self.group.instance_id(), self.embodiment.instance_id()],
             control,
         }
     }
 
-    /// Draws where an episode puts things.
+    /// Draws the placement of an episode.
     pub fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-        match &self.stock {
+        match &self.meta_world {
             None => self.group.task().place(rng),
-            Some(stock) => (stock.place)(rng),
+            Some(spec) => (spec.place)(rng),
         }
     }
 }
 
-/// What tells simulations apart whose states do not fit one another.
+/// Key of simulations whose states are interchangeable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SceneKey {
     layout: Layout,
     embodiment: Embodiment,
     group: TaskGroup,
-    /// Of task and embodiment.
-    identities: [Identity; 2],
+    /// Instance ids of task and embodiment.
+    instance_ids: [InstanceId; 2],
     control: Control,
 }
 
 impl SceneKey {
-    /// In words, beside those of `other`: where the names are one, it says whether the things are.
-    pub(crate) fn words(&self, other: &Self) -> String {
-        let [task, carrier] = [0, 1].map(|of| self.identities[of] != other.identities[of]);
+    /// Describes the key for an error message. If `other` has equal names but another definition
+    /// behind one, it says so.
+    pub(crate) fn describe(&self, other: &Self) -> String {
+        let [task, spec] = [0, 1].map(|of| self.instance_ids[of] != other.instance_ids[of]);
         let remark = |differs, what| {
             if differs { format!(" (another {what} of that name)") } else { String::new() }
         };
         let of_task = remark(self.group == other.group && task, "task");
-        let of_carrier = remark(self.embodiment == other.embodiment && carrier, "embodiment");
+        let of_embodiment = remark(self.embodiment == other.embodiment && spec, "embodiment");
         let Self { layout, embodiment, group, control, .. } = self;
-        format!("{group}{of_task} with {embodiment}{of_carrier}, {layout}, {control:?}")
+        format!("{group}{of_task} with {embodiment}{of_embodiment}, {layout}, {control:?}")
     }
 }
 
-/// Refuses places that are not finite.
+/// Rejects placements that are NaN or infinite.
 pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
     for (what, value) in [("object", placement.object), ("goal", placement.goal)] {
         if !value.is_finite() {
@@ -184,7 +190,7 @@ pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
     Ok(())
 }
 
-/// Refuses figures that would make measurements and rewards that are not numbers.
+/// Rejects values that would lead to measurements and rewards that are NaN.
 fn check_parts(parts: &Parts<'_>) -> Result<(), EnvError> {
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
@@ -203,73 +209,74 @@ fn compile(
     embodiment: Embodiment,
     camera: &Camera,
 ) -> Result<Model, EnvError> {
-    let addition = layout.stock(group)?.and_then(|stock| stock.addition);
-    let carrier = embodiment.carrier().parts()?;
-    let stock = layout.stock_carrier(embodiment.carrier());
-    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, (CARRIER, stock.unwrap_or(&carrier.mjcf))];
+    let addition = layout.meta_world(group)?.and_then(|spec| spec.addition);
+    let spec = embodiment.spec().parts()?;
+    let meta_world_mjcf = layout.meta_world_mjcf(embodiment.spec());
+    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, (EMBODIMENT, meta_world_mjcf.unwrap_or(&spec.mjcf))];
     parts.extend(group.task().parts().mjcf.map(|text| (TASK, text)));
     parts.extend(addition.map(|text| (ADDITION, text)));
     let include = |(name, _): &Mjcf<'_>| format!("<include file=\"{name}\"/>");
     let includes: String = parts.iter().map(include).collect();
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
-    // what the parts above include by name
-    parts.extend(carrier.included.iter().map(|(name, text)| (*name, &text[..])));
+    // the files that the parts above include by name
+    parts.extend(spec.included.iter().map(|(name, text)| (*name, &text[..])));
     parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> =
         parts.iter().map(|&(name, text)| (name, text.as_bytes())).collect();
     Ok(Model::from_files(MAIN, &files)?)
 }
 
-/// Addresses in `qpos` of joints, and their positions.
+/// Returns the addresses in `qpos` of joints, and their positions.
 fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, EnvError> {
     let address = |&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position));
     joints.iter().map(address).collect()
 }
 
-/// The joint of the loose cylinder that a stock addition brings. A task's own joint of that name is
-/// left alone.
-fn decoy(model: &Model, stock: &Stock<'_>) -> Option<usize> {
-    stock.addition?;
+/// Returns the address of the loose cylinder of Meta-World's reach task. A task's own joint called
+/// `decoy` is left alone.
+fn decoy(model: &Model, spec: &MetaWorldSpec<'_>) -> Option<usize> {
+    spec.addition?;
     let joint = model.joint("decoy").ok()?;
     Some(model.joint_qpos_address(joint))
 }
 
-/// The state from which episodes start, and what moves an arm from there on.
+/// Simulates to the state in which episodes start. Also returns the controller of an arm with
+/// servos.
 fn settle(
     model: &Arc<Model>,
     settling: &Settling,
-    drive: Drive,
-) -> Result<(State, Option<ServoDrive>), EnvError> {
+    actuation: Actuation,
+) -> Result<(State, Option<ServoController>), EnvError> {
     let mut data = Data::new(Arc::clone(model));
-    for (name, position) in &settling.posture {
+    for (name, position) in &settling.joint_positions {
         let address = model.joint_qpos_address(model.joint(name)?);
         data.qpos_mut()[address] = *position;
     }
     let hand_target = settling.hand_target.to_array();
     data.set_mocap_position(model.mocap("hand_target")?, hand_target)?;
-    let drive = match drive {
-        Drive::Weld => {
+    let controller = match actuation {
+        Actuation::Weld => {
             data.set_ctrl(&OPEN_FINGERS)?;
             data.step(settling.steps)?;
             None
         }
-        Drive::Servos(mut drive) => {
-            drive.start(model, &settling.posture)?;
+        Actuation::Servos(mut controller) => {
+            controller.start(model, &settling.joint_positions)?;
             for _ in 0..SERVOS_SETTLED {
-                drive.advance(&mut data, settling.hand_target, OPENS)?;
+                controller.advance(&mut data, settling.hand_target, OPEN_ACTION)?;
                 data.step(PHYSICS_STEPS)?;
             }
-            Some(*drive)
+            Some(*controller)
         }
     };
-    Ok((data.save(), drive))
+    Ok((data.save(), controller))
 }
 
-/// Control steps in which servos come to rest, in any layout: a second.
+/// Control steps in which servos come to rest, in any layout: 1 s.
 const SERVOS_SETTLED: usize = 80;
-/// The finger action that opens the gripper.
-const OPENS: f64 = -1.0;
+/// Finger action that opens the gripper.
+const OPEN_ACTION: f64 = -1.0;
 
-/// Controls of the two finger actuators that hold the gripper open.
+/// Controls of the two finger actuators that keep the gripper open.
 const OPEN_FINGERS: [f64; 2] = [-1.0, 1.0];

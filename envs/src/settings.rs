@@ -2,14 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::{Beside, Camera};
+use crate::camera::{Camera, ExtraView};
 use crate::control::Control;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::layout::Layout;
 use crate::randomisation::Randomisation;
 
-/// The most worker threads: a slip in a file must not start a million.
+/// Largest number of worker threads; a typing error in a file must not start a million.
 pub const MAX_THREADS: usize = 1024;
 
 /// Settings of a [`VecEnv`](crate::VecEnv).
@@ -18,17 +18,17 @@ pub const MAX_THREADS: usize = 1024;
 pub struct VecEnvSettings {
     /// Number of environments, N.
     pub num_envs: usize,
-    /// Number of worker threads, 1 to 1024; results do not depend on it.
+    /// Number of worker threads, 1 to 1024; results do not depend on this.
     pub threads: usize,
-    /// Whose figures the scenes follow; [`Layout::MetaWorld`] goes with [`Control::meta_world`].
+    /// Layout of the scenes; [`Layout::MetaWorld`] goes with [`Control::meta_world`].
     pub layout: Layout,
-    /// What carries the gripper.
+    /// Embodiment.
     pub embodiment: Embodiment,
-    /// The camera over the table.
+    /// Camera above the table.
     pub camera: Camera,
     /// Action scale, action repeat and horizon.
     pub control: Control,
-    /// What may be wrong with the pictures; nothing where it is none.
+    /// Domain randomisation of the pictures; `None` for perfect pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub randomisation: Option<Randomisation>,
     /// Seed of all placements and variant draws.
@@ -50,21 +50,21 @@ impl Default for VecEnvSettings {
     }
 }
 
-const UNDISTURBED: &str = "the first picture where pictures are randomised: a camera's errors \
-are drawn for whole pictures, and close-ups of them would have none";
+const FIRST_PICTURE: &str = "the first picture if pictures are randomised: camera errors apply to \
+whole pictures, so close-ups would be without them";
 
 impl VecEnvSettings {
-    /// Length of one environment's image, size x size x C.
+    /// Returns the length of one environment's image, size x size x C.
     pub fn image_len(&self) -> usize {
         self.camera.size * self.camera.size * self.camera.beside.channels()
     }
 
-    /// The same environments with perfect pictures.
+    /// Returns the settings without domain randomisation.
     pub fn clean(self) -> Self {
         Self { randomisation: None, ..self }
     }
 
-    /// Refuses settings out of range.
+    /// Rejects settings out of range.
     ///
     /// # Errors
     /// [`EnvError::Setting`].
@@ -75,8 +75,8 @@ impl VecEnvSettings {
         self.camera.check()?;
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
-            let first = self.camera.beside == Beside::First;
-            require(first, "camera.beside", &"a close-up", UNDISTURBED)?;
+            let first = self.camera.beside == ExtraView::First;
+            require(first, "camera.beside", &"a close-up", FIRST_PICTURE)?;
         }
         self.control.check()
     }

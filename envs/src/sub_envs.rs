@@ -1,4 +1,4 @@
-//! The environments of one worker thread, and the renderers of their scenes.
+//! Environments of one worker thread, and the renderers of their scenes.
 
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -13,45 +13,45 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::camera::RGB;
-use crate::disturber::{Disturber, Sight};
+use crate::domain_randomiser::{CameraState, DomainRandomiser};
 use crate::error::EnvError;
-use crate::renderer::SceneRenderer;
 #[cfg(test)]
-use crate::rows::Fault;
-use crate::rows::{Command, Failure, Reply, Rows, Turn, row_mut};
+use crate::messages::Fault;
+use crate::messages::{Command, EnvCommand, Failure, Reply, WorkerBatch, row_mut};
+use crate::renderer::SceneRenderer;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
 
-/// One environment slot: its random stream, its camera, its episode's first picture, and what
-/// stands still in that episode.
+/// State of one environment besides its simulation: random stream, camera errors, first picture and
+/// backdrop of the episode.
 struct Slot {
     index: usize,
     rng: ChaCha8Rng,
-    sight: Sight,
+    camera_state: CameraState,
     first: Vec<u8>,
     backdrop: Backdrop,
     #[cfg(test)]
     fault: Option<Fault>,
 }
 
-/// What a worker thread owns.
+/// Everything that a worker thread owns.
 pub(crate) struct SubEnvs {
     settings: VecEnvSettings,
     slots: Vec<Slot>,
-    /// Of every group that was prepared; one that failed is thrown away and made anew.
+    /// Renderer of each prepared group. A renderer that failed is dropped and made again.
     renderers: BTreeMap<TaskGroup, SceneRenderer>,
-    /// Simulations of the present group, one a slot.
+    /// Simulations of the current group, one per slot.
     tables: Vec<TableTop>,
-    /// Those of groups that ran before. Given back to the allocator instead, megabytes of almost
-    /// equal sizes leave gaps: memory grew as much with every group, and went up and down with
-    /// every switch.
+    /// Simulations of earlier groups, kept for their return. Freeing them left gaps of almost equal
+    /// sizes, several megabytes each: memory grew with every group, and rose and fell with every
+    /// switch.
     parked: BTreeMap<TaskGroup, Vec<TableTop>>,
     elements: Vec<D2>,
     picture: Vec<u8>,
-    /// Where pictures are randomised; renderers then draw no marks.
-    disturber: Option<Disturber>,
+    /// Randomiser of the pictures, if any; the renderers then draw no marks.
+    randomiser: Option<DomainRandomiser>,
 }
 
 impl SubEnvs {
@@ -60,13 +60,13 @@ impl SubEnvs {
         let slots = envs.map(|index| Slot {
             index,
             rng: slot_rng(settings.seed, index),
-            sight: Sight::new(settings.seed, index),
+            camera_state: CameraState::new(settings.seed, index),
             first: vec![0; pixels],
             backdrop: Backdrop::default(),
             #[cfg(test)]
             fault: None,
         });
-        let disturber = |amounts| Disturber::new(amounts, settings.camera);
+        let randomiser = |amounts| DomainRandomiser::new(amounts, settings.camera);
         Self {
             settings,
             slots: slots.collect(),
@@ -75,7 +75,7 @@ impl SubEnvs {
             parked: BTreeMap::new(),
             elements: Vec::new(),
             picture: vec![0; pixels],
-            disturber: settings.randomisation.map(disturber),
+            randomiser: settings.randomisation.map(randomiser),
         }
     }
 
@@ -97,8 +97,8 @@ impl SubEnvs {
 
     fn with_rows(
         &mut self,
-        mut rows: Rows,
-        work: fn(&mut Self, &mut Rows) -> Result<(), EnvError>,
+        mut rows: WorkerBatch,
+        work: fn(&mut Self, &mut WorkerBatch) -> Result<(), EnvError>,
     ) -> Reply {
         let result = work(self, &mut rows);
         Reply { rows: Some(rows), result }
@@ -107,14 +107,15 @@ impl SubEnvs {
     fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
         for slot in &mut self.slots {
             slot.rng = slot_rng(seed, slot.index);
-            slot.sight = Sight::new(seed, slot.index);
+            slot.camera_state = CameraState::new(seed, slot.index);
         }
         Ok(())
     }
 
     fn prepare(&mut self, scene: Arc<Scene>) -> Result<(), EnvError> {
         if let Entry::Vacant(entry) = self.renderers.entry(scene.group) {
-            let renderer = match self.disturber {
+            let renderer = match self.randomiser {
+                // the randomiser draws the mark itself, after its disturbances
                 None => SceneRenderer::new(scene),
                 Some(_) => SceneRenderer::of_table(scene),
             };
@@ -126,8 +127,7 @@ impl SubEnvs {
     fn set_tasks(&mut self, scene: &Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
         self.elements = elements;
         let present = |tables: &Vec<TableTop>| {
-            let first = tables.first();
-            first.is_some_and(|table| Arc::ptr_eq(table.scene(), scene))
+            tables.first().is_some_and(|table| Arc::ptr_eq(table.scene(), scene))
         };
         if present(&self.tables) {
             return Ok(());
@@ -144,50 +144,51 @@ impl SubEnvs {
         Ok(())
     }
 
-    /// A simulation for each slot.
+    /// Creates a simulation for each slot.
     fn simulations(&self, scene: &Arc<Scene>) -> Result<Vec<TableTop>, EnvError> {
         let table = |_| TableTop::new(Arc::clone(scene), self.settings.control);
         self.slots.iter().map(table).collect()
     }
 
-    fn advance(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
+    fn advance(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         rows.failures.clear();
-        (0..self.slots.len()).try_for_each(|row| self.turn(row, rows))
+        (0..self.slots.len()).try_for_each(|row| self.run_command(row, rows))
     }
 
-    fn turn(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
-        match rows.turns[row] {
-            Turn::Step | Turn::StepAndStay => {
+    fn run_command(&mut self, row: usize, rows: &mut WorkerBatch) -> Result<(), EnvError> {
+        match rows.commands[row] {
+            EnvCommand::Step | EnvCommand::StepNoAutoReset => {
                 if !self.attempt(row, rows, Self::decide)? {
                     rows.end_early(row);
                 }
             }
-            Turn::Reset | Turn::Rest => rows.clear(row),
+            EnvCommand::Reset | EnvCommand::Rest => rows.clear(row),
         }
-        if rows.turns[row] == Turn::Reset || rows.begins_anew(row) {
+        if rows.commands[row] == EnvCommand::Reset || rows.begins_anew(row) {
             self.attempt(row, rows, Self::begin)?;
         }
         Ok(())
     }
 
-    fn experts(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
+    fn experts(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         let actions = rows.actions.chunks_exact_mut(ACTION_DIM);
         for ((table, slot), action) in self.tables.iter().zip(&self.slots).zip(actions) {
             let expert = table.expert_action();
-            action.copy_from_slice(&expert.map_err(|error| error.of(slot.index))?);
+            action.copy_from_slice(&expert.map_err(|error| error.in_env(slot.index))?);
         }
         Ok(())
     }
 
-    /// Does `work` in one row and says whether it succeeded. Errors and panics are failures of that
-    /// row alone, except for those of rendering, which all rows share.
+    /// Calls `work` for one row and returns `true` if it succeeded. Errors and panics are failures
+    /// of that row alone, except errors of rendering, which affect all rows.
     fn attempt(
         &mut self,
         row: usize,
-        rows: &mut Rows,
-        work: fn(&mut Self, usize, &mut Rows) -> Result<(), EnvError>,
+        rows: &mut WorkerBatch,
+        work: fn(&mut Self, usize, &mut WorkerBatch) -> Result<(), EnvError>,
     ) -> Result<bool, EnvError> {
-        // a panic leaves nothing half done that the next `begin` of this row does not do afresh
+        // unwind safe, since the next `begin` of this row resets everything that a panic may leave
+        // half done
         let caught = catch_unwind(AssertUnwindSafe(|| work(self, row, rows)));
         let panicked = |panic: Box<dyn Any + Send>| {
             let message = panic_message(&*panic);
@@ -197,8 +198,9 @@ impl SubEnvs {
         match caught.unwrap_or_else(panicked) {
             Ok(()) => Ok(true),
             Err(error @ EnvError::Render(_)) => {
+                // the OpenGL context may be lost; `begin` makes a new renderer
                 self.renderers.remove(&self.tables[row].scene().group);
-                Err(error.of(env))
+                Err(error.in_env(env))
             }
             Err(error) => {
                 rows.failures.push(Failure { env, error });
@@ -208,19 +210,19 @@ impl SubEnvs {
     }
 
     /// Starts an episode in slot `row` and writes its first observation.
-    fn begin(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
+    fn begin(&mut self, row: usize, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         self.prepare(Arc::clone(self.tables[row].scene()))?;
         let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
         let renderer = renderer_of(&mut self.renderers, table)?;
-        // where this fails, the next decision must not go on with an old episode
+        // ended first, so that a failure below leaves no episode for the next decision to continue
         table.end_episode();
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
         table.reset(element, &mut slot.rng)?;
         renderer.draw_backdrop(table, &mut slot.backdrop)?;
         renderer.render_over(table, &mut slot.backdrop, &mut slot.first)?;
-        if let Some(disturber) = &mut self.disturber {
-            disturber.begin(&mut slot.sight);
-            disturber.disturb(&mut slot.sight, table.hand(), &mut slot.first);
+        if let Some(randomiser) = &mut self.randomiser {
+            randomiser.begin(&mut slot.camera_state);
+            randomiser.disturb(&mut slot.camera_state, table.hand(), &mut slot.first);
         }
         let image = row_mut(&mut rows.batch.images, row, self.settings.image_len());
         renderer.compose(table, &slot.first, &slot.first, image);
@@ -228,8 +230,8 @@ impl SubEnvs {
         Ok(())
     }
 
-    /// Takes one decision in slot `row` and writes what it led to, all or nothing.
-    fn decide(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
+    /// Takes one decision in slot `row` and writes its outcome, or nothing if it fails.
+    fn decide(&mut self, row: usize, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
         let renderer = renderer_of(&mut self.renderers, table)?;
         #[cfg(test)]
@@ -239,8 +241,8 @@ impl SubEnvs {
         let step = table.step(&action)?;
         let vector = table.observe()?;
         renderer.render_over(table, &mut slot.backdrop, &mut self.picture)?;
-        if let Some(disturber) = &mut self.disturber {
-            disturber.disturb(&mut slot.sight, table.hand(), &mut self.picture);
+        if let Some(randomiser) = &mut self.randomiser {
+            randomiser.disturb(&mut slot.camera_state, table.hand(), &mut self.picture);
         }
         let (images, vectors) = rows.write_step(row, &step);
         let image = row_mut(images, row, self.settings.image_len());
@@ -259,9 +261,10 @@ impl Slot {
     }
 }
 
-/// Every environment draws from a stream of its own.
+/// Returns the random stream of an environment, independent of all others.
 fn slot_rng(seed: u64, index: usize) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    // one seed, one stream per environment: results do not depend on the number of threads
     rng.set_stream(index as u64);
     rng
 }
@@ -270,11 +273,10 @@ fn renderer_of<'a>(
     renderers: &'a mut BTreeMap<TaskGroup, SceneRenderer>,
     table: &TableTop,
 ) -> Result<&'a mut SceneRenderer, EnvError> {
-    let renderer = renderers.get_mut(&table.scene().group);
-    renderer.ok_or(EnvError::NotReset)
+    renderers.get_mut(&table.scene().group).ok_or(EnvError::NotReset)
 }
 
-/// What a panic said.
+/// Returns the message of a panic.
 pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(ToString::to_string);
     text.or_else(|| panic.downcast_ref::<String>().cloned())

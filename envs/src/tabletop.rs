@@ -1,4 +1,4 @@
-//! One environment without its picture: reset, step, reward.
+//! One environment without pictures: reset, step, reward.
 
 use std::sync::Arc;
 
@@ -7,9 +7,9 @@ use mujoco::{Data, Shape, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
-use crate::carrier::OPEN_APERTURE;
+use crate::actuation::ServoController;
 use crate::control::{Control, PHYSICS_STEPS, clip};
-use crate::drive::ServoDrive;
+use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::EnvError;
 use crate::layout::{facing, map};
 use crate::scene::{ARM_GEOM_GROUP, Scene, SceneKey, check_placement};
@@ -19,48 +19,50 @@ mod simulated_arm;
 
 pub use simulated_arm::SimulatedArm;
 
-/// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
+/// Number of action components: displacement of the hand's target along x, y and z, and the
+/// fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
 /// Irreps of the action's components.
 pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-/// Components of the vector observation: hand x, y, z (metres from the centre), aperture in
-/// `[0, 1]`, goal x, y, z (metres; zero where hidden).
+/// Number of components of the vector observation: hand x, y, z (metres from the centre), aperture
+/// in `[0, 1]`, goal x, y, z (metres; zero if hidden).
 pub const VECTOR_DIM: usize = 7;
 /// Irreps of the vector observation's components.
 pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
     [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::Trivial];
 
-/// Rewards of control steps lie in `[0, 10]`, as Meta-World's; those of decisions in `[0, 1]`.
+/// Factor from Meta-World's rewards of control steps, in `[0, 10]`, to rewards of decisions, in
+/// `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
 
-/// What one decision brought.
+/// Outcome of one decision.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
-    /// Mean over the control steps of Meta-World's reward / 10: in `[0, 1]`.
+    /// Mean over the control steps of Meta-World's reward / 10, in `[0, 1]`.
     pub reward: f64,
-    /// Whether the success condition held at any control step.
+    /// `true` if the success condition held at any control step.
     pub success: bool,
-    /// Whether the success condition holds after the last control step.
+    /// `true` if the success condition holds after the last control step.
     pub success_at_end: bool,
-    /// Whether the time limit is reached.
+    /// `true` if the time limit is reached.
     pub truncated: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 struct Episode {
-    /// Whether anything touched anything at the end of a control step.
+    /// `true` if there was any contact at the end of a control step.
     touched: bool,
     element: D2,
     start: EpisodeStart,
-    /// Where the hand's target is (metres, world frame).
+    /// Position of the hand's target (metres, world frame).
     target: DVec3,
-    /// What moves the arm there, if no weld does.
-    drive: Option<ServoDrive>,
+    /// Controller of an arm with servos; `None` if a weld moves the hand.
+    controller: Option<ServoController>,
     decisions: usize,
 }
 
-/// All that the future of a [`TableTop`] depends on: the simulation, its solver's warm start
-/// included, the control of an arm, and the episode.
+/// Everything that determines the future of a [`TableTop`]: the simulation with its solver's warm
+/// start, the arm's controller, and the episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     key: SceneKey,
@@ -68,7 +70,7 @@ pub struct Snapshot {
     episode: Episode,
 }
 
-/// A table-top environment without a camera. All lengths in metres, world frame.
+/// Table-top environment without pictures. All lengths are in metres, in the world frame.
 pub struct TableTop {
     scene: Arc<Scene>,
     control: Control,
@@ -77,33 +79,33 @@ pub struct TableTop {
 }
 
 impl TableTop {
-    /// An environment on `scene`; it must be reset before its first step.
+    /// Creates an environment on `scene`; call a reset before the first step.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for impossible control settings.
+    /// [`EnvError::Setting`] for control settings out of range.
     pub fn new(scene: Arc<Scene>, control: Control) -> Result<Self, EnvError> {
         control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
         Ok(Self { scene, control, data, episode: None })
     }
 
-    /// The scene.
+    /// Returns the scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// The control settings.
+    /// Returns the control settings.
     pub fn control(&self) -> Control {
         self.control
     }
 
-    /// The simulation, to be looked at: positions of bodies, contacts, its saved state.
+    /// Returns the simulation, for reading positions, contacts and its state.
     pub fn simulation(&self) -> &Data {
         &self.data
     }
 
-    /// The simulation, to be rendered or changed. Whoever changes it answers for the rest of the
-    /// episode; [`TableTop::reset`] undoes all but what is done to the model.
+    /// Returns the simulation, for rendering or changing it. Changes affect the rest of the
+    /// episode; [`TableTop::reset`] undoes them.
     pub fn simulation_mut(&mut self) -> &mut Data {
         &mut self.data
     }
@@ -111,7 +113,7 @@ impl TableTop {
     /// Starts an episode of the variant `element` at a placement drawn from `rng`.
     ///
     /// # Errors
-    /// [`EnvError::NoSuchVariant`], or what MuJoCo says of the state.
+    /// [`EnvError::NoSuchVariant`], or MuJoCo's error for the state.
     pub fn reset(&mut self, element: D2, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
         let placement = self.scene.place(rng);
         self.reset_to(element, placement)
@@ -121,12 +123,12 @@ impl TableTop {
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`] or [`EnvError::NonFinitePlacement`], and nothing has changed; or
-    /// what MuJoCo says of the state, and no episode is running.
+    /// MuJoCo's error for the state, and no episode is running.
     pub fn reset_to(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
         let scene = Arc::clone(&self.scene);
         scene.layout.check(element)?;
         check_placement(&placement)?;
-        // where something fails from here on, nothing goes on from a state that is half set
+        // ended first, so that a failure below leaves no episode on a half-set state
         self.end_episode();
         self.data.restore(&scene.settled)?;
         self.put_objects(element, &placement)?;
@@ -140,14 +142,14 @@ impl TableTop {
             element,
             start,
             target: scene.hand_target_start,
-            drive: scene.drive.clone(),
+            controller: scene.controller.clone(),
             decisions: 0,
             touched: false,
         });
         Ok(())
     }
 
-    /// Puts the objects where `placement` says, with their joints as an episode starts them.
+    /// Moves the objects to `placement`, and their joints to the start positions.
     fn put_objects(&mut self, element: D2, placement: &Placement) -> Result<(), EnvError> {
         let scene = &self.scene;
         for (body, position) in [(scene.object, placement.object), (scene.goal, placement.goal)] {
@@ -162,12 +164,13 @@ impl TableTop {
         }
         if let Some(address) = scene.decoy {
             let position = map(element, placement.object).to_array();
+            // the first three coordinates of a free joint are its position
             self.data.qpos_mut()[address..address + 3].copy_from_slice(&position);
         }
         Ok(())
     }
 
-    /// Copies the running episode out.
+    /// Returns a copy of the running episode.
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
@@ -179,17 +182,17 @@ impl TableTop {
         })
     }
 
-    /// Goes back to a saved episode, which continues to the same bits.
+    /// Restores a saved episode, which then continues to the same bits.
     ///
     /// # Errors
-    /// [`EnvError::OtherScene`] for a snapshot of another scene, task or control, and nothing has
-    /// changed.
+    /// [`EnvError::OtherScene`] for a snapshot of another scene, task or control; nothing has
+    /// changed then.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), EnvError> {
         let key = self.key();
         if snapshot.key != key {
             return Err(EnvError::OtherScene {
-                got: snapshot.key.words(&key),
-                expected: key.words(&key),
+                got: snapshot.key.describe(&key),
+                expected: key.describe(&key),
             });
         }
         self.data.restore(&snapshot.simulation)?;
@@ -206,14 +209,16 @@ impl TableTop {
     ///
     /// # Errors
     /// [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`] before a reset
-    /// and after the episode's end; a diverged simulation, which ends the episode.
+    /// and after the end of an episode; [`EnvError::Simulation`] if the simulation diverges, which
+    /// ends the episode.
     pub fn step(&mut self, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
         let [x, y, z, finger] = clip(action)?;
         let decisions = self.control.decisions();
-        // taken out, so that nothing goes on from a simulation that failed
+        // taken out, so that a failed simulation leaves no episode to continue
         let running = self.episode.take_if(|episode| episode.decisions < decisions);
         let mut episode = running.ok_or(EnvError::NotReset)?;
         let repeat = self.control.action_repeat as f64;
+        // spread evenly over the control steps, so that `displacement` is the length per decision
         let move_by = DVec3::new(x, y, z) * self.control.displacement / repeat;
         let mut step = Step::default();
         for _ in 0..self.control.action_repeat {
@@ -228,7 +233,7 @@ impl TableTop {
         Ok(step)
     }
 
-    /// Moves the hand's target by `move_by` (metres) and lets 12.5 ms pass.
+    /// Moves the hand's target by `move_by` (metres) and simulates one control step of 12.5 ms.
     fn control_step(
         &mut self,
         episode: &mut Episode,
@@ -237,36 +242,36 @@ impl TableTop {
     ) -> Result<StepReward, EnvError> {
         let [low, high] = self.scene.layout.target_bounds();
         episode.target = (episode.target + move_by).clamp(low, high);
-        if let Some(drive) = &episode.drive {
-            episode.target = drive.within_lead(episode.target, self.hand());
+        if let Some(controller) = &episode.controller {
+            episode.target = controller.within_lead(episode.target, self.hand());
         }
         let target = episode.target;
         self.data.set_mocap_position(self.scene.hand_target, target.to_array())?;
-        match &mut episode.drive {
+        match &mut episode.controller {
             None => self.data.set_ctrl(&[finger, -finger])?,
-            Some(drive) => drive.advance(&mut self.data, target, finger)?,
+            Some(controller) => controller.advance(&mut self.data, target, finger)?,
         }
         self.pass(episode, finger)
     }
 
-    /// Lets 12.5 ms pass.
+    /// Simulates one control step of 12.5 ms.
     fn pass(&mut self, episode: &mut Episode, finger: f64) -> Result<StepReward, EnvError> {
         self.data.step(PHYSICS_STEPS)?;
         episode.touched |= self.data.contact_count() > 0;
+        // `step` leaves positions one physics step behind; kinematics alone do not alter the state
         self.data.forward_kinematics()?;
         let now = self.measure(episode.element, &episode.start.placement);
         Ok(self.scene.group.task().reward(&episode.start, &now, finger))
     }
 
-    /// The variant of the running episode.
+    /// Returns the variant of the running episode; `None` if no episode is running.
     pub fn variant(&self) -> Option<TaskVariant> {
         let group = self.scene.group;
         let element = self.episode.as_ref()?.element;
         Some(TaskVariant { group, element })
     }
 
-    /// Whether anything has touched anything in the running episode, as seen at the end of its
-    /// control steps.
+    /// Returns `true` if there was any contact at the end of a control step of the running episode.
     pub(crate) fn touched(&self) -> bool {
         self.episode.as_ref().is_some_and(|episode| episode.touched)
     }
@@ -276,19 +281,20 @@ impl TableTop {
         self.episode = None;
     }
 
-    /// Position of the hand (metres, world frame).
+    /// Returns the position of the hand (metres, world frame).
     pub fn hand(&self) -> DVec3 {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 
-    /// The goal (metres, world frame), in tasks in which it is part of the observation.
+    /// Returns the goal (metres, world frame); `None` for tasks with a hidden goal, or if no
+    /// episode is running.
     pub fn observable_goal(&self) -> Option<DVec3> {
         let episode = self.episode.as_ref()?;
         let goal = map(episode.element, episode.start.placement.goal);
         self.scene.goal_observable.then_some(goal)
     }
 
-    /// The vector observation (see [`VECTOR_IRREPS`]).
+    /// Returns the vector observation (see [`VECTOR_IRREPS`]).
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
@@ -299,7 +305,7 @@ impl TableTop {
         Ok([hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z].map(|value| value as f32))
     }
 
-    /// The scripted expert's action for the present state, world frame.
+    /// Returns the scripted expert's action for the present state (world frame).
     ///
     /// # Errors
     /// [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`].
@@ -316,21 +322,22 @@ impl TableTop {
         Ok([bounded.x as f32, bounded.y as f32, bounded.z as f32, finger as f32])
     }
 
-    /// What the scripted expert asks for now.
+    /// Returns the scripted expert's command for the present state.
     pub(crate) fn expert_command(&self) -> Result<ExpertCommand, EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let task = self.scene.group.task();
         Ok(task.expert(&episode.start.placement, &self.measurement()?))
     }
 
-    /// The reward of the present state after a control step with the finger action `finger`.
+    /// Returns the reward of the present state after a control step with the finger action
+    /// `finger`.
     pub(crate) fn reward(&self, finger: f64) -> Result<StepReward, EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let now = self.measurement()?;
         Ok(self.scene.group.task().reward(&episode.start, &now, finger))
     }
 
-    /// What the reward looks at now, in the canonical frame.
+    /// Returns the measurements that the reward depends on (canonical frame).
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
@@ -361,30 +368,30 @@ impl TableTop {
     }
 }
 
-/// Groups of geoms that pictures show: tables and objects, and the arm. Collision shapes and marks
-/// are in others.
+/// Geom groups that pictures show: tables and objects, and the arm. Collision shapes and marks are
+/// in other groups.
 const SHOWN: std::ops::RangeInclusive<usize> = 0..=ARM_GEOM_GROUP;
 
-/// A shape of one colour and where it is.
+/// Geom of one colour, with its pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solid<'a> {
-    /// Its name in the scene, which no other has; geoms of a scene from outside may have none.
+    /// Unique name in the scene; `None` only for geoms of foreign scenes.
     pub name: Option<&'a str>,
-    /// The shape, in its own frame (metres).
+    /// Shape in its own frame (metres).
     pub shape: Shape,
-    /// Where its centre is (metres, world frame).
+    /// Position of the centre (metres, world frame).
     pub position: DVec3,
-    /// Its x, y and z axis in the world, as columns.
+    /// Axes x, y and z in the world frame, as columns.
     pub axes: DMat3,
     /// Red, green, blue and opacity in `[0, 1]`.
     pub rgba: [f32; 4],
-    /// Whether it belongs to the arm or the gripper.
+    /// `true` for geoms of the arm and the gripper.
     pub is_arm: bool,
 }
 
 impl TableTop {
-    /// Every ball, capsule, cylinder and box that a camera may see, in the scene's order. The floor,
-    /// a plane, is none of them.
+    /// Returns every sphere, capsule, cylinder and box that a camera may see, in the scene's order,
+    /// without the floor (a plane).
     pub fn solids(&self) -> impl Iterator<Item = Solid<'_>> {
         let (data, model) = (&self.data, self.data.model());
         model.geoms().filter_map(move |geom| {

@@ -1,4 +1,4 @@
-//! What a task says about itself, and the handle by which the rest of the crate knows it.
+//! Definition of a task, and the handle that the rest of the crate uses.
 
 use std::any::Any;
 
@@ -6,56 +6,56 @@ use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::identity::{Identity, stands_for_its_name};
+use crate::instance_id::{InstanceId, impl_traits_by_name};
 
-/// A group of tasks that are one another's images under [`D2`]: a handle on the [`Task`] that
+/// Group of tasks that are images of one another under [`D2`]: a handle on the [`Task`] that
 /// defines the identity variant.
 ///
-/// Groups are compared, ordered, hashed, printed and serialised by their names, so two tasks of one
-/// name count as one group; [`TaskRegistry`](crate::TaskRegistry) refuses the second, and so does a
-/// [`VecEnv`](crate::VecEnv). A name is turned back to a group by a registry.
+/// Groups are compared, ordered, hashed, printed and serialised by name, so two tasks of one name
+/// count as one group; [`TaskRegistry`](crate::TaskRegistry) and [`VecEnv`](crate::VecEnv) reject
+/// the second. A registry converts a name back to a group.
 #[derive(Clone, Copy)]
 pub struct TaskGroup(&'static dyn Task);
 
 impl TaskGroup {
-    /// The group of `task`.
+    /// Returns the group of `task`.
     ///
     /// A reference to a task without fields is `'static` already: `TaskGroup::of(&MyTask)`. A task
-    /// that is made while the program runs is leaked: `TaskGroup::of(Box::leak(Box::new(task)))`.
-    /// Make the handle of a task with fields once and copy it: a task made again is another one.
+    /// that is made at run time must be leaked: `TaskGroup::of(Box::leak(Box::new(task)))`. Make
+    /// the handle of a task with fields once and copy it: another instance counts as another task.
     pub const fn of(task: &'static dyn Task) -> Self {
         Self(task)
     }
 
-    /// The group's name as options and files spell it, for instance `goal-reach`.
+    /// Returns the group's name as options and files spell it, for instance `goal-reach`.
     pub fn name(self) -> &'static str {
         self.0.name()
     }
 
-    /// The task that defines the group's identity variant.
+    /// Returns the task that defines the group's identity variant.
     pub fn task(self) -> &'static dyn Task {
         self.0
     }
 
-    /// What tells this task from another one of its name.
-    pub(crate) fn identity(self) -> Identity {
-        Identity::of(self.0)
+    /// Returns an id that differs from that of another task with this name.
+    pub(crate) fn instance_id(self) -> InstanceId {
+        InstanceId::of(self.0)
     }
 
-    /// The group's variants, one for each element of [`D2::ALL`].
+    /// Returns the group's variants, one for each element of [`D2::ALL`].
     pub fn variants(self) -> [TaskVariant; 4] {
         D2::ALL.map(|element| TaskVariant { group: self, element })
     }
 }
 
-stands_for_its_name!(TaskGroup);
+impl_traits_by_name!(TaskGroup);
 
-/// One task: a group and the symmetry that maps the group's identity variant to it.
+/// Variant of a task group: the group, and the symmetry that maps its identity variant to this one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TaskVariant {
-    /// The group.
+    /// Task group.
     pub group: TaskGroup,
-    /// The element that maps the canonical scene to this one.
+    /// Element that maps the canonical scene to this one.
     pub element: D2,
 }
 
@@ -65,137 +65,134 @@ impl std::fmt::Display for TaskVariant {
     }
 }
 
-/// Where an episode puts things, in the canonical frame (metres from the table's centre).
+/// Positions of object and goal in an episode, in the canonical frame (metres from the table's
+/// centre).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Origin of the scene's `object` body; unused by scenes without one.
     pub object: DVec3,
-    /// The point where the object, or the fingertips, should be; a scene's `goal` body has its
-    /// origin there.
+    /// Target position of the object or the fingertips, and origin of the scene's `goal` body.
     pub goal: DVec3,
 }
 
-/// What the reward looks at, in the canonical frame (metres).
+/// Measurements that the reward depends on, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// Origin of the hand body.
     pub hand: DVec3,
-    /// The point between the fingertips.
+    /// Tool centre point, between the fingertips.
     pub tcp: DVec3,
-    /// Distance between the claws over 0.1 m, in `[0, 1]`; one is open.
+    /// Distance between the claws divided by 0.1 m, in `[0, 1]`; 1 is open.
     pub aperture: f64,
-    /// The point of the object that the task speaks of (see [`Parts::object_offset`]).
+    /// Reference point of the object (see [`Parts::object_offset`]).
     pub object: DVec3,
 }
 
-/// How an episode began, in the canonical frame (metres).
+/// Start of an episode, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EpisodeStart {
-    /// Where things were put.
+    /// Positions of object and goal.
     pub placement: Placement,
-    /// Where the hand's target stood; the hand itself rests a few millimetres below it.
+    /// Position of the hand's target; the hand itself rests a few millimetres below it.
     pub hand_target: DVec3,
-    /// What was measured.
+    /// Measurements in the start state.
     pub measured: Measurement,
 }
 
-/// Reward in `[0, 10]` and success of one control step, and the terms that the reward is made of.
+/// Reward, success and reward terms of one control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepReward {
-    /// How near the fingertips are to the object, and where the task asks for it how the fingers
-    /// are held, in `[0, 1]`; 1 in Goal Reach.
+    /// Term in `[0, 1]` for the distance of the fingertips from the object and, in some tasks, for
+    /// the finger action; 1 in Goal Reach.
     pub approach: f64,
-    /// How near the object is to its goal, in `[0, 1]`.
+    /// Term in `[0, 1]` for the distance of the object from its goal.
     pub in_place: f64,
-    /// How far the object is from its goal (metres); in Goal Reach the fingertips.
+    /// Distance of the object (in Goal Reach, the fingertips) from its goal (metres).
     pub remaining: f64,
-    /// The dense reward, in `[0, 10]`.
+    /// Dense reward, in `[0, 10]`.
     pub reward: f64,
-    /// Whether the success condition holds now.
+    /// `true` if the success condition holds now.
     pub success: bool,
 }
 
-/// The unchanging parts of a task. `Parts::default()` is the bare table with a hidden goal.
+/// Constant parts of a task. `Parts::default()` is the bare table with a hidden goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Parts<'a> {
-    /// The task's part of the scene, a `<mujocoinclude>`; none for the bare table.
+    /// MJCF of the task, a `<mujocoinclude>`; `None` for the bare table.
     ///
-    /// A part needs a mocap body `object`, which is put where the placement says, and may have a
-    /// mocap body `goal`. Both are turned by half a turn in the variants that flip y, so everything
-    /// in them must be its own mirror image along x. What the learner should see is in geom group 1
-    /// and made of boxes or upright cylinders, which draw as exact mirror images; what only
-    /// collides is in group 4. Everything has a name. A geom that collides keeps the embodiment's
-    /// `contype` and `conaffinity`; one that does not sets both to 0.
+    /// A mocap body `object` is required; it is moved to the placement's object. A mocap body
+    /// `goal` is optional. Both are rotated by half a turn in the variants that flip y, so
+    /// everything in them must be symmetric along x. Visible geoms are in group 1 and are boxes or
+    /// upright cylinders, which are drawn as exact mirror images; collision shapes are in group 4.
+    /// Everything has a name. A geom that collides keeps the embodiment's `contype` and
+    /// `conaffinity`; one that does not sets both to 0.
     ///
-    /// The part may include by name what the stock tasks include: `drawer_stop.xml` and `puck.xml`
-    /// of the embodiment; `plunger.xml`, `handle.xml` and `bars.xml` of the layout. The arena, the
-    /// embodiment and the camera are in every scene.
+    /// The part may include the files that the crate's own tasks include: `drawer_stop.xml` and
+    /// `puck.xml` of the embodiment; `plunger.xml`, `handle.xml` and `bars.xml` of the layout.
+    /// Arena, embodiment and camera are in every scene.
     ///
-    /// Reserved names: a body `goal` is placed by the environment and must be a mocap body. The
-    /// names of the arena and the embodiment are taken, for instance the bodies `hand`
-    /// and `hand_target`, the sites `right_tip` and `left_tip` and the camera `top`.
+    /// Reserved names: the body `goal`, which the environment places, must be a mocap body. The
+    /// names of arena and embodiment are taken, for instance the bodies `hand` and `hand_target`,
+    /// the sites `right_tip` and `left_tip` and the camera `top`.
     pub mjcf: Option<&'a str>,
-    /// Body whose position the task reads; without one, the placement's object is read.
+    /// Body whose position the task reads; if `None`, the placement's object is read.
     pub object_body: Option<&'a str>,
-    /// From that body's origin to the point that the task speaks of (metres, canonical frame);
-    /// finite.
+    /// Offset from the origin of `object_body` to the task's reference point (metres, canonical
+    /// frame); finite.
     pub object_offset: DVec3,
-    /// Joints that an episode starts away from zero, with their positions (metres, radians), which
-    /// are finite.
+    /// Joints that do not start at zero, with their start positions (metres, radians); finite.
     pub start_joints: &'a [(&'a str, f64)],
-    /// Whether the goal is part of the observation.
+    /// `true` if the goal is part of the observation.
     pub goal_observable: bool,
 }
 
-/// Meta-World's own figures of a task, for the layout `metaworld`.
+/// Settings of a task in the layout `metaworld`, from Meta-World.
 #[derive(Clone, Copy, Debug)]
-pub struct Stock<'a> {
+pub struct MetaWorldSpec<'a> {
     /// Meta-World's name of the task, without its version.
     pub name: &'a str,
-    /// Where the hand's target stands when an episode starts (metres).
+    /// Position of the hand's target when an episode starts (metres).
     pub hand_target: DVec3,
-    /// A part that the scene has in this layout alone, a `<mujocoinclude>`. With it the name
-    /// `decoy` is reserved for a free joint: an episode starts with its body at the placement's
-    /// object.
+    /// Additional part of the scene, a `<mujocoinclude>`. The name `decoy` is then reserved for a
+    /// free joint, whose body starts at the placement's object.
     pub addition: Option<&'a str>,
-    /// Draws a placement from Meta-World's ranges.
+    /// Function that draws a placement from Meta-World's ranges.
     pub place: fn(&mut ChaCha8Rng) -> Placement,
 }
 
-/// A task in its canonical frame; it keeps no state between calls.
+/// Task in its canonical frame; it keeps no state between calls.
 ///
-/// Its four variants are made by mapping positions and actions with the elements of [`D2`].
-/// [`conformance::check`](crate::conformance::check) tries whether a task does what is asked here.
+/// The four variants follow from mapping positions and actions by the elements of [`D2`].
+/// [`conformance::check`](crate::conformance::check) tests the requirements.
 pub trait Task: Any + Send + Sync {
-    /// The name, in kebab-case: lower-case letters and digits in words that are joined by hyphens.
+    /// Returns the name in kebab-case: words of lower-case letters and digits, joined by hyphens.
     fn name(&self) -> &str;
 
-    /// What the task is made of.
+    /// Returns the constant parts of the task.
     fn parts(&self) -> Parts<'_>;
 
-    /// Draws a placement. All draws of the object, or all of the goal, lie in one quadrant and more
-    /// than 1 mm off its axes, so that the four variants fill four quadrants.
+    /// Draws a placement. All objects, or all goals, must lie in one quadrant and more than 1 mm
+    /// off its axes, so that the four variants fill four quadrants.
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement;
 
-    /// Reward and success of the state `now` of an episode that began as `start`, where `finger` is
-    /// the action's finger component in `[-1, 1]`.
+    /// Returns reward and success of the state `now` of an episode with the start `start`; `finger`
+    /// is the action's finger component in `[-1, 1]`.
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward;
 
-    /// The scripted expert: where the hand should go next, and the finger action.
+    /// Returns the scripted expert's next command.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand;
 
-    /// Meta-World's figures of the task. A task without them has no scene in the layout
-    /// `metaworld`.
-    fn stock(&self) -> Option<Stock<'_>> {
+    /// Returns the settings for the layout `metaworld`; `None` if the task has no scene in it.
+    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
         None
     }
 }
 
-/// What a scripted expert asks for, in the canonical frame.
+/// Command of a scripted expert, in the canonical frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExpertCommand {
-    /// Where the hand should go (metres).
+    /// Target of the hand (metres).
     pub hand: DVec3,
-    /// Finger action in `[-1, 1]`; one closes.
+    /// Finger action in `[-1, 1]`; 1 closes.
     pub finger: f64,
 }

@@ -1,4 +1,4 @@
-//! Many environments stepped together by worker threads, each thread with its own off-screen
+//! Vector environment: worker threads step many environments, each thread with its own off-screen
 //! renderer.
 
 use std::collections::BTreeMap;
@@ -9,27 +9,26 @@ use symmetry::D2;
 use crate::batch::{ObservationsMut, StepMut};
 use crate::control::check_action;
 use crate::error::EnvError;
-use crate::rows::{Command, Failure, Rows, Turn, copy_row};
+use crate::messages::{Command, EnvCommand, Failure, WorkerBatch, copy_row};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, VECTOR_DIM};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
 
-/// N environments of one task group; where an episode ends, the next begins at once with a variant
-/// drawn anew.
+/// N environments of one task group. Where an episode ends, the next begins at once with a newly
+/// drawn variant.
 ///
 /// Environment i draws from its own random stream, so results depend on the seed alone.
 ///
-/// An environment that fails in a step (its simulation diverges, or its code panics) does not stop
-/// the others. Its episode reads as one that ran out of time at the observation before that step:
-/// reward 0, `truncated`, that observation as the final one; and its next episode has begun. A
-/// restart that fails leaves the row's observation as it was and is tried again in every step.
-/// [`VecEnv::reset`] and [`VecEnv::step`] return these failures, a failed restart as a second one
-/// of its environment.
+/// If an environment fails in a step (its simulation diverges, or its code panics), the others go
+/// on. Its episode ends like a time-out at the observation before that step: reward 0, `truncated`,
+/// that observation as the final one. Its next episode has then begun. If that restart fails, the
+/// row keeps its observation, and every step tries again. [`VecEnv::reset`] and [`VecEnv::step`]
+/// return these failures; a failed restart is a second failure of its environment.
 ///
-/// Where rendering fails, for instance because the OpenGL context is lost, the call fails for all
-/// environments; the next [`VecEnv::reset`] makes new renderers and goes on.
+/// If rendering fails, for instance because the OpenGL context is lost, the call fails for all
+/// environments. The next [`VecEnv::reset`] makes new renderers and recovers.
 ///
 /// A fork copies no worker threads, so in a forked child every call that needs them returns
 /// [`EnvError::OtherProcess`], and dropping the environments there leaks their memory.
@@ -37,11 +36,11 @@ pub struct VecEnv {
     settings: VecEnvSettings,
     scenes: BTreeMap<TaskGroup, Arc<Scene>>,
     workers: Vec<Worker>,
-    rows: Vec<Rows>,
+    rows: Vec<WorkerBatch>,
     failures: Vec<Failure>,
-    /// Whether episodes run: after a reset, until the tasks change or a call fails.
+    /// `true` while episodes run: after a reset, until the tasks change or a call fails.
     running: bool,
-    /// Identifier of the process that has the worker threads.
+    /// Identifier of the process with the worker threads.
     process: u32,
 }
 
@@ -49,8 +48,8 @@ impl VecEnv {
     /// Starts the worker threads on `group`, with variants drawn uniformly from `elements`.
     ///
     /// # Errors
-    /// [`EnvError::Setting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo
-    /// or OpenGL says.
+    /// [`EnvError::Setting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or an error of
+    /// MuJoCo or OpenGL.
     pub fn new(
         settings: VecEnvSettings,
         group: TaskGroup,
@@ -66,25 +65,25 @@ impl VecEnv {
             running: false,
             process: std::process::id(),
         };
-        // before any thread starts: the first model of a process tunes software rendering (see
-        // `mujoco`)
+        // before any thread starts, because the first model of a process configures software
+        // rendering (see `mujoco`)
         vec_env.scene(group)?;
         vec_env.workers = spawn(settings)?;
         vec_env.set_tasks(group, elements)?;
         Ok(vec_env)
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &VecEnvSettings {
         &self.settings
     }
 
-    /// Makes models and renderers of `groups` and lets their scenes come to rest, so that
+    /// Makes the models and renderers of `groups` and simulates their scenes to rest, so that
     /// [`VecEnv::set_tasks`] is cheap from then on.
     ///
     /// # Errors
-    /// [`EnvError::DuplicateTask`] for another task of the name of one that is prepared, or what
-    /// MuJoCo or OpenGL says.
+    /// [`EnvError::DuplicateTask`] if another task of this name is prepared, or an error of MuJoCo
+    /// or OpenGL.
     pub fn prepare(&mut self, groups: &[TaskGroup]) -> Result<(), EnvError> {
         for &group in groups {
             let scene = self.scene(group)?;
@@ -94,14 +93,14 @@ impl VecEnv {
     }
 
     /// Switches every environment to `group`, with variants drawn uniformly from `elements`.
-    /// Running episodes end: [`VecEnv::reset`] must come next.
+    /// Running episodes end: call [`VecEnv::reset`] next.
     ///
-    /// A group that was not prepared is prepared now, see [`VecEnv::prepare`].
+    /// A group that is not prepared is prepared first, see [`VecEnv::prepare`].
     ///
     /// # Errors
-    /// [`EnvError::DuplicateTask`] for another task of the name of one that is prepared,
-    /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says. Where
-    /// the group is refused, running episodes go on.
+    /// [`EnvError::DuplicateTask`] if another task of this name is prepared,
+    /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or an error of MuJoCo or OpenGL. If
+    /// the group is rejected, running episodes go on.
     pub fn set_tasks(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
         if elements.is_empty() {
             return Err(EnvError::NoVariants { group });
@@ -114,8 +113,8 @@ impl VecEnv {
         self.broadcast(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
-    /// Draws variants and placements from the streams of `seed` from now on, as if made with it:
-    /// episodes that begin with the next [`VecEnv::reset`] depend on it and on nothing before.
+    /// Restarts the random streams of variants and placements from `seed`. Episodes from the next
+    /// [`VecEnv::reset`] on are those of a new environment with this seed.
     ///
     /// # Errors
     /// [`EnvError::WorkerLost`].
@@ -125,11 +124,11 @@ impl VecEnv {
         Ok(())
     }
 
-    /// The scene of `group`, compiled on this thread when it is first needed and shared by all
+    /// Returns the scene of `group`, compiled on this thread at its first use and shared by all
     /// workers.
     fn scene(&mut self, group: TaskGroup) -> Result<Arc<Scene>, EnvError> {
         if let Some(scene) = self.scenes.get(&group) {
-            if scene.group.identity() == group.identity() {
+            if scene.group.instance_id() == group.instance_id() {
                 return Ok(Arc::clone(scene));
             }
             let name = group.name().to_owned();
@@ -141,61 +140,61 @@ impl VecEnv {
         Ok(scene)
     }
 
-    /// Starts a new episode in every environment, and returns those in which that failed.
+    /// Starts a new episode in every environment, and returns the environments that failed.
     ///
     /// # Errors
-    /// [`EnvError::Length`] for buffers of another size, or what OpenGL says.
+    /// [`EnvError::Length`] for buffers of the wrong size, or an error of OpenGL.
     pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_observations(&out)?;
         self.prepare_rows();
-        self.rows.iter_mut().for_each(|rows| rows.turns.fill(Turn::Reset));
+        self.rows.iter_mut().for_each(|rows| rows.commands.fill(EnvCommand::Reset));
         self.run(Command::Advance)?;
         self.copy_observations(out);
         Ok(&self.failures)
     }
 
-    /// Holds `actions` `[N, 4]` for one decision in every environment, and returns those that
-    /// failed.
+    /// Holds `actions` `[N, 4]` for one decision in every environment, and returns the environments
+    /// that failed.
     ///
     /// # Errors
     /// [`EnvError::Length`] or [`EnvError::NonFiniteAction`], and nothing has moved;
-    /// [`EnvError::NotReset`]; an [`EnvError::InEnv`] with what OpenGL says, after which
+    /// [`EnvError::NotReset`]; an [`EnvError::InEnv`] with an error of OpenGL, after which
     /// [`VecEnv::reset`] makes new renderers.
     pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_step(actions, &out)?;
         self.require_running()?;
-        self.rows.iter_mut().for_each(|rows| rows.turns.fill(Turn::Step));
-        self.take_turns(actions, out)
+        self.rows.iter_mut().for_each(|rows| rows.commands.fill(EnvCommand::Step));
+        self.advance_rows(actions, out)
     }
 
-    /// Lets every environment have its turn of `turns` `[N]`, with its row of `actions` `[N, 4]`,
-    /// and returns those that failed. Episodes can thus be begun one by one, when the caller likes.
+    /// Executes `commands` `[N]` with `actions` `[N, 4]`, and returns the environments that failed.
+    /// The caller thus decides when each episode begins.
     ///
-    /// Rewards and flags of environments that take no decision are 0 and false, and the observation
-    /// of one that rests is its last one.
+    /// Environments that take no decision get reward 0 and flags `false`. A resting one keeps its
+    /// last observation.
     ///
     /// # Errors
-    /// As [`VecEnv::step`]; [`EnvError::NotReset`] only where an environment should do anything but
-    /// begin an episode.
+    /// Those of [`VecEnv::step`]; [`EnvError::NotReset`] only if a command other than
+    /// [`EnvCommand::Reset`] is given without a running episode.
     pub fn advance(
         &mut self,
         actions: &[f32],
-        turns: &[Turn],
+        commands: &[EnvCommand],
         out: StepMut<'_>,
     ) -> Result<&[Failure], EnvError> {
         self.check_step(actions, &out)?;
-        check_len("turns", turns.len(), self.settings.num_envs)?;
-        if turns.iter().any(|&turn| turn != Turn::Reset) {
+        check_len("commands", commands.len(), self.settings.num_envs)?;
+        if commands.iter().any(|&command| command != EnvCommand::Reset) {
             self.require_running()?;
         }
         self.prepare_rows();
         for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
-            rows.turns.copy_from_slice(&turns[worker.envs.clone()]);
+            rows.commands.copy_from_slice(&commands[worker.envs.clone()]);
         }
-        self.take_turns(actions, out)
+        self.advance_rows(actions, out)
     }
 
-    /// Writes the scripted expert's action of every environment to `actions` `[N, 4]`.
+    /// Writes the scripted experts' actions to `actions` `[N, 4]`.
     ///
     /// # Errors
     /// [`EnvError::Length`], [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`]; episodes go
@@ -210,7 +209,7 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Refuses to go on in a forked child, which has no worker threads.
+    /// Returns an error in a forked child, which has no worker threads.
     fn require_own_process(&self) -> Result<(), EnvError> {
         let (made_in, process) = (self.process, std::process::id());
         if made_in == process {
@@ -219,7 +218,7 @@ impl VecEnv {
         Err(EnvError::OtherProcess { made_in, process })
     }
 
-    /// Refuses to go on without episodes, or after a worker was lost with its rows.
+    /// Returns an error if no episodes run, or after a worker was lost with its rows.
     fn require_running(&self) -> Result<(), EnvError> {
         self.require_own_process()?;
         if self.running && self.rows.len() == self.workers.len() {
@@ -228,8 +227,8 @@ impl VecEnv {
         Err(EnvError::NotReset)
     }
 
-    /// Lets the rows have the turns that are written in them.
-    fn take_turns(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
+    /// Executes the commands in the rows and copies the results out.
+    fn advance_rows(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
         for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
             rows.actions.copy_from_slice(&actions[action_range(worker)]);
         }
@@ -246,9 +245,10 @@ impl VecEnv {
         Ok(&self.failures)
     }
 
-    /// Lets every worker work on its rows.
-    fn run(&mut self, command: fn(Rows) -> Command) -> Result<(), EnvError> {
+    /// Sends the rows to the workers with `command`, and collects the failures.
+    fn run(&mut self, command: fn(WorkerBatch) -> Command) -> Result<(), EnvError> {
         self.running = false;
+        // after an error episodes count as ended, until a reset succeeds
         self.send_rows(command)?;
         self.running = true;
         self.failures.clear();
@@ -258,8 +258,8 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Gives every worker its rows and waits for them to come back.
-    fn send_rows(&mut self, command: fn(Rows) -> Command) -> Result<(), EnvError> {
+    /// Sends every worker its rows and waits for them to come back.
+    fn send_rows(&mut self, command: fn(WorkerBatch) -> Command) -> Result<(), EnvError> {
         self.require_own_process()?;
         for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
             worker.send(command(rows));
@@ -267,7 +267,7 @@ impl VecEnv {
         self.receive()
     }
 
-    /// Gives every worker an order that concerns no rows.
+    /// Sends every worker a command without rows.
     fn broadcast(&mut self, command: impl Fn() -> Command) -> Result<(), EnvError> {
         self.require_own_process()?;
         for worker in &self.workers {
@@ -276,18 +276,18 @@ impl VecEnv {
         self.receive()
     }
 
-    /// Makes one set of rows a worker, at first and after a worker was lost.
+    /// Creates the workers' rows, at first use and after a worker was lost.
     fn prepare_rows(&mut self) {
         if self.rows.len() != self.workers.len() {
             let rows = |worker: &Worker| {
-                Rows::new(&VecEnvSettings { num_envs: worker.envs.len(), ..self.settings })
+                WorkerBatch::new(&VecEnvSettings { num_envs: worker.envs.len(), ..self.settings })
             };
             self.rows = self.workers.iter().map(rows).collect();
         }
     }
 
-    /// Waits for every worker, then reports the first error, so that questions and answers stay
-    /// paired.
+    /// Waits for every worker, then returns the first error. All answers are received even then, so
+    /// that commands and answers stay paired.
     fn receive(&mut self) -> Result<(), EnvError> {
         let mut first_error = Ok(());
         for worker in &mut self.workers {
@@ -329,7 +329,7 @@ impl VecEnv {
         let n = self.settings.num_envs;
         check_len("actions", actions.len(), n * ACTION_DIM)?;
         for (index, action) in actions.chunks_exact(ACTION_DIM).enumerate() {
-            check_action(action).map_err(|error| error.of(index))?;
+            check_action(action).map_err(|error| error.in_env(index))?;
         }
         self.check_observations(&out.observations)?;
         self.check_observations(&out.final_observations)?;
@@ -342,19 +342,19 @@ impl VecEnv {
 
 impl Drop for VecEnv {
     fn drop(&mut self) {
-        // joining a thread that a fork did not copy panics, and its channels may be locked for ever
+        // joining a thread that a fork did not copy panics, and its channels may be locked forever
         if self.require_own_process().is_err() {
             std::mem::forget(std::mem::take(&mut self.workers));
         }
     }
 }
 
-/// Where the actions of a worker's environments stand among those of all.
+/// Returns the range of a worker's actions among those of all environments.
 fn action_range(worker: &Worker) -> std::ops::Range<usize> {
     worker.envs.start * ACTION_DIM..worker.envs.end * ACTION_DIM
 }
 
-/// Gives each thread a contiguous part of the environments.
+/// Starts the worker threads, each with a contiguous part of the environments.
 fn spawn(settings: VecEnvSettings) -> Result<Vec<Worker>, EnvError> {
     let part = settings.num_envs.div_ceil(settings.threads);
     let firsts = (0..settings.num_envs).step_by(part).enumerate();

@@ -1,17 +1,17 @@
-//! A thread that owns some of the environments.
+//! Worker thread that owns some of the environments.
 
 use std::ops::Range;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use crate::error::EnvError;
-use crate::rows::{Command, Reply};
+use crate::messages::{Command, Reply};
 use crate::settings::VecEnvSettings;
 use crate::sub_envs::{SubEnvs, panic_message};
 
-/// The handle of one worker thread.
+/// Handle of one worker thread.
 pub(crate) struct Worker {
-    /// The environments that this worker owns.
+    /// Range of the environments that this worker owns.
     pub envs: Range<usize>,
     index: usize,
     commands: Option<SyncSender<Command>>,
@@ -25,7 +25,7 @@ impl Worker {
         envs: Range<usize>,
         settings: VecEnvSettings,
     ) -> Result<Self, EnvError> {
-        // of fixed capacity, because an unbounded channel allocates as it goes
+        // bounded channels, because unbounded ones allocate for every message
         let (commands, inbox) = sync_channel(1);
         let (outbox, replies) = sync_channel(1);
         let owned = envs.clone();
@@ -43,7 +43,7 @@ impl Worker {
         Ok(Self { envs, index, commands: Some(commands), replies, thread: Some(thread) })
     }
 
-    /// Hands over a command; that the thread is gone shows when its answer is awaited.
+    /// Sends a command. If the thread is gone, [`Worker::receive`] reports it.
     pub(crate) fn send(&self, command: Command) {
         if let Some(commands) = &self.commands {
             let _ = commands.send(command);
@@ -59,7 +59,7 @@ impl Worker {
         })
     }
 
-    /// Why the thread ended.
+    /// Returns the reason for which the thread ended.
     fn exit_message(&mut self) -> String {
         match self.thread.take().map(JoinHandle::join) {
             Some(Err(panic)) => panic_message(&*panic),
@@ -70,6 +70,7 @@ impl Worker {
 
 impl Drop for Worker {
     fn drop(&mut self) {
+        // closes the channel, which ends the thread's loop, so that `join` returns
         self.commands = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();

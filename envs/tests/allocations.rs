@@ -1,7 +1,7 @@
-//! Steps allocate nothing in the steady state, on any thread; not even where episodes end.
+//! Steps must allocate nothing in the steady state, on any thread, not even at the end of episodes.
 //!
-//! The only test of its binary, since the allocator counts for the whole process. It counts Rust's
-//! allocations; what MuJoCo and OpenGL do is theirs.
+//! This is the only test of its binary, since the allocator counts for the whole process. It counts
+//! Rust's allocations, not those of MuJoCo and OpenGL.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
@@ -9,7 +9,7 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use envs::{
-    ACTION_DIM, Batch, Beside, Camera, Control, Randomisation, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Control, ExtraView, Randomisation, TaskGroup, VecEnv, VecEnvSettings,
 };
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use symmetry::D2;
@@ -21,7 +21,7 @@ const N: usize = 3;
 /// Allocations that three threads and their four channels may make once.
 const ONCE: usize = 8;
 
-/// Allocations of `run`.
+/// Counts the allocations of `run`.
 fn allocations(run: impl FnOnce()) -> usize {
     let region = Region::new(ALLOCATOR);
     run();
@@ -36,13 +36,13 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
         control: Control { horizon: 30, ..Control::default() },
         ..VecEnvSettings::default()
     };
-    // perfect pictures are on the way to randomised ones
+    // randomised pictures start from perfect ones, so this covers both
     steps_allocate_nothing(VecEnvSettings {
         randomisation: Some(Randomisation::NOMINAL),
         ..settings
     });
     steps_allocate_nothing(VecEnvSettings {
-        camera: Camera { oversampling: 3, beside: Beside::FirstAndCloseUp, ..settings.camera },
+        camera: Camera { oversampling: 3, beside: ExtraView::FirstAndCloseUp, ..settings.camera },
         ..settings
     });
     let counted = allocations(|| (0..200).for_each(|_| drop(black_box(vec![0; 3]))));
@@ -62,8 +62,7 @@ fn steps_allocate_nothing(settings: VecEnvSettings) {
     };
     steps(4);
     let allocated = allocations(|| steps(200));
-    // a thread allocates when it waits in a channel for the first time, which may come late; far
-    // from once a step
+    // a thread allocates when it first waits in a channel, which may come late but not in each step
     assert!(allocated <= ONCE, "{allocated} allocations");
     assert_eq!(ends, 68);
 }

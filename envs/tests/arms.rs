@@ -1,12 +1,12 @@
-//! Arms that servos move: the Kinova Gen3, and one of somebody else's URDF.
+//! Arms with servos: the Kinova Gen3, and one of a foreign URDF.
 
 use std::sync::Arc;
 
-use envs::carriers::{Arm, ArmSettings, Finger, Gripper, KinovaGen3};
 use envs::conformance::experts;
+use envs::embodiments::{Arm, ArmSettings, Finger, Gripper, KinovaGen3};
 use envs::{
-    ACTION_DIM, Batch, Camera, Carrier, Control, Embodiment, EnvError, HAND_START, Scene, TableTop,
-    TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Control, Embodiment, EmbodimentSpec, EnvError, HAND_START, Scene,
+    TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -18,7 +18,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
     Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap())
 }
 
-/// A table at the start of an episode.
+/// Returns a table at the start of an episode.
 fn started(group: TaskGroup, embodiment: Embodiment) -> TableTop {
     let mut table = TableTop::new(scene(group, embodiment), Control::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
@@ -36,7 +36,7 @@ fn experts_solve_every_variant_with_the_gen3() {
     }
 }
 
-/// Without a load its servos hold it where it should be, and it is open.
+/// Without a load the servos must hold the arm at its target, with open fingers.
 #[test]
 fn the_gen3_rests_at_the_start() {
     let table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
@@ -51,8 +51,8 @@ fn the_gen3_rests_at_the_start() {
     assert!(fastest < 1e-3, "{fastest}");
 }
 
-/// The Sawyer arm's open claws, 6 mm thick, are 50 mm from the middle. A finger that came down 2 cm
-/// farther out would land on the cap of the button.
+/// The Sawyer arm's open claws, 6 mm thick, are 50 mm from the middle. A finger 2 cm farther out
+/// would land on the button's cap.
 #[test]
 fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
     let arm = KinovaGen3.arm().unwrap();
@@ -61,7 +61,7 @@ fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
     let closing = |closing| RobotState { tip, joints: joints.clone(), closing };
     for (state, reach) in [(closing(0.0), 0.053), (closing(1.0), 0.0335)] {
         let out = arm.capsules(&state).into_iter().filter_map(|capsule| {
-            // pads and fingers: what reaches below the hand, and is near it
+            // pads and fingers: shapes below the hand and near it
             let finger = capsule.ends.iter().any(|end| end.z < tip.position.z)
                 && capsule.ends.iter().all(|end| end.distance(tip.position) < 0.1);
             let out = capsule.ends.map(|end| (end.y - tip.position.y).abs());
@@ -74,7 +74,7 @@ fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
     assert!((open - 1.0).abs() < 1e-9, "{open}");
 }
 
-/// Nothing that it is told takes it beyond the limits of its joints and of its hand.
+/// No action may take the arm beyond the limits of its joints and of its hand.
 #[test]
 fn the_gen3_keeps_to_its_limits() {
     let mut table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
@@ -101,7 +101,7 @@ fn the_gen3_keeps_to_its_limits() {
     assert!(spent > 0.1 && (0.15..0.5).contains(&fastest), "{spent} {fastest}");
 }
 
-/// The target does not run away from a hand that cannot follow it, so the way back is short.
+/// The target must not run away from a hand that cannot follow it, so that the way back is short.
 #[test]
 fn an_arm_stands_where_its_reach_ends_and_comes_back() {
     let mut table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
@@ -145,11 +145,11 @@ fn a_saved_episode_of_an_arm_continues_to_the_same_bits() {
 
 const SIX_JOINT: &str = include_str!("../assets/urdf/six_joint.urdf");
 
-/// Where its root stands, under the table (metres), and a posture with its tip over the centre.
+/// Position of its root below the table (metres), and a configuration with its tip over the centre.
 const BASE: DVec3 = DVec3::new(-0.36, -0.53, -0.665);
 const READY: [f64; 6] = [0.2, 0.1, 0.7, -0.3, -0.6, -1.1];
 
-/// An arm of a URDF that knows nothing of this crate, with a peg for a gripper.
+/// Arm of a URDF without anything of this crate, with a peg for a gripper.
 fn six_joint(name: &str) -> ArmSettings {
     let robot = envs::robots::Description::from_urdf(SIX_JOINT).unwrap();
     let peg = Finger { link: "tip".to_owned(), claw: DVec3::ZERO, tip: DVec3::ZERO };
@@ -163,7 +163,7 @@ fn six_joint(name: &str) -> ArmSettings {
             fingers: [peg.clone(), peg],
             joint: None,
         },
-        // with six joints it is not everywhere turned as it should be
+        // with six joints it cannot hold the orientation everywhere
         control: envs::robots::ControlSettings {
             tolerance: 0.02,
             angular_tolerance: 0.5,
@@ -193,7 +193,7 @@ fn an_arm_names_the_pairs_of_links_that_do_not_collide() {
     assert!(!thin.excluded().contains(&pair));
 }
 
-/// Scenes, settings and experts take an arm of somebody else's as they take their own.
+/// Scenes, settings and experts must accept a foreign arm like the crate's own.
 #[test]
 fn an_arm_of_somebody_elses_drives_a_scripted_expert() {
     let arm = made(six_joint("six-joint"));
@@ -243,14 +243,14 @@ fn arms_that_cannot_be_driven_are_refused() {
         assert!(message.contains(says), "{message}");
     }
     let arm = Arm::new(six_joint("far")).unwrap();
-    let message = arm.posture(3.0 * DVec3::X).unwrap_err().to_string();
+    let message = arm.initial_joint_positions(3.0 * DVec3::X).unwrap_err().to_string();
     assert!(message.contains("cannot reach"), "{message}");
     let name = made(six_joint("Six Joint"));
     let scene = Scene::new(TaskGroup::GOAL_REACH, name, Camera::default());
     assert!(matches!(scene, Err(EnvError::EmbodimentName { .. })));
 }
 
-/// Worker threads change nothing in what a learner is told.
+/// Observations must not depend on the number of worker threads.
 #[test]
 fn arms_move_alike_on_any_number_of_threads() {
     let told = |threads| {

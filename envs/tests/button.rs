@@ -1,4 +1,4 @@
-//! What Meta-World's reward says of a claw that presses the button.
+//! Meta-World's reward while a claw presses the button.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use symmetry::D2;
 /// One decision of a press.
 #[derive(Debug)]
 struct Press {
-    /// The way that is left (metres).
+    /// Remaining travel (metres).
     remaining: f64,
     reward: f64,
     success: bool,
@@ -19,11 +19,11 @@ struct Press {
 
 /// Travel of the cap from rest to its goal (metres).
 const TRAVEL: f64 = 0.0935;
-/// The way that is left where success begins (metres).
+/// Remaining travel at success (metres).
 const SUCCESS: f64 = 0.02;
 
-/// Lines the hand up with the button at 4 cm a decision, then pushes by 2 cm a decision; `finger`
-/// is the gripper's action. The decisions in which the cap is off its rest.
+/// Aligns the hand with the button at 4 cm a decision, then pushes by 2 cm a decision with the
+/// finger action `finger`. Returns the decisions in which the cap is off its rest.
 fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
     let scene = Scene::new(TaskGroup::BUTTON_PRESS, embodiment, Camera::default());
     let mut env = TableTop::new(Arc::new(scene.unwrap()), Control::default()).unwrap();

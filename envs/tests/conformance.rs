@@ -1,13 +1,13 @@
-//! The rules of `envs::conformance` asked of every group, and of tasks that break one each; figures
-//! of experts and of mirror images.
+//! Tests of `envs::conformance` on every group, and on tasks that each break one rule; measurements
+//! of experts and of symmetry.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use envs::conformance::{Flaw, check, experts, symmetry};
 use envs::{
-    Camera, Control, Embodiment, EnvError, EpisodeStart, ExpertCommand, Measurement, Parts,
-    Placement, Scene, StepReward, Stock, Task, TaskGroup,
+    Camera, Control, Embodiment, EnvError, EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec,
+    Parts, Placement, Scene, StepReward, Task, TaskGroup,
 };
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
@@ -70,7 +70,7 @@ fn scenes_with_a_flaw_are_refused() {
     }
 }
 
-/// It is 12 mm at most from where it was, and nothing shows.
+/// The object is 12 mm at most from its start, too little for pictures to show.
 #[test]
 fn an_object_that_moves_a_little_must_show_it() {
     let mut spoilt = Spoilt::default();
@@ -82,8 +82,8 @@ fn an_object_that_moves_a_little_must_show_it() {
 #[test]
 fn rewards_with_a_flaw_are_refused() {
     static CALLS: AtomicU64 = AtomicU64::new(0);
-    /// One in the few control steps in which the hand sets off, zero elsewhere; their decision has
-    /// a mean in range.
+    /// 1 in the few control steps in which the hand starts to move, 0 elsewhere, so that the mean
+    /// of their decision is in range.
     fn peak(start: &EpisodeStart, now: &Measurement) -> f64 {
         let way = now.hand.distance(start.measured.hand);
         f64::from(u8::from(way > 0.0 && way < 1e-3))
@@ -114,8 +114,8 @@ fn rewards_with_a_flaw_are_refused() {
     }
 }
 
-/// Between two control steps of one episode another task may not show; this one does where it was
-/// asked of another placement a moment ago.
+/// A task must not depend on other episodes between two control steps. This one does if it was last
+/// called for another placement.
 #[test]
 fn tables_that_disturb_one_another_are_refused() {
     static LAST: Mutex<(DVec3, u64)> = Mutex::new((DVec3::ZERO, 1000));
@@ -135,7 +135,7 @@ fn tables_that_disturb_one_another_are_refused() {
     assert_flaw("disturbed", spoilt, "tables do not disturb one another");
 }
 
-/// It counts the control steps of its episode where no snapshot holds them.
+/// Counts the control steps of its episode where no snapshot holds them.
 #[test]
 fn what_a_snapshot_does_not_hold_is_refused() {
     static STEPS: AtomicU64 = AtomicU64::new(0);
@@ -221,7 +221,7 @@ fn a_malformed_name_is_refused() {
     assert!(matches!(source, EnvError::TaskName { .. }), "{source}");
 }
 
-/// What a task brings for Meta-World's layout is held to the rules, too.
+/// The rules must also cover a task's settings for Meta-World's layout.
 #[test]
 fn a_flaw_of_the_stock_layout_alone_is_found() {
     struct Stuck(PushBlock);
@@ -241,8 +241,8 @@ fn a_flaw_of_the_stock_layout_alone_is_found() {
         fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
             self.0.expert(placement, now)
         }
-        fn stock(&self) -> Option<Stock<'_>> {
-            Some(Stock {
+        fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+            Some(MetaWorldSpec {
                 name: "push-block",
                 hand_target: DVec3::new(0.0, 0.0, 0.2),
                 addition: None,
@@ -254,7 +254,7 @@ fn a_flaw_of_the_stock_layout_alone_is_found() {
     assert!(message.to_string().contains("metaworld"), "{message}");
 }
 
-/// Every variant with `embodiment`.
+/// Returns the rows of every variant with `embodiment`.
 fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
     let scene = |group| Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
     let scenes = TaskGroup::STANDARD.map(scene);
@@ -271,8 +271,8 @@ fn an_expert_that_cannot_get_there_does_not_succeed() {
     }
 }
 
-/// The physics of `hand` mirror to rounding, through contact and under random actions, too, and its
-/// pictures bit for bit.
+/// The physics of `hand` must mirror up to rounding, also through contact and under random actions,
+/// and its pictures bit for bit.
 #[test]
 fn the_hand_mirrors_exactly() {
     for (scene, element) in variants(Embodiment::HAND) {

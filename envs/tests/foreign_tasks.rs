@@ -1,5 +1,4 @@
-//! Tasks of somebody else's: which are told apart, which names are reserved, and which figures are
-//! refused.
+//! Foreign tasks: distinction of equal names, reserved names, and rejected values.
 
 use std::sync::Arc;
 
@@ -18,7 +17,7 @@ fn scene(group: TaskGroup) -> Result<Scene, EnvError> {
     Scene::new(group, Embodiment::HAND, Camera::default())
 }
 
-/// A table on `group` at the start of an episode.
+/// Returns a table of `group` at the start of an episode.
 fn started(group: TaskGroup, control: Control) -> TableTop {
     let mut table = TableTop::new(Arc::new(scene(group).unwrap()), control).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -26,7 +25,7 @@ fn started(group: TaskGroup, control: Control) -> TableTop {
     table
 }
 
-/// The name and the parts of [`PushBlock`], and another reward.
+/// Task with the name and the parts of [`PushBlock`], and another reward.
 fn generous() -> TaskGroup {
     let spoilt = Spoilt { reward: |reward, _, _, _| reward.reward = 10.0, ..Spoilt::default() };
     spoilt.group()
@@ -79,7 +78,7 @@ fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
     table.restore(&started(plain, Control::default()).save().unwrap()).unwrap();
 }
 
-/// The loose cylinder's name is reserved in the stock layout alone.
+/// The loose cylinder's name is reserved in Meta-World's layout only.
 #[test]
 fn a_joint_called_decoy_is_the_tasks_own() {
     let group = with_scene(common::SCENE.replace("name=\"push\"", "name=\"decoy\""));
@@ -116,7 +115,7 @@ fn parts_that_are_not_numbers_are_refused() {
 fn an_expert_that_asks_for_what_is_no_number_is_refused() {
     let lost = Spoilt { expert: |command, _| command.hand.x = f64::INFINITY, ..Spoilt::default() };
     let limp = Spoilt { expert: |command, _| command.finger = f64::NAN, ..Spoilt::default() };
-    for (spoilt, says) in [(lost, "inf"), (limp, "fingers of NaN")] {
+    for (spoilt, says) in [(lost, "inf"), (limp, "the fingers to NaN")] {
         let table = started(spoilt.group(), Control::default());
         let message = table.expert_action().unwrap_err().to_string();
         assert!(message.contains("the expert of push-block"), "{message}");
@@ -124,7 +123,7 @@ fn an_expert_that_asks_for_what_is_no_number_is_refused() {
     }
 }
 
-/// With the data of another model a reset fails half way.
+/// With the data of another model a reset must fail half way.
 #[test]
 fn a_reset_that_fails_leaves_no_episode_running() {
     let mut table = started(Spoilt::default().group(), Control::default());

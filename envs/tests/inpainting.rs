@@ -16,19 +16,20 @@ use crate::arm::Arm;
 
 const SIZE: usize = 64;
 
-/// Pixels of an episode.
+/// Counts of pixels in an episode.
 #[derive(Debug, Default)]
 struct Tally {
     pixels: usize,
-    /// Pixels in which the arm shows, and those of them that the mask leaves uncovered.
+    /// Pixels of the arm, and those of them that the mask leaves uncovered.
     arm: usize,
     uncovered: usize,
     /// Pixels that differ from the same pipeline on pictures drawn without the arm.
     from_composed: usize,
-    /// Pixels that differ from the picture drawn without the arm, which sees what moves under it.
+    /// Pixels that differ from the picture drawn without the arm, which also shows motion below the
+    /// arm.
     from_live: usize,
-    /// The same under a mask of the very pixels in which the arm shows: the least that memory of
-    /// what was last seen can reach.
+    /// Pixels that differ from it under a perfect mask of the arm: the least that a memory of
+    /// earlier pictures can reach.
     least: usize,
 }
 
@@ -82,8 +83,8 @@ impl Studio {
         Inpainter::new(settings, &Self::paint(&mut self.alone, &mut self.table)).unwrap()
     }
 
-    /// Lets the expert act for an episode of the variant and compares every frame with the arm-free
-    /// one.
+    /// Runs the expert for an episode of the variant and compares every frame with the one drawn
+    /// without the arm.
     fn episode(&mut self, element: D2, correction: ColorCorrection) -> Tally {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         self.table.reset(element, &mut rng).unwrap();
@@ -120,7 +121,7 @@ impl Studio {
     }
 }
 
-/// Takes into `last_seen` the pixels of `raw` in which the arm does not show.
+/// Stores in `last_seen` the pixels of `raw` without the arm.
 fn remember(last_seen: &mut [u8], raw: &[u8], alone: &[u8]) {
     let pixels = raw.chunks_exact(RGB).zip(alone.chunks_exact(RGB));
     for (old, (now, without_arm)) in last_seen.chunks_exact_mut(RGB).zip(pixels) {
@@ -130,14 +131,14 @@ fn remember(last_seen: &mut [u8], raw: &[u8], alone: &[u8]) {
     }
 }
 
-/// Indices of the pixels in which two pictures differ.
+/// Returns the indices of the pixels in which two pictures differ.
 fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
     let pixels = a.chunks_exact(RGB).zip(b.chunks_exact(RGB)).enumerate();
     pixels.filter(|(_, (a, b))| a != b).map(|(index, _)| index)
 }
 
-/// The arm-free shortcut is the limit of in-painting: the same pixels, but for single ones at the
-/// arm's edge. What moves under the arm is seen late by any in-painting; the arm-free picture sees
+/// The picture without the arm is the limit of in-painting: equal pixels, except single ones at the
+/// arm's edge. Every in-painting sees motion below the arm late; the picture without the arm sees
 /// it at once.
 #[test]
 fn painting_the_arm_out_equals_not_drawing_it() {
@@ -170,8 +171,8 @@ fn a_mask_that_is_too_thin_is_noticed() {
     assert!(tally.from_composed * 200 > tally.pixels, "{tally:?}");
 }
 
-/// Mean difference (levels) of pictures taken under dim light, and painted with a background taken
-/// under full light, from the arm-free picture under full light, mark included.
+/// Returns the mean difference (levels) between pictures under dim light, in-painted with a
+/// background under full light, and the picture without the arm under full light, mark included.
 fn deviation_under_dim_light(correction: ColorCorrection) -> f64 {
     let light = Light { ambient: 0.3, camera: 0.25, overhead: 0.2 };
     let group = TaskGroup::PLATE_SLIDE;
@@ -218,7 +219,7 @@ fn the_pinhole_camera_projects_as_the_table_camera_does() {
     }
 }
 
-/// A link that is left out would stay in the picture.
+/// A link that is missing in the mask would stay in the picture.
 #[test]
 fn an_arm_with_a_shape_that_has_no_capsule_is_refused_by_name() {
     let model = |shape: &str| {

@@ -1,4 +1,4 @@
-//! What a layout has and has not, and snapshots of other scenes.
+//! Properties of the layouts, and snapshots of other scenes.
 
 use std::sync::Arc;
 
@@ -46,7 +46,7 @@ fn a_task_without_stock_figures_has_no_stock_scene() {
     let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
     let refused = Scene::in_layout(layout, group, arm, Camera::default());
     let message = refused.unwrap_err().to_string();
-    assert!(message.contains("`metaworld` has no figures of push-block"), "{message}");
+    assert!(message.contains("`metaworld` does not support push-block"), "{message}");
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn a_vector_environment_runs_a_task_of_somebody_elses() {
     assert!(pixels.count() > 4 * 10, "the block shows");
 }
 
-/// Groups are told apart by their names; the second would silently get the scene of the first.
+/// Groups are compared by name, so the second would silently get the first one's scene.
 #[test]
 fn two_tasks_of_one_name_are_refused() {
     let settings = VecEnvSettings { num_envs: 1, ..VecEnvSettings::default() };

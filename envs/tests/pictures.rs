@@ -1,16 +1,17 @@
-//! What the learner sees: orientation, symmetry, and that the variants differ.
+//! Pictures that the learner observes: orientation, symmetry, and differences between variants.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
 use envs::{
-    Backdrop, Beside, Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
+    Backdrop, Camera, Control, Embodiment, ExtraView, RGB, Scene, SceneRenderer, TableTop,
+    TaskGroup,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-/// One group's table and its renderer.
+/// Table of one group with its renderer.
 struct Studio {
     group: TaskGroup,
     size: usize,
@@ -32,8 +33,8 @@ impl Studio {
         Self { group, size, table, renderer }
     }
 
-    /// The first pictures `[size, size, 3]` of the four variants, at the placement that `seed`
-    /// draws.
+    /// Returns the first pictures `[size, size, 3]` of the four variants, at the placement that
+    /// `seed` draws.
     fn pictures(&mut self, seed: u64) -> Vec<Vec<u8>> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let placement = self.group.task().place(&mut rng);
@@ -47,18 +48,18 @@ impl Studio {
     }
 }
 
-/// What the four variants should look like: the canonical picture, mirrored.
+/// Returns the expected pictures of the four variants: the canonical picture, mirrored.
 fn mirrored(pictures: &[Vec<u8>], size: usize) -> [Vec<u8>; 4] {
     D2::ALL.map(|element| element.transform_image(&pictures[0], size, size, RGB))
 }
 
-/// Pixels in which two pictures differ.
+/// Counts the pixels in which two pictures differ.
 fn differing_pixels(a: &[u8], b: &[u8]) -> usize {
     let pixels = a.chunks(RGB).zip(b.chunks(RGB));
     pixels.filter(|(a, b)| a != b).count()
 }
 
-/// Of the pictures, a few alone may differ, and they by an edge.
+/// Asserts that at most a few pictures differ, each by an edge.
 ///
 /// OpenGL snaps vertices to 1/256 pixel and gives an edge through a pixel's centre to one side
 /// only, so about one placement in fifteen has an edge whose mirror image falls to the other side.
@@ -92,11 +93,12 @@ fn variants_are_mirror_images_bit_for_bit() {
     }
 }
 
-/// The hand goes towards the object, past the table's edge or nowhere near: the close-up goes with
-/// it.
+/// The close-up must follow the hand, which goes towards the object, past the table's edge or far
+/// away.
 #[test]
 fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
-    let camera = Camera { oversampling: 3, beside: Beside::FirstAndCloseUp, ..Camera::default() };
+    let camera =
+        Camera { oversampling: 3, beside: ExtraView::FirstAndCloseUp, ..Camera::default() };
     let channels = camera.beside.channels();
     for group in TaskGroup::STANDARD {
         let mut studio = Studio::seen_by(group, Embodiment::HAND, camera);
@@ -143,14 +145,14 @@ fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edg
     assert_few_and_off_by_an_edge(&differing, size);
 }
 
-/// A camera that draws no disc at the hand.
+/// Returns a camera without a mark.
 fn without_mark() -> Camera {
     let mark = envs::Mark { radius: 0.0, ..envs::Mark::default() };
     Camera { mark, ..Camera::default() }
 }
 
-/// The hand's variants are drawn in a mirror, the arm's as they stand; neither picture shows what
-/// carries the gripper.
+/// Variants of `hand` are drawn in a mirror, those of the arm are not. Neither picture shows the
+/// embodiment.
 #[test]
 fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
     let camera = without_mark();
@@ -167,7 +169,7 @@ fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
     assert_few_and_off_by_an_edge(&differing, camera.size);
 }
 
-/// What a learner sees says nothing of the arm, but for the disc.
+/// The learner's pictures must not show the arm.
 #[test]
 fn another_arm_does_not_show() {
     let camera = without_mark();
@@ -178,7 +180,7 @@ fn another_arm_does_not_show() {
     }
 }
 
-/// Of a whole episode, in which the expert moves the objects.
+/// Tests a whole episode, in which the expert moves the objects.
 #[test]
 fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
     let size = 64;
@@ -236,7 +238,7 @@ fn the_canonical_drawer_is_up_and_to_the_right() {
     assert!(columns / count > size / 2, "mean column {}", columns / count);
 }
 
-/// The middle of the red button, against the camera's own projection.
+/// The middle of the red button must be at the camera's own projection.
 #[test]
 fn a_point_projects_to_its_pixel() {
     let camera = Camera {

@@ -1,10 +1,10 @@
-//! Environments with randomised pictures beside those with perfect ones.
+//! Environments with randomised pictures compared to those with perfect ones.
 
-use envs::{ACTION_DIM, Batch, Beside, Randomisation, TaskGroup, VecEnv, VecEnvSettings};
+use envs::{ACTION_DIM, Batch, ExtraView, Randomisation, TaskGroup, VecEnv, VecEnvSettings};
 use symmetry::D2;
 
 const N: usize = 3;
-/// Steps of a walk, over two ends of episodes of six decisions.
+/// Steps of a run over two ends of episodes of six decisions.
 const STEPS: usize = 14;
 
 fn settings(threads: usize, randomisation: Option<Randomisation>) -> VecEnvSettings {
@@ -19,7 +19,7 @@ fn settings(threads: usize, randomisation: Option<Randomisation>) -> VecEnvSetti
     settings
 }
 
-/// Everything that some steps of a group show, the reset first.
+/// Everything that some steps of a group return, starting with the reset.
 fn walk(settings: VecEnvSettings, group: TaskGroup, seed: Option<u64>) -> Vec<Batch> {
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut batch = Batch::new(&settings);
@@ -80,7 +80,7 @@ fn any_number_of_threads_shows_the_same_and_so_does_a_seed_given_later() {
     assert!(walk(settings(2, amounts), group, Some(12)) != one);
 }
 
-/// Light and white balance show in a corner of the table, where nothing moves.
+/// Light and white balance are measured in a corner of the table, where nothing moves.
 #[test]
 fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another() {
     let amounts = Randomisation { exposure: 20.0, balance: 10.0, ..Randomisation::OFF };
@@ -88,7 +88,7 @@ fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another(
     let corners = |batch: &Batch| -> Vec<Vec<u8>> {
         let image = batch.images.len() / N;
         let images = batch.images.chunks(image);
-        images.map(|image| image[..Beside::First.channels()].to_vec()).collect()
+        images.map(|image| image[..ExtraView::First.channels()].to_vec()).collect()
     };
     let mut episodes = vec![corners(&walk[0])];
     for (step, batch) in walk.iter().enumerate().skip(1) {

@@ -1,4 +1,4 @@
-//! The compiled scenes themselves: names, masses, springs.
+//! Compiled scenes: names, masses, springs.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
     Scene::new(group, embodiment, Camera::default()).unwrap()
 }
 
-/// The larger of two figures; what is not a number is larger than any.
+/// Returns the larger of two values; NaN is larger than any.
 fn larger(a: f64, b: f64) -> f64 {
     if b > a || b.is_nan() { b } else { a }
 }
@@ -43,8 +43,8 @@ fn everything_in_every_scene_has_a_name() {
     }
 }
 
-/// Both hang 31.2 N on a weld of 8190 N/m and sink by 3.81 mm; the arm at this height by 3.77 mm,
-/// and leans 0.24 mm back.
+/// Both hands hang 31.2 N on a weld of 8190 N/m and sink by 3.81 mm; the arm at this height by 3.77
+/// mm, and it leans 0.24 mm back.
 #[test]
 fn hands_rest_below_their_target() {
     for embodiment in Embodiment::STANDARD {
@@ -61,8 +61,8 @@ fn hands_rest_below_their_target() {
     }
 }
 
-/// A mass on a spring and damper under its own damping: the same forces move both hands, so a step
-/// of the target takes them alike.
+/// A mass on a spring and damper under its own damping: the same forces move both hands, so both
+/// respond equally to a step of the target.
 #[test]
 fn the_hand_follows_its_target_as_the_arm_does() {
     let follow = |embodiment| {
@@ -89,7 +89,7 @@ fn the_hand_follows_its_target_as_the_arm_does() {
     assert!((0.012..0.020).contains(&hand[39]), "{}", hand[39]);
 }
 
-/// What the hand's masks leave out: the walls, which are out of its reach.
+/// The hand's collision masks leave out the walls, which must be out of its reach.
 #[test]
 fn the_hand_cannot_reach_the_walls() {
     let scene = Arc::new(scene(TaskGroup::GOAL_REACH, Embodiment::HAND));
@@ -121,8 +121,8 @@ fn the_hand_cannot_reach_the_walls() {
     }
 }
 
-/// A drawer that is slammed overshoots by a centimetre at most before the wall holds it, with
-/// either embodiment; the limit of its joint alone lets it go 5 cm.
+/// A slammed drawer must overshoot by a centimetre at most before the wall holds it, with either
+/// embodiment. The limit of its joint alone would allow 5 cm.
 #[test]
 fn a_shut_drawer_stands_against_the_wall() {
     for embodiment in Embodiment::STANDARD {

@@ -1,11 +1,11 @@
-//! The simulated arm as a robot: twists, latency, faults, the watchdog.
+//! Simulated arm as a robot: twists, latency, faults, the watchdog.
 
 use std::cell::Cell;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
 
-use envs::carriers::KinovaGen3;
+use envs::embodiments::KinovaGen3;
 use envs::robots::{Command, ControlError, Robot, Twist, Watchdog};
 use envs::{Camera, Embodiment, HAND_START, Placement, Scene, SimulatedArm, TaskGroup};
 use glam::DVec3;
@@ -18,7 +18,7 @@ fn scene(embodiment: Embodiment) -> Arc<Scene> {
     Arc::new(Scene::new(TaskGroup::GOAL_REACH, embodiment, Camera::default()).unwrap())
 }
 
-/// An arm at the start of an episode.
+/// Returns an arm at the start of an episode.
 fn started(latency: f64) -> SimulatedArm {
     let mut arm = SimulatedArm::new(scene(Embodiment::KINOVA_GEN3), latency).unwrap();
     let placement = Placement { object: DVec3::ZERO, goal: DVec3::new(0.1, 0.1, 0.1) };
@@ -57,7 +57,7 @@ fn a_twist_moves_the_tip_at_its_speed_and_closes_the_fingers() {
     assert!(arm.state().unwrap().tip.position.distance(stopped) < 1e-4);
 }
 
-/// With a latency everything happens as without, and so many control steps later.
+/// With a latency the same must happen, the given number of control steps later.
 #[test]
 fn latency_shifts_what_is_commanded_and_nothing_else() {
     let way = |latency| {
@@ -139,7 +139,7 @@ fn a_watchdog_stops_an_arm_that_nobody_commands() {
     assert!((0.01..0.025).contains(&way), "{way}");
 }
 
-/// The capsules of what the arm says of itself hold its geoms.
+/// The capsules of the arm's reported state must contain its geoms.
 #[test]
 fn capsules_follow_the_joints_that_the_arm_tells() {
     let mut arm = started(0.0);

@@ -1,4 +1,4 @@
-//! What programs that draw a table themselves are told of it.
+//! Solids for programs that draw a table themselves.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -43,7 +43,7 @@ fn every_scene_has_solids_of_its_table_and_its_arm() {
     }
 }
 
-/// A step of the arm moves the arm alone.
+/// A step of the arm must move the arm alone.
 #[test]
 fn solids_are_where_the_simulation_has_them() {
     let mut table = started(TaskGroup::GOAL_REACH, Embodiment::HAND, D2::FlipX);
@@ -63,7 +63,7 @@ fn solids_are_where_the_simulation_has_them() {
     }
 }
 
-/// Figures of `arena.xml` and `plate_slide.xml`.
+/// Values of `arena.xml` and `plate_slide.xml`.
 #[test]
 fn shapes_have_the_sizes_and_axes_of_the_scene() {
     let table = started(TaskGroup::PLATE_SLIDE, Embodiment::HAND, D2::Identity);

@@ -1,4 +1,4 @@
-//! Goals that are told, when success holds, and actions, placements and settings that are refused.
+//! Observed goals, success, and rejected actions, placements and settings.
 
 use std::sync::{Arc, LazyLock};
 
@@ -101,7 +101,7 @@ fn success_at_the_end_is_that_of_the_last_control_step() {
     assert_eq!(left_within_a_decision, 4);
 }
 
-/// A goal that is not a number would become an observation and a reward that are none.
+/// A NaN goal would end up in the observation and the reward.
 #[test]
 fn placements_that_are_not_numbers_are_refused_and_change_nothing() {
     for group in TaskGroup::STANDARD {

@@ -1,10 +1,9 @@
-//! The vector environment: the same for any number of threads, honest about ends, clear about
-//! errors.
+//! Vector environment: independence of the number of threads, ends of episodes, and errors.
 
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Batch, Beside, Camera, Control, EnvError, ObservationsMut, RGB, Randomisation,
+    ACTION_DIM, Batch, Camera, Control, EnvError, ExtraView, ObservationsMut, RGB, Randomisation,
     Scene, SceneRenderer, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
@@ -25,7 +24,7 @@ fn action(step: usize) -> Vec<f32> {
     (0..N * ACTION_DIM).map(|i| ((i * 7 + step * 3) % 5) as f32 / 2.0 - 1.0).collect()
 }
 
-/// Everything that 15 steps over a switch of groups show, in one list of numbers.
+/// Returns everything that 15 steps over a switch of groups observe, as one list of numbers.
 fn trace(threads: usize) -> Vec<u32> {
     let settings = settings(threads);
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
@@ -87,11 +86,11 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     assert!(buffers.final_images.chunks_exact(6).any(|pixel| pixel[..3] != pixel[3..]));
 }
 
-/// One environment driven by hand: the slow twin of a row.
+/// One environment without workers: the slow reference of a row.
 struct Twin {
     table: TableTop,
     renderer: SceneRenderer,
-    /// The same table, drawn without the mark and as large as close-ups show it.
+    /// Second renderer of the table, without the mark and as large as close-ups show it.
     large: (TableTop, SceneRenderer),
     rng: ChaCha8Rng,
     first: Vec<u8>,
@@ -125,9 +124,9 @@ impl Twin {
         self.renderer.render(&mut self.table, &mut now).unwrap();
         let mut pictures = vec![now];
         match self.table.scene().camera.beside {
-            Beside::First => pictures.push(self.first.clone()),
-            Beside::CloseUp => pictures.push(self.close_up()),
-            Beside::FirstAndCloseUp => pictures.extend([self.first.clone(), self.close_up()]),
+            ExtraView::First => pictures.push(self.first.clone()),
+            ExtraView::CloseUp => pictures.push(self.close_up()),
+            ExtraView::FirstAndCloseUp => pictures.extend([self.first.clone(), self.close_up()]),
         }
         let pixel = |index| {
             let pixels = pictures.iter().map(move |picture| &picture[index..][..RGB]);
@@ -137,7 +136,7 @@ impl Twin {
         (image.collect(), self.table.observe().unwrap().to_vec())
     }
 
-    /// The pixels around the hand's place on the table, one by one.
+    /// Returns the pixels around the hand's place on the table, one by one.
     fn close_up(&mut self) -> Vec<u8> {
         let camera = self.table.scene().camera;
         let side = camera.size * camera.oversampling;
@@ -163,7 +162,7 @@ impl Twin {
     }
 }
 
-/// A table, and a camera that draws it as large as close-ups show it.
+/// Table, and a camera that draws it as large as close-ups show it.
 fn large(settings: &VecEnvSettings, group: TaskGroup) -> (TableTop, SceneRenderer) {
     let camera = settings.camera;
     let large = camera.with_size(camera.size * camera.oversampling);
@@ -172,7 +171,7 @@ fn large(settings: &VecEnvSettings, group: TaskGroup) -> (TableTop, SceneRendere
     (table, SceneRenderer::of_table(scene).unwrap())
 }
 
-/// Row `env` of observations.
+/// Returns row `env` of observations.
 fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
     let image = observations.images.len() / N;
     (
@@ -183,7 +182,7 @@ fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
 
 #[test]
 fn every_row_is_what_one_environment_driven_by_hand_shows() {
-    for beside in [Beside::First, Beside::CloseUp, Beside::FirstAndCloseUp] {
+    for beside in [ExtraView::First, ExtraView::CloseUp, ExtraView::FirstAndCloseUp] {
         for oversampling in [1, 3] {
             let mut settings = settings(2);
             (settings.camera.oversampling, settings.camera.beside) = (oversampling, beside);
@@ -354,8 +353,8 @@ fn preparing_groups_changes_nothing_that_is_seen() {
     }
 }
 
-/// Settings with pictures that cannot be randomised.
-fn randomised(beside: Beside) -> VecEnvSettings {
+/// Returns settings with pictures that cannot be randomised.
+fn randomised(beside: ExtraView) -> VecEnvSettings {
     VecEnvSettings {
         camera: Camera { beside, ..Camera::default() },
         randomisation: Some(Randomisation::NOMINAL),
@@ -370,8 +369,8 @@ fn settings_out_of_range_are_refused() {
         VecEnvSettings { threads: 0, ..settings(1) },
         VecEnvSettings { threads: 1025, ..settings(1) },
         VecEnvSettings { camera: Camera { size: 15, ..Camera::default() }, ..settings(1) },
-        randomised(Beside::CloseUp),
-        randomised(Beside::FirstAndCloseUp),
+        randomised(ExtraView::CloseUp),
+        randomised(ExtraView::FirstAndCloseUp),
     ] {
         let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL).err().unwrap();
         assert!(matches!(error, EnvError::Setting { .. }), "{error}");

@@ -1,16 +1,16 @@
-//! The names of the ways to OpenGL.
+//! Names of the OpenGL backends.
 
 use std::fmt;
 
-/// Way to an OpenGL context.
+/// Backend that provides an OpenGL context.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Backend {
     /// EGL without any surface (Mesa), the first choice.
     EglSurfaceless,
-    /// EGL with a pixel buffer, on the first device that offers one (a headless GPU, say).
+    /// EGL with a pixel buffer, on the first device that offers one (for instance a headless GPU).
     EglPbuffer,
-    /// Mesa's software renderer in memory, the last resort.
+    /// Mesa's software renderer in memory, the last choice.
     OsMesa,
 }
 

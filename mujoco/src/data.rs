@@ -1,4 +1,4 @@
-//! `mjData`: the state of one simulation, and everything derived from it.
+//! `mjData`: the state of one simulation, and the quantities derived from it.
 
 use std::ptr::NonNull;
 use std::slice;
@@ -17,11 +17,11 @@ use crate::raw;
 /// One simulation of a [`Model`].
 ///
 /// *Derived* quantities (positions of bodies, geoms and sites; contacts) are those of the last
-/// [`Data::forward`], or of the last physics step but one: call `forward` before reading them,
-/// and before drawing. After [`Data::new`] and [`Data::reset`] they are zero until then.
+/// [`Data::forward`], or lag the state by one physics step: call `forward` before reading them and
+/// before drawing. After [`Data::new`] and [`Data::reset`] they are zero until then.
 ///
 /// # Panics
-/// Methods that take an id panic where the id comes from a larger model.
+/// Methods that take an id panic if the id comes from a larger model.
 pub struct Data {
     raw: NonNull<raw::mjData>,
     model: Arc<Model>,
@@ -30,26 +30,26 @@ pub struct Data {
 // SAFETY: the mjData is owned by this value alone and MuJoCo keeps no thread-bound state in it.
 unsafe impl Send for Data {}
 
-/// A pair of geoms that touch, or are within their collision margin.
+/// Pair of geoms that touch, or are within their collision margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// The two geoms.
+    /// Geoms of the pair.
     pub geoms: [GeomId; 2],
-    /// Gap between them in metres; negative where they overlap.
+    /// Gap between them in metres; negative if they overlap.
     pub distance: f64,
     /// Point midway between the two surfaces, in metres, in the world frame.
     pub position: [f64; 3],
 }
 
 impl Data {
-    /// Makes a simulation in the model's initial state.
+    /// Creates a simulation in the model's initial state.
     pub fn new(model: Arc<Model>) -> Self {
         // SAFETY: live model; MuJoCo never returns NULL for one (it calls the error handler).
         let raw = unsafe { NonNull::new_unchecked(raw::mj_makeData(model.as_raw())) };
         Self { raw, model }
     }
 
-    /// The model that is simulated.
+    /// Returns the model that is simulated.
     pub fn model(&self) -> &Arc<Model> {
         &self.model
     }
@@ -66,8 +66,8 @@ impl Data {
     /// Derived quantities are then one step behind the state: see [`Data::forward`].
     ///
     /// # Errors
-    /// [`SimError::Diverged`] as soon as a step diverges, and the state is then the initial one;
-    /// [`SimError::Overflow`] where contacts or constraints did not fit and were ignored.
+    /// [`SimError::Diverged`] as soon as a step diverges, after which the state is the initial one;
+    /// [`SimError::Overflow`] if contacts or constraints did not fit and were dropped.
     pub fn step(&mut self, n: usize) -> Result<(), SimError> {
         for _ in 0..n {
             let time = self.time();
@@ -80,14 +80,13 @@ impl Data {
 
     /// Computes every derived quantity from the state, without advancing time.
     ///
-    /// It also refreshes the constraint solver's warm start, which is part of the state: a run with
-    /// an extra `forward` in it may differ in the last bits from a run without.
+    /// This also refreshes the constraint solver's warm start, which is part of the state: a run
+    /// with an extra `forward` may differ in the last bits from a run without.
     ///
     /// # Errors
-    /// As [`Data::step`], and [`SimError::NotFinite`] where the state, the control or an
-    /// acceleration that follows from them is not finite. A step also refuses positions and
-    /// velocities beyond 1e10; `forward` takes them, and other derived quantities need not be
-    /// finite then.
+    /// Those of [`Data::step`], and [`SimError::NotFinite`] if the state, the control or a
+    /// resulting acceleration is not finite. A step also rejects positions and velocities beyond
+    /// 1e10; `forward` accepts them, and other derived quantities may then not be finite.
     pub fn forward(&mut self) -> Result<(), SimError> {
         check_finite(Quantity::Qpos, self.qpos())?;
         check_finite(Quantity::Qvel, self.qvel())?;
@@ -100,11 +99,11 @@ impl Data {
 
     /// Computes the positions of bodies, geoms, sites and cameras from the state, and nothing else.
     ///
-    /// Enough for observing and rendering, several times cheaper than [`Data::forward`], and
-    /// without a trace in the state. Cameras and lights that track a centre of mass need `forward`.
+    /// Sufficient for observing and rendering, several times cheaper than [`Data::forward`], and
+    /// without effect on the state. Cameras and lights that track a centre of mass need `forward`.
     ///
     /// # Errors
-    /// [`SimError::NotFinite`] where a position is not finite.
+    /// [`SimError::NotFinite`] if a position is not finite.
     pub fn forward_kinematics(&mut self) -> Result<(), SimError> {
         check_finite(Quantity::Qpos, self.qpos())?;
         // SAFETY: live data of this model.
@@ -115,38 +114,40 @@ impl Data {
         Ok(())
     }
 
-    /// Simulation time, in seconds.
+    /// Returns the simulation time, in seconds.
     pub fn time(&self) -> f64 {
         self.as_raw().time
     }
 
-    /// Generalised positions `[nq]`, in metres and radians; a free joint is 3 positions and a
-    /// quaternion (w, x, y, z).
+    /// Returns the generalised positions `[nq]`, in metres and radians; a free joint is 3 positions
+    /// and a quaternion (w, x, y, z).
     pub fn qpos(&self) -> &[f64] {
         self.values(&QPOS)
     }
 
-    /// Generalised positions `[nq]`, to be set. A NaN is an error of the next step.
+    /// Returns the generalised positions `[nq]` for setting them. A NaN is an error of the next
+    /// step.
     pub fn qpos_mut(&mut self) -> &mut [f64] {
         self.values_mut(&QPOS)
     }
 
-    /// Generalised velocities `[nv]`, in metres and radians per second.
+    /// Returns the generalised velocities `[nv]`, in metres and radians per second.
     pub fn qvel(&self) -> &[f64] {
         self.values(&QVEL)
     }
 
-    /// Generalised velocities `[nv]`, to be set. A NaN is an error of the next step.
+    /// Returns the generalised velocities `[nv]` for setting them. A NaN is an error of the next
+    /// step.
     pub fn qvel_mut(&mut self) -> &mut [f64] {
         self.values_mut(&QVEL)
     }
 
-    /// Controls `[nu]`, one per actuator.
+    /// Returns the controls `[nu]`, one per actuator.
     pub fn ctrl(&self) -> &[f64] {
         self.values(&CTRL)
     }
 
-    /// Forces of the actuators in the last step `[nu]`, in newtons and newton metres.
+    /// Returns the forces of the actuators in the last step `[nu]`, in newtons and newton metres.
     pub fn actuator_force(&self) -> &[f64] {
         self.values(&ACTUATOR_FORCE)
     }
@@ -154,7 +155,7 @@ impl Data {
     /// Sets all controls `[nu]`.
     ///
     /// # Errors
-    /// [`SimError::Length`]; [`SimError::NotFinite`] (MuJoCo would turn every control into zero).
+    /// [`SimError::Length`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
     pub fn set_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
         check_length(Quantity::Ctrl, self.model.nu(), ctrl.len())?;
         check_finite(Quantity::Ctrl, ctrl)?;
@@ -162,12 +163,12 @@ impl Data {
         Ok(())
     }
 
-    /// Position of a mocap body in the world, in metres.
+    /// Returns the position of a mocap body in the world, in metres.
     pub fn mocap_position(&self, mocap: MocapId) -> [f64; 3] {
         self.rows(&MOCAP_POS)[mocap.index()]
     }
 
-    /// Puts a mocap body at a position in the world, in metres.
+    /// Sets the position of a mocap body in the world, in metres.
     ///
     /// # Errors
     /// [`SimError::NotFinite`].
@@ -181,17 +182,18 @@ impl Data {
         Ok(())
     }
 
-    /// Orientation of a mocap body, (w, x, y, z).
+    /// Returns the orientation of a mocap body, (w, x, y, z).
     pub fn mocap_quat(&self, mocap: MocapId) -> [f64; 4] {
         self.rows(&MOCAP_QUAT)[mocap.index()]
     }
 
-    /// Turns a mocap body; (w, x, y, z) of any norm but 0, which MuJoCo normalises.
+    /// Sets the orientation of a mocap body, (w, x, y, z) of any norm but 0; MuJoCo normalises it.
     ///
     /// # Errors
     /// [`SimError::NotFinite`], [`SimError::ZeroQuaternion`].
     pub fn set_mocap_quat(&mut self, mocap: MocapId, quat: [f64; 4]) -> Result<(), SimError> {
         check_finite(Quantity::Mocap, &quat)?;
+        // MuJoCo normalises, and would silently turn a zero quaternion into the identity
         if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
             return Err(SimError::ZeroQuaternion { value: quat });
         }
@@ -199,39 +201,39 @@ impl Data {
         Ok(())
     }
 
-    /// Position of a body's frame in the world, in metres (derived).
+    /// Returns the position of a body's frame in the world, in metres (derived).
     pub fn body_position(&self, body: BodyId) -> [f64; 3] {
         self.rows(&XPOS)[body.index()]
     }
 
-    /// Orientation of a body's frame in the world, (w, x, y, z) (derived).
+    /// Returns the orientation of a body's frame in the world, (w, x, y, z) (derived).
     pub fn body_quat(&self, body: BodyId) -> [f64; 4] {
         self.rows(&XQUAT)[body.index()]
     }
 
-    /// Position of a geom's centre in the world, in metres (derived).
+    /// Returns the position of a geom's centre in the world, in metres (derived).
     pub fn geom_position(&self, geom: GeomId) -> [f64; 3] {
         self.rows(&GEOM_XPOS)[geom.index()]
     }
 
-    /// The x, y and z axis of a geom's frame, unit vectors in the world (derived).
+    /// Returns the x, y and z axis of a geom's frame, unit vectors in the world (derived).
     pub fn geom_axes(&self, geom: GeomId) -> [[f64; 3]; 3] {
         let m = self.rows(&GEOM_XMAT)[geom.index()];
         // MuJoCo's matrices are row-major
         [0, 1, 2].map(|axis| [m[axis], m[3 + axis], m[6 + axis]])
     }
 
-    /// Position of a site in the world, in metres (derived).
+    /// Returns the position of a site in the world, in metres (derived).
     pub fn site_position(&self, site: SiteId) -> [f64; 3] {
         self.rows(&SITE_XPOS)[site.index()]
     }
 
-    /// Number of contacts (derived).
+    /// Returns the number of contacts (derived).
     pub fn contact_count(&self) -> usize {
         self.as_raw().ncon as usize
     }
 
-    /// Contacts, in MuJoCo's order (derived).
+    /// Returns the contacts in MuJoCo's order (derived).
     pub fn contacts(&self) -> impl Iterator<Item = Contact> {
         self.raw_contacts().iter().map(|contact| Contact {
             geoms: [contact.geom1, contact.geom2].map(|geom| Id::new(geom as usize)),
@@ -249,10 +251,10 @@ impl Data {
         }
     }
 
-    /// The C struct, for reading what this crate has no method for.
+    /// Returns the C struct, for reading fields without a method.
     ///
-    /// Its numbers can be read as they are. Its arrays are pointers, and reading through one is
-    /// `unsafe`: `mjdata.h` says how many elements each holds.
+    /// Plain fields can be read directly. Arrays are pointers, and reading through one is `unsafe`:
+    /// `mjdata.h` documents the number of elements.
     ///
     /// ```
     /// # use std::sync::Arc;
@@ -271,15 +273,15 @@ impl Data {
         unsafe { self.raw.as_ref() }
     }
 
-    /// The C struct, for calling what this crate has no method for.
+    /// Returns a pointer to the C struct, for calling functions without a method.
     ///
-    /// The pointer is valid as long as this value lives. Using it is `unsafe`, and whoever does
-    /// promises to call MuJoCo with it and [`Model::as_raw`] of the same model only, to free
-    /// nothing, and to change no pointer and no count but as MuJoCo does.
+    /// The pointer is valid as long as this value lives. Using it is `unsafe`: the caller must pass
+    /// it to MuJoCo only together with [`Model::as_raw`] of the same model, must free nothing, and
+    /// must change pointers and counts only as MuJoCo does.
     ///
     /// A warning that MuJoCo raises meanwhile becomes an error of the next [`Data::step`] or
-    /// [`Data::forward`], if it tells of a divergence or of an overflow. Warnings of other kinds
-    /// are dropped there, and [`Data::reset`] and [`Data::restore`] drop all.
+    /// [`Data::forward`] if it is a divergence or an overflow. Warnings of other kinds are dropped
+    /// there, and [`Data::reset`] and [`Data::restore`] drop all.
     pub fn as_mut_ptr(&mut self) -> *mut raw::mjData {
         self.raw.as_ptr()
     }

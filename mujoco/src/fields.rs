@@ -1,6 +1,6 @@
 //! Arrays of `mjModel` and `mjData`, each with the length that MuJoCo gave it.
 //!
-//! The constants below are the only place where a pointer meets its length. What reads through
+//! The constants below are the only place where a pointer meets its length. Code that reads through
 //! them cannot choose another element type, width or length.
 
 use std::ffi::c_int;
@@ -8,13 +8,15 @@ use std::slice;
 
 use crate::raw;
 
-/// An array `[count, N]` of the struct `S`.
+/// Array `[count, N]` of the struct `S`.
 pub(crate) struct Field<S, T, const N: usize> {
     start: fn(&S) -> *mut T,
     count: fn(&raw::mjModel) -> c_int,
 }
 
 impl<S, T, const N: usize> Field<S, T, N> {
+    /// Creates a field.
+    ///
     /// # Safety
     /// In every `S` that MuJoCo makes for a model, `start` must be the address of an array of
     /// `count * N` initialised elements that lives as long as the `S`, or `count` must be 0.
@@ -26,23 +28,25 @@ impl<S, T, const N: usize> Field<S, T, N> {
         (self.count)(model) as usize
     }
 
-    /// The rows of the array.
+    /// Returns the rows of the array.
     ///
     /// # Safety
     /// MuJoCo must have made `owner` for `model`, and nobody may write to the array while the
     /// result lives.
     pub(crate) unsafe fn rows<'a>(&self, owner: &'a S, model: &raw::mjModel) -> &'a [[T; N]] {
         match self.len(model) {
+            // nothing is promised about the pointer of an empty array
             0 => &[],
             // SAFETY: what `new` asks for, and the caller's promise.
             len => unsafe { slice::from_raw_parts((self.start)(owner).cast(), len) },
         }
     }
 
-    /// The rows of the array, to be written.
+    /// Returns the rows of the array for writing.
     ///
     /// # Safety
-    /// As [`Field::rows`], and nobody else may read the array either while the result lives.
+    /// MuJoCo must have made `owner` for `model`, and nobody may read or write the array while the
+    /// result lives.
     pub(crate) unsafe fn rows_mut<'a>(
         &self,
         owner: &'a mut S,
@@ -56,7 +60,7 @@ impl<S, T, const N: usize> Field<S, T, N> {
     }
 }
 
-/// Constants of type [`Field`], and their names for the test.
+/// Declares constants of type [`Field`], and a table of them for the test.
 macro_rules! fields {
     (
         $owner:ident, $table:literal:

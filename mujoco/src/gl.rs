@@ -1,9 +1,9 @@
 //! OpenGL contexts without a window.
 //!
-//! Read this before editing. MuJoCo looks OpenGL's functions up once per process, through the
-//! first of `eglGetProcAddress` and `OSMesaGetProcAddress` that is visible to the whole process.
-//! Hence neither library is linked; each is opened privately first, and made visible only once it
-//! has given a context. From then on the process keeps to that library.
+//! Read this before editing. MuJoCo looks up OpenGL's functions once per process, through the first
+//! of `eglGetProcAddress` and `OSMesaGetProcAddress` that is visible to the whole process. Hence
+//! neither library is linked; each is first opened privately, and made visible only once it has
+//! provided a context. From then on the process keeps to that library.
 
 mod context;
 mod egl;
@@ -23,7 +23,8 @@ use osmesa::OsMesaContext;
 pub(crate) use context::Previous;
 
 impl Backend {
-    /// What the environment variable `COVERS_GL` allows: `egl`, `osmesa`, or all when unset.
+    /// Returns the backends that the environment variable `COVERS_GL` allows: `egl`, `osmesa`, or
+    /// all if it is unset.
     ///
     /// # Errors
     /// [`RenderError::UnknownBackend`] for any other value.
@@ -48,7 +49,7 @@ fn parse_choice(value: &str) -> Result<&'static [Backend], RenderError> {
     }
 }
 
-/// An OpenGL context, bound to one thread by `Renderer: !Send`.
+/// OpenGL context, bound to one thread by `Renderer: !Send`.
 pub(crate) struct GlContext {
     backend: Backend,
     context: Box<dyn Context>,
@@ -95,7 +96,7 @@ impl GlContext {
         let opened = Self { backend, context };
         match opened.require_features().and_then(|()| publish(library)) {
             Ok(()) => {
-                DRAWN_BY.get_or_init(|| opened.description());
+                DESCRIPTION.get_or_init(|| opened.description());
                 Ok((opened, previous))
             }
             Err(reason) => {
@@ -105,7 +106,7 @@ impl GlContext {
         }
     }
 
-    /// The way that OpenGL was reached.
+    /// Returns the backend of the context.
     pub(crate) fn backend(&self) -> Backend {
         self.backend
     }
@@ -117,13 +118,13 @@ impl GlContext {
             .map_err(|reason| RenderError::Current { backend: self.backend, reason })
     }
 
-    /// The backend, and what stands behind it as OpenGL names it.
+    /// Returns the backend, and OpenGL's own description of its renderer and version.
     fn description(&self) -> String {
         let names = [GL_RENDERER, GL_VERSION].map(|name| self.string(name).unwrap_or_default());
         format!("{}: {}, OpenGL {}", self.backend, names[0], names[1])
     }
 
-    /// MuJoCo would end the process for want of these.
+    /// Checks the extensions without which MuJoCo would end the process.
     fn require_features(&self) -> Result<(), ContextError> {
         let extensions = self.string(GL_EXTENSIONS).unwrap_or_default();
         let has = |name: &&str| extensions.split(' ').any(|extension| extension == *name);
@@ -158,18 +159,18 @@ const GL_RENDERER: u32 = 0x1F01;
 const GL_VERSION: u32 = 0x1F02;
 const GL_EXTENSIONS: u32 = 0x1F03;
 
-/// The description of the process's first context.
-static DRAWN_BY: OnceLock<String> = OnceLock::new();
+/// Description of the process's first context.
+static DESCRIPTION: OnceLock<String> = OnceLock::new();
 
-/// What draws in this process, as OpenGL names it (backend, renderer, version); none before the
-/// first [`Renderer`](crate::Renderer) was made.
+/// Returns OpenGL's description in this process (backend, renderer, version); `None` before the
+/// first [`Renderer`](crate::Renderer) is made.
 pub fn opengl() -> Option<&'static str> {
-    DRAWN_BY.get().map(String::as_str)
+    DESCRIPTION.get().map(String::as_str)
 }
 
-/// The library that MuJoCo got OpenGL from; locked while a context is made, so that two threads
-/// cannot choose two libraries. MuJoCo fills its global table of OpenGL functions later, under a
-/// guard of its own, and only once.
+/// Locks and returns the library that MuJoCo got OpenGL from. The lock is held while a context is
+/// made, so that two threads cannot choose two libraries. MuJoCo fills its global table of OpenGL
+/// functions later, under a guard of its own, and only once.
 fn library_in_use() -> MutexGuard<'static, Option<&'static str>> {
     static IN_USE: Mutex<Option<&'static str>> = Mutex::new(None);
     IN_USE.lock().unwrap_or_else(PoisonError::into_inner)

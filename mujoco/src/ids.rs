@@ -1,4 +1,4 @@
-//! Typed indices: a name is looked up once, when a model is loaded, and never again.
+//! Typed indices: a name is looked up once, when a model is loaded.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -8,7 +8,7 @@ use crate::raw;
 
 /// Index of an object of kind `K` in the [`Model`](crate::Model) that gave it.
 ///
-/// An id used with another model names another object, or panics where that model has fewer.
+/// An id used with another model refers to another object, or panics if that model has fewer.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Id<K> {
     index: usize,
@@ -35,7 +35,7 @@ impl<K> Id<K> {
         Self { index, kind: PhantomData }
     }
 
-    /// Position in MuJoCo's arrays, from 0.
+    /// Returns the index in MuJoCo's arrays, from 0.
     pub fn index(self) -> usize {
         self.index
     }
@@ -47,13 +47,13 @@ impl<K: Kind> fmt::Debug for Id<K> {
     }
 }
 
-/// A kind of object that has ids. Implemented by the marker types of this module only.
+/// Kind of object that has ids. Only the marker types of this module implement it.
 pub trait Kind: sealed::Sealed {
-    /// The word that MJCF uses.
+    /// Name of the kind in MJCF.
     const NOUN: &'static str;
 }
 
-/// A kind of object that MuJoCo knows names of.
+/// Kind of object that has names in MuJoCo.
 pub trait Named: Kind + sealed::Lookup {}
 
 mod sealed {
@@ -69,25 +69,25 @@ mod sealed {
 
 pub(crate) use sealed::Lookup;
 
-/// Marks ids of bodies.
+/// Marker of body ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Body {}
-/// Marks ids of joints.
+/// Marker of joint ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Joint {}
-/// Marks ids of geoms.
+/// Marker of geom ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Geom {}
-/// Marks ids of sites.
+/// Marker of site ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Site {}
-/// Marks ids of cameras.
+/// Marker of camera ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Camera {}
-/// Marks ids of actuators.
+/// Marker of actuator ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Actuator {}
-/// Marks ids of mocap bodies.
+/// Marker of mocap body ids.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Mocap {}
 
@@ -119,7 +119,7 @@ impl Kind for Mocap {
     const NOUN: &'static str = "mocap";
 }
 
-/// Tells the renderers of a process apart. It prints as `renderer 3 (64 x 48)`, width first.
+/// Unique id of a renderer in this process, printed as `renderer 3 (64 x 48)` with the width first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RendererId {
     number: u64,
@@ -128,7 +128,7 @@ pub struct RendererId {
 }
 
 impl RendererId {
-    /// An id that no other renderer has, of images of this size in pixels.
+    /// Creates an id that no other renderer has, for images of this size in pixels.
     pub(crate) fn next(width: usize, height: usize) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         Self { number: NEXT.fetch_add(1, Ordering::Relaxed), width, height }

@@ -1,4 +1,4 @@
-//! What must happen before the first call into MuJoCo.
+//! Initialisation before the first call into MuJoCo.
 
 use std::env;
 use std::ffi::{CStr, c_char};
@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use crate::error::ModelError;
 use crate::raw;
 
-/// The version of the MuJoCo library that this process runs, as `2.2.2`.
+/// Returns the version of the MuJoCo library in this process, for instance `2.2.2`.
 pub fn version() -> String {
     // SAFETY: `mj_version` takes nothing and reads a constant.
     let version = unsafe { raw::mj_version() };
@@ -18,11 +18,11 @@ pub fn version() -> String {
 }
 
 /// Installs the error handlers and compares versions, once per process.
-pub(crate) fn ready() -> Result<(), ModelError> {
+pub(crate) fn initialise() -> Result<(), ModelError> {
     static READY: OnceLock<Result<(), ModelError>> = OnceLock::new();
     READY
         .get_or_init(|| {
-            draw_on_the_calling_thread();
+            disable_mesa_threads();
             install_handlers();
             // SAFETY: `mj_version` takes nothing and reads a constant.
             let library = unsafe { raw::mj_version() };
@@ -31,13 +31,13 @@ pub(crate) fn ready() -> Result<(), ModelError> {
         .clone()
 }
 
-/// Mesa's software renderer spreads an image over a pool of one thread per core, which for images
-/// of a few thousand pixels costs more than it saves, and competes with the simulations. Mesa
-/// reads the variable when the first context is made.
+/// Disables the thread pool of Mesa's software renderer, unless the user has configured it or the
+/// process has other threads.
 ///
-/// Setting a variable is sound only while no other thread may read one, so nothing happens
-/// where there are other threads already, or where the user has decided.
-fn draw_on_the_calling_thread() {
+/// Mesa spreads an image over one thread per core, which for images of a few thousand pixels costs
+/// more than it saves, and competes with the simulations. It reads the variable when the first
+/// context is made. Setting a variable is sound only while no other thread may read one.
+fn disable_mesa_threads() {
     if env::var_os("LP_NUM_THREADS").is_none() && is_only_thread() {
         // SAFETY: this is the only thread of the process.
         unsafe { env::set_var("LP_NUM_THREADS", "0") };
@@ -57,8 +57,8 @@ fn install_handlers() {
     }
 }
 
-/// MuJoCo's own handler waits for a key press and then exits. It relies on the handler not
-/// returning, and unwinding through C is undefined, so abort is all that is left.
+/// Prints a fatal error of MuJoCo and aborts. MuJoCo relies on the handler not returning, and
+/// unwinding through C is undefined; its own handler would wait for a key press and exit.
 extern "C" fn on_error(message: *const c_char) {
     // SAFETY: MuJoCo passes a NUL-terminated buffer that lives for the call.
     let text = unsafe { CStr::from_ptr(message) };
@@ -67,8 +67,8 @@ extern "C" fn on_error(message: *const c_char) {
     process::abort();
 }
 
-/// Mutes warnings, which MuJoCo would append to MUJOCO_LOG.TXT in the working folder. Those about a
-/// simulation also count in `mjData.warning`, and `Data` turns those counters into errors.
+/// Ignores a warning, which MuJoCo would append to MUJOCO_LOG.TXT in the working folder. Warnings
+/// about a simulation also count in `mjData.warning`, and `Data` turns those counters into errors.
 extern "C" fn on_warning(_message: *const c_char) {}
 
 fn check_version(header: i32, library: i32) -> Result<(), ModelError> {
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn equal_versions_pass() {
         assert_eq!(check_version(222, 222), Ok(()));
-        assert_eq!(ready(), Ok(()));
+        assert_eq!(initialise(), Ok(()));
     }
 
     #[test]

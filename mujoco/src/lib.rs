@@ -1,13 +1,13 @@
-//! Simulates MuJoCo 2.2.2 models and draws pictures of them off-screen, from safe Rust.
+//! Safe wrapper of MuJoCo 2.2.2: simulation of models, and off-screen rendering.
 //!
-//! Three nouns, one file each:
-//! - [`Model`]: a compiled MJCF model, immutable, shared through `Arc` by any number of threads;
+//! Three main types, one file each:
+//! - [`Model`]: compiled MJCF model, immutable, shared through `Arc` by any number of threads;
 //! - [`Data`]: one simulation of it; may move between threads;
-//! - [`Renderer`]: draws it off-screen; stays on its thread.
+//! - [`Renderer`]: off-screen renderer; stays on its thread.
 //!
-//! Names become typed ids once ([`Model::body`] and its like), and an unknown name is an error
-//! then. Values are plain arrays: positions `[f64; 3]` in metres, quaternions `[f64; 4]` as
-//! (w, x, y, z), images `[H, W, 3]` of bytes with row 0 at the top.
+//! Names are converted to typed ids once ([`Model::body`] and similar), where an unknown name is an
+//! error. Values are plain arrays: positions `[f64; 3]` in metres, quaternions `[f64; 4]` in
+//! the order (w, x, y, z), images `[H, W, 3]` of bytes with row 0 at the top.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -33,19 +33,19 @@
 //! }
 //! ```
 //!
-//! MuJoCo's silent failures are errors here: a diverging step, a NaN control, a dropped contact.
-//! What MuJoCo itself calls fatal prints its message and aborts the process.
+//! MuJoCo's silent failures are errors here: a diverging step, a NaN control, a dropped contact. An
+//! error that MuJoCo itself calls fatal prints its message and aborts the process.
 //!
-//! Two environment variables matter. `COVERS_GL` (`egl` or `osmesa`) narrows the choice of OpenGL.
-//! `LP_NUM_THREADS` sizes the thread pool of Mesa's software renderer. The first model that a
-//! process loads sets it to 0, because small images are drawn faster without the pool. It does so
-//! only where the variable is unset and the process has one thread. So load a model before starting
+//! Two environment variables matter. `COVERS_GL` (`egl` or `osmesa`) restricts the choice of
+//! OpenGL. `LP_NUM_THREADS` sizes the thread pool of Mesa's software renderer. The first model that
+//! a process loads sets it to 0, because small images are drawn faster without the pool, but only
+//! if the variable is unset and the process has one thread. So load a model before starting
 //! threads.
 //!
-//! What the wrapper has no method for is read from [`Model::as_raw`] and [`Data::as_raw`], or done
-//! with [`Data::as_mut_ptr`] and the functions of [`raw`].
+//! [`Model::as_raw`], [`Data::as_raw`], [`Data::as_mut_ptr`] and the functions of [`raw`] give
+//! access to everything that the wrapper has no method for.
 
-/// The raw declarations of the C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
+/// Raw declarations of the C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
 pub use mujoco_sys as raw;
 
 mod backend;

@@ -1,4 +1,4 @@
-//! Compiling a model from files in memory.
+//! Compilation of a model from files in memory.
 
 use std::ffi::{CStr, CString, c_char};
 use std::ptr::NonNull;
@@ -10,7 +10,7 @@ use crate::raw;
 use crate::references::check_references;
 use crate::vfs::{NOWHERE, Vfs, path};
 
-/// Refuses what would lead MuJoCo out of `files`; returns the path of `main`.
+/// Rejects references that would lead MuJoCo out of `files`; returns the path of `main`.
 pub(crate) fn check(main: &str, files: &[(&str, &[u8])]) -> Result<CString, ModelError> {
     let c_main = path(main)?;
     if !files.iter().any(|(name, _)| *name == main) {
@@ -21,12 +21,12 @@ pub(crate) fn check(main: &str, files: &[(&str, &[u8])]) -> Result<CString, Mode
     Ok(c_main)
 }
 
-/// Compiles `main`, one of `files`, and tells what MuJoCo warned of meanwhile.
+/// Compiles `main`, one of `files`. Also returns MuJoCo's warning, if any.
 pub(crate) fn load(
     main: &str,
     files: &[(&str, &[u8])],
 ) -> Result<(NonNull<raw::mjModel>, Option<String>), ModelError> {
-    init::ready()?;
+    init::initialise()?;
     let c_main = check(main, files)?;
     let mut vfs = Vfs::new();
     for (name, content) in files {
@@ -34,6 +34,7 @@ pub(crate) fn load(
     }
     parse(&c_main, &vfs).map_err(|message| ModelError::Load {
         file: main.into(),
+        // the pretended folder must not show in messages
         message: message.replace(NOWHERE, ""),
     })
 }

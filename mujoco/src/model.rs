@@ -1,4 +1,4 @@
-//! `mjModel`: what is simulated, immutable and shared.
+//! `mjModel`: the simulated model, immutable and shared.
 
 use std::ffi::{CStr, CString};
 use std::ptr::NonNull;
@@ -17,7 +17,7 @@ use crate::ids::{
 use crate::load::{check, load};
 use crate::raw;
 
-/// Declares the methods that return sizes of the C struct.
+/// Declares methods that return sizes of the C struct.
 macro_rules! sizes {
     ($($(#[$doc:meta])* $size:ident,)+) => {
         $(
@@ -29,7 +29,7 @@ macro_rules! sizes {
     };
 }
 
-/// Declares the methods that find objects of a kind.
+/// Declares methods that find objects of a kind by name.
 macro_rules! finders {
     ($($(#[$doc:meta])* $find:ident: $kind:ident,)+) => {
         $(
@@ -44,11 +44,11 @@ macro_rules! finders {
     };
 }
 
-/// A compiled model. Immutable; share it through `Arc`, between [`Data`](crate::Data) and
+/// Compiled model. Immutable; share it through `Arc` between [`Data`](crate::Data) and
 /// [`Renderer`](crate::Renderer) of any number of threads.
 ///
 /// # Panics
-/// An id belongs to the model that gave it. Methods that take an id panic where it comes from a
+/// An id belongs to the model that returned it. Methods that take an id panic if it comes from a
 /// larger model.
 pub struct Model {
     raw: NonNull<raw::mjModel>,
@@ -65,58 +65,58 @@ impl Model {
     /// Compiles MJCF given as one string.
     ///
     /// # Errors
-    /// [`ModelError::Load`] carries MuJoCo's own message; [`ModelError::VersionMismatch`] where
-    /// the library is of another release than the header.
+    /// [`ModelError::Load`] with MuJoCo's own message; [`ModelError::VersionMismatch`] if the
+    /// library has another version than the header.
     pub fn from_xml(xml: &str) -> Result<Self, ModelError> {
         Self::from_files("model.xml", &[("model.xml", xml.as_bytes())])
     }
 
-    /// Compiles the MJCF (or URDF) file `main`, one of `files`, each a name and a content.
+    /// Compiles the MJCF (or URDF) file `main`, one of `files` (names and contents).
     ///
-    /// What the file includes, and the meshes and textures that it names, are looked up among
-    /// `files` by their plain names, whatever folder stands before them. The disk is never read.
+    /// Included files, meshes and textures are looked up among `files` by their plain names,
+    /// whatever their folder. The disk is never read.
     ///
     /// # Errors
-    /// As [`Model::from_xml`]. [`ModelError::NoMainFile`] where `main` is not among `files`;
-    /// [`ModelError::FileSize`] for an empty file or an immense one; [`ModelError::FileName`] for a
-    /// name with a folder, and for a path inside the XML that would lead out of `files`: an
-    /// absolute one, or one in an absolute folder, of a file that is not given.
+    /// Those of [`Model::from_xml`]. [`ModelError::NoMainFile`] if `main` is not among `files`;
+    /// [`ModelError::FileSize`] for an empty or huge file; [`ModelError::FileName`] for a name with
+    /// a folder, and for a path inside the XML that would lead out of `files`: an absolute one, or
+    /// one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
         Ok(Self { raw, warning })
     }
 
-    /// Looks at the name of `main` and at the paths inside the XML without compiling anything: the
-    /// part of [`Model::from_files`] that reads XML itself.
+    /// Checks the name of `main` and the paths inside the XML without compiling, which is the part
+    /// of [`Model::from_files`] that reads XML itself.
     ///
     /// # Errors
     /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside
-    /// the XML, as [`Model::from_files`].
+    /// the XML, as in [`Model::from_files`].
     pub fn check_files(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
         check(main, files).map(|_| ())
     }
 
-    /// What MuJoCo warned of while it compiled this model, if anything.
+    /// Returns MuJoCo's warning during compilation, if any.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }
 
     sizes! {
-        /// Number of generalised positions, the length of `qpos`.
+        /// Returns the number of generalised positions, the length of `qpos`.
         nq,
-        /// Number of degrees of freedom, the length of `qvel`.
+        /// Returns the number of degrees of freedom, the length of `qvel`.
         nv,
-        /// Number of actuators, the length of `ctrl`.
+        /// Returns the number of actuators, the length of `ctrl`.
         nu,
-        /// Number of mocap bodies.
+        /// Returns the number of mocap bodies.
         nmocap,
-        /// Number of bodies, the world included.
+        /// Returns the number of bodies, including the world.
         nbody,
-        /// Number of geoms.
+        /// Returns the number of geoms.
         ngeom,
     }
 
-    /// Physics step, in seconds.
+    /// Returns the physics step, in seconds.
     pub fn timestep(&self) -> f64 {
         self.as_raw().opt.timestep
     }
@@ -139,7 +139,7 @@ impl Model {
     /// Finds a mocap body by name.
     ///
     /// # Errors
-    /// [`ModelError::UnknownName`]; [`ModelError::NotMocap`] where the body is an ordinary one.
+    /// [`ModelError::UnknownName`]; [`ModelError::NotMocap`] if the body is an ordinary one.
     pub fn mocap(&self, name: &str) -> Result<MocapId, ModelError> {
         let body = self.body(name)?;
         let index = self.mocap_index(body);
@@ -148,7 +148,7 @@ impl Model {
             .ok_or_else(|| ModelError::NotMocap { name: name.into(), known: self.mocap_names() })
     }
 
-    /// Name of an object; `None` where the XML gives none.
+    /// Returns the name of an object; `None` if the XML gives none.
     pub fn name<K: Named>(&self, id: Id<K>) -> Option<&str> {
         let index = i32::try_from(id.index()).ok()?;
         // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
@@ -160,7 +160,8 @@ impl Model {
         unsafe { CStr::from_ptr(name) }.to_str().ok()
     }
 
-    /// Bodies, joints, geoms, sites, cameras and actuators without a name, for instance `geom 3`.
+    /// Lists bodies, joints, geoms, sites, cameras and actuators without a name, for instance `geom
+    /// 3`.
     pub fn unnamed(&self) -> Vec<String> {
         let kinds = [
             self.unnamed_of::<Body>(),
@@ -173,45 +174,46 @@ impl Model {
         kinds.concat()
     }
 
-    /// Index of a joint's first element in `qpos`.
+    /// Returns the index of a joint's first element in `qpos`.
     pub fn joint_qpos_address(&self, joint: JointId) -> usize {
         self.value(&JNT_QPOSADR, joint) as usize
     }
 
-    /// Index of a joint's first element in `qvel`.
+    /// Returns the index of a joint's first element in `qvel`.
     pub fn joint_dof_address(&self, joint: JointId) -> usize {
         self.value(&JNT_DOFADR, joint) as usize
     }
 
-    /// Limits of a joint, in metres or radians; `None` where it is not limited.
+    /// Returns the limits of a joint, in metres or radians; `None` if it is not limited.
     pub fn joint_range(&self, joint: JointId) -> Option<[f64; 2]> {
         let limited = self.value(&JNT_LIMITED, joint) != 0;
         limited.then(|| self.rows(&JNT_RANGE)[joint.index()])
     }
 
-    /// Limits of an actuator's control; `None` where it is not limited.
+    /// Returns the limits of an actuator's control; `None` if it is not limited.
     pub fn ctrl_range(&self, actuator: ActuatorId) -> Option<[f64; 2]> {
         let limited = self.value(&ACTUATOR_CTRLLIMITED, actuator) != 0;
         limited.then(|| self.rows(&ACTUATOR_CTRLRANGE)[actuator.index()])
     }
 
-    /// Inverse weight of a body at the initial pose: translation in 1/kg, rotation in 1/(kg m^2).
+    /// Returns the inverse weight of a body at the initial pose: translation in 1/kg, rotation in
+    /// 1/(kg m^2).
     pub fn body_invweight0(&self, body: BodyId) -> [f64; 2] {
         self.rows(&BODY_INVWEIGHT0)[body.index()]
     }
 
-    /// Body that a geom is fixed to.
+    /// Returns the body that a geom is fixed to.
     pub fn geom_body(&self, geom: GeomId) -> BodyId {
         Id::new(self.value(&GEOM_BODYID, geom) as usize)
     }
 
-    /// Every geom, in the model's order.
+    /// Returns every geom, in the model's order.
     pub fn geoms(&self) -> impl Iterator<Item = GeomId> {
         (0..self.ngeom()).map(Id::new)
     }
 
-    /// Shape of a geom; its axis, where it has one, is the z axis of its frame. None for planes,
-    /// ellipsoids, meshes and height fields.
+    /// Returns the shape of a geom, whose axis, if any, is the z axis of its frame. `None` for
+    /// planes, ellipsoids, meshes and height fields.
     pub fn geom_shape(&self, geom: GeomId) -> Option<Shape> {
         let [x, y, z] = self.geom_size(geom);
         let kind = self.value(&GEOM_TYPE, geom);
@@ -224,33 +226,34 @@ impl Model {
         }
     }
 
-    /// Group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides groups.
+    /// Returns the group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides
+    /// groups.
     pub fn geom_group(&self, geom: GeomId) -> usize {
         self.value(&GEOM_GROUP, geom) as usize
     }
 
-    /// Colour of a geom, (red, green, blue, opacity) in [0, 1]; a material's colour is not seen
-    /// here.
+    /// Returns the colour of a geom, (red, green, blue, opacity) in [0, 1]. The colour of a
+    /// material is not included.
     pub fn geom_rgba(&self, geom: GeomId) -> [f32; 4] {
         self.rows(&GEOM_RGBA)[geom.index()]
     }
 
-    /// Size of a geom in metres; what the three figures mean depends on its type.
+    /// Returns the size of a geom in metres; the meaning of the three numbers depends on its type.
     pub fn geom_size(&self, geom: GeomId) -> [f64; 3] {
         self.rows(&GEOM_SIZE)[geom.index()]
     }
 
-    /// Collision masks of a geom: (contype, conaffinity); (0, 0) never collides.
+    /// Returns the collision masks of a geom: (contype, conaffinity); (0, 0) never collides.
     pub fn geom_collision_masks(&self, geom: GeomId) -> (i32, i32) {
         (self.value(&GEOM_CONTYPE, geom), self.value(&GEOM_CONAFFINITY, geom))
     }
 
-    /// The C struct, for reading what this crate has no method for, and for calls of MuJoCo's that
+    /// Returns the C struct, for reading fields without a method, and for calling functions that
     /// take a `const mjModel*`.
     ///
-    /// Its numbers can be read as they are. Its arrays are pointers, and reading through one is
-    /// `unsafe`: `mjmodel.h` says how many elements each holds. Writing through one is never
-    /// allowed, since models are shared between threads.
+    /// Plain fields can be read directly. Arrays are pointers, and reading through one is `unsafe`:
+    /// `mjmodel.h` documents the number of elements. Writing through one is never allowed, since
+    /// threads share models.
     pub fn as_raw(&self) -> &raw::mjModel {
         // SAFETY: the pointer is valid until `drop`, and nobody writes to the model.
         unsafe { self.raw.as_ref() }
@@ -327,28 +330,28 @@ impl std::fmt::Debug for Model {
 /// Shape of a geom, in its own frame, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// A ball.
+    /// Sphere.
     Sphere {
-        /// Its radius.
+        /// Radius.
         radius: f64,
     },
-    /// A cylinder along z with half a ball on either end.
+    /// Cylinder along z with a hemisphere on either end.
     Capsule {
-        /// Radius of cylinder and balls.
+        /// Radius of cylinder and hemispheres.
         radius: f64,
-        /// Half the length of the cylinder, without the balls.
+        /// Half the length of the cylinder, without the hemispheres.
         half_length: f64,
     },
-    /// A cylinder along z.
+    /// Cylinder along z.
     Cylinder {
-        /// Its radius.
+        /// Radius.
         radius: f64,
-        /// Half its length.
+        /// Half the length.
         half_length: f64,
     },
-    /// A box.
+    /// Box.
     Box {
-        /// Half its extent along x, y and z.
+        /// Half the extent along x, y and z.
         half: [f64; 3],
     },
 }

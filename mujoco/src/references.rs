@@ -1,8 +1,8 @@
-//! Names of files inside XML files.
+//! File names inside XML files.
 //!
-//! MuJoCo reads from the disk what it does not find among the files in memory. Relative names are
-//! sent nowhere (see `vfs`). An absolute path, or a relative one in an absolute folder, would be
-//! read.
+//! MuJoCo reads files from the disk if it does not find them among the files in memory. Relative
+//! names lead nowhere (see `vfs`). An absolute path, or a relative one in an absolute folder, would
+//! be read.
 
 use std::collections::VecDeque;
 
@@ -11,10 +11,10 @@ use quick_xml::events::{BytesStart, Event};
 
 use crate::error::ModelError;
 
-/// Refuses what would make MuJoCo look for a file outside of `files`: an absolute path, or an
-/// absolute folder, of a file that is not given.
+/// Rejects references that would make MuJoCo look for a file outside of `files`: an absolute path,
+/// or an absolute folder, of a file that is not given.
 ///
-/// Only `main` and what it includes is looked at, as MuJoCo does.
+/// Only `main` and the files that it includes are checked, as these are all that MuJoCo reads.
 pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
     let references = References::of(main, files)?;
     let is_missing = |file: &&String| !files.iter().any(|(given, _)| is_named(given, file));
@@ -46,7 +46,7 @@ const ABSOLUTE: &str =
 const OUTSIDE: &str =
     "it is not among the files given, and would be looked up in an absolute path; give the file";
 
-/// What a model names.
+/// File references of a model.
 #[derive(Default)]
 struct References {
     folders: Vec<String>,
@@ -54,9 +54,10 @@ struct References {
 }
 
 impl References {
-    /// Those of `main` and of every given file that is included, however deep.
+    /// Collects the references of `main` and of every given file that is included, at any depth.
     ///
-    /// What this reader takes for an error or a document type, MuJoCo's own may read as elements.
+    /// A syntax error or a document type is rejected, because MuJoCo's own reader may read elements
+    /// there.
     fn of(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (mut found, mut read) = (Self::default(), vec![false; files.len()]);
         let mut included = VecDeque::from([main.to_owned()]);
@@ -74,9 +75,9 @@ impl References {
         Ok(found)
     }
 
-    /// Takes up what the elements of a file name; returns the files that it includes.
+    /// Adds the references of a file; returns the files that it includes.
     fn add(&mut self, content: &[u8]) -> Result<Vec<String>, String> {
-        // MuJoCo's reader takes some of them for blanks, and ours for parts of names
+        // MuJoCo's reader treats some of them as white space, ours as parts of names
         let is_control = |byte: &u8| *byte < b' ' && !b"\t\n\r".contains(byte);
         if let Some(at) = content.iter().position(is_control) {
             let line = content[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
@@ -84,6 +85,7 @@ impl References {
             return Err(format!("XML, line {line}: the control character {byte:#04x}"));
         }
         let mut reader = Reader::from_reader(content);
+        // wrong end tags are left to MuJoCo; references behind them must be checked nevertheless
         reader.config_mut().check_end_names = false;
         reader.config_mut().allow_unmatched_ends = true;
         let mut included = Vec::new();
@@ -106,7 +108,7 @@ impl References {
         }
     }
 
-    /// Takes up what an element names; returns the file that it includes.
+    /// Adds the references of an element; returns the file that it includes.
     fn take(&mut self, element: &BytesStart) -> quick_xml::Result<Option<String>> {
         let includes = element.name().as_ref().eq_ignore_ascii_case(b"include");
         let mut included = None;
@@ -127,7 +129,7 @@ impl References {
     }
 }
 
-/// Whether MuJoCo finds the file `given` where an attribute's value is `value`.
+/// Returns `true` if MuJoCo finds the file `given` for an attribute's value `value`.
 fn is_named(given: &str, value: &str) -> bool {
     given.eq_ignore_ascii_case(plain(value))
 }
@@ -136,7 +138,7 @@ fn plain(path: &str) -> &str {
     path.rsplit(['/', '\\']).next().unwrap_or(path)
 }
 
-/// A path from the root or from a drive.
+/// Returns `true` for a path from the root or from a drive.
 fn is_absolute(value: &str) -> bool {
     value.starts_with(['/', '\\']) || value.as_bytes().get(1) == Some(&b':')
 }

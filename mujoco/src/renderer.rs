@@ -1,4 +1,4 @@
-//! Off-screen drawing: `mjvScene` and `mjrContext`, on an OpenGL context of its own.
+//! Off-screen renderer: `mjvScene` and `mjrContext`, with an OpenGL context of its own.
 
 use std::sync::Arc;
 
@@ -23,15 +23,15 @@ use setup::{fixed_camera, make_drawing, make_scene, visible};
 /// Largest side of an image, in pixels.
 const MAX_SIDE: usize = 4096;
 
-/// What is drawn. There are never reflections, sky, fog or anti-aliasing, which software OpenGL
-/// pays dearly for.
+/// Options of a renderer. Reflections, sky, fog and anti-aliasing are never drawn, because they are
+/// slow in software OpenGL.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RenderOptions {
-    /// Which groups of geoms are drawn; 0, 1 and 2 by default.
+    /// Groups of geoms that are drawn; 0, 1 and 2 by default.
     pub geom_groups: [bool; 6],
-    /// Which groups of sites are drawn; none by default.
+    /// Groups of sites that are drawn; none by default.
     pub site_groups: [bool; 6],
-    /// Whether lights cast shadows; off by default, for their price in software.
+    /// `true` if lights cast shadows; off by default, because they are slow in software.
     pub shadows: bool,
 }
 
@@ -45,19 +45,18 @@ impl Default for RenderOptions {
     }
 }
 
-/// Draws images of one size of one [`Model`], through its fixed cameras.
+/// Renderer of images of one size of one [`Model`], through its fixed cameras.
 ///
-/// Mirrored scenes give mirrored images bit for bit where one of them is drawn in a [`Mirror`].
-/// Without one they do where the camera looks straight down on the axis of the mirror, the light
-/// comes from straight above, round shapes stand upright, and no edge or colour falls exactly
-/// between two pixels or two levels. The pixels of a *lying* cylinder or capsule may differ by a
-/// few levels: each quad of it is cut into triangles that do not mirror.
+/// Mirrored scenes give mirrored images bit for bit if one of them is drawn in a [`Mirror`].
+/// Without one they do if the camera looks straight down on the axis of the mirror, the light comes
+/// from straight above, round shapes stand upright, and no edge or colour falls exactly between two
+/// pixels or two levels. The pixels of a *lying* cylinder or capsule may differ by a few levels:
+/// each of its quads is cut into triangles that do not mirror.
 ///
-/// It stays on the thread that made it (it is not `Send`); a thread may have several.
+/// A renderer stays on the thread that made it (it is not `Send`); a thread may have several.
 ///
-/// An OpenGL context that the program around this crate has current, through the same library,
-/// is current again when a method returns. Where the program has none, the renderer's own stays
-/// current.
+/// If the embedding program has an OpenGL context current, through the same library, that context
+/// is current again when a method returns. Otherwise the renderer's own stays current.
 ///
 /// ```compile_fail
 /// fn assert_send<T: Send>() {}
@@ -72,21 +71,21 @@ pub struct Renderer {
     scene: Box<raw::mjvScene>,
     drawing: Box<raw::mjrContext>,
     shadows: bool,
-    /// Of the geoms drawn over a backdrop, bottom row first.
+    /// Depth of the geoms drawn over a backdrop, bottom row first.
     depth: Vec<f32>,
     // last, so that it outlives what `drop` frees in it
     gl: GlContext,
 }
 
 impl Renderer {
-    /// Makes a renderer of images of `width` x `height` pixels, each 1 to 4096.
+    /// Creates a renderer of images of `width` x `height` pixels, each 1 to 4096.
     ///
     /// EGL without a surface is tried first, EGL with a pixel buffer next, OSMesa last; the
-    /// environment variable `COVERS_GL` (`egl` or `osmesa`) narrows the choice.
+    /// environment variable `COVERS_GL` (`egl` or `osmesa`) restricts the choice.
     ///
     /// # Errors
-    /// [`RenderError::NoContext`] tells what was tried, why it failed and what to install;
-    /// [`RenderError::Size`]; [`RenderError::UnknownBackend`].
+    /// [`RenderError::NoContext`] lists the backends tried, their errors and the packages to
+    /// install; [`RenderError::Size`]; [`RenderError::UnknownBackend`].
     pub fn new(
         model: Arc<Model>,
         width: usize,
@@ -96,10 +95,10 @@ impl Renderer {
         Self::with_backends(model, width, height, options, Backend::from_env()?)
     }
 
-    /// As [`Renderer::new`], with the backends to try, in order.
+    /// Creates a renderer with the first of `backends` that works.
     ///
     /// # Errors
-    /// As [`Renderer::new`].
+    /// Those of [`Renderer::new`].
     pub fn with_backends(
         model: Arc<Model>,
         width: usize,
@@ -113,16 +112,17 @@ impl Renderer {
         }
         let (gl, previous) = GlContext::new(backends)?;
         let backend = gl.backend();
-        let made = Self::in_context(gl, model, (width, height), &options);
+        let made = Self::in_context(gl, model, width, height, &options);
         let restored = restore(backend, previous);
         made.and_then(|renderer| restored.map(|()| renderer))
     }
 
-    /// Makes a renderer in a context that is current.
+    /// Creates a renderer in the current context.
     fn in_context(
         gl: GlContext,
         model: Arc<Model>,
-        (width, height): (usize, usize),
+        width: usize,
+        height: usize,
         options: &RenderOptions,
     ) -> Result<Self, RenderError> {
         let renderer = Self {
@@ -141,33 +141,33 @@ impl Renderer {
         Ok(renderer)
     }
 
-    /// The way that OpenGL was reached.
+    /// Returns the backend of the OpenGL context.
     pub fn backend(&self) -> Backend {
         self.gl.backend()
     }
 
-    /// Tells this renderer from every other one of the process.
+    /// Returns an id that no other renderer of the process has.
     pub fn id(&self) -> RendererId {
         self.id
     }
 
-    /// Width of an image, in pixels.
+    /// Returns the width of an image, in pixels.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Height of an image, in pixels.
+    /// Returns the height of an image, in pixels.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Bytes of an image: height x width x 3.
+    /// Returns the bytes of an image: height x width x 3.
     pub fn image_len(&self) -> usize {
         self.width * self.height * 3
     }
 
-    /// Draws what `view`, a camera or one with a [`Mirror`], sees into `out`, `[H, W, 3]` RGB; row
-    /// 0 is the top of the image.
+    /// Draws the scene from `view`, a camera with or without a [`Mirror`], into `out`, `[H, W, 3]`
+    /// RGB with the top row first.
     ///
     /// Positions are the derived ones: call [`Data::forward`] first.
     ///
@@ -194,12 +194,12 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         self.update_scene(data, view, raw::mjCAT_ALL)?;
         self.draw(out, None);
-        view.mirror.turn_back(out, self.width);
+        view.mirror.flip_back(out, self.width);
         check_opengl("drawing")
     }
 
-    /// Does `work` with this renderer's OpenGL context current, and with the program's own one,
-    /// if it has one, current again afterwards.
+    /// Calls `work` with this renderer's OpenGL context current, then makes the embedding program's
+    /// own context current again, if it had one.
     fn in_own_context(
         &mut self,
         work: impl FnOnce(&mut Self) -> Result<(), RenderError>,
@@ -228,7 +228,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Takes into the scene the geoms of some categories, moving or not, in the view's mirror.
+    /// Updates the scene with the geoms of some categories, moving or not, in the view's mirror.
     fn update_scene(
         &mut self,
         data: &mut Data,
@@ -276,7 +276,7 @@ impl Drop for Renderer {
         unsafe {
             if let Ok(previous) = self.gl.enter() {
                 raw::mjr_freeContext(&raw mut *self.drawing);
-                // an error here has nobody to go to
+                // an error cannot be reported from `drop`
                 let _ = previous.restore();
             }
             raw::mjv_freeScene(&raw mut *self.scene);

@@ -1,4 +1,4 @@
-//! Saving and restoring a simulation, which MuJoCo 2.2 has no function for.
+//! Saving and restoring of a simulation, which MuJoCo 2.2 has no function for.
 
 use crate::data::Data;
 use crate::error::{Quantity, SimError, check_finite, check_length};
@@ -7,21 +7,21 @@ use crate::fields::data::{
     XFRC_APPLIED,
 };
 
-/// Everything that the future of a simulation depends on.
+/// Everything that determines the future of a simulation.
 ///
 /// One flat array: time, qpos `[nq]`, qvel `[nv]`, act `[na]`, mocap_pos `[nmocap, 3]`, mocap_quat
-/// `[nmocap, 4]`, userdata `[nuserdata]`, qacc_warmstart `[nv]`, ctrl `[nu]`. It can be stored
-/// as such: a run restored from it continues to the same bits.
+/// `[nmocap, 4]`, userdata `[nuserdata]`, qacc_warmstart `[nv]`, ctrl `[nu]`. It can be stored: a
+/// run restored from it continues to the same bits.
 ///
 /// Forces that a program applies through [`Data::as_mut_ptr`] (`qfrc_applied`, `xfrc_applied`) are
-/// no part of it: [`Data::restore`] sets them to zero.
+/// not included: [`Data::restore`] sets them to zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     values: Vec<f64>,
 }
 
 impl State {
-    /// The flat array, in the order given above.
+    /// Returns the flat array, in the order given above.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -34,7 +34,7 @@ impl From<Vec<f64>> for State {
 }
 
 impl Data {
-    /// Copies the state out.
+    /// Returns a copy of the state.
     pub fn save(&self) -> State {
         let time = [self.time()];
         let parts: [&[f64]; 9] = [
@@ -51,11 +51,11 @@ impl Data {
         State { values: parts.concat() }
     }
 
-    /// Copies a saved state in, and sets applied forces to zero. Derived quantities are stale
-    /// until [`Data::forward`] or [`Data::step`].
+    /// Restores a saved state, and sets applied forces to zero. Derived quantities are stale until
+    /// [`Data::forward`] or [`Data::step`].
     ///
     /// # Errors
-    /// [`SimError::Length`] where the state is of another model; [`SimError::NotFinite`].
+    /// [`SimError::Length`] if the state is of another model; [`SimError::NotFinite`].
     pub fn restore(&mut self, state: &State) -> Result<(), SimError> {
         check_length(Quantity::State, self.state_len(), state.values.len())?;
         check_finite(Quantity::State, &state.values)?;
@@ -83,7 +83,7 @@ impl Data {
     }
 }
 
-/// Fills `out` with the first numbers of `rest`, which go.
+/// Fills `out` with the first numbers of `rest`, and removes them from `rest`.
 fn fill(out: &mut [f64], rest: &mut &[f64]) {
     let (first, others) = rest.split_at(out.len());
     out.copy_from_slice(first);

@@ -6,14 +6,14 @@ use std::ptr;
 use crate::error::ModelError;
 use crate::raw;
 
-/// Folder that the main file is said to lie in, and hence every file that it names: MuJoCo strips
-/// it from the names that it looks for in memory, and nothing can lie there on the disk, because
-/// it is no folder.
+/// Pretended folder of the main file and of every file that it names. MuJoCo strips it from names
+/// that it looks for in memory, and no such file can exist on the disk, because `/dev/null` is not
+/// a folder.
 pub(crate) const NOWHERE: &str = "/dev/null/";
 
-/// Owns an `mjVFS`.
+/// Owned `mjVFS`.
 pub(crate) struct Vfs {
-    // two megabytes of fixed arrays: on the heap, and never moved
+    // two megabytes of fixed arrays, therefore on the heap and never moved
     raw: Box<raw::mjVFS>,
 }
 
@@ -26,7 +26,7 @@ impl Vfs {
         Self { raw }
     }
 
-    /// Copies `content` in under `name`.
+    /// Adds a copy of `content` under `name`.
     pub(crate) fn add(&mut self, name: &str, content: &[u8]) -> Result<(), ModelError> {
         check_name(name)?;
         let c_name = c_string(name, name.into())?;
@@ -57,7 +57,7 @@ impl Drop for Vfs {
     }
 }
 
-/// Path of the file `name` in the folder [`NOWHERE`].
+/// Returns the path of the file `name` in the folder [`NOWHERE`].
 pub(crate) fn path(name: &str) -> Result<CString, ModelError> {
     check_name(name)?;
     c_string(name, format!("{NOWHERE}{name}"))
@@ -67,7 +67,7 @@ fn c_string(name: &str, text: String) -> Result<CString, ModelError> {
     CString::new(text).map_err(|_| refused(name, "it holds a NUL character"))
 }
 
-/// MuJoCo strips folders from names, so names with folders would not be found again.
+/// Rejects names that MuJoCo cannot find again, for instance with a folder, which it would strip.
 fn check_name(name: &str) -> Result<(), ModelError> {
     if name.is_empty() {
         return Err(refused(name, "it is empty"));

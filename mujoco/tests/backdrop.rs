@@ -1,4 +1,4 @@
-//! Pictures over a backdrop: whose backdrop, and what an OpenGL error leaves behind.
+//! Drawing over a backdrop: its renderer, and recovery from OpenGL errors.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -41,7 +41,7 @@ fn top(data: &Data) -> CameraId {
     data.model().camera("top").unwrap()
 }
 
-/// A renderer with a backdrop that it has drawn.
+/// Renderer with a backdrop that it has drawn.
 fn drawn(data: &mut Data, width: usize, height: usize) -> (Renderer, Backdrop) {
     let mut renderer = renderer(data.model(), width, height);
     let mut backdrop = Backdrop::default();
@@ -50,7 +50,7 @@ fn drawn(data: &mut Data, width: usize, height: usize) -> (Renderer, Backdrop) {
     (renderer, backdrop)
 }
 
-/// A picture over a backdrop, in memory that holds another one.
+/// Draws over a backdrop into memory that holds another picture.
 fn over(renderer: &mut Renderer, data: &mut Data, backdrop: &mut Backdrop) -> Vec<u8> {
     let mut image = vec![7; renderer.image_len()];
     renderer.render_over(data, backdrop, &mut image).unwrap();
@@ -64,7 +64,7 @@ fn whole(renderer: &mut Renderer, data: &mut Data) -> Vec<u8> {
     image
 }
 
-/// Turned by a quarter, a picture has as many bytes and other rows.
+/// A picture rotated by a quarter turn has as many bytes and other rows.
 #[test]
 fn a_backdrop_of_another_renderer_is_refused_whatever_its_size() {
     let mut data = simulation();
@@ -102,14 +102,14 @@ fn a_backdrop_may_be_drawn_afresh_by_another_renderer() {
     assert_eq!(out, whole(&mut other, &mut data));
 }
 
-/// Makes OpenGL spoil every picture of the current context, and report an error, until it is
+/// Makes OpenGL corrupt every picture of the current context, and report an error, until it is
 /// dropped.
 struct Spoilt {
     disable: unsafe extern "C" fn(u32),
 }
 
 const GL_COLOR_LOGIC_OP: u32 = 0x0BF2;
-/// Writes zeros whatever is drawn.
+/// Writes zeros instead of drawing.
 const GL_CLEAR: u32 = 0x1500;
 const NO_CAPABILITY: u32 = 0xFFFF;
 
@@ -175,7 +175,8 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
     assert_eq!(refused, Err(RenderError::NoBackdrop));
 }
 
-/// A picture over a backdrop at several places of what moves, each time beside the whole picture.
+/// Draws over a backdrop at several places of the moving geoms, and compares with complete
+/// pictures.
 fn check_motion(scene: &str, (width, height): (usize, usize), places: &[f64]) {
     let mut data = simulation_of(scene);
     let (mut renderer, mut backdrop) = drawn(&mut data, width, height);
@@ -190,7 +191,7 @@ fn check_motion(scene: &str, (width, height): (usize, usize), places: &[f64]) {
     }
 }
 
-/// One sees what moves through a bridge that does not.
+/// Moving geoms are visible through a static bridge that is transparent.
 #[test]
 fn what_moves_shows_through_glass() {
     let scene = r#"<worldbody>
@@ -202,7 +203,7 @@ fn what_moves_shows_through_glass() {
     check_motion(scene, (24, 16), &[0.0, 0.2, -0.2]);
 }
 
-/// The tendon's middle and direction stay, and its two ends come closer.
+/// The tendon's middle and direction stay while its ends approach each other.
 #[test]
 fn a_tendon_that_shortens_is_drawn_again() {
     let scene = r#"<worldbody>
@@ -256,7 +257,7 @@ fn rows_of_any_width_are_read() {
     }
 }
 
-/// What moves here alters the picture of what stands still, or is no geom.
+/// Motion here changes the picture of static geoms, or concerns no geom.
 #[test]
 fn moving_cameras_lights_and_skins_are_drawn_as_they_are() {
     let table = r#"<geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>"#;

@@ -1,4 +1,4 @@
-//! Stepping, and the ways in which MuJoCo would fail silently.
+//! Steps, and errors in the cases in which MuJoCo would fail silently.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -62,7 +62,7 @@ fn every_bad_quantity_is_noticed() {
     }
 }
 
-/// Finite positions whose squares are none: MuJoCo computes accelerations that are no numbers.
+/// Finite positions whose squares overflow: MuJoCo computes accelerations that are NaN.
 #[test]
 fn forward_tells_of_accelerations_that_are_not_finite() {
     let joints = r#"<joint type="slide"/><joint type="hinge" axis="0 1 0"/>

@@ -23,7 +23,7 @@ type Egl = egl::DynamicInstance<egl::EGL1_5>;
 const SURFACELESS: egl::Enum = 0x31DD;
 const CONFIG: [egl::Int; 3] = [egl::SURFACE_TYPE, egl::PBUFFER_BIT, egl::NONE];
 
-/// The program around this crate: contexts of its own, each with a surface to draw on.
+/// Embedding program with contexts of its own, each with a surface to draw on.
 struct Program {
     egl: Egl,
     display: egl::Display,
@@ -64,7 +64,7 @@ impl Program {
         self.egl.make_current(self.display, None, None, None).unwrap();
     }
 
-    /// The current context with its surfaces for drawing and reading.
+    /// Returns the current context with its surfaces for drawing and reading.
     fn current(&self) -> (Option<egl::Context>, [Option<egl::Surface>; 2]) {
         let surfaces = [egl::DRAW, egl::READ].map(|which| self.egl.get_current_surface(which));
         (self.egl.get_current_context(), surfaces)
@@ -120,7 +120,7 @@ fn the_programs_context_is_current_again_after_every_call() {
     program.make_none_current();
 }
 
-/// Of its own contexts the crate restores none: they would only be exchanged for one another.
+/// The crate restores none of its own contexts, since that would only cause switches.
 #[test]
 fn without_a_context_of_the_program_the_renderers_own_stays_current() {
     let program = Program::new();

@@ -1,5 +1,5 @@
-//! A program of one thread, without the test harness: drawing is quiet, and Mesa is told to draw on
-//! the calling thread.
+//! Program with one thread, without the test harness: drawing prints nothing, and Mesa draws on the
+//! calling thread.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use mujoco::{Data, Model, RenderOptions, Renderer};
 
-/// Set in the child.
+/// Environment variable that is set in the child.
 const CHILD: &str = "COVERS_TEST_CHILD";
 const THREADS: &str = "LP_NUM_THREADS";
 

@@ -1,5 +1,5 @@
-//! Drawing in a mirror: the picture is that of the scene, and twins have mirrored pictures bit for
-//! bit.
+//! Drawing in a mirror: the picture is that of the scene, and mirrored scenes have mirrored
+//! pictures bit for bit.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -18,7 +18,7 @@ const fn mirror(columns: bool, rows: bool) -> Mirror {
     Mirror { columns, rows }
 }
 
-/// Numbers in `[0, 1)` of a linear congruential generator.
+/// Draws numbers in `[0, 1)` with a linear congruential generator.
 struct Numbers(u64);
 
 impl Numbers {
@@ -33,8 +33,8 @@ impl Numbers {
     }
 }
 
-/// A scene of tilted props on a grid of pixels' middles, so that edges often hit them, under a
-/// light from the side; mirrored.
+/// Returns a scene of tilted props on a grid of pixel centres, so that edges often hit them, under
+/// a light from the side; mirrored.
 fn scene(seed: u64, mirror: Mirror) -> String {
     let [x, y] = [mirror.columns, mirror.rows].map(|flips| if flips { -1.0 } else { 1.0 });
     let (mut numbers, mut props) = (Numbers(seed), String::new());
@@ -48,7 +48,7 @@ fn scene(seed: u64, mirror: Mirror) -> String {
         let axis = [f64::cos(turn), f64::sin(turn), 0.0];
         let other =
             [-f64::sin(turn) * f64::cos(tilt), f64::cos(turn) * f64::cos(tilt), f64::sin(tilt)];
-        // the prop is its own mirror image across its x axis
+        // the prop is symmetric across its x axis
         let sign = x * y;
         let [ax, ay, az] = [sign * x * axis[0], sign * y * axis[1], sign * axis[2]];
         let [ox, oy, oz] = [x * other[0], y * other[1], other[2]];
@@ -102,7 +102,7 @@ fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
     pixels.flat_map(|pixel| image[3 * pixel..][..3].to_vec()).collect()
 }
 
-/// Pixels in which a channel differs by more than so many levels.
+/// Counts the pixels in which a channel differs by more than the given levels.
 fn differing(a: &[u8], b: &[u8], levels: u8) -> usize {
     let far = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > levels);
     a.chunks_exact(3).zip(b.chunks_exact(3)).filter(far).count()
@@ -129,8 +129,8 @@ fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
     );
 }
 
-/// Edges through the middles of pixels are what handedness decides; round shapes are cut into other
-/// triangles and differ by a few levels.
+/// Handedness decides edges through pixel centres; round shapes are cut into other triangles and
+/// differ by a few levels.
 #[test]
 fn a_mirror_changes_nothing_but_edges() {
     for seed in 0..60 {
@@ -168,7 +168,7 @@ fn a_backdrop_keeps_its_mirror() {
 }
 
 /// A tetrahedron without symmetry: one flip would need its mirror image, which is another shape;
-/// two are a rotation.
+/// two flips are a rotation.
 #[test]
 fn what_is_not_its_own_mirror_image_is_refused() {
     let mut ready = ready(

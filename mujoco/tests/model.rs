@@ -1,4 +1,4 @@
-//! Loading models, and finding things in them.
+//! Loading of models, and finding objects by name.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -84,8 +84,8 @@ fn includes_are_found_among_the_files() {
     assert!(error.to_string().contains("part.xml"), "{error}");
 }
 
-/// A given file is found whatever the folder and the case of the name that asks for it, and no
-/// other is looked for on the disk.
+/// A given file must be found whatever the folder and the case of the name, and no other must be
+/// looked for on the disk.
 #[test]
 fn absolute_folders_do_no_harm_where_every_file_is_given() {
     let main = br#"<mujoco><compiler meshdir="/no/such/folder"/>

@@ -1,4 +1,5 @@
-//! What the crate does to its process, seen from outside: each case runs this program again.
+//! Effects of the crate on its process: each case runs this program again and observes it from
+//! outside.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -10,7 +11,7 @@ use std::process::{Command, Output, Stdio};
 
 use mujoco::Model;
 
-/// Set in the child: the name of the case.
+/// Environment variable of the child with the name of the case.
 const CASE: &str = "COVERS_TEST_CASE";
 const THREADS: &str = "LP_NUM_THREADS";
 const SIGABRT: i32 = 6;
@@ -35,7 +36,8 @@ fn run_case(name: &str) -> Output {
     run_case_in(name, Path::new("."))
 }
 
-/// The child ran its one case, and the case passed. A name that no test has runs none and succeeds.
+/// Asserts that the child ran exactly one case, and that it passed. With an unknown name the
+/// harness runs none and succeeds.
 fn assert_passed(child: &Output) {
     let report = String::from_utf8_lossy(&child.stdout);
     assert!(report.contains("test result: ok. 1 passed;"), "{child:?}");
@@ -78,7 +80,7 @@ fn the_environment_is_left_alone_beside_other_threads() {
 const PART: &str = r#"<mujoco><worldbody><body name="of_the_disk"/></worldbody></mujoco>"#;
 const CUBE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
-/// A model that names `file`, as an include or as a mesh.
+/// Returns a model that names `file`, as an include or as a mesh.
 fn naming(file: &str) -> String {
     if file.ends_with("xml") {
         format!(r#"<mujoco><include file="{file}"/></mujoco>"#)
@@ -103,7 +105,7 @@ fn files_on_the_disk_are_never_read() {
                 assert!(error.to_string().contains(file), "{path}: {error}");
             }
         }
-        // the marks of a comment inside a value begin no comment
+        // comment marks inside a value do not begin a comment
         let mesh = naming(folder.join("cube.obj").to_str().unwrap());
         let text = mesh.replace("<mujoco>", r#"<mujoco model="<!--">"#);
         let text = text.replace("<geom ", r#"<geom name="-->" "#);

@@ -1,4 +1,4 @@
-//! Drawing through EGL, and what every renderer does whatever its backend.
+//! Drawing through EGL, and properties of renderers with any backend.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -113,7 +113,7 @@ fn shadows_are_off_unless_asked_for() {
     assert_ne!(image_with(true), image_with(false));
 }
 
-/// A slanted edge, lit evenly: multisampling would mix the two colours along it.
+/// A slanted edge under uniform light: multisampling would mix the two colours along it.
 #[test]
 fn edges_are_not_smoothed() {
     let xml = r#"<mujoco><visual><quality offsamples="4"/><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
@@ -128,7 +128,7 @@ fn edges_are_not_smoothed() {
     assert_eq!(levels, [0, 255]);
 }
 
-/// A mirror under a red ball that the camera sees beside the ball, or would.
+/// A reflecting floor below a red ball: a reflection would be visible beside the ball.
 #[test]
 fn mirrors_do_not_reflect() {
     let image = |reflectance| {
@@ -147,7 +147,7 @@ fn mirrors_do_not_reflect() {
     assert_eq!(image(0.9), image(0.0));
 }
 
-/// A ball on a spring over a table and under a bridge, which hides it now and then.
+/// Returns a ball on a spring above a table and below a bridge, which hides it at times.
 fn bridge(ball: &str) -> String {
     format!(
         r#"<mujoco><visual><quality shadowsize="256"/></visual><worldbody>

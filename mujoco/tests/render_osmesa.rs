@@ -1,4 +1,4 @@
-//! Drawing through OSMesa. A program of its own: a process can use one OpenGL library.
+//! Drawing through OSMesa, in a program of its own since a process can use one OpenGL library only.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -43,7 +43,7 @@ type Destroy = unsafe extern "C" fn(Raw);
 const OSMESA_RGBA: u32 = 0x1908;
 const GL_UNSIGNED_BYTE: u32 = 0x1401;
 
-/// The functions of OSMesa that the program around this crate calls.
+/// Functions of OSMesa that the embedding program calls.
 struct Program {
     create: Symbol<Create>,
     make_current: Symbol<MakeCurrent>,
@@ -69,7 +69,7 @@ impl Program {
     }
 }
 
-/// Two contexts of the program around this crate, with buffers of their own.
+/// Two contexts of the embedding program, with buffers of their own.
 #[test]
 fn the_programs_context_is_current_again_after_every_call() {
     let program = Program::new();

@@ -109,7 +109,7 @@ fn foreign_states_are_refused() {
     assert_eq!(data.save(), before, "a refused state changes nothing");
 }
 
-/// Forces that only the C struct can be given are no part of a state, and none survives a restore.
+/// Forces that only the C struct can be given are not part of a state, and a restore clears them.
 #[test]
 fn restoring_clears_applied_forces() {
     let model = model();

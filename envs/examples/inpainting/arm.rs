@@ -1,11 +1,11 @@
-//! The arm and the camera of a scene, as in-painting wants them.
+//! Arm and camera of a scene, in the form that in-painting needs.
 
 use envs::{ARM_GEOM_GROUP, Camera, TableTop};
 use glam::{DMat3, DVec3};
 use inpainting::{Extrinsics, Intrinsics, Link, Mark, PinholeCamera};
 use mujoco::{Data, GeomId, Model, Shape};
 
-/// The camera over the table.
+/// Returns the camera above the table.
 pub fn pinhole(camera: &Camera) -> PinholeCamera {
     let middle = camera.size as f64 / 2.0;
     let focal = middle * camera.height / camera.half_extent;
@@ -23,7 +23,7 @@ pub fn pinhole(camera: &Camera) -> PinholeCamera {
     }
 }
 
-/// The mark that learners see over the gripper.
+/// Returns the mark that learners see over the gripper.
 pub fn mark(camera: &Camera) -> Mark {
     Mark {
         radius: camera.mark.radius,
@@ -33,17 +33,15 @@ pub fn mark(camera: &Camera) -> Mark {
     }
 }
 
-/// The links of a model's arm as it is drawn: a capsule around each of its shapes, between two
-/// points of the link, and bundles of thin ones around boxes, which one capsule would overhang by
-/// centimetres.
+/// Links of a model's drawn arm: a capsule around each of its shapes, between two points of the
+/// link, and bundles of thin ones around boxes, which a single capsule would exceed by centimetres.
 #[derive(Clone, Debug)]
 pub struct Arm {
     bones: Vec<Bone>,
     links: Vec<Link>,
 }
 
-/// The middle line of a capsule in its geom's frame: its middle, its direction and how far it
-/// reaches to either side (metres).
+/// Axis of a capsule in its geom's frame: its middle, its direction and its half length (metres).
 #[derive(Clone, Copy, Debug)]
 struct Bone {
     geom: GeomId,
@@ -57,7 +55,7 @@ struct Bone {
 const STRIP: f64 = 0.004;
 
 impl Arm {
-    /// The arm of `model`; a message for one with a shape that no capsule is known for.
+    /// Collects the arm of `model`; an error message for a shape without known capsules.
     pub fn new(model: &Model) -> Result<Self, String> {
         let (mut bones, mut links) = (Vec::new(), Vec::new());
         for geom in model.geoms() {
@@ -77,12 +75,12 @@ impl Arm {
         Ok(Self { bones, links })
     }
 
-    /// The links, by index into [`Arm::joints`].
+    /// Returns the links, by index into [`Arm::joints`].
     pub fn links(&self) -> &[Link] {
         &self.links
     }
 
-    /// Where the ends of the links of `table`'s arm are (metres, world frame).
+    /// Returns the ends of the links of `table`'s arm (metres, world frame).
     pub fn joints(&self, table: &TableTop) -> Vec<DVec3> {
         let data = table.simulation();
         self.bones.iter().flat_map(|bone| bone.ends(data)).collect()
@@ -99,7 +97,7 @@ impl Bone {
     }
 }
 
-/// Capsules that cover a shape, with their radii (metres).
+/// Returns capsules that cover a shape, with their radii (metres).
 fn around(geom: GeomId, shape: Shape) -> Vec<(Bone, f64)> {
     let upright = |half_length, radius| {
         let bone = Bone { geom, middle: DVec3::ZERO, axis: 2, half_length };
@@ -114,7 +112,7 @@ fn around(geom: GeomId, shape: Shape) -> Vec<(Bone, f64)> {
     }
 }
 
-/// Cuts a box into strips along its longest side, and puts a capsule around each that touches its
+/// Cuts a box into strips along its longest side, and encloses each in a capsule that touches its
 /// surface.
 fn bundle(geom: GeomId, half: [f64; 3]) -> Vec<(Bone, f64)> {
     let longest = (0..3).max_by(|&a, &b| half[a].total_cmp(&half[b]));

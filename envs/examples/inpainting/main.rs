@@ -19,10 +19,10 @@ use symmetry::D2;
 const SIZE: usize = 128;
 /// Pictures across the strip.
 const COLUMNS: usize = 6;
-/// Decisions from one to the next.
+/// Decisions between frames.
 const EVERY: usize = 5;
 
-/// The three rows of the strip, frame after frame.
+/// Rows of the strip, frame after frame.
 type Rows = [Vec<Vec<u8>>; 3];
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The expert closes a drawer; a camera watches.
+/// Records an episode in which the expert closes a drawer.
 fn episode() -> Result<Rows, Box<dyn Error>> {
     let camera = Camera { size: SIZE, ..Camera::default() };
     let scene = Arc::new(Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::SAWYER, camera)?);

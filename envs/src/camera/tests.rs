@@ -40,14 +40,14 @@ fn settings_travel_as_text() {
         background: [0.1, 0.2, 0.3],
         mark: Mark { hole: 0.01, ..Mark::default() },
         oversampling: 3,
-        beside: Beside::CloseUp,
+        beside: ExtraView::CloseUp,
         ..Camera::default()
     };
     let text = serde_json::to_string(&camera).unwrap();
     assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), camera);
     let before = text.replace(r#","beside":"close_up""#, "").replace(r#""oversampling":3,"#, "");
     let before = serde_json::from_str::<Camera>(&before).unwrap();
-    let expected = (1, Beside::First);
+    let expected = (1, ExtraView::First);
     assert_eq!((before.oversampling, before.beside), expected);
     let unknown = text.replace("height", "hight");
     let message = serde_json::from_str::<Camera>(&unknown).unwrap_err();
@@ -76,7 +76,7 @@ fn the_mark_of_a_mirrored_point_is_the_mirrored_mark() {
     }
 }
 
-/// The definition, pixel by pixel over the whole picture.
+/// Draws the mark by its definition, pixel by pixel over the whole picture.
 fn slow_mark(camera: &Camera, point: DVec3) -> Vec<u8> {
     let metres = 2.0 * camera.half_extent / camera.size as f64;
     let middle = camera.size as f64 / 2.0;
@@ -107,7 +107,7 @@ fn marks_are_discs_and_rings_also_across_the_edge() {
 const POINTS: [([f64; 3], usize); 3] =
     [([0.21, 0.13, 0.05], 0), ([-0.17, 0.29, 0.3], 1), ([0.33, -0.26, -0.2], 2)];
 
-/// What MuJoCo draws of the boxes mapped by `g`.
+/// Renders the boxes mapped by `g`.
 fn draw_points(camera: &Camera, g: D2) -> Vec<u8> {
     let boxes = POINTS.map(|([x, y, z], channel)| {
         let [x, y] = g.apply_xy([x, y]);
@@ -140,8 +140,8 @@ fn centroid(rgb: &[u8], size: usize, channel: usize) -> [f64; 2] {
     [u / count, v / count]
 }
 
-/// The one test that a mirrored picture cannot pass: a flip is an element of the group, so networks
-/// would not notice.
+/// A mirrored picture passes every other test: a flip is an element of the group, so networks would
+/// not notice.
 #[test]
 fn known_points_are_drawn_at_their_projections_under_every_element() {
     for (height, half_extent, size) in [(1.5, 0.44, 128), (0.9, 0.6, 96)] {

@@ -1,4 +1,4 @@
-//! One variant of one scene, ready to be started, and random actions to drive it.
+//! One variant of one scene, and random actions to drive it.
 
 use std::fmt;
 use std::sync::Arc;
@@ -12,10 +12,10 @@ use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, Step, TableTop, VECTOR_DIM};
 
-/// What a rule finds: nothing, or what does not hold.
-pub(super) type Finding = Result<Option<String>, EnvError>;
+/// Outcome of a rule: `None`, or a description of the violation.
+pub(super) type RuleResult = Result<Option<String>, EnvError>;
 
-/// `finding` where a condition does not hold.
+/// Returns `finding()` if `holds` is `false`.
 pub(super) fn unless(holds: bool, finding: impl FnOnce() -> String) -> Option<String> {
     (!holds).then(finding)
 }
@@ -31,7 +31,7 @@ impl Case {
         TableTop::new(Arc::clone(&self.scene), self.scene.layout.control())
     }
 
-    /// A table at the start of the episode of `seed`.
+    /// Returns a table at the start of the episode of `seed`.
     pub(super) fn started(&self, seed: u64) -> Result<TableTop, EnvError> {
         let mut table = self.table()?;
         self.reset(&mut table, seed)?;
@@ -46,7 +46,7 @@ impl Case {
         self.scene.layout.control().decisions()
     }
 
-    /// The control of the layout, with a decision in each control step.
+    /// Returns the control of the layout with one decision in each control step.
     pub(super) fn fine_control(&self) -> Control {
         let control = self.scene.layout.control();
         Control {
@@ -62,11 +62,13 @@ impl Case {
 }
 
 impl RandomActions {
-    /// Random actions for a table with `control`.
+    /// Creates random actions for a table with `control`.
     pub(super) fn new(seed: u64, control: &Control) -> Self {
         Self {
             rng: ChaCha8Rng::seed_from_u64(seed),
             action: [0.0; ACTION_DIM],
+            // 10 control steps are a decision of the symmetric layout; Meta-World's is one control
+            // step
             hold: (10 / control.action_repeat).max(1),
             decision: 0,
         }
@@ -80,8 +82,8 @@ impl fmt::Display for Case {
     }
 }
 
-/// Random actions, each held for an eighth of a second as the symmetric layout's decisions are;
-/// half of the components are at their limits.
+/// Random actions, each held for an eighth of a second as decisions of the symmetric layout are.
+/// Half of the components are at their limits.
 pub(super) struct RandomActions {
     rng: ChaCha8Rng,
     action: [f32; ACTION_DIM],
@@ -101,10 +103,10 @@ impl RandomActions {
     }
 }
 
-/// Everything that a learner is told of one decision, as bits.
+/// Everything that a learner observes of one decision, as bits for exact comparison.
 pub(super) type Bits = ([u32; VECTOR_DIM], u64, [bool; 3]);
 
-/// Takes `decisions` decisions.
+/// Takes `decisions` decisions and returns their observations.
 pub(super) fn run(
     table: &mut TableTop,
     actions: &mut RandomActions,

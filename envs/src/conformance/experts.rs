@@ -1,4 +1,4 @@
-//! Does the script solve a variant?
+//! Success rate of the scripted experts.
 
 use std::fmt;
 use std::sync::Arc;
@@ -13,17 +13,17 @@ use crate::error::{EnvError, require};
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
 
-/// Share of the episodes that a scripted expert must solve.
+/// Smallest share of episodes that a scripted expert must solve.
 const SUCCESS_RATE: f64 = 0.98;
 
-/// Which variant a row of figures is of.
+/// Variant that a row of measurements belongs to.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct VariantName {
-    /// What carried the gripper.
+    /// Name of the embodiment.
     pub embodiment: &'static str,
-    /// The task group.
+    /// Name of the task group.
     pub task: &'static str,
-    /// The variant's element of D2.
+    /// Element of D2 that maps the canonical variant to this one.
     pub element: String,
 }
 
@@ -43,28 +43,27 @@ impl fmt::Display for VariantName {
     }
 }
 
-/// How the scripted expert fared on one variant.
+/// Results of the scripted expert on one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExpertRow {
-    /// The variant.
+    /// Variant that was tested.
     #[serde(flatten)]
     pub variant: VariantName,
-    /// Episodes, one a seed.
+    /// Number of episodes, one for each seed.
     pub episodes: u64,
-    /// Episodes in which the success condition held at any control step.
+    /// Number of episodes in which the success condition held at any control step.
     pub successes: u64,
-    /// Mean over the episodes of the sum over control steps of the dense reward / 10: in
-    /// `[0, horizon]`.
+    /// Mean return: sum over control steps of the dense reward / 10, in `[0, horizon]`.
     pub mean_return: f64,
 }
 
 impl ExpertRow {
-    /// Share of the episodes that succeeded, in `[0, 1]`.
+    /// Returns the share of successful episodes, in `[0, 1]`.
     pub fn success_rate(&self) -> f64 {
         self.successes as f64 / self.episodes as f64
     }
 
-    /// Whether at least 98 in 100 episodes succeeded.
+    /// Returns `true` if at least 98 % of the episodes succeeded.
     pub fn passes(&self) -> bool {
         self.success_rate() >= SUCCESS_RATE
     }
@@ -73,8 +72,8 @@ impl ExpertRow {
 /// Runs the scripted expert of the variant `element` on the placements of the seeds `0..seeds`.
 ///
 /// # Errors
-/// [`EnvError::Setting`] for no seeds or impossible control settings, [`EnvError::NoSuchVariant`],
-/// or what MuJoCo says.
+/// [`EnvError::Setting`] for zero seeds or control settings out of range,
+/// [`EnvError::NoSuchVariant`], or MuJoCo's error.
 pub fn experts(
     scene: &Arc<Scene>,
     element: D2,
@@ -94,12 +93,13 @@ pub fn experts(
         variant: VariantName::new(scene, element),
         episodes: seeds,
         successes,
+        // a decision's reward is the mean over its control steps, and returns count control steps
         mean_return: total * control.action_repeat as f64 / seeds as f64,
     })
 }
 
-/// Lets the expert act to the episode's end: the sum of the decisions' rewards, and whether any
-/// succeeded.
+/// Runs the expert to the end of the episode. Returns the sum of the rewards, and `true` if any
+/// decision succeeded.
 pub(super) fn episode(table: &mut TableTop) -> Result<(f64, bool), EnvError> {
     let (mut reward, mut success) = (0.0, false);
     loop {

@@ -1,4 +1,4 @@
-//! The rules that hold for every variant, and the check that asks all of them.
+//! Rules for variants, and the check that applies every rule.
 
 use std::sync::Arc;
 
@@ -13,46 +13,46 @@ use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, Step, TableTop, VECTOR_DIM};
 use crate::task::{StepReward, TaskGroup};
 
-use super::case::{Case, Finding, RandomActions, run, unless};
+use super::case::{Case, RandomActions, RuleResult, run, unless};
 use super::experts::experts;
 use super::scene_rules;
 use super::symmetry::symmetry;
 
-/// What a group does that a task must not do.
+/// Violation of a rule by a task group.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Flaw {
-    /// A rule does not hold.
+    /// Violated rule.
     #[error("{case}: {rule}: {finding}")]
     Broken {
         /// Variant, embodiment and layout.
         case: String,
-        /// The rule.
+        /// Description of the rule.
         rule: &'static str,
-        /// What was found instead.
+        /// Description of the violation.
         finding: String,
     },
-    /// A scene that cannot be made, or an environment that fails.
+    /// Scene that cannot be made, or environment that failed during a check.
     #[error("{case}: {source}")]
     Failed {
-        /// Variant, or group, embodiment and layout.
+        /// Variant (or group), embodiment and layout.
         case: String,
-        /// The reason.
+        /// Underlying error.
         source: EnvError,
     },
 }
 
-/// A rule's words, and whether it holds.
-type Rule = (&'static str, fn(&Case) -> Finding);
+/// Description of a rule, and the function that checks it.
+type Rule = (&'static str, fn(&Case) -> RuleResult);
 
-/// Asked of every scene, with its identity variant.
+/// Rules for a scene, checked with its identity variant.
 const OF_SCENES: [Rule; 3] = [
     ("everything in the scene has a name", scene_rules::names),
     ("pictures show what happens", scene_rules::moving_pictures),
     ("variants differ", scene_rules::distinct_variants),
 ];
 
-/// Asked of every variant.
+/// Rules for every variant.
 const OF_VARIANTS: [Rule; 6] = [
     ("figures are finite and in range", ranges),
     ("a seed fixes an episode and another changes it", determinism),
@@ -62,34 +62,32 @@ const OF_VARIANTS: [Rule; 6] = [
     ("doing nothing solves nothing", idleness),
 ];
 
-/// Asked of every variant of the symmetric layout.
+/// Rules for every variant of the symmetric layout.
 const OF_MIRRORED_VARIANTS: [Rule; 2] =
     [("the expert solves it", solution), ("it mirrors its canonical twin", mirror)];
 
-/// Holds `group` to every rule: all of its variants, with every embodiment, in every layout that it
-/// has. Takes some seconds.
+/// Checks `group` against every rule: all variants, standard embodiments and layouts. Takes some
+/// seconds.
 ///
-/// The rules: the scene compiles without a warning and everything in it has a name; in every
-/// control step observations, rewards, their terms and the expert's commands are finite and in
-/// range; only the horizon ends an episode; episodes depend on the seed and on nothing else; tables
-/// do not disturb one another; a saved episode continues to the same bits; observations vary, and
-/// an object shows where it moves; placements keep to one quadrant, so variants differ; doing
-/// nothing solves nothing; in the symmetric layout the expert solves each variant, and each mirrors
-/// the identity variant as far as its embodiment does.
+/// The scene compiles without a warning and everything in it has a name. In every control step
+/// observations, rewards, their terms and the expert's commands are finite and in range. Only the
+/// horizon ends an episode. Episodes depend on the seed alone, tables do not affect each other, and
+/// a saved episode continues to the same bits. Observations vary, and pictures show a moved object.
+/// Placements keep to one quadrant, so variants differ. A policy that does nothing never succeeds.
+/// In the symmetric layout the expert solves each variant, and each mirrors the identity variant as
+/// far as its embodiment does.
 ///
 /// # Errors
-/// The first [`Flaw`] found.
+/// The first [`Flaw`].
 pub fn check(group: TaskGroup) -> Result<(), Flaw> {
     for layout in Layout::ALL {
-        if layout == Layout::MetaWorld && group.task().stock().is_none() {
+        if layout == Layout::MetaWorld && group.task().meta_world().is_none() {
             continue;
         }
         for embodiment in Embodiment::STANDARD {
-            let scene = Scene::in_layout(layout, group, embodiment, Camera::default());
-            let scene = scene.map_err(|source| Flaw::Failed {
-                case: format!("{group}, {embodiment}, {layout}"),
-                source,
-            })?;
+            let scene = Scene::in_layout(layout, group, embodiment, Camera::default()).map_err(
+                |source| Flaw::Failed { case: format!("{group}, {embodiment}, {layout}"), source },
+            )?;
             check_scene(&Arc::new(scene))?;
         }
     }
@@ -100,6 +98,7 @@ fn check_scene(scene: &Arc<Scene>) -> Result<(), Flaw> {
     for (index, &element) in scene.layout.elements().iter().enumerate() {
         let scene = Arc::clone(scene);
         let case = Case { scene, element };
+        // scene rules do not depend on the variant; the identity comes first in every layout
         if index == 0 {
             ask(&case, &OF_SCENES)?;
         }
@@ -122,8 +121,8 @@ fn ask(case: &Case, rules: &[Rule]) -> Result<(), Flaw> {
     Ok(())
 }
 
-/// Held under random actions and under the expert's, in every control step.
-fn ranges(case: &Case) -> Finding {
+/// Checks ranges in every control step, under random actions and under the expert's.
+fn ranges(case: &Case) -> RuleResult {
     let control = case.fine_control();
     let mut actions = RandomActions::new(2, &control);
     let of_random = in_range(case, |_| Ok(actions.next()))?;
@@ -136,7 +135,7 @@ fn ranges(case: &Case) -> Finding {
 fn in_range(
     case: &Case,
     mut act: impl FnMut(&TableTop) -> Result<[f32; ACTION_DIM], EnvError>,
-) -> Finding {
+) -> RuleResult {
     let control = case.fine_control();
     let mut table = TableTop::new(Arc::clone(&case.scene), control)?;
     case.reset(&mut table, 1)?;
@@ -157,7 +156,7 @@ fn in_range(
         }
     }
     let ended = matches!(table.step(&[0.0; ACTION_DIM]), Err(EnvError::NotReset));
-    Ok(unless(ended, || "it goes on after the horizon".to_owned()))
+    Ok(unless(ended, || "the episode goes on after the horizon".to_owned()))
 }
 
 fn step_in_range(step: &Step, last: bool) -> bool {
@@ -176,6 +175,7 @@ fn reward_in_range(reward: &StepReward) -> bool {
 
 fn vector_in_range(vector: &[f32; VECTOR_DIM]) -> bool {
     let [x, y, z, aperture, goal @ ..] = vector;
+    // wider than the bounds of the hand's target in either layout, with room for overshoot
     x.abs() < 0.7
         && y.abs() < 0.7
         && (-0.1..0.7).contains(z)
@@ -183,9 +183,10 @@ fn vector_in_range(vector: &[f32; VECTOR_DIM]) -> bool {
         && goal.iter().all(|g| g.abs() < 0.5)
 }
 
-fn determinism(case: &Case) -> Finding {
+fn determinism(case: &Case) -> RuleResult {
     let fresh = |seed| run(&mut case.started(seed)?, &mut case.random_actions(7), 25);
     let first = fresh(1)?;
+    // a table with a history, to show that a reset erases it
     let mut used = case.started(5)?;
     run(&mut used, &mut case.random_actions(8), 37)?;
     case.reset(&mut used, 1)?;
@@ -193,7 +194,7 @@ fn determinism(case: &Case) -> Finding {
     let finding = if fresh(1)? != first {
         "two episodes of one seed differ"
     } else if again != first {
-        "the episode before shows"
+        "the previous episode affects the next"
     } else if fresh(2)? == first {
         "the seed changes nothing"
     } else {
@@ -202,7 +203,7 @@ fn determinism(case: &Case) -> Finding {
     Ok(Some(finding.to_owned()))
 }
 
-fn independence(case: &Case) -> Finding {
+fn independence(case: &Case) -> RuleResult {
     let (mut one, mut other) = (case.started(1)?, case.started(2)?);
     let (mut left, mut right) = (case.random_actions(3), case.random_actions(4));
     let mut interleaved = Vec::new();
@@ -215,7 +216,7 @@ fn independence(case: &Case) -> Finding {
     Ok(unless(interleaved == alone, found))
 }
 
-fn variation(case: &Case) -> Finding {
+fn variation(case: &Case) -> RuleResult {
     let mut low = [f32::INFINITY; VECTOR_DIM];
     let mut high = [f32::NEG_INFINITY; VECTOR_DIM];
     for seed in 0..2 {
@@ -230,13 +231,14 @@ fn variation(case: &Case) -> Finding {
         }
     }
     let observable = case.scene.goal_observable;
+    // the first four components, hand and aperture, must always vary; the goal only where shown
     let wrong = (0..VECTOR_DIM).find(|&i| (high[i] - low[i] > 1e-3) != (i < 4 || observable));
     Ok(wrong.map(|i| format!("component {i} of the vector is in {}..={}", low[i], high[i])))
 }
 
-/// The solver's warm start is part of the state: contacts and welds are solved to the same bits
-/// only from the same start.
-fn continuation(case: &Case) -> Finding {
+/// Checks that a restored episode continues to the same bits. The solver's warm start is part of
+/// the state: contacts and welds are solved to the same bits only from the same start.
+fn continuation(case: &Case) -> RuleResult {
     let mut table = case.started(1)?;
     run(&mut table, &mut case.random_actions(9), 15)?;
     let (snapshot, before) = (table.save()?, table.observe()?);
@@ -248,14 +250,14 @@ fn continuation(case: &Case) -> Finding {
     let finding = if seen.map(f32::to_bits) != before.map(f32::to_bits) {
         "the restored observation differs"
     } else if straight != resumed {
-        "it goes on differently elsewhere"
+        "the restored episode continues differently"
     } else {
         return Ok(None);
     };
     Ok(Some(finding.to_owned()))
 }
 
-fn idleness(case: &Case) -> Finding {
+fn idleness(case: &Case) -> RuleResult {
     let mut table = case.started(3)?;
     for decision in 0..case.decisions() {
         if table.step(&[0.0; ACTION_DIM])?.success {
@@ -265,12 +267,12 @@ fn idleness(case: &Case) -> Finding {
     Ok(None)
 }
 
-fn solution(case: &Case) -> Finding {
+fn solution(case: &Case) -> RuleResult {
     let row = experts(&case.scene, case.element, Control::default(), 2)?;
     Ok(unless(row.passes(), || format!("{row:?}")))
 }
 
-fn mirror(case: &Case) -> Finding {
+fn mirror(case: &Case) -> RuleResult {
     if case.element == D2::Identity {
         return Ok(None); // its own twin
     }

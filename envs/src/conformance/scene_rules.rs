@@ -1,4 +1,4 @@
-//! Rules of a whole scene: its names and its pictures.
+//! Rules for a whole scene: its names and its pictures.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -8,23 +8,23 @@ use rand_chacha::ChaCha8Rng;
 
 use glam::DVec3;
 
-use super::case::{Case, Finding, run, unless};
+use super::case::{Case, RuleResult, run, unless};
 use crate::camera::RGB;
 use crate::error::EnvError;
 use crate::renderer::SceneRenderer;
 use crate::tabletop::TableTop;
 use crate::task::Placement;
 
-/// An object that is this far from where it was (metres) shows.
-const MOVED: f64 = 0.02;
-/// One that is farther than this when the episode ends (metres) shows by then.
-const STILL: f64 = 1e-3;
-/// A point that keeps this far from an axis (metres) is beside it.
-const BESIDE: f64 = 1e-3;
-/// Placements that are drawn to see where they lie.
+/// Displacement (metres) of an object at which pictures must change.
+const VISIBLE_DISPLACEMENT: f64 = 0.02;
+/// Displacement (metres) at the end of an episode at which pictures must have changed.
+const FINAL_DISPLACEMENT: f64 = 1e-3;
+/// Distance from an axis (metres) beyond which a point lies off it.
+const OFF_AXIS: f64 = 1e-3;
+/// Number of placements drawn to check their quadrant.
 const PLACEMENTS: usize = 100;
 
-pub(super) fn names(case: &Case) -> Finding {
+pub(super) fn names(case: &Case) -> RuleResult {
     let model = &case.scene.model;
     let (unnamed, warning) = (model.unnamed(), model.warning());
     let holds = unnamed.is_empty() && warning.is_none();
@@ -32,13 +32,14 @@ pub(super) fn names(case: &Case) -> Finding {
     Ok(unless(holds, found))
 }
 
-/// The object shows where the expert moves it, and the gripper in tasks without one.
-pub(super) fn moving_pictures(case: &Case) -> Finding {
+/// Checks that pictures show the moved object, or the gripper in tasks without an object.
+pub(super) fn moving_pictures(case: &Case) -> RuleResult {
     if case.scene.object_body.is_some() { moving_object(case) } else { moving_mark(case) }
 }
 
-/// No mark is drawn, which would show that the gripper moves.
-fn moving_object(case: &Case) -> Finding {
+/// Checks that pictures show the object that the expert moves. No mark is drawn, because it would
+/// show that the gripper moves.
+fn moving_object(case: &Case) -> RuleResult {
     let mut renderer = SceneRenderer::of_table(Arc::clone(&case.scene))?;
     let mut table = case.started(1)?;
     let before = picture(&mut renderer, &mut table)?;
@@ -48,7 +49,7 @@ fn moving_object(case: &Case) -> Finding {
         let action = table.expert_action()?;
         table.step(&action)?;
         let way = table.measurement()?.object.distance(start);
-        if way > MOVED || (decision == last && way > STILL) {
+        if way > VISIBLE_DISPLACEMENT || (decision == last && way > FINAL_DISPLACEMENT) {
             if picture(&mut renderer, &mut table)? != before {
                 return Ok(None);
             }
@@ -61,7 +62,7 @@ fn moving_object(case: &Case) -> Finding {
     Ok(unseen.map(found))
 }
 
-fn moving_mark(case: &Case) -> Finding {
+fn moving_mark(case: &Case) -> RuleResult {
     let mut renderer = SceneRenderer::new(Arc::clone(&case.scene))?;
     let mut table = case.started(1)?;
     let before = picture(&mut renderer, &mut table)?;
@@ -71,8 +72,9 @@ fn moving_mark(case: &Case) -> Finding {
     Ok(unless(before != after, || "nothing changes".to_owned()))
 }
 
-/// A placement on an axis would make two variants one, and so would objects that do not show.
-pub(super) fn distinct_variants(case: &Case) -> Finding {
+/// Checks that variants differ. A placement on an axis would make two variants equal, and so would
+/// objects that pictures do not show.
+pub(super) fn distinct_variants(case: &Case) -> RuleResult {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let placements: Vec<Placement> = (0..PLACEMENTS).map(|_| case.scene.place(&mut rng)).collect();
     let placement = placements[0];
@@ -88,18 +90,20 @@ pub(super) fn distinct_variants(case: &Case) -> Finding {
         table.reset_to(element, placement)?;
         pictures.insert(picture(&mut renderer, &mut table)?);
     }
+    // goals of observable-goal tasks may be invisible: the vector then tells variants apart
     let holds = pictures.len() == elements.len() || case.scene.goal_observable;
     let found = || format!("{} pictures of {} variants", pictures.len(), elements.len());
     Ok(unless(holds, found))
 }
 
-/// Whether the objects, or the goals, of all placements lie in one quadrant and beside its axes.
+/// Returns `true` if the objects, or the goals, of all placements lie in one quadrant, off its
+/// axes.
 fn off_centre(placements: &[Placement]) -> bool {
     let points: [fn(&Placement) -> DVec3; 2] = [|p| p.object, |p| p.goal];
     points.iter().any(|point| {
         let side = point(&placements[0]).signum();
-        let beside = |p| (point(p) * side).truncate().min_element() > BESIDE;
-        placements.iter().all(beside)
+        let off_axis = |p| (point(p) * side).truncate().min_element() > OFF_AXIS;
+        placements.iter().all(off_axis)
     })
 }
 

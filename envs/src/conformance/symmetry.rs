@@ -1,4 +1,4 @@
-//! Do a variant and its canonical twin stay mirror images of one another?
+//! Comparison of a variant with the canonical variant, which should stay mirror images.
 
 use std::sync::Arc;
 
@@ -9,52 +9,54 @@ use symmetry::D2;
 
 use super::experts::{VariantName, check_seeds, episode};
 use crate::camera::RGB;
-use crate::carrier::OPEN_APERTURE;
+use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::EnvError;
 use crate::renderer::SceneRenderer;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, ACTION_IRREPS, TableTop};
 use crate::task::{Measurement, Placement};
 
-/// Closed loop, an expert's return may differ by this share between the variants of a group.
+/// Largest relative difference of an expert's return between variants of a group, closed loop.
 const RETURN_SPREAD: f64 = 0.03;
-/// Open loop, a variant with an embodiment that mirrors exactly may stray from its twin by this
-/// much (metres): before anything touches, and after.
+/// Largest deviation (metres) of a variant from its canonical twin, open loop, with an exactly
+/// symmetric embodiment: before the first contact, and after it.
 const FREE_DEVIATION: f64 = 1e-9;
 const CONTACT_DEVIATION: f64 = 1e-6;
 
 /// Decisions that a random action is held for.
 const HELD: usize = 5;
 
-/// How far a variant strayed from the mirror image of its canonical twin.
+/// Deviation of a variant from the mirror image of its canonical twin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SymmetryRow {
-    /// The variant.
+    /// Variant that was compared.
     #[serde(flatten)]
     pub variant: VariantName,
-    /// Whether the embodiment mirrors exactly.
+    /// `true` if the embodiment is exactly symmetric.
     #[serde(skip)]
     exact: bool,
-    /// Open loop, mirrored actions: the largest deviation (metres) of hand, fingertips, claw
-    /// distance or object before anything touched.
+    /// Largest deviation (metres) of hand, fingertips, claw distance or object before the first
+    /// contact; open loop with mirrored actions.
     pub free_deviation: f64,
-    /// The same from the first contact on.
+    /// Largest deviation (metres) of hand, fingertips, claw distance or object from the first
+    /// contact on.
     pub contact_deviation: f64,
-    /// Open loop: the largest difference of a decision's reward.
+    /// Largest difference between the rewards of a decision, open loop.
     pub reward_deviation: f64,
-    /// Open loop: pictures compared, one a decision.
+    /// Number of pictures compared, one per decision, open loop.
     pub frames: usize,
-    /// Pictures that were not the mirror image bit for bit.
+    /// Number of pictures that were not exact mirror images.
     pub frames_differing: usize,
-    /// Pixels that differed in the worst of them.
+    /// Number of differing pixels in the worst picture.
     pub pixels_differing: usize,
-    /// Closed loop: the expert's mean return here over its mean return on the canonical twin.
+    /// Expert's mean return on the variant divided by that on the canonical twin, closed loop.
     pub return_ratio: f64,
 }
 
 impl SymmetryRow {
-    /// Whether the returns agree within 3 %, and with an embodiment that mirrors exactly pictures
-    /// to the bit and motion within 1e-9 m, or 1e-6 m from the first contact on.
+    /// Returns `true` if the returns agree within 3 % and, with an exactly symmetric embodiment,
+    /// pictures mirror bit for bit and motion agrees within 1e-9 m (1e-6 m from the first contact
+    /// on).
     pub fn passes(&self) -> bool {
         let fair = (self.return_ratio - 1.0).abs() <= RETURN_SPREAD;
         let mirrors = self.free_deviation <= FREE_DEVIATION
@@ -64,14 +66,15 @@ impl SymmetryRow {
     }
 }
 
-/// Drives the variant `element` and its canonical twin side by side, on the placements of the seeds
+/// Runs the variant `element` and its canonical twin in parallel, on the placements of the seeds
 /// `0..seeds`.
 ///
-/// Open loop, the twin's actions are mirrored for the variant: those of the twin's expert, then
+/// Open loop, the variant gets the twin's actions mirrored: first those of the twin's expert, then
 /// random ones. Closed loop, each has its own expert.
 ///
 /// # Errors
-/// [`EnvError::Setting`] for no seeds, [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
+/// [`EnvError::Setting`] for zero seeds, [`EnvError::NoSuchVariant`], or an error of MuJoCo or
+/// OpenGL.
 pub fn symmetry(scene: &Arc<Scene>, element: D2, seeds: u64) -> Result<SymmetryRow, EnvError> {
     check_seeds(seeds)?;
     let mut twins = Twins::new(Arc::clone(scene), element, element)?;
@@ -79,13 +82,13 @@ pub fn symmetry(scene: &Arc<Scene>, element: D2, seeds: u64) -> Result<SymmetryR
     Ok(twins.row)
 }
 
-/// A canonical table and a variant of it, driven alike.
+/// Canonical table and a variant of it that gets the same actions, mirrored.
 struct Twins {
     canonical: TableTop,
     variant: TableTop,
     element: D2,
-    /// Maps the canonical actions for the variant; the variant's own element, unless the checker
-    /// itself is checked.
+    /// Element that maps canonical actions to the variant's. Only the tests of this checker use
+    /// another one than `element`.
     of_actions: D2,
     renderer: SceneRenderer,
     pictures: [Vec<u8>; 2],
@@ -93,7 +96,7 @@ struct Twins {
     row: SymmetryRow,
 }
 
-/// Who chooses the canonical actions.
+/// Source of the canonical actions.
 #[derive(Clone, Copy)]
 enum Driver {
     Expert,
@@ -195,6 +198,7 @@ impl Twins {
         let [here, there] = &mut self.pictures;
         self.renderer.render(&mut self.canonical, here)?;
         self.renderer.render(&mut self.variant, there)?;
+        // pixels are permuted without interpolation, so exact equality is the right test
         let mirrored = self.element.transform_image(here, size, size, RGB);
         let pixels = mirrored.chunks(RGB).zip(there.chunks(RGB));
         let differing = pixels.filter(|(a, b)| a != b).count();
@@ -205,18 +209,20 @@ impl Twins {
     }
 }
 
-/// The largest distance (metres) between what two tables measure, both in the canonical frame.
+/// Returns the largest distance (metres) between the measurements of two tables, in the canonical
+/// frame.
 fn deviation(a: &Measurement, b: &Measurement) -> f64 {
     let distances = [
         a.hand.distance(b.hand),
         a.tcp.distance(b.tcp),
         a.object.distance(b.object),
+        // back in metres, like the other deviations
         (a.aperture - b.aperture).abs() * OPEN_APERTURE,
     ];
     distances.into_iter().fold(0.0, larger)
 }
 
-/// The larger of two deviations; what is not a number is larger than any.
+/// Returns the larger of two deviations; NaN counts as larger than any number.
 fn larger(a: f64, b: f64) -> f64 {
     if b > a || b.is_nan() { b } else { a }
 }

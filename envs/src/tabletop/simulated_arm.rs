@@ -1,4 +1,4 @@
-//! The arm of an environment behind the interface of a real one.
+//! Simulated arm behind the interface of real arms.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -6,28 +6,28 @@ use std::sync::Arc;
 use robots::{Command, ControlError, Robot, RobotState};
 use symmetry::D2;
 
+use crate::actuation::{Actuation, ServoController, control_seconds};
 use crate::control::Control;
-use crate::drive::{Drive, ServoDrive, control_seconds};
 use crate::error::{EnvError, require};
 use crate::scene::Scene;
 use crate::task::{Placement, StepReward};
 
 use super::TableTop;
 
-/// Longest latency (seconds).
-const LONGEST: f64 = 1.0;
+/// Largest latency (seconds).
+const MAX_LATENCY: f64 = 1.0;
 
-/// The arm of a [`TableTop`] as a [`Robot`]: twists move it, and its state is what its joints say.
+/// Arm of a [`TableTop`] as a [`Robot`]: twists move it, and its state is computed from its joints.
 /// Time passes in [`SimulatedArm::advance`].
 ///
-/// Commands and stops take effect after a latency. An arm that stopped by itself, because it could
-/// not follow, says why in the next call.
+/// Commands and stops take effect after a latency. If the arm stopped by itself because it could
+/// not follow, the next call returns the reason.
 pub struct SimulatedArm {
     table: TableTop,
-    /// Control steps from an order to its effect.
+    /// Control steps between an order and its effect.
     delay: usize,
     steps: usize,
-    /// Orders on their way, and the step in which each takes effect.
+    /// Pending orders, and the step in which each takes effect.
     sent: VecDeque<(usize, Order)>,
     fault: Option<ControlError>,
 }
@@ -39,82 +39,83 @@ enum Order {
 }
 
 impl SimulatedArm {
-    /// The arm of `scene`, whose commands take effect after `latency` (seconds, rounded to control
-    /// steps of 12.5 ms). It stands nowhere until [`SimulatedArm::start`].
+    /// Creates the arm of `scene`, whose commands take effect after `latency` (seconds, rounded to
+    /// control steps of 12.5 ms). Call [`SimulatedArm::start`] next.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for a latency that is not in 0 to 1 s, and for an embodiment whose
-    /// hand a weld pulls.
+    /// [`EnvError::Setting`] for a latency outside 0 to 1 s, and for an embodiment without servos.
     pub fn new(scene: Arc<Scene>, latency: f64) -> Result<Self, EnvError> {
-        let in_range = (0.0..=LONGEST).contains(&latency);
+        let in_range = (0.0..=MAX_LATENCY).contains(&latency);
         require(in_range, "latency", &latency, "0 to 1 s")?;
-        let (embodiment, drive) = (scene.embodiment, scene.embodiment.carrier().drive()?);
-        let driven = matches!(drive, Drive::Servos(_));
-        let expected = "an arm that servos move, as kinova_gen3";
+        let (embodiment, actuation) = (scene.embodiment, scene.embodiment.spec().actuation()?);
+        let driven = matches!(actuation, Actuation::Servos(_));
+        let expected = "an arm with servos, for instance kinova_gen3";
         require(driven, "embodiment", &embodiment, expected)?;
         let table = TableTop::new(scene, Control::default())?;
         let delay = (latency / control_seconds(&table.data)).round() as usize;
         Ok(Self { table, delay, steps: 0, sent: VecDeque::new(), fault: None })
     }
 
-    /// Puts the arm at the start of an episode of the variant `element`, at rest; `placement` is
+    /// Places the arm at rest at the start of an episode of the variant `element`; `placement` is
     /// in the canonical frame.
     ///
     /// # Errors
-    /// As [`TableTop::reset_to`].
+    /// Those of [`TableTop::reset_to`].
     pub fn start(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
         self.sent.clear();
         self.fault = None;
         self.table.reset_to(element, placement)
     }
 
-    /// Lets a control step of 12.5 ms pass, and says how the task stands after it.
+    /// Simulates one control step of 12.5 ms and returns its reward and success.
     ///
     /// # Errors
-    /// [`EnvError::NotReset`]; a diverged simulation, which ends the episode.
+    /// [`EnvError::NotReset`]; [`EnvError::Simulation`] if the simulation diverges, which ends the
+    /// episode.
     pub fn advance(&mut self) -> Result<StepReward, EnvError> {
         self.deliver();
         self.steps += 1;
-        // taken out, so that nothing goes on from a simulation that failed
+        // taken out, so that a failed simulation leaves no episode to continue
         let mut episode = self.table.episode.take().ok_or(EnvError::NotReset)?;
-        let drive = episode.drive.as_mut().ok_or(EnvError::NotReset)?;
-        let (finger, stopped) = drive.proceed(&mut self.table.data)?;
+        let controller = episode.controller.as_mut().ok_or(EnvError::NotReset)?;
+        let (finger, stopped) = controller.step_command(&mut self.table.data)?;
         self.fault = stopped.or(self.fault.take());
         let now = self.table.pass(&mut episode, finger)?;
         self.table.episode = Some(episode);
         Ok(now)
     }
 
-    /// The environment, to be looked at.
+    /// Returns the environment, for reading.
     pub fn table(&self) -> &TableTop {
         &self.table
     }
 
-    fn drive(&mut self) -> Result<&mut ServoDrive, ControlError> {
+    fn controller(&mut self) -> Result<&mut ServoController, ControlError> {
         let episode = self.table.episode.as_mut();
-        let drive = episode.and_then(|episode| episode.drive.as_mut());
-        drive.ok_or_else(not_started)
+        let controller = episode.and_then(|episode| episode.controller.as_mut());
+        controller.ok_or_else(not_started)
     }
 
     fn send(&mut self, order: Order) {
         self.sent.push_back((self.steps + self.delay, order));
+        // without latency an order takes effect before the next step
         if self.delay == 0 {
             self.deliver();
         }
     }
 
-    /// Why the arm stopped by itself since somebody asked last.
+    /// Returns the reason for which the arm stopped since the last call, if it did.
     fn check(&mut self) -> Result<(), ControlError> {
         self.fault.take().map_or(Ok(()), Err)
     }
 
-    /// Lets the orders take effect that have come.
+    /// Executes the orders that are due.
     fn deliver(&mut self) {
         while let Some((_, order)) = self.sent.pop_front_if(|(due, _)| *due <= self.steps) {
-            let done = self.drive().and_then(|drive| match order {
-                Order::Move(command) => drive.command(&command),
+            let done = self.controller().and_then(|controller| match order {
+                Order::Move(command) => controller.command(&command),
                 Order::Stop => {
-                    drive.stop();
+                    controller.stop();
                     Ok(())
                 }
             });
@@ -127,14 +128,15 @@ impl Robot for SimulatedArm {
     fn state(&mut self) -> Result<RobotState, ControlError> {
         self.check()?;
         let episode = self.table.episode.as_ref();
-        let drive = episode.and_then(|episode| episode.drive.as_ref());
-        let drive = drive.ok_or_else(not_started)?;
-        Ok(drive.state(&self.table.data))
+        let controller = episode.and_then(|episode| episode.controller.as_ref());
+        let controller = controller.ok_or_else(not_started)?;
+        Ok(controller.state(&self.table.data))
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
-        let checked = command.check().and_then(|()| self.drive().map(|_| ()));
+        let checked = command.check().and_then(|()| self.controller().map(|_| ()));
         if let Err(refused) = checked {
+            // an invalid command stops the arm instead of leaving the last one in force
             self.stop()?;
             return Err(refused);
         }

@@ -3,33 +3,33 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, scene, stock, uniform};
+use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// The button task.
+/// Button task.
 #[derive(Clone, Copy, Debug)]
 pub struct ButtonPress;
 
-/// Box centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm reaches past
-/// the press.
+/// Range of the box's centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm
+/// reaches past the pressed button.
 const BOX_Y: std::ops::Range<f64> = 0.22..0.27;
-const STOCK_BOX_Y: std::ops::Range<f64> = 0.25..0.30;
-const STOCK_HAND_START: DVec3 = DVec3::new(0.0, -0.2, 0.2);
+const META_WORLD_BOX_Y: std::ops::Range<f64> = 0.25..0.30;
+const META_WORLD_HAND_START: DVec3 = DVec3::new(0.0, -0.2, 0.2);
 const BOX_Z: f64 = 0.115;
-/// From the button body's origin to the middle of its cap.
+/// Offset from the button body's origin to the middle of its cap (metres).
 const CAP: DVec3 = DVec3::new(0.0, -0.193, 0.0);
-/// From the box's centre to where a fully pressed cap would be.
+/// Offset from the box's centre to the cap's position when fully pressed (metres).
 const HOLE: DVec3 = DVec3::new(0.0, -0.1, 0.0);
-/// Way from rest to the hole (metres), the reward's margin.
+/// Travel from rest to the fully pressed position (metres), the reward's margin.
 const TRAVEL: f64 = 0.0935;
-/// Remaining way at success and at full reward (metres).
+/// Remaining travel at success and at full reward (metres).
 const SUCCESS: f64 = 0.02;
 const PRESSED: f64 = 0.005;
-/// Fingertips this near to the cap count as touching (metres).
+/// Distance of the fingertips from the cap that counts as touching (metres).
 const NEAR: f64 = 0.05;
 
 impl Task for ButtonPress {
@@ -45,6 +45,7 @@ impl Task for ButtonPress {
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
         let remaining = (start.placement.goal.y - now.object.y).abs();
         let distance = now.object.distance(now.tcp);
+        // as in Meta-World, the margin is the cap's present distance from the fingertips' start
         let near = long_tail(distance, NEAR, now.object.distance(start.measured.tcp));
         let pressed = long_tail(remaining, PRESSED, TRAVEL);
         let touching = if distance <= NEAR { 1.0 } else { 0.0 };
@@ -57,8 +58,9 @@ impl Task for ButtonPress {
         }
     }
 
-    /// First in front of the cap, well clear of it, then straight through.
+    /// Goes in front of the cap, well clear of it, then straight through.
     fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
+        // the fingertips shall meet the cap, while commands move the hand
         let aim = now.object + (now.hand - now.tcp);
         let off_axis = (now.hand.x - aim.x).abs().max((now.hand.z - aim.z).abs());
         let hand = if off_axis > 0.02 {
@@ -73,12 +75,15 @@ impl Task for ButtonPress {
         scene(part!("button_press.xml").1, "button", CAP)
     }
 
-    fn stock(&self) -> Option<Stock<'_>> {
-        Some(Stock { hand_target: STOCK_HAND_START, ..stock("button-press", place_stock) })
+    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+        Some(MetaWorldSpec {
+            hand_target: META_WORLD_HAND_START,
+            ..spec("button-press", place_meta_world)
+        })
     }
 }
 
-fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
-    let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, STOCK_BOX_Y), BOX_Z);
+fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
+    let object = DVec3::new(uniform(rng, META_WORLD_X), uniform(rng, META_WORLD_BOX_Y), BOX_Z);
     Placement { object, goal: object + HOLE }
 }

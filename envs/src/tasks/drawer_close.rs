@@ -3,30 +3,30 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, scene, stock, uniform};
+use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian, hamacher, long_tail};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// The drawer task.
+/// Drawer task.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawerClose;
 
 const CASE_Y: f64 = 0.3;
-/// Joint position of the open drawer (metres); zero is shut.
+/// Joint position of the open drawer (metres); 0 is closed.
 const OPEN: f64 = -0.15;
 /// Distances to the target at full reward and at success (metres).
 const BOUND: f64 = 0.05;
 const SUCCESS: f64 = 0.065;
-/// Fingertips this near to the handle count as there (metres).
-const NEAR: f64 = 0.005;
-/// From the drawer body's origin to the point above its handle.
+/// Distance of the fingertips from the handle that counts as touching (metres).
+const TOUCHING: f64 = 0.005;
+/// Offset from the drawer body's origin to the point above its handle (metres).
 const HANDLE: DVec3 = DVec3::new(0.0, -0.16, 0.05);
-/// From the case's origin to the target of that point: 0.05 m below where it can be, so distances
-/// never vanish.
-const SHUT: DVec3 = DVec3::new(0.0, -0.16, 0.09);
+/// Offset from the case's origin to the target of that point (metres). It is 0.05 m lower than the
+/// point can be, so the distance is never zero.
+const CLOSED: DVec3 = DVec3::new(0.0, -0.16, 0.09);
 
 impl Task for DrawerClose {
     fn name(&self) -> &str {
@@ -35,7 +35,7 @@ impl Task for DrawerClose {
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(uniform(rng, CANONICAL_X), CASE_Y, 0.0);
-        Placement { object, goal: object + SHUT }
+        Placement { object, goal: object + CLOSED }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
@@ -43,20 +43,21 @@ impl Task for DrawerClose {
         let remaining = now.object.distance(placement.goal);
         let at_start = measured.object.distance(placement.goal);
         let shut = long_tail(remaining, BOUND, (at_start - BOUND).abs());
-        let way = (measured.object.distance(measured.tcp) - NEAR).abs();
-        let reached = gaussian(now.object.distance(now.tcp), NEAR, way);
+        let margin = (measured.object.distance(measured.tcp) - TOUCHING).abs();
+        let reached = gaussian(now.object.distance(now.tcp), TOUCHING, margin);
         let success = remaining <= SUCCESS;
         let pushing = hamacher(reached, finger.clamp(0.0, 1.0));
         StepReward {
             approach: pushing,
             in_place: shut,
             remaining,
+            // the full reward at success, although the distance never vanishes
             reward: if success { 10.0 } else { 10.0 * hamacher(pushing, shut) },
             success,
         }
     }
 
-    /// Up and over to the near side of the handle, down, then push.
+    /// Moves up and over to the near side of the handle, down, then pushes.
     fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
         let aim = now.object + DVec3::new(0.0, 0.0, -0.02);
         let near_side = aim + DVec3::new(0.0, -0.075, 0.0);
@@ -81,12 +82,12 @@ impl Task for DrawerClose {
         }
     }
 
-    fn stock(&self) -> Option<Stock<'_>> {
-        Some(stock("drawer-close", place_stock))
+    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+        Some(spec("drawer-close", place_meta_world))
     }
 }
 
-fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
-    let object = DVec3::new(uniform(rng, STOCK_X), CASE_Y, 0.0);
-    Placement { object, goal: object + SHUT }
+fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
+    let object = DVec3::new(uniform(rng, META_WORLD_X), CASE_Y, 0.0);
+    Placement { object, goal: object + CLOSED }
 }

@@ -1,28 +1,30 @@
-//! Goal Reach: the fingertips go to a point that the learner is told and cannot see.
+//! Goal Reach: move the fingertips to a point that the vector observation contains and pictures do
+//! not show.
 
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, stock, uniform};
+use super::{CANONICAL_X, META_WORLD_X, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::long_tail;
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// The reach task; its scene is the bare table.
+/// Reach task; its scene is the bare table.
 #[derive(Clone, Copy, Debug)]
 pub struct GoalReach;
 
-/// Fingertips this near to the goal succeed (metres).
+/// Distance of the fingertips from the goal at success (metres).
 const RADIUS: f64 = 0.05;
 const GOAL_Y: std::ops::Range<f64> = 0.08..0.18;
 const GOAL_Z: std::ops::Range<f64> = 0.08..0.25;
 
-const STOCK_GOAL_Y: std::ops::Range<f64> = 0.2..0.3;
-const STOCK_GOAL_Z: std::ops::Range<f64> = 0.05..0.3;
-/// How far from the goal Meta-World's loose cylinder must be, and where it stands (metres).
-const APART: f64 = 0.15;
+const META_WORLD_GOAL_Y: std::ops::Range<f64> = 0.2..0.3;
+const META_WORLD_GOAL_Z: std::ops::Range<f64> = 0.05..0.3;
+/// Smallest distance of Meta-World's loose cylinder from the goal, and its height and range
+/// (metres).
+const MIN_DISTANCE: f64 = 0.15;
 const DECOY_Z: f64 = 0.02;
 const DECOY_Y: std::ops::Range<f64> = 0.0..0.1;
 
@@ -59,24 +61,25 @@ impl Task for GoalReach {
         Parts { goal_observable: true, ..Parts::default() }
     }
 
-    fn stock(&self) -> Option<Stock<'_>> {
-        Some(Stock {
+    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+        Some(MetaWorldSpec {
             addition: Some(part!("decoy.xml" in "metaworld").1),
-            ..stock("reach", place_stock)
+            ..spec("reach", place_meta_world)
         })
     }
 }
 
-/// The object is Meta-World's decoy, at least 0.15 m from the goal in the plane.
-fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
+/// Draws a placement whose object is Meta-World's decoy, at least 0.15 m from the goal in the
+/// plane.
+fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
     loop {
-        let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, DECOY_Y), DECOY_Z);
+        let object = DVec3::new(uniform(rng, META_WORLD_X), uniform(rng, DECOY_Y), DECOY_Z);
         let goal = DVec3::new(
-            uniform(rng, STOCK_X),
-            uniform(rng, STOCK_GOAL_Y),
-            uniform(rng, STOCK_GOAL_Z),
+            uniform(rng, META_WORLD_X),
+            uniform(rng, META_WORLD_GOAL_Y),
+            uniform(rng, META_WORLD_GOAL_Z),
         );
-        if (goal - object).truncate().length() >= APART {
+        if (goal - object).truncate().length() >= MIN_DISTANCE {
             return Placement { object, goal };
         }
     }

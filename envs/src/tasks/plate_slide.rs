@@ -3,30 +3,30 @@
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, scene, stock, uniform};
+use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// The plate task.
+/// Plate task.
 #[derive(Clone, Copy, Debug)]
 pub struct PlateSlide;
 
 const GOAL_Y: std::ops::Range<f64> = 0.25..0.30;
 const PUCK_START: DVec3 = DVec3::new(0.0, 0.0, 0.015);
-/// Meta-World measures the way from the puck's start on the table's surface, not from its centre.
+/// Puck's start on the table's surface; Meta-World measures from here, not from the puck's centre.
 const START_ON_TABLE: DVec3 = DVec3::ZERO;
 /// Distances to the goal at full reward and at success (metres).
 const BOUND: f64 = 0.05;
 const SUCCESS: f64 = 0.07;
 
-/// Nearer to the goal than this along y (metres), the expert's puck must be within this of it along
-/// x.
+/// Bounds (x, y; metres) on the goal's distance from the expert's puck: nearer than `y` along y and
+/// farther than `x` along x, a diagonal push would hit the cage's post.
 const POST: DVec2 = DVec2::new(0.045, 0.17);
-/// How far ahead of the hand the expert aims along y where it must go sideways first (metres).
-const SLOWLY: f64 = 0.01;
+/// Step along y of the expert's aim while the hand must first move sideways (metres).
+const SLOW_STEP: f64 = 0.01;
 
 impl Task for PlateSlide {
     fn name(&self) -> &str {
@@ -59,7 +59,7 @@ impl Task for PlateSlide {
         }
     }
 
-    /// Behind the puck on the line from the goal, down, then push towards the goal.
+    /// Goes behind the puck on the line from the goal, down, then pushes towards the goal.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
         let aim = now.object + DVec3::new(0.0, -0.055, 0.03);
         let off = (now.hand - aim).truncate().length();
@@ -71,7 +71,7 @@ impl Task for PlateSlide {
             let ahead = placement.goal - now.object;
             // a puck that comes along the diagonal would meet the post of the cage
             let post = ahead.y < POST.y && ahead.x.abs() > POST.x;
-            let y = if post { now.hand.y + SLOWLY } else { placement.goal.y };
+            let y = if post { now.hand.y + SLOW_STEP } else { placement.goal.y };
             DVec3::new(placement.goal.x, y, aim.z)
         };
         ExpertCommand { hand, finger: -1.0 }
@@ -81,14 +81,14 @@ impl Task for PlateSlide {
         scene(part!("plate_slide.xml").1, "puck", DVec3::ZERO)
     }
 
-    fn stock(&self) -> Option<Stock<'_>> {
-        Some(stock("plate-slide", place_stock))
+    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+        Some(spec("plate-slide", place_meta_world))
     }
 }
 
-fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
+fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
     Placement {
         object: PUCK_START,
-        goal: DVec3::new(uniform(rng, STOCK_X), uniform(rng, GOAL_Y), 0.0),
+        goal: DVec3::new(uniform(rng, META_WORLD_X), uniform(rng, GOAL_Y), 0.0),
     }
 }

@@ -1,27 +1,27 @@
-//! Environments that fail, and the others.
+//! Failures of environments, which must not affect the others.
 
-mod turns;
+mod commands;
 
 use super::*;
 use crate::batch::Batch;
 use crate::embodiment::Embodiment;
+use crate::messages::Fault;
 use crate::renderer::SceneRenderer;
-use crate::rows::Fault;
 
 const N: usize = 3;
-/// The environment that is made to fail.
+/// Index of the environment that is made to fail.
 const BROKEN: usize = 1;
-/// Decisions in an episode, and the one in which it fails, counted from 0.
+/// Decisions in an episode, and the index of the one that fails.
 const DECISIONS: usize = 4;
 const FATAL: usize = 2;
 
-/// What a caller sees of one step, row by row.
+/// Row of one step's results.
 #[derive(Clone, Debug, PartialEq)]
 struct Seen {
     observation: (Vec<u8>, Vec<f32>),
     last: Option<(Vec<u8>, Vec<f32>)>,
     reward: f32,
-    /// At any control step, and at the last.
+    /// Success at any control step, and at the last.
     success: [bool; 2],
 }
 
@@ -45,7 +45,7 @@ impl Rig {
         texts(self.env.reset(self.batch.observations()).unwrap())
     }
 
-    /// Row `env` of an observation.
+    /// Returns row `env` of an observation.
     fn row(observation: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
         let image = observation.images.len() / N;
         (
@@ -58,7 +58,7 @@ impl Rig {
         Self::row(&self.batch.observations(), env)
     }
 
-    /// One step of the same action everywhere, and the failures in it.
+    /// Takes the same action everywhere, and returns the rows and the failures.
     fn step(&mut self) -> (Vec<Seen>, Vec<String>) {
         self.try_step().unwrap()
     }
@@ -90,8 +90,8 @@ fn texts(failures: &[Failure]) -> Vec<String> {
     failures.iter().map(text).collect()
 }
 
-/// Lets one environment fail in its third decision and compares everything with a run in which it
-/// does not.
+/// Lets one environment fail in its third decision, and compares everything with a run without the
+/// failure.
 fn check_failure(threads: usize, fault: Fault, says: &str) {
     let (mut sane, mut hurt) = (Rig::new(threads), Rig::new(threads));
     assert!(sane.reset().is_empty() && hurt.reset().is_empty());
@@ -139,8 +139,8 @@ fn a_panic_is_a_failure_of_its_environment_alone() {
     }
 }
 
-/// With the data of another model there is no going on; the row stays as it was and says so in
-/// every step.
+/// With the data of another model every restart fails: the row must stay as it was, with a failure
+/// in every step.
 #[test]
 fn an_environment_that_cannot_restart_fails_in_every_step() {
     let mut rig = Rig::new(2);
@@ -179,7 +179,7 @@ fn lost_rendering_is_an_error_of_the_call_and_a_reset_recovers() {
     for threads in [1, 2] {
         let (mut sane, mut hurt) = (Rig::new(threads), Rig::new(threads));
         assert!(sane.reset().is_empty() && hurt.reset().is_empty());
-        // it refuses every simulation of this scene, as a lost context would
+        // a renderer of another scene rejects every simulation, like a lost context
         hurt.inject(|table, renderer| {
             let camera = table.scene().camera;
             let other = Scene::new(table.scene().group, Embodiment::HAND, camera).unwrap();
@@ -199,8 +199,8 @@ fn lost_rendering_is_an_error_of_the_call_and_a_reset_recovers() {
     }
 }
 
-/// A child that was forked has the memory of its parent and none of the worker threads. The process
-/// is pretended to be another one here; `python/tests/test_fork.py` forks.
+/// A forked child has its parent's memory and none of its worker threads. The test only pretends to
+/// be another process; `python/tests/test_fork.py` forks.
 #[test]
 fn in_another_process_every_call_is_refused_and_a_drop_joins_no_thread() {
     for threads in [1, 2] {
@@ -210,10 +210,10 @@ fn in_another_process_every_call_is_refused_and_a_drop_joins_no_thread() {
         let (here, elsewhere) = (rig.env.process, rig.env.process + 1);
         rig.env.process = elsewhere;
         let mut actions = [0.0; N * ACTION_DIM];
-        let turns = [Turn::Reset; N];
+        let commands = [EnvCommand::Reset; N];
         let reset = rig.env.reset(rig.batch.observations()).map(|_| ());
         let step = rig.env.step(&actions, rig.batch.step()).map(|_| ());
-        let advance = rig.env.advance(&actions, &turns, rig.batch.step());
+        let advance = rig.env.advance(&actions, &commands, rig.batch.step());
         for refused in [
             reset,
             step,

@@ -1,4 +1,4 @@
-//! A task of somebody else's: a block that is pushed along +y.
+//! Foreign task: a block that is pushed along +y.
 
 pub mod spoilt;
 
@@ -7,9 +7,9 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Where the block should get to from where it starts (metres).
+/// Distance from the block's start to its goal (metres).
 const WAY: f64 = 0.1;
-/// Remaining way at success (metres).
+/// Remaining distance at success (metres).
 const SUCCESS: f64 = 0.02;
 
 pub const SCENE: &str = r#"
@@ -26,7 +26,7 @@ pub const SCENE: &str = r#"
   </worldbody>
 </mujocoinclude>"#;
 
-/// Pushes a block; the fields are what a test may spoil.
+/// Task with a block; tests break it through the fields.
 pub struct PushBlock {
     pub name: String,
     pub scene: String,

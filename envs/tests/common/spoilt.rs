@@ -1,4 +1,4 @@
-//! A sound task with one thing changed.
+//! Correct task with one thing changed.
 
 use envs::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
@@ -9,7 +9,7 @@ use crate::common::PushBlock;
 
 pub type Reward = fn(&mut StepReward, &EpisodeStart, &Measurement, f64);
 
-/// Each function changes what the sound task says.
+/// Functions that change what the correct task returns.
 pub struct Spoilt {
     pub task: PushBlock,
     pub parts: fn(&mut Parts<'_>),

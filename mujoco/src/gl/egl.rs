@@ -1,4 +1,4 @@
-//! EGL, opened at run time.
+//! EGL, loaded at run time.
 
 use std::ffi::{CStr, c_void};
 use std::mem;
@@ -8,7 +8,7 @@ use std::rc::Rc;
 use khronos_egl as egl;
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
-use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, remember, unusable};
+use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, library_error, remember};
 use crate::error::ContextError;
 
 type Egl = egl::DynamicInstance<egl::EGL1_5>;
@@ -34,14 +34,14 @@ const CONFIG: [egl::Int; 13] = [
     egl::NONE,
 ];
 
-/// Which display is asked for.
+/// Kind of EGL display.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Platform {
     Surfaceless,
     Device,
 }
 
-/// An EGL context, with a one-pixel buffer where the platform needs a surface.
+/// EGL context, with a one-pixel buffer if the platform needs a surface.
 ///
 /// MuJoCo draws into a framebuffer object of its own, so the surface is never drawn on.
 pub(super) struct EglContext {
@@ -52,13 +52,14 @@ pub(super) struct EglContext {
 }
 
 impl EglContext {
-    /// Makes a context, which is not current yet.
+    /// Creates a context without making it current.
     pub(super) fn new(library: &str, platform: Platform) -> Result<Self, ContextError> {
         let egl = open(library)?;
         let display = connect(&egl, platform)?;
-        let config = egl.choose_first_config(display, &CONFIG);
-        let config = config.map_err(explain("eglChooseConfig"))?;
-        let config = config.ok_or(ContextError::NoConfiguration)?;
+        let config = egl
+            .choose_first_config(display, &CONFIG)
+            .map_err(explain("eglChooseConfig"))?
+            .ok_or(ContextError::NoConfiguration)?;
         let mut made = Self {
             context: create_context(&egl, display, config)?,
             egl: Rc::new(egl),
@@ -82,7 +83,7 @@ impl EglContext {
         self.egl.get_current_context() == Some(self.context)
     }
 
-    /// What it takes to make the thread's current context current again.
+    /// Returns a restorer of the thread's current context.
     fn previous(&self, context: egl::Context) -> Previous {
         let egl = Rc::clone(&self.egl);
         let display = egl.get_current_display().unwrap_or(self.display);
@@ -117,8 +118,8 @@ impl Context for EglContext {
 
 impl Drop for EglContext {
     fn drop(&mut self) {
-        // the display is shared by every context of the process, so it is never terminated;
-        // an error here has nobody to go to
+        // the display is shared by every context of the process, so it is never terminated; errors
+        // cannot be reported from `drop`
         forget(self.context.as_ptr());
         if self.is_current() {
             let _ = self.egl.make_current(self.display, None, None, None);
@@ -133,13 +134,13 @@ impl Drop for EglContext {
 fn open(library: &str) -> Result<Egl, ContextError> {
     // SAFETY: loading EGL runs no initialisers with preconditions. It stays loaded, because Mesa's
     // thread-exit handlers crash once it is gone.
-    let opened = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE) };
-    let opened = opened.map_err(unusable(library))?;
+    let opened = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE) }
+        .map_err(library_error(library))?;
     // SAFETY: the library exports EGL's functions with EGL's signatures.
-    unsafe { Egl::load_required_from(opened.into()) }.map_err(unusable(library))
+    unsafe { Egl::load_required_from(opened.into()) }.map_err(library_error(library))
 }
 
-/// Makes a context of desktop OpenGL; the thread's choice of API stays as it was.
+/// Creates a context of desktop OpenGL; the thread's choice of API is preserved.
 fn create_context(
     egl: &Egl,
     display: egl::Display,
@@ -147,15 +148,19 @@ fn create_context(
 ) -> Result<egl::Context, ContextError> {
     let api = egl.query_api();
     egl.bind_api(egl::OPENGL_API).map_err(explain("eglBindAPI"))?;
-    let context = egl.create_context(display, config, None, &[egl::NONE]);
-    let context = context.map_err(explain("eglCreateContext"));
+    // the error is returned last, so that the API is restored in any case
+    let context = egl
+        .create_context(display, config, None, &[egl::NONE])
+        .map_err(explain("eglCreateContext"));
     egl.bind_api(api).map_err(explain("eglBindAPI"))?;
     context
 }
 
 fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> {
-    let offered = egl.query_string(None, egl::EXTENSIONS);
-    let offered = offered.map_err(explain("eglQueryString"))?.to_string_lossy();
+    let offered = egl
+        .query_string(None, egl::EXTENSIONS)
+        .map_err(explain("eglQueryString"))?
+        .to_string_lossy();
     let require = |name: &'static str| {
         if offered.contains(name) { Ok(()) } else { Err(ContextError::Extension { name }) }
     };
@@ -182,19 +187,18 @@ fn initialised(
 ) -> Result<egl::Display, ContextError> {
     // SAFETY: `native` is what the platform takes: the default display, or a device that EGL
     // listed.
-    let display = unsafe { egl.get_platform_display(platform, native, &[egl::ATTRIB_NONE]) };
-    let display = display.map_err(explain("eglGetPlatformDisplay"))?;
+    let display = unsafe { egl.get_platform_display(platform, native, &[egl::ATTRIB_NONE]) }
+        .map_err(explain("eglGetPlatformDisplay"))?;
     egl.initialize(display).map_err(explain("eglInitialize"))?;
     Ok(display)
 }
 
-/// Graphics devices, as `eglQueryDevicesEXT` lists them.
+/// Lists graphics devices with `eglQueryDevicesEXT`.
 fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
     type QueryDevices =
         unsafe extern "system" fn(egl::Int, *mut *mut c_void, *mut egl::Int) -> egl::Boolean;
     let name = "eglQueryDevicesEXT";
-    let function = egl.get_proc_address(name);
-    let function = function.ok_or(ContextError::Extension { name })?;
+    let function = egl.get_proc_address(name).ok_or(ContextError::Extension { name })?;
     // SAFETY: the extension, which the caller has found on offer, declares this signature.
     let query = unsafe { mem::transmute::<extern "system" fn(), QueryDevices>(function) };
     let mut devices = [ptr::null_mut(); 16];

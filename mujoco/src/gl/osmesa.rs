@@ -1,11 +1,11 @@
-//! OSMesa, opened at run time.
+//! OSMesa, loaded at run time.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::{self, NonNull};
 
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
-use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, remember, unusable};
+use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, library_error, remember};
 use crate::error::ContextError;
 
 const OSMESA_RGBA: u32 = 0x1908;
@@ -35,7 +35,7 @@ struct Functions {
     get_function: GetFunction,
 }
 
-/// An OSMesa context on a one-pixel buffer.
+/// OSMesa context on a one-pixel buffer.
 ///
 /// MuJoCo draws into a framebuffer object of its own, so the buffer is never drawn on.
 pub(super) struct OsMesaContext {
@@ -46,12 +46,12 @@ pub(super) struct OsMesaContext {
 }
 
 impl OsMesaContext {
-    /// Makes a context, which is not current yet.
+    /// Creates a context without making it current.
     pub(super) fn new(library: &str) -> Result<Self, ContextError> {
         if is_visible(c"eglGetProcAddress") {
             return Err(ContextError::LinkedToEgl);
         }
-        let functions = open(library).map_err(unusable(library))?;
+        let functions = open(library).map_err(library_error(library))?;
         // SAFETY: valid format and sizes, and no context to share with.
         let context = unsafe {
             (functions.create)(
@@ -109,13 +109,13 @@ impl Drop for OsMesaContext {
 }
 
 impl Functions {
-    /// The thread's current context; NULL where there is none.
+    /// Returns the thread's current context; NULL if there is none.
     fn current(&self) -> Raw {
         // SAFETY: takes nothing.
         unsafe { (self.get_current)() }
     }
 
-    /// What it takes to make `context`, the thread's current one, current again.
+    /// Returns a restorer of `context`, which must be the thread's current one.
     fn previous(self, context: Raw) -> Result<Previous, ContextError> {
         let (mut width, mut height, mut format, mut kind) = (0, 0, 0, 0);
         let mut buffer = ptr::null_mut();
@@ -142,7 +142,7 @@ impl Functions {
     }
 }
 
-/// A buffer of one pixel at a fixed address, which OSMesa keeps and may write to.
+/// Buffer of one pixel at a fixed address, which OSMesa keeps and may write to.
 struct Pixel(NonNull<[u8; 4]>);
 
 impl Pixel {

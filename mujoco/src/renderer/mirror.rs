@@ -1,32 +1,32 @@
-//! Drawing in a mirror: the reflected scene is drawn, and the picture of it is turned back.
+//! Drawing in a mirror: the reflected scene is drawn, and its picture is flipped back.
 
 use super::Renderer;
 use crate::error::RenderError;
 use crate::ids::CameraId;
 use crate::raw;
 
-/// How the scene is mirrored for drawing; the finished picture is mirrored back.
+/// Reflection of the scene for drawing; the finished picture is flipped back.
 ///
-/// The picture is that of the scene as it is, whatever the mirror. Only what OpenGL decides by
-/// handedness differs: an edge through the very middle of a pixel belongs to the shape on one side
-/// of it, and a mirror swaps the sides. So two scenes that mirror one another have pictures that
-/// mirror one another bit for bit where one of the two is drawn in the mirror between them.
+/// The picture shows the scene as it is, whatever the mirror. Only decisions of OpenGL that depend
+/// on handedness differ: an edge through the exact middle of a pixel belongs to the shape on one
+/// side of it, and a mirror swaps the sides. So two scenes that mirror each other have pictures
+/// that mirror each other bit for bit if one of them is drawn in the mirror between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mirror {
-    /// Left and right change places.
+    /// `true` to swap left and right.
     pub columns: bool,
-    /// Top and bottom change places.
+    /// `true` to swap top and bottom.
     pub rows: bool,
 }
 
-/// A camera, and the mirror that its pictures are drawn in.
+/// Camera, and the mirror that its pictures are drawn in.
 ///
 /// A [`CameraId`] alone converts to a view without a mirror.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CameraView {
-    /// The camera.
+    /// Camera.
     pub camera: CameraId,
-    /// The mirror.
+    /// Mirror.
     pub mirror: Mirror,
 }
 
@@ -38,16 +38,17 @@ impl From<CameraId> for CameraView {
 }
 
 impl Mirror {
-    /// Whether it makes left hands of right hands; both flips together are a rotation and do not.
+    /// Returns `true` if the mirror swaps handedness; both flips together are a rotation and do
+    /// not.
     fn reverses_orientation(self) -> bool {
         self.columns != self.rows
     }
 
-    /// Turns what OpenGL drew in this mirror, `[H, width, 3]` with the bottom row first, to the
-    /// picture of the scene with the top row first.
+    /// Converts an image that OpenGL drew in this mirror, `[H, width, 3]` with the bottom row
+    /// first, to the picture of the scene with the top row first.
     ///
-    /// The one place where the project turns over what OpenGL draws.
-    pub(super) fn turn_back(self, image: &mut [u8], width: usize) {
+    /// No other code of the project flips OpenGL's images.
+    pub(super) fn flip_back(self, image: &mut [u8], width: usize) {
         let (pixels, _) = image.as_chunks_mut::<3>();
         match (self.columns, self.rows) {
             (false, true) => {}
@@ -67,7 +68,7 @@ fn reverse_rows(pixels: &mut [[u8; 3]], width: usize) {
 }
 
 impl Renderer {
-    /// Mirrors the scene in the planes through the camera's axis.
+    /// Reflects the scene in the planes through the camera's axis.
     pub(super) fn reflect_scene(&mut self, mirror: Mirror) -> Result<(), RenderError> {
         if mirror == Mirror::default() {
             return Ok(());
@@ -79,8 +80,7 @@ impl Renderer {
             raw::mjv_averageCamera(&raw const scene.camera[0], &raw const scene.camera[1])
         };
         let planes = [(mirror.columns, cross(eye.forward, eye.up)), (mirror.rows, eye.up)];
-        let planes = planes.into_iter().filter_map(|(flips, normal)| flips.then_some(normal));
-        for normal in planes {
+        for normal in planes.into_iter().filter_map(|(flips, normal)| flips.then_some(normal)) {
             for light in &mut scene.lights[..scene.nlight as usize] {
                 reflect(&mut light.dir, [0.0; 3], normal);
                 reflect(&mut light.pos, eye.pos, normal);
@@ -96,10 +96,10 @@ impl Renderer {
         Ok(())
     }
 
-    /// Refuses what a reflection cannot bring to its mirror image by moving it.
+    /// Rejects geoms that no motion brings to their mirror image.
     fn check_shapes(&self, mirror: Mirror) -> Result<(), RenderError> {
         let asymmetric = |geom: &&raw::mjvGeom| {
-            !OWN_MIRROR_IMAGES.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
+            !MIRROR_SYMMETRIC.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
         };
         let skins = self.scene.nskin as usize;
         let geom = self.geoms().iter().find(asymmetric).filter(|_| mirror.reverses_orientation());
@@ -113,8 +113,8 @@ impl Renderer {
     }
 }
 
-/// Shapes that a mirror across any plane through their axes leaves as they are.
-const OWN_MIRROR_IMAGES: [raw::mjtGeom; 6] = [
+/// Shapes that are symmetric in any plane through their axes.
+const MIRROR_SYMMETRIC: [raw::mjtGeom; 6] = [
     raw::mjGEOM_PLANE,
     raw::mjGEOM_SPHERE,
     raw::mjGEOM_CAPSULE,
@@ -123,14 +123,14 @@ const OWN_MIRROR_IMAGES: [raw::mjtGeom; 6] = [
     raw::mjGEOM_BOX,
 ];
 
-/// Moves and turns a geom to where its mirror image is.
+/// Moves a geom to the pose of its mirror image.
 fn reflect_geom(geom: &mut raw::mjvGeom, point: [f32; 3], normal: [f32; 3]) {
     reflect(&mut geom.pos, point, normal);
     for axis in 0..3 {
         let mut column = [0, 3, 6].map(|row| geom.mat[row + axis]);
         reflect(&mut column, [0.0; 3], normal);
-        // the geom is its own mirror image across its x axis: with that axis turned round the frame
-        // is right-handed again
+        // the geom is symmetric across its x axis, so reversing that axis makes the frame
+        // right-handed again without changing the shape
         let sign = if axis == 0 { -1.0 } else { 1.0 };
         for (row, value) in column.into_iter().enumerate() {
             geom.mat[3 * row + axis] = sign * value;
@@ -138,8 +138,8 @@ fn reflect_geom(geom: &mut raw::mjvGeom, point: [f32; 3], normal: [f32; 3]) {
     }
 }
 
-/// Mirrors `value` across the plane through `point`: exactly, where the plane holds the origin and
-/// is square to an axis.
+/// Reflects `value` in the plane through `point`. The result is exact if the plane contains the
+/// origin and is perpendicular to an axis.
 fn reflect(value: &mut [f32; 3], point: [f32; 3], normal: [f32; 3]) {
     let height: f32 = (0..3).map(|i| (value[i] - point[i]) * normal[i]).sum();
     for i in 0..3 {
@@ -166,7 +166,7 @@ mod tests {
             (true, true, [2, 1, 4, 3, 6, 5]),
         ] {
             let mut image = drawn.clone();
-            Mirror { columns, rows }.turn_back(&mut image, 2);
+            Mirror { columns, rows }.flip_back(&mut image, 2);
             let expected: Vec<u8> = expected.into_iter().flat_map(|pixel| [pixel; 3]).collect();
             assert_eq!(image, expected, "columns {columns}, rows {rows}");
         }

@@ -1,4 +1,4 @@
-//! MuJoCo's drawing structs, filled in.
+//! Initialisation of MuJoCo's drawing structs.
 
 use std::mem::MaybeUninit;
 
@@ -7,14 +7,14 @@ use crate::ids::CameraId;
 use crate::model::Model;
 use crate::raw;
 
-/// Makes MuJoCo's drawing context, with an off-screen buffer of the size asked for.
+/// Creates MuJoCo's drawing context, with an off-screen buffer of the given size.
 pub(super) fn make_drawing(
     model: &Model,
     width: usize,
     height: usize,
     options: &RenderOptions,
 ) -> Box<raw::mjrContext> {
-    // buffer sizes are read from the model, which is shared: alter a shallow copy
+    // buffer sizes are read from the model, which is shared, so a shallow copy is altered
     let mut copy = *model.as_raw();
     copy.vis.global.offwidth = width as i32;
     copy.vis.global.offheight = height as i32;

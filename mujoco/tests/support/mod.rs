@@ -1,5 +1,5 @@
-//! Drawing checks that every backend must pass; one test program per OpenGL library, because a
-//! process can use one only. A backend that is missing fails the test, it never skips it.
+//! Drawing checks for every backend; one test program per OpenGL library, because a process can use
+//! one only. A missing backend fails the test instead of skipping it.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -16,10 +16,10 @@ const GREEN: [f64; 3] = [0.0, 1.0, 0.0];
 const BLUE: [f64; 3] = [0.0, 0.0, 1.0];
 const YELLOW: [f64; 3] = [1.0, 1.0, 0.0];
 
-/// A geom of a scene: type, size, (x, y) in metres, angle about z in degrees, colour.
+/// Geom of a scene: type, size, (x, y) in metres, angle about z in degrees, colour.
 type Prop = (&'static str, &'static str, [f64; 2], f64, [f64; 3]);
 
-/// All of them.
+/// Runs all checks.
 pub fn check_pictures(backends: &[Backend]) {
     check_orientation(backends);
     check_mirrored_scenes(backends);
@@ -43,12 +43,12 @@ pub fn check_orientation(backends: &[Backend]) {
     assert_colour(&image, (row, column), [0.0; 3]);
 }
 
-/// Mirrored scenes give mirrored images, bit for bit, under all four elements of D2; and the
-/// scene is not its own mirror image, or the check would prove nothing.
+/// Mirrored scenes must give mirrored images, bit for bit, under all four elements of D2. The scene
+/// itself is not symmetric, or the check would prove nothing.
 ///
 /// Round props stand upright: MuJoCo cuts a round shape into quads and OpenGL each quad into two
-/// triangles, along a diagonal that does not mirror. Lit from above, a lying shape's quads are not
-/// shaded evenly along the cut, and pixels there differ by a few levels.
+/// triangles, along a diagonal that does not mirror. Under light from above the quads of a lying
+/// shape are not shaded uniformly along the cut, and pixels there differ by a few levels.
 fn check_mirrored_scenes(backends: &[Backend]) {
     let original = draw(&props(1.0, 1.0), backends);
     for (sign_x, sign_y) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {

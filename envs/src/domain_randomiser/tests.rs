@@ -1,4 +1,4 @@
-//! Each disturbance against what it should do to a picture or to many.
+//! Tests of each disturbance, on one picture or on many.
 
 use symmetry::D2;
 
@@ -7,7 +7,7 @@ use super::*;
 const OFF: Randomisation = Randomisation::OFF;
 const SIZE: usize = 48;
 
-/// A picture without any symmetry, `[SIZE, SIZE, 3]`.
+/// Returns a picture without any symmetry, `[SIZE, SIZE, 3]`.
 fn picture() -> Vec<u8> {
     let level = |index: usize| ((index * index / 97 + 5 * index) % 256) as u8;
     (0..SIZE * SIZE * RGB).map(level).collect()
@@ -17,35 +17,35 @@ fn grey(level: u8) -> Vec<u8> {
     vec![level; SIZE * SIZE * RGB]
 }
 
-/// A camera that marks nothing.
+/// Returns a camera that draws no mark.
 fn camera() -> Camera {
     let mut camera = Camera::default();
     camera.mark.radius = 0.0;
     camera
 }
 
-fn disturber(amounts: Randomisation) -> Disturber {
-    Disturber::new(amounts, camera())
+fn randomiser(amounts: Randomisation) -> DomainRandomiser {
+    DomainRandomiser::new(amounts, camera())
 }
 
-/// What a camera of this sight shows of a picture.
-fn shown(disturber: &mut Disturber, sight: &mut Sight, picture: &[u8]) -> Vec<u8> {
+/// Returns a picture as a camera in this state shows it.
+fn shown(randomiser: &mut DomainRandomiser, state: &mut CameraState, picture: &[u8]) -> Vec<u8> {
     let mut rgb = picture.to_vec();
-    disturber.disturb(sight, DVec3::new(0.1, -0.05, 0.2), &mut rgb);
+    randomiser.disturb(state, DVec3::new(0.1, -0.05, 0.2), &mut rgb);
     rgb
 }
 
-/// What cameras of `count` episodes show of a picture.
+/// Returns a picture as the cameras of `count` episodes show it.
 fn episodes(amounts: Randomisation, picture: &[u8], count: usize) -> Vec<Vec<u8>> {
-    let (mut disturber, mut sight) = (disturber(amounts), Sight::new(1000, 0));
+    let (mut randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
     let episode = |_| {
-        disturber.begin(&mut sight);
-        shown(&mut disturber, &mut sight, picture)
+        randomiser.begin(&mut state);
+        shown(&mut randomiser, &mut state, picture)
     };
     (0..count).map(episode).collect()
 }
 
-/// Mean and standard deviation.
+/// Returns mean and standard deviation.
 fn moments(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let count = values.clone().count() as f64;
     let mean = values.clone().sum::<f64>() / count;
@@ -59,10 +59,11 @@ fn amounts_of_zero_leave_the_bytes_and_draw_the_mark() {
     let hand = DVec3::new(0.1, -0.05, 0.2);
     let mut expected = picture();
     marked.draw_mark(&marked.mark, hand, &mut expected);
-    let (mut disturber, mut sight) = (Disturber::new(OFF, marked), Sight::new(1000, 0));
+    let (mut randomiser, mut state) =
+        (DomainRandomiser::new(OFF, marked), CameraState::new(1000, 0));
     let mut rgb = picture();
-    disturber.begin(&mut sight);
-    disturber.disturb(&mut sight, hand, &mut rgb);
+    randomiser.begin(&mut state);
+    randomiser.disturb(&mut state, hand, &mut rgb);
     assert_eq!(rgb, expected);
     assert_ne!(rgb, picture());
 }
@@ -82,18 +83,18 @@ fn noise_has_the_mean_and_the_spread_that_were_asked_for() {
 #[test]
 fn noise_is_another_in_every_picture_of_an_episode() {
     let amounts = Randomisation { noise: 3.0, ..OFF };
-    let (mut disturber, mut sight) = (disturber(amounts), Sight::new(1000, 0));
-    disturber.begin(&mut sight);
-    let [one, other] = [(); 2].map(|()| shown(&mut disturber, &mut sight, &picture()));
+    let (mut randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
+    randomiser.begin(&mut state);
+    let [one, other] = [(); 2].map(|()| shown(&mut randomiser, &mut state, &picture()));
     assert_ne!(one, other);
 }
 
 #[test]
 fn a_camera_that_is_moved_by_a_pixel_shows_the_picture_moved_by_one() {
     let pixel = 2.0 * camera().half_extent / SIZE as f64;
-    let mut sight = Sight::new(1000, 0);
-    sight.view = View::new(&camera(), DVec3::new(pixel, 0.0, 0.0), DVec3::ZERO);
-    let (before, after) = (picture(), shown(&mut disturber(OFF), &mut sight, &picture()));
+    let mut state = CameraState::new(1000, 0);
+    state.view = Homography::new(&camera(), DVec3::new(pixel, 0.0, 0.0), DVec3::ZERO);
+    let (before, after) = (picture(), shown(&mut randomiser(OFF), &mut state, &picture()));
     for row in 0..SIZE {
         let line = row * SIZE * RGB..(row + 1) * SIZE * RGB;
         let (before, after) = (&before[line.clone()], &after[line]);
@@ -105,11 +106,11 @@ fn a_camera_that_is_moved_by_a_pixel_shows_the_picture_moved_by_one() {
 #[test]
 fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
     let amounts = Randomisation { noise: 0.0, patches: 0, ..Randomisation::NOMINAL };
-    let (mut disturber, mut sight) = (disturber(amounts), Sight::new(1000, 0));
+    let (mut randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
     let mut before = picture();
     for _ in 0..5 {
-        disturber.begin(&mut sight);
-        let [one, other] = [(); 2].map(|()| shown(&mut disturber, &mut sight, &picture()));
+        randomiser.begin(&mut state);
+        let [one, other] = [(); 2].map(|()| shown(&mut randomiser, &mut state, &picture()));
         assert_eq!(one, other);
         assert_ne!(one, before);
         before = one;
@@ -119,12 +120,12 @@ fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
 #[test]
 fn exposure_and_balance_spread_as_they_should() {
     let amounts = Randomisation { exposure: 20.0, balance: 6.0, ..OFF };
-    let (disturber, mut sight) = (disturber(amounts), Sight::new(1000, 0));
+    let (randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
     let light = |gain: f32| GAMMA * f64::from(gain).ln();
     let drawn: Vec<[f64; RGB]> = (0..20_000)
         .map(|_| {
-            disturber.begin(&mut sight);
-            sight.gains.map(light)
+            randomiser.begin(&mut state);
+            state.gains.map(light)
         })
         .collect();
     let (mean, deviation) = moments(drawn.iter().map(|of| of[1]));
@@ -134,8 +135,8 @@ fn exposure_and_balance_spread_as_they_should() {
         assert!(mean.abs() < 0.002, "{mean}");
         assert!((deviation - 0.06).abs() < 0.002, "{deviation}");
     }
-    sight.gains = [0.5, 1.0, 9.0];
-    let dim = shown(&mut self::disturber(OFF), &mut sight, &grey(100));
+    state.gains = [0.5, 1.0, 9.0];
+    let dim = shown(&mut self::randomiser(OFF), &mut state, &grey(100));
     assert_eq!(dim[..RGB], [50, 100, 255]);
 }
 
@@ -152,18 +153,18 @@ fn errors_of_the_camera_keep_their_bounds_and_prefer_no_side() {
     assert!((mean - 5.0).abs() < 0.05 && drawn.iter().all(|of| of.length() <= 10.0), "{mean}");
 }
 
-/// The levels of a bright pixel spread by the variance along either axis, and none is lost.
+/// The levels of a bright pixel must spread by the variance along either axis without loss.
 #[test]
 fn blur_is_as_wide_as_it_should_be() {
     let middle = SIZE / 2;
     for variance in [0.1, 0.5, 2.7] {
-        let mut disturber = disturber(OFF);
-        disturber.levels[middle * SIZE + middle][0] = 1.0;
+        let mut randomiser = randomiser(OFF);
+        randomiser.levels[middle * SIZE + middle][0] = 1.0;
         let (count, share) = passes(variance);
-        assert!(share <= SHARE as f32);
-        (0..count).for_each(|_| disturber.blur(share));
+        assert!(share <= MAX_SHARE as f32);
+        (0..count).for_each(|_| randomiser.blur(share));
         let sum = |weight: fn(f64, f64) -> f64| -> f64 {
-            let pixels = disturber.levels.iter().enumerate();
+            let pixels = randomiser.levels.iter().enumerate();
             pixels
                 .map(|(index, levels)| {
                     let off = |at: usize| at as f64 - middle as f64;
@@ -177,7 +178,7 @@ fn blur_is_as_wide_as_it_should_be() {
         assert!(sum(|y, x| x * y).abs() < 1e-4);
     }
     assert_eq!(passes(0.0).0, 0);
-    let mut flat = disturber(OFF);
+    let mut flat = randomiser(OFF);
     flat.levels.fill([9.0; 4]);
     flat.blur(0.25);
     assert!(flat.levels.iter().all(|&levels| levels == [9.0; 4]), "borders keep their levels");
@@ -210,7 +211,7 @@ fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side()
     }
 }
 
-/// A picture `[SIZE, SIZE, 3]` under an element.
+/// Returns a picture `[SIZE, SIZE, 3]` mapped by an element.
 fn mirrored(element: D2, picture: &[u8]) -> Vec<u8> {
     let place = |index: usize| {
         let (row, column) = (index / SIZE, index % SIZE);
@@ -222,21 +223,21 @@ fn mirrored(element: D2, picture: &[u8]) -> Vec<u8> {
     pixels.copied().collect()
 }
 
-/// The camera's errors are drawn alike from all sides, so this makes variants alike: the mirrored
-/// error shows the mirrored table in the mirrored picture.
+/// The mirrored error must show the mirrored table in the mirrored picture. Since errors are drawn
+/// from symmetric distributions, all variants are then equally hard.
 #[test]
 fn a_mirrored_camera_shows_a_mirrored_table_in_a_mirrored_picture() {
     let (position, turn) = (DVec3::new(0.02, 0.01, 0.03), DVec3::new(0.01, 0.02, 0.05));
     let shown = |element: D2| {
         let [x, y] =
             [element.flips_x(), element.flips_y()].map(|flips| if flips { -1.0 } else { 1.0 });
-        let mut sight = Sight::new(1000, 0);
+        let mut state = CameraState::new(1000, 0);
         let position = position * DVec3::new(x, y, 1.0);
-        // an axis turns over where a mirror holds it, and stays where it is crossed
+        // rotations are axial vectors: an axis in the mirror's plane flips, one across it stays
         let turn = turn * DVec3::new(y, x, x * y);
-        sight.view = View::new(&camera(), position, turn);
-        sight.blur = passes(0.3);
-        shown(&mut disturber(OFF), &mut sight, &mirrored(element, &picture()))
+        state.view = Homography::new(&camera(), position, turn);
+        state.blur = passes(0.3);
+        shown(&mut randomiser(OFF), &mut state, &mirrored(element, &picture()))
     };
     let canonical = shown(D2::Identity);
     for element in D2::ALL {

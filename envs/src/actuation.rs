@@ -1,4 +1,4 @@
-//! How a decision moves the hand.
+//! Actuation of the hand: how a decision moves it.
 
 use std::sync::Arc;
 
@@ -11,55 +11,55 @@ use robots::{
 use crate::control::PHYSICS_STEPS;
 use crate::error::EnvError;
 
-/// Joints by name, with positions in metres or radians.
-pub type Posture = Vec<(String, f64)>;
+/// Joint positions by joint name (metres or radians).
+pub type JointPositions = Vec<(String, f64)>;
 
-/// How the hand follows its target, which an action moves.
+/// Mechanism by which the hand follows its target, which actions move.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Drive {
-    /// A weld pulls the body `hand` to the mocap body `hand_target`. Two actuators, `right_finger`
-    /// and then `left_finger`, are told the finger action and its negative.
+pub enum Actuation {
+    /// Weld that pulls the body `hand` to the mocap body `hand_target`. The first two actuators,
+    /// `right_finger` and `left_finger`, get the finger action and its negative.
     Weld,
-    /// Joints bring the hand there, as those of a real arm do.
-    Servos(Box<ServoDrive>),
+    /// Servo motors in the joints, as in a real arm.
+    Servos(Box<ServoController>),
 }
 
-/// What an arm's drive does not change.
+/// Settings of a [`ServoController`] that stay constant while it runs.
 #[derive(Debug, PartialEq)]
-pub(crate) struct Servos {
+pub(crate) struct ServoSettings {
     pub arm: Description,
     pub servo: Servo,
-    /// How the hand is turned.
+    /// Orientation in which the hand is held.
     pub rotation: DQuat,
     /// Index of the finger joint among the arm's free joints.
     pub finger: Option<usize>,
-    /// The furthest that the target may be ahead of the hand (metres).
+    /// Largest distance of the target from the hand (metres).
     pub lead: f64,
     /// Limits of the hand's motion.
     pub limits: robots::TwistLimits,
 }
 
-/// An arm whose servos follow inverse kinematics, and where it is about to go.
+/// Controller of an arm whose servos follow inverse kinematics.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ServoDrive {
-    servos: Arc<Servos>,
+pub struct ServoController {
+    servos: Arc<ServoSettings>,
     control: CartesianControl,
     /// Addresses in `qpos` of the arm's free joints.
     addresses: Vec<usize>,
-    /// Where the fingers should be: 0 is open, 1 is closed.
+    /// Commanded finger position: 0 is open, 1 is closed.
     closing: f64,
-    /// What was commanded.
+    /// Last command of [`ServoController::command`], which stays in force.
     commanded: Command,
 }
 
-/// How far a hand may be turned from where its control has it (radians) while it turns further.
-const TURNED: f64 = 0.1;
-/// Rate (1/s) at which the last millimetres to the target are covered.
-const RATE: f64 = 10.0;
+/// Largest angle (radians) between the hand and its commanded orientation before the control waits.
+const MAX_TURN_ERROR: f64 = 0.1;
+/// Rate (1/s) of the final, exponential approach to the target.
+const APPROACH_RATE: f64 = 10.0;
 
-impl ServoDrive {
-    pub(crate) fn new(servos: Servos, control: CartesianControl) -> Self {
+impl ServoController {
+    pub(crate) fn new(servos: ServoSettings, control: CartesianControl) -> Self {
         Self {
             servos: Arc::new(servos),
             control,
@@ -69,29 +69,29 @@ impl ServoDrive {
         }
     }
 
-    /// Takes over the joints of `model`, at rest in `posture`.
-    pub(crate) fn start(&mut self, model: &Model, posture: &Posture) -> Result<(), EnvError> {
+    /// Resets the controller to the joints of `model`, at rest at `rest`.
+    pub(crate) fn start(&mut self, model: &Model, rest: &JointPositions) -> Result<(), EnvError> {
         let joints = self.servos.arm.free_joints();
         let address = |(joint, _): (&robots::Joint, _)| {
             Ok(model.joint_qpos_address(model.joint(&joint.name)?))
         };
         self.addresses = joints.map(address).collect::<Result<_, EnvError>>()?;
         let at = |joint: &robots::ChainJoint| {
-            let mut named = posture.iter().filter(|(name, _)| *name == joint.name);
-            named.next().map_or(0.0, |(_, position)| *position)
+            let named = rest.iter().find(|(name, _)| *name == joint.name);
+            named.map_or(0.0, |(_, position)| *position)
         };
         let configuration: Vec<f64> = self.control.chain().joints().iter().map(at).collect();
         Ok(self.control.restart(&configuration)?)
     }
 
-    /// Where the hand's target is when it should be at `wanted`: an arm that is slow, or that is
-    /// held back, does not let its target run away.
+    /// Returns `wanted` moved so that it is at most `lead` from `hand`. The target of a slow or
+    /// blocked arm thus cannot run away.
     pub(crate) fn within_lead(&self, wanted: DVec3, hand: DVec3) -> DVec3 {
         hand + (wanted - hand).clamp_length_max(self.servos.lead)
     }
 
-    /// Tells the servos of one control step: the hand goes towards `target` (metres, world), and
-    /// the fingers close at the speed `finger` in `[-1, 1]`.
+    /// Sets the servo controls for one control step that moves the hand towards `target` (metres,
+    /// world frame) and closes the fingers at the speed `finger` in `[-1, 1]`.
     pub(crate) fn advance(
         &mut self,
         data: &mut Data,
@@ -104,27 +104,28 @@ impl ServoDrive {
         Ok(data.set_ctrl(&self.controls(&self.positions(data)))?)
     }
 
-    /// Takes a command, which stays in force.
+    /// Replaces the command in force.
     pub(crate) fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         self.control.command(command.twist)?;
         self.commanded = *command;
         Ok(())
     }
 
-    /// Holds hand and fingers where they are.
+    /// Holds hand and fingers at their present position.
     pub(crate) fn stop(&mut self) {
         self.control.stop();
         self.commanded = Command { twist: Twist::ZERO, closing: self.closing };
     }
 
-    /// Tells the servos of one control step of what was commanded. Returns the speed of the
-    /// fingers in `[-1, 1]`, and why the arm stopped by itself, if it did.
-    pub(crate) fn proceed(
+    /// Sets the servo controls for one control step of the command in force. Returns the finger
+    /// speed in `[-1, 1]`, and the error that stopped the arm, if any.
+    pub(crate) fn step_command(
         &mut self,
         data: &mut Data,
     ) -> Result<(f64, Option<ControlError>), EnvError> {
         let seconds = control_seconds(data);
-        let stopped = self.keep_on(data, seconds).err();
+        let stopped = self.advance_command(data, seconds).err();
+        // a command that cannot be followed must not be tried again in the next step
         if stopped.is_some() {
             self.stop();
         }
@@ -137,13 +138,14 @@ impl ServoDrive {
         Ok((finger, stopped))
     }
 
-    /// Moves on as commanded, unless something holds the hand back: the servos would push harder
-    /// and harder.
-    fn keep_on(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
+    /// Advances the command in force by `seconds`. The control waits while something blocks the
+    /// hand, because the servos would push ever harder.
+    fn advance_command(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
         let twist = self.commanded.twist;
         let [ahead, turned] = self.state(data).tip.way_to(&self.control.tip());
         let held_back = ahead.length() > self.servos.lead && ahead.dot(twist.linear) > 0.0;
-        let held_turned = turned.length() > TURNED && turned.dot(twist.angular) > 0.0;
+        let held_turned = turned.length() > MAX_TURN_ERROR && turned.dot(twist.angular) > 0.0;
+        // a command that moves back towards the hand is not held up
         if held_back || held_turned {
             self.control.stop();
             return Ok(());
@@ -152,7 +154,7 @@ impl ServoDrive {
         self.control.tick(seconds)
     }
 
-    /// Where the robot is in `data`, as its own sensors tell it.
+    /// Returns the robot's state in `data`, as its joint sensors would report it.
     pub(crate) fn state(&self, data: &Data) -> RobotState {
         let positions = self.positions(data);
         let chain = self.control.chain();
@@ -164,19 +166,19 @@ impl ServoDrive {
         RobotState { tip: chain.tip(&joints), joints, closing }
     }
 
-    /// Positions of the arm's free joints.
+    /// Returns the positions of the arm's free joints.
     fn positions(&self, data: &Data) -> Vec<f64> {
         self.addresses.iter().map(|&at| data.qpos()[at]).collect()
     }
 
-    /// The joint that closes the fingers, and its index among the free joints.
+    /// Returns the joint that closes the fingers, and its index among the free joints.
     fn finger(&self) -> Option<(usize, &Motion)> {
         let dof = self.servos.finger?;
         let (_, motion) = self.servos.arm.free_joints().nth(dof)?;
         Some((dof, motion))
     }
 
-    /// Speed and travel of the joint that closes the fingers (metres or radians).
+    /// Returns the speed and the travel of the joint that closes the fingers (metres or radians).
     fn closing_speed(&self) -> Option<(f64, f64)> {
         let (_, motion) = self.finger()?;
         let travel = motion.range.map_or(1.0, |[low, high]| high - low);
@@ -186,10 +188,10 @@ impl ServoDrive {
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
         let target = Pose { position: target, rotation: self.servos.rotation };
         let way = self.control.tip().way_to(&target);
-        let twist = self.servos.limits.towards(way, RATE);
+        let twist = self.servos.limits.towards(way, APPROACH_RATE);
         let followed = self.control.command(twist);
         match followed.and_then(|()| self.control.tick(seconds)) {
-            // the arm stands where its reach ends
+            // no error: the arm stops at the limit of its reach
             Err(ControlError::OutOfReach { .. }) => Ok(()),
             outcome => Ok(outcome?),
         }
@@ -202,10 +204,10 @@ impl ServoDrive {
         }
     }
 
-    /// Controls of all servos for joints that are at `positions`: where they should be, how fast
-    /// they should move, and what holds the arm up.
+    /// Returns the controls of all servos: position and velocity targets of their joints, and the
+    /// feed-forward that carries the arm's own weight at `positions`.
     fn controls(&self, positions: &[f64]) -> Vec<f64> {
-        let Servos { arm, servo, finger, .. } = &*self.servos;
+        let ServoSettings { arm, servo, finger, .. } = &*self.servos;
         let forces = arm.holding_forces(positions);
         let mut controls = vec![0.0; arm.dofs()];
         let velocities = self.control.velocities();
@@ -224,7 +226,7 @@ impl ServoDrive {
     }
 }
 
-/// Seconds of a control step.
+/// Returns the duration of a control step in seconds.
 pub(crate) fn control_seconds(data: &Data) -> f64 {
     PHYSICS_STEPS as f64 * data.model().timestep()
 }

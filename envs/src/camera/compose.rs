@@ -1,38 +1,39 @@
-//! From what is drawn to what is seen.
+//! Composition of observations from rendered pictures.
 
 use glam::DVec3;
 
-use super::{Beside, Camera, RGB};
+use super::{Camera, ExtraView, RGB};
 
-/// What an observation's image is made of.
+/// Pictures that an observation's image is composed of.
 #[derive(Clone, Copy, Debug)]
 pub struct Pictures<'a> {
-    /// The whole picture with the gripper's mark `[size, size, 3]`.
+    /// Current picture with the gripper's mark `[size, size, 3]`.
     pub now: &'a [u8],
-    /// The episode's first one `[size, size, 3]`.
+    /// First picture of the episode `[size, size, 3]`.
     pub first: &'a [u8],
-    /// What was drawn, before it was shrunk and marked `[drawn_size, drawn_size, 3]`.
+    /// Rendered picture before downsampling and without the mark `[drawn_size, drawn_size, 3]`.
     pub drawn: &'a [u8],
-    /// Where the hand is (metres).
+    /// Position of the hand (metres).
     pub hand: DVec3,
 }
 
-/// Levels of what lies beyond the picture: grey, about the middle of what networks read.
+/// Grey levels of a close-up beyond the picture's border, near the middle of the input range of
+/// networks.
 const BEYOND: [u8; RGB] = [128; RGB];
 
 impl Camera {
-    /// Pixels along either side of the pictures that are drawn, of which observations are made.
+    /// Returns the side of a rendered picture in pixels.
     pub fn drawn_size(&self) -> usize {
         self.size * self.oversampling
     }
 
-    /// The same camera with pictures of another size, each drawn as it is shown, and no close-ups.
+    /// Returns the camera with pictures of another size, no oversampling and no close-ups.
     pub fn with_size(self, size: usize) -> Self {
-        Self { size, oversampling: 1, beside: Beside::First, ..self }
+        Self { size, oversampling: 1, beside: ExtraView::First, ..self }
     }
 
-    /// Shrinks the picture `drawn` `[drawn_size, drawn_size, 3]` to the whole one, `rgb`
-    /// `[size, size, 3]`. Means are rounded, halves up.
+    /// Downsamples the rendered picture `drawn` `[drawn_size, drawn_size, 3]` to `rgb` `[size,
+    /// size, 3]`. Means are rounded, halves up.
     pub fn shrink(&self, drawn: &[u8], rgb: &mut [u8]) {
         let factor = self.oversampling;
         if factor == 1 {
@@ -44,6 +45,7 @@ impl Camera {
         let bands = drawn.chunks_exact(line * factor);
         for (band, out) in bands.zip(rgb.chunks_exact_mut(self.size * RGB)) {
             for (column, out) in out.chunks_exact_mut(RGB).enumerate() {
+                // half a divisor, so that the integer division rounds
                 let mut sums = [pixels / 2; RGB];
                 for row in band.chunks_exact(line) {
                     let block = &row[column * factor * RGB..][..factor * RGB];
@@ -56,10 +58,11 @@ impl Camera {
         }
     }
 
-    /// Makes an observation's image `[size, size, C]`: the picture of now and those beside it.
+    /// Composes an observation's image `[size, size, C]`: the current picture, then the extra
+    /// views.
     ///
     /// # Panics
-    /// Where the image or a picture that is shown has another length.
+    /// If the image or a picture that is used has the wrong length.
     pub fn compose<'a>(&self, pictures: &Pictures<'a>, image: &mut [u8]) {
         let (pixels, channels) = (self.size * self.size, self.beside.channels());
         assert_eq!(image.len(), pixels * channels, "bytes of an image");
@@ -68,28 +71,29 @@ impl Camera {
             picture.chunks_exact(RGB)
         };
         let close_up = || self.close_up(pictures.drawn, pictures.hand);
-        show(image, channels, 0, whole(pictures.now));
+        write_channels(image, channels, 0, whole(pictures.now));
         match self.beside {
-            Beside::First => show(image, channels, RGB, whole(pictures.first)),
-            Beside::CloseUp => show(image, channels, RGB, close_up()),
-            Beside::FirstAndCloseUp => {
-                show(image, channels, RGB, whole(pictures.first));
-                show(image, channels, 2 * RGB, close_up());
+            ExtraView::First => write_channels(image, channels, RGB, whole(pictures.first)),
+            ExtraView::CloseUp => write_channels(image, channels, RGB, close_up()),
+            ExtraView::FirstAndCloseUp => {
+                write_channels(image, channels, RGB, whole(pictures.first));
+                write_channels(image, channels, 2 * RGB, close_up());
             }
         }
     }
 
-    /// The pixels of the part of `drawn` `[drawn_size, drawn_size, 3]` around the place of the
-    /// table under `hand` (metres), `[size, size]`. It is cut out to whole pixels, so that a
-    /// mirrored picture of a mirrored hand gives the mirrored part exactly.
+    /// Returns the pixels `[size, size]` of the part of `drawn` `[drawn_size, drawn_size, 3]`
+    /// around the point of the table below `hand` (metres). The part is aligned to whole pixels, so
+    /// a mirrored picture of a mirrored hand gives the mirrored part exactly.
     fn close_up<'a>(&self, drawn: &'a [u8], hand: DVec3) -> impl Iterator<Item = &'a [u8]> {
         let [right, up] = self.project(DVec3::new(hand.x, hand.y, 0.0));
         let (side, size) = (self.drawn_size() as i64, self.size as i64);
-        // halves are rounded away from zero on either side, as mirrors need
+        // halves are rounded away from zero on either side, as exact mirror images need
         let start = [-up, right].map(|offset| {
             let pixels = offset * self.oversampling as f64;
             ((side - size) / 2).saturating_add(pixels.round() as i64)
         });
+        // saturating sums above, so that a hand at infinity sees grey instead of overflowing
         let inside = move |place: i64| usize::try_from(place).ok().filter(|_| place < side);
         (0..size * size).map(move |index| {
             let [row, column] = [index / size, index % size];
@@ -101,8 +105,8 @@ impl Camera {
     }
 }
 
-/// Writes the pixels of a picture into the channels of an image from `place` on.
-fn show<'a>(
+/// Writes the pixels of a picture into three channels of an image, from channel `place` on.
+fn write_channels<'a>(
     image: &mut [u8],
     channels: usize,
     place: usize,

@@ -1,4 +1,4 @@
-//! A Kinova Gen3 with a Robotiq gripper, driven as a real one is.
+//! Kinova Gen3 with a Robotiq gripper, controlled like a real one.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::OnceLock;
@@ -7,41 +7,43 @@ use glam::DVec3;
 use robots::{ControlSettings, Pose, Servo, TwistLimits, gen3};
 
 use super::arm::{Arm, ArmSettings, Finger, Gripper};
-use crate::carrier::{Carrier, CarrierParts};
-use crate::drive::{Drive, Posture};
+use crate::actuation::{Actuation, JointPositions};
+use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec};
 use crate::error::EnvError;
 
-/// A Kinova Gen3 with a Robotiq 2F-85 gripper, on a pedestal behind the table's centre. Its hand is
-/// `tool_link`, which points down, and its fingers open along y, as the Sawyer arm's do.
+/// Kinova Gen3 with a Robotiq 2F-85 gripper, on a pedestal behind the table's centre. Its hand is
+/// `tool_link`, which points down, and its fingers open along y, like the Sawyer arm's.
 #[derive(Clone, Copy, Debug)]
 pub struct KinovaGen3;
 
-/// Where it stands (metres): all places of the tasks are within its reach.
+/// Position of the base (metres). All placements of the tasks are within reach from there.
 const BASE: [f64; 3] = [0.0, -0.44, 0.15];
-/// The joint that closes the fingers.
+/// Name of the joint that closes the fingers.
 const FINGER: &str = "finger_l";
-/// Where the finger joint is open for tasks (metres): as far outside as the Sawyer arm's open claws
-/// (53 mm from the middle), so that a finger comes down before what it is to push, not upon it.
+/// Finger joint's open position for tasks (metres). The fingers then reach as far out as the Sawyer
+/// arm's open claws (53 mm from the middle), so that a finger comes down in front of an object to
+/// push, not on top of it.
 const OPEN: f64 = 0.023;
-/// Where it is closed.
+/// Finger joint's closed position (metres).
 const CLOSED: f64 = 0.0425;
-/// From a finger's link, the inner face of its pad, outwards to what tasks look at (metres): open
-/// claws are 0.1 m apart.
+/// Distance from a finger's link, at the inner face of its pad, outwards to the claw point of tasks
+/// (metres). Open claws are then 0.1 m apart.
 const CLAW: f64 = 0.0305;
-/// From the middle of a pad to its lower end (metres).
+/// Distance from the middle of a pad to its lower end (metres).
 const TIP: f64 = 0.01875;
-/// How far the target is ahead of the hand at most (metres).
+/// Largest distance of the hand's target from the hand (metres), tuned for decisions at 8 Hz: with
+/// 28 to 33 mm some pucks stay short of their goal, with 35 mm one button of 300 was not pressed.
 const LEAD: f64 = 0.034;
-/// Acceleration of the hand (m/s^2): what the arm's hard limit, 4.94 rad/s^2 of its first four
-/// joints, leaves at 0.4 m from an axis. Its driver's default of 0.4 m/s^2 takes 13 cm to stop from
-/// the speed of a full action, so that hands pass what they are sent to.
+/// Acceleration of the hand (m/s^2): what the arm's hard limit of 4.94 rad/s^2 for its first four
+/// joints allows at 0.4 m from an axis. With the driver's default of 0.4 m/s^2 the hand needs 13 cm
+/// to stop from full speed, and overshoots its targets.
 const ACCELERATION: f64 = 2.0;
 
 impl KinovaGen3 {
-    /// The arm with which the embodiment is made.
+    /// Builds the arm of this embodiment.
     ///
     /// # Errors
-    /// None: the crate's tests make it.
+    /// None in practice: the crate's tests build it.
     pub fn arm(&self) -> Result<Arm, EnvError> {
         let finger = |link: &str, outwards: f64| Finger {
             link: link.to_owned(),
@@ -55,6 +57,7 @@ impl KinovaGen3 {
                 .placed(Pose::from_xyz_rpy(BASE, [0.0, 0.0, FRAC_PI_2]))?
                 .narrowed(FINGER, [OPEN, CLOSED])?,
             hand: "tool_link".to_owned(),
+            // a quarter turn, so that the fingers open along y
             ready: vec![pan, shoulder, turn, elbow, forearm, wrist, roll - FRAC_PI_2],
             gripper: Gripper {
                 link: "gripper_link".to_owned(),
@@ -72,7 +75,7 @@ impl KinovaGen3 {
     }
 }
 
-/// The arm, made once.
+/// Returns the arm, built on first use.
 fn made() -> Result<&'static Arm, EnvError> {
     static ARM: OnceLock<Arm> = OnceLock::new();
     if let Some(arm) = ARM.get() {
@@ -82,20 +85,20 @@ fn made() -> Result<&'static Arm, EnvError> {
     Ok(ARM.get_or_init(|| arm))
 }
 
-impl Carrier for KinovaGen3 {
+impl EmbodimentSpec for KinovaGen3 {
     fn name(&self) -> &str {
         "kinova_gen3"
     }
 
-    fn parts(&self) -> Result<CarrierParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
         made()?.parts()
     }
 
-    fn posture(&self, hand_target: DVec3) -> Result<Posture, EnvError> {
-        made()?.posture(hand_target)
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
+        made()?.initial_joint_positions(hand_target)
     }
 
-    fn drive(&self) -> Result<Drive, EnvError> {
-        made()?.drive()
+    fn actuation(&self) -> Result<Actuation, EnvError> {
+        made()?.actuation()
     }
 }

@@ -1,45 +1,45 @@
-//! The embodiments that come with the crate: the gripper alone, and arms.
+//! Embodiments of this crate: the gripper alone, and arms.
 
 mod arm;
 mod kinova_gen3;
 
 use glam::DVec3;
 
-use crate::carrier::{Carrier, CarrierParts};
-use crate::drive::Posture;
+use crate::actuation::JointPositions;
+use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec};
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
 
 pub use arm::{Arm, ArmSettings, Finger, Gripper};
 pub use kinova_gen3::KinovaGen3;
 
-/// How the fingers of Sawyer and hand slide and are driven.
+/// Finger slides and actuators of `Sawyer` and `Hand`.
 const GRIPPER: Mjcf<'static> = part!("gripper.xml");
 
-/// Parts from files of the crate.
-fn parts(mjcf: &'static str, included: &[Mjcf<'static>]) -> CarrierParts {
+/// Returns parts made of files of this crate.
+fn parts(mjcf: &'static str, included: &[Mjcf<'static>]) -> EmbodimentParts {
     let files = included.iter().chain([&GRIPPER]);
-    CarrierParts {
+    EmbodimentParts {
         mjcf: mjcf.into(),
         included: files.map(|&(name, text)| (name, text.into())).collect(),
     }
 }
 
-/// The gripper alone on three slides; moves like the arm's hand and mirrors exactly.
+/// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
 #[derive(Clone, Copy, Debug)]
 pub struct Hand;
 
-impl Carrier for Hand {
+impl EmbodimentSpec for Hand {
     fn name(&self) -> &str {
         "hand"
     }
 
-    fn parts(&self) -> Result<CarrierParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
         let included = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "hand");
         Ok(parts(part!("hand.xml").1, &included))
     }
 
-    fn posture(&self, hand_target: DVec3) -> Result<Posture, EnvError> {
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
         let slides = ["hand_x", "hand_y", "hand_z"].map(String::from);
         Ok(slides.into_iter().zip(hand_target.to_array()).collect())
     }
@@ -49,14 +49,13 @@ impl Carrier for Hand {
     }
 }
 
-/// A seven-joint Sawyer arm, which breaks the symmetry of the table by a centimetre or two open
-/// loop.
+/// Seven-joint Sawyer arm. Open loop, it breaks the symmetry of the table by one or two
+/// centimetres.
 #[derive(Clone, Copy, Debug)]
 pub struct Sawyer;
 
-/// Joint positions (radians) near the arm's rest with the hand at
-/// [`HAND_START`](crate::HAND_START).
-const POSTURE: [(&str, f64); 7] = [
+/// Joint positions (radians) near rest with the hand at [`HAND_START`](crate::HAND_START).
+const REST: [(&str, f64); 7] = [
     ("j0", 1.932580),
     ("j1", -0.499083),
     ("j2", -1.058834),
@@ -66,23 +65,23 @@ const POSTURE: [(&str, f64); 7] = [
     ("j6", 2.292554),
 ];
 
-impl Carrier for Sawyer {
+impl EmbodimentSpec for Sawyer {
     fn name(&self) -> &str {
         "sawyer"
     }
 
-    fn parts(&self) -> Result<CarrierParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
         let included = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
         Ok(parts(part!("sawyer.xml").1, &included))
     }
 
-    /// Of [`HAND_START`](crate::HAND_START), wherever the target is.
-    fn posture(&self, _: DVec3) -> Result<Posture, EnvError> {
-        let joints = POSTURE.iter();
-        Ok(joints.map(|&(name, at)| (name.to_owned(), at)).collect())
+    /// Returns the positions for [`HAND_START`](crate::HAND_START), whatever the target: the weld
+    /// pulls the arm from there.
+    fn initial_joint_positions(&self, _: DVec3) -> Result<JointPositions, EnvError> {
+        Ok(REST.iter().map(|&(name, at)| (name.to_owned(), at)).collect())
     }
 
-    fn stock(&self) -> Option<&str> {
+    fn meta_world(&self) -> Option<&str> {
         Some(part!("sawyer.xml" in "metaworld").1)
     }
 }

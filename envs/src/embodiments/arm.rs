@@ -1,4 +1,4 @@
-//! An arm of a URDF whose servos follow inverse kinematics.
+//! Arm of a URDF whose servos follow inverse kinematics.
 
 use glam::DVec3;
 use robots::{
@@ -6,18 +6,18 @@ use robots::{
     MjcfSettings, Pose, RobotState, Servo,
 };
 
-use crate::carrier::{Carrier, CarrierParts, OPEN_APERTURE};
-use crate::drive::{Drive, Posture, ServoDrive, Servos};
+use crate::actuation::{Actuation, JointPositions, ServoController, ServoSettings};
+use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec, OPEN_APERTURE};
 use crate::error::{EnvError, require};
 use crate::mjcf::{Mjcf, parts};
 
-/// File name of the robot itself.
+/// Name of the robot's file.
 const ROBOT: &str = "robot.xml";
-/// Objects and surroundings are as the Sawyer arm's gripper meets them.
+/// Included files; objects and surroundings collide as with the Sawyer arm's gripper.
 const INCLUDED: [Mjcf<'static>; 3] =
     parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
-/// Servos need the implicit integrator. As of the Sawyer arm, the gripper alone collides, and not
-/// with itself.
+/// MJCF around the robot. Its servos need the implicit integrator. Only the gripper collides, and
+/// not with itself, as with the Sawyer arm.
 const MJCF: &str = r#"<mujocoinclude>
   <option integrator="implicit"/>
   <default>
@@ -32,58 +32,58 @@ const MJCF: &str = r#"<mujocoinclude>
   <include file="robot.xml"/>
 </mujocoinclude>"#;
 
-/// What turns a robot into an embodiment.
+/// Settings of an [`Arm`].
 #[derive(Clone, Debug)]
 pub struct ArmSettings {
     /// Name of the embodiment.
     pub name: String,
-    /// The robot, its base where it stands in the scene (the origin is the centre of the table).
+    /// Robot, with its base where it stands in the scene (origin: centre of the table).
     pub robot: Description,
-    /// The link that is the hand.
+    /// Name of the link that is the hand.
     pub hand: String,
-    /// Joints between base and hand (radians, metres) in which the hand is turned as it shall stay,
-    /// near the postures that it works in.
+    /// Joint positions between base and hand (radians, metres) with the hand in the orientation
+    /// that it keeps, near the arm's working configurations.
     pub ready: Vec<f64>,
-    /// The gripper.
+    /// Gripper.
     pub gripper: Gripper,
-    /// How the hand moves; [`ControlSettings::horizon`] plays no part.
+    /// Limits and inverse kinematics of the hand's motion; [`ControlSettings::horizon`] is ignored.
     pub control: ControlSettings,
     /// Servos of all joints.
     pub servo: Servo,
-    /// The furthest that the hand's target is ahead of the hand (metres): the target waits for an
-    /// arm that is slow, or that something holds back.
+    /// Largest distance of the hand's target from the hand (metres). The target waits for an arm
+    /// that is slow or blocked.
     pub lead: f64,
-    /// What its links carry besides, for instance a ball that a camera is calibrated by.
+    /// Additional bodies on its links, for instance a ball for calibrating a camera.
     pub additions: Vec<Addition>,
 }
 
-/// What an arm grips with.
+/// Gripper of an arm.
 #[derive(Clone, Debug)]
 pub struct Gripper {
-    /// The link that holds it. Shapes of this link, and of all that hangs on it, collide with the
-    /// objects; those of the arm do not.
+    /// Name of the link that holds the gripper. Shapes of this link and of its descendants collide
+    /// with objects; those of the arm do not.
     pub link: String,
-    /// The right finger, and the left one.
+    /// Right and left finger.
     pub fingers: [Finger; 2],
-    /// The joint that closes them from one end of its range to the other, at its own speed; none
-    /// for fingers that do not move.
+    /// Name of the joint that closes the fingers from one end of its range to the other, at its own
+    /// speed. `None` for fingers that do not move.
     pub joint: Option<String>,
 }
 
-/// Points of a finger.
+/// Reference points of a finger.
 #[derive(Clone, Debug)]
 pub struct Finger {
-    /// The link.
+    /// Name of the link.
     pub link: String,
-    /// Where tasks look for the claw, in the link's frame (metres). The two claws of an open
-    /// gripper are 0.1 m apart for tasks; wider ones count as open, narrower ones as closing.
+    /// Point that tasks treat as the claw, in the link's frame (metres). Open claws are 0.1 m apart
+    /// for tasks; wider counts as open, narrower as closing.
     pub claw: DVec3,
-    /// The fingertip in the link's frame (metres).
+    /// Fingertip in the link's frame (metres).
     pub tip: DVec3,
 }
 
-/// An arm of a URDF. It has no weld: inverse kinematics within its limits make joint commands of
-/// the hand's target, and servos with the arm's own efforts follow them.
+/// Arm of a URDF, without a weld: inverse kinematics convert the motion of the hand's target to
+/// joint targets, and servos within the effort limits of the joints follow them.
 #[derive(Clone, Debug)]
 pub struct Arm {
     settings: ArmSettings,
@@ -93,6 +93,8 @@ pub struct Arm {
 }
 
 impl Arm {
+    /// Builds the arm.
+    ///
     /// # Errors
     /// [`EnvError::Robot`] for links that the robot does not have, [`EnvError::Control`] for
     /// control settings out of range, [`EnvError::Setting`] for the rest.
@@ -104,6 +106,7 @@ impl Arm {
         require(fits, "ready", &format!("{ready:?}"), expected)?;
         let positive = settings.lead > 0.0 && settings.lead.is_finite();
         require(positive, "lead", &settings.lead, "a positive length in metres")?;
+        // built only to check the settings; `actuation` builds the one that is used
         CartesianControl::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
             finger: finger(robot, settings.gripper.joint.as_deref())?,
@@ -113,42 +116,42 @@ impl Arm {
         })
     }
 
-    /// The robot.
+    /// Returns the robot.
     pub fn robot(&self) -> &Description {
         &self.settings.robot
     }
 
-    /// The joints between the base and the hand.
+    /// Returns the joints between the base and the hand.
     pub fn chain(&self) -> &Chain {
         &self.chain
     }
 
-    /// What it was made of.
+    /// Returns the settings.
     pub fn settings(&self) -> &ArmSettings {
         &self.settings
     }
 
-    /// Pairs of links that touch at rest and therefore do not collide in any pose
-    /// ([`robots::Mjcf::excluded`]). The scene lets the gripper alone collide, and not with itself.
+    /// Returns the pairs of links that touch at rest and therefore never collide
+    /// ([`robots::Mjcf::excluded`]). In a scene only the gripper collides, and not with itself.
     pub fn excluded(&self) -> &[[String; 2]] {
         &self.mjcf.excluded
     }
 
-    /// Capsules that hold the whole arm where it says that it is, in the world. Their order and
-    /// their radii are always the same.
+    /// Returns capsules that enclose the whole arm in `state`, in the world frame. Their order and
+    /// radii are constant.
     ///
     /// # Panics
-    /// Where the state is of an arm with another number of joints.
+    /// If the state has another number of joints.
     pub fn capsules(&self, state: &RobotState) -> Vec<Capsule> {
         let capsules = self.robot().capsules(&self.positions(state));
         capsules.into_iter().map(|(_, capsule)| capsule).collect()
     }
 
-    /// How far the claws are apart where the arm says that it is, as learners are told it: in
-    /// `[0, 1]`, 1 for an open gripper.
+    /// Returns the distance between the claws in `state` as learners observe it: in `[0, 1]`, 1 for
+    /// an open gripper.
     ///
     /// # Panics
-    /// As [`Arm::capsules`].
+    /// If the state has another number of joints.
     pub fn aperture(&self, state: &RobotState) -> f64 {
         let robot = self.robot();
         let poses = robot.poses(&self.positions(state));
@@ -159,18 +162,18 @@ impl Arm {
         };
         match self.settings.gripper.fingers.each_ref().map(claw) {
             [Some(right), Some(left)] => (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0),
-            // `Arm::new` has found the links
+            // unreachable, since `Arm::new` has found both links
             _ => 1.0,
         }
     }
 
-    /// Seconds in which the fingers close; none for fingers that do not move.
+    /// Returns the time in which the fingers close (seconds); `None` for fingers that do not move.
     pub fn closing_time(&self) -> Option<f64> {
         let (_, motion) = self.robot().free_joints().nth(self.finger?)?;
         motion.range.map(|[low, high]| (high - low) / motion.speed)
     }
 
-    /// The finger joint and those that follow it, where they are open.
+    /// Returns the open positions of the finger joint and of the joints that mimic it.
     fn open_fingers(&self) -> impl Iterator<Item = (String, f64)> {
         let robot = self.robot();
         let mut positions = vec![0.0; robot.dofs()];
@@ -185,14 +188,16 @@ impl Arm {
         })
     }
 
-    /// Index of the finger joint among the free ones, and where it is open and closed.
+    /// Returns the index of the finger joint among the free joints, and its open and closed
+    /// positions.
     fn finger_range(&self) -> Option<(usize, [f64; 2])> {
         let dof = self.finger?;
         let (_, motion) = self.robot().free_joints().nth(dof)?;
         Some((dof, motion.range?))
     }
 
-    /// Positions of all free joints; those beside the chain and the fingers are at zero.
+    /// Returns the positions of all free joints. Joints other than the chain's and the fingers' are
+    /// at zero.
     fn positions(&self, state: &RobotState) -> Vec<f64> {
         let robot = self.robot();
         assert_eq!(state.joints.len(), self.chain.joints().len(), "joints of a state");
@@ -207,13 +212,14 @@ impl Arm {
     }
 }
 
-/// Index of the finger joint, which is a free joint with a range.
+/// Returns the index of the finger joint, which must be a free joint with a range.
 fn finger(robot: &Description, joint: Option<&str>) -> Result<Option<usize>, EnvError> {
     let Some(name) = joint else {
         return Ok(None);
     };
-    let mut joints = robot.free_joints();
-    let found = joints.position(|(joint, motion)| joint.name == name && motion.range.is_some());
+    let found = robot
+        .free_joints()
+        .position(|(joint, motion)| joint.name == name && motion.range.is_some());
     let expected = "a joint of the robot that has limits and follows no other";
     require(found.is_some(), "gripper.joint", &name, expected)?;
     Ok(found)
@@ -230,6 +236,7 @@ fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
         ),
     };
     let hand = Addition { link: settings.hand.clone(), mjcf: "<body name=\"hand\"/>\n".to_owned() };
+    // the class of a link applies to its descendants, so the gripper's replaces the arm's there
     let root = settings.robot.links()[0].name.clone();
     let classes = [(root, "arm"), (settings.gripper.link.clone(), "robot_gripper")];
     MjcfSettings {
@@ -247,18 +254,21 @@ fn numbers(DVec3 { x, y, z }: DVec3) -> String {
     format!("{x} {y} {z}")
 }
 
-impl Carrier for Arm {
+impl EmbodimentSpec for Arm {
     fn name(&self) -> &str {
         &self.settings.name
     }
 
-    fn parts(&self) -> Result<CarrierParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
         let files = INCLUDED.map(|(name, text)| (name, text.into()));
         let robot = (ROBOT, self.mjcf.text.clone().into());
-        Ok(CarrierParts { mjcf: MJCF.into(), included: files.into_iter().chain([robot]).collect() })
+        Ok(EmbodimentParts {
+            mjcf: MJCF.into(),
+            included: files.into_iter().chain([robot]).collect(),
+        })
     }
 
-    fn posture(&self, hand_target: DVec3) -> Result<Posture, EnvError> {
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
         let ready = &self.settings.ready;
         let target = Pose { position: hand_target, rotation: self.chain.tip(ready).rotation };
         let solved = self.chain.solve(&target, ready)?;
@@ -267,14 +277,15 @@ impl Carrier for Arm {
         Ok(arm.chain(self.open_fingers()).collect())
     }
 
-    fn drive(&self) -> Result<Drive, EnvError> {
+    fn actuation(&self) -> Result<Actuation, EnvError> {
         let ArmSettings { robot, ready, servo, lead, .. } = &self.settings;
         let control = ControlSettings {
-            // a target out of reach is nothing to refuse: the arm stands where its reach ends
+            // no horizon, so that a target out of reach is no error: the arm stops where its reach
+            // ends
             horizon: 0.0,
             ..self.settings.control
         };
-        let servos = Servos {
+        let servos = ServoSettings {
             arm: robot.clone(),
             servo: *servo,
             rotation: self.chain.tip(ready).rotation,
@@ -283,6 +294,6 @@ impl Carrier for Arm {
             limits: control.limits,
         };
         let control = CartesianControl::new(self.chain.clone(), ready, control)?;
-        Ok(Drive::Servos(Box::new(ServoDrive::new(servos, control))))
+        Ok(Actuation::Servos(Box::new(ServoController::new(servos, control))))
     }
 }

@@ -1,30 +1,30 @@
-//! Things that stand for their names, and what tells two behind one name apart.
+//! Handles that behave like their names, and an id that distinguishes definitions of equal names.
 
 use std::any::{Any, TypeId};
 
-/// The type of a thing that lives as long as the program, and where it lies if it has fields.
+/// Id of a `'static` value: its type, and its address unless the type has no fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Identity {
+pub(crate) struct InstanceId {
     kind: TypeId,
     address: Option<usize>,
 }
 
-impl Identity {
+impl InstanceId {
     pub(crate) fn of(thing: &'static dyn Any) -> Self {
         Self {
             kind: thing.type_id(),
-            // things of a type without fields are the same wherever they are
+            // values of a type without fields are interchangeable, wherever they are
             address: (size_of_val(thing) > 0).then_some(std::ptr::from_ref(thing).addr()),
         }
     }
 }
 
-/// A thing that has a name alone, for tests of what stands for it.
+/// Definition that has only a name, for tests of handles.
 #[cfg(test)]
 pub(crate) struct Named(pub &'static str);
 
-/// Compares, orders, hashes, prints and serialises a handle by its `name()`.
-macro_rules! stands_for_its_name {
+/// Implements comparison, hashing, printing and serialisation of a handle by its `name()`.
+macro_rules! impl_traits_by_name {
     ($handle:ident) => {
         impl PartialEq for $handle {
             fn eq(&self, other: &Self) -> bool {
@@ -72,4 +72,4 @@ macro_rules! stands_for_its_name {
     };
 }
 
-pub(crate) use stands_for_its_name;
+pub(crate) use impl_traits_by_name;

@@ -1,12 +1,12 @@
-//! Turns that differ from environment to environment, and experts for all of them.
+//! Commands that differ between environments, and experts for all of them.
 
 use super::*;
 
 const ACTIONS: [f32; N * ACTION_DIM] = [0.5; N * ACTION_DIM];
 
-/// The error messages of those that failed.
-fn advance(rig: &mut Rig, turns: [Turn; N]) -> Vec<String> {
-    let failures = rig.env.advance(&ACTIONS, &turns, rig.batch.step());
+/// Executes the commands and returns the error messages of the failures.
+fn advance(rig: &mut Rig, commands: [EnvCommand; N]) -> Vec<String> {
+    let failures = rig.env.advance(&ACTIONS, &commands, rig.batch.step());
     let failures = failures.unwrap().iter();
     failures.map(|failure| failure.error.to_string()).collect()
 }
@@ -15,11 +15,11 @@ fn advance(rig: &mut Rig, turns: [Turn; N]) -> Vec<String> {
 fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
     let (mut now, mut later) = (Rig::new(2), Rig::new(2));
     now.env.reset(now.batch.observations()).unwrap();
-    advance(&mut later, [Turn::Reset; N]);
+    advance(&mut later, [EnvCommand::Reset; N]);
     for _ in 0..2 {
         for decision in 1..=DECISIONS {
             now.env.step(&ACTIONS, now.batch.step()).unwrap();
-            advance(&mut later, [Turn::StepAndStay; N]);
+            advance(&mut later, [EnvCommand::StepNoAutoReset; N]);
             assert_eq!(later.batch.rewards, now.batch.rewards);
             assert_eq!(later.batch.truncated, now.batch.truncated);
             assert_eq!(now.batch.truncated, [decision == DECISIONS; N]);
@@ -29,7 +29,7 @@ fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
         }
         assert_eq!(later.batch.images, now.batch.final_images);
         assert_eq!(later.batch.vectors, now.batch.final_vectors);
-        advance(&mut later, [Turn::Reset; N]);
+        advance(&mut later, [EnvCommand::Reset; N]);
         assert_eq!(later.batch.images, now.batch.images);
         assert_eq!(later.batch.vectors, now.batch.vectors);
         assert_eq!(later.batch.rewards, [0.0; N]);
@@ -41,39 +41,39 @@ fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
 fn every_environment_has_the_turn_that_it_is_given() {
     let (mut mixed, mut even) = (Rig::new(2), Rig::new(2));
     for rig in [&mut mixed, &mut even] {
-        advance(rig, [Turn::Reset; N]);
-        advance(rig, [Turn::Step; N]);
+        advance(rig, [EnvCommand::Reset; N]);
+        advance(rig, [EnvCommand::Step; N]);
     }
-    advance(&mut mixed, [Turn::Reset, Turn::Rest, Turn::Step]);
+    advance(&mut mixed, [EnvCommand::Reset, EnvCommand::Rest, EnvCommand::Step]);
     assert_eq!(mixed.observation(1), even.observation(1), "one that rests stays as it is");
     assert_eq!(mixed.batch.rewards[..2], [0.0; 2]);
-    advance(&mut even, [Turn::Step; N]);
+    advance(&mut even, [EnvCommand::Step; N]);
     assert_eq!(
         mixed.observation(2),
         even.observation(2),
         "one that steps does not feel the others"
     );
     assert_eq!(mixed.batch.rewards[2], even.batch.rewards[2]);
-    advance(&mut even, [Turn::Reset; N]);
+    advance(&mut even, [EnvCommand::Reset; N]);
     assert_eq!(mixed.observation(0), even.observation(0), "the second episode of its stream");
 }
 
 #[test]
 fn one_that_waits_for_a_reset_fails_alone() {
     let mut rig = Rig::new(2);
-    let turns = [Turn::StepAndStay, Turn::Step, Turn::Step];
-    let early = rig.env.advance(&ACTIONS, &turns, rig.batch.step());
+    let commands = [EnvCommand::StepNoAutoReset, EnvCommand::Step, EnvCommand::Step];
+    let early = rig.env.advance(&ACTIONS, &commands, rig.batch.step());
     assert!(matches!(early.unwrap_err(), EnvError::NotReset));
-    advance(&mut rig, [Turn::Reset; N]);
+    advance(&mut rig, [EnvCommand::Reset; N]);
     for _ in 0..DECISIONS {
-        assert_eq!(advance(&mut rig, turns), Vec::<String>::new());
+        assert_eq!(advance(&mut rig, commands), Vec::<String>::new());
     }
-    let failures = advance(&mut rig, turns);
+    let failures = advance(&mut rig, commands);
     assert_eq!(failures, ["no episode is running: call `reset` first"]);
     assert_eq!(rig.batch.truncated, [true, false, false]);
-    let short = rig.env.advance(&ACTIONS, &turns[..2], rig.batch.step());
+    let short = rig.env.advance(&ACTIONS, &commands[..2], rig.batch.step());
     let message = short.unwrap_err().to_string();
-    assert_eq!(message, "`turns` has 2 elements, expected 3");
+    assert_eq!(message, "`commands` has 2 elements, expected 3");
 }
 
 #[test]

@@ -1,30 +1,30 @@
-//! Where a camera that hangs a little wrong sees the table.
+//! View of the table from a camera with an error in its pose.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::camera::Camera;
 
-/// What a camera's pictures of the table's plane are in those of a camera that hangs right: a
-/// homography.
+/// Homography from the picture of a misplaced camera to that of the nominal camera, for points in
+/// the plane of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct View {
-    /// A place's two numbers and what both are divided by, of a pixel's offset (right, up, 1).
+pub(crate) struct Homography {
+    /// Matrix rows that map a pixel offset (right, up, 1) to a point in homogeneous coordinates.
     rows: [[f32; 3]; 3],
-    /// Added to the place (pixels).
+    /// Translation added to the point (pixels).
     shift: [f32; 2],
 }
 
-impl View {
-    /// The camera as it should hang.
-    pub const RIGHT: Self =
+impl Homography {
+    /// Homography of a camera in its nominal pose.
+    pub const IDENTITY: Self =
         Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], shift: [0.0; 2] };
 
-    /// `camera`, moved by `position` (metres) and then turned by the length of `turn` (radians)
-    /// about its direction.
+    /// Creates the homography of `camera` moved by `position` (metres), then rotated by the length
+    /// of `turn` (radians) about its direction.
     ///
-    /// Its pixel at (u, v) looks along R (u, v, -f), from a height that is larger by `position.z`;
-    /// that ray meets the table at what the right camera has at the pixel returned by
-    /// [`View::place`].
+    /// The camera's pixel (u, v) looks along R (u, v, -f), from a height larger by `position.z`.
+    /// [`Homography::place`] returns the nominal camera's pixel for the point where that ray meets
+    /// the table.
     pub fn new(camera: &Camera, position: DVec3, turn: DVec3) -> Self {
         let focal = camera.pixels(1e3 * camera.height);
         let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
@@ -33,16 +33,16 @@ impl View {
             let row = higher * rotation.row(axis);
             [row.x, row.y, -focal * row.z]
         };
-        let down = rotation.row(2);
-        let down = [-down.x / focal, -down.y / focal, down.z];
+        let row = rotation.row(2);
+        let down = [-row.x / focal, -row.y / focal, row.z];
         Self {
             rows: [across(0), across(1), down].map(|row| row.map(|number| number as f32)),
             shift: [position.x, position.y].map(|metres| camera.pixels(1e3 * metres) as f32),
         }
     }
 
-    /// Where the right camera has what this one has at an offset (right, up) from the picture's
-    /// middle (pixels).
+    /// Returns the offset (right, up) in the nominal picture of the point at this offset in the
+    /// camera's picture; both from the picture's centre, in pixels.
     pub fn place(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let [x, y, divisor] = self.rows.map(|[a, b, c]| a * u + b * v + c);
         let scale = 1.0 / divisor;
@@ -68,7 +68,7 @@ mod tests {
         let camera = Camera::default();
         let position = DVec3::new(0.02, -0.01, 0.03);
         let turn = DVec3::new(0.01, 0.02, -0.05);
-        let view = View::new(&camera, position, turn);
+        let view = Homography::new(&camera, position, turn);
         for point in [[0.0, 0.0], [0.3, -0.2], [-0.4, 0.35]] {
             let point = DVec3::new(point[0], point[1], 0.0);
             let seen = projected(&camera, position, turn, point);
@@ -83,8 +83,8 @@ mod tests {
 
     #[test]
     fn without_an_error_every_place_is_itself_to_the_bit() {
-        let view = View::new(&Camera::default(), DVec3::ZERO, DVec3::ZERO);
-        assert_eq!(view, View::RIGHT);
+        let view = Homography::new(&Camera::default(), DVec3::ZERO, DVec3::ZERO);
+        assert_eq!(view, Homography::IDENTITY);
         for offset in [[0.5, -23.5], [-7.5, 11.5]] {
             assert_eq!(view.place(offset), offset);
         }
@@ -94,11 +94,11 @@ mod tests {
     #[test]
     fn a_tilt_moves_the_picture_and_a_height_scales_it() {
         let camera = Camera::default();
-        let tilt = View::new(&camera, DVec3::ZERO, 0.5_f64.to_radians() * DVec3::Y);
+        let tilt = Homography::new(&camera, DVec3::ZERO, 0.5_f64.to_radians() * DVec3::Y);
         let [x, y] = tilt.place([0.0; 2]);
         let moved = camera.pixels(1500.0 * 0.5_f64.to_radians().tan()) as f32;
         assert!((x + moved).abs() < 1e-4 && y == 0.0, "{x} {y} {moved}");
-        let high = View::new(&camera, 0.15 * DVec3::Z, DVec3::ZERO);
+        let high = Homography::new(&camera, 0.15 * DVec3::Z, DVec3::ZERO);
         let [x, y] = high.place([10.0, -20.0]);
         assert!((x - 11.0).abs() < 1e-4 && (y + 22.0).abs() < 1e-4, "{x} {y}");
     }

@@ -1,4 +1,4 @@
-//! What the vector environment and its worker threads hand to one another.
+//! Messages between the vector environment and its worker threads.
 
 use std::sync::Arc;
 
@@ -10,78 +10,77 @@ use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, Step, VECTOR_DIM};
 
-/// What went wrong in one environment while the others went on.
+/// Failure of one environment, which does not affect the others.
 #[derive(Debug)]
 pub struct Failure {
     /// Index of the environment.
     pub env: usize,
-    /// A diverged simulation, a panic.
+    /// Diverged simulation, or panic.
     pub error: EnvError,
 }
 
-/// What one environment does in [`VecEnv::advance`](crate::VecEnv::advance).
+/// Command for one environment in [`VecEnv::advance`](crate::VecEnv::advance).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
-    /// Takes one decision. Where that ends the episode, the next one begins at once, as in
-    /// [`VecEnv::step`](crate::VecEnv::step).
+pub enum EnvCommand {
+    /// Takes one decision. If it ends the episode, the next one begins at once, as in
+    /// [`VecEnv::step`](crate::VecEnv::step) (Gymnasium's same-step autoreset).
     Step,
-    /// Takes one decision. Where that ends the episode, the environment waits at its last
-    /// observation for a reset.
-    StepAndStay,
-    /// Begins an episode, whatever was going on. The action plays no part.
+    /// Takes one decision. If it ends the episode, the environment keeps its last observation until
+    /// a reset.
+    StepNoAutoReset,
+    /// Begins an episode, and abandons a running one. The action is ignored.
     Reset,
-    /// Does nothing. The action plays no part.
+    /// Does nothing. The action is ignored.
     Rest,
 }
 
-/// What a worker is asked to do; it answers each with a [`Reply`].
+/// Command for a worker, which answers each with a [`Reply`].
 pub(crate) enum Command {
-    /// Make a renderer for this scene, where there is none yet.
+    /// Makes a renderer for this scene, unless there is one.
     Prepare(Arc<Scene>),
-    /// Simulate this scene, which is prepared, from the next reset on, with variants drawn from
-    /// these elements.
+    /// Selects this prepared scene from the next reset on, with variants drawn from these elements.
     SetTasks(Arc<Scene>, Vec<D2>),
-    /// Draw what follows from the streams of this seed.
+    /// Restarts the random streams from this seed.
     Reseed(u64),
-    /// Let every row have its turn.
-    Advance(Rows),
-    /// Write the scripted experts' actions.
-    Experts(Rows),
-    /// Let this befall one row before its next decision.
+    /// Executes the command of every row.
+    Advance(WorkerBatch),
+    /// Writes the scripted experts' actions.
+    Experts(WorkerBatch),
+    /// Applies a fault to one row before its next decision.
     #[cfg(test)]
     Inject(usize, Fault),
 }
 
-/// Something that breaks an environment or its renderer.
+/// Function that breaks an environment or its renderer.
 #[cfg(test)]
 pub(crate) type Fault = fn(&mut crate::tabletop::TableTop, &mut crate::renderer::SceneRenderer);
 
-/// An answer: the rows that came with the command, and what ended it, if anything.
+/// Answer of a worker: the rows that came with the command, and an error that stopped it.
 pub(crate) struct Reply {
-    pub rows: Option<Rows>,
+    pub rows: Option<WorkerBatch>,
     pub result: Result<(), EnvError>,
 }
 
-/// A worker's part of a batch; sent back and forth, so that nothing is allocated per step.
-pub(crate) struct Rows {
-    pub turns: Vec<Turn>,
+/// Rows of one worker; sent back and forth, so that a step allocates nothing.
+pub(crate) struct WorkerBatch {
+    pub commands: Vec<EnvCommand>,
     pub actions: Vec<f32>,
     pub batch: Batch,
     pub failures: Vec<Failure>,
 }
 
-impl Rows {
-    /// Rows for as many environments as `settings` say.
+impl WorkerBatch {
+    /// Creates rows for `settings.num_envs` environments.
     pub(crate) fn new(settings: &VecEnvSettings) -> Self {
         Self {
-            turns: vec![Turn::Rest; settings.num_envs],
+            commands: vec![EnvCommand::Rest; settings.num_envs],
             actions: vec![0.0; settings.num_envs * ACTION_DIM],
             batch: Batch::new(settings),
             failures: Vec::new(),
         }
     }
 
-    /// Says of `row` that no decision was taken.
+    /// Clears the outcome of `row`, for a row without a decision.
     pub(crate) fn clear(&mut self, row: usize) {
         self.write_outcome(row, &Step::default());
     }
@@ -94,13 +93,13 @@ impl Rows {
         batch.truncated[row] = step.truncated;
     }
 
-    /// Whether the episode of `row` has ended and the next one begins in the same turn.
+    /// Returns `true` if the episode of `row` has ended and its command begins the next one.
     pub(crate) fn begins_anew(&self, row: usize) -> bool {
-        self.batch.truncated[row] && self.turns[row] == Turn::Step
+        self.batch.truncated[row] && self.commands[row] == EnvCommand::Step
     }
 
-    /// Writes what one decision brought, and returns the images and vectors that its observation
-    /// belongs in.
+    /// Writes the outcome of a decision, and returns the images and vectors for its observation:
+    /// the final ones if the next episode begins at once.
     pub(crate) fn write_step(&mut self, row: usize, step: &Step) -> (&mut [u8], &mut [f32]) {
         self.write_outcome(row, step);
         let anew = self.begins_anew(row);
@@ -112,7 +111,7 @@ impl Rows {
         }
     }
 
-    /// Ends the episode of `row` at its last observation, as a time-out would.
+    /// Ends the episode of `row` at its last observation, like a time-out.
     pub(crate) fn end_early(&mut self, row: usize) {
         let batch = &mut self.batch;
         let image = batch.images.len() / batch.rewards.len();
@@ -124,7 +123,7 @@ impl Rows {
     }
 }
 
-/// Row `row` of rows of `len` values.
+/// Returns row `row` of rows of `len` values.
 pub(crate) fn row_mut<T>(values: &mut [T], row: usize, len: usize) -> &mut [T] {
     &mut values[row * len..(row + 1) * len]
 }

@@ -1,0 +1,67 @@
+//! Definition of an embodiment.
+
+use std::any::Any;
+use std::borrow::Cow;
+
+use glam::DVec3;
+
+use crate::actuation::{Actuation, JointPositions};
+use crate::error::EnvError;
+
+/// Distance between the claws of an open gripper (metres).
+pub(crate) const OPEN_APERTURE: f64 = 0.1;
+
+/// Parts of a scene that depend on the embodiment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EmbodimentParts {
+    /// MJCF of the embodiment, a `<mujocoinclude>`.
+    ///
+    /// Required are the bodies `hand`, `right_claw` and `left_claw`, and the sites `right_tip` and
+    /// `left_tip`. Scripted experts assume that open claws are 0.1 m apart and that the tips are
+    /// 0.045 m below the hand. Geoms are in group 3, which learners do not see. Everything has a
+    /// name other than `object`, `goal` and the names of the arena.
+    pub mjcf: Cow<'static, str>,
+    /// Names and texts of the files that parts of a scene include. `contacts.xml` declares the
+    /// classes `surroundings` and `table_contact` and the default collisions, `drawer_stop.xml`
+    /// stops a closed drawer, and `puck.xml` declares the collision shapes of the puck.
+    pub included: Vec<(&'static str, Cow<'static, str>)>,
+}
+
+/// Definition of an embodiment. It keeps no state between calls.
+pub trait EmbodimentSpec: Any + Send + Sync {
+    /// Returns the name as settings and files spell it: words of lower-case letters and digits,
+    /// joined by hyphens or underscores.
+    fn name(&self) -> &str;
+
+    /// Returns the parts of the scene.
+    ///
+    /// # Errors
+    /// For instance [`EnvError::Robot`] for an invalid robot description.
+    fn parts(&self) -> Result<EmbodimentParts, EnvError>;
+
+    /// Returns joint positions near rest with the hand's target at `hand_target` (metres, world
+    /// frame). Joints that are left out start at zero.
+    ///
+    /// # Errors
+    /// For instance [`EnvError::Control`] for a target out of reach.
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError>;
+
+    /// Returns the mechanism by which decisions move the hand.
+    ///
+    /// # Errors
+    /// Those of [`EmbodimentSpec::parts`].
+    fn actuation(&self) -> Result<Actuation, EnvError> {
+        Ok(Actuation::Weld)
+    }
+
+    /// Returns `true` if the four variants of a group move as exact mirror images of each other.
+    fn mirrors_exactly(&self) -> bool {
+        false
+    }
+
+    /// Returns the MJCF for the layout `metaworld`, if it differs. An episode then starts from the
+    /// model's initial pose, as with Meta-World's own arm.
+    fn meta_world(&self) -> Option<&str> {
+        None
+    }
+}
