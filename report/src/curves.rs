@@ -89,9 +89,9 @@ fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
     colours
 }
 
-/// Draws one SVG for each seed, with a panel for each method that ran with it: success in each group
-/// as dots, and the mean over all groups, met or not yet met, as a line. The line of a method that
-/// forgets falls.
+/// Draws one SVG for each seed, with a panel for each method that ran with it: success in each
+/// group as dots, and the mean over all groups, met or not yet met, as a line. The line of a method
+/// that forgets falls.
 pub fn seeds(methods: &[MethodRuns]) -> Vec<(u64, String)> {
     let runs = methods.iter().flat_map(|method| &method.runs);
     let mut seeds: Vec<u64> = runs.map(seed_of).collect();

@@ -1,4 +1,5 @@
-//! Sample efficiency of methods: areas under learning curves, and decisions until a group is solved.
+//! Sample efficiency of methods: areas under learning curves, and decisions until a group is
+//! solved.
 
 use super::comparison::Comparison;
 use super::format::{brackets, title};
@@ -64,7 +65,7 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
 }
 
 /// Returns the table of methods for each group, the largest area first; `None` if no run was scored
-/// while it learnt.
+/// during training.
 pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let caption = "How fast methods learn: the area under mean-action success over the decisions \
         spent in a group, decisions until it is at least 0.9 in an evaluation, and until it is so in \
@@ -146,8 +147,8 @@ mod tests {
     /// Returns a run of rollouts of 100 decisions in these groups, with the success in `a` after
     /// some of them.
     fn run(groups: &[&str], scores: &[(usize, f64)]) -> RunData {
-        let rollouts = groups.iter().zip(1..).map(|(group, turn)| RolloutRow {
-            decisions: 100 * turn,
+        let rollouts = groups.iter().zip(1..).map(|(group, number)| RolloutRow {
+            decisions: 100 * number,
             group: (*group).to_owned(),
             last_group: (*group).to_owned(),
             ..RolloutRow::default()

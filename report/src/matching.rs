@@ -2,8 +2,8 @@
 
 use experiments::{RolloutRow, acting};
 
-/// Returns the policy that stands for `policy` after the last of these rollouts: the one that it was
-/// merged into, or itself.
+/// Returns the policy that stands for `policy` after the last of these rollouts: the one that it
+/// was merged into, or itself.
 pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
     let last = rollouts.last();
     last.map_or(policy, |row| acting(&row.heirs, policy))
@@ -30,7 +30,8 @@ pub fn matched_policy(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
 mod tests {
     use super::*;
 
-    /// Returns rollouts of these groups and policies; `*` marks those within which the group changed.
+    /// Returns rollouts of these groups and policies; `*` marks those within which the group
+    /// changed.
     fn rollouts(rows: &[(&str, usize)]) -> Vec<RolloutRow> {
         let row = |&(group, policy): &(&str, usize)| RolloutRow {
             group: group.trim_end_matches('*').to_owned(),

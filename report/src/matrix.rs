@@ -26,9 +26,9 @@ impl Matrix {
         matrix
     }
 
-    /// Counts the policies that were recognised after the stream from the first frames of `episodes`
-    /// episodes of each group. The last column counts answers without a policy. `None` if the run
-    /// has no such answers.
+    /// Counts the policies that were recognised after the stream from the first frames of
+    /// `episodes` episodes of each group. The last column counts answers without a policy. `None`
+    /// if the run has no such answers.
     pub fn recognised(run: &RunData, episodes: usize) -> Option<Self> {
         let caption =
             format!("The policy that was named when so many episodes were shown: {episodes}.");

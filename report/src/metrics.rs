@@ -47,7 +47,8 @@ pub struct GroupMetrics {
     pub group: String,
     /// Success after the stream, the mean over variants, in `[0, 1]`.
     pub success: f64,
-    /// Success at the last step of an episode after the stream, the mean over variants, in `[0, 1]`.
+    /// Success at the last step of an episode after the stream, the mean over variants, in `[0,
+    /// 1]`.
     pub success_at_end: f64,
     /// Reward after the stream, the mean over variants, in `[0, 500]`.
     pub reward: f64,
@@ -156,8 +157,8 @@ fn mismatches(run: &RunData, group: &str, own: Option<usize>) -> Result<[usize; 
     Ok([others.count(), choices.len()])
 }
 
-/// Returns the mean over episodes of a metric of the group's own policy. `metric` gives the values of
-/// the policy that the learner chose, and of the own one if it was recorded.
+/// Returns the mean over episodes of a metric of the group's own policy. `metric` gives the values
+/// of the policy that the learner chose, and of the own one if it was recorded.
 fn of_own(
     run: &RunData,
     group: &str,
@@ -285,7 +286,7 @@ mod tests {
             score(&mut run, rollouts, 0.5, b);
         }
         let metrics = RunMetrics::of(&run);
-        // the second rollout learnt from b already
+        // the second rollout contains steps of b already
         assert!(near(metrics.groups[1].transfer, 0.1), "{metrics:?}");
         assert_eq!(metrics.rollouts, [5, 1]);
         assert_eq!((metrics.accuracy, metrics.return_accuracy), (Ok(0.75), Ok(0.0)));

@@ -1,5 +1,5 @@
-//! Statistics over seeds, as Agarwal et al. define them ("Deep Reinforcement Learning at the Edge of
-//! the Statistical Precipice", NeurIPS 2021; their library is rliable).
+//! Statistics over seeds, as Agarwal et al. define them ("Deep Reinforcement Learning at the Edge
+//! of the Statistical Precipice", NeurIPS 2021; their library is rliable).
 
 use experiments::evaluation::mean;
 use rand::{RngExt, SeedableRng};
@@ -23,8 +23,8 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// Returns the interquartile mean: the mean without the lowest and the highest quarter of the values,
-/// each rounded down, as scipy's `trim_mean` with 0.25. NaN for no values.
+/// Returns the interquartile mean: the mean without the lowest and the highest quarter of the
+/// values, each rounded down, as scipy's `trim_mean` with 0.25. NaN for no values.
 pub fn iqm(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -82,9 +82,9 @@ impl Scores {
         pair_interval(self, other, |one, other| one.of(mean) - other.of(mean))
     }
 
-    /// Returns the probability that a run of this method scores above a run of the other in the same
-    /// group, averaged over groups, and its 95 % interval by a bootstrap over whole runs. Equal
-    /// scores count one half.
+    /// Returns the probability that a run of this method scores above a run of the other in the
+    /// same group, averaged over groups, and its 95 % interval by a bootstrap over whole runs.
+    /// Equal scores count one half.
     pub fn improvement(&self, other: &Self) -> (f64, Option<Interval>) {
         let interval = pair_interval(self, other, probability);
         (probability(self, other), interval)

@@ -329,8 +329,8 @@ pub(super) mod read {
         tags
     }
 
-    /// Asserts that the legend has `names` texts, all inside the view box and above the first panel,
-    /// and that none covers another.
+    /// Asserts that the legend has `names` texts, all inside the view box and above the first
+    /// panel, and that none covers another.
     pub fn check_texts(svg: &str, names: usize) {
         let view: Vec<f64> = attribute(svg, "viewBox")
             .unwrap()

@@ -24,14 +24,14 @@ mod tests {
     use super::*;
 
     /// Returns the ends of `a` in rollouts that are written as the groups they showed.
-    fn ends_of_a(turns: &[&str]) -> Vec<usize> {
-        let row = |turn: &&str| RolloutRow {
-            group: turn[..1].to_owned(),
-            last_group: turn[turn.len() - 1..].to_owned(),
-            straddles: turn.len() > 1,
+    fn ends_of_a(rollouts: &[&str]) -> Vec<usize> {
+        let row = |groups: &&str| RolloutRow {
+            group: groups[..1].to_owned(),
+            last_group: groups[groups.len() - 1..].to_owned(),
+            straddles: groups.len() > 1,
             ..RolloutRow::default()
         };
-        ends(&turns.iter().map(row).collect::<Vec<_>>(), "a")
+        ends(&rollouts.iter().map(row).collect::<Vec<_>>(), "a")
     }
 
     #[test]
@@ -42,13 +42,13 @@ mod tests {
     }
 
     #[test]
-    fn short_visits_count_where_a_turn_begins_or_ends_with_them() {
-        // there is another group within a turn
+    fn short_visits_count_where_a_rollout_begins_or_ends_with_them() {
+        // there is another group within a rollout
         assert_eq!(ends_of_a(&["a", "aba", "a"]), [2, 3]);
-        // the whole visit is within a turn
+        // the whole visit is within a rollout
         assert_eq!(ends_of_a(&["b", "ba", "c"]), [2]);
         assert_eq!(ends_of_a(&["b", "ba"]), [2]);
-        // one visit ends within the turn and one with it
+        // one visit ends within the rollout and one with it
         assert_eq!(ends_of_a(&["aba", "c"]), [1, 1]);
     }
 }
