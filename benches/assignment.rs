@@ -1,4 +1,5 @@
-//! Exact 1-Wasserstein distances, and one whole decision of the calibrated assigner; one thread.
+//! Benchmarks of exact 1-Wasserstein distances and of one decision of the calibrated assigner, on
+//! one thread.
 
 use std::hint::black_box;
 

@@ -1,6 +1,6 @@
-//! Environments of one thread: a decision of 10 control steps, a 64 x 64 picture, a reset, and a
-//! vector environment's step of one control step and one picture, perfect and randomised.
-//! `EMBODIMENT=hand` measures another embodiment than `sawyer`.
+//! Benchmarks of environments on one thread: a decision of 10 control steps, a 64 x 64 image, a
+//! reset, and a vector environment's step of one control step and one image, with and without
+//! domain randomisation. `EMBODIMENT=hand` measures another embodiment than `sawyer`.
 
 use std::sync::Arc;
 
@@ -13,9 +13,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-/// Pixels along a picture's side.
+/// Width and height of an image (pixels).
 const SIZE: usize = 64;
-/// Environments of the vector environment.
+/// Number of environments of the vector environment.
 const ENVS: usize = 16;
 
 fn embodiment() -> Result<Embodiment, EnvError> {
@@ -26,7 +26,7 @@ fn camera() -> Camera {
     Camera { size: SIZE, ..Camera::default() }
 }
 
-/// One decision of the expert; a new episode where one ended.
+/// Takes one decision of the expert, and begins a new episode if one ended.
 fn decide(table: &mut TableTop, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
     let action = table.expert_action()?;
     if table.step(&action)?.truncated {

@@ -1,9 +1,9 @@
-//! Forward and backward passes of the encoder that experiments use, per sample.
+//! Benchmarks of forward and backward passes of the encoder that experiments use, per sample.
 //!
 //! `48 x 48 x 6 -> 4, 8, 16, 16 regular fields (4 x 4, stride 2, padding 1) -> 32 fields (3 x 3)`,
 //! every convolution followed by a ReLU, then group pooling; f32, one thread, chunks of 16 samples.
 //!
-//! And exponentials after a matrix product, which must take no longer than alone.
+//! They also measure exponentials after a matrix product, which must take no longer than alone.
 
 use std::hint::black_box;
 
@@ -104,8 +104,9 @@ fn layers(c: &mut Criterion) {
     }
 }
 
-/// What a recurrent unit does after each product. Kernels that leave the upper halves of vector
-/// registers in use make it fifty times as slow on a processor with AVX-512.
+/// Measures exponentials alone and after a product, as in a recurrent unit. Kernels that leave the
+/// upper halves of vector registers in use make them fifty times as slow on a processor with
+/// AVX-512.
 fn exponentials(c: &mut Criterion) {
     let fields = Group::D2.regular(16);
     let layer = match Linear::new(fields, fields) {

@@ -1,13 +1,13 @@
-//! Environments of noise: what an update computes does not depend on what was seen.
+//! Environments of random observations: the time of an update does not depend on its input.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 
-/// Steps of an episode.
+/// Number of steps of an episode.
 pub const HORIZON: usize = 50;
 
-/// Twenty environments with pictures of 48 x 48.
+/// Returns the spec of twenty environments with images of 48 x 48 pixels.
 pub fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: 20,
@@ -17,7 +17,7 @@ pub fn spec() -> EnvSpec {
     }
 }
 
-/// Environments that hear no action.
+/// Environments with random observations and rewards, which ignore actions.
 pub struct Noise {
     spec: EnvSpec,
     steps: usize,

@@ -1,4 +1,4 @@
-//! One step of perception: a picture of 640 x 480 becomes what a policy sees.
+//! Benchmark of one step of perception, from an image of 640 x 480 to a policy's input.
 
 use std::hint::black_box;
 
@@ -10,7 +10,7 @@ use inpainting::{
 };
 
 const SIZE: usize = 48;
-/// As many capsules as a Kinova Gen3 and its gripper have.
+/// Number of capsules of a Kinova Gen3 and its gripper.
 const LINKS: usize = 11;
 
 fn perception() -> Perception {
@@ -30,7 +30,7 @@ fn perception() -> Perception {
     Perception::new(settings, &[100; 3 * SIZE * SIZE]).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// An arm from behind the table over its middle, its elbow up.
+/// Returns the joints of an arm that reaches from behind the table over its middle, its elbow up.
 fn joints(sway: f64) -> Vec<DVec3> {
     let share = |joint| joint as f64 / LINKS as f64;
     let joint = |joint| {

@@ -1,4 +1,5 @@
-//! One PPO update and one batch of inferences on 48 x 48 x 6 pictures, on one and two threads.
+//! Benchmarks of one PPO update and one batch of inferences on 48 x 48 x 6 images, on one and two
+//! threads.
 
 mod noise;
 
@@ -13,7 +14,7 @@ use rl::{
     PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
 };
 
-/// A rollout of noise.
+/// Collects a rollout of random observations.
 fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<RolloutBuffer, RlError> {
     let mut env = Noise::new();
     let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
@@ -22,7 +23,8 @@ fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<Rollo
     Ok(buffer)
 }
 
-/// An optimiser without a limit on the divergence, so that every update runs all of its epochs.
+/// Creates an optimiser without a limit on the divergence, so that every update runs all of its
+/// epochs.
 fn unlimited(policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
     let settings = PpoSettings { max_kl: 1e9, ..PpoSettings::default() };
     Ppo::new(settings, policy)

@@ -1,5 +1,6 @@
-//! What one sample costs in one gradient: soft actor-critic, with and without a context, beside PPO
-//! on a network with the same settings, one thread. Rates are sample-passes a second.
+//! Benchmarks of the time of one sample in one gradient, on one thread: soft actor-critic, with and
+//! without a context, beside PPO on a network with the same settings. Rates are sample-passes per
+//! second.
 
 mod noise;
 
@@ -14,10 +15,10 @@ use rl::{
 };
 use symmetry::Group;
 
-/// Gradient steps of 512 samples that an update of soft actor-critic takes.
+/// Number of gradient steps of 512 samples in an update of soft actor-critic.
 const STEPS: usize = 4;
 
-/// One group of networks.
+/// Benchmarks on networks of one symmetry group.
 struct Case<'a> {
     name: &'a str,
     network: NetworkSettings,
@@ -36,7 +37,7 @@ impl Case<'_> {
         Ok(())
     }
 
-    /// Two passes over 1000 decisions.
+    /// Measures PPO: two passes over 1000 decisions.
     fn ppo(&self, c: &mut Criterion) -> Result<(), RlError> {
         let mut policy = ActorCriticPolicy::new(&self.network, &spec(), 0)?;
         let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
@@ -62,7 +63,7 @@ impl Case<'_> {
         let updates = samples as f32 / settings.batch as f32;
         let settings = SacSettings {
             burn_in: 0,
-            // half a step more, or rounding might take one away
+            // half a step more, since rounding down must not lose a step
             updates_per_step: (updates + 0.5) / replay.len() as f32,
             ..settings
         };
@@ -70,7 +71,8 @@ impl Case<'_> {
         self.measure(c, name, (samples, "steps", updates.into()), fresh, &replay)
     }
 
-    /// Times updates of a fresh copy each time, which report this figure.
+    /// Measures updates, each of a fresh copy, and asserts that they report `expected` for the
+    /// metric `figure`.
     fn measure<A: Algorithm>(
         &self,
         c: &mut Criterion,

@@ -16,7 +16,7 @@ use equivariant::{Chunks, Layer, LayerError, Scratch, Sequential, Signature};
 use networks::network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-/// Images of a training chunk and of an inference chunk.
+/// Number of images of a training chunk and of an inference chunk.
 const CHUNK: usize = 8;
 
 #[derive(Clone, Copy)]
@@ -25,7 +25,7 @@ struct Spec {
     size: usize,
     batch: usize,
     fields: &'static [usize],
-    /// 3 x 3 convolutions followed by pooling instead of 4 x 4 ones of stride 2.
+    /// `true` for 3 x 3 convolutions followed by pooling, `false` for 4 x 4 ones of stride 2.
     pooled: bool,
 }
 
@@ -48,7 +48,7 @@ struct Workspace {
     scratch: Scratch<f32>,
 }
 
-/// A network with everything that its runs need.
+/// Network with its parameters, inputs and buffers.
 struct Bench {
     spec: Spec,
     net: Sequential<f32>,
@@ -131,7 +131,8 @@ impl Bench {
         Ok(1e3 * elapsed)
     }
 
-    /// Multiplications of a forward pass of one image: ours, and the dense network's.
+    /// Returns the numbers of multiplications of a forward pass of one image: ours, and the dense
+    /// network's.
     fn multiplications(&self) -> [usize; 2] {
         let layers = self.net.layers().iter();
         let dense = layers.filter_map(|layer| Some((layer.kind().dense()?, layer.num_params())));

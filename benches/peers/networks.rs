@@ -2,13 +2,13 @@
 
 use equivariant::{Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential, Signature};
 
-/// Channels of a picture.
+/// Number of channels of an image.
 pub const CHANNELS: usize = 6;
-/// The window of networks without pooling.
+/// Window of networks without pooling, which halves the image.
 pub const HALVING: Kernel = Kernel::new(4, 2, 1);
 
-/// Convolutions to so many regular fields of D2, each with a ReLU, on pictures of `size` x `size` x
-/// 6. They halve the picture, or are 3 x 3 and followed by pooling.
+/// Builds convolutions to these numbers of regular fields of D2, each with a ReLU, on images of
+/// `size` x `size` x 6. They halve the image, or are 3 x 3 and followed by pooling.
 pub fn network(size: usize, fields: &[usize], pooled: bool) -> Result<Sequential<f32>, LayerError> {
     let kernel = if pooled { Kernel::new(3, 1, 1) } else { HALVING };
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();

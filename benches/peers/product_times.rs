@@ -1,12 +1,12 @@
-//! Times the products of a network's convolutions in faer alone, beside whole passes of the
-//! network: medians of turns in ms, for 64 images of 64 x 64 x 6 on one thread.
+//! Compares the products of a network's convolutions in faer with whole passes of the network:
+//! medians of alternating measurements in ms, for 64 images of 64 x 64 x 6 on one thread.
 //!
 //! `cargo run --release -p covers-benches --example product_times`
 //!
 //! A convolution is four products, one for each irrep: folded patches times weights. A training
 //! step has two more of each, for the gradients in the weights and, but for the first layer, in the
-//! patches. The factors lie there ready, column by column, for 8 images at a time: nothing is
-//! gathered, folded or scattered, and all chunks of images have the same ones.
+//! patches. The factors are prepared, column by column, for 8 images at a time: nothing is
+//! gathered, folded or scattered, and all chunks of images have the same factors.
 
 mod networks;
 
@@ -19,16 +19,16 @@ use networks::{CHANNELS, HALVING, network};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const IMAGES: usize = 64;
-/// Images that are computed together, here and there.
+/// Number of images that are computed together, by the network and in faer alone.
 const CHUNK: usize = 8;
 const SIZE: usize = 64;
 const NETWORKS: [(&str, [usize; 4]); 2] =
     [("reference", [8, 16, 32, 32]), ("narrow", [4, 8, 16, 16])];
 const TURNS: usize = 15;
-/// Of D2.
+/// Number of irreps of D2.
 const IRREPS: usize = 4;
 
-/// One irrep's matrices of a layer, for a chunk of images.
+/// Matrices of one irrep of a layer, for a chunk of images.
 struct Product {
     patches: Mat<f32>,
     weights: Mat<f32>,
@@ -66,7 +66,7 @@ fn multiply(to: &mut Mat<f32>, a: MatRef<f32>, b: MatRef<f32>) {
     matmul(to.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
 }
 
-/// The four products of every layer, in their order.
+/// Returns the four products of every layer, in the order of the layers.
 fn products(fields: [usize; 4]) -> Vec<Product> {
     let (mut channels, mut size) = (CHANNELS, SIZE);
     let layers = fields.iter().enumerate().flat_map(|(layer, &fields)| {
@@ -79,7 +79,7 @@ fn products(fields: [usize; 4]) -> Vec<Product> {
     layers.collect()
 }
 
-/// A network with a chunk of images.
+/// Network with a chunk of images.
 struct Passes {
     net: Sequential<f32>,
     params: Vec<f32>,
@@ -116,7 +116,7 @@ impl Passes {
     }
 }
 
-/// Milliseconds of all chunks.
+/// Returns the milliseconds of all chunks.
 fn timed(mut chunk: impl FnMut()) -> f64 {
     let clock = Instant::now();
     for _ in 0..IMAGES / CHUNK {

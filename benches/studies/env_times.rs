@@ -26,14 +26,14 @@ use symmetry::D2;
 
 type Failure = Box<dyn Error + Send + Sync>;
 
-/// How long one answer measures.
+/// Duration of one measurement.
 const TURN: Duration = Duration::from_millis(400);
-/// Environments that take turns on each thread.
+/// Number of environments that take turns on each thread.
 const ENVS: usize = 16;
-/// Environments whose memory is asked for.
+/// Number of environments whose memory is measured.
 const MANY: usize = 64;
-/// An action, and a picture, every control step of 12.5 ms; a full action moves the target 1 cm, as
-/// in Meta-World.
+/// Control with an action, and an image, every control step of 12.5 ms. A full action moves the
+/// target 1 cm, as in Meta-World.
 const CONTROL: Control = Control { action_repeat: 1, displacement: 0.01, horizon: 500 };
 
 #[derive(Clone, Copy)]
@@ -52,7 +52,7 @@ impl Subject {
         })
     }
 
-    /// A table at the start of an episode, and the stream of its actions.
+    /// Creates a table at the start of an episode, and a random generator for its actions.
     fn table(self) -> Result<(TableTop, ChaCha8Rng), Failure> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let scene = Scene::new(self.group, self.embodiment, self.camera)?;
@@ -86,7 +86,7 @@ impl Subject {
         })
     }
 
-    /// What `state` asks of MuJoCo and nothing else: the target moves, the fingers are set, five
+    /// Measures the work of `state` in MuJoCo alone: the target moves, the fingers are set, five
     /// physics steps.
     fn ceiling(self, start: &Barrier) -> Result<f64, Failure> {
         let (table, mut rng) = self.table()?;
@@ -123,8 +123,8 @@ impl Subject {
         Ok(1e3 / resets)
     }
 
-    /// One picture as a `VecEnv` paints it, of a scene that moves between pictures; the time of the
-    /// motion does not count.
+    /// Measures the milliseconds of one image as a `VecEnv` renders it, of a scene that moves
+    /// between images. The time of the motion does not count.
     fn frame(self) -> Result<f64, Failure> {
         let (mut table, mut rng) = self.table()?;
         let mut renderer = SceneRenderer::new(Arc::clone(table.scene()))?;
@@ -178,7 +178,7 @@ impl Subject {
     }
 }
 
-/// A vector environment and its random actions.
+/// Vector environment with random actions.
 struct Driven {
     env: VecEnv,
     rng: ChaCha8Rng,
@@ -221,7 +221,7 @@ fn action(rng: &mut ChaCha8Rng) -> [f32; ACTION_DIM] {
     std::array::from_fn(|_| rng.random_range(-1.0..1.0))
 }
 
-/// Runs per second of `run`, over one turn.
+/// Returns the number of runs of `run` per second, measured for [`TURN`].
 fn rate(mut run: impl FnMut() -> Result<(), Failure>) -> Result<f64, Failure> {
     let (mut runs, start) = (0_u32, Instant::now());
     while start.elapsed() < TURN {
@@ -231,7 +231,7 @@ fn rate(mut run: impl FnMut() -> Result<(), Failure>) -> Result<f64, Failure> {
     Ok(f64::from(runs) / start.elapsed().as_secs_f64())
 }
 
-/// The sum of the rates that `work` reaches on each of `threads` threads at the same time.
+/// Returns the sum of the rates that `work` reaches on each of `threads` threads at the same time.
 fn side_by_side(
     threads: usize,
     work: impl Fn(&Barrier) -> Result<f64, Failure> + Sync,

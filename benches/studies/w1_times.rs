@@ -3,8 +3,8 @@
 //!
 //! A request is a line `X N Y M DIM REPEATS`: two files of little-endian `f32` points and their
 //! sizes. The answer is a line `SECONDS VALUE PEAK`: the mean time of one distance over the repeats
-//! (in a workspace that is kept), its value, and the peak memory of this process in bytes (0 where
-//! the system does not tell).
+//! (in a workspace that is reused), its value, and the peak memory of this process in bytes (0 if
+//! the system does not report it).
 
 use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};

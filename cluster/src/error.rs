@@ -1,15 +1,15 @@
-//! The errors of this crate.
+//! Errors of distances and assignments.
 
 pub(crate) type Result<T> = std::result::Result<T, ClusterError>;
 
-/// Why a distance could not be computed or an assignment could not be made.
+/// Error of a distance that cannot be computed or of an assignment that cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClusterError {
     /// A list that must hold something is empty.
     #[error("{what} is empty: expected at least one value")]
     Empty {
-        /// What was being read, for instance `x` or `cost`.
+        /// Name of the list, for instance `x` or `cost`.
         what: &'static str,
     },
     /// Sources of evidence that show different numbers of episodes.
@@ -19,9 +19,9 @@ pub enum ClusterError {
     SourceMismatch {
         /// Index of the source.
         source_index: usize,
-        /// Episodes of its rollout and of its buffer.
+        /// Episodes of the source's rollout and of its buffer.
         got: (usize, usize),
-        /// Those of the first source.
+        /// Episodes of the first source's rollout and of its buffer.
         expected: (usize, usize),
     },
     /// A size or a setting lies outside its range.
@@ -29,31 +29,31 @@ pub enum ClusterError {
     OutOfRange {
         /// Name of the size or setting.
         name: &'static str,
-        /// The value given.
+        /// Value given.
         value: f64,
-        /// The range in words.
+        /// Accepted range in words.
         expected: &'static str,
     },
     /// A flat list does not divide into whole rows.
     #[error("{what} has {len} values, which is not a multiple of {row} (the length of one {unit})")]
     Ragged {
-        /// What was being read.
+        /// Name of the list.
         what: &'static str,
         /// Number of values given.
         len: usize,
         /// Number of values in one row.
         row: usize,
-        /// What one row is, for instance `point`.
+        /// Name of one row, for instance `point`.
         unit: &'static str,
     },
     /// A value is NaN or infinite.
     #[error("{what}[{index}] is {value}: expected a finite number")]
     NonFinite {
-        /// What was being read.
+        /// Name of the list.
         what: &'static str,
         /// Position in the flat list.
         index: usize,
-        /// The value found.
+        /// Value found.
         value: f64,
     },
     /// A cost is so large that sums of costs could overflow.
@@ -63,9 +63,9 @@ pub enum ClusterError {
     CostTooLarge {
         /// Position in the flat row-major matrix.
         index: usize,
-        /// The value found.
+        /// Value found.
         value: f64,
-        /// The largest magnitude accepted.
+        /// Largest magnitude accepted.
         limit: f64,
     },
     /// The length of a cost matrix disagrees with its numbers of rows and columns.
@@ -85,7 +85,7 @@ pub enum ClusterError {
         side: &'static str,
         /// Index of the point.
         index: usize,
-        /// The weight given.
+        /// Weight given.
         value: f64,
     },
     /// The weights of one side are no distribution.
@@ -93,7 +93,7 @@ pub enum ClusterError {
     WeightSum {
         /// `sources` or `sinks`, or the name of a cloud.
         side: &'static str,
-        /// The sum of the weights given.
+        /// Sum of the weights given.
         sum: f64,
     },
     /// A cloud has another number of weights than of points.
@@ -129,11 +129,11 @@ pub enum ClusterError {
     /// A plan has other numbers of sources, sinks or potentials than the cost matrix.
     #[error("the plan's {what} has length {got}: expected {expected}")]
     PlanShape {
-        /// Which part of the plan.
+        /// Name of the part of the plan.
         what: &'static str,
-        /// The length found.
+        /// Length found.
         got: usize,
-        /// The length that the cost matrix asks for.
+        /// Length that the cost matrix requires.
         expected: usize,
     },
     /// An entry of a plan points outside the cost matrix.
@@ -159,17 +159,17 @@ pub enum ClusterError {
         index: usize,
         /// Mass carried, as a fraction of the whole.
         got: f64,
-        /// The weight of the source or sink.
+        /// Weight of the source or sink.
         expected: f64,
     },
-    /// A plan holds an entry that moves less than nothing.
+    /// An entry of a plan has a negative mass or NaN.
     #[error("{what}[{index}] is {value}: expected at least 0")]
     NegativeMass {
-        /// What was being read.
+        /// Name of the list.
         what: &'static str,
         /// Position in the list.
         index: usize,
-        /// The mass found.
+        /// Mass found.
         value: f64,
     },
     /// Two potentials add up to more than a cost: the potentials are not dual feasible.
@@ -222,9 +222,9 @@ pub enum ClusterError {
         candidate: usize,
         /// Name of the size that differs.
         what: &'static str,
-        /// Its value in the buffer.
+        /// Size in the buffer.
         buffer: usize,
-        /// Its value in the rollout.
+        /// Size in the rollout.
         rollout: usize,
     },
     /// Frames of two rollouts that do not go together.
@@ -232,9 +232,9 @@ pub enum ClusterError {
     FramesMismatch {
         /// Name of the size that differs.
         what: &'static str,
-        /// Its value in the first.
+        /// Size in the first rollout.
         first: usize,
-        /// Its value in the second.
+        /// Size in the second rollout.
         second: usize,
     },
     /// The rollout holds too few episodes for the calibrated rule, whatever the buffers hold.
@@ -251,11 +251,11 @@ pub enum ClusterError {
     /// A reservoir was restored from parts that no run could have left.
     #[error("a reservoir of capacity {capacity} that has seen {seen} episodes cannot hold {held}")]
     ReservoirParts {
-        /// The capacity given.
+        /// Capacity given.
         capacity: usize,
-        /// The number of episodes offered so far.
+        /// Number of episodes offered so far.
         seen: u64,
-        /// The number of episodes given.
+        /// Number of episodes given.
         held: usize,
     },
 }

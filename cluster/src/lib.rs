@@ -1,18 +1,16 @@
-//! Computes exact 1-Wasserstein distances between point clouds, and decides with them which known
-//! group a new set of points belongs to.
+//! Exact 1-Wasserstein distances between point clouds, and the assignment of new points to known
+//! groups by these distances.
 //!
-//! The crate sees only points: it knows no task, network or policy. It answers three questions.
+//! The crate works on points alone: it knows no task, network or policy. It has three parts.
 //!
-//! - How far apart are two clouds? [`wasserstein1`] is the exact 1-Wasserstein distance with
-//!   Euclidean ground cost and equal weights, [`Wasserstein`] takes any weights and keeps its
-//!   memory, [`transport()`] and [`Solver`] solve the same problem on a given cost matrix. Each
-//!   answer carries potentials that prove it optimal, and [`certify`] checks the proof before the
-//!   answer is returned.
-//! - Which policy's group does a rollout belong to? [`Assigner`] compares the first frames of the
-//!   new episodes with the buffer of each policy, in that policy's own feature space, and names one
-//!   or none, with all its evidence.
-//! - What does a policy remember of its group? [`Reservoir`] keeps a bounded uniform sample of
-//!   episodes.
+//! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
+//!   equal weights. [`Wasserstein`] takes any weights and reuses its memory. [`transport()`] and
+//!   [`Solver`] solve the same problem on a given cost matrix. Each answer carries potentials that
+//!   prove it optimal, and [`certify`] checks the proof before the answer is returned.
+//! - Assignment. [`Assigner`] compares the first frames of new episodes with the buffer of each
+//!   policy, in that policy's own feature space, and returns the policy whose group they belong to,
+//!   if there is one, with all its evidence.
+//! - Memory. [`Reservoir`] keeps a bounded uniform sample of the episodes of a group.
 //!
 //! # Definitions
 //!
@@ -102,7 +100,7 @@ mod fixtures {
     use rand::RngExt;
     use rand_chacha::ChaCha8Rng;
 
-    /// Random numbers within 1 of the centre.
+    /// Draws uniform numbers within 1 of the centre.
     pub fn draw(count: usize, centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
         let draw = |_| centre + rng.random_range(-1.0..1.0);
         (0..count).map(draw).collect()

@@ -1,8 +1,8 @@
 //! Optimal transport between weighted points on a given cost matrix.
 //!
-//! From the bottom up: [`problem`] says what is solved and what comes out, and
-//! [`certificate`] checks one against the other. [`mass`], [`basis`], [`lanes`], [`pricing`] and
-//! [`start`] are the parts of the simplex method that [`solver`] puts together.
+//! From the bottom up: [`problem`] defines the input and the output, and [`certificate`] checks one
+//! against the other. [`mass`], [`basis`], [`lanes`], [`pricing`] and [`start`] are the parts of
+//! the network simplex method in [`solver`].
 
 mod basis;
 mod certificate;

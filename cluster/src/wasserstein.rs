@@ -1,4 +1,4 @@
-//! The 1-Wasserstein distance between point clouds.
+//! Exact 1-Wasserstein distance between point clouds.
 
 use crate::check::{positive, rows};
 use crate::error::Result;
@@ -39,8 +39,8 @@ pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64> {
     Ok(solver.solve(costs, uniform(x), uniform(y))?.cost)
 }
 
-/// The 1-Wasserstein distance between weighted clouds, with plan, potentials and memory that is
-/// kept.
+/// Solver of the 1-Wasserstein distance between weighted clouds, with plan, potentials and memory
+/// that is reused.
 ///
 /// ```
 /// use cluster::{Wasserstein, Weights};
@@ -60,7 +60,7 @@ pub struct Wasserstein {
 }
 
 impl Wasserstein {
-    /// Makes a workspace that has no memory yet.
+    /// Creates a workspace without memory.
     pub fn new() -> Self {
         Self::default()
     }
@@ -76,8 +76,8 @@ impl Wasserstein {
         self.solver.solve(costs, x.1, y.1)
     }
 
-    /// Does the same from the last solution, as [`Solver::solve_again`] does: for a cloud that has
-    /// grown by a few points.
+    /// Transports `x` to `y` from the last solution, as [`Solver::solve_again`] does, which is
+    /// faster if a cloud has grown by a few points.
     ///
     /// # Errors
     /// Those of [`solve`](Self::solve).
@@ -87,7 +87,7 @@ impl Wasserstein {
     }
 }
 
-/// The points of a cloud `[n, dim]`, and their weights.
+/// Points of a cloud `[n, dim]`, and their weights.
 pub type Cloud<'a> = (&'a [f32], Weights<'a>);
 
 /// Returns the distances between two clouds that have a weight for each point.

@@ -34,7 +34,7 @@ fuzz_target!(
     }
 );
 
-/// Prints the multiple of an input's length that was allocated, where it was never larger.
+/// Prints the multiple of an input's length that was allocated, if it is the largest so far.
 fn tell_worst(multiple: f64) {
     static WORST: AtomicU64 = AtomicU64::new(0);
     let hundredths = (100.0 * multiple).ceil() as u64;
@@ -43,7 +43,7 @@ fn tell_worst(multiple: f64) {
     }
 }
 
-/// Puts the target's seeds where libFuzzer finds them: the folder `found/NAME`.
+/// Writes the target's seeds to the folder `found/NAME`, where libFuzzer finds them.
 fn write_seeds() -> std::io::Result<()> {
     let folder = Path::new("found").join(TARGET.name);
     create_dir_all(&folder)?;

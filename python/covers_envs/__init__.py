@@ -1,9 +1,9 @@
-"""The table-top tasks of COVERS as Gymnasium environments: sixteen tasks, seen from above.
+"""Table-top tasks of COVERS as Gymnasium environments: sixteen tasks with a camera above the table.
 
     import covers_envs
     env = covers_envs.make_vec("button-press", num_envs=16, seed=0)
 
-Importing the package registers `covers/GoalReach-v0` and its like with Gymnasium.
+Importing the package registers `covers/GoalReach-v0` and one name for each other task with Gymnasium.
 """
 
 from typing import Any
@@ -17,17 +17,17 @@ from covers_envs.vector import CoversVectorEnv
 
 __all__ = ["TASKS", "CoversEnv", "CoversVectorEnv", "OnnxPolicy", "make", "make_vec", "policy_settings"]
 
-#: The four groups, each of which draws a variant for every episode, then the sixteen variants.
+#: Names of the four groups, each of which draws a variant for every episode, then of the sixteen variants.
 TASKS: tuple[str, ...] = tuple(task_names())
 
 
 def make_vec(task: str | list[str] = "goal-reach", num_envs: int = 1, **settings: Any) -> CoversVectorEnv:
-    """Environments that are stepped together; see `CoversVectorEnv` for the settings."""
+    """Creates environments that are stepped together. `CoversVectorEnv` documents the settings."""
     return CoversVectorEnv(task, num_envs, **settings)
 
 
 def make(task: str | list[str] = "goal-reach", **settings: Any) -> CoversEnv:
-    """One environment; see `CoversVectorEnv` for the settings."""
+    """Creates one environment. `CoversVectorEnv` documents the settings."""
     return CoversEnv(task, **settings)
 
 

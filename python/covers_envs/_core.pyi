@@ -1,4 +1,4 @@
-"""The native part: private, see `covers_envs.vector`."""
+"""Native part of the package. It is private, see `covers_envs.vector`."""
 
 from typing import Final, TypeAlias
 

@@ -1,4 +1,4 @@
-"""Policies that `covers export` wrote, in these environments."""
+"""Exported policies, as `covers export` writes them, for use in these environments."""
 
 import json
 from os import PathLike
@@ -18,7 +18,7 @@ Folder = str | PathLike[str]
 
 
 def policy_settings(folder: Folder) -> dict[str, Any]:
-    """Settings of environments like those in which an exported policy was trained.
+    """Returns settings of environments like those in which an exported policy was trained.
 
         env = covers_envs.make_vec("drawer-close", 32, **covers_envs.policy_settings("drawer"))
 
@@ -35,10 +35,10 @@ def policy_settings(folder: Folder) -> dict[str, Any]:
 
 
 class OnnxPolicy:
-    """An exported policy, run by onnxruntime: `actions = policy(observation)`.
+    """Exported policy that onnxruntime runs: `actions = policy(observation)`.
 
-    Raises ValueError for environments that show other images than those of the policy's training,
-    that have another layout, or in which actions mean something else. Their shapes may agree.
+    Raises ValueError for environments whose images, layout or effect of actions differ from those of
+    the policy's training, even if all shapes agree.
 
     Args:
         folder: Folder that `covers export --out` created.
@@ -60,7 +60,7 @@ class OnnxPolicy:
         self._inputs = [each.name for each in self._session.get_inputs()]
 
     def __call__(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
-        """The policy's mean actions, float32 `[N, 4]` in [-1, 1]; `[4]` for one environment."""
+        """Returns the policy's mean actions, float32 `[N, 4]` in [-1, 1]; `[4]` for one environment."""
         one = observation["vector"].ndim == 1
         rows = {name: array[None] if one else array for name, array in observation.items()}
         rows["vector"] = (rows["vector"] - self._offset) * self._factor
@@ -92,6 +92,6 @@ def _require_equal(settings: dict[str, Any], expected: dict[str, Any]) -> None:
 
 
 def _compared(settings: dict[str, Any]) -> dict[str, Any]:
-    """Returns what decides images and the effect of actions. A policy may move another embodiment."""
+    """Returns the settings that must agree: those of images and of the effect of actions. The embodiment may differ."""
     camera = {f"camera.{name}": value for name, value in settings["camera"].items()}
     return camera | {name: settings[name] for name in ("layout", "action_repeat", "displacement")}

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's own kind of vector environment."""
+"""Adapter to the vector environments of Stable-Baselines3."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,15 +12,15 @@ from covers_envs.vector import CoversVectorEnv
 
 
 class SB3VecEnv(VecEnv):
-    """A `CoversVectorEnv` that Stable-Baselines3 learns from.
+    """Vector environment of Stable-Baselines3 around a `CoversVectorEnv`.
 
-    `infos[i]["is_success"]` says whether the episode has succeeded so far, so that
-    Stable-Baselines3 logs its rate of success.
+    `infos[i]["is_success"]` is True if the episode has succeeded so far, from which
+    Stable-Baselines3 logs the success rate.
 
     Args:
-        env: The environments: of the mode `SAME_STEP`, and not of `copy=False`, because
+        env: Environments with the autoreset mode `SAME_STEP`, and not with `copy=False`, because
             Stable-Baselines3 stores an observation after the step that follows it.
-        only: `image` or `vector` shows that part of the observation alone.
+        only: Part of the observation to return, `image` or `vector`; None returns both.
     """
 
     def __init__(self, env: CoversVectorEnv, only: str | None = None) -> None:
@@ -40,7 +40,7 @@ class SB3VecEnv(VecEnv):
         return parts if self._only is None else parts[self._only]
 
     def reset(self) -> Any:
-        """Begins episodes, from the first of the seeds that `seed` set."""
+        """Begins episodes with the first of the seeds that `seed` set, and returns observations."""
         observation, _ = self.env.reset(seed=self._seeds[0])
         self._reset_seeds()
         self._reset_options()
@@ -67,22 +67,22 @@ class SB3VecEnv(VecEnv):
         self.env.close()
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """The present pictures."""
+        """Returns the current images."""
         return self.env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The attribute, which all environments share."""
+        """Returns the attribute, which all environments share, once for each index."""
         value = getattr(self.env, attr_name)
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Environments have no attributes of their own."""
+        """Raises NotImplementedError: environments have no attributes of their own."""
         raise NotImplementedError(f"`{attr_name}` cannot be set: the environments live in one native vector")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Environments have no methods of their own."""
+        """Raises NotImplementedError: environments have no methods of their own."""
         raise NotImplementedError(f"`{method_name}` cannot be called: the environments live in one native vector")
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """No environment is wrapped."""
+        """Returns False for each index: no environment is wrapped."""
         return [False for _ in self._get_indices(indices)]

@@ -1,4 +1,4 @@
-"""One environment."""
+"""Single environment for `gymnasium.make`."""
 
 from typing import Any
 
@@ -11,8 +11,8 @@ from covers_envs.vector import CoversVectorEnv, Info, Observation
 
 
 class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """One environment of a task: the only one of a `CoversVectorEnv`, whose settings it takes, but
-    for `copy`: every observation is a new one."""
+    """Single environment of a task, with the settings of `CoversVectorEnv` except `copy`: every
+    observation is a new one."""
 
     metadata: dict[str, Any] = CoversVectorEnv.metadata
 
@@ -29,27 +29,27 @@ class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings of the `CoversVectorEnv`."""
+        """Settings of the environment, see `CoversVectorEnv.settings`."""
         return self._vector.settings
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begins an episode."""
+        """Begins an episode, and returns its first observation."""
         super().reset(seed=seed)
         observation, _ = self._vector.reset(seed=seed)
         return _first(observation), {}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
-        """Takes one decision."""
+        """Takes one decision. An episode ends by truncation alone, never by termination."""
         observation, rewards, _, truncated, infos = self._vector.step(np.asarray(action)[None])
         info = {name: array[0] for name, array in infos.items() if not name.startswith("_")}
         return _first(observation), float(rewards[0]), False, bool(truncated[0]), info
 
     def expert_action(self) -> NDArray[np.float32]:
-        """The scripted expert's action in the present state, `[4]`."""
+        """Returns the scripted expert's action in the current state, `[4]`."""
         return self._vector.expert_actions()[0]
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The present picture, enlarged."""
+        """Returns the current image, enlarged; None without a render mode."""
         pictures = self._vector.render()
         return None if pictures is None else pictures[0]
 

@@ -1,4 +1,4 @@
-"""Environments that are stepped together."""
+"""Vector environment: environments that are stepped together."""
 
 import contextlib
 import difflib
@@ -17,53 +17,53 @@ from numpy.typing import NDArray
 
 from covers_envs import _core
 
-# Mesa's software renderer would spread each small picture over all cores, which costs more than it
-# saves. Mesa reads the variable when the first renderer is made.
+# Mesa's software renderer would spread each small image over all cores, which costs more than it
+# saves. Mesa reads the variable when the first renderer is created.
 os.environ.setdefault("LP_NUM_THREADS", "0")
 
 Observation = dict[str, NDArray[Any]]
 Info = dict[str, Any]
 
-#: Turns of the native part.
+#: Codes of `Core.advance`, one for each environment.
 _STEP, _STEP_AND_STAY, _RESET, _REST = range(4)
-#: Names of the images that may follow the present one in an observation.
+#: Names of the images that may follow the current one in an observation.
 _EXTRA_IMAGES = ("first", "close_up", "first_and_close_up")
-#: Shortest side of a picture that `render` returns, in pixels.
+#: Shortest side of an image that `render` returns, in pixels.
 _RENDERED = 480
 
 
 class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
-    """N environments of one task group.
+    """Vector environment of N environments of one task group.
 
-    Observations: `image`, uint8 `[N, size, size, C]`, the present picture and the extra images;
+    Observations: `image`, uint8 `[N, size, size, C]`, the current image and the extra images;
     `vector`, float32 `[N, 7]`, hand x, y, z (metres from the table's centre), aperture, goal x, y,
-    z (told in Goal Reach, zero elsewhere). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in
+    z (given in Goal Reach, zero elsewhere). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in
     [0, 1]. Episodes end by truncation alone.
 
     Args:
         task: `goal-reach` (each episode draws one of four variants), `goal-reach-flip-x` (that
             variant), or a list of variants of one group. `covers_envs.TASKS` holds the names.
         num_envs: N.
-        image_size: Pixels along a side of the picture, an even number; 48 where neither this nor
-            `camera` says otherwise.
-        extra_images: Images after the present one: `first`, the episode's first (C = 6, the
+        image_size: Width and height of the image in pixels, an even number; 48 by default, unless
+            `camera` sets it.
+        extra_images: Images after the current one: `first`, the episode's first (C = 6, the
             default), `close_up`, the table under the hand at present (C = 6), or
             `first_and_close_up` (C = 9).
         camera: Fields that differ from those of the default camera, for instance
             `{"oversampling": 3}`, by the names of an exported `policy.json`. `image_size` and
             `extra_images` override its fields `size` and `beside`.
-        layout: `symmetric`, or `metaworld` for Meta-World's own figures and control.
+        layout: `symmetric`, or `metaworld` for Meta-World's own dimensions and control.
         embodiment: `sawyer`, `hand` or `kinova_gen3`.
-        seed: Of all draws; drawn itself where it is None. Environment i has a stream of its own,
-            so nothing depends on `num_envs` or `threads`.
-        threads: Worker threads; the processor's cores, at most N, where it is None.
-        autoreset_mode: What happens where an episode ends, see Gymnasium.
-        copy: True hands out new arrays in every step. False hands out the same arrays, which the
-            next `reset` or `step` overwrites. `SB3VecEnv` and `CoversEnv` refuse False.
+        seed: Seed of all random numbers; drawn at random if None. Environment i has a stream of its
+            own, so nothing depends on `num_envs` or `threads`.
+        threads: Number of worker threads; that of the available cores, at most N, if None.
+        autoreset_mode: Behaviour at the end of an episode, see Gymnasium.
+        copy: If True, every step returns new arrays. If False, all steps return the same arrays,
+            which the next `reset` or `step` overwrites. `SB3VecEnv` and `CoversEnv` refuse False.
         render_mode: None or `rgb_array`.
-        action_repeat: Control steps of 12.5 ms that an action is held for.
-        displacement: Metres that a full action moves the hand's target by.
-        horizon: Control steps in an episode.
+        action_repeat: Number of control steps of 12.5 ms that an action is held for.
+        displacement: Distance in metres that a full action moves the hand's target by.
+        horizon: Number of control steps in an episode.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 8}
@@ -108,7 +108,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             displacement=displacement,
             horizon=horizon,
         )
-        #: Decisions in an episode.
+        #: Number of decisions in an episode.
         self.decisions: int = self._core.decisions()
 
         size = self.settings["camera"]["size"]
@@ -119,7 +119,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
 
-        #: `True` if every step hands out new arrays.
+        #: `True` if every step returns new arrays.
         self.copies = copy
         self._out = self._new_arrays()
         self._final = self._new_observation()
@@ -127,12 +127,12 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Settings that decide what is shown and what actions do: `layout`, `embodiment`, `camera`,
+        """Settings that determine observations and the effect of actions: `layout`, `embodiment`, `camera`,
         `action_repeat`, `displacement` and `horizon`. `make_vec(task, **env.settings)` takes them."""
         return json.loads(self._core.settings())
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begins episodes: everywhere, or where the booleans `options["reset_mask"]` `[N]` say.
+        """Begins episodes in all environments, or in those whose `options["reset_mask"]`, `[N]`, is True.
 
         Equal seeds give equal episodes. Environment i draws from stream i of the one seed.
         """
@@ -149,8 +149,8 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
-        """Takes one decision in every environment. `NEXT_STEP` begins an episode instead where the
-        last step ended one."""
+        """Takes one decision in every environment. In the mode `NEXT_STEP`, environments whose episode
+        ended in the last step begin a new one instead."""
         actions, turns = self._checked(actions), self._turns()
         failures = self._advance(actions, turns)
         observation, (rewards, success, success_at_end, truncated) = self._out
@@ -165,18 +165,19 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         return observation, rewards, terminated, truncated, _failed(infos, failures, self.num_envs)
 
     def expert_actions(self) -> NDArray[np.float32]:
-        """The scripted experts' actions in the present states, `[N, 4]`."""
+        """Returns the scripted experts' actions in the current states, `[N, 4]`."""
         actions = np.empty(self.action_space.shape, np.float32)
         self._core.expert_actions(actions)
         return actions
 
     def set_task(self, task: str | list[str]) -> None:
-        """Switches all environments to another task: `reset` must come next."""
+        """Switches all environments to another task. The next call must be `reset`."""
         self._core.set_tasks(_tasks(task))
         self._ended[:] = False
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """The present pictures, enlarged by a whole number to at least 480 pixels a side."""
+        """Returns the current images, enlarged by a whole number to at least 480 pixels along a side; None without a
+        render mode."""
         if self.render_mode is None:
             return None
         self._core.require_own_process()
@@ -206,9 +207,9 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         return {name: np.zeros(space.shape, space.dtype) for name, space in self.observation_space.items()}
 
     def _advance(self, actions: NDArray[np.float32], turns: NDArray[Any]) -> list[tuple[int, str]]:
-        """Fills arrays that nobody else holds, or with `copy=False` those that all steps share."""
-        # first, because arrays that another thread's step borrows at a fork stay borrowed in the
-        # child, and an error would be about that
+        """Advances the environments into new arrays, or with `copy=False` into those that all steps share."""
+        # this check comes first: arrays that another thread's step borrows at a fork stay borrowed in
+        # the child, and the error would be about that
         self._core.require_own_process()
         out = self._new_arrays() if self.copies else self._out
         (observation, outcome), final = out, self._final
@@ -256,8 +257,8 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
 
 def _load_other_compilers() -> None:
-    """Mesa's driver makes the symbols of its LLVM global. Triton, which PyTorch loads when it first
-    optimises, has an LLVM of its own, and the process crashes where Triton is loaded second."""
+    """Loads Triton before Mesa. Mesa's driver makes the symbols of its LLVM global. Triton, which PyTorch loads when it
+    first optimises, has an LLVM of its own, and the process crashes if Triton is loaded second."""
     with contextlib.suppress(Exception):
         importlib.import_module("triton")
 
@@ -275,12 +276,12 @@ def _camera(camera: dict[str, Any] | None, image_size: int | None, extra_images:
 
 
 def _masked(values: dict[str, Any], mask: NDArray[np.bool_]) -> Info:
-    """Values, each with Gymnasium's mask of the environments that have one."""
+    """Returns values, each with Gymnasium's mask of the environments that have one."""
     return values | {f"_{name}": mask.copy() for name in values}
 
 
 def _failed(infos: Info, failures: list[tuple[int, str]], n: int) -> Info:
-    """Adds why environments failed."""
+    """Returns infos with the error messages of environments that failed."""
     if not failures:
         return infos
     texts = np.full(n, None, object)

@@ -1,5 +1,5 @@
-//! Writes what a `VecEnv` shows over an episode's end, byte by byte, for `tests/test_numbers.py`.
-//! An argument names the images beside the present one, as settings spell them.
+//! Writes the observations and outcomes of a `VecEnv` over an episode's end, byte by byte, for
+//! `tests/test_numbers.py`. An optional argument names the extra images, as in settings.
 
 use std::error::Error;
 use std::io::{Write, stdout};

@@ -1,5 +1,5 @@
-//! The native part of the Python package `covers_envs`: an [`envs::VecEnv`] that fills NumPy
-//! arrays. Spaces, autoreset modes and infos are Python's, in `covers_envs/`.
+//! Native part of the Python package `covers_envs`: an [`envs::VecEnv`] that fills NumPy arrays.
+//! Spaces, autoreset modes and infos are in the Python part, `covers_envs/`.
 #![forbid(unsafe_code)]
 #![deny(missing_docs, clippy::unwrap_used, clippy::expect_used)]
 
@@ -15,10 +15,10 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use serde_json::{Map, Value, json};
 
-/// Indices of environments that failed, and why.
+/// Indices of environments that failed, with their error messages.
 type Failures = Vec<(usize, String)>;
 
-/// What [`StepMut`] borrows, in its order.
+/// Arrays that [`StepMut`] borrows, in the order of its fields.
 type Out<'py> = (
     PyReadwriteArray4<'py, u8>,
     PyReadwriteArray2<'py, f32>,
@@ -27,7 +27,7 @@ type Out<'py> = (
     Outcome<'py>,
 );
 
-/// Rewards, success, success at the end, truncated.
+/// Arrays of rewards, success, success at the end, and truncation, each `[N]`.
 type Outcome<'py> = (
     PyReadwriteArray1<'py, f32>,
     PyReadwriteArray1<'py, bool>,
@@ -35,11 +35,11 @@ type Outcome<'py> = (
     PyReadwriteArray1<'py, bool>,
 );
 
-/// Environments of one task group. Every call works without the interpreter's lock.
+/// Environments of one task group. Every call releases the interpreter's lock.
 #[pyclass(frozen, module = "covers_envs._core")]
 struct Core {
     env: Mutex<Option<VecEnv>>,
-    /// Identifier of the process that made the environments. It is read without the lock, which a
+    /// Identifier of the process that created the environments. It is outside the mutex, which a
     /// forked child inherits locked for ever if another thread held it.
     process: u32,
 }
@@ -83,18 +83,18 @@ impl Core {
         Ok(Self { env: Mutex::new(Some(env.map_err(error)?)), process: std::process::id() })
     }
 
-    /// Decisions in an episode.
+    /// Returns the number of decisions in an episode.
     fn decisions(&self, py: Python<'_>) -> PyResult<usize> {
         self.with(py, |env| Ok(env.settings().control.decisions()))
     }
 
-    /// Channels of an observation's image.
+    /// Returns the number of channels of an observation's image.
     fn image_channels(&self, py: Python<'_>) -> PyResult<usize> {
         self.with(py, |env| Ok(env.settings().camera.beside.channels()))
     }
 
-    /// Settings that decide what is shown and what actions do: keywords of `CoversVectorEnv`, as a
-    /// JSON object.
+    /// Returns the settings that determine observations and the effect of actions: keywords of
+    /// `CoversVectorEnv`, as a JSON object.
     fn settings(&self, py: Python<'_>) -> PyResult<String> {
         self.with(py, |env| {
             let settings = env.settings();
@@ -120,7 +120,8 @@ impl Core {
         self.with(py, |env| env.set_tasks(group, &elements))
     }
 
-    /// Lets every environment have its turn: one of the constants of this module.
+    /// Advances every environment by its entry of `turns`, `[N]`: 0 steps, 1 steps without
+    /// automatic reset, 2 resets, 3 rests. Returns the failures.
     fn advance(
         &self,
         py: Python<'_>,
@@ -150,7 +151,7 @@ impl Core {
         self.with(py, |env| Ok(texts(env.advance(actions, &turns, out)?)))
     }
 
-    /// Writes the scripted experts' actions.
+    /// Writes the scripted experts' actions for the current states, `[N, 4]`.
     fn expert_actions(
         &self,
         py: Python<'_>,
@@ -160,7 +161,7 @@ impl Core {
         self.with(py, |env| env.expert_actions(actions))
     }
 
-    /// Ends the worker threads. In a forked child there are none to end.
+    /// Ends the worker threads. A forked child has none, and nothing happens there.
     fn close(&self, py: Python<'_>) {
         if self.require_own_process().is_ok() {
             py.detach(|| drop(self.lock().take()));
@@ -179,7 +180,8 @@ impl Core {
 
 impl Drop for Core {
     fn drop(&mut self) {
-        // a fork in the middle of another thread's call leaves environments that are half changed
+        // a fork in the middle of another thread's call leaves environments in an inconsistent
+        // state, which must not be dropped
         if self.require_own_process().is_err() {
             let env = self.env.get_mut().unwrap_or_else(PoisonError::into_inner);
             std::mem::forget(env.take());
@@ -192,7 +194,7 @@ impl Core {
         self.env.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Runs `work` without the interpreter's lock, so that other Python threads go on.
+    /// Runs `work` without the interpreter's lock, so that other Python threads continue.
     fn with<T: Send>(
         &self,
         py: Python<'_>,
@@ -249,9 +251,11 @@ fn value_error(message: impl ToString) -> PyErr {
     PyValueError::new_err(message.to_string())
 }
 
-/// What the caller got wrong is a `ValueError`, what happened is a `RuntimeError`.
+/// Converts an error: a mistake of the caller becomes a `ValueError`, other failures a
+/// `RuntimeError`.
 fn error(error: EnvError) -> PyErr {
     let message = error.to_string();
+    // the position in the vector is wrapped around the error that decides
     let mut cause = &error;
     while let EnvError::InEnv { source, .. } = cause {
         cause = source;
@@ -276,7 +280,7 @@ mod _core {
     #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
 
-    /// Names of the four groups, then of the sixteen tasks.
+    /// Returns the names of the four groups, then those of the sixteen tasks.
     #[pyo3::pyfunction]
     fn task_names() -> Vec<String> {
         super::task::names()

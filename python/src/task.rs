@@ -1,4 +1,4 @@
-//! Tasks by the names that Python gives them: `goal-reach`, `button-press-flip-x`.
+//! Parser of the task names of the Python package, such as `goal-reach` and `button-press-flip-x`.
 
 use envs::{Layout, TaskGroup, TaskRegistry};
 use pyo3::PyResult;
@@ -6,15 +6,15 @@ use symmetry::D2;
 
 use crate::{error, value_error};
 
-/// Names of the groups, then of their variants.
+/// Returns the names of the groups, then those of their variants.
 pub fn names() -> Vec<String> {
     let groups = TaskGroup::STANDARD.map(|group| group.name().to_owned());
     let variants = TaskGroup::STANDARD.map(|group| D2::ALL.map(|element| name(group, element)));
     [&groups[..], variants.as_flattened()].concat()
 }
 
-/// The one group that `tasks` name, and the elements to draw its variants from: all of the layout
-/// where a group is named.
+/// Returns the one group that `tasks` name, and the elements to draw its variants from. A group's
+/// name stands for all elements of the layout.
 pub fn parse(tasks: &[String], layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
     let mut found: Option<(TaskGroup, Vec<D2>)> = None;
     for task in tasks {

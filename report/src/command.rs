@@ -1,4 +1,4 @@
-//! `covers report`: tables, curves and the page from the folders of runs.
+//! Command `covers report`: tables, curves and the page from the folders of runs.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,10 +10,10 @@ use experiments::cli::{Threads, say};
 use experiments::{GroupFilm, RunData, RunError, RunFolder};
 use render::gallery;
 
-use super::document::Report;
 use super::error::ReportError;
+use super::report::Report;
 
-/// What to report.
+/// Options of `covers report`.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers report runs/covers-seed* runs/equi-seed* --out report\n  \
@@ -52,31 +52,34 @@ impl ReportOptions {
         }
         let runs = self.runs.iter().map(|run| RunData::read(run));
         let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
-        let mut films = Vec::new();
+        let mut film_lines = Vec::new();
         if self.films {
-            let own = self.runs.iter().zip(&mut runs);
-            films = own.map(|(path, run)| film(path, run)).collect::<Result<_, _>>()?;
+            let runs_with_paths = self.runs.iter().zip(&mut runs);
+            film_lines =
+                runs_with_paths.map(|(path, run)| film(path, run)).collect::<Result<_, _>>()?;
         }
         let report = Report::new(runs)?;
+        // the files come first: a closed standard output must not cost the report
         if let Some(folder) = &self.out {
             report.write(folder)?;
         }
         say(out, report.markdown().trim_end())?;
-        Ok(films.iter().try_for_each(|line| say(out, line))?)
+        Ok(film_lines.iter().try_for_each(|line| say(out, line))?)
     }
 }
 
-/// Films the policies of a run, and says how large the films are or why there are none.
+/// Renders the policies of a run into `run.films`. Returns a line on their size, or the reason why
+/// there are none.
 fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
     let threads = Threads { threads: None }.count();
     match gallery(&RunFolder::open(path), threads) {
         Ok(films) => {
-            let films = films.into_iter();
-            run.films = films.map(|(group, gif)| GroupFilm { group, gif }).collect();
+            run.films = films.into_iter().map(|(group, gif)| GroupFilm { group, gif }).collect();
             let size: usize = run.films.iter().map(|film| film.gif.len()).sum();
             let (number, size) = (run.films.len(), size.div_ceil(1000));
             Ok(format!("\n{}: {number} films, {size} kB in report.html", run.name))
         }
+        // a report on runs without checkpoints is complete but for the films
         Err(RunError::NoCheckpoint { problems, .. }) => {
             let name = &run.name;
             Ok(format!("\n{name}: no films, for want of policies ({problems})"))

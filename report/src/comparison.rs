@@ -1,34 +1,35 @@
-//! One method against another.
+//! Comparison of two methods by their scores.
 
 use super::statistics::{Interval, Scores};
 use experiments::evaluation::mean;
 
-/// What the seeds say of "this method scores above the other".
+/// Outcome of the hypothesis "the first method scores above the second", by the 95 % interval of
+/// the difference (docs/results/protocol.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The interval of the difference lies above zero.
+    /// Interval above zero.
     Confirmed,
-    /// It lies below zero.
+    /// Interval below zero.
     Refuted,
-    /// It holds zero.
+    /// Interval that contains zero.
     Undecided,
-    /// There are too few seeds for an interval.
+    /// No interval, since a method has fewer than two seeds.
     TooFewSeeds,
 }
 
-/// One method against another, over the same groups.
+/// Differences between two methods over the same groups.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
-    /// Difference of mean scores, the first method's less the second's.
+    /// Mean score of the first method less that of the second.
     pub difference: f64,
-    /// Its 95 % interval.
+    /// 95 % interval of the difference; `None` for fewer than two seeds.
     pub interval: Option<Interval>,
-    /// Probability that a run of the first scores above one of the second, and its interval.
+    /// Probability that a run of the first scores above one of the second, and its 95 % interval.
     pub improvement: (f64, Option<Interval>),
 }
 
 impl Comparison {
-    /// Compares scores `[groups][seeds]`.
+    /// Compares scores of two methods on the same groups.
     pub fn new(one: &Scores, other: &Scores) -> Self {
         Self {
             difference: one.of(mean) - other.of(mean),
@@ -37,7 +38,7 @@ impl Comparison {
         }
     }
 
-    /// What the interval says.
+    /// Returns the outcome that the interval of the difference implies.
     pub fn verdict(&self) -> Verdict {
         match self.interval {
             None => Verdict::TooFewSeeds,
@@ -49,8 +50,8 @@ impl Comparison {
 }
 
 impl Verdict {
-    /// The word in a table.
-    pub fn word(self) -> &'static str {
+    /// Returns the text of the outcome in a table.
+    pub fn label(self) -> &'static str {
         match self {
             Self::Confirmed => "above",
             Self::Refuted => "below",

@@ -1,100 +1,103 @@
-//! Curves of runs, with the group that ran as the background.
+//! Curves of runs over the stream, with the current group as background colour.
 
 use experiments::colours::{Stroke, stroke};
 
+use super::matching::matched_policy;
 use super::method::MethodRuns;
-use super::partners::partner;
-use super::svg::{DOT, Drawing, INK, SMALL_DOT};
+use super::svg::{DOT, Drawing, SMALL_DOT, TEXT_COLOUR};
 use experiments::evaluation::mean;
 use experiments::{RolloutRow, RunData, ScoreRow};
 
-/// The x axis.
+/// Label of the x axis.
 const DECISIONS: &str = "decisions";
-/// Ticks of shares.
-const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
-/// Ticks of rewards, on the paper's scale.
-const REWARDS: [f64; 3] = [0.0, 250.0, 500.0];
-/// Larger ratios of distances are drawn here.
-const MOST: f64 = 4.0;
-/// Heights of panels (pixels).
-const HIGH: f64 = 170.0;
-const LOW: f64 = 90.0;
+/// Ticks of the success axis.
+const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
+/// Ticks of the reward axis, on the paper's scale of `[0, 500]`.
+const REWARD_TICKS: [f64; 3] = [0.0, 250.0, 500.0];
+/// Upper end of the axis of distance ratios. Larger ratios are drawn at this value.
+const MAX_RATIO: f64 = 4.0;
+/// Height of a panel with a curve to read values from (pixels).
+const TALL_PANEL: f64 = 170.0;
+/// Height of a panel that shows the course alone (pixels).
+const LOW_PANEL: f64 = 90.0;
 
-/// Success and reward of one run, rollouts as lines and evaluations as dots, the policy that was
-/// assigned, and the distances by which.
+/// Draws one run as SVG: success and reward, rollouts as lines and evaluations as dots, the
+/// assigned policies, and the distances that the assignment rests on.
 pub fn run(run: &RunData) -> String {
     let mut drawing = Drawing::new(end(run), DECISIONS);
     let groups = run.groups();
     for (number, group) in groups.iter().enumerate() {
         drawing.legend(group, &stroke(number));
     }
-    drawing.panel("success", HIGH, [-0.03, 1.03], &SHARES);
+    // 3 % of room on either side keeps dots at 0 and 1 inside the frame
+    drawing.panel("success", TALL_PANEL, [-0.03, 1.03], &SUCCESS_TICKS);
     visits(&mut drawing, run);
     rollouts(&mut drawing, run, |row| row.success);
     evaluations(&mut drawing, run, |row| row.success);
-    drawing.panel("reward of 500", HIGH, [0.0, 500.0], &REWARDS);
+    drawing.panel("reward of 500", TALL_PANEL, [0.0, 500.0], &REWARD_TICKS);
     visits(&mut drawing, run);
     rollouts(&mut drawing, run, |row| row.reward);
     evaluations(&mut drawing, run, |row| row.reward);
     let most = run.rollouts.iter().map(|row| row.policy).max().unwrap_or(0);
     let numbers: Vec<f64> = (0..=most).map(|policy| policy as f64).collect();
-    drawing.panel("policy", LOW, [-0.5, most as f64 + 0.5], &numbers);
+    drawing.panel("policy", LOW_PANEL, [-0.5, most as f64 + 0.5], &numbers);
     visits(&mut drawing, run);
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
         let policy = row.policy as f64;
-        drawing.line(&[(from, policy), (to, policy)], &Stroke::solid(INK));
+        drawing.line(&[(from, policy), (to, policy)], &Stroke::solid(TEXT_COLOUR));
     }
     distances(&mut drawing, run);
     drawing.finish(&format!("Success, reward and policy of {}", run.name))
 }
 
-/// What each policy's test said of each rollout: its distance, as a share of the largest one of the
-/// permutations. Above 1 the rollout differs more than any of them; shares above [`MOST`] are drawn
-/// there.
+/// Draws the distance of each rollout to each policy, relative to the largest distance among the
+/// permutations of the test. Above 1 the rollout differs by more than chance produced.
 fn distances(drawing: &mut Drawing, run: &RunData) {
     if run.rollouts.iter().all(|row| row.distances.is_empty()) {
         return;
     }
-    drawing.panel("distance, of chance", HIGH, [0.0, MOST], &[0.0, 1.0, 2.0, MOST]);
+    let ticks = [0.0, 1.0, 2.0, MAX_RATIO];
+    drawing.panel("distance, of chance", TALL_PANEL, [0.0, MAX_RATIO], &ticks);
     visits(drawing, run);
     let colours = colours_of_policies(run);
     for row in &run.rollouts {
         let compared = row.distances.iter().zip(&row.null_maxima).enumerate();
-        for (policy, (distance, most)) in compared {
-            let Some(ratio) = distance.zip(*most).map(|(distance, most)| distance / most) else {
+        for (policy, (distance, null_maximum)) in compared {
+            let Some((distance, null_maximum)) = distance.zip(*null_maximum) else {
                 continue;
             };
+            let ratio = distance / null_maximum;
             let title = format!("policy {policy}: {ratio:.2} of the largest by chance");
-            let point = (row.decisions as f64, ratio.min(MOST));
-            let colour = colours.get(policy).copied().unwrap_or(INK);
+            let point = (row.decisions as f64, ratio.min(MAX_RATIO));
+            let colour = colours.get(policy).copied().unwrap_or(TEXT_COLOUR);
             drawing.dot(point, SMALL_DOT, colour, &title);
         }
     }
     let end = end(run);
-    drawing.line(&[(0.0, 1.0), (end, 1.0)], &Stroke::solid(INK));
+    drawing.line(&[(0.0, 1.0), (end, 1.0)], &Stroke::solid(TEXT_COLOUR));
 }
 
-/// Each policy has the colour of the group that it belongs to.
+/// Returns the colour of each policy: that of the group that it belongs to, if there is one.
 fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
     let policies = run.rollouts.iter().map(|row| row.policy + 1).max();
-    let mut colours = vec![INK; policies.unwrap_or(0)];
+    let mut colours = vec![TEXT_COLOUR; policies.unwrap_or(0)];
     for group in run.groups() {
-        if let Some(policy) = partner(&run.rollouts, group) {
+        if let Some(policy) = matched_policy(&run.rollouts, group) {
             colours[policy] = stroke_of(run, group).colour;
         }
     }
     colours
 }
 
-/// For each seed, a panel a method that ran with it: success in each group as dots, and their mean,
-/// over groups that were met and groups to come, as a line. A method that forgets falls.
+/// Draws one SVG for each seed, with a panel for each method that ran with it: success in each
+/// group as dots, and the mean over all groups, met or not yet met, as a line. The line of a method
+/// that forgets falls.
 pub fn seeds(methods: &[MethodRuns]) -> Vec<(u64, String)> {
-    let runs = || methods.iter().flat_map(|method| &method.runs);
-    let mut seeds: Vec<u64> = runs().map(seed_of).collect();
+    let runs = methods.iter().flat_map(|method| &method.runs);
+    let mut seeds: Vec<u64> = runs.map(seed_of).collect();
     seeds.sort_unstable();
     seeds.dedup();
-    let drawing = |seed| (seed, of_seed(methods, seed));
-    seeds.into_iter().map(drawing).collect()
+    seeds.into_iter().map(|seed| (seed, of_seed(methods, seed))).collect()
 }
 
 fn seed_of(run: &RunData) -> u64 {
@@ -114,15 +117,16 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
         drawing.legend(group, &stroke(number));
     }
     for (name, run) in runs {
-        drawing.panel(name, LOW, [-0.05, 1.05], &SHARES);
+        // more room than above, since this panel is lower and its dots are as large
+        drawing.panel(name, LOW_PANEL, [-0.05, 1.05], &SUCCESS_TICKS);
         visits(&mut drawing, run);
-        drawing.line(&averages(run), &Stroke::solid(INK));
+        drawing.line(&averages(run), &Stroke::solid(TEXT_COLOUR));
         evaluations(&mut drawing, run, |row| row.success);
     }
     drawing.finish(&format!("Success of all methods, seed {seed}"))
 }
 
-/// Decisions and mean success over all variants of each evaluation.
+/// Returns decisions and mean success over all variants, for each evaluation.
 fn averages(run: &RunData) -> Vec<(f64, f64)> {
     run.evaluated()
         .map(|rollouts| {
@@ -137,14 +141,14 @@ fn end(run: &RunData) -> f64 {
     run.rollouts.last().map_or(0.0, |row| row.decisions as f64)
 }
 
-/// Decisions from and to, of each rollout.
+/// Returns the numbers of decisions at the beginning and at the end of each rollout.
 fn spans(run: &RunData) -> impl Iterator<Item = [f64; 2]> {
     let ends = run.rollouts.iter().map(|row| row.decisions as f64);
     let begins = std::iter::once(0.0).chain(ends.clone());
     begins.zip(ends).map(|(from, to)| [from, to])
 }
 
-/// Rollouts that follow one another in one group, with their decisions from and to.
+/// Returns the visits of a run: the group, the decisions from and to, and its successive rollouts.
 fn visits_of(run: &RunData) -> Vec<(&str, [f64; 2], Vec<&RolloutRow>)> {
     let mut visits: Vec<(&str, [f64; 2], Vec<&RolloutRow>)> = Vec::new();
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
@@ -165,17 +169,17 @@ fn visits(drawing: &mut Drawing, run: &RunData) {
     }
 }
 
-fn rollouts(drawing: &mut Drawing, run: &RunData, figure: fn(&RolloutRow) -> Option<f64>) {
+fn rollouts(drawing: &mut Drawing, run: &RunData, value: fn(&RolloutRow) -> Option<f64>) {
     for (group, _, rows) in visits_of(run) {
-        let points = rows.iter().filter_map(|row| Some((row.decisions as f64, figure(row)?)));
+        let points = rows.iter().filter_map(|row| Some((row.decisions as f64, value(row)?)));
         drawing.line(&points.collect::<Vec<_>>(), &stroke_of(run, group));
     }
 }
 
-fn evaluations(drawing: &mut Drawing, run: &RunData, figure: fn(&ScoreRow) -> f64) {
+fn evaluations(drawing: &mut Drawing, run: &RunData, value: fn(&ScoreRow) -> f64) {
     for rollouts in run.evaluated() {
         for group in run.groups() {
-            let Some((decisions, y)) = run.scored(rollouts, group, figure) else {
+            let Some((decisions, y)) = run.scored(rollouts, group, value) else {
                 continue;
             };
             let x = decisions as f64;
@@ -185,8 +189,8 @@ fn evaluations(drawing: &mut Drawing, run: &RunData, figure: fn(&ScoreRow) -> f6
     }
 }
 
-/// One stroke for each group everywhere.
+/// Returns the stroke of a group, which is equal in all drawings of a run.
 fn stroke_of(run: &RunData, group: &str) -> Stroke {
     let number = run.groups().iter().position(|own| *own == group);
-    number.map_or(Stroke::solid(INK), stroke)
+    number.map_or(Stroke::solid(TEXT_COLOUR), stroke)
 }

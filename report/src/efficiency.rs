@@ -1,41 +1,43 @@
-//! How fast methods learn: areas under learning curves, and decisions until a group is solved.
+//! Sample efficiency of methods: areas under learning curves, and decisions until a group is
+//! solved.
 
-use super::cells::{brackets, title};
 use super::comparison::Comparison;
+use super::format::{brackets, title};
 use super::method::MethodRuns;
 use super::statistics::{Scores, median, quantile};
 use super::table::Table;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Success from which a group counts as solved.
+/// Least success at which a group counts as solved.
 pub const SOLVED: f64 = 0.9;
 
-/// How fast one run learnt one group.
+/// Sample efficiency of one run in one group.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Efficiency {
-    /// Area under the success over the decisions spent in the group, as a share of the whole, in
-    /// `[0, 1]`.
+    /// Area under the curve of success over the decisions spent in the group, divided by these
+    /// decisions, in `[0, 1]`.
     pub area: f64,
     /// Decisions spent in the group before the first evaluation with a success of at least
-    /// [`SOLVED`]; infinite where none was.
+    /// [`SOLVED`]; infinite if there is none.
     pub decisions: f64,
-    /// Decisions spent in the group before the first evaluation from which on every one has such a
-    /// success; infinite where the last one has not.
+    /// Decisions spent in the group before the first evaluation from which on every one reaches
+    /// [`SOLVED`]; infinite if the last one does not.
     pub lasting: f64,
 }
 
 impl Efficiency {
-    /// That of a group; none where no two evaluations differ in the decisions spent in it. Of those
-    /// that do not differ the first one counts for the area, and all of them for the decisions.
+    /// Computes the efficiency of a run in a group; `None` if no two evaluations differ in the
+    /// decisions spent in it. Of evaluations with equally many decisions the first one counts for
+    /// the area, and all of them count for the decisions.
     pub fn of(run: &RunData, group: &str) -> Option<Self> {
         let mut curve = curve(run, group);
-        let solved = curve.iter().find(|(_, success)| *success >= SOLVED);
+        let is_solved = |point: &&(f64, f64)| point.1 >= SOLVED;
+        let solved = curve.iter().find(is_solved);
         let decisions = solved.map_or(f64::INFINITY, |(decisions, _)| *decisions);
-        let held = curve.iter().rev();
-        let held = held.take_while(|(_, success)| *success >= SOLVED);
-        let lasting = held.last().map_or(f64::INFINITY, |(decisions, _)| *decisions);
-        // while other groups run, nothing is spent
+        let held = curve.iter().rev().take_while(is_solved).last();
+        let lasting = held.map_or(f64::INFINITY, |(decisions, _)| *decisions);
+        // evaluations while other groups run add no decisions in this one
         curve.dedup_by_key(|(spent, _)| *spent);
         let whole = curve.last()?.0 - curve[0].0;
         let steps = curve.windows(2);
@@ -45,7 +47,7 @@ impl Efficiency {
     }
 }
 
-/// Decisions spent in the group and success in it, of each evaluation.
+/// Returns the decisions spent in the group and the success in it, for each evaluation.
 pub(super) fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     let point = |rollouts| {
         let (_, success) = run.scored(rollouts, group, |row| row.success)?;
@@ -54,7 +56,7 @@ pub(super) fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     run.evaluated().filter_map(point).collect()
 }
 
-/// Decisions of the first `rollouts` rollouts that began in the group.
+/// Returns the decisions of those among the first `rollouts` rollouts that began in the group.
 fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     let rows = &run.rollouts[..rollouts];
     let before = std::iter::once(0).chain(rows.iter().map(|row| row.decisions));
@@ -62,7 +64,8 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     own.map(|(row, before)| row.decisions - before).sum()
 }
 
-/// The methods of each group, the fastest first; none where no run was scored while it learnt.
+/// Returns the table of methods for each group, the largest area first; `None` if no run was scored
+/// during training.
 pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let caption = "How fast methods learn: the area under mean-action success over the decisions \
         spent in a group, decisions until it is at least 0.9 in an evaluation, and until it is so in \
@@ -101,27 +104,30 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     (!table.rows.is_empty()).then_some(table)
 }
 
-/// Areas, decisions and lasting ones of the runs of a method, as scores of one group.
+/// Returns areas, decisions and lasting decisions of the runs of a method, each as scores of one
+/// group.
 fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
     let runs = method.runs.iter();
     let known: Vec<Efficiency> = runs.filter_map(|run| Efficiency::of(run, group)).collect();
-    let of = |figure: fn(&Efficiency) -> f64| Scores(vec![known.iter().map(figure).collect()]);
+    let of = |value: fn(&Efficiency) -> f64| Scores(vec![known.iter().map(value).collect()]);
     [of(|own| own.area), of(|own| own.decisions), of(|own| own.lasting)]
 }
 
-/// Cells of areas: the mean, and what it is more than another method's.
+/// Returns the cells of areas: the mean, its difference from the first method's, and the outcome of
+/// the comparison.
 fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
     let (mean, interval) = (area.of(mean), area.interval(mean));
-    let (difference, apart) = (compared.difference, compared.interval);
+    let (difference, difference_interval) = (compared.difference, compared.interval);
     [
         format!("{mean:.3}{}", brackets(interval, 3)),
-        format!("{difference:+.3}{}", brackets(apart, 3)),
-        compared.verdict().word().to_owned(),
+        format!("{difference:+.3}{}", brackets(difference_interval, 3)),
+        compared.verdict().label().to_owned(),
     ]
 }
 
-/// Cells of decisions: median, 90th percentile, and how many seeds have a number.
+/// Returns the cells of decisions: median, 90th percentile, and the number of seeds that got there.
 fn reached(decisions: &Scores) -> [String; 3] {
+    // quantiles, not means: a seed that never gets there counts as infinite
     let all = decisions.0.concat();
     let reached = all.iter().filter(|decisions| decisions.is_finite()).count();
     let (middle, interval) = (decisions.of(median), decisions.interval(median));
@@ -138,10 +144,11 @@ mod tests {
     use experiments::presets::{Budget, Method};
     use experiments::{RolloutRow, ScoreRow};
 
-    /// Rollouts of 100 decisions of these groups, and the success in `a` after some of them.
+    /// Returns a run of rollouts of 100 decisions in these groups, with the success in `a` after
+    /// some of them.
     fn run(groups: &[&str], scores: &[(usize, f64)]) -> RunData {
-        let rollouts = groups.iter().zip(1..).map(|(group, turn)| RolloutRow {
-            decisions: 100 * turn,
+        let rollouts = groups.iter().zip(1..).map(|(group, number)| RolloutRow {
+            decisions: 100 * number,
             group: (*group).to_owned(),
             last_group: (*group).to_owned(),
             ..RolloutRow::default()
@@ -178,7 +185,7 @@ mod tests {
         assert_eq!(Efficiency::of(&run, "c"), None);
     }
 
-    /// As where a policy learns in another group, too.
+    /// A policy that is trained in another group may get better in this one.
     #[test]
     fn a_group_may_be_solved_while_another_one_runs() {
         let run = run(&["a", "b", "a"], &[(0, 0.0), (1, 0.5), (2, 0.95), (3, 1.0)]);

@@ -1,4 +1,4 @@
-//! Errors of this crate.
+//! Errors of reports.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use experiments::RunError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// A run.
+    /// Error of a run's files or settings.
     #[error(transparent)]
     Run(#[from] RunError),
     /// Runs that cannot stand in one table.
@@ -17,9 +17,9 @@ pub enum ReportError {
          evaluation, give runs of other settings other names, and each seed once"
     )]
     MixedRuns {
-        /// The run that differs.
+        /// Name of the run that differs.
         run: String,
-        /// In what it differs.
+        /// Differences from the runs before it.
         differences: String,
     },
     /// Runs whose events would go to one folder.
@@ -29,9 +29,9 @@ pub enum ReportError {
         first.display(), second.display()
     )]
     SameName {
-        /// The folder of a run.
+        /// Folder of a run.
         first: PathBuf,
-        /// The folder of another one.
+        /// Folder of another run of this name.
         second: PathBuf,
     },
 }

@@ -1,4 +1,4 @@
-//! Runs as TensorBoard's event files.
+//! TensorBoard's event files of runs.
 
 mod run;
 mod summary;

@@ -1,25 +1,26 @@
-//! What finished runs say: the table of methods, with intervals over seeds.
+//! Reports of finished runs: tables of methods with intervals over seeds, curves, one HTML page and
+//! TensorBoard events.
 //!
-//! Everything comes from the files of the runs' folders; nothing is edited by hand.
+//! Everything is computed from the files of the runs' folders; nothing is edited by hand.
 
-mod after_visits;
-mod bands;
-mod cells;
 mod command;
 mod comparison;
 mod curves;
-mod document;
 mod efficiency;
 mod error;
 mod events;
-mod figures;
-mod identity;
+mod format;
+mod learning_curves;
+mod matching;
 mod matrix;
 mod method;
+mod metrics;
 mod page;
 mod paper;
-mod partners;
+mod per_visit;
+mod preset_match;
 mod recognition;
+mod report;
 mod statistics;
 pub mod svg;
 mod table;
@@ -27,11 +28,11 @@ mod tables;
 mod visits;
 
 pub use command::ReportOptions;
-pub use document::Report;
 pub use efficiency::{Efficiency, SOLVED};
 pub use error::ReportError;
-pub use figures::{Figures, GroupFigures, Undefined};
-pub use identity::Identity;
 pub use method::MethodRuns;
+pub use metrics::{GroupMetrics, RunMetrics, Undefined};
+pub use preset_match::PresetMatch;
+pub use report::Report;
 pub use statistics::{Interval, Scores, iqm};
 pub use table::Table;

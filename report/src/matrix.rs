@@ -1,33 +1,34 @@
-//! Which policy got what: counts of groups against policies.
+//! Confusion matrices of groups against policies.
 
-use super::partners::last_acting;
+use super::matching::final_policy;
 use super::svg::escaped;
 use experiments::RunData;
 
-/// Counts `[groups][policies]`.
+/// Counts `[groups][policies]`, with a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Matrix {
-    /// What is counted, a sentence.
+    /// Sentence that says what is counted.
     pub caption: String,
-    /// Names of the columns.
+    /// Names of the columns: the policies.
     pub columns: Vec<String>,
-    /// The name and the counts of each row.
+    /// Name of each group, and its counts.
     pub rows: Vec<(String, Vec<usize>)>,
 }
 
 impl Matrix {
-    /// Rollouts of each group that each policy learnt from; those within which the group changed
-    /// count for nobody.
+    /// Counts the rollouts of each group that each policy was trained on. Rollouts within which the
+    /// group changed are left out.
     pub fn assigned(run: &RunData) -> Self {
         let mut matrix = Self::new(run, "Rollouts of each group that a policy learnt from.");
         for row in run.rollouts.iter().filter(|row| !row.straddles) {
-            matrix.count(&row.group, last_acting(&run.rollouts, row.policy), 1);
+            matrix.count(&row.group, final_policy(&run.rollouts, row.policy), 1);
         }
         matrix
     }
 
-    /// Answers after the stream to `episodes` first frames of each group; the last column counts
-    /// those that named no policy. None where nobody asked.
+    /// Counts the policies that were recognised after the stream from the first frames of
+    /// `episodes` episodes of each group. The last column counts answers without a policy. `None`
+    /// if the run has no such answers.
     pub fn recognised(run: &RunData, episodes: usize) -> Option<Self> {
         let caption =
             format!("The policy that was named when so many episodes were shown: {episodes}.");
@@ -37,7 +38,7 @@ impl Matrix {
         matrix.rows.iter_mut().for_each(|row| row.1.push(0));
         let asked = || run.recognition.iter().filter(|row| row.episodes == episodes);
         for row in asked() {
-            let named = row.policy.map(|policy| last_acting(&run.rollouts, policy));
+            let named = row.policy.map(|policy| final_policy(&run.rollouts, policy));
             matrix.count(&row.group, named.unwrap_or(none), row.times);
         }
         asked().next().is_some().then_some(matrix)
@@ -54,7 +55,7 @@ impl Matrix {
         }
     }
 
-    /// Adds to a cell; groups that are not scored and policies that never learnt have none.
+    /// Adds to a cell. Groups that are not scored and policies that took no rollout have no cell.
     fn count(&mut self, group: &str, column: usize, times: usize) {
         let row = self.rows.iter_mut().find(|row| row.0 == group);
         if let Some(cell) = row.and_then(|row| row.1.get_mut(column)) {
@@ -62,16 +63,16 @@ impl Matrix {
         }
     }
 
-    /// A table whose cells are the darker the larger their share of the row is.
+    /// Returns an HTML table whose cells are shaded by their share of the row.
     pub fn html(&self) -> String {
         let names = self.columns.iter().map(|name| format!("<th>{name}</th>"));
         let row = |(name, counts): &(String, Vec<usize>)| {
             let all = counts.iter().sum::<usize>().max(1);
-            let cells = counts.iter().map(|count| {
+            let cell = |count: &usize| {
                 let share = 100.0 * *count as f64 / all as f64;
                 format!("<td style=\"--share:{share:.0}%\" title=\"{share:.1} %\">{count}</td>")
-            });
-            let cells: String = cells.collect();
+            };
+            let cells: String = counts.iter().map(cell).collect();
             format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escaped(name))
         };
         format!(

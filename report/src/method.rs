@@ -7,28 +7,28 @@ use experiments::{CheckpointPlan, Experiment, RunData};
 use learner::LearnerSettings;
 use learner::overrides::differences;
 
-use super::figures::{Figures, GroupFigures};
-use super::identity::Identity;
+use super::metrics::{GroupMetrics, RunMetrics};
+use super::preset_match::PresetMatch;
 use super::statistics::Scores;
 
-/// The part of a folder's name before the seed.
+/// Text between the method and the seed in a folder's name, as `covers sweep` names folders.
 const SEED: &str = "-seed";
 
-/// The runs of one method, which differ in their seeds alone.
+/// Runs of one method, which differ in their seeds and in the number of threads alone.
 #[derive(Clone, Debug)]
 pub struct MethodRuns {
-    /// The method: the name of the runs' folders up to their seeds.
+    /// Name of the method: that of the runs' folders up to their seeds.
     pub name: String,
-    /// What the settings say, which all runs share.
-    pub identity: Identity,
-    /// The runs.
+    /// Preset that the settings agree with; all runs share it.
+    pub preset: PresetMatch,
+    /// Data of each run.
     pub runs: Vec<RunData>,
-    /// The figures of each.
-    pub figures: Vec<Figures>,
+    /// Metrics of each run, in the order of `runs`.
+    pub metrics: Vec<RunMetrics>,
 }
 
 impl MethodRuns {
-    /// Sorts runs into methods, in the order in which they appear.
+    /// Groups runs by method, in the order in which the methods appear.
     ///
     /// # Errors
     /// [`ReportError::MixedRuns`] for runs of another stream or evaluation than the first one's,
@@ -45,9 +45,9 @@ impl MethodRuns {
             match methods.iter_mut().find(|method| method.name == name) {
                 Some(method) => method.add(run)?,
                 None => methods.push(Self {
-                    identity: Identity::of(&name, &run.experiment)?,
+                    preset: PresetMatch::of(&name, &run.experiment)?,
                     name,
-                    figures: vec![Figures::of(&run)],
+                    metrics: vec![RunMetrics::of(&run)],
                     runs: vec![run],
                 }),
             }
@@ -63,33 +63,35 @@ impl MethodRuns {
             None => differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
         };
         refuse(&run, problem)?;
-        self.figures.push(Figures::of(&run));
+        self.metrics.push(RunMetrics::of(&run));
         self.runs.push(run);
         Ok(())
     }
 
-    /// A figure `[groups][seeds]` of these groups.
-    pub fn scores(&self, groups: &[String], figure: fn(&GroupFigures) -> f64) -> Scores {
-        let of = |group: &String| -> Vec<f64> {
-            let figures = self.figures.iter().flat_map(|figures| &figures.groups);
-            figures.filter(|own| own.group == *group).map(figure).collect()
+    /// Returns a metric `[groups][seeds]` of these groups.
+    pub fn scores(&self, groups: &[String], metric: fn(&GroupMetrics) -> f64) -> Scores {
+        let of_group = |group: &String| -> Vec<f64> {
+            let metrics = self.metrics.iter().flat_map(|metrics| &metrics.groups);
+            metrics.filter(|own| own.group == *group).map(metric).collect()
         };
-        Scores(groups.iter().map(of).collect())
+        Scores(groups.iter().map(of_group).collect())
     }
 }
 
-/// The settings without what runs of one method may differ in.
+/// Returns the settings of a run with seed and threads replaced by fixed values: runs of one method
+/// may differ in these.
 fn unseeded(run: &RunData) -> Experiment {
     run.experiment.clone().with_seed(0).with_threads(1)
 }
 
-/// What all methods share: the stream and the evaluation. A method has pictures of its own (their
-/// size, how finely they are drawn, what is beside them, randomisation), its own number of
-/// environments, and a learner of its own: what evaluations have in common are episodes of a
-/// variant, and decisions from one to the next.
+/// Returns the settings that all methods of a report share, the stream and the evaluation, with the
+/// rest replaced by defaults. Methods may differ in their learner, their images (size,
+/// oversampling, extra images, randomisation) and their number of environments.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
     let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());
+    // rounds are played in all environments and `every` counts rollouts: what must be equal are
+    // episodes of a variant and decisions between evaluations
     let plan = &mut world.evaluation;
     plan.rounds = plan.rounds.saturating_mul(envs);
     plan.visit_rounds = plan.visit_rounds.saturating_mul(envs);
@@ -110,7 +112,7 @@ fn world(experiment: &Experiment) -> Experiment {
     world
 }
 
-/// Refuses a run with a problem.
+/// Returns [`ReportError::MixedRuns`] if there are differences.
 fn refuse(run: &RunData, differences: String) -> Result<(), ReportError> {
     if differences.is_empty() {
         return Ok(());

@@ -1,4 +1,4 @@
-//! The report as one HTML page that needs nothing beside it.
+//! Report as one self-contained HTML page.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -11,14 +11,14 @@ use super::matrix::Matrix;
 use super::method::MethodRuns;
 use super::svg::escaped;
 use super::table::Table;
-use super::{bands, curves};
+use super::{curves, learning_curves};
 
-/// What the page looks like, light or dark.
+/// Style sheet of the page, with a light and a dark theme.
 const STYLE: &str = include_str!("page.css");
-/// Shows at once, and on a touch, what a browser shows late and to a pointer alone.
+/// Script that shows titles of dots and cells as tooltips at once, and on a touch.
 const SCRIPT: &str = include_str!("page.js");
 
-/// The page of these methods, scored on these groups, with these tables.
+/// Returns the page of these methods, scored on these groups, with these tables.
 pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
     let mut text = String::new();
     text.push_str(&section("Results", &tables_named(tables, &["results", "comparisons"])));
@@ -26,7 +26,7 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     let rest = ["seeds", "visits", "variants", "recognition"];
     text.push_str(&section("Over the whole stream", &tables_named(tables, &rest)));
     let runs: Vec<&RunData> = methods.iter().flat_map(|method| &method.runs).collect();
-    // of what was scored once, at the end, there is no curve
+    // a run that was scored once, after the stream, has no curve
     if runs.iter().any(|run| run.evaluated().count() > 1) {
         let seeds = curves::seeds(methods).into_iter();
         let seeds = seeds.map(|(seed, curve)| format!("<h3>Seed {seed}</h3>\n{}", wide(&curve)));
@@ -48,31 +48,30 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     )
 }
 
-/// How the runs were made.
+/// Returns a paragraph with the commands that started the runs, each command once.
 fn command(methods: &[MethodRuns]) -> String {
     let runs = methods.iter().flat_map(|method| &method.runs);
+    // later processes of a run have resumed it
     let first = runs.flat_map(|run| run.provenance.first());
     let commands: Vec<String> = first.map(|process| process.command.join(" ")).unique().collect();
-    match commands.is_empty() {
-        true => String::new(),
-        false => {
-            format!("<p>The runs were made by</p>\n<pre>{}</pre>\n", escaped(&commands.join("\n")))
-        }
+    if commands.is_empty() {
+        return String::new();
     }
+    format!("<p>The runs were made by</p>\n<pre>{}</pre>\n", escaped(&commands.join("\n")))
 }
 
 fn section(title: &str, body: &str) -> String {
     format!("<section>\n<h2>{title}</h2>\n{body}</section>\n")
 }
 
-/// What scrolls where the screen is narrow.
+/// Wraps HTML in a box that scrolls on narrow screens.
 fn wide(body: &str) -> String {
     format!("<div class=\"wide\">\n{body}</div>\n")
 }
 
 fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
     let drawings: Vec<String> =
-        groups.iter().filter_map(|group| bands::of_group(methods, group)).collect();
+        groups.iter().filter_map(|group| learning_curves::of_group(methods, group)).collect();
     if drawings.is_empty() {
         return "<p>No run was scored while it learnt (<code>evaluation.visit_rounds</code> and \
             <code>evaluation.every</code> do it).</p>\n"
@@ -112,7 +111,7 @@ fn of_run(run: &RunData, open: &str) -> String {
     )
 }
 
-/// Where the time went, as a bar; evaluations are not timed.
+/// Returns a bar of the shares of time that the parts of learning took, without evaluations.
 fn time(timings: &[TimingRow]) -> String {
     let sum = |part: fn(&TimingRow) -> f64| timings.iter().map(part).sum::<f64>();
     let total = sum(|row| row.total);
@@ -126,8 +125,8 @@ fn time(timings: &[TimingRow]) -> String {
         ("updates", sum(|row| row.update)),
     ];
     let rest = total - parts.iter().map(|part| part.1).sum::<f64>();
-    let parts = parts.into_iter().chain([("the rest", rest.max(0.0))]);
-    let bar = parts.enumerate().map(|(number, (name, seconds))| {
+    let all_parts = parts.into_iter().chain([("the rest", rest.max(0.0))]);
+    let bar = all_parts.enumerate().map(|(number, (name, seconds))| {
         let share = 100.0 * seconds / total;
         format!(
             "<span style=\"width:{share:.2}%;background:{}\" title=\"{name}: {seconds:.1} s, \
@@ -141,7 +140,7 @@ fn time(timings: &[TimingRow]) -> String {
     )
 }
 
-/// The films of a run, one below the other; nothing where there are none.
+/// Returns the films of a run, one below the other; empty if there are none.
 fn films(run: &RunData) -> String {
     if run.films.is_empty() {
         return String::new();
@@ -160,7 +159,7 @@ fn film(film: &GroupFilm) -> String {
     )
 }
 
-/// Thousands of bytes, rounded up.
+/// Returns the size in thousands of bytes, rounded up.
 fn kilobytes(gif: &[u8]) -> usize {
     gif.len().div_ceil(1000)
 }

@@ -1,31 +1,31 @@
-//! Table 1 of the paper: Liu et al., CoRL 2023.
+//! Table 1 of the paper (Liu et al., CoRL 2023).
 
 use experiments::presets::Method;
 
-/// The groups of the paper, in its order.
+/// Groups of the paper, in the order of its columns.
 const GROUPS: [&str; 4] = ["plate-slide", "button-press", "drawer-close", "goal-reach"];
 
-/// Rewards of the paper are of 500.
+/// Row of the paper's table. Success is in `[0, 1]`, reward in `[0, 500]`.
 pub struct PaperRow {
-    /// The method.
+    /// Preset that corresponds to the method of the paper.
     pub method: Method,
-    /// Success and reward of each group.
+    /// Success and reward of each of [`GROUPS`].
     groups: [(f64, f64); 4],
-    /// Averages of success and reward, as printed.
+    /// Averages of success and reward, as the paper prints them.
     pub average: (f64, f64),
 }
 
 impl PaperRow {
-    /// Success and reward of a group; none for a group that the paper has not.
+    /// Returns success and reward of a group; `None` for a group that is not in the paper.
     pub fn group(&self, name: &str) -> Option<(f64, f64)> {
-        let place = GROUPS.iter().position(|group| *group == name);
-        place.map(|place| self.groups[place])
+        let column = GROUPS.iter().position(|group| *group == name)?;
+        Some(self.groups[column])
     }
 }
 
-/// The row of a method; none for one that the paper has not. The paper does not say how wide the
-/// networks of COVERS-CNN are, so its row stands beside either width.
+/// Returns the paper's row of a method; `None` for a method that is not in the paper.
 pub fn row(method: Method) -> Option<&'static PaperRow> {
+    // the paper does not say how wide the networks of COVERS-CNN are: both widths get its row
     let method = match method {
         Method::CoversCnnSlim => Method::CoversCnn,
         other => other,
@@ -37,7 +37,7 @@ const fn printed(method: Method, groups: [(f64, f64); 4], average: (f64, f64)) -
     PaperRow { method, groups, average }
 }
 
-// a line of the table is a line here
+// Each line is a line of the paper's table.
 #[rustfmt::skip]
 const ROWS: [PaperRow; 7] = [
     printed(Method::Covers,    [(0.97, 344.0), (0.87, 323.0), (0.82, 400.0), (0.98, 484.0)], (0.91, 388.0)),

@@ -1,18 +1,18 @@
-//! From how little learners recognise groups.
+//! Table of recognition: the share of groups that learners recognise from a few first frames.
 
 use experiments::evaluation::{SHOWN, mean};
 
-use super::cells::{cell, title};
-use super::figures::Undefined;
+use super::format::{cell, title};
+use super::matching::{final_policy, matched_policy};
 use super::method::MethodRuns;
-use super::partners::{last_acting, partner};
+use super::metrics::Undefined;
 use super::table::Table;
 use experiments::RunData;
 
 const UNASKED: Undefined = "the run did not ask (`evaluation.looks` makes it)";
 
-/// For each number of episodes shown, how often the policy that belongs to the group was named;
-/// nothing where no run asked.
+/// Returns the table of the shares of right answers for each number of episodes shown; `None` if no
+/// run has answers.
 pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
     if runs.all(|run| run.recognition.is_empty()) {
@@ -30,58 +30,59 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
             let mut row = vec![title(&mut table, method), episodes.to_string()];
             for group in groups {
                 let own = std::slice::from_ref(group);
-                row.push(cell(&mut table, &over(method, |run| right(run, own, episodes))));
+                row.push(cell(&mut table, &per_run(method, |run| accuracy(run, own, episodes))));
             }
-            row.push(cell(&mut table, &over(method, |run| right(run, groups, episodes))));
-            row.push(cell(&mut table, &over(method, |run| none(run, groups, episodes))));
+            row.push(cell(&mut table, &per_run(method, |run| accuracy(run, groups, episodes))));
+            row.push(cell(&mut table, &per_run(method, |run| unnamed(run, groups, episodes))));
             table.rows.push(row);
         }
     }
     Some(table)
 }
 
-/// A figure of each run.
-fn over(
+/// Returns a metric of each run of a method.
+fn per_run(
     method: &MethodRuns,
-    of: impl Fn(&RunData) -> Result<f64, Undefined>,
+    metric: impl Fn(&RunData) -> Result<f64, Undefined>,
 ) -> Vec<Result<f64, Undefined>> {
-    method.runs.iter().map(of).collect()
+    method.runs.iter().map(metric).collect()
 }
 
-/// The share of right answers; a group that no policy belongs to has none.
-fn right(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
-    let right = |named: Option<usize>, partner| named.is_some() && named == partner;
-    share(run, groups, episodes, right)
+/// Returns the share of right answers, the mean over groups.
+fn accuracy(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+    // "none" is no right answer, even for a group that no policy belongs to
+    let is_right = |named: Option<usize>, own| named.is_some() && named == own;
+    share(run, groups, episodes, is_right)
 }
 
-/// The share of looks from which no policy was named.
-fn none(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+/// Returns the share of answers that named no policy, the mean over groups.
+fn unnamed(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
     share(run, groups, episodes, |named, _| named.is_none())
 }
 
-/// The share of looks with answers of a kind, the mean over groups. The kind depends on the policy
-/// that was named and on the one that belongs to the group.
+/// Returns the share of answers for which `counts` is `true`, the mean over groups. Its arguments
+/// are the policy that was named and the one that belongs to the group.
 fn share(
     run: &RunData,
     groups: &[String],
     episodes: usize,
-    kind: fn(Option<usize>, Option<usize>) -> bool,
+    counts: fn(Option<usize>, Option<usize>) -> bool,
 ) -> Result<f64, Undefined> {
     if let Some(reason) = run.experiment.learner.cannot_be_asked() {
         return Err(reason);
     }
-    let of = |group: &String| {
-        let partner = partner(&run.rollouts, group);
-        let rows = run.recognition.iter();
-        let rows = rows.filter(|row| row.group == *group && row.episodes == episodes);
-        let [all, counted] = rows.fold([0, 0], |[all, counted], row| {
-            let named = row.policy.map(|policy| last_acting(&run.rollouts, policy));
-            let times = usize::from(kind(named, partner)) * row.times;
+    let share_of = |group: &String| {
+        let own = matched_policy(&run.rollouts, group);
+        let answers = run.recognition.iter();
+        let answers = answers.filter(|row| row.group == *group && row.episodes == episodes);
+        let [all, counted] = answers.fold([0, 0], |[all, counted], row| {
+            let named = row.policy.map(|policy| final_policy(&run.rollouts, policy));
+            let times = usize::from(counts(named, own)) * row.times;
             [all + row.times, counted + times]
         });
         (all > 0).then(|| counted as f64 / all as f64)
     };
-    let shares: Option<Vec<f64>> = groups.iter().map(of).collect();
+    let shares: Option<Vec<f64>> = groups.iter().map(share_of).collect();
     shares.map(|shares| mean(&shares)).ok_or(UNASKED)
 }
 
@@ -93,7 +94,7 @@ mod tests {
     use experiments::presets::{Budget, Method};
     use experiments::{RecognitionRow, RolloutRow};
 
-    /// A run in which policy 0 belongs to group `a` and 1 to `b`, with these answers.
+    /// Returns a run in which policy 0 belongs to group `a` and 1 to `b`, with these answers.
     fn run(method: Method, answers: &[(&str, usize, Option<usize>, usize)]) -> RunData {
         let rollout = |(policy, group): (usize, &str)| RolloutRow {
             decisions: 100 * (policy + 1),

@@ -1,30 +1,30 @@
-//! Figures over seeds, as Agarwal et al. define them ("Deep Reinforcement Learning at the Edge of
-//! the Statistical Precipice", NeurIPS 2021; their library is rliable).
+//! Statistics over seeds, as Agarwal et al. define them ("Deep Reinforcement Learning at the Edge
+//! of the Statistical Precipice", NeurIPS 2021; their library is rliable).
 
 use experiments::evaluation::mean;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Resamplings of an interval; rliable's default.
+/// Bootstrap samples of an interval; rliable's default.
 const DRAWS: usize = 50_000;
-/// Bounds of an interval of 95 %.
+/// Quantiles that bound an interval of 95 %.
 const BOUNDS: [f64; 2] = [0.025, 0.975];
 
 /// Scores of one method `[groups][seeds]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scores(pub Vec<Vec<f64>>);
 
-/// The bounds of a 95 % interval.
+/// Bounds of a 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// The 2.5th percentile.
+    /// 2.5th percentile of the bootstrap samples.
     pub low: f64,
-    /// The 97.5th percentile.
+    /// 97.5th percentile of the bootstrap samples.
     pub high: f64,
 }
 
-/// The interquartile mean: that of what is left without the lowest and the highest quarter, each
-/// rounded down; NaN of nothing. It is scipy's `trim_mean` with 0.25.
+/// Returns the interquartile mean: the mean without the lowest and the highest quarter of the
+/// values, each rounded down, as scipy's `trim_mean` with 0.25. NaN for no values.
 pub fn iqm(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -32,13 +32,13 @@ pub fn iqm(values: &[f64]) -> f64 {
     mean(&sorted[cut..sorted.len() - cut])
 }
 
-/// The median; NaN of nothing.
+/// Returns the median; NaN for no values.
 pub fn median(values: &[f64]) -> f64 {
     quantile(values.to_vec(), 0.5)
 }
 
-/// The value below which a share of them lies, interpolated between neighbours as NumPy does it;
-/// NaN of nothing. Values may be infinite.
+/// Returns the quantile of values at `share` in `[0, 1]`, interpolated between neighbours as NumPy
+/// does it; NaN for no values. Values may be infinite.
 pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     quantile_of_sorted(&values, share)
@@ -51,7 +51,7 @@ fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
     let place = share * last as f64;
     let (below, part) = (place.floor() as usize, place.fract());
     let (low, high) = (values[below], values[(below + 1).min(last)]);
-    // two infinite neighbours have no difference
+    // the difference of two infinite neighbours would be NaN
     if part == 0.0 || low == high {
         return low;
     }
@@ -59,52 +59,53 @@ fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
 }
 
 impl Scores {
-    /// A statistic of all scores together.
+    /// Returns a statistic of all scores together.
     pub fn of(&self, statistic: fn(&[f64]) -> f64) -> f64 {
         statistic(&self.0.concat())
     }
 
-    /// The fewest seeds of a group.
+    /// Returns the number of seeds of the group with the fewest seeds.
     pub fn seeds(&self) -> usize {
         self.0.iter().map(Vec::len).min().unwrap_or(0)
     }
 
-    /// The 95 % interval of a statistic by the stratified bootstrap: seeds are drawn again with
-    /// replacement within each group. None for fewer than two seeds.
+    /// Returns the 95 % interval of a statistic by the stratified bootstrap, which draws seeds with
+    /// replacement within each group. `None` for fewer than two seeds.
     pub fn interval(&self, statistic: fn(&[f64]) -> f64) -> Option<Interval> {
         self.resampled(|scores| scores.of(statistic))
     }
 
-    /// The interval of the difference of means, this method's less the other's. Whole runs are
-    /// drawn again: one learner made the scores of all its groups, so they are not independent.
+    /// Returns the 95 % interval of this method's mean less the other's. The bootstrap draws whole
+    /// runs: one learner made the scores of all its groups, so they are not independent. `None` for
+    /// fewer than two seeds.
     pub fn difference(&self, other: &Self) -> Option<Interval> {
         pair_interval(self, other, |one, other| one.of(mean) - other.of(mean))
     }
 
-    /// The probability that a run of this method scores above a run of the other in the same group,
-    /// where equal counts one half, averaged over groups; and its interval, for which whole runs
-    /// are drawn again.
+    /// Returns the probability that a run of this method scores above a run of the other in the
+    /// same group, averaged over groups, and its 95 % interval by a bootstrap over whole runs.
+    /// Equal scores count one half.
     pub fn improvement(&self, other: &Self) -> (f64, Option<Interval>) {
         let interval = pair_interval(self, other, probability);
         (probability(self, other), interval)
     }
 
     fn resampled(&self, statistic: impl Fn(&Self) -> f64) -> Option<Interval> {
+        // a fixed seed: the same runs give the same report
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let enough = self.seeds() > 1;
         enough.then(|| percentiles((0..DRAWS).map(|_| statistic(&self.draw(rng))).collect()))
     }
 
-    /// As many scores of each group, drawn with replacement.
+    /// Draws one bootstrap sample: as many scores of each group, with replacement.
     fn draw(&self, rng: &mut ChaCha8Rng) -> Self {
         let draw = |scores: &Vec<f64>| -> Vec<f64> {
-            let draws = scores.iter().map(|_| scores[rng.random_range(0..scores.len())]);
-            draws.collect()
+            scores.iter().map(|_| scores[rng.random_range(0..scores.len())]).collect()
         };
         Self(self.0.iter().map(draw).collect())
     }
 
-    /// As many runs, drawn with replacement, each with its scores of all groups.
+    /// Draws one bootstrap sample of whole runs, each with its scores of all groups.
     fn draw_runs(&self, rng: &mut ChaCha8Rng) -> Self {
         let seeds = self.seeds();
         let drawn: Vec<usize> = (0..seeds).map(|_| rng.random_range(0..seeds)).collect();
@@ -135,7 +136,7 @@ fn probability(one: &Scores, other: &Scores) -> f64 {
     mean(&above.collect::<Vec<_>>())
 }
 
-/// The percentiles of [`BOUNDS`], interpolated between neighbours.
+/// Returns the percentiles of [`BOUNDS`], interpolated between neighbours.
 fn percentiles(mut values: Vec<f64>) -> Interval {
     values.sort_by(f64::total_cmp);
     let [low, high] = BOUNDS.map(|share| quantile_of_sorted(&values, share));

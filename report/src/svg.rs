@@ -1,48 +1,54 @@
-//! Drawings of curves over decisions or amounts, as SVG 1.1 without scripts or fonts of their own.
+//! Drawings of curves as SVG 1.1, without scripts or embedded fonts.
 
 use std::fmt::Write;
 
 use experiments::colours::Stroke;
 use experiments::printable::printable_lines;
 
-/// The colour of what belongs to no group: that of the text.
-pub const INK: &str = "currentColor";
+/// Colour of lines and dots that belong to no group: the colour of the text.
+pub const TEXT_COLOUR: &str = "currentColor";
 
-/// Where the x axis begins, and what is right of it.
+// All lengths are pixels of the view box.
+
+/// Margin left of the panels, with the names and ticks of the y axes.
 const LEFT: f64 = 64.0;
+/// Margin right of the panels.
 const RIGHT: f64 = 26.0;
-/// Heights above the panels, for the legend, and below them, for the axis.
+/// Margins above the panels, for the legend, and below them, for the x axis.
 const OUTSIDE: [f64; 2] = [34.0, 40.0];
-/// Between two panels.
+/// Gap between two panels.
 const GAP: f64 = 14.0;
-/// Height of a line of the legend, and length of the stroke before a name.
+/// Height of a line of the legend.
 const LINE: f64 = 18.0;
+/// Length of the stroke before a name of the legend.
 const KEY: f64 = 28.0;
-/// From a stroke to its name and between two names of the legend.
+/// Space between a stroke of the legend and its name, and after the name.
 const SPACE: f64 = 6.0;
-/// Radius of a dot, and of one among many.
+/// Radius of a dot (pixels).
 pub const DOT: f64 = 3.5;
-/// Colour of neutral lines and of curves without a group.
+/// Radius of a dot among many (pixels).
 pub const SMALL_DOT: f64 = 1.6;
 
-/// Panels one below the other over the same axis.
+/// Drawing of panels one below the other over a common x axis.
 pub struct Drawing {
+    /// Elements so far.
     text: String,
-    /// The largest value on the x axis, and what the axis is.
+    /// Largest value on the x axis, above 0.
     end: f64,
+    /// Label of the x axis.
     axis: &'static str,
-    /// The length of the x axis (pixels).
+    /// Length of the x axis (pixels).
     length: f64,
-    /// Where the current panel begins, and its height.
+    /// Top and height of the current panel (pixels).
     panel: [f64; 2],
-    /// Bounds of its y axis.
+    /// Values at the bottom and at the top of the current panel.
     bounds: [f64; 2],
     /// Position at which the next name of the legend begins (pixels).
     legend: [f64; 2],
 }
 
 impl Drawing {
-    /// A drawing over x from 0 to `end`, with a name for it, as wide as a page.
+    /// Creates a drawing over x from 0 to `end`, with a label for this axis, as wide as a page.
     pub fn new(end: f64, axis: &'static str) -> Self {
         Self {
             text: String::new(),
@@ -55,12 +61,12 @@ impl Drawing {
         }
     }
 
-    /// One of two that stand side by side on a page.
+    /// Creates a drawing of half a page's width, for two side by side.
     pub fn half(end: f64, axis: &'static str) -> Self {
         Self { length: 440.0, ..Self::new(end, axis) }
     }
 
-    /// Begins a panel of this height (pixels) over `bounds` with a name and ticks.
+    /// Begins a panel of this height (pixels), whose y axis spans `bounds`, with a name and ticks.
     pub fn panel(&mut self, name: &str, height: f64, bounds: [f64; 2], ticks: &[f64]) {
         self.panel = [self.panel[0] + self.panel[1] + GAP, height];
         self.bounds = bounds;
@@ -80,7 +86,7 @@ impl Drawing {
         }
     }
 
-    /// Fills the panel from one x to another.
+    /// Fills the background of the panel from one x to another, with a title as tooltip.
     pub fn span(&mut self, from: f64, to: f64, colour: &str, title: &str) {
         let ([top, height], x) = (self.panel, self.x(from));
         let width = self.x(to) - x;
@@ -91,12 +97,12 @@ impl Drawing {
         ));
     }
 
-    /// A line through points.
+    /// Adds a line through points.
     pub fn line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
         self.polyline(points, stroke, "line");
     }
 
-    /// A line so wide that it shows on both sides of others that are drawn upon it.
+    /// Adds a line so wide that it shows on both sides of others that are drawn upon it.
     pub fn wide_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
         self.polyline(points, stroke, "line wide");
     }
@@ -106,8 +112,9 @@ impl Drawing {
         self.add(format_args!("<polyline points=\"{path}\" {stroke} class=\"{class}\"/>"));
     }
 
-    /// What lies between two lines.
+    /// Fills the area between two lines.
     pub fn band(&mut self, low: &[(f64, f64)], high: &[(f64, f64)], colour: &str) {
+        // around the area: along the lower line, and back along the upper one
         let path = self.path(low.iter().chain(high.iter().rev()));
         self.add(format_args!("<polygon points=\"{path}\" fill=\"{colour}\" class=\"band\"/>"));
     }
@@ -117,9 +124,9 @@ impl Drawing {
         points.collect::<Vec<_>>().join(" ")
     }
 
-    /// A dot of this radius (pixels), whose value shows where the pointer rests on it.
-    pub fn dot(&mut self, (x, y): (f64, f64), radius: f64, colour: &str, title: &str) {
-        let (x, y) = (self.x(x), self.y(y));
+    /// Adds a dot at `point` with a radius in pixels, and a title as tooltip.
+    pub fn dot(&mut self, point: (f64, f64), radius: f64, colour: &str, title: &str) {
+        let (x, y) = (self.x(point.0), self.y(point.1));
         self.add(format_args!(
             "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"><title>{}</title>\
              </circle>",
@@ -127,8 +134,8 @@ impl Drawing {
         ));
     }
 
-    /// Adds a name to the legend, on a new line where the last one is full. The legend comes before
-    /// the first panel, which begins below it.
+    /// Adds a name to the legend, on a new line if the last one is full. Call it before the first
+    /// [`Self::panel`], which begins below the legend.
     pub fn legend(&mut self, name: &str, stroke: &Stroke) {
         let end = LEFT + self.length + RIGHT;
         let room = end - LEFT - KEY - 2.0 * SPACE;
@@ -148,7 +155,7 @@ impl Drawing {
         self.legend[0] += width + SPACE;
     }
 
-    /// The drawing with its axis and a title for those who cannot see it.
+    /// Adds the x axis, and returns the SVG with a title for screen readers.
     pub fn finish(mut self, title: &str) -> String {
         let bottom = self.panel[0] + self.panel[1];
         for tick in ticks(self.end) {
@@ -181,13 +188,13 @@ impl Drawing {
     }
 }
 
-/// Alone or in a page, a drawing is light or dark as the reader has set it.
+/// Style sheet of a drawing, which is light or dark by the reader's setting, alone and in a page.
 const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
     .frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}.wide,.key{stroke-width:3.4}\
     .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.name,.below{text-anchor:middle}\
     @media(prefers-color-scheme:dark){svg{color:#d6dbe0}.paper{fill:#16191d}}";
 
-/// The attributes of a stroke.
+/// Returns the SVG attributes of a stroke.
 fn attributes(Stroke { colour, dashes }: &Stroke) -> String {
     let dashes = match dashes.as_str() {
         "" => String::new(),
@@ -196,10 +203,10 @@ fn attributes(Stroke { colour, dashes }: &Stroke) -> String {
     format!("stroke=\"{colour}\"{dashes}")
 }
 
-/// The most that a text takes (pixels): no font is known here, so letters count as those of a wide
-/// one.
+/// Returns an upper bound on the width of a text (pixels). The font is the viewer's, so characters
+/// count as those of a wide font.
 fn text_width(text: &str) -> f64 {
-    let width = |sign: char| match sign {
+    let width = |character: char| match character {
         'm' | 'w' => 12.0,
         ' '..='@' | '_' | 'a'..='z' => 7.5,
         _ => 12.0,
@@ -207,15 +214,15 @@ fn text_width(text: &str) -> f64 {
     text.chars().map(width).sum()
 }
 
-/// The text as XML, cut off with an ellipsis where it is wider than `room` (pixels); the whole then
-/// shows where the pointer rests on it.
+/// Returns a text as XML. A text wider than `room` (pixels) ends in an ellipsis, and the whole text
+/// is its tooltip.
 fn fitted(text: &str, room: f64) -> String {
     if text_width(text) <= room {
         return escaped(text);
     }
     let mut cut = String::new();
-    for sign in text.chars() {
-        cut.push(sign);
+    for character in text.chars() {
+        cut.push(character);
         if text_width(&cut) + text_width("…") > room {
             cut.pop();
             break;
@@ -224,23 +231,26 @@ fn fitted(text: &str, room: f64) -> String {
     format!("{}…<title>{}</title>", escaped(&cut), escaped(text))
 }
 
-/// Round numbers from 0 to `end`, at most eight.
+/// Returns two to eight round numbers from 0 to at most `end`, at equal steps of 1, 2 or 5 times a
+/// power of ten.
 fn ticks(end: f64) -> Vec<f64> {
+    // eight ticks have seven steps between them
     let rough = end / 7.0;
     let exponent = rough.log10().floor() as i32;
-    // a quotient of whole numbers is the nearest number to a decimal, a product need not be
+    // 3 / 10 is the nearest number to 0.3, but 3 * 0.1 prints as 0.30000000000000004
     let multiple = |n: f64| match exponent {
         0.. => n * 10_f64.powi(exponent),
         _ => n / 10_f64.powi(-exponent),
     };
-    let steps = [1.0, 2.0, 5.0, 10.0];
-    let step = steps.into_iter().find(|&step| multiple(step) >= rough);
-    let step = step.unwrap_or(10.0);
+    let step =
+        [1.0, 2.0, 5.0, 10.0].into_iter().find(|&step| multiple(step) >= rough).unwrap_or(10.0);
     let ticks = (0..=7).map(|n| multiple(f64::from(n) * step));
+    // rounding must not remove the last tick
     ticks.take_while(|&tick| tick <= end * (1.0 + 1e-9)).collect()
 }
 
-/// Text with the signs of XML and HTML escaped, and control characters, which XML has no place for.
+/// Escapes the special characters of XML and HTML, and control characters, which XML does not
+/// allow.
 pub fn escaped(text: &str) -> String {
     let text = printable_lines(text);
     let text = text.replace('&', "&amp;").replace('<', "&lt;");
@@ -291,18 +301,18 @@ mod tests {
     }
 }
 
-/// Elements of a drawing, for tests.
+/// Reader of the elements of a drawing, for tests.
 #[cfg(test)]
 pub(super) mod read {
     use super::text_width;
 
-    /// The tags of a drawing, each as it stands, with the text up to the next one.
+    /// Returns the tags of a drawing, each with the text up to the next one.
     pub fn tags(svg: &str) -> Vec<(&str, &str)> {
         let parts = svg.split('<').skip(1);
         parts.map(|part| part.split_once('>').unwrap()).collect()
     }
 
-    /// The value of an attribute.
+    /// Returns the value of an attribute.
     pub fn attribute<'a>(tag: &'a str, name: &str) -> Option<&'a str> {
         let (_, value) = tag.split_once(&format!(" {name}=\""))?;
         value.split('"').next()
@@ -312,15 +322,15 @@ pub(super) mod read {
         attribute(tag, name).unwrap().parse().unwrap()
     }
 
-    /// The tags of a class.
+    /// Returns the tags of a class.
     pub fn of_class<'a>(svg: &'a str, class: &str) -> Vec<(&'a str, &'a str)> {
         let mut tags = tags(svg);
         tags.retain(|(tag, _)| attribute(tag, "class") == Some(class));
         tags
     }
 
-    /// Holds the legend's texts to the view box and to each other: they are so many, none leaves
-    /// the box, none lies upon another or reaches into the first panel.
+    /// Asserts that the legend has `names` texts, all inside the view box and above the first
+    /// panel, and that none covers another.
     pub fn check_texts(svg: &str, names: usize) {
         let view: Vec<f64> = attribute(svg, "viewBox")
             .unwrap()

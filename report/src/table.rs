@@ -1,27 +1,27 @@
-//! A table, and how it is written.
+//! Table of text cells, written as Markdown, plain text, HTML, CSV or LaTeX.
 
 use std::fmt::Write;
 
 use super::svg::escaped;
 
-/// Columns of Markdown's prose.
+/// Width to which captions and notes are wrapped in Markdown (characters).
 const COLUMNS: usize = 100;
 
-/// A table with a caption.
+/// Table with a caption and footnotes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
-    /// What it shows, a sentence.
+    /// Sentence that says what the table shows.
     pub caption: String,
     /// Names of the columns.
     pub header: Vec<String>,
-    /// Rows of as many cells.
+    /// Rows `[rows][columns]`.
     pub rows: Vec<Vec<String>>,
-    /// Sentences below it.
+    /// Footnotes, without their full stops.
     pub notes: Vec<String>,
 }
 
 impl Table {
-    /// A table without rows.
+    /// Creates a table without rows.
     pub fn new(caption: &str, header: &[&str]) -> Self {
         Self {
             caption: caption.to_owned(),
@@ -31,17 +31,17 @@ impl Table {
         }
     }
 
-    /// The sign of a remark, which stands below the table once.
+    /// Adds a footnote unless the table has it, and returns its mark, such as `(1)`.
     pub fn note(&mut self, remark: &str) -> String {
         let known = self.notes.iter().position(|note| note == remark);
-        let number = known.unwrap_or_else(|| {
+        let index = known.unwrap_or_else(|| {
             self.notes.push(remark.to_owned());
             self.notes.len() - 1
         });
-        format!("({})", number + 1)
+        format!("({})", index + 1)
     }
 
-    /// The table in Markdown, caption first.
+    /// Returns the table in Markdown, the caption first.
     pub fn markdown(&self) -> String {
         let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
         let mut text = format!("{}\n\n{}", wrapped(&self.caption), line(&self.header));
@@ -53,49 +53,46 @@ impl Table {
             text.push('\n');
         }
         for (number, note) in (1..).zip(&self.notes) {
-            // writing to a String cannot fail
+            // two spaces end a line in Markdown; writing to a String cannot fail
             let _ = writeln!(text, "{}  ", wrapped(&format!("({number}) {note}.")));
         }
         text
     }
 
-    /// The table in columns for a terminal, without its caption; numbers stand to the right.
+    /// Returns the table in columns for a terminal, without its caption. Numbers are aligned to the
+    /// right.
     pub fn text(&self) -> String {
-        let columns = 0..self.header.len();
         let width = |column: usize| {
-            let cells = self.rows.iter().map(|row| &row[column]);
-            let widths = cells.chain([&self.header[column]]);
-            widths.map(|cell| cell.chars().count()).max().unwrap_or(0)
+            let cells = self.rows.iter().map(|row| &row[column]).chain([&self.header[column]]);
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
         };
-        let widths: Vec<usize> = columns.map(width).collect();
+        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
         let line = |cells: &[String]| {
-            let cells = cells.iter().zip(&widths);
-            let cells = cells.map(|(cell, &width)| match cell.parse::<f64>() {
-                Ok(_) => format!("{cell:>width$}"),
-                Err(_) => format!("{cell:<width$}"),
+            let padded = cells.iter().zip(&widths).map(|(cell, &width)| {
+                let is_number = cell.parse::<f64>().is_ok();
+                if is_number { format!("{cell:>width$}") } else { format!("{cell:<width$}") }
             });
-            cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+            padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
         };
         let rule: Vec<String> = widths.iter().map(|&width| "-".repeat(width)).collect();
         let rows = self.rows.iter().map(|row| line(row));
         let head = [line(&self.header), rule.join("  ")];
-        let notes = (1..).zip(&self.notes);
-        let notes = notes.map(|(number, note)| format!("({number}) {note}."));
+        let notes = (1..).zip(&self.notes).map(|(number, note)| format!("({number}) {note}."));
         let lines: Vec<String> = head.into_iter().chain(rows).chain(notes).collect();
         lines.join("\n")
     }
 
-    /// The table in HTML, in a box that scrolls where the screen is narrow.
+    /// Returns the table in HTML, in a box that scrolls on narrow screens.
     pub fn html(&self) -> String {
         let line = |tag: &str, cells: &[String]| {
-            let cells = cells.iter().map(|cell| escaped(cell));
-            let cells = cells.map(|cell| format!("<{tag}>{cell}</{tag}>"));
+            let cells = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell)));
             format!("<tr>{}</tr>\n", cells.collect::<String>())
         };
         let rows = self.rows.iter().map(|row| line("td", row));
-        let notes = (1..).zip(&self.notes);
-        let notes =
-            notes.map(|(n, note)| format!("<p class=\"note\">({n}) {}.</p>\n", escaped(note)));
+        let note = |(number, note): (usize, &String)| {
+            format!("<p class=\"note\">({number}) {}.</p>\n", escaped(note))
+        };
+        let notes = (1..).zip(&self.notes).map(note);
         format!(
             "<p class=\"caption\">{}</p>\n<div class=\"wide\"><table>\n{}{}</table></div>\n{}",
             escaped(&self.caption),
@@ -105,7 +102,7 @@ impl Table {
         )
     }
 
-    /// The rows as CSV (RFC 4180), the header first.
+    /// Returns the rows as CSV (RFC 4180), the header first. All cells are quoted.
     pub fn csv(&self) -> String {
         let quoted = |cell: &String| format!("\"{}\"", cell.replace('"', "\"\""));
         let line = |cells: &Vec<String>| cells.iter().map(quoted).collect::<Vec<_>>().join(",");
@@ -113,7 +110,7 @@ impl Table {
         rows.map(|row| line(row) + "\r\n").collect()
     }
 
-    /// The table as a LaTeX `tabular` with the rules of `booktabs`.
+    /// Returns the table as a LaTeX `tabular` with the rules of `booktabs`.
     pub fn latex(&self) -> String {
         let line = |cells: &Vec<String>| {
             let cells: Vec<String> = cells.iter().map(|cell| latex(cell)).collect();
@@ -122,8 +119,8 @@ impl Table {
         let columns = "l".repeat(self.header.len());
         let rows: String = self.rows.iter().map(line).collect();
         let header = line(&self.header);
-        let notes = self.notes.iter().zip(1..);
-        let notes: String = notes.map(|(note, n)| format!("% ({n}) {note}.\n")).collect();
+        let numbered = (1..).zip(&self.notes);
+        let notes: String = numbered.map(|(n, note)| format!("% ({n}) {note}.\n")).collect();
         format!(
             "% {}\n{notes}\\begin{{tabular}}{{{columns}}}\n\\toprule\n{header}\\midrule\n{rows}\\bottomrule\n\\end{{tabular}}\n",
             self.caption
@@ -131,7 +128,7 @@ impl Table {
     }
 }
 
-/// Words in lines of at most [`COLUMNS`], where no word is longer.
+/// Wraps text at [`COLUMNS`] characters. A longer word gets a line of its own.
 fn wrapped(text: &str) -> String {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -146,16 +143,16 @@ fn wrapped(text: &str) -> String {
     lines.join("\n")
 }
 
-/// Text with LaTeX's own signs escaped.
+/// Escapes the special characters of LaTeX.
 fn latex(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
-    for sign in text.chars() {
-        match sign {
-            '&' | '%' | '$' | '#' | '_' | '{' | '}' => escaped.extend(['\\', sign]),
+    for character in text.chars() {
+        match character {
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => escaped.extend(['\\', character]),
             '\\' => escaped.push_str("\\textbackslash{}"),
             '~' => escaped.push_str("\\textasciitilde{}"),
             '^' => escaped.push_str("\\textasciicircum{}"),
-            _ => escaped.push(sign),
+            _ => escaped.push(character),
         }
     }
     escaped
@@ -167,9 +164,9 @@ mod tests {
 
     fn table() -> Table {
         let mut table = Table::new("Two figures.", &["method", "success"]);
-        let sign = table.note("one policy");
-        assert_eq!(table.note("one policy"), sign);
-        table.rows.push(vec!["a_b, \"c\"".to_owned(), format!("5 % {sign}")]);
+        let mark = table.note("one policy");
+        assert_eq!(table.note("one policy"), mark);
+        table.rows.push(vec!["a_b, \"c\"".to_owned(), format!("5 % {mark}")]);
         table
     }
 
@@ -214,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn latex_signs_are_escaped() {
+    fn latex_characters_are_escaped() {
         let text = table().latex();
         assert!(text.contains("a\\_b, \"c\" & 5 \\% (1) \\\\\n"), "{text}");
         assert!(text.contains("\\begin{tabular}{ll}"));

@@ -1,25 +1,25 @@
-//! The tables of a report.
+//! Tables of a report.
 
 use experiments::evaluation::{TAU, mean};
 
-use super::cells::{brackets, cell, dash, marked, title};
 use super::comparison::Comparison;
-use super::figures::{Figures, GroupFigures, Undefined};
+use super::format::{brackets, cell, dash, footnoted, title};
 use super::method::MethodRuns;
+use super::metrics::{GroupMetrics, RunMetrics, Undefined};
 use super::statistics::iqm;
 use super::table::Table;
-use super::{after_visits, efficiency, paper, recognition};
+use super::{efficiency, paper, per_visit, recognition};
 use experiments::RunData;
 
-/// The remark that stands beside the paper's figures.
+/// The remark that stands beside the paper's metrics.
 const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
     built for exact symmetry, so success rates do not compare one to one";
 
-/// Tables that not every report has.
-pub const SOMETIMES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
+/// Names of the tables that not every report has.
+pub const OPTIONAL_TABLES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
 
-/// All tables of these methods, each with a name, for the groups that every run was scored on; the
-/// first method is compared with the others.
+/// Returns all tables of these methods, each with a name, for the groups that every run was scored
+/// on. The first method is compared with the others.
 pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     let groups = common_groups(methods);
     let mut tables =
@@ -27,7 +27,7 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
     }
-    if let Some(table) = after_visits::table(methods, &groups) {
+    if let Some(table) = per_visit::table(methods, &groups) {
         tables.push(("visits", table));
     }
     if let Some(table) = efficiency::table(methods, &groups) {
@@ -41,21 +41,21 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     tables
 }
 
-/// The groups that all runs were scored on, in the order of the first.
+/// Returns the groups that all runs were scored on, in the order of the first run.
 pub fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
-    let mut figures = methods.iter().flat_map(|method| &method.figures);
-    let first = figures.next();
-    let mut groups: Vec<String> = first
-        .into_iter()
-        .flat_map(|figures| figures.groups.iter().map(|group| group.group.clone()))
-        .collect();
-    for figures in figures {
-        groups.retain(|group| figures.groups.iter().any(|own| own.group == *group));
+    let mut runs = methods.iter().flat_map(|method| &method.metrics);
+    let Some(first) = runs.next() else {
+        return Vec::new();
+    };
+    let mut groups: Vec<String> = first.groups.iter().map(|group| group.group.clone()).collect();
+    for run in runs {
+        groups.retain(|group| run.groups.iter().any(|own| own.group == *group));
     }
     groups
 }
 
-/// The table in the paper's form, the paper's figures below ours.
+/// Returns the table of success and reward in the paper's form, with the paper's numbers below
+/// those of the same method.
 fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     let mut header = vec!["method"];
     header.extend(groups.iter().map(String::as_str));
@@ -76,11 +76,11 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
         row.push(of(groups));
         row.extend(own_policies(&mut table, method, groups));
         table.rows.push(row);
-        if let Some(paper) = method.identity.method.and_then(paper::row) {
-            let sign = table.note(NOT_ONE_TO_ONE);
+        if let Some(paper) = method.preset.method.and_then(paper::row) {
+            let mark = table.note(NOT_ONE_TO_ONE);
             let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
             let of = |group: &String| paper.group(group).map_or_else(dash, cell);
-            let mut row = vec![format!("{} in the paper {sign}", paper.method.name())];
+            let mut row = vec![format!("{} in the paper {mark}", paper.method.name())];
             row.extend(groups.iter().map(of));
             row.push(cell(paper.average));
             row.extend([dash(), dash()]);
@@ -90,34 +90,33 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     table
 }
 
-/// Success and reward with the groups' own policies, and in how many variants another one played.
-/// Scores that one run lacks have no mean.
+/// Returns the cells of success and reward with the groups' own policies, and of the number of
+/// variants that another policy played. A score that any run lacks becomes a footnote.
 fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [String; 2] {
-    let figures = method.figures.iter().flat_map(|figures| &figures.groups);
-    let of_groups: Vec<&GroupFigures> =
-        figures.filter(|group| groups.contains(&group.group)).collect();
+    let metrics = method.metrics.iter().flat_map(|metrics| &metrics.groups);
+    let of_groups: Vec<&GroupMetrics> =
+        metrics.filter(|group| groups.contains(&group.group)).collect();
     let scores = of_groups
         .iter()
         .map(|group| Ok((group.own_success?, group.own_reward?)))
         .collect::<Result<Vec<(f64, f64)>, Undefined>>();
     let score = scores.map(|scores| {
-        let (success, reward): (Vec<f64>, Vec<f64>) = scores.into_iter().unzip();
+        let (success, reward) = scores.into_iter().unzip::<_, _, Vec<f64>, Vec<f64>>();
         format!("{:.3} / {:.0}", mean(&success), mean(&reward))
     });
-    let counts = of_groups.iter().map(|group| group.mismatches);
-    let counts = counts.collect::<Result<Vec<[usize; 2]>, Undefined>>();
+    let counts = of_groups.iter().map(|group| group.mismatches).collect::<Result<Vec<_>, _>>();
     let count = counts.map(|counts| {
         let [others, all] =
             counts.into_iter().fold([0, 0], |sum, group| [sum[0] + group[0], sum[1] + group[1]]);
         format!("{others} of {all}")
     });
-    let mut cell = |figure: Result<String, Undefined>| {
-        figure.unwrap_or_else(|reason| format!("- {}", table.note(reason)))
+    let mut cell = |text: Result<String, Undefined>| {
+        text.unwrap_or_else(|reason| format!("- {}", table.note(reason)))
     };
     [cell(score), cell(count)]
 }
 
-/// Columns of [`over_seeds`].
+/// Columns of the table "Over seeds".
 const OVER_SEEDS: [&str; 14] = [
     "method",
     "seeds",
@@ -135,7 +134,7 @@ const OVER_SEEDS: [&str; 14] = [
     "seconds of learning",
 ];
 
-/// What each method is like over seeds and the whole stream.
+/// Returns the table of statistics over seeds: success, forgetting, transfer and assignment.
 fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
     let caption = format!(
         "Over seeds: mean and interquartile mean of success with stratified bootstrap intervals of \
@@ -158,30 +157,30 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
         let interval = brackets(success.interval(statistic), 3);
         format!("{:.3}{interval}", success.of(statistic))
     };
-    let figures = || method.figures.iter();
-    let mut mean_of = |figure: fn(&Figures) -> Result<f64, Undefined>| {
-        cell(table, &figures().map(figure).collect::<Vec<_>>())
+    let metrics = || method.metrics.iter();
+    let mut mean_of = |metric: fn(&RunMetrics) -> Result<f64, Undefined>| {
+        cell(table, &metrics().map(metric).collect::<Vec<_>>())
     };
     let seconds: Option<Vec<f64>> = method.runs.iter().map(RunData::seconds).collect();
     vec![
         title,
         method.runs.len().to_string(),
-        range(figures().map(|figures| figures.decisions)),
+        range(metrics().map(|metrics| metrics.decisions)),
         with_interval(mean),
         with_interval(iqm),
         format!("{:.3}", at_end.of(mean)),
-        mean_of(|figures| figures.mean(|group| group.forgetting)),
-        mean_of(|figures| figures.mean(|group| group.transfer)),
-        mean_of(|figures| figures.accuracy),
-        mean_of(|figures| figures.return_accuracy),
-        range(figures().map(|figures| figures.policies)),
-        share(figures().map(|figures| figures.rollouts)),
-        mean_of(|figures| figures.dormant),
+        mean_of(|metrics| metrics.mean(|group| group.forgetting)),
+        mean_of(|metrics| metrics.mean(|group| group.transfer)),
+        mean_of(|metrics| metrics.accuracy),
+        mean_of(|metrics| metrics.return_accuracy),
+        range(metrics().map(|metrics| metrics.policies)),
+        share(metrics().map(|metrics| metrics.rollouts)),
+        mean_of(|metrics| metrics.dormant),
         whole(seconds.map(|seconds| mean(&seconds))),
     ]
 }
 
-/// The first method against each of the others.
+/// Returns the table that compares the first method with each of the others.
 fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
     let success = |method: &MethodRuns| method.scores(groups, |group| group.success);
     let first = &methods[0];
@@ -193,10 +192,11 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
         "in the paper (1)",
     ];
     let mut table = Table::new("", &header);
+    // the header holds the mark (1), so this must be the first note
     table.note(NOT_ONE_TO_ONE);
     table.caption = format!("{} against the other methods, by success.", title(&mut table, first));
     let printed = |method: &MethodRuns| {
-        let row = method.identity.method.and_then(paper::row);
+        let row = method.preset.method.and_then(paper::row);
         row.map(|row| row.average.0)
     };
     for other in &methods[1..] {
@@ -208,14 +208,15 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
             against,
             format!("{:+.3}{}", comparison.difference, brackets(comparison.interval, 3)),
             format!("{improvement:.2}{}", brackets(interval, 2)),
-            comparison.verdict().word().to_owned(),
+            comparison.verdict().label().to_owned(),
             paper.map_or_else(dash, |(own, other)| format!("{:+.2}", own - other)),
         ]);
     }
     table
 }
 
-/// Success in each variant; those that the learner never met stand in brackets.
+/// Returns the table of success in each variant. Variants that the learner was never trained on
+/// stand in brackets.
 fn variants(methods: &[MethodRuns], groups: &[String]) -> Table {
     let elements = ["identity", "flip x", "flip y", "half turn"];
     let mut header = vec!["method", "group"];
@@ -249,22 +250,22 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
     }
 }
 
-/// One row a run.
+/// Returns the table with one row for each run.
 fn runs(methods: &[MethodRuns]) -> Table {
     let header = ["run", "success", "reward", "policies", "decisions", "seconds", "commit"];
     let mut table = Table::new("Each run.", &header);
     for method in methods {
-        for (run, figures) in method.runs.iter().zip(&method.figures) {
-            let average = |figure: fn(&GroupFigures) -> f64| {
-                mean(&figures.groups.iter().map(figure).collect::<Vec<_>>())
+        for (run, metrics) in method.runs.iter().zip(&method.metrics) {
+            let average = |metric: fn(&GroupMetrics) -> f64| {
+                mean(&metrics.groups.iter().map(metric).collect::<Vec<_>>())
             };
-            let name = marked(&mut table, method, &run.name);
+            let name = footnoted(&mut table, method, &run.name);
             table.rows.push(vec![
                 name,
                 format!("{:.3}", average(|group| group.success)),
                 format!("{:.1}", average(|group| group.reward)),
-                figures.policies.to_string(),
-                figures.decisions.to_string(),
+                metrics.policies.to_string(),
+                metrics.decisions.to_string(),
                 whole(run.seconds()),
                 run.commits().join(", "),
             ]);
@@ -273,12 +274,12 @@ fn runs(methods: &[MethodRuns]) -> Table {
     table
 }
 
-/// A figure without decimals, where there is one.
-fn whole(figure: Option<f64>) -> String {
-    figure.map_or_else(dash, |figure| format!("{figure:.0}"))
+/// Returns a number without decimals, or a dash.
+fn whole(number: Option<f64>) -> String {
+    number.map_or_else(dash, |number| format!("{number:.0}"))
 }
 
-/// The least and the largest of some counts.
+/// Returns the smallest and the largest of some counts as "2 to 4", or the count if they agree.
 fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
     match (counts.clone().min(), counts.max()) {
         (Some(least), Some(most)) if least == most => least.to_string(),

@@ -1,17 +1,18 @@
-//! When a group's visits ended.
+//! Ends of the visits to a group.
 
 use std::iter::repeat_n;
 
 use experiments::RolloutRow;
 
-/// After how many rollouts each visit of a group was over, as the rows of turns tell: a visit that
-/// neither began nor ended a turn is not among them.
+/// Returns the number of rollouts after which each visit of a group was over. The rows hold the
+/// first and the last group of a rollout alone, so a visit within one rollout that neither began
+/// nor ended it is missing.
 pub fn ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
     let over = |index: usize| {
         let row = &rollouts[index];
         let next = rollouts.get(index + 1).map(|row| row.group.as_str());
         let first = row.group == group && (row.straddles || next != Some(group));
-        // the group came within the turn, and the next turn has another one
+        // the group came within the rollout, and the next rollout has another one
         let last = row.straddles && row.last_group == group && next != Some(group);
         repeat_n(index + 1, usize::from(first) + usize::from(last))
     };
@@ -22,15 +23,15 @@ pub fn ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// Ends of `a` in turns that are written as the groups they showed.
-    fn ends_of_a(turns: &[&str]) -> Vec<usize> {
-        let row = |turn: &&str| RolloutRow {
-            group: turn[..1].to_owned(),
-            last_group: turn[turn.len() - 1..].to_owned(),
-            straddles: turn.len() > 1,
+    /// Returns the ends of `a` in rollouts that are written as the groups they showed.
+    fn ends_of_a(rollouts: &[&str]) -> Vec<usize> {
+        let row = |groups: &&str| RolloutRow {
+            group: groups[..1].to_owned(),
+            last_group: groups[groups.len() - 1..].to_owned(),
+            straddles: groups.len() > 1,
             ..RolloutRow::default()
         };
-        ends(&turns.iter().map(row).collect::<Vec<_>>(), "a")
+        ends(&rollouts.iter().map(row).collect::<Vec<_>>(), "a")
     }
 
     #[test]
@@ -41,13 +42,13 @@ mod tests {
     }
 
     #[test]
-    fn short_visits_count_where_a_turn_begins_or_ends_with_them() {
-        // there is another group within a turn
+    fn short_visits_count_where_a_rollout_begins_or_ends_with_them() {
+        // there is another group within a rollout
         assert_eq!(ends_of_a(&["a", "aba", "a"]), [2, 3]);
-        // the whole visit is within a turn
+        // the whole visit is within a rollout
         assert_eq!(ends_of_a(&["b", "ba", "c"]), [2]);
         assert_eq!(ends_of_a(&["b", "ba"]), [2]);
-        // one visit ends within the turn and one with it
+        // one visit ends within the rollout and one with it
         assert_eq!(ends_of_a(&["aba", "c"]), [1, 1]);
     }
 }

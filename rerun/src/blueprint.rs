@@ -1,4 +1,4 @@
-//! How the viewer lays a recording out: a tab for the stream, and one for each group.
+//! Layout of a recording in the viewer: a tab for the stream, and one for each group.
 
 use envs::TaskGroup;
 use re_sdk::blueprint::{
@@ -12,14 +12,15 @@ use covers::RunData;
 use crate::episode::{VIEWS, place};
 use crate::recording::{DECISION, ROLLOUTS};
 
-/// A tab for the stream, where the run has tables, and one for each group, whose four variants
-/// stand beside each other. Episodes play as fast as on the table.
+/// Returns the layout: a tab for the stream if the run has tables, and one for each group, whose
+/// four variants stand side by side. Episodes play in real time.
 pub(crate) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
     let has_stream = !run.rollouts.is_empty();
     let stream = has_stream.then(stream);
     let groups = groups.iter().map(|&group| of_group(group));
     let decision = run.experiment.envs.control.decision_seconds();
     let time = TimePanel::new().with_fps(decision.recip());
+    // the stream's rollouts are for stepping through, and episodes for watching
     let time = match has_stream {
         true => time.with_timeline(ROLLOUTS).with_play_state(PlayState::Paused),
         false => time.with_timeline(DECISION),

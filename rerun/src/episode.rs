@@ -1,4 +1,4 @@
-//! An episode, recorded while a policy plays it.
+//! Recording of an episode while a policy plays it.
 
 use envs::TaskVariant;
 use re_sdk_types::archetypes::{EncodedImage, Scalars};
@@ -10,21 +10,21 @@ use covers::render::{Show, Studio, View};
 use crate::recording::{DECISION, Recording, refused};
 use crate::scene::Solids;
 
-/// What is shown of an episode, and where it is in the recording.
+/// Images of an episode, each with its entity path in the recording.
 pub(crate) const VIEWS: [(View, &str); 3] =
     [(View::Raw, "table/camera/raw"), (View::Mask, "mask"), (View::Seen, "seen")];
 
-/// Components of an action.
+/// Names of the components of an action.
 const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
 
-/// Where a variant is in the recording.
+/// Returns the entity path of a variant in the recording.
 pub(crate) fn place(variant: TaskVariant) -> String {
     let element = variant.element.to_string().replace(' ', "-");
     format!("{}/{element}", variant.group)
 }
 
-/// Records an episode of a variant, played by the policy that the learner recognises; says which,
-/// and whether it succeeded.
+/// Records an episode of a variant, played by the policy that the learner recognises. Returns a
+/// line with the policy's number and the outcome.
 pub(crate) fn record(
     variant: TaskVariant,
     seed: u64,
@@ -39,10 +39,10 @@ pub(crate) fn record(
     Ok(format!("{variant}: policy {policy}, {outcome}"))
 }
 
-/// An environment whose steps are recorded.
+/// Environment whose steps are recorded.
 struct Stage<'a> {
     place: String,
-    /// None before the episode.
+    /// Shapes on the table; `None` before the episode.
     solids: Option<Solids>,
     decision: usize,
     studio: Studio,

@@ -1,5 +1,5 @@
-//! A run and its policies at work as a recording for the [Rerun](https://rerun.io) viewer. A
-//! workspace of its own, since the viewer's SDK has more dependencies than all of the project.
+//! Recordings of a run and its policies for the [Rerun](https://rerun.io) viewer. The crate is a
+//! workspace of its own, since the viewer's SDK has more dependencies than the whole project.
 
 mod blueprint;
 mod episode;
@@ -40,12 +40,12 @@ pub struct Options {
 }
 
 impl Options {
-    /// Records the stream as the run's tables tell it and one episode of each variant, and prints
-    /// to `out`.
+    /// Records the stream from the run's tables and one episode of each variant, and prints the
+    /// outcomes to `out`.
     ///
     /// # Errors
-    /// A group that the run has not learnt, a folder without policies, a file that exists, has
-    /// another ending or cannot be written; what the environments or the learner say.
+    /// A group that is not in the run's schedule, a folder without policies, a file that exists,
+    /// has another extension or cannot be written, and errors of the environments and the learner.
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
         let path = &self.out;
         if path.extension().is_none_or(|ending| ending != "rrd") {
@@ -69,7 +69,7 @@ impl Options {
         let bytes = recording.finish()?;
         self.write(&bytes)
             .map_err(|source| CoversError::Write { path: path.clone(), source: source.into() })?;
-        // a closed pipe loses no recording: the file is there
+        // the file is written first, so that a closed pipe loses no recording
         let hint = "`rerun FILE` opens it; episodes play on the timeline `decision`";
         let lines = played.into_iter().chain([format!("{}: {hint}", path.display())]);
         for line in lines {
@@ -81,7 +81,7 @@ impl Options {
         Ok(())
     }
 
-    /// Writes the file, whose folder need not exist yet. It appears whole or not at all.
+    /// Writes the file and creates its folder. The file appears complete or not at all.
     fn write(&self, bytes: &[u8]) -> io::Result<()> {
         if let Some(folder) = self.out.parent() {
             std::fs::create_dir_all(folder)?;

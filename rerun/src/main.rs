@@ -1,4 +1,4 @@
-//! The command `covers-rerun`; `covers-rerun --help` lists its options.
+//! Command `covers-rerun`; `covers-rerun --help` lists its options.
 
 use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
@@ -10,7 +10,7 @@ fn main() -> ExitCode {
     match Options::parse().run(&mut stdout()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // a terminal that is gone reads nothing, and is no reason to panic
+            // `eprintln!` would panic if the terminal is gone
             let _ = writeln!(stderr(), "error: {error}");
             ExitCode::FAILURE
         }

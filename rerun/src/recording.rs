@@ -1,4 +1,4 @@
-//! What is logged, and when.
+//! Recording in memory, and its timelines.
 
 use std::path::{Path, PathBuf};
 
@@ -8,14 +8,14 @@ use re_sdk::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
 use covers::CoversError;
 
-/// The decisions of an episode.
+/// Timeline of the decisions of an episode.
 pub(crate) const DECISION: &str = "decision";
-/// Rollouts of the stream so far.
+/// Timeline of the rollouts of the stream so far.
 pub(crate) const ROLLOUTS: &str = "rollouts";
-/// Decisions of the stream so far.
+/// Timeline of the decisions of the stream so far.
 pub(crate) const STREAM: &str = "stream";
 
-/// A recording that grows in memory.
+/// Recording that grows in memory.
 pub(crate) struct Recording {
     path: PathBuf,
     stream: RecordingStream,
@@ -23,18 +23,18 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// An empty recording for the file `path`, which the viewer lays out as `blueprint` says.
+    /// Creates an empty recording for the file `path`, with `blueprint` as the viewer's layout.
     ///
     /// # Errors
-    /// [`CoversError::Write`].
+    /// [`CoversError::Write`] if Rerun's SDK refuses.
     pub fn new(path: &Path, name: &str, blueprint: Blueprint) -> Result<Self, CoversError> {
-        // whatever the environment variable RERUN says: a recording was asked for
+        // the environment variable RERUN may switch recording off, but the user asked for it
         let builder = RecordingStreamBuilder::new("covers")
             .enabled(true)
             .recording_name(name)
             .with_blueprint(blueprint);
         let stream = builder.buffered().map_err(refused(path))?;
-        // the clock on the wall and the order of calls are no timelines of a run
+        // wall-clock time and the order of calls would be timelines that differ between equal runs
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         let bytes = stream.binary_stream();
@@ -42,13 +42,13 @@ impl Recording {
         Ok(Self { path, stream, bytes })
     }
 
-    /// The file that it is for.
+    /// Returns the path of the file that the recording is for.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What is logged from here on by this thread happens at these points of timelines, and of no
-    /// other.
+    /// Sets the points on timelines of everything that this thread logs from here on, and removes
+    /// other timelines.
     pub fn at(&self, moments: &[(&'static str, usize)]) {
         self.stream.reset_time();
         for &(timeline, moment) in moments {
@@ -56,28 +56,28 @@ impl Recording {
         }
     }
 
-    /// Logs what changes with time.
+    /// Logs data at the current time.
     ///
     /// # Errors
-    /// [`CoversError::Write`].
+    /// [`CoversError::Write`] if Rerun's SDK refuses.
     pub fn log(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
         let logged = self.stream.log(place, what);
         logged.map_err(refused(&self.path))
     }
 
-    /// Logs what is so at all times.
+    /// Logs data that holds at all times.
     ///
     /// # Errors
-    /// [`CoversError::Write`].
+    /// [`CoversError::Write`] if Rerun's SDK refuses.
     pub fn state(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
         let logged = self.stream.log_static(place, what);
         logged.map_err(refused(&self.path))
     }
 
-    /// The file.
+    /// Returns the bytes of the file.
     ///
     /// # Errors
-    /// [`CoversError::Write`].
+    /// [`CoversError::Write`] if the recording cannot be encoded.
     pub fn finish(self) -> Result<Vec<u8>, CoversError> {
         self.stream.flush_blocking().map_err(refused(&self.path))?;
         let bytes = self.bytes.read();
@@ -85,7 +85,7 @@ impl Recording {
     }
 }
 
-/// The error of a recording that does not come about.
+/// Returns a conversion of errors of Rerun's SDK to errors of writing the file `path`.
 pub(crate) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> CoversError {
     move |error| CoversError::Write { path: path.to_owned(), source: error.to_string().into() }
 }

@@ -1,4 +1,4 @@
-//! The table in three dimensions: what stands on it, the arm, and the camera above it.
+//! Scene in three dimensions: the objects on the table, the arm, and the camera above.
 
 use envs::mujoco::Shape;
 use envs::{Camera, Solid, TableTop};
@@ -13,14 +13,15 @@ use covers::CoversError;
 
 use crate::recording::Recording;
 
-/// The shapes of one table, and where each was when it was last recorded.
+/// Shapes of one table, with the pose at which each was recorded last.
 pub(crate) struct Solids {
     place: String,
     last: Vec<Option<(DVec3, DMat3)>>,
 }
 
 impl Solids {
-    /// Records the shapes of a table, and the camera above it, whose pictures stand below it.
+    /// Records the shapes of a table, and the camera above it, whose images are children of its
+    /// path.
     pub fn record(
         place: String,
         table: &TableTop,
@@ -40,7 +41,7 @@ impl Solids {
         Ok(Self { place, last })
     }
 
-    /// Records where every shape is that has moved.
+    /// Records the poses of the shapes that have moved.
     pub fn follow(&mut self, table: &TableTop, recording: &Recording) -> Result<(), CoversError> {
         for (number, solid) in table.solids().enumerate() {
             let pose = Some((solid.position, solid.axes));
@@ -58,7 +59,7 @@ impl Solids {
     }
 }
 
-/// Where a shape is in the recording.
+/// Returns the entity path of a shape in the recording.
 fn path(place: &str, number: usize, solid: &Solid<'_>) -> String {
     let part = if solid.is_arm { "arm" } else { "table" };
     match solid.name {
@@ -76,7 +77,7 @@ fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), Co
             recording.state(place, &ball.with_colors(colour).with_fill_mode(fill))
         }
         Shape::Capsule { radius, half_length } => {
-            // theirs begins at the origin, and ours is centred there
+            // a capsule of Rerun begins at the origin, and one of MuJoCo is centred there
             let begin = [0.0, 0.0, -half_length as f32];
             let capsule =
                 Capsules3D::from_lengths_and_radii([2.0 * half_length as f32], [radius as f32]);
@@ -95,7 +96,7 @@ fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), Co
     }
 }
 
-/// Where the camera is and how it projects.
+/// Returns the pose and the projection of the camera.
 fn camera(camera: &Camera) -> (Transform3D, Pinhole) {
     let turn = DQuat::from_mat3(&downwards()).as_quat().to_array();
     let above = [0.0, 0.0, camera.height as f32];
@@ -106,13 +107,13 @@ fn camera(camera: &Camera) -> (Transform3D, Pinhole) {
     )
 }
 
-/// A camera's axes in the world: x to the right of its picture, y down in it, z away from it. It
-/// looks down on the table's centre, and image up is +y.
+/// Returns the camera's axes in the world, as columns: x to the right of its image, y down in it, z
+/// along the view. The camera looks down on the table's centre, and image up is +y.
 fn downwards() -> DMat3 {
     DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z)
 }
 
-/// In pixels.
+/// Returns the focal length (pixels).
 fn focal_length(camera: &Camera) -> f64 {
     camera.size as f64 * camera.height / (2.0 * camera.half_extent)
 }
@@ -121,7 +122,7 @@ fn focal_length(camera: &Camera) -> f64 {
 mod tests {
     use super::*;
 
-    /// A pinhole as Rerun has it (x right, y down, z forward) sees what our camera sees.
+    /// Rerun's pinhole (x right, y down, z forward) projects points to the pixels of our camera.
     #[test]
     fn the_pinhole_projects_as_the_camera_does() {
         let camera = Camera { size: 144, ..Camera::default() };

@@ -1,4 +1,4 @@
-//! The stream as a run's tables tell it: groups, policies, success, distances.
+//! Recording of the stream from a run's tables: groups, policies, success, distances.
 
 use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfiguration};
 use re_sdk_types::components::Color;
@@ -44,7 +44,7 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversE
     Ok(())
 }
 
-/// What is known of a rollout at its end.
+/// Records the values of a rollout, at its end. Values that are missing or not finite are left out.
 fn figures(run: &RunData, row: &RolloutRow, recording: &Recording) -> Result<(), CoversError> {
     let log = |place: &str, value: Option<f64>| match value.filter(|value| value.is_finite()) {
         Some(value) => recording.log(place, &Scalars::single(value)),
@@ -63,17 +63,17 @@ fn figures(run: &RunData, row: &RolloutRow, recording: &Recording) -> Result<(),
 
 type Value = (String, [u8; 3]);
 
-/// Of a policy that has learnt from no rollout of one group alone.
+/// Colour of a policy that was not trained on any rollout of one group alone.
 const GREY: [u8; 3] = [0x80; 3];
 
-/// Groups of the run and their colours, which are those of reports.
+/// Returns the groups of the run with the colours that reports use.
 fn groups(run: &RunData) -> Vec<Value> {
     let plans = run.experiment.schedule.groups.iter().enumerate();
     let named = plans.map(|(number, plan)| (plan.group.clone(), rgb(number)));
     named.collect()
 }
 
-/// Policies, each in the colour of the group that it was opened for.
+/// Returns the policies, each in the colour of the group that it was opened for.
 fn policies(run: &RunData) -> Vec<Value> {
     let count = run.rollouts.iter().map(|row| row.policy + 1).max();
     let coloured = |policy| {
@@ -88,7 +88,7 @@ fn policy_name(policy: usize) -> String {
     format!("policy {policy}")
 }
 
-/// Draws the figures of a place as a line of this colour and width (points).
+/// Sets the style of the curve at an entity path: a line of this colour and width (points).
 fn line(
     place: &str,
     [r, g, b]: [u8; 3],
@@ -99,7 +99,7 @@ fn line(
     recording.state(place, &style.with_widths([width]))
 }
 
-/// How the states of a lane are drawn.
+/// Returns the names and colours of the states of a lane.
 fn lane(values: &[Value]) -> StateConfiguration {
     let names = values.iter().map(|(name, _)| name.as_str());
     let colours = values.iter().map(|&(_, [r, g, b])| Color::from_rgb(r, g, b));

@@ -1,4 +1,4 @@
-//! What `covers-rerun` records, and what it refuses.
+//! Tests of the recordings and the errors of `covers-rerun`.
 
 #![allow(clippy::unwrap_used)]
 
@@ -16,7 +16,7 @@ mod scratch;
 
 use scratch::Scratch;
 
-/// Policies that come with the project.
+/// Folder of the policies that come with the project.
 const POLICIES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretrained");
 
 fn rerun(run: &str, out: &Path, more: &[&str]) -> Result<String, CoversError> {
@@ -26,7 +26,7 @@ fn rerun(run: &str, out: &Path, more: &[&str]) -> Result<String, CoversError> {
     Ok(String::from_utf8(printed).unwrap())
 }
 
-/// Short episodes of two groups, four environments and no arm.
+/// Returns an experiment with short episodes of two groups, four environments and no arm.
 fn small() -> Experiment {
     let mut experiment = Budget::Smoke.experiment(Method::Covers);
     experiment = experiment.with_embodiment(Embodiment::HAND).with_threads(1);
@@ -36,7 +36,7 @@ fn small() -> Experiment {
     experiment
 }
 
-/// `true` if a recording has an entity of this name: entities stand in it by name.
+/// Returns `true` if a recording has an entity of this name. The file holds names as plain text.
 fn holds(recording: &[u8], entity: &str) -> bool {
     let mut places = recording.windows(entity.len());
     places.any(|place| place == entity.as_bytes())

@@ -1,14 +1,14 @@
 //! Times a GPU on request, for `benches/peers/gpu.py`: reads lines of words and answers each with
-//! one line, a number or, for `adapter` and `kernels`, text. A line that begins with `error` says
-//! what cannot be measured.
+//! one line, a number or, for `adapter` and `kernels`, text. A line that begins with `error` gives
+//! the reason why something cannot be measured.
 //!
 //! - `adapter`: the name of the adapter.
-//! - `<network> training <batch>` and `<network> decisions <batch>`: milliseconds of a forward and a
-//!   backward pass, or of a forward pass alone, over a batch that lies on the device.
+//! - `<network> training <batch>` and `<network> decisions <batch>`: milliseconds of a forward and
+//! a backward pass, or of a forward pass alone, over a batch that lies on the device.
 //! - `<network> kernels <batch>`: a name and microseconds for each kernel of a training pass.
-//! - `update <width> gpu` and `update <width> <threads>`: milliseconds of a PPO update on the GPU or
-//!   on the processor; `width` is 1 for the presets' network, 1000 decisions and minibatches of 64,
-//!   and 4 for four times as many fields, decisions and samples of a minibatch.
+//! - `update <width> gpu` and `update <width> <threads>`: milliseconds of a PPO update on the GPU
+//! or on the processor; `width` is 1 for the presets' network, 1000 decisions and minibatches of
+//! 64, and 4 for four times as many fields, decisions and samples of a minibatch.
 //! - `decide <batch> gpu` and `decide <batch> <threads>`: milliseconds of decisions for a batch of
 //!   observations, which go to the device and come back.
 //!
@@ -29,7 +29,7 @@ use std::time::{Duration, Instant};
 
 use equivariant::gpu::Device;
 
-/// Time of one measurement, at least.
+/// Least time of one measurement.
 const TIME: Duration = Duration::from_millis(400);
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -55,7 +55,7 @@ fn answer(device: &Device, line: &str) -> Result<String, Box<dyn Error>> {
     Ok(milliseconds.to_string())
 }
 
-/// Milliseconds of a run, of as many as take long enough.
+/// Returns the mean milliseconds of a run, over enough runs to take [`TIME`].
 fn milliseconds(
     mut run: impl FnMut(u32) -> Result<(), Box<dyn Error>>,
 ) -> Result<f64, Box<dyn Error>> {

@@ -1,4 +1,4 @@
-//! Passes through networks on a device.
+//! Times of passes through networks on a device.
 
 use std::error::Error;
 
@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::milliseconds;
 use crate::networks::network;
 
-/// A network's program and a buffer that is written last.
+/// Program of a network, and the buffer that it writes last.
 struct Bench {
     program: Program,
     last: Slot,
@@ -53,7 +53,7 @@ impl Bench {
     }
 }
 
-/// Milliseconds of a training pass or of a forward pass.
+/// Returns the milliseconds of a training pass or of a forward pass.
 pub fn time(
     device: &Device,
     network: &str,
@@ -75,7 +75,8 @@ pub fn time(
     })
 }
 
-/// Names and microseconds of the kernels of a training pass, after passes that wake the device.
+/// Returns the names and microseconds of the kernels of a training pass, after passes that warm up
+/// the device.
 pub fn kernels(device: &Device, network: &str, batch: usize) -> Result<String, Box<dyn Error>> {
     let bench = Bench::new(device, network, Passes::All, batch)?;
     milliseconds(|runs| {

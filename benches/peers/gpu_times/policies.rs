@@ -1,4 +1,4 @@
-//! Updates and decisions of policies, on a device and on the processor.
+//! Times of updates and decisions of policies, on a device and on the processor.
 
 use std::error::Error;
 
@@ -13,10 +13,10 @@ use rl::{
 use crate::milliseconds;
 use crate::noise::{HORIZON, Noise, spec};
 
-/// Observations on the device at a time, at most.
+/// Largest number of observations on the device at a time.
 const AT_A_TIME: usize = 512;
 
-/// Milliseconds of an update of a policy that is `width` times as wide as the presets'.
+/// Returns the milliseconds of an update of a policy that is `width` times as wide as the presets'.
 pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut env = Noise::new();
@@ -27,7 +27,7 @@ pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn
     let defaults = PpoSettings::default();
     let settings = PpoSettings {
         minibatch: width * defaults.minibatch,
-        // all epochs are run
+        // no limit on the divergence, so that every update runs all of its epochs
         max_kl: 1e9,
         ..defaults
     };
@@ -47,7 +47,7 @@ pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn
     on(place, &mut run)
 }
 
-/// Milliseconds of the decisions for a batch of observations.
+/// Returns the milliseconds of the decisions for a batch of observations.
 pub fn decide(device: &Device, num_envs: usize, place: &str) -> Result<f64, Box<dyn Error>> {
     let spec = EnvSpec { num_envs, ..spec() };
     let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
@@ -75,7 +75,7 @@ fn decisions(
     })
 }
 
-/// Runs on so many threads, or on this one for a GPU.
+/// Runs on a number of threads, `place`, or on one thread for a GPU.
 fn on(
     place: &str,
     run: &mut (dyn FnMut() -> Result<f64, String> + Send),
@@ -85,7 +85,7 @@ fn on(
     Ok(pool.install(run)?)
 }
 
-/// The presets' network with so many times its fields.
+/// Returns the presets' network with `width` times as many fields.
 fn wide(width: usize) -> NetworkSettings {
     let defaults = NetworkSettings::default();
     let encoder = match &defaults.encoder {

@@ -1,4 +1,4 @@
-//! Error rates of the assigner's rule and of rules it was chosen over, on synthetic episodes.
+//! Study of the error rates of the assigner's rule and of alternatives, on synthetic episodes.
 //!
 //! `cargo run --release -p covers-benches --example assigner_study`
 
@@ -12,11 +12,10 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use rules::{Answer, NAMES, answers, p_values};
 
-/// Tests whose p-values are compared with their levels.
+/// Number of tests whose p-values are compared with their levels.
 const LEVEL_TESTS: usize = 10_000;
 
-/// Scenarios and the decisions about known groups, and as many about new ones, that each is judged
-/// by.
+/// Scenarios, each with its number of decisions about known groups; as many are about new ones.
 const SCENARIOS: [(&str, Scenario, usize); 6] = [
     ("one frame an episode", MAIN, 10_000),
     ("drift", Scenario { drift: 0.2, ..MAIN }, 2_000),
@@ -40,7 +39,7 @@ fn main() -> Result<(), ClusterError> {
     Ok(())
 }
 
-/// How often the p-values of known groups fall to a level or below, over the level itself.
+/// Prints the shares of tests of known groups whose p-values are at most a level.
 fn print_levels(title: &str, scenario: &Scenario) -> Result<(), ClusterError> {
     let one = |index: usize| {
         let mut rng = stream(2, index as u64);
@@ -82,7 +81,8 @@ fn print_rates(title: &str, scenario: &Scenario, decisions: usize) -> Result<(),
     Ok(())
 }
 
-/// Each decision has a random stream of its own, so that threads do not matter.
+/// Returns the answers of all rules to many cases. Each case has a random stream of its own, so the
+/// number of threads does not matter.
 fn decide(
     scenario: &Scenario,
     same: bool,

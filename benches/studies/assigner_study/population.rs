@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 pub const DIM: usize = 64;
-/// Episodes of one rollout.
+/// Number of episodes of one rollout.
 pub const ROLLOUT: usize = 20;
 /// Ratio of the spread of one coordinate to that of the one before: about ten of the 64 directions
 /// carry the variance, as the few degrees of freedom of a scene do.
@@ -14,39 +14,41 @@ const DECAY: f32 = 0.9;
 /// Share of the variance that all frames of one episode have in common.
 const COMMON: f32 = 0.9;
 
-/// What decisions are drawn from; lengths in units of the spread of episodes.
+/// Distribution that cases are drawn from. Lengths are in units of the spread of episodes.
 #[derive(Clone, Copy, Debug)]
 pub struct Scenario {
-    /// Frames an episode.
+    /// Number of frames of an episode.
     pub frames: usize,
     /// Spread of the offsets that whole rollouts have within a group.
     pub drift: f32,
     /// Spread of the centres of groups.
     pub apart: f32,
-    /// Clusters that episodes of a group come from, such as variants of a task.
+    /// Number of clusters that episodes of a group come from, such as variants of a task.
     pub clusters: usize,
-    /// Rollouts in the buffer; drawn from this range.
+    /// Range, ends included, of the number of rollouts in the buffer.
     pub rollouts: (usize, usize),
 }
 
-/// What a stream of tasks looks like to the learner: one frame an episode.
+/// Scenario that resembles a stream of tasks: one frame for each episode.
 pub const MAIN: Scenario =
     Scenario { frames: 1, drift: 0.0, apart: 1.0, clusters: 1, rollouts: (1, 5) };
 
-/// One decision to make: the candidate's buffer, a rollout, and one more if it is asked for.
+/// Input of one decision: the candidate's buffer, a rollout, and another one for rules that ask for
+/// it.
 pub struct Case {
     pub buffer: Frames,
     pub rollout: Frames,
     pub another: Frames,
 }
 
-/// Where a group lies.
+/// Group of episodes, by the centres of its clusters.
 struct Group {
     clusters: Vec<Vec<f32>>,
 }
 
 impl Scenario {
-    /// Draws a case; the rollout is of the buffer's group or of another one.
+    /// Draws a case, whose rollout is of the buffer's group if `same` is `true`, and of another
+    /// group otherwise.
     pub fn draw(&self, same: bool, rng: &mut ChaCha8Rng) -> Result<Case, ClusterError> {
         let group = Group::draw(self, rng);
         let mut buffer = Vec::new();
@@ -105,13 +107,14 @@ fn sum(a: &[f32], b: &[f32]) -> Vec<f32> {
     a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
-/// A normal vector whose coordinates have the spread `size`, `size DECAY`, `size DECAY^2`, ...
+/// Draws a normal vector whose coordinates have the spread `size`, `size DECAY`, `size DECAY^2`,
+/// ...
 fn spread(size: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
     let coordinate = |i: usize| size * DECAY.powi(i as i32) * normal(rng);
     (0..DIM).map(coordinate).collect()
 }
 
-/// A standard normal number (Box-Muller).
+/// Draws a standard normal number (Box-Muller).
 fn normal(rng: &mut ChaCha8Rng) -> f32 {
     let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
     radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()

@@ -1,4 +1,4 @@
-//! Rules that say whether a rollout belongs to a group, one decision at a time.
+//! Rules that decide whether a rollout belongs to a group.
 
 use cluster::{
     Assigner, AssignerSettings, Calibrated, Candidate, ClusterError, Decision, PermutationTest,
@@ -9,11 +9,11 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::population::{Case, DIM, ROLLOUT};
 
-/// What a rule answered.
+/// Answer of a rule.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Answer {
     pub refused: bool,
-    /// Whether it looked at a second rollout.
+    /// `true` if the rule asked for a second rollout.
     pub looked_twice: bool,
 }
 
@@ -29,7 +29,7 @@ pub const NAMES: [&str; 8] = [
     "default",
 ];
 
-/// Lets every rule answer; the default comes last.
+/// Returns the answers of all rules; the default comes last.
 pub fn answers(case: &Case, rng: &mut ChaCha8Rng) -> Result<[Answer; 8], ClusterError> {
     let (buffer_max, buffer_score) = split_buffer(case, rng)?;
     let even = pooled(case, false, 20, rng)?;
@@ -49,14 +49,15 @@ pub fn answers(case: &Case, rng: &mut ChaCha8Rng) -> Result<[Answer; 8], Cluster
     ])
 }
 
-/// Both p-values of the default's first look.
+/// Returns both p-values of the default rule on the first rollout: by counting and by the fitted
+/// tail.
 pub fn p_values(case: &Case, rng: &mut ChaCha8Rng) -> Result<[f64; 2], ClusterError> {
     let assignment = Assigner::default().assign(&[candidate(case, false)?], rng)?;
     let test = assignment.evidence[0].test();
     Ok(test.map_or([1.0; 2], |test| [test.p_value, test.tail_p_value]))
 }
 
-/// The default rule, as a learner with one policy uses it.
+/// Applies the default rule, as a learner with one policy does.
 pub fn default(case: &Case, rng: &mut ChaCha8Rng) -> Result<Answer, ClusterError> {
     let assigner = Assigner::default();
     let first = assigner.assign(&[candidate(case, false)?], rng)?.decision;
@@ -74,13 +75,14 @@ fn candidate(case: &Case, both: bool) -> Result<Candidate, ClusterError> {
     })
 }
 
-/// Refused if score and ratio exceed their limits, or the score a higher one.
+/// Returns `true`, to refuse, if score and ratio exceed their limits, or if the score exceeds a
+/// higher one.
 fn limits(test: &PermutationTest, score: f64, certain: f64) -> bool {
     let ratio = test.distance / test.null.max;
     test.score > certain || (test.score > score && ratio > 1.12)
 }
 
-/// The permutation test on 60 splits with at most `episodes` of the buffer.
+/// Runs the permutation test on 60 splits with at most `episodes` of the buffer.
 fn pooled(
     case: &Case,
     both: bool,
@@ -100,8 +102,8 @@ fn pooled(
     Ok(*test.ok_or(ClusterError::Empty { what: "the test" })?)
 }
 
-/// Compares W1(O, B) with W1 between random parts of B, the smaller one as large as the rollout:
-/// its ratio to the largest of 20, and its score among 25.
+/// Compares W1(O, B) with W1 between random parts of B, the smaller one as large as the rollout.
+/// Returns its ratio to the largest of 20, and its score among 25.
 fn split_buffer(case: &Case, rng: &mut ChaCha8Rng) -> Result<(f64, f64), ClusterError> {
     let distance = wasserstein1(case.rollout.features(), case.buffer.features(), DIM)?;
     let mut order: Vec<usize> = (0..case.buffer.episodes()).collect();

@@ -1,5 +1,5 @@
-//! Measures recognition in worlds that nobody tuned it for: whole streams, with stand-ins for
-//! policies that learn.
+//! Study of recognition in worlds that were not used for tuning: whole streams, with stand-ins for
+//! policies.
 //!
 //! `cargo run --release -p covers-benches --example worlds_study -- 1000 10 [KIND]`
 
@@ -77,8 +77,9 @@ fn main() -> Answer<()> {
     Ok(())
 }
 
-/// Runs the worlds on threads of their own, since the time of decisions is measured, which are made
-/// in rayon's pool. Kinds come in turn, so that a study that is broken off has as many of each.
+/// Runs the worlds on threads of their own, and returns their records. Decisions are made in
+/// rayon's pool and timed. Kinds alternate, so that a study that is interrupted has as many of
+/// each.
 fn run_all(kinds: &[Kind], arguments: &Arguments, results: &Results) -> Answer<Vec<Record>> {
     let seeds = arguments.first..arguments.first + arguments.count;
     let worlds = seeds.flat_map(|seed| kinds.iter().map(move |&kind| (kind, seed)));
@@ -99,7 +100,7 @@ fn run_all(kinds: &[Kind], arguments: &Arguments, results: &Results) -> Answer<V
     })
 }
 
-/// The record of one world, from the file if it is there.
+/// Returns the record of one world, from the file if it is there.
 fn run(kind: Kind, seed: u64, arguments: &Arguments, results: &Results) -> Answer<Record> {
     if let Some(record) = results.known(kind, seed) {
         return Ok(record.clone());

@@ -1,4 +1,4 @@
-//! Counts of one world, the file that keeps them, and the table that is made of them.
+//! Counts of one world, their file, and the table of them.
 
 use std::fs::{File, OpenOptions};
 use std::path::Path;
@@ -10,8 +10,7 @@ use worlds::Kind;
 use crate::trial::ROUNDS;
 use crate::{Answer, Plan};
 
-/// Version of what is drawn, decided and counted. Results of two versions do not belong into one
-/// table.
+/// Version of the study. Results of two versions do not belong in one table.
 pub const VERSION: u32 = 6;
 
 /// Counts of one world, in the order of the file's columns.
@@ -23,29 +22,30 @@ pub struct Record {
     /// Columns of the plan.
     pub visits: String,
     pub stay: String,
-    /// Policies opened by force, which earlier versions did.
+    /// Policies opened by force, a method of earlier versions.
     pub forced: String,
-    /// Policies that the world asks for.
+    /// Number of groups, each of which needs a policy of its own.
     pub groups: usize,
     pub policies: usize,
     /// 1 if policies and groups belong to each other one to one.
     pub exact: usize,
     pub turns: usize,
-    /// Rounds of all turns.
+    /// Number of rounds of all turns.
     pub rounds: usize,
-    /// Turns after their group's first visit, and those of them that are right.
+    /// Number of turns after their group's first visit; `right` counts those that are right.
     pub known: usize,
     pub right: usize,
-    /// The first turn of each returning group, and those of them that are right.
+    /// Number of first turns of returning groups; `noticed` counts those that are right.
     pub switches: usize,
     pub noticed: usize,
-    /// First rollouts of a turn with a switch in them, and those that were cut there.
+    /// Number of first rollouts of a turn with a switch in them; `split` counts those that were cut
+    /// there.
     pub mixed: usize,
     pub split: usize,
-    /// Episodes learnt from, and those of them that another policy should have learnt from.
+    /// Number of episodes trained on; `foreign` counts those that belong to another policy.
     pub learnt: usize,
     pub foreign: usize,
-    /// Policies that were merged into another one.
+    /// Number of policies that were merged into another one.
     pub merged: usize,
     /// Time of the decisions of the slowest turn, in microseconds.
     pub slowest_us: u128,
@@ -54,7 +54,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// A record of a world without counts.
+    /// Creates a record of a world without counts.
     pub fn new(kind: Kind, seed: u64, plan: &Plan) -> Self {
         Self {
             version: VERSION,
@@ -67,20 +67,20 @@ impl Record {
         }
     }
 
-    /// What must agree for two records to stand in one table.
+    /// Returns the columns that must agree for two records to stand in one table.
     fn plan(&self) -> [&str; 3] {
         [&self.visits, &self.stay, &self.forced]
     }
 }
 
-/// Results as they come in; in a file, if one is named, to which others may be added later.
+/// Results of a study, in a file if one is named. A later study with the same file continues it.
 pub struct Results {
     file: Option<Mutex<csv::Writer<File>>>,
     known: Vec<Record>,
 }
 
 impl Results {
-    /// Reads what the file holds of streams like `plan`.
+    /// Opens the file and reads its records of streams like `plan`.
     pub fn open(path: Option<&Path>, plan: &Plan) -> Answer<Self> {
         let Some(path) = path else {
             let (file, known) = (None, Vec::new());
@@ -108,13 +108,13 @@ impl Results {
         Ok(Self { file, known })
     }
 
-    /// The record of this world that the file held.
+    /// Returns the record of a world, if the file had it when it was opened.
     pub fn known(&self, kind: Kind, seed: u64) -> Option<&Record> {
         let mut known = self.known.iter();
         known.find(|record| record.kind == kind.name() && record.seed == seed)
     }
 
-    /// Adds a line, at once.
+    /// Adds a line to the file, and flushes it.
     pub fn add(&self, record: &Record) -> Answer<()> {
         let Some(file) = &self.file else {
             return Ok(());
@@ -131,12 +131,12 @@ pub const HEADER: &str = "| worlds | number | as many policies as groups | exact
 | learnt by the wrong policy | rollouts a turn | policies merged | slowest decisions |\n\
 |---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
-/// Line of the table for worlds of one kind.
+/// Returns the line of the table for worlds of one kind.
 pub fn row(kind: &str, records: &[&Record]) -> String {
     let count = |holds: fn(&Record) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
     let worlds = |holds| 100.0 * count(holds) / records.len().max(1) as f64;
     let sum = |of: fn(&Record) -> usize| records.iter().map(|record| of(record)).sum::<usize>();
-    // a dash where nothing was asked
+    // a share of nothing is a dash
     let share = |part, whole| match sum(whole) {
         0 => "-".to_owned(),
         whole => format!("{:.1} %", 100.0 * sum(part) as f64 / whole as f64),

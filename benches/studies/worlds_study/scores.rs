@@ -1,4 +1,4 @@
-//! Which turns of a world were right.
+//! Scores of the turns of a world.
 
 use std::cmp::Reverse;
 
@@ -8,10 +8,11 @@ use crate::Plan;
 use crate::record::Record;
 use crate::trial::{Outcome, Turn};
 
-/// A turn, whether policy and group belong to each other, and whether the group had just changed.
+/// Turn, with `true` if policy and group belong to each other, and `true` if the group had just
+/// changed.
 type Judged = (Turn, bool, bool);
 
-/// Turns that each policy served each group, `[policies][groups]`.
+/// Numbers of turns in which each policy served each group, `[policies][groups]`.
 struct Served(Vec<Vec<usize>>);
 
 impl Served {
@@ -24,7 +25,7 @@ impl Served {
         Self(served)
     }
 
-    /// Whether the policy served this group most, and the group had no other policy that served it
+    /// Returns `true` if the policy served this group most, and no other policy served the group
     /// more. The first of equals counts.
     fn is_pair(&self, policy: usize, group: usize) -> bool {
         let by_group = self.0[policy].iter().copied();
@@ -32,7 +33,8 @@ impl Served {
         most(by_group) == Some(group) && most(by_policy) == Some(policy)
     }
 
-    /// Whether policies and groups belong to each other one to one, without those that are gone.
+    /// Returns `true` if policies and groups belong to each other one to one. Merged policies are
+    /// left out.
     fn is_bijection(&self, outcome: &Outcome) -> bool {
         let policies = self.0.iter().enumerate();
         let mut policies = policies.filter(|&(policy, _)| outcome.now(policy) == policy);
@@ -43,14 +45,14 @@ impl Served {
     }
 }
 
-/// The index of the largest number above zero, the first of equals.
+/// Returns the index of the largest number above zero, the first of equals.
 fn most(numbers: impl Iterator<Item = usize>) -> Option<usize> {
     let numbers = numbers.enumerate().filter(|&(_, number)| number > 0);
     let index = numbers.min_by_key(|&(_, number)| Reverse(number));
     index.map(|(index, _)| index)
 }
 
-/// Whether each group has a policy of its own, and no policy is left over.
+/// Returns `true` if each group has a policy of its own, and no policy is left over.
 fn is_exact(outcome: &Outcome) -> bool {
     Served::of(outcome).is_bijection(outcome)
 }
@@ -67,7 +69,7 @@ fn judge(outcome: &Outcome) -> Vec<Judged> {
     judged.collect()
 }
 
-/// The counts of one world.
+/// Counts the outcome of one world.
 pub fn record(kind: Kind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
     let judged = judge(outcome);
     let served = Served::of(outcome);
@@ -106,7 +108,7 @@ pub fn record(kind: Kind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
 mod tests {
     use super::*;
 
-    /// Turns given as policy and group; all groups are known.
+    /// Returns an outcome with these turns, given as policy and group; all groups are known.
     fn outcome(policies: usize, distinct: usize, turns: &[(usize, usize)]) -> Outcome {
         let turn = |&(policy, group): &(usize, usize)| Turn {
             group,

@@ -1,5 +1,6 @@
-//! One world: a stream of visits, and a learner without networks that assigns them. Its policies
-//! are stand-ins that need no training: experts who learn by turns.
+//! Trial of one world: a stream of visits, and a learner without networks that assigns them. Its
+//! policies are stand-ins: scripted experts whose skill grows with the turns that they are trained
+//! on.
 
 use std::time::{Duration, Instant};
 
@@ -17,63 +18,64 @@ use worlds::{Stream, Visit, World};
 use crate::{Answer, Plan};
 
 pub const ENVS: usize = 5;
-/// Rounds of a rollout: 20 episodes.
+/// Number of rounds of a rollout, which has 20 episodes.
 pub const ROUNDS: usize = 4;
 pub const HORIZON: usize = 20;
-/// Visits of each group, where nobody says how many there are in all.
+/// Number of visits of each group, unless the plan sets the number of all visits.
 const VISITS: usize = 2;
 
-/// What came of one turn.
+/// Outcome of one turn of the learner.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn {
-    /// The group of the last round that was learnt from.
+    /// Group of the last round that was trained on.
     pub group: usize,
     pub policy: usize,
     pub rounds: usize,
-    /// Whether the group was met in an earlier visit.
+    /// `true` if the group was met in an earlier visit.
     pub is_known: bool,
-    /// Whether the first rollout was cut at the round in which its group changed, if it did.
+    /// `true` if the first rollout was cut at the round in which its group changed; `None` if the
+    /// group did not change.
     pub is_cut: Option<bool>,
-    /// The number of the last round that was learnt from.
+    /// Number of the last round that was trained on.
     pub last: usize,
-    /// The group of each round that was learnt from.
+    /// Group of each round that was trained on.
     pub learnt: [Option<usize>; ROUNDS],
 }
 
-/// What came of one world.
+/// Outcome of one world.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     pub distinct: usize,
     pub policies: usize,
     pub turns: Vec<Turn>,
-    /// For each policy the one that acts for its group since the two were merged.
+    /// Policy that each policy was merged into, if it was.
     pub heirs: Vec<Option<usize>>,
-    /// Time of the decisions of one turn.
+    /// Time of the decisions of the slowest turn.
     pub slowest: Duration,
-    /// Size of the recogniser's state as text.
+    /// Size of the recogniser's state as text (bytes).
     pub state: usize,
 }
 
 impl Outcome {
-    /// The policy that a policy is since merges.
+    /// Returns the policy that a policy was merged into in the end, or itself.
     pub fn now(&self, policy: usize) -> usize {
         let heir = |&policy: &usize| self.heirs.get(policy).copied().flatten();
         let heirs = std::iter::successors(Some(policy), heir);
         heirs.last().unwrap_or(policy)
     }
 
-    /// The number of policies that were merged into others.
+    /// Returns the number of policies that were merged into others.
     pub fn merged(&self) -> usize {
         self.heirs.iter().flatten().count()
     }
 
-    /// The number of policies that are left.
+    /// Returns the number of policies that are left.
     pub fn left(&self) -> usize {
         self.policies - self.merged()
     }
 }
 
-/// A world under way.
+/// State of a stream in one world, with its learner.
 pub struct Trial {
     stream: Stream,
     rounds: usize,
@@ -88,7 +90,7 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Draws visits and starts.
+    /// Draws the visits of a world, and starts its stream.
     pub fn of(world: World, plan: &Plan) -> Answer<Self> {
         let mut rng = ChaCha8Rng::seed_from_u64(world.seed ^ 0xdeca);
         let number = plan.visits.unwrap_or(VISITS * world.groups.len());
@@ -149,7 +151,7 @@ impl Trial {
         self.stream.world().representative(group)
     }
 
-    /// One turn of the learner.
+    /// Takes one turn of the learner: rollouts, assignment, update, and a search for duplicates.
     fn turn(&mut self) -> Answer<Turn> {
         let begins = self.stream.rounds();
         self.deciding = Duration::ZERO;
@@ -173,7 +175,7 @@ impl Trial {
             (accounts, last) = self.follow(finding, accounts)?;
         }
         let learnt = self.learn(&accounts)?;
-        // before anybody is heard, which takes rounds, too
+        // before rounds in which a possible duplicate acts, since nothing is trained on them
         let ends = self.stream.rounds();
         let policy = self.current;
         if let Some(finding) = last {
@@ -194,7 +196,8 @@ impl Trial {
         })
     }
 
-    /// Lets the current policy learn from its last rollout; returns the groups that it learnt from.
+    /// Trains the current policy on its last rollout, and returns the groups of the rounds that
+    /// were trained on.
     fn learn(&mut self, accounts: &[Account]) -> Answer<[Option<usize>; ROUNDS]> {
         let clock = Instant::now();
         let end = self.recogniser.learn(self.current, accounts, &mut self.rng)?;
@@ -212,7 +215,7 @@ impl Trial {
         Ok(learnt)
     }
 
-    /// Asks the recogniser, and notes how long that took.
+    /// Calls the recogniser, and adds the time to that of the turn's decisions.
     fn ask(
         &mut self,
         question: impl FnOnce(&Recogniser, usize, &mut ChaCha8Rng) -> Result<Finding, EvidenceError>,
@@ -223,7 +226,8 @@ impl Trial {
         Ok(finding)
     }
 
-    /// Lets a policy act that may serve the same group as the current one; if it does, one goes.
+    /// Lets a policy act that may serve the same group as the current one, and merges the two if it
+    /// does.
     fn look_for_twin(&mut self, finding: &Finding) -> Answer<()> {
         let policy = self.current;
         let Some(twin) = self.recogniser.twin(policy, &finding.accepted()) else {
@@ -242,8 +246,8 @@ impl Trial {
         Ok(())
     }
 
-    /// Lets proposed policies act until one is accepted or all are refused; returns the accounts of
-    /// the last rollout, and what was said of it.
+    /// Lets proposed policies act until one is accepted or all are refused. Returns the accounts of
+    /// the last rollout, and the finding about it.
     fn follow(
         &mut self,
         mut finding: Finding,
@@ -323,21 +327,22 @@ impl Trial {
     }
 }
 
-/// Turns after which a policy has learnt all but a third of its group.
+/// Number of turns after which a policy's skill is 1 - 1/e.
 const TURNS: f32 = 3.0;
-/// Spread of exploration.
+/// Half-width of the uniform exploration noise of a skilled policy.
 const EXPLORATION: f32 = 0.3;
-/// Turns that a policy remembers.
+/// Number of the latest turns that determine a policy's skill.
 const MEMORY: usize = 8;
 
-/// Acts for the group that it learnt on most of late, the better the longer it learnt on it.
+/// Stand-in for a policy. It acts for the group that it was trained on most of late, and its skill
+/// grows with the number of these turns.
 #[derive(Clone, Debug, Default)]
 pub struct StandIn {
     learnt: Vec<usize>,
 }
 
 impl StandIn {
-    /// Learns one turn on tasks of `group`.
+    /// Trains one turn on tasks of `group`.
     pub fn learn(&mut self, group: usize) {
         self.learnt.push(group);
         if self.learnt.len() > MEMORY {
@@ -345,14 +350,14 @@ impl StandIn {
         }
     }
 
-    /// The group that it acts for, and how well, in [0, 1).
+    /// Returns the group that the policy acts for, and its skill in [0, 1).
     fn skill(&self) -> Option<(usize, f32)> {
         let turns = |group| self.learnt.iter().filter(|&&learnt| learnt == group).count();
         let most = self.learnt.iter().copied().max_by_key(|&group| turns(group))?;
         Some((most, 1.0 - (-(turns(most) as f32) / TURNS).exp()))
     }
 
-    /// An action in environment `env`.
+    /// Returns an action in environment `env`: that of the expert, mixed with noise by skill.
     pub fn act<R: Rng>(&self, stream: &Stream, env: usize, rng: &mut R) -> [f32; 2] {
         let (group, skill) = self.skill().unwrap_or((0, 0.0));
         stream.expert(env, group).map(|action| {
@@ -362,7 +367,7 @@ impl StandIn {
     }
 }
 
-/// Whether the group that is first and last in these rounds was left in between.
+/// Returns `true` if the group that is first and last in these rounds was left in between.
 fn has_returned(mut groups: impl Iterator<Item = usize>) -> bool {
     let first = groups.next();
     groups.any(|group| Some(group) != first)
@@ -373,7 +378,7 @@ mod tests {
     use super::*;
     use worlds::Kind;
 
-    /// Rounds in which policies are heard after the turn's update belong to nobody.
+    /// Rounds in which possible duplicates act after the turn's update are not trained on.
     #[test]
     fn a_turn_is_dated_by_what_it_learnt() {
         let plan = Plan { visits: Some(6), stay: 8..=12 };

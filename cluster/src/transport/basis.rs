@@ -1,4 +1,4 @@
-//! A basis of the transport problem: a spanning tree of sources and sinks, and its pivot.
+//! Basis of the transport problem: a spanning tree of sources and sinks, and its pivot.
 //!
 //! Read this before editing. Nodes are numbered sources first (`0..n`), then sinks (`n..n + m`).
 //! Each node but the root has one arc, to its parent; an arc always carries flow from its source to
@@ -8,23 +8,23 @@
 
 use super::mass::Mass;
 
-/// The absent node.
+/// Index that stands for "no node".
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// Rounding of a reduced cost, as a fraction of the largest price: a few last bits.
+/// Rounding error of a reduced cost, as a fraction of the largest price: a few last bits.
 const PRICE_TOLERANCE: f64 = 1e-14;
 
-/// An arc that would lower the cost.
+/// Arc that enters the basis because it lowers the cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Entering {
     pub(crate) source: u32,
-    /// Numbered from zero, not as a node.
+    /// Index among the sinks, not among the nodes.
     pub(crate) sink: u32,
-    /// Its reduced cost, negative.
+    /// Reduced cost of the arc, negative.
     pub(crate) reduced: f64,
 }
 
-/// A spanning tree with flows and prices; children of a node are a doubly linked list.
+/// Spanning tree with flows and prices. The children of a node form a doubly linked list.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Basis {
     sources: usize,
@@ -34,7 +34,7 @@ pub(crate) struct Basis {
     next: Vec<u32>,
     previous: Vec<u32>,
     price: Vec<f64>,
-    /// Last search that visited each node.
+    /// Number of the last search that visited each node.
     visited: Vec<u32>,
     search: u32,
     stack: Vec<u32>,
@@ -57,7 +57,7 @@ impl Basis {
         self.visited.clear();
         self.visited.resize(nodes, 0);
         self.search = 0;
-        // what a walk holds depends on the tree's shape, but is never more than all nodes
+        // a walk's stack depends on the tree's shape, but never holds more than all nodes
         self.stack.reserve(nodes);
     }
 
@@ -73,7 +73,7 @@ impl Basis {
         &self.price[self.sources..]
     }
 
-    /// Returns how far below zero a reduced cost may be for rounding alone.
+    /// Returns the magnitude that a reduced cost may have by rounding alone.
     pub(crate) fn price_tolerance(&self) -> f64 {
         PRICE_TOLERANCE * self.price.iter().fold(0.0, |top: f64, p| top.max(p.abs()))
     }
@@ -175,6 +175,7 @@ impl Basis {
         let (below_sink, from_sink) = self.narrowest(sink, top, false);
         // at most one end is the top, and the arc above the other one shrinks: the flow is bounded
         let flow = from_source.min(from_sink);
+        // flows change before the tree does: both need the parents along the old cycle
         self.send(source, top, flow, true);
         self.send(sink, top, flow, false);
         if from_source <= from_sink {
@@ -187,6 +188,7 @@ impl Basis {
     }
 
     fn common_ancestor(&mut self, mut a: u32, mut b: u32) -> u32 {
+        // marks of earlier searches have smaller numbers, so they need not be cleared
         self.search += 1;
         loop {
             for node in [&mut a, &mut b] {

@@ -16,7 +16,7 @@ pub const COST_TOLERANCE: f64 = 1e-9;
 /// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
 const MAX_POTENTIAL: f64 = 1e300;
 
-/// Row and column sums of a plan.
+/// Buffers for the row and column sums of a plan.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Scratch {
     sent: Vec<f64>,
@@ -42,12 +42,12 @@ pub(crate) struct Scratch {
 /// `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64` for each point. The plan's
 /// own `cost` field is held to the same value.
 ///
-/// Potentials far larger than the cost of the plan would make that a proof of nothing. So `gap +
-/// violation`, by which the plan's cost may exceed the optimum, must not exceed [`COST_TOLERANCE`]
-/// times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`] times another number if
-/// that is more: those with negative costs, which may cancel, to the plan's cost less the least
-/// `c_ij`, and those with given weights, whose sums round, to the smallest positive `c_ij` that
-/// carries mass.
+/// With potentials far larger than the cost of the plan, these checks alone would prove nothing. So
+/// `gap + violation`, by which the plan's cost may exceed the optimum, must not exceed
+/// [`COST_TOLERANCE`] times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`]
+/// times another number if that is more: those with negative costs, which may cancel, to the plan's
+/// cost less the least `c_ij`, and those with given weights, whose sums round, to the smallest
+/// positive `c_ij` that carries mass.
 ///
 /// Both are measured in twice the precision of an `f64`, since costs far smaller than the
 /// potentials would otherwise vanish in them.
@@ -66,7 +66,7 @@ pub fn certify(
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
 
-/// [`certify`] for a checked problem, in memory that is kept.
+/// Does the work of [`certify`] for a checked problem, in memory that is reused.
 pub(crate) fn certify_into(
     scratch: &mut Scratch,
     cost: &[f64],
@@ -139,6 +139,7 @@ fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f
     for (index, &got) in carried.iter().enumerate() {
         let expected = weights.get(index) / sum;
         let error = (got - expected).abs();
+        // the comparison must fail for NaN, so it is not written as `error > tolerance`
         if !at_least(RELATIVE_TOLERANCE, error) {
             return Err(ClusterError::Marginal { side, index, got, expected });
         }
@@ -149,7 +150,7 @@ fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f
 
 fn check_reduced_costs(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Result<f64> {
     let (u, v) = (&plan.source_potentials, &plan.sink_potentials);
-    // beyond that, slacks may overflow to NaN, which a minimum passes over
+    // with larger potentials, slacks may overflow to NaN, which a minimum ignores
     let moderate = u.iter().chain(v).all(|p| p.abs() <= MAX_POTENTIAL);
     let mut least = 0.0_f64;
     for (source_index, (row, u)) in cost.chunks_exact(v.len()).zip(u).enumerate() {
@@ -194,7 +195,7 @@ fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
     lanes.into_iter().chain(rest).fold(f64::INFINITY, lower)
 }
 
-/// Refuses the first pair of a row whose slack is too small or not a number, if there is one.
+/// Returns an error for the first pair of a row whose slack is too small or NaN, if there is one.
 fn refuse(source_index: usize, row: &[f64], v: &[f64], u: f64, tolerance: f64) -> Result<()> {
     let slacks = row.iter().zip(v).map(|(c, v)| slack(*c, *v, u));
     match slacks.enumerate().find(|&(_, slack)| !at_least(slack, -tolerance)) {
@@ -214,6 +215,7 @@ fn check_gap(
 ) -> Result<f64> {
     let (primal, slack) = priced(cost, plan);
     let dual = dual(sources, sinks, plan);
+    // the plan's own `cost` field is a claim, too
     for value in [primal, plan.cost] {
         if !at_least(tolerance, (value - dual).abs()) {
             return Err(ClusterError::DualityGap { primal: value, dual, tolerance });
@@ -223,8 +225,8 @@ fn check_gap(
     Ok(gaps.into_iter().fold(0.0, |top, gap| top.max(gap.abs())))
 }
 
-/// Returns the cost of the entries of a plan, and what their slacks add to it: the gap of exact
-/// marginals, without the potentials, whose sums round.
+/// Returns the cost of the entries of a plan, and the share of it that comes from their slacks.
+/// With exact marginals the latter is the duality gap, without the rounding in sums of potentials.
 fn priced(cost: &[f64], plan: &TransportPlan) -> (f64, f64) {
     let (mut primal, mut open) = (Sum::default(), 0.0);
     for entry in &plan.entries {
@@ -237,11 +239,11 @@ fn priced(cost: &[f64], plan: &TransportPlan) -> (f64, f64) {
     (primal.value(), open)
 }
 
-/// Returns the value of the potentials under the weights. Divisions come last: those of two large
-/// values that cancel would leave their rounding.
+/// Returns the dual value: the potentials, averaged by the weights.
 fn dual(sources: Weights, sinks: Weights, plan: &TransportPlan) -> f64 {
     let (u, a) = weighted(sources, &plan.source_potentials);
     let (v, b) = weighted(sinks, &plan.sink_potentials);
+    // one division at the end: two large quotients that cancel would leave their rounding
     let mut sum = Sum::default();
     for (value, other) in [(u, b), (v, a)] {
         sum.add_product(value.high, other.high);
@@ -269,7 +271,7 @@ fn weighted(weights: Weights, potentials: &[f64]) -> (Sum, Sum) {
     (value, whole)
 }
 
-/// A sum in twice the precision of an `f64`: cancellation leaves correct digits (T. Ogita, S. M.
+/// Sum in twice the precision of an `f64`: digits stay correct under cancellation (T. Ogita, S. M.
 /// Rump and S. Oishi, "Accurate sum and dot product" (2005)).
 #[derive(Clone, Copy, Debug, Default)]
 struct Sum {
@@ -287,6 +289,7 @@ impl Sum {
     fn add_product(&mut self, a: f64, b: f64) {
         let product = a * b;
         self.add(product);
+        // a fused multiply-add returns the rounding error of the product exactly
         self.low += a.mul_add(b, -product);
     }
 
@@ -295,7 +298,7 @@ impl Sum {
     }
 }
 
-/// Checks that the cost of a plan exceeds the optimum by a small part of itself at most.
+/// Checks that the cost of a plan exceeds the optimum by a small fraction of itself at most.
 fn check_precision(
     cost: &[f64],
     plan: &TransportPlan,
@@ -314,9 +317,9 @@ fn check_precision(
     Err(ClusterError::Imprecise { cost: plan.cost, excess, tolerance })
 }
 
-/// Returns the size of costs beside which the cost of a plan may be rounding alone: weights that
-/// differ in their last bits move some mass, and costs of both signs cancel. Zero where neither can
-/// be.
+/// Returns the size of costs relative to which the cost of a plan may be rounding alone: weights
+/// that differ in their last bits move some mass, and costs of both signs cancel. Zero if neither
+/// is possible.
 fn scale_near_zero(cost: &[f64], plan: &TransportPlan, equal: bool) -> f64 {
     let least = cost.iter().fold(0.0_f64, |least, c| least.min(*c));
     if least < 0.0 {
@@ -331,7 +334,8 @@ fn scale_near_zero(cost: &[f64], plan: &TransportPlan, equal: bool) -> f64 {
     if smallest.is_finite() { smallest } else { 0.0 }
 }
 
-/// False for NaN on either side, which a negated `<` would let through.
+/// Returns `value >= bound`, which is `false` for NaN on either side; a negated `<` would be
+/// `true`.
 fn at_least(value: f64, bound: f64) -> bool {
     value >= bound
 }

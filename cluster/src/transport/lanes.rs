@@ -1,4 +1,4 @@
-//! The inner loops of pricing, compiled for the instruction sets at hand and chosen at run time.
+//! Inner loops of pricing, compiled for several instruction sets and chosen at run time.
 //!
 //! Minima are taken in sixteen lanes: a single running minimum would wait for each comparison in
 //! turn. A minimum does not depend on the order of its arguments, so results are the same on every
@@ -6,9 +6,10 @@
 
 use pulp::Arch;
 
+/// Running minima of a scan: two vectors of AVX-512, four of AVX2.
 const LANES: usize = 16;
 
-/// A reduced-cost scan over rows of a cost matrix.
+/// Scan for the smallest reduced cost over rows of a cost matrix.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lanes {
     arch: Arch,
@@ -25,7 +26,7 @@ impl Lanes {
         Self { arch: Arch::new() }
     }
 
-    /// Returns the place of the smallest `row[j] + prices[j]`; none if all are infinite.
+    /// Returns the index `j` of the smallest `row[j] + prices[j]`; `None` if all are infinite.
     pub(crate) fn nearest(self, row: &[f64], prices: &[f64]) -> Option<usize> {
         self.arch.dispatch(
             #[inline(always)]
@@ -47,7 +48,8 @@ impl Lanes {
         )
     }
 
-    /// Returns where a row takes the value `least` that [`minimum`](Self::minimum) found.
+    /// Returns the index at which a row takes the value `least` that [`minimum`](Self::minimum)
+    /// found.
     pub(crate) fn position(
         self,
         row: &[f64],
@@ -61,7 +63,7 @@ impl Lanes {
         )
     }
 
-    /// Returns the smallest `costs[k] + prices[sinks[k]]` and its place.
+    /// Returns the smallest `costs[k] + prices[sinks[k]]` and its index `k`.
     pub(crate) fn gathered(self, costs: &[f64], sinks: &[u32], prices: &[f64]) -> (f64, usize) {
         self.arch.dispatch(
             #[inline(always)]
@@ -110,6 +112,7 @@ fn position(row: &[f64], prices: &[f64], own: f64, least: f64) -> Option<usize> 
     let (blocks, rest) = row.as_chunks::<LANES>();
     let (price_blocks, price_rest) = prices.as_chunks::<LANES>();
     for (block, (c, p)) in blocks.iter().zip(price_blocks).enumerate() {
+        // a branch for each block, not for each value, leaves the inner loop to vector code
         let mut hit = false;
         for k in 0..LANES {
             hit |= c[k] + p[k] - own == least;

@@ -4,10 +4,11 @@ use std::ops::{AddAssign, Sub, SubAssign};
 
 use super::problem::Weights;
 
-/// Units of a whole where weights are given as numbers: finer than the rounding of an `f64` near 1.
+/// Units of the whole mass for weights given as numbers: finer than the rounding of an `f64` near
+/// 1.
 const FINE: i64 = 1 << 60;
 
-/// An amount of mass: whole units, and a number of infinitesimals.
+/// Amount of mass: whole units, and a number of infinitesimals.
 ///
 /// The infinitesimals are Orden's perturbation. They change the supplies so that no proper subset
 /// of sources supplies exactly what a subset of sinks demands. Every basic flow is then positive,
@@ -49,12 +50,12 @@ impl SubAssign for Mass {
     }
 }
 
-/// What each source supplies and each sink demands.
+/// Supplies of the sources and demands of the sinks.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Balance {
-    /// Sources first, then sinks.
+    /// Mass of each node, sources first.
     pub(crate) masses: Vec<Mass>,
-    /// Units of each side.
+    /// Units of each side in total.
     pub(crate) total: i64,
 }
 
@@ -67,6 +68,7 @@ impl Balance {
         let (supplies, demands) = self.masses.split_at_mut(n);
         self.total = match (sources, sinks) {
             (Weights::Uniform(_), Weights::Uniform(_)) => {
+                // n sources of m units and m sinks of n units, in the smallest whole numbers
                 let divisor = gcd(n, m);
                 supplies.fill(whole(m / divisor));
                 demands.fill(whole(n / divisor));
@@ -98,7 +100,8 @@ fn perturb(supplies: &mut [Mass], demands: &mut [Mass]) {
     }
 }
 
-/// Rounds weights to units; what rounding leaves goes to the heaviest.
+/// Rounds weights to units. The heaviest takes the remainder, where it changes the least in
+/// relation.
 fn apportion(weights: Weights, masses: &mut [Mass]) {
     let sum = weights.sum();
     for (index, mass) in masses.iter_mut().enumerate() {

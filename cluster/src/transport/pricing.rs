@@ -1,4 +1,4 @@
-//! Choice of the entering arc: which arc of negative reduced cost comes into the basis next.
+//! Choice of the arc of negative reduced cost that enters the basis next.
 
 use super::basis::{Basis, Entering};
 use super::lanes::Lanes;
@@ -6,29 +6,29 @@ use super::lanes::Lanes;
 /// Sinks beyond which rows are priced through shortlists: a row of this many costs is read about as
 /// fast as the scattered prices of a shortlist.
 const DENSE_SINKS: usize = 500;
-/// Costs in one block of dense pricing, as a multiple of the root of their number: larger problems
-/// repay a wider search.
+/// Costs in one block of dense pricing, as a multiple of the square root of the number of all
+/// costs: a wider search pays off in larger problems.
 const BLOCK: f64 = 3.0;
-/// Sinks on the shortlist of a source.
+/// Number of sinks on the shortlist of a source.
 const SHORT: usize = 32;
-/// Sources whose shortlists are priced for one pivot.
+/// Number of sources whose shortlists are priced for one pivot.
 const SHORT_SOURCES: usize = 8;
 
-/// Block pricing, cyclic over the sources: the best arc of the next block with one of negative
-/// reduced cost.
+/// Block pricing, cyclic over the sources: it chooses the best arc of the next block that has an
+/// arc of negative reduced cost.
 ///
 /// Wide matrices are priced through *shortlists*, the sinks that were best for each source when its
-/// list was made; lists of sources that have a better sink elsewhere are made anew when no list has
-/// anything to offer (C. Gottschlich and D. Schuhmacher, "The shortlist method for fast computation
-/// of the earth mover's distance", PLoS ONE 9 (2014), with prices taken into account). Optimality
-/// is only ever concluded from all costs.
+/// list was made. When no list has an arc of negative reduced cost, the lists of sources that have
+/// one elsewhere are made anew (C. Gottschlich and D. Schuhmacher, "The shortlist method for fast
+/// computation of the earth mover's distance", PLoS ONE 9 (2014), with prices taken into account).
+/// Optimality is only ever concluded from all costs.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pricing {
     lanes: Lanes,
     tolerance: f64,
-    /// Where the next block begins.
+    /// First source of the next block.
     source: usize,
-    /// Sinks on each shortlist; zero while pricing is dense.
+    /// Number of sinks on each shortlist; 0 for dense pricing.
     short: usize,
     costs: Vec<f64>,
     sinks: Vec<u32>,
@@ -36,7 +36,7 @@ pub(crate) struct Pricing {
 }
 
 impl Pricing {
-    /// Starts on a new problem; reduced costs above `-tolerance` count as zero.
+    /// Starts a new problem. Reduced costs above `-tolerance` count as zero.
     pub(crate) fn reset(&mut self, cost: &[f64], basis: &Basis, tolerance: f64) {
         let (sources, sinks) = (basis.source_prices().len(), basis.sink_prices().len());
         self.tolerance = tolerance;
@@ -60,7 +60,7 @@ impl Pricing {
         self.tolerance = tolerance;
     }
 
-    /// Returns an arc that lowers the cost, or none if the basis is optimal.
+    /// Returns an arc that lowers the cost; `None` if the basis is optimal.
     pub(crate) fn next(&mut self, cost: &[f64], basis: &Basis) -> Option<Entering> {
         match self.short {
             0 => self.next_dense(cost, basis),
@@ -72,6 +72,7 @@ impl Pricing {
 
     fn next_dense(&mut self, cost: &[f64], basis: &Basis) -> Option<Entering> {
         let (own, prices) = (basis.source_prices(), basis.sink_prices());
+        // whole rows, so that a block is one stretch of memory
         let block = BLOCK * (cost.len() as f64).sqrt();
         let rows = (block as usize / prices.len()).max(1);
         let mut priced = 0;
@@ -138,8 +139,8 @@ impl Pricing {
         }
     }
 
-    /// Renews the shortlists of the sources that have an arc of negative reduced cost; returns
-    /// whether there was one.
+    /// Renews the shortlists of the sources that have an arc of negative reduced cost. Returns
+    /// `true` if there was one.
     fn renew(&mut self, cost: &[f64], basis: &Basis) -> bool {
         let (own, prices) = (basis.source_prices(), basis.sink_prices());
         let mut any = false;

@@ -1,21 +1,21 @@
-//! A transport problem: costs, weights, and what is refused.
+//! Transport problem: costs, weights, plans, and the checks of the input.
 
 use crate::check::{positive, within};
 use crate::error::{ClusterError, Result};
 
-/// Largest magnitude accepted in a cost matrix: sums of costs along any path stay far from
+/// Largest magnitude accepted in a cost matrix, at which sums of costs along any path stay far from
 /// overflow.
 pub const MAX_COST: f64 = 1e100;
 
-/// Largest deviation of given weights from a sum of one.
+/// Largest accepted deviation of the sum of given weights from one.
 const SUM_TOLERANCE: f64 = 1e-9;
 
-/// The weights of one side of a transport problem.
+/// Weights of one side of a transport problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weights<'a> {
-    /// This many points of equal weight.
+    /// Equal weights of a number of points.
     Uniform(usize),
-    /// A weight for each point: not negative, of sum one within 1e-9 (the rest is scaled away).
+    /// One weight for each point: at least 0, of sum one within 1e-9, and scaled to a sum of one.
     Given(&'a [f64]),
 }
 
@@ -23,7 +23,7 @@ impl Weights<'_> {
     /// Returns the number of points.
     #[expect(
         clippy::len_without_is_empty,
-        reason = "an empty side is refused by whoever takes weights"
+        reason = "every function that takes weights refuses an empty side"
     )]
     pub fn len(&self) -> usize {
         match self {
@@ -76,7 +76,7 @@ fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<()> {
 /// Checks that all costs are finite and within [`MAX_COST`].
 fn check_costs(cost: &[f64]) -> Result<()> {
     let accepted = |c: &f64| c.abs() <= MAX_COST;
-    // the whole matrix, without a way out: such a loop compiles to vector code
+    // a loop over the whole matrix without an early exit compiles to vector code
     if cost.iter().fold(true, |all, c| all & accepted(c)) {
         return Ok(());
     }
@@ -89,7 +89,7 @@ fn check_costs(cost: &[f64]) -> Result<()> {
     })
 }
 
-/// Checks one side's weights: some, finite, none negative, of sum one.
+/// Checks that one side has weights, all finite and at least 0, of sum one.
 fn check_weights(side: &'static str, weights: Weights) -> Result<()> {
     positive(side, weights.len())?;
     let Weights::Given(given) = weights else {
@@ -107,7 +107,7 @@ fn check_weights(side: &'static str, weights: Weights) -> Result<()> {
     }
 }
 
-/// Checks the weights of a cloud of this many points.
+/// Checks the weights of a cloud of `points` points.
 pub(crate) fn check_weights_of(side: &'static str, weights: Weights, points: usize) -> Result<()> {
     check_weights(side, weights)?;
     match weights.len() {
@@ -127,25 +127,25 @@ pub struct Entry {
     pub mass: f64,
 }
 
-/// A certified optimal plan and the potentials that prove it.
+/// Certified optimal plan and the potentials that prove it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TransportPlan {
-    /// The optimal value `<gamma, M>` of the transport problem, in the costs' unit.
+    /// Optimal value `<gamma, M>` of the transport problem, in the costs' unit.
     pub cost: f64,
-    /// The positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at
-    /// most once.
+    /// Positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at most
+    /// once.
     pub entries: Vec<Entry>,
     /// Dual potentials `u` of the sources, `[n]`.
     pub source_potentials: Vec<f64>,
     /// Dual potentials `v` of the sinks, `[m]`; `u_i + v_j <= c_ij` for all pairs.
     pub sink_potentials: Vec<f64>,
-    /// How exactly the plan and the potentials prove each other.
+    /// Precision to which the potentials prove the plan optimal.
     pub certificate: Certificate,
-    /// Pivots of the simplex method.
+    /// Number of pivots of the simplex method.
     pub pivots: usize,
 }
 
-/// How exactly a plan and its potentials prove each other optimal.
+/// Precision to which a plan and its potentials prove each other optimal.
 ///
 /// The value of a plan exceeds the optimum by at most `gap + violation`, in the costs' unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -155,8 +155,8 @@ pub struct Certificate {
     pub marginal_error: f64,
     /// Largest `u_i + v_j - c_ij` over all pairs, or zero, in the costs' unit.
     pub violation: f64,
-    /// Cost of the plan less the value of the potentials, in magnitude, or what the entries cost
-    /// above their potentials if that is more, in the costs' unit.
+    /// Cost of the plan less the value of the potentials, in magnitude, or the sum of the entries'
+    /// slacks if that is more, in the costs' unit.
     pub gap: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The network simplex method on a cost matrix.
+//! Network simplex method on a cost matrix.
 
 use super::basis::Basis;
 use super::certificate::{Scratch, certify_into};
@@ -9,20 +9,19 @@ use super::problem::{Weights, check};
 use super::start::Start;
 use crate::error::{ClusterError, Result};
 
-/// Factor by which the tolerance of an optimum may exceed the one that its own potentials ask for.
+/// Factor by which the tolerance of an optimum may exceed the one that its own potentials require.
 const COARSER: f64 = 16.0;
 
-/// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, squared distances on a
-/// line 60.
+/// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, and squared distances
+/// on a line need 60.
 const PIVOTS_PER_NODE: usize = 1000;
 
 /// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
 ///
 /// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify).
-/// Costs too large for the optimum to use, which forbid a pair, take nothing from its precision:
-/// where they would, the problem is solved again with such costs lowered. Among costs that the
-/// optimum does use, differences below some 1e-14 of the largest are not seen. [`Solver`] is the
-/// same with memory that is kept.
+/// Huge costs that forbid a pair do not reduce the precision: if they would, the problem is solved
+/// again with such costs lowered. Among costs that the optimum uses, differences below some 1e-14
+/// of the largest are lost in rounding. [`Solver`] reuses its memory from problem to problem.
 ///
 /// # Errors
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a
@@ -45,8 +44,8 @@ pub fn transport(cost: &[f64], sources: Weights, sinks: Weights) -> Result<Trans
     Ok(solver.plan)
 }
 
-/// The network simplex method, with memory that is kept: solving a problem no larger than an
-/// earlier one allocates nothing.
+/// Network simplex method with memory that is reused: solving a problem no larger than an earlier
+/// one allocates nothing.
 ///
 /// G. B. Dantzig, "Application of the simplex method to a transportation problem" (1951), on a
 /// spanning tree of sources and sinks; weights are exact integers, perturbed against degeneracy, so
@@ -60,17 +59,17 @@ pub struct Solver {
     pricing: Pricing,
     plan: TransportPlan,
     scratch: Scratch,
-    /// Costs with a ceiling, for problems that need one.
+    /// Costs with a ceiling, see [`Self::improve_below`].
     lowered: Vec<f64>,
 }
 
 impl Solver {
-    /// Makes a solver that has no memory yet.
+    /// Creates a solver without memory.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Solves a problem as [`transport`] does; the plan is kept until the next one.
+    /// Solves a problem as [`transport`] does. The plan is kept until the next problem.
     ///
     /// # Errors
     /// Those of [`transport`].
@@ -87,10 +86,11 @@ impl Solver {
         self.finish(cost, sources, sinks)
     }
 
-    /// Solves a problem from the basis of the last one: faster where most points are the same.
+    /// Solves a problem from the basis of the last one, which is faster if most points are the
+    /// same.
     ///
-    /// Points keep their indices: those that came since the last call stand at the end of their
-    /// side. What does not fit (fewer points, other weights or costs) costs time, never exactness.
+    /// Points keep their indices: points that came since the last call stand at the end of their
+    /// side. Other differences (fewer points, other weights or costs) cost time, never exactness.
     /// Without a last problem this is [`solve`](Self::solve).
     ///
     /// # Errors
@@ -116,6 +116,7 @@ impl Solver {
         self.read_plan(cost);
         let mut ceiling = f64::INFINITY;
         loop {
+            // huge costs in the basis hide small ones: lower the ceiling until the proof holds
             match certify_into(&mut self.scratch, cost, sources, sinks, &self.plan) {
                 Err(error @ ClusterError::Imprecise { .. }) => {
                     ceiling = self.lower_ceiling(cost, ceiling).ok_or(error)?;
@@ -130,8 +131,8 @@ impl Solver {
         }
     }
 
-    /// Returns a cost that no optimum exceeds, if it takes half or more of the range of costs up to
-    /// `ceiling` away.
+    /// Returns a cost that no optimum exceeds, if it is less than half of the range of costs up to
+    /// `ceiling` above the least cost.
     ///
     /// Two plans differ by cycles of at most `k = min(n, m)` arcs of either. Where the present plan
     /// uses no arc above `t`, exchanging a cycle with an arc above `k t - (k - 1) least` for arcs
@@ -150,9 +151,9 @@ impl Solver {
         (span < (largest - least) / 2.0).then_some(least + span)
     }
 
-    /// Pivots on, with costs above `ceiling` lowered to it; returns the number of pivots.
+    /// Goes on pivoting with costs above `ceiling` lowered to it, and returns the number of pivots.
     ///
-    /// Where nothing cheap links two parts of the basis, dear arcs without mass do, and potentials
+    /// If no cheap arc links two parts of the basis, expensive arcs without mass do, and potentials
     /// as large as their costs hide the differences between all others. Potentials that are
     /// feasible for lowered costs are feasible for the costs as given, too.
     fn improve_below(&mut self, ceiling: f64, cost: &[f64]) -> Result<usize> {
@@ -165,15 +166,15 @@ impl Solver {
         pivots
     }
 
-    /// Pivots until no arc has a negative reduced cost; returns the number of pivots.
+    /// Pivots until no arc has a negative reduced cost, and returns the number of pivots.
     fn improve(&mut self, cost: &[f64]) -> Result<usize> {
         let mut pivots = 0;
         loop {
             self.pricing.reset(cost, &self.basis, self.basis.price_tolerance());
             self.descend(cost, &mut pivots)?;
             self.basis.refresh_prices(cost);
-            // dear arcs make large potentials: once they have left the basis, cheap arcs can be
-            // told apart
+            // expensive arcs make large potentials: once they have left the basis, the tolerance
+            // shrinks, and smaller differences between cheap arcs count
             if COARSER * self.basis.price_tolerance() >= self.pricing.tolerance() {
                 return Ok(pivots);
             }
@@ -188,6 +189,7 @@ impl Solver {
             }
             self.basis.pivot(entering);
             *pivots += 1;
+            // every pivot adds rounding to the prices
             if pivots.is_multiple_of(nodes) {
                 self.basis.refresh_prices(cost);
                 self.pricing.tolerate(self.basis.price_tolerance());
@@ -206,6 +208,7 @@ impl Solver {
         plan.entries.reserve(self.basis.nodes());
         let mut cost_in_units = 0.0;
         self.basis.for_each_arc(|source, sink, flow| {
+            // arcs that carry infinitesimals alone are part of the basis, not of the plan
             if flow.units > 0 {
                 let mass = flow.units as f64 / balance.total as f64;
                 plan.entries.push(Entry { source, sink, mass });

@@ -1,10 +1,10 @@
-//! The first basis: greedy by costs less prices, or what still fits of an earlier basis.
+//! First basis of a problem: greedy by costs less prices, or from an earlier basis.
 
 use super::basis::Basis;
 use super::lanes::Lanes;
 use super::mass::Mass;
 
-/// Builds spanning trees by sending mass along one arc after another.
+/// Builder of spanning trees that sends mass along one arc after another.
 ///
 /// Each shipment is as large as its ends allow, so it exhausts one of them. It never exhausts both
 /// but at the very end, because no proper subset of nodes balances. The exhausted node hangs below
@@ -12,9 +12,9 @@ use super::mass::Mass;
 /// positive flow, which is a basis.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Start {
-    /// What each node has left to send or receive.
+    /// Mass that each node has left to send or receive.
     left: Vec<Mass>,
-    /// Minus the worth of each sink, infinite once it is full.
+    /// Price of each sink: minus its potential, infinite once it is full.
     prices: Vec<f64>,
     /// Arcs of the earlier basis, parents before children.
     arcs: Vec<(u32, u32)>,
@@ -23,8 +23,8 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    /// Builds a basis from nothing. Column means stand in for the sinks' potentials: they take out
-    /// what makes a sink dear to everybody.
+    /// Builds a basis from nothing. Column means stand in for the sinks' potentials: they remove
+    /// the part of a sink's costs that all sources share.
     pub(crate) fn cold(&mut self, basis: &mut Basis, cost: &[f64], masses: &[Mass], sinks: usize) {
         let sources = masses.len() - sinks;
         self.prices.clear();
@@ -52,6 +52,7 @@ impl Start {
             self.prices.push(self.price_of(self.prices.len(), cost, sinks));
         }
         self.begin(basis, masses, sinks);
+        // children before parents: the flows of a tree follow from its leaves
         for k in (0..self.arcs.len()).rev() {
             let (source, sink) = (self.arcs[k].0 as usize, self.arcs[k].1 as usize);
             if source < sources && sink < sinks && self.open(source) && self.open(sources + sink) {

@@ -1,4 +1,4 @@
-//! Calibrations of cameras.
+//! Fuzz target of camera calibrations.
 
 use allocation_counter::opt_out;
 use covers::deploy::CalibrationFile;

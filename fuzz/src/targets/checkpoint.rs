@@ -1,4 +1,4 @@
-//! Learners in files.
+//! Fuzz target of learners in checkpoint files.
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -12,13 +12,13 @@ use super::small::is_small_learner;
 use super::tensors::{parts, sealed};
 use super::{Reading, Target, accepted, in_file, measured};
 
-/// The constant holds the learner that a valid file becomes.
+/// Target of checkpoints. Its constant is the memory of the learner that a valid file becomes.
 pub const CHECKPOINT: Target =
     Target::new("checkpoint", read, checkpoints).holding(64, 1 << 18).tried(5_000);
 
 static LEARNERS: LazyLock<Vec<LearnerSettings>> = LazyLock::new(learners);
 
-/// A byte that chooses the learner, then the parts of the file with a zero between them.
+/// Reads a byte that chooses the learner, then the parts of the file, separated by zeros.
 fn read(input: &[u8]) -> Option<Reading> {
     let (&kind, rest) = input.split_first()?;
     let mut parts = rest.splitn(3, |&byte| byte == 0);
@@ -37,7 +37,7 @@ fn read(input: &[u8]) -> Option<Reading> {
     })
 }
 
-/// The settings that the file itself names, where building such a learner takes no time.
+/// Returns the settings in the file itself, if such a learner is built quickly.
 fn small_settings(like: &LearnerSettings, envelope: &str) -> Option<LearnerSettings> {
     let mut envelope: Value = serde_json::from_str(envelope).ok()?;
     let settings = envelope.pointer_mut("/header/settings")?.take();
@@ -64,7 +64,7 @@ fn checkpoints() -> Vec<Vec<u8>> {
     seeds.flatten().collect()
 }
 
-/// A learner before its first turn and after two, and packed.
+/// Returns files of a learner before its first rollout, after two, and packed.
 fn seeds_of((kind, settings): (usize, &LearnerSettings)) -> Option<Vec<Vec<u8>>> {
     let mut learner = settings.start(clock().spec(), &Labels::default()).ok()?;
     let save = |learner: &dyn Learner, extent| {
@@ -88,7 +88,7 @@ fn seed(kind: usize, file: &[u8]) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
 
-    /// Three files of each learner, all of which are read: every kind has a state that comes back.
+    /// Every kind of learner has three files, and all of them can be read.
     #[test]
     fn every_seed_is_a_learner() {
         let seeds = checkpoints();

@@ -1,5 +1,4 @@
-//! The smallest learners of every kind and grouping, and environments that show them next to
-//! nothing.
+//! Smallest learners of every kind and grouping, and tiny environments for them.
 
 use covers::{
     CoversSettings, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicy,
@@ -13,8 +12,8 @@ use symmetry::Irrep;
 
 use super::small::small_network;
 
-/// Learners of every kind and grouping; the first needs one turn to have everything, the others
-/// two.
+/// Returns learners of every kind and grouping. The first needs one rollout to have all of its
+/// state, the others need two.
 pub fn learners() -> Vec<LearnerSettings> {
     let on_policy = of_covers().map(LearnerSettings::Covers);
     let off_policy = with_replays().map(LearnerSettings::OffPolicy);
@@ -67,7 +66,7 @@ fn network() -> NetworkSettings {
     NetworkSettings { encoder: Encoder::Strided { fields: vec![1; 3] }, ..small_network() }
 }
 
-/// Two frames are kept of each of four episodes.
+/// Returns settings by which a buffer keeps two frames of each of four episodes.
 fn covers() -> CoversSettings {
     CoversSettings {
         network: NetworkSettings { critic: Critic::Pooled { width: 1 }, ..network() },
@@ -79,7 +78,7 @@ fn covers() -> CoversSettings {
     }
 }
 
-/// The replay has dropped steps after the second turn.
+/// Returns settings by which the replay buffer has dropped steps after the second rollout.
 fn off_policy() -> OffPolicySettings {
     OffPolicySettings {
         network: network(),
@@ -101,13 +100,13 @@ fn off_policy() -> OffPolicySettings {
     }
 }
 
-/// Environments whose episodes last two steps: one pixel tells the time.
+/// Environments whose episodes last two steps. One pixel is the number of the step.
 pub struct Clock {
     spec: EnvSpec,
     now: u8,
 }
 
-/// Two of them.
+/// Creates two environments.
 pub fn clock() -> Clock {
     let spec =
         EnvSpec { num_envs: 2, image: [8, 8, 2], vector: vec![Irrep::X], action: vec![Irrep::X] };
@@ -146,11 +145,11 @@ impl VectorEnv for Clock {
     }
 }
 
-/// The learner after a turn, and after another where it needs no label for it.
+/// Trains a learner on one rollout, and on another if it needs no label for it.
 pub fn taught(learner: &mut dyn Learner) -> Option<()> {
     let mut env = clock();
     learner.learn(&mut env).ok()?;
-    // labels are a run's alone: an oracle has none for its second turn
+    // labels come from a run: an oracle has none for its second rollout
     let _ = learner.learn(&mut env);
     Some(())
 }

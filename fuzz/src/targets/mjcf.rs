@@ -1,4 +1,4 @@
-//! Scenes of others: what they name, and what MuJoCo makes of them.
+//! Fuzz targets of scenes: the check of the files that they name, and MuJoCo's compiler.
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -15,11 +15,12 @@ pub const MJCF: Target = Target::new(
 .holding(32, 1 << 10)
 .tried(20_000);
 
-/// Its memory is Rust's alone: the virtual file system and what an error says.
+/// Target of MuJoCo's compiler. Memory is counted for Rust alone: the virtual file system and error
+/// messages.
 pub const COMPILER: Target =
     Target::new("compiler", |input| read(input, compile), seeds).holding(32, 1 << 21).tried(500);
 
-/// A file on the disk that no model may show.
+/// File on the disk that no model may include.
 static BAIT: LazyLock<PathBuf> = LazyLock::new(|| {
     let path = std::env::temp_dir().join("covers-fuzz-bait.xml");
     let part = "<mujoco><worldbody><body name='of_the_disk'/></worldbody></mujoco>";
@@ -27,12 +28,12 @@ static BAIT: LazyLock<PathBuf> = LazyLock::new(|| {
     path
 });
 
-/// Names and contents.
+/// Names and contents of files.
 type Files<'a> = [(&'a str, &'a [u8])];
 
 const NAMES: [&str; 4] = ["scene.xml", "task.xml", "a.xml", "b.xml"];
 
-/// The files stand one after the other, with a zero between them.
+/// Reads files that stand one after the other, separated by zeros.
 fn read(input: &[u8], with: fn(&Files) -> bool) -> Option<Reading> {
     LazyLock::force(&BAIT);
     let parts = input.split(|&byte| byte == 0);

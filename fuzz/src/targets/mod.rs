@@ -1,5 +1,5 @@
-//! What is fuzzed: one target for each kind of input. The libFuzzer program and the test
-//! `tests/fuzz.rs` run the same list.
+//! Fuzz targets, one for each kind of input. The libFuzzer program and the test `tests/fuzz.rs` run
+//! the same list.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -18,19 +18,20 @@ mod tables;
 mod tensors;
 mod text;
 
-/// Something that reads what others wrote. Reading panics for no input.
+/// Reader of untrusted input, which must not panic for any input.
 pub struct Target {
-    /// Its name on the command line, and of its folder in `corpus`.
+    /// Name on the command line, and of the target's folder in `corpus`.
     pub name: &'static str,
     /// Reads an input through [`measured`].
     read: fn(&[u8]) -> Option<Reading>,
     /// Valid inputs to start from.
     seeds: fn() -> Vec<Vec<u8>>,
-    /// Bytes that reading may hold at a time, a byte of the input.
+    /// Bytes that reading may hold at a time for each byte of the input.
     multiple: u64,
-    /// The same, whatever the input is: tables, buffers and what a valid input builds.
+    /// Bytes that reading may hold at a time for any input: tables, buffers, and values that a
+    /// valid input builds.
     constant: u64,
-    /// Mutations that the test tries.
+    /// Number of mutations that the test tries.
     pub trials: u32,
 }
 
@@ -51,25 +52,25 @@ pub const TARGETS: [Target; 13] = [
     mjcf::COMPILER,
 ];
 
-/// How reading an input went.
+/// Measurement of reading one input.
 pub struct Reading {
-    /// The most bytes that this thread held at a time.
+    /// Largest number of bytes that this thread held at a time.
     peak: u64,
-    /// Whether the input was valid.
+    /// `true` if the input was valid.
     pub accepted: bool,
     /// Bytes beyond the target's constant, for each byte of the input.
     pub multiple: f64,
 }
 
 impl Reading {
-    /// Not yet compared with what the target may hold.
+    /// Creates a measurement that is not yet compared with the target's limits.
     fn new(peak: u64, accepted: bool) -> Self {
         Self { peak, accepted, multiple: 0.0 }
     }
 }
 
 impl Target {
-    /// A target that may hold no memory yet, and that the test does not mutate.
+    /// Creates a target that may hold no memory yet, and that the test does not mutate.
     const fn new(
         name: &'static str,
         read: fn(&[u8]) -> Option<Reading>,
@@ -78,20 +79,21 @@ impl Target {
         Self { name, read, seeds, multiple: 0, constant: 0, trials: 0 }
     }
 
-    /// Bytes that reading may hold at a time: for a byte of the input, and whatever the input is.
+    /// Sets the bytes that reading may hold at a time: for each byte of the input, and for any
+    /// input.
     const fn holding(self, multiple: u64, constant: u64) -> Self {
         Self { multiple, constant, ..self }
     }
 
-    /// Mutations that the test tries.
+    /// Sets the number of mutations that the test tries.
     const fn tried(self, trials: u32) -> Self {
         Self { trials, ..self }
     }
 
-    /// Reads one input; none where it is refused before it reaches the reader.
+    /// Reads one input; `None` if it is rejected before it reaches the reader.
     ///
     /// # Panics
-    /// Where reading does, or allocates more than it may.
+    /// If reading panics or allocates more than it may.
     pub fn run(&self, input: &[u8]) -> Option<Reading> {
         let (mut reading, length) = ((self.read)(input)?, input.len() as u64);
         let (peak, most) = (reading.peak, self.multiple * length + self.constant);
@@ -105,25 +107,25 @@ impl Target {
         Some(reading)
     }
 
-    /// Valid inputs to start from.
+    /// Returns valid inputs to start from.
     pub fn seeds(&self) -> Vec<Vec<u8>> {
         (self.seeds)()
     }
 }
 
-/// Measures `read`, which says whether the input was valid.
+/// Measures `read`, which returns `true` if the input was valid.
 fn measured(read: impl FnOnce() -> bool) -> Option<Reading> {
     let mut accepted = false;
     let peak = measure(|| accepted = read()).bytes_max;
     Some(Reading::new(peak, accepted))
 }
 
-/// Texts as inputs.
+/// Converts texts to inputs.
 fn texts<const N: usize>(texts: [&str; N]) -> Vec<Vec<u8>> {
     texts.map(|text| text.as_bytes().to_vec()).to_vec()
 }
 
-/// Whether reading succeeded. An error must have something to say.
+/// Returns `true` if reading succeeded. Asserts that an error has a message.
 fn accepted<T, E: Display>(result: Result<T, E>) -> bool {
     if let Err(error) = &result {
         assert!(!error.to_string().is_empty());
@@ -131,18 +133,18 @@ fn accepted<T, E: Display>(result: Result<T, E>) -> bool {
     result.is_ok()
 }
 
-/// A path of this process and target.
+/// Returns a temporary path for this process and target.
 fn own_path(target: &str) -> PathBuf {
     let name = format!("covers-fuzz-{}-{target}", std::process::id());
     std::env::temp_dir().join(name)
 }
 
-/// Puts `bytes` into a file of this process and target, and hands its path to `with`.
+/// Writes `bytes` to a temporary file for this process and target, and passes its path to `with`.
 fn in_file<R>(target: &str, bytes: &[u8], with: impl FnOnce(&Path) -> R) -> R {
     let path = own_path(target);
     std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let result = with(&path);
-    // where it fails, the next input overwrites it
+    // if this fails, the next input overwrites the file
     let _ = std::fs::remove_file(&path);
     result
 }
@@ -151,7 +153,7 @@ fn in_file<R>(target: &str, bytes: &[u8], with: impl FnOnce(&Path) -> R) -> R {
 mod tests {
     use super::*;
 
-    /// A target whose reader holds as many bytes as the input says.
+    /// Target whose reader holds as many bytes as the input says.
     const GREEDY: Target = Target::new("greedy", greedy, Vec::new).holding(10, 100);
 
     fn greedy(input: &[u8]) -> Option<Reading> {

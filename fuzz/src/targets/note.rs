@@ -1,4 +1,4 @@
-//! What a run writes into a checkpoint beside the learner.
+//! Fuzz target of the run's state, which a checkpoint holds beside the learner.
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -21,10 +21,10 @@ static RUN: LazyLock<(PathBuf, PathBuf)> = LazyLock::new(|| {
     (run, checkpoints)
 });
 
-/// The settings are read from the note in the run's one checkpoint.
+/// Reads the settings from the run's state in the only checkpoint.
 fn read(input: &[u8]) -> Option<Reading> {
     let (run, checkpoints) = &*RUN;
-    // a checkpoint under the name of another one is refused
+    // a checkpoint's file name must agree with its number of rollouts
     let note: Option<Value> = serde_json::from_slice(input).ok();
     let rollouts = note.and_then(|note| note.pointer("/note/ledger/rollouts")?.as_u64());
     let checkpoint = checkpoints.join(format!("{:06}.safetensors", rollouts.unwrap_or(1)));

@@ -1,4 +1,4 @@
-//! Recordings: npz archives.
+//! Fuzz target of recordings in npz archives.
 
 use std::io::{Cursor, Write};
 
@@ -7,7 +7,7 @@ use zip::{CompressionMethod, ZipWriter};
 
 use super::{Reading, Target, accepted, measured};
 
-// private to the crate that reads recordings
+// these modules are private to the crate that reads recordings
 #[allow(dead_code)]
 #[path = "../../../src/check/npz.rs"]
 mod reader;
@@ -15,13 +15,13 @@ mod reader;
 #[path = "../../../src/check/recording_error.rs"]
 mod recording_error;
 
-/// Deflate makes at most 1032 bytes of one, whose copies are twice as large at most, and a truth
-/// value of one byte becomes a number of eight.
+/// Target of npz archives. Deflate expands a byte to at most 1032, whose copies are at most twice
+/// as large, and a boolean of one byte becomes a number of eight.
 pub const NPZ: Target =
     Target::new("npz", read, seeds).holding(1032 * (2 + 8), 1 << 12).tried(5_000);
 
-/// After an even byte there is an archive, after an odd one a file that is packed here: behind a
-/// checksum, hardly a mutation of an archive would reach the parser of its files.
+/// Reads an archive after an even byte, and after an odd byte one file that is packed here. Few
+/// mutations of an archive would reach the parser of its files, since it has checksums.
 fn read(input: &[u8]) -> Option<Reading> {
     let (&kind, rest) = input.split_first()?;
     let archive = match kind % 2 {
@@ -67,7 +67,7 @@ fn qpos() -> Vec<u8> {
     npy("<f8", "1, 2, 3", &[0; 48])
 }
 
-/// Two archives of the same files, and one that is small and holds much.
+/// Returns two archives of the same files, and a small one that expands to much.
 fn archives() -> [Option<Vec<u8>>; 3] {
     let (reward, qpos) = (reward(), qpos());
     let bomb = npy("|b1", "100, 1000", &[1; 100_000]);

@@ -1,4 +1,4 @@
-//! Plans of sweeps.
+//! Fuzz target of plans of sweeps.
 
 use std::path::{Component, Path};
 
@@ -9,7 +9,7 @@ use super::{Reading, Target, accepted, measured, texts};
 
 pub const PLAN: Target = Target::new("plan", read, plans).holding(64, 1 << 12).tried(2_000);
 
-/// Jobs that are listed: more of them are what a person asks for.
+/// Largest number of jobs that are listed: a large list is a choice of the user, not a failure.
 const JOBS: usize = 2;
 
 fn read(input: &[u8]) -> Option<Reading> {
@@ -23,7 +23,8 @@ fn read(input: &[u8]) -> Option<Reading> {
     })
 }
 
-/// A plan survives another file, and the folders of its jobs lie in the folder that was asked for.
+/// Asserts that a plan survives a round trip through text, and that the folders of its jobs lie in
+/// the requested folder.
 fn list(plan: &Plan) {
     let text = serde_json::to_string(plan).unwrap_or_default();
     assert_eq!(Plan::parse(&text).ok().as_ref(), Some(plan), "{text}");

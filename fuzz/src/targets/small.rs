@@ -1,9 +1,10 @@
-//! Networks and settings that take no time: sizes are part of what a person asks for.
+//! Limits on networks and settings that keep fuzzing fast: large sizes are a choice of the user,
+//! not a failure.
 
 use covers::{Experiment, LearnerSettings};
 use rl::{ContextSettings, Critic, Encoder, NetworkSettings};
 
-/// The smallest network that takes pictures of 16 x 16 pixels or multiples.
+/// Returns the smallest network for images of 16 x 16 pixels or multiples.
 pub fn small_network() -> NetworkSettings {
     NetworkSettings {
         encoder: Encoder::Strided { fields: vec![1; 4] },
@@ -15,14 +16,14 @@ pub fn small_network() -> NetworkSettings {
     }
 }
 
-/// Whether checking builds networks and rollouts that take no time.
+/// Returns `true` if the check of an experiment builds small networks and rollouts alone.
 pub fn is_small(experiment: &Experiment) -> bool {
     is_small_learner(&experiment.learner)
         && experiment.envs.camera.size <= 48
         && experiment.schedule.total_decisions() <= 100_000
 }
 
-/// Whether building the learner takes no time.
+/// Returns `true` if a learner is built quickly.
 pub fn is_small_learner(learner: &LearnerSettings) -> bool {
     let network = match learner {
         LearnerSettings::Covers(settings) => &settings.network,
@@ -31,7 +32,7 @@ pub fn is_small_learner(learner: &LearnerSettings) -> bool {
     is_small_network(network) && has_small_context(learner) && learner.rollout_steps() <= 400
 }
 
-/// Whether its context is small, if it has any.
+/// Returns `true` if a learner has no context or a small one.
 fn has_small_context(learner: &LearnerSettings) -> bool {
     let LearnerSettings::OffPolicy(settings) = learner else {
         return true;

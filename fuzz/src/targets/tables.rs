@@ -1,4 +1,4 @@
-//! Tables of a run, as reports read them, and as a run does that goes on.
+//! Fuzz target of a run's tables, as reports and resumed runs read them.
 
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -21,7 +21,7 @@ const NAMES: [&str; 6] = [
     "recognition.csv",
 ];
 
-/// The folder of a run that has ended.
+/// Folder of a run that has ended.
 static RUN: LazyLock<PathBuf> = LazyLock::new(|| {
     let runs = own_path("tables");
     let folder = RunFolder::create(&runs, "covers-seed0").and_then(|folder| {
@@ -38,7 +38,7 @@ fn write(name: &str, bytes: &[u8], folder: &Path) {
     std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// The files stand one after the other, with a zero between them.
+/// Reads files that stand one after the other, separated by zeros.
 fn read(input: &[u8]) -> Option<Reading> {
     let parts = input.split(|&byte| byte == 0).chain([&b""[..]; 5]);
     let files: Vec<(&str, &[u8])> = NAMES.into_iter().zip(parts).collect();
@@ -47,13 +47,13 @@ fn read(input: &[u8]) -> Option<Reading> {
     }
     measured(|| {
         go_on(files[2].1);
-        // who watches a run reads what is whole
+        // viewers of an unfinished run read its complete rows
         drop(RunData::so_far(&RUN));
         accepted(RunData::read(&RUN).map_err(CoversError::from).and_then(report))
     })
 }
 
-/// What a resumption keeps of the timings.
+/// Checks the rows of timings that a resumed run keeps.
 fn go_on(table: &[u8]) {
     let kept = first_rows(table, 2);
     assert_eq!(first_rows(kept.as_bytes(), 2), kept);
@@ -62,7 +62,7 @@ fn go_on(table: &[u8]) {
     assert!(rate.is_none_or(|rate| !rate.is_nan()));
 }
 
-/// A report of the run alone.
+/// Writes a report of the run alone.
 fn report(run: RunData) -> Result<(), CoversError> {
     let report = Report::new(vec![run])?;
     assert!(!report.markdown().is_empty());

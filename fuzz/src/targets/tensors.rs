@@ -1,4 +1,4 @@
-//! Files of tensors: networks, and what all of them have in common.
+//! Fuzz target of networks, and the format that all files of tensors share.
 
 use std::ops::Range;
 use std::path::Path;
@@ -14,8 +14,9 @@ pub const NETWORK: Target =
         .holding(64, 1 << 12)
         .tried(5_000);
 
-/// A checkpoint from its parts: what it says of itself (JSON), the list of its arrays (JSON), and
-/// their bytes. Lengths and the checksum are right, so that a change of a part gets past them.
+/// Builds a checkpoint from its parts: its metadata (JSON), the list of its arrays (JSON), and
+/// their bytes. Lengths and the checksum are computed, so that mutations of a part get past their
+/// checks.
 pub fn sealed(envelope: &str, arrays: &str, data: &[u8]) -> Option<Vec<u8>> {
     let envelope = Value::from(envelope);
     let arrays = arrays.strip_prefix('{')?;
@@ -29,7 +30,8 @@ pub fn sealed(envelope: &str, arrays: &str, data: &[u8]) -> Option<Vec<u8>> {
     Some(file)
 }
 
-/// Where the checksum is in a file whose arrays begin at `start`; it counts as zeros.
+/// Returns the range of the checksum in a file whose arrays begin at `start`. Its bytes count as
+/// zeros in the checksum itself.
 fn checksum_place(header: &str, start: usize) -> Option<Range<usize>> {
     let header: Value = serde_json::from_str(header).ok()?;
     let offset = header["checksum"]["data_offsets"][0].as_u64()?;
@@ -37,7 +39,7 @@ fn checksum_place(header: &str, start: usize) -> Option<Range<usize>> {
     Some(start..start.checked_add(4)?)
 }
 
-/// The parts of a checkpoint.
+/// Splits a checkpoint into its parts, with zeros for the checksum.
 pub fn parts(file: &[u8]) -> Option<(String, String, Vec<u8>)> {
     let length = u64::from_le_bytes(*file.first_chunk()?);
     let (header, data) = file[8..].split_at_checked(usize::try_from(length).ok()?)?;

@@ -1,4 +1,4 @@
-//! Texts that a person writes: field types, settings, command lines.
+//! Fuzz targets of text that users write: field types, settings, command lines.
 
 use std::cell::RefCell;
 use std::ffi::OsString;
@@ -65,7 +65,7 @@ fn read_settings(input: &[u8]) -> Option<Reading> {
     })
 }
 
-/// Settings that were read: they are refused, or they survive another file.
+/// Asserts that settings are either refused, or survive a round trip through text.
 fn check(experiment: &Experiment) {
     if !is_small(experiment) || experiment.check(&TaskRegistry::standard()).is_err() {
         return;
@@ -95,7 +95,8 @@ fn settings() -> Vec<Vec<u8>> {
 pub const OVERRIDES: Target =
     Target::new("overrides", read_overrides, overrides).holding(256, 1 << 17).tried(500);
 
-/// The overrides stand in lines, and are applied to a small experiment, whose tree is the constant.
+/// Reads overrides, one on each line, and applies them to a small experiment, whose JSON tree takes
+/// the target's constant.
 fn read_overrides(input: &[u8]) -> Option<Reading> {
     static EXPERIMENT: LazyLock<Experiment> = LazyLock::new(|| {
         let mut experiment = Budget::Smoke.experiment(Method::Covers);
@@ -129,7 +130,7 @@ thread_local! {
     ]);
 }
 
-/// The arguments stand in lines; those of the example follow the line `stream`.
+/// Reads arguments, one on each line. Arguments of the example follow the line `stream`.
 fn read_command_line(input: &[u8]) -> Option<Reading> {
     let lines = input.split(|&byte| byte == b'\n');
     let arguments = lines.map(|line| OsString::from(std::ffi::OsStr::from_bytes(line)));
@@ -162,14 +163,14 @@ fn reads_command(covers: &mut clap::Command, arguments: &[OsString]) -> bool {
     accepted(matches)
 }
 
-/// The folder of a run lies in the folder that was asked for, whatever the settings' file is
-/// called.
+/// Asserts that the folder of a run lies in the requested folder, for any name of the settings'
+/// file.
 fn check_names(command: Option<Command>) {
     let Some(Command::Train(options)) = command else {
         return;
     };
     let mut preset = TrainOptions { config: None, ..options.clone() };
-    // another target's
+    // the target OVERRIDES tests these
     preset.run.changes.set.clear();
     let Ok(experiment) = preset.experiment() else {
         return;

@@ -1,4 +1,4 @@
-//! The tables of a run as events.
+//! Conversion of a run's tables to events.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ffi::OsString;
@@ -13,25 +13,25 @@ use experiments::{RunError, RunFolder};
 use learner::disk::{LocalDisk, replace};
 use learner::per_policy_columns;
 
-use super::summary::{EventFile, Moment};
+use super::summary::{EventFile, EventTime};
 
-/// The name of the file; TensorBoard looks for the middle of it. Wall-clock times in it are seconds
-/// of learning, so equal runs give equal files but for those.
+/// Name of an event file. TensorBoard finds files by the part `tfevents`. A fixed name, and seconds
+/// of learning as wall-clock times, make files of equal runs equal but for these seconds.
 const FILE: &str = "events.out.tfevents.0.covers";
-/// Columns that say when a row was, and no figures.
-const MOMENTS: [&str; 3] = ["rollout", "rollouts", "decisions"];
-/// Columns of scores; those of the group's own policy are empty before it has one.
-const SCORES: [&str; 6] =
+/// Columns that hold the time of a row, not a value.
+const TIME_COLUMNS: [&str; 3] = ["rollout", "rollouts", "decisions"];
+/// Columns of scores. Scores of the group's own policy are empty before it has one.
+const SCORE_COLUMNS: [&str; 6] =
     ["success", "success_at_end", "reward", "own_success", "own_success_at_end", "own_reward"];
-/// Before the first rollout.
-const START: Moment = Moment { step: 0, seconds: 0.0 };
+/// Time before the first rollout.
+const START: EventTime = EventTime { step: 0, seconds: 0.0 };
 
-/// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`;
-/// one that is there is replaced. Returns where they are.
+/// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`,
+/// and returns the paths. Existing event files are replaced.
 ///
 /// # Errors
-/// [`RunError::NoRun`], [`ReportError::SameName`], [`RunError::Read`],
-/// [`RunError::Write`].
+/// [`RunError::NoRun`] for a folder without a run, [`ReportError::SameName`] for two runs of one
+/// name, [`RunError::Read`] and [`RunError::Write`] for files.
 pub fn write_events(runs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
     let mut named: BTreeMap<OsString, &PathBuf> = BTreeMap::new();
     for run in runs {
@@ -40,21 +40,20 @@ pub fn write_events(runs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Rep
             return Err(ReportError::SameName { first, second });
         }
     }
-    let runs = runs.iter();
-    runs.map(|run| write(run, &folder.join(name(run)?)))
+    runs.iter()
+        .map(|run| write(run, &folder.join(name(run)?)))
         .collect::<Result<_, _>>()
         .map_err(ReportError::from)
 }
 
-/// The name of a run's folder.
+/// Returns the name of a run's folder.
 fn name(run: &Path) -> Result<OsString, RunError> {
     if !RunFolder::open(run).holds_run() {
-        let folder = run.to_owned();
-        return Err(RunError::NoRun { folder });
+        return Err(RunError::NoRun { folder: run.to_owned() });
     }
-    let whole = run.canonicalize();
-    let whole = whole.map_err(|error| RunError::read(run, error))?;
-    Ok(whole.file_name().unwrap_or(whole.as_os_str()).to_owned())
+    // a path such as `.` or `runs/..` has no name of its own
+    let path = run.canonicalize().map_err(|error| RunError::read(run, error))?;
+    Ok(path.file_name().unwrap_or(path.as_os_str()).to_owned())
 }
 
 fn write(run: &Path, own: &Path) -> Result<PathBuf, RunError> {
@@ -72,44 +71,46 @@ fn events(run: &RunFolder) -> Result<Vec<u8>, RunError> {
     let mut file = EventFile::new();
     picture(run, &mut file)?;
     for row in &metrics.rows {
-        let moment = clock.after(metrics.rollouts(row));
-        for (name, cell) in metrics.figures(row) {
-            match metrics.lists.contains(name) {
-                true => by_policy(&mut file, moment, name, cell),
-                false => figure(&mut file, moment, name, cell),
+        let time = clock.after(metrics.rollouts(row));
+        for (name, cell) in metrics.values(row) {
+            if metrics.lists.contains(name) {
+                add_list(&mut file, time, name, cell);
+            } else {
+                add_number(&mut file, time, name, cell);
             }
         }
     }
     for row in &timings.rows {
-        let moment = clock.after(timings.rollouts(row));
-        for (name, cell) in timings.figures(row) {
-            figure(&mut file, moment, &format!("seconds/{name}"), cell);
+        let time = clock.after(timings.rollouts(row));
+        for (name, cell) in timings.values(row) {
+            add_number(&mut file, time, &format!("seconds/{name}"), cell);
         }
     }
     scores(&read("evaluation.csv")?, &clock, &mut file);
     Ok(file.into_bytes())
 }
 
-/// Adds a cell of a table, where it is a number.
-fn figure(file: &mut EventFile, moment: Moment, name: &str, cell: &str) {
+/// Adds a cell of a table if it is a number.
+fn add_number(file: &mut EventFile, time: EventTime, name: &str, cell: &str) {
     if let Some(value) = number(cell) {
-        file.scalar(moment, name, value);
+        file.scalar(time, name, value);
     }
 }
 
-/// Adds a cell of numbers with semicolons between them, one a policy.
-fn by_policy(file: &mut EventFile, moment: Moment, name: &str, cell: &str) {
+/// Adds a cell that holds one number for each policy, separated by semicolons: a scalar for each
+/// policy, and their histogram.
+fn add_list(file: &mut EventFile, time: EventTime, name: &str, cell: &str) {
     let values: Vec<Option<f64>> = cell.split(';').map(number).collect();
     for (policy, value) in values.iter().enumerate() {
         if let Some(value) = value {
-            file.scalar(moment, &format!("{name}/policy {policy}"), *value);
+            file.scalar(time, &format!("{name}/policy {policy}"), *value);
         }
     }
     let known: Vec<f64> = values.into_iter().flatten().collect();
-    file.histogram(moment, name, &known);
+    file.histogram(time, name, &known);
 }
 
-/// A finite number, or 0 and 1 for false and true.
+/// Parses a cell: a finite number, or 0 and 1 for `false` and `true`; `None` for other text.
 fn number(cell: &str) -> Option<f64> {
     match cell {
         "false" => Some(0.0),
@@ -124,11 +125,11 @@ fn scores(table: &Rows, clock: &Clock, file: &mut EventFile) {
     for row in &table.rows {
         let cell = |name| table.cell(row, name);
         let rollouts = cell("rollouts").parse().unwrap_or(0);
-        for figure in SCORES {
-            let Some(value) = number(cell(figure)) else {
+        for column in SCORE_COLUMNS {
+            let Some(value) = number(cell(column)) else {
                 continue;
             };
-            let group = format!("evaluation/{}/{figure}", cell("group"));
+            let group = format!("evaluation/{}/{column}", cell("group"));
             let variant = format!("{group}/{}", cell("element"));
             file.scalar(clock.after(rollouts), &variant, value);
             groups.entry((rollouts, group)).or_default().push(value);
@@ -142,7 +143,7 @@ fn scores(table: &Rows, clock: &Clock, file: &mut EventFile) {
 
 fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), RunError> {
     let path = run.file("contact_sheet.png");
-    let Some(png) = if_there(&path)? else {
+    let Some(png) = read_optional(&path)? else {
         return Ok(());
     };
     let reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info();
@@ -152,84 +153,84 @@ fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Decisions and seconds after so many rollouts, for those that the metrics hold.
-struct Clock(BTreeMap<usize, Moment>);
+/// Decisions and seconds of learning by numbers of rollouts, for the rollouts in `metrics.csv`.
+struct Clock(BTreeMap<usize, EventTime>);
 
 impl Clock {
-    /// Rows belong together by their rollouts: either table may have gaps or begin later.
+    /// Joins the rows of both tables by their rollouts.
     fn of(metrics: &Rows, timings: &Rows) -> Self {
+        // not by their order: either table may have gaps or begin later
         let seconds = timings.rows.iter().filter_map(|row| {
             let seconds = number(timings.cell(row, "total"))?;
             Some((timings.rollouts(row), seconds))
         });
         let seconds: HashMap<usize, f64> = seconds.collect();
         let mut now = START;
-        let mut moments = BTreeMap::new();
+        let mut times = BTreeMap::new();
         for row in &metrics.rows {
             let rollouts = metrics.rollouts(row);
             now.step = metrics.cell(row, "decisions").parse().unwrap_or(now.step);
             now.seconds += seconds.get(&rollouts).unwrap_or(&0.0);
-            moments.insert(rollouts, now);
+            times.insert(rollouts, now);
         }
-        Self(moments)
+        Self(times)
     }
 
-    /// The last moment that is known until then.
-    fn after(&self, rollouts: usize) -> Moment {
+    /// Returns the time after a number of rollouts, or the last known time before.
+    fn after(&self, rollouts: usize) -> EventTime {
         let known = self.0.range(..=rollouts).next_back();
-        known.map_or(START, |(_, &moment)| moment)
+        known.map_or(START, |(_, &time)| time)
     }
 }
 
-/// The rows of a table that are whole.
+/// Complete rows of a table, as text.
 struct Rows {
     names: StringRecord,
-    /// Columns in which there are several numbers in a cell.
+    /// Names of the columns whose cells hold one number for each policy.
     lists: BTreeSet<String>,
     rows: Vec<StringRecord>,
 }
 
 impl Rows {
     fn read(path: &Path) -> Result<Self, RunError> {
-        let text = if_there(path)?.unwrap_or_default();
+        let text = read_optional(path)?.unwrap_or_default();
         // a row that is being written ends without a line feed
         let end = text.iter().rposition(|&byte| byte == b'\n');
         let whole = &text[..end.map_or(0, |end| end + 1)];
         let mut reader = ReaderBuilder::new().flexible(true).from_reader(whole);
-        let wrong = |error| RunError::read(path, error);
-        let names = reader.headers().map_err(wrong)?.clone();
-        let rows = reader.records().collect::<Result<Vec<_>, _>>();
-        let mut rows = rows.map_err(wrong)?;
+        let read_error = |error| RunError::read(path, error);
+        let names = reader.headers().map_err(read_error)?.clone();
+        let mut rows = reader.records().collect::<Result<Vec<_>, _>>().map_err(read_error)?;
         rows.retain(|row| row.len() == names.len());
+        // a column of lists has cells without a semicolon while there is one policy
         let cells = rows.iter().flat_map(|row| names.iter().zip(row));
-        let lists = cells.filter(|(_, cell)| cell.contains(';'));
-        let lists = lists.map(|(name, _)| name.to_owned());
-        let lists = lists.chain(per_policy_columns().map(str::to_owned));
-        let lists = lists.collect();
+        let with_lists = cells.filter(|(_, cell)| cell.contains(';'));
+        let with_lists = with_lists.map(|(name, _)| name.to_owned());
+        let lists = with_lists.chain(per_policy_columns().map(str::to_owned)).collect();
         Ok(Self { names, lists, rows })
     }
 
-    /// A cell, or nothing where there is no such column.
+    /// Returns a cell; empty if there is no such column.
     fn cell<'a>(&self, row: &'a StringRecord, name: &str) -> &'a str {
         let column = self.names.iter().position(|column| column == name);
         column.and_then(|column| row.get(column)).unwrap_or("")
     }
 
-    /// How many rollouts there are with that of a row, which are counted from 0.
+    /// Returns the number of rollouts up to and including that of a row, whose index counts from 0.
     fn rollouts(&self, row: &StringRecord) -> usize {
         let rollout = self.cell(row, "rollout").parse::<usize>();
         rollout.map_or(0, |rollout| rollout.saturating_add(1))
     }
 
-    /// The cells of a row with their names, but for those that say when it was.
-    fn figures<'a>(&'a self, row: &'a StringRecord) -> impl Iterator<Item = (&'a str, &'a str)> {
+    /// Returns the cells of a row with their names, without the columns of its time.
+    fn values<'a>(&'a self, row: &'a StringRecord) -> impl Iterator<Item = (&'a str, &'a str)> {
         let cells = self.names.iter().zip(row);
-        cells.filter(|(name, _)| !MOMENTS.contains(name))
+        cells.filter(|(name, _)| !TIME_COLUMNS.contains(name))
     }
 }
 
-/// The bytes of a file that not every run has.
-fn if_there(path: &Path) -> Result<Option<Vec<u8>>, RunError> {
+/// Reads a file that not every run has; `None` if it does not exist.
+fn read_optional(path: &Path) -> Result<Option<Vec<u8>>, RunError> {
     match fs::read(path) {
         Ok(bytes) => Ok(Some(bytes)),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),

@@ -1,16 +1,19 @@
-//! Messages of an event file (tensorflow/core/util/event.proto, framework/summary.proto).
+//! Protocol-buffer messages of an event file (tensorflow/core/util/event.proto,
+//! framework/summary.proto) and their framing.
 
 use crc::{CRC_32_ISCSI, Crc};
 use prost::Message;
 
-/// Decisions and seconds since the run began.
+/// Time of an event.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Moment {
+pub(super) struct EventTime {
+    /// Decisions since the run began.
     pub step: usize,
+    /// Seconds of learning since the run began.
     pub seconds: f64,
 }
 
-/// A record of an event file.
+/// Record of an event file.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Event {
     #[prost(double, tag = "1")]
@@ -47,10 +50,10 @@ pub(super) struct Image {
     pub height: i32,
     #[prost(int32, tag = "2")]
     pub width: i32,
-    /// 3: red, green, blue.
+    /// Number of channels: 3 for red, green and blue.
     #[prost(int32, tag = "3")]
     pub colorspace: i32,
-    /// A PNG file.
+    /// Bytes of a PNG file.
     #[prost(bytes = "vec", tag = "4")]
     pub encoded: Vec<u8>,
 }
@@ -73,7 +76,7 @@ pub(super) struct Histogram {
     pub bucket: Vec<f64>,
 }
 
-/// The bytes of an event file, as it grows.
+/// Event file that grows in memory.
 pub(super) struct EventFile(Vec<u8>);
 
 impl EventFile {
@@ -87,25 +90,25 @@ impl EventFile {
         append(&mut self.0, &event.encode_to_vec());
     }
 
-    fn value(&mut self, moment: Moment, value: Value) {
+    fn value(&mut self, time: EventTime, value: Value) {
         let values = vec![value];
         self.append(Event {
-            wall_time: moment.seconds,
-            step: moment.step as i64,
+            wall_time: time.seconds,
+            step: time.step as i64,
             summary: Some(Summary { values }),
             ..Event::default()
         });
     }
 
     /// Adds a number.
-    pub fn scalar(&mut self, moment: Moment, tag: &str, value: f64) {
+    pub fn scalar(&mut self, time: EventTime, tag: &str, value: f64) {
         let value =
             Value { tag: tag.to_owned(), simple_value: Some(value as f32), ..Value::default() };
-        self.value(moment, value);
+        self.value(time, value);
     }
 
-    /// Adds a picture, the bytes of a PNG file of this size.
-    pub fn image(&mut self, moment: Moment, tag: &str, [height, width]: [u32; 2], png: &[u8]) {
+    /// Adds an image from the bytes of a PNG file of size `[height, width]`.
+    pub fn image(&mut self, time: EventTime, tag: &str, [height, width]: [u32; 2], png: &[u8]) {
         let image = Image {
             height: height as i32,
             width: width as i32,
@@ -113,11 +116,12 @@ impl EventFile {
             encoded: png.to_vec(),
         };
         let value = Value { tag: tag.to_owned(), image: Some(image), ..Value::default() };
-        self.value(moment, value);
+        self.value(time, value);
     }
 
-    /// Adds the distribution of numbers: each has a bucket that ends at it.
-    pub fn histogram(&mut self, moment: Moment, tag: &str, values: &[f64]) {
+    /// Adds the distribution of numbers. Each number has a bucket of its own that ends at it, so
+    /// nothing is lost. No event is added for an empty slice.
+    pub fn histogram(&mut self, time: EventTime, tag: &str, values: &[f64]) {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
         let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
@@ -133,7 +137,7 @@ impl EventFile {
             bucket_limit: sorted,
         };
         let value = Value { tag: tag.to_owned(), histogram: Some(histogram), ..Value::default() };
-        self.value(moment, value);
+        self.value(time, value);
     }
 
     pub fn into_bytes(self) -> Vec<u8> {
@@ -141,16 +145,17 @@ impl EventFile {
     }
 }
 
-/// CRC32C (Castagnoli).
+/// Checksum of the record format: CRC32C (Castagnoli).
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
-/// What is added to a rotated checksum, so that a checksum of checksums is none of the same kind.
+/// Constant that masks a rotated checksum, as TensorFlow does: the CRC of data that contains its
+/// own CRC would be a weak checksum (tensorflow/core/lib/hash/crc32c.h).
 const MASK: u32 = 0xa282_ead8;
 
 fn masked(bytes: &[u8]) -> u32 {
     CHECKSUM.checksum(bytes).rotate_right(15).wrapping_add(MASK)
 }
 
-/// Adds a record to the bytes of a file.
+/// Appends a record: its length, the masked checksum of the length, its bytes, and theirs.
 pub(super) fn append(file: &mut Vec<u8>, bytes: &[u8]) {
     let length = (bytes.len() as u64).to_le_bytes();
     file.extend(length);

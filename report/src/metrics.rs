@@ -1,14 +1,14 @@
-//! The figures of one run, as docs/results/protocol.md defines them.
+//! Continual-learning metrics of one run, as docs/results/protocol.md defines them.
 
 use experiments::evaluation::mean;
 use experiments::{Ledger, RunData, ScoreRow};
 
 use super::visits;
 
-/// Why a figure does not exist.
+/// Reason why a metric is not defined for a run, as a footnote of a table.
 pub type Undefined = &'static str;
 
-/// The last visit is not followed by anything that could be forgotten.
+// After the last visit of the stream nothing follows that could make a learner forget.
 const ENDS: Undefined = "the stream ends with the group";
 const NOT_MET: Undefined = "the group did not run";
 const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
@@ -20,69 +20,71 @@ const UNNAMED: Undefined = "`evaluation.csv` does not name the policies that the
 const UNRECORDED: Undefined = "the run did not record the scores of the groups' own policies";
 const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its units";
 
-/// The figures of one run.
+/// Metrics of one run.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Figures {
-    /// Those of each group, in the order in which they are scored.
-    pub groups: Vec<GroupFigures>,
-    /// Share of rollouts of one group that went to the policy of that group
+pub struct RunMetrics {
+    /// Metrics of each group, in the order in which groups are scored.
+    pub groups: Vec<GroupMetrics>,
+    /// Share of rollouts of one group that went to the policy of that group, in `[0, 1]`
     /// ([`Ledger::right`](experiments::Ledger::right)).
     pub accuracy: Result<f64, Undefined>,
-    /// That share among rollouts of groups that came back.
+    /// Accuracy among rollouts of groups that came back, in `[0, 1]`.
     pub return_accuracy: Result<f64, Undefined>,
-    /// Share of dormant units after the stream, all policies that were scored together.
+    /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
     pub dormant: Result<f64, Undefined>,
-    /// Policies opened.
+    /// Number of policies opened.
     pub policies: usize,
-    /// Rollouts, and those of them within which the group changed.
+    /// Number of rollouts, and number of those within which the group changed.
     pub rollouts: [usize; 2],
-    /// Decisions taken while learning.
+    /// Number of decisions taken while learning.
     pub decisions: usize,
 }
 
-/// Figures of one group.
+/// Metrics of one group.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GroupFigures {
-    /// The group.
+pub struct GroupMetrics {
+    /// Name of the group.
     pub group: String,
     /// Success after the stream, the mean over variants, in `[0, 1]`.
     pub success: f64,
-    /// Success at the last step, likewise.
+    /// Success at the last step of an episode after the stream, the mean over variants, in `[0,
+    /// 1]`.
     pub success_at_end: f64,
-    /// Reward after the stream, likewise, in `[0, 500]`.
+    /// Reward after the stream, the mean over variants, in `[0, 500]`.
     pub reward: f64,
-    /// Variants for which the learner chose another policy than the group's own after the stream,
-    /// and all variants ([`Ledger::own_policies`](experiments::Ledger::own_policies)).
+    /// Number of variants for which the learner chose another policy than the group's own after the
+    /// stream, and number of all variants
+    /// ([`Ledger::own_policies`](experiments::Ledger::own_policies)).
     pub mismatches: Result<[usize; 2], Undefined>,
-    /// Success of the group's own policy after the stream, likewise.
+    /// Success of the group's own policy after the stream, the mean over episodes, in `[0, 1]`.
     pub own_success: Result<f64, Undefined>,
-    /// Reward of the group's own policy, likewise.
+    /// Reward of the group's own policy after the stream, the mean over episodes, in `[0, 500]`.
     pub own_reward: Result<f64, Undefined>,
-    /// Success after the group's last visit less that after the stream.
+    /// Success after the group's last visit less success after the stream, in `[-1, 1]`.
     pub forgetting: Result<f64, Undefined>,
-    /// Success before anything of the group was seen less that of the untrained learner (Lopez-Paz
-    /// and Ranzato, "Gradient Episodic Memory", NeurIPS 2017).
+    /// Forward transfer: success in the last evaluation before anything of the group was seen less
+    /// success of the untrained learner, in `[-1, 1]` (Lopez-Paz and Ranzato, "Gradient Episodic
+    /// Memory", NeurIPS 2017).
     pub transfer: Result<f64, Undefined>,
 }
 
-impl Figures {
-    /// The figures of a run.
+impl RunMetrics {
+    /// Computes the metrics of a run.
     pub fn of(run: &RunData) -> Self {
-        let (ledger, grouped) =
-            (Ledger::of(&run.rollouts), run.experiment.learner.tells_groups_apart());
-        let told = |share: Option<f64>| match (grouped, share) {
-            (false, _) => Err(ONE_POLICY),
-            (true, None) => Err(NO_RETURN),
-            (true, Some(share)) => Ok(share),
+        let ledger = Ledger::of(&run.rollouts);
+        let is_grouped = run.experiment.learner.tells_groups_apart();
+        // a learner with one policy assigns nothing: 0 or 1 would mislead
+        let accuracy = |share: Option<f64>| {
+            if is_grouped { share.ok_or(NO_RETURN) } else { Err(ONE_POLICY) }
         };
         let own = ledger.own_policies();
         let groups = run.groups().into_iter();
         Self {
             groups: groups
-                .map(|group| GroupFigures::new(run, group, own.get(group).copied()))
+                .map(|group| GroupMetrics::new(run, group, own.get(group).copied()))
                 .collect(),
-            accuracy: told(ledger.accuracy()),
-            return_accuracy: told(ledger.return_accuracy()),
+            accuracy: accuracy(ledger.accuracy()),
+            return_accuracy: accuracy(ledger.return_accuracy()),
             dormant: dormant(run),
             policies: ledger.opened_for.len(),
             rollouts: [ledger.rollouts, ledger.straddled],
@@ -90,14 +92,17 @@ impl Figures {
         }
     }
 
-    /// The mean of a figure over groups; where none has it, why.
+    /// Returns the mean of a metric over the groups that have it.
+    ///
+    /// # Errors
+    /// The first group's reason, if no group has the metric.
     pub fn mean(
         &self,
-        figure: fn(&GroupFigures) -> Result<f64, Undefined>,
+        metric: fn(&GroupMetrics) -> Result<f64, Undefined>,
     ) -> Result<f64, Undefined> {
-        let figures: Vec<_> = self.groups.iter().map(figure).collect();
-        let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
-        match (known.len(), figures.first()) {
+        let metrics: Vec<_> = self.groups.iter().map(metric).collect();
+        let known: Vec<f64> = metrics.iter().filter_map(|metric| metric.ok()).collect();
+        match (known.len(), metrics.first()) {
             (0, Some(&Err(reason))) => Err(reason),
             (0, _) => Err(NOT_MET),
             _ => Ok(mean(&known)),
@@ -105,15 +110,15 @@ impl Figures {
     }
 }
 
-impl GroupFigures {
+impl GroupMetrics {
     fn new(run: &RunData, group: &str, own: Option<usize>) -> Self {
-        let scored = |rollouts, figure| {
-            let scored = run.scored(rollouts, group, figure);
-            scored.map(|(_, figure)| figure)
+        let scored = |rollouts, metric| {
+            let scored = run.scored(rollouts, group, metric);
+            scored.map(|(_, metric)| metric)
         };
         let success = |rollouts| scored(rollouts, |row| row.success);
         let end = run.scores.last().map_or(0, |row| row.rollouts);
-        let after = |figure| scored(end, figure).unwrap_or(0.0);
+        let after = |metric| scored(end, metric).unwrap_or(0.0);
         let last = after(|row| row.success);
         Self {
             group: group.to_owned(),
@@ -134,8 +139,8 @@ impl GroupFigures {
     }
 }
 
-/// The rows of a group after the stream, each with whether its policy is another than the group's
-/// own.
+/// Returns the scores of a group after the stream, one per variant, each with `true` if the learner
+/// chose another policy than the group's own.
 fn choices<'a>(
     run: &'a RunData,
     group: &str,
@@ -152,25 +157,25 @@ fn mismatches(run: &RunData, group: &str, own: Option<usize>) -> Result<[usize; 
     Ok([others.count(), choices.len()])
 }
 
-/// The mean of a figure of the group's own policy over episodes. `figure` gives that of the policy
-/// which the learner chose, and that of the own one as far as it was recorded.
+/// Returns the mean over episodes of a metric of the group's own policy. `metric` gives the values
+/// of the policy that the learner chose, and of the own one if it was recorded.
 fn of_own(
     run: &RunData,
     group: &str,
     own: Option<usize>,
-    figure: fn(&ScoreRow) -> [Option<f64>; 2],
+    metric: fn(&ScoreRow) -> [Option<f64>; 2],
 ) -> Result<f64, Undefined> {
     let (mut sum, mut episodes) = (0.0, 0);
     for (row, is_other) in choices(run, group, own)? {
-        // where the two agree, nothing has to be recorded
-        let figure = figure(row)[usize::from(is_other)].ok_or(UNRECORDED)?;
-        sum += figure * row.episodes as f64;
+        // if the learner chose the own policy, no second score is recorded
+        let metric = metric(row)[usize::from(is_other)].ok_or(UNRECORDED)?;
+        sum += metric * row.episodes as f64;
         episodes += row.episodes;
     }
     Ok(sum / episodes as f64)
 }
 
-/// The share of dormant units in the last evaluation.
+/// Returns the share of dormant units in the last evaluation.
 fn dormant(run: &RunData) -> Result<f64, Undefined> {
     let last = run.units.last().ok_or(UNSEEN)?.rollouts;
     let rows = run.units.iter().filter(|row| row.rollouts == last);
@@ -179,7 +184,7 @@ fn dormant(run: &RunData) -> Result<f64, Undefined> {
     Ok(dormant as f64 / units as f64)
 }
 
-/// How many rollouts had been learnt from when the group had run for the last time.
+/// Returns the number of rollouts until the group's last visit was over.
 fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
     match visits::ends(&run.rollouts, group).last() {
         None => Err(NOT_MET),
@@ -188,7 +193,7 @@ fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
     }
 }
 
-/// After how many rollouts the last evaluation came before anything of the group was seen.
+/// Returns the number of rollouts until the last evaluation before anything of the group was seen.
 fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
     let mut rows = run.rollouts.iter();
     let first = rows.position(|row| row.group == group || row.last_group == group);
@@ -198,7 +203,7 @@ fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
         Some(first) => {
             let evaluations = run.scores.iter().map(|row| row.rollouts);
             let last = evaluations.filter(|&rollouts| rollouts <= first).max();
-            // with the evaluation before the stream alone, nothing is compared
+            // the evaluation before the stream is the baseline, and cannot be compared with itself
             last.filter(|&rollouts| rollouts > 0).ok_or(UNSCORED)
         }
     }
@@ -210,8 +215,8 @@ mod tests {
     use experiments::presets::{Budget, Method};
     use experiments::{RolloutRow, UnitsRow};
 
-    /// Rollouts of a stream that goes from one group to the next, the policy assigned to each; `*`
-    /// marks one that ends in the next rollout's group.
+    /// Returns a run with these groups and assigned policies; `*` marks a rollout that ends in the
+    /// next rollout's group.
     fn run(method: Method, rollouts: &[(&str, usize)]) -> RunData {
         let name = |(group, _): &(&str, usize)| group.trim_end_matches('*').to_owned();
         let row = |index: usize| RolloutRow {
@@ -228,7 +233,7 @@ mod tests {
         }
     }
 
-    /// Scores of groups `a` and `b` after a number of rollouts, two variants each.
+    /// Adds scores of groups `a` and `b` after a number of rollouts, two variants each.
     fn score(run: &mut RunData, rollouts: usize, a: f64, b: f64) {
         for (group, success) in [("a", a), ("b", b)] {
             for (element, shift) in [("identity", 0.05), ("flip x", -0.05)] {
@@ -247,8 +252,8 @@ mod tests {
         }
     }
 
-    fn near(figure: Result<f64, Undefined>, expected: f64) -> bool {
-        figure.is_ok_and(|figure| (figure - expected).abs() < 1e-12)
+    fn near(metric: Result<f64, Undefined>, expected: f64) -> bool {
+        metric.is_ok_and(|metric| (metric - expected).abs() < 1e-12)
     }
 
     #[test]
@@ -260,8 +265,8 @@ mod tests {
         {
             score(&mut run, rollouts, a, b);
         }
-        let figures = Figures::of(&run);
-        let [a, b] = &figures.groups[..] else { panic!() };
+        let metrics = RunMetrics::of(&run);
+        let [a, b] = &metrics.groups[..] else { panic!() };
         assert!(near(Ok(a.success), 0.7) && near(Ok(b.reward), 80.0));
         // a left for the last time after 5 rollouts; b is there at the end
         assert!(near(a.forgetting, 0.2), "{a:?}");
@@ -269,9 +274,9 @@ mod tests {
         // b came first after 2 rollouts; nothing came before a
         assert!(near(b.transfer, 0.15), "{b:?}");
         assert_eq!(a.transfer, Err(FIRST));
-        assert!(near(figures.mean(|group| group.forgetting), 0.2));
-        assert_eq!((figures.accuracy, figures.return_accuracy), (Ok(1.0), Ok(1.0)));
-        assert_eq!((figures.policies, figures.rollouts), (2, [6, 0]));
+        assert!(near(metrics.mean(|group| group.forgetting), 0.2));
+        assert_eq!((metrics.accuracy, metrics.return_accuracy), (Ok(1.0), Ok(1.0)));
+        assert_eq!((metrics.policies, metrics.rollouts), (2, [6, 0]));
     }
 
     #[test]
@@ -280,19 +285,19 @@ mod tests {
         for (rollouts, b) in [(0, 0.0), (1, 0.1), (2, 0.4), (5, 0.8)] {
             score(&mut run, rollouts, 0.5, b);
         }
-        let figures = Figures::of(&run);
-        // the second rollout learnt from b already
-        assert!(near(figures.groups[1].transfer, 0.1), "{figures:?}");
-        assert_eq!(figures.rollouts, [5, 1]);
-        assert_eq!((figures.accuracy, figures.return_accuracy), (Ok(0.75), Ok(0.0)));
+        let metrics = RunMetrics::of(&run);
+        // the second rollout contains steps of b already
+        assert!(near(metrics.groups[1].transfer, 0.1), "{metrics:?}");
+        assert_eq!(metrics.rollouts, [5, 1]);
+        assert_eq!((metrics.accuracy, metrics.return_accuracy), (Ok(0.75), Ok(0.0)));
     }
 
     #[test]
     fn an_heir_is_right_where_its_policy_was() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1), ("a", 2), ("a", 2)]);
-        assert_eq!(Figures::of(&run).return_accuracy, Ok(0.0));
+        assert_eq!(RunMetrics::of(&run).return_accuracy, Ok(0.0));
         run.rollouts[2].heirs = vec![Some(2), None, None];
-        assert_eq!(Figures::of(&run).return_accuracy, Ok(0.5));
+        assert_eq!(RunMetrics::of(&run).return_accuracy, Ok(0.5));
     }
 
     /// The learner plays one variant of `a` with the policy of `b`.
@@ -300,31 +305,31 @@ mod tests {
     fn the_own_policy_counts_where_another_one_played() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
         score(&mut run, 2, 0.5, 0.8);
-        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(UNNAMED));
+        assert_eq!(RunMetrics::of(&run).groups[0].mismatches, Err(UNNAMED));
         let chosen = [1, 0, 1, 1];
         for (row, policy) in run.scores.iter_mut().zip(chosen) {
             row.policy = Some(policy);
         }
-        let figures = Figures::of(&run);
-        let [a, b] = &figures.groups[..] else { panic!() };
+        let metrics = RunMetrics::of(&run);
+        let [a, b] = &metrics.groups[..] else { panic!() };
         assert_eq!((a.mismatches, b.mismatches), (Ok([1, 2]), Ok([0, 2])));
         assert_eq!(a.own_success, Err(UNRECORDED));
         assert!(near(b.own_success, 0.8) && near(b.own_reward, 80.0));
         run.scores[0].own_success = Some(0.95);
         run.scores[0].own_reward = Some(450.0);
-        let figures = Figures::of(&run);
-        let a = &figures.groups[0];
+        let metrics = RunMetrics::of(&run);
+        let a = &metrics.groups[0];
         assert!(near(a.own_success, f64::midpoint(0.95, 0.45)), "{a:?}");
         assert!(near(a.own_reward, f64::midpoint(450.0, 50.0)), "{a:?}");
         assert!(near(Ok(a.success), 0.5));
         run.rollouts[0].group = "c".to_owned();
-        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(NEVER_ALONE));
+        assert_eq!(RunMetrics::of(&run).groups[0].mismatches, Err(NEVER_ALONE));
     }
 
     #[test]
     fn dormant_units_are_those_of_the_last_evaluation_over_all_policies() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
-        assert_eq!(Figures::of(&run).dormant, Err(UNSEEN));
+        assert_eq!(RunMetrics::of(&run).dormant, Err(UNSEEN));
         let row = |(rollouts, policy, dormant)| UnitsRow {
             rollouts,
             decisions: 500 * rollouts,
@@ -333,20 +338,20 @@ mod tests {
             dormant,
         };
         run.units = [(0, 0, 39), (2, 0, 1), (2, 1, 3)].map(row).to_vec();
-        assert!(near(Figures::of(&run).dormant, 0.05));
+        assert!(near(RunMetrics::of(&run).dormant, 0.05));
     }
 
     #[test]
     fn undefined_figures_say_why() {
         let mut run = run(Method::Equi, &[("a", 0), ("b", 0)]);
         score(&mut run, 2, 0.5, 0.5);
-        let figures = Figures::of(&run);
-        assert_eq!(figures.accuracy, Err(ONE_POLICY));
-        assert_eq!(figures.groups[0].forgetting, Err(UNSCORED));
-        assert_eq!(figures.groups[1].transfer, Err(UNSCORED));
+        let metrics = RunMetrics::of(&run);
+        assert_eq!(metrics.accuracy, Err(ONE_POLICY));
+        assert_eq!(metrics.groups[0].forgetting, Err(UNSCORED));
+        assert_eq!(metrics.groups[1].transfer, Err(UNSCORED));
         run.rollouts.truncate(1);
-        assert_eq!(Figures::of(&run).groups[1].forgetting, Err(NOT_MET));
+        assert_eq!(RunMetrics::of(&run).groups[1].forgetting, Err(NOT_MET));
         run.experiment = Budget::Smoke.experiment(Method::Covers);
-        assert_eq!(Figures::of(&run).return_accuracy, Err(NO_RETURN));
+        assert_eq!(RunMetrics::of(&run).return_accuracy, Err(NO_RETURN));
     }
 }

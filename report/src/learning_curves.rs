@@ -1,4 +1,5 @@
-//! Learning curves of methods in one group: the mean over seeds, from the lowest to the highest.
+//! Learning curves of methods in one group: mean over seeds, and a band from the lowest seed to the
+//! highest.
 
 use experiments::colours::{Stroke, stroke};
 
@@ -7,16 +8,17 @@ use super::method::MethodRuns;
 use super::svg::{DOT, Drawing};
 use experiments::evaluation::mean;
 
-/// Ticks of shares.
-const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
+/// Ticks of the success axis.
+const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Height of the panel (pixels).
 const HEIGHT: f64 = 190.0;
-/// Radius of the dots on the first method's line: dots of other methods show around them.
+/// Radius of the dots on the first method's line (pixels): dots of other methods, which are drawn
+/// with [`DOT`], show around them.
 const FIRST_DOT: f64 = 2.2;
 
-/// Success of all seeds of one method.
+/// Success over the seeds of one method after a number of decisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Moment {
+struct CurvePoint {
     /// Decisions spent in the group.
     spent: f64,
     mean: f64,
@@ -24,38 +26,38 @@ struct Moment {
     high: f64,
 }
 
-/// Mean-action success of every method over the decisions spent in a group; none where no method
-/// was scored at two moments of them. Of evaluations with as many decisions the first one counts.
-/// The first method is the subject of a report: its line is wide, and the others are drawn upon it, so
-/// that curves which coincide show both.
+/// Draws the mean-action success of every method over the decisions spent in a group as SVG; `None`
+/// if no method has scores at two numbers of decisions. The first of several evaluations with
+/// equally many decisions counts.
+///
+/// The first method is the subject of a report. Its line is wide and the others are drawn upon it,
+/// so curves that coincide show both.
 pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
-    let moments = |method: &MethodRuns| {
-        let curves = method.runs.iter().map(|run| {
-            let mut curve = curve(run, group);
-            // while other groups run, nothing is spent
-            curve.dedup_by_key(|(spent, _)| *spent);
-            curve
-        });
-        moments(&curves.collect::<Vec<_>>())
+    let seed_curve = |run| {
+        let mut curve = curve(run, group);
+        // evaluations while other groups run add no decisions in this one
+        curve.dedup_by_key(|(spent, _)| *spent);
+        curve
     };
     let lines = methods.iter().enumerate().map(|(number, method)| Line {
         method,
         is_first: number == 0,
         stroke: stroke(number),
-        moments: moments(method),
+        points: mean_curve(&method.runs.iter().map(seed_curve).collect::<Vec<_>>()),
     });
     let lines: Vec<Line<'_>> = lines.collect();
-    if !lines.iter().any(|line| line.moments.len() > 1) {
+    if !lines.iter().any(|line| line.points.len() > 1) {
         return None;
     }
-    let ends = lines.iter().filter_map(|line| line.moments.last());
-    let end = ends.map(|moment| moment.spent).fold(0.0, f64::max);
+    let ends = lines.iter().filter_map(|line| line.points.last());
+    let end = ends.map(|point| point.spent).fold(0.0, f64::max);
     let mut drawing = Drawing::half(end, "decisions spent in the group");
     for line in &lines {
         drawing.legend(&line.method.name, &line.stroke);
     }
-    drawing.panel(group, HEIGHT, [-0.03, 1.03], &SHARES);
-    // no band lies upon a line, and the wide line lies below the narrow ones
+    // 3 % of room on either side keeps dots at 0 and 1 inside the frame
+    drawing.panel(group, HEIGHT, [-0.03, 1.03], &SUCCESS_TICKS);
+    // the order matters: no band covers a line, and the wide line lies below the narrow ones
     for line in &lines {
         line.draw_band(&mut drawing);
     }
@@ -65,27 +67,27 @@ pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
     Some(drawing.finish(&format!("Success in {group}")))
 }
 
-/// The curve of one method.
+/// Curve of one method.
 struct Line<'a> {
     method: &'a MethodRuns,
     is_first: bool,
     stroke: Stroke,
-    moments: Vec<Moment>,
+    points: Vec<CurvePoint>,
 }
 
 impl Line<'_> {
-    fn points(&self, figure: fn(&Moment) -> f64) -> Vec<(f64, f64)> {
-        let moments = self.moments.iter();
-        moments.map(|moment| (moment.spent, figure(moment))).collect()
+    /// Returns decisions and one statistic of the success, for each point.
+    fn coordinates(&self, statistic: fn(&CurvePoint) -> f64) -> Vec<(f64, f64)> {
+        self.points.iter().map(|point| (point.spent, statistic(point))).collect()
     }
 
     fn draw_band(&self, drawing: &mut Drawing) {
-        let (low, high) = (self.points(|m| m.low), self.points(|m| m.high));
+        let (low, high) = (self.coordinates(|p| p.low), self.coordinates(|p| p.high));
         drawing.band(&low, &high, self.stroke.colour);
     }
 
     fn draw(&self, drawing: &mut Drawing) {
-        let points = self.points(|m| m.mean);
+        let points = self.coordinates(|point| point.mean);
         let radius = if self.is_first {
             drawing.wide_line(&points, &self.stroke);
             FIRST_DOT
@@ -94,11 +96,10 @@ impl Line<'_> {
             DOT
         };
         let (name, seeds) = (&self.method.name, self.method.runs.len());
-        for moment in &self.moments {
-            let (spent, mean) = (moment.spent, moment.mean);
+        for &CurvePoint { spent, mean, low, high } in &self.points {
             let range = match seeds {
                 1 => String::new(),
-                _ => format!(" ({:.2} to {:.2}, {seeds} seeds)", moment.low, moment.high),
+                _ => format!(" ({low:.2} to {high:.2}, {seeds} seeds)"),
             };
             let title = format!("{name}, {spent:.0} decisions: {mean:.2}{range}");
             drawing.dot((spent, mean), radius, self.stroke.colour, &title);
@@ -106,30 +107,31 @@ impl Line<'_> {
     }
 }
 
-/// The moments at which any seed was scored, as long as all of them have a curve there; between its
-/// evaluations a seed lies on the line through them.
-fn moments(curves: &[Vec<(f64, f64)>]) -> Vec<Moment> {
+/// Returns a point for every number of decisions at which any seed was scored, as far as all seeds
+/// have a curve. Seeds are interpolated linearly between their evaluations.
+fn mean_curve(curves: &[Vec<(f64, f64)>]) -> Vec<CurvePoint> {
     let ends = curves.iter().map(|curve| curve.last().map_or(0.0, |p| p.0));
     let end = ends.fold(f64::INFINITY, f64::min);
     let mut spent: Vec<f64> = curves.concat().iter().map(|point| point.0).collect();
     spent.sort_by(f64::total_cmp);
     spent.dedup();
     spent.retain(|spent| *spent <= end);
-    let moment = |spent: f64| {
-        let at: Option<Vec<f64>> = curves.iter().map(|curve| at(curve, spent)).collect();
-        let at = at?;
-        Some(Moment {
+    let point = |spent: f64| {
+        let seeds = curves.iter().map(|curve| success_at(curve, spent));
+        let seeds = seeds.collect::<Option<Vec<f64>>>()?;
+        Some(CurvePoint {
             spent,
-            mean: mean(&at),
-            low: at.iter().copied().fold(f64::INFINITY, f64::min),
-            high: at.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+            mean: mean(&seeds),
+            low: seeds.iter().copied().fold(f64::INFINITY, f64::min),
+            high: seeds.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         })
     };
-    spent.into_iter().filter_map(moment).collect()
+    spent.into_iter().filter_map(point).collect()
 }
 
-/// The success of a curve at `spent`; none before it begins and after it ends.
-fn at(curve: &[(f64, f64)], spent: f64) -> Option<f64> {
+/// Returns the interpolated success of a curve at `spent`; `None` before it begins and after it
+/// ends.
+fn success_at(curve: &[(f64, f64)], spent: f64) -> Option<f64> {
     let next = curve.iter().position(|point| point.0 >= spent)?;
     let (to, right) = curve[next];
     if to == spent {
@@ -147,7 +149,7 @@ mod tests {
     use experiments::{RolloutRow, RunData, ScoreRow};
     use itertools::Itertools;
 
-    /// A method that was scored before and after one rollout.
+    /// Returns a run that was scored before and after one rollout.
     fn scored(number: usize) -> RunData {
         let score = |rollouts: usize| ScoreRow {
             rollouts,
@@ -177,7 +179,7 @@ mod tests {
         of_group(&methods, "goal-reach").unwrap()
     }
 
-    /// Colour and dashes.
+    /// Returns colour and dashes of each element of a class.
     fn strokes<'a>(svg: &'a str, class: &str) -> Vec<(Option<&'a str>, Option<&'a str>)> {
         let of_class = of_class(svg, class).into_iter();
         of_class
@@ -223,15 +225,15 @@ mod tests {
             vec![(0.0, 0.0), (100.0, 0.5), (200.0, 1.0)],
             vec![(0.0, 0.2), (50.0, 0.4), (150.0, 0.6)],
         ];
-        let found = moments(&curves);
+        let found = mean_curve(&curves);
         let near = |one: f64, other: f64| (one - other).abs() < 1e-12;
         let expected = [(0.0, 0.0, 0.2), (50.0, 0.25, 0.4), (100.0, 0.5, 0.5), (150.0, 0.6, 0.75)];
         assert_eq!(found.len(), expected.len());
-        for (moment, (spent, low, high)) in found.iter().zip(expected) {
-            assert!(near(moment.spent, spent), "{moment:?}");
-            assert!(near(moment.low, low) && near(moment.high, high), "{moment:?}");
-            assert!(near(moment.mean, f64::midpoint(low, high)), "{moment:?}");
+        for (point, (spent, low, high)) in found.iter().zip(expected) {
+            assert!(near(point.spent, spent), "{point:?}");
+            assert!(near(point.low, low) && near(point.high, high), "{point:?}");
+            assert!(near(point.mean, f64::midpoint(low, high)), "{point:?}");
         }
-        assert!(moments(&[vec![(0.0, 1.0)], vec![]]).is_empty());
+        assert!(mean_curve(&[vec![(0.0, 1.0)], vec![]]).is_empty());
     }
 }

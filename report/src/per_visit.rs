@@ -1,16 +1,18 @@
-//! What methods make of groups that come back.
+//! Success in each group after each of its visits: methods that forget fall behind.
 
-use super::cells::{dash, title};
+use super::format::{dash, title};
 use super::method::MethodRuns;
 use super::table::Table;
 use super::visits;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Success in each group after each visit to it; nothing where nobody looked within a stream.
+/// Returns the success in each group after each visit to it; `None` if no run was scored within
+/// its stream.
 pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
-    if !runs.any(|run| groups.iter().any(|group| looked_within(run, group))) {
+    // scores after the stream alone are in the table of results already
+    if !runs.any(|run| groups.iter().any(|group| scored_within(run, group))) {
         return None;
     }
     let mut header = vec!["method"];
@@ -22,48 +24,48 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     for method in methods {
         let mut row = vec![title(&mut table, method)];
         row.extend(groups.iter().map(|group| {
-            let runs = method.runs.iter().map(|run| after_visits(run, group));
-            cell(&over_runs(&runs.collect::<Vec<_>>()))
+            let runs = method.runs.iter().map(|run| success_per_visit(run, group));
+            cell(&mean_over_runs(&runs.collect::<Vec<_>>()))
         }));
         table.rows.push(row);
     }
     Some(table)
 }
 
-/// Whether a group was scored after one of its visits, and before the stream was over.
-fn looked_within(run: &RunData, group: &str) -> bool {
-    let ends = visits::ends(&run.rollouts, group).into_iter();
-    let mut within = ends.filter(|&end| end < run.rollouts.len());
-    within.any(|end| success(run, group, end).is_some())
+/// Returns `true` if a group was scored after one of its visits, before the stream was over.
+fn scored_within(run: &RunData, group: &str) -> bool {
+    visits::ends(&run.rollouts, group)
+        .into_iter()
+        .any(|end| end < run.rollouts.len() && success(run, group, end).is_some())
 }
 
-/// Success in a group after each visit to it; none where nobody looked then.
-fn after_visits(run: &RunData, group: &str) -> Vec<Option<f64>> {
+/// Returns the success in a group after each visit to it; `None` for visits that no evaluation
+/// followed.
+fn success_per_visit(run: &RunData, group: &str) -> Vec<Option<f64>> {
     let ends = visits::ends(&run.rollouts, group).into_iter();
     ends.map(|end| success(run, group, end)).collect()
 }
 
 fn success(run: &RunData, group: &str, rollouts: usize) -> Option<f64> {
-    let scored = run.scored(rollouts, group, |row| row.success);
-    scored.map(|(_, success)| success)
+    run.scored(rollouts, group, |row| row.success).map(|(_, success)| success)
 }
 
-/// The mean over runs of each visit's figure; none where a run lacks it.
-fn over_runs(runs: &[Vec<Option<f64>>]) -> Vec<Option<f64>> {
+/// Returns the mean over runs of the success after each visit; `None` if a run lacks it.
+fn mean_over_runs(runs: &[Vec<Option<f64>>]) -> Vec<Option<f64>> {
     let visits = runs.iter().map(Vec::len).max().unwrap_or(0);
-    let of = |visit: usize| {
-        let figures = runs.iter().map(|run| run.get(visit).copied().flatten());
-        let figures: Option<Vec<f64>> = figures.collect();
-        figures.map(|figures| mean(&figures))
+    let mean_of = |visit: usize| {
+        let successes: Option<Vec<f64>> =
+            runs.iter().map(|run| run.get(visit).copied().flatten()).collect();
+        successes.map(|successes| mean(&successes))
     };
-    (0..visits).map(of).collect()
+    (0..visits).map(mean_of).collect()
 }
 
 fn cell(means: &[Option<f64>]) -> String {
-    let figure = |mean: &Option<f64>| mean.map_or_else(dash, |mean| format!("{mean:.2}"));
+    let format = |mean: &Option<f64>| mean.map_or_else(dash, |mean| format!("{mean:.2}"));
     match means {
         [] => dash(),
-        _ => means.iter().map(figure).collect::<Vec<_>>().join(", "),
+        _ => means.iter().map(format).collect::<Vec<_>>().join(", "),
     }
 }
 
@@ -73,7 +75,7 @@ mod tests {
     use experiments::presets::{Budget, Method};
     use experiments::{RolloutRow, ScoreRow};
 
-    /// A stream of one rollout a letter, and scores of group `a` after some of them.
+    /// Returns a run of one rollout for each letter, with scores of group `a` after some of them.
     fn run(stream: &str, scores: &[(usize, f64)]) -> RunData {
         let row = |group: char| RolloutRow {
             group: group.to_string(),
@@ -101,13 +103,13 @@ mod tests {
     fn a_visit_is_scored_where_it_ends() {
         let scores = [(0, 0.1), (1, 0.2), (2, 0.3), (3, 0.4), (6, 0.5)];
         let run = run("aabaab", &scores);
-        assert_eq!(after_visits(&run, "a"), [Some(0.3), None]);
-        assert_eq!(after_visits(&run, "b"), [None, None]);
-        assert!(after_visits(&run, "c").is_empty());
+        assert_eq!(success_per_visit(&run, "a"), [Some(0.3), None]);
+        assert_eq!(success_per_visit(&run, "b"), [None, None]);
+        assert!(success_per_visit(&run, "c").is_empty());
     }
 
     #[test]
-    fn there_is_a_table_where_somebody_looked_within_the_stream() {
+    fn there_is_a_table_where_a_run_was_scored_within_the_stream() {
         let table = |scores: &[(usize, f64)]| {
             let methods = MethodRuns::sort(vec![run("aba", scores)]).unwrap();
             super::table(&methods, &["a".to_owned()]).map(|table| table.rows)
@@ -119,7 +121,7 @@ mod tests {
 
     #[test]
     fn what_a_run_lacks_has_no_mean() {
-        let means = over_runs(&[vec![Some(0.5), Some(1.0)], vec![Some(0.25)]]);
+        let means = mean_over_runs(&[vec![Some(0.5), Some(1.0)], vec![Some(0.25)]]);
         assert_eq!(means, [Some(0.375), None]);
         assert_eq!((cell(&means), cell(&[])), ("0.38, -".to_owned(), "-".to_owned()));
     }

@@ -1,4 +1,5 @@
-//! Which method a run is of: its settings say so, and not the name of its folder.
+//! Method of a run, found by comparing its settings with the presets. The folder's name decides
+//! nothing.
 
 use clap::ValueEnum;
 
@@ -6,21 +7,21 @@ use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
 use learner::overrides::differences;
 
-/// What the settings of a run say of it.
+/// Result of comparing a run's settings with the presets.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Identity {
-    /// The method whose preset the run has; none for settings of one's own.
+pub struct PresetMatch {
+    /// Method whose preset the run has; `None` if the settings are no preset's.
     pub method: Option<Method>,
-    /// What must be known of a run whose folder is called `name`: that its settings are no
-    /// preset's, or another one's.
+    /// Warning about a folder's name that promises another preset, or about settings that are no
+    /// preset's; `None` if name and settings agree.
     pub remark: Option<String>,
 }
 
-impl Identity {
-    /// The identity of a run in a folder whose name, up to the seed, is `name`.
+impl PresetMatch {
+    /// Compares the settings of a run in a folder whose name, up to the seed, is `name`.
     ///
     /// # Errors
-    /// Settings that cannot be compared.
+    /// [`RunError`] for settings that cannot be compared.
     pub fn of(name: &str, run: &Experiment) -> Result<Self, RunError> {
         let (method, named) = (Method::of(run), named(name));
         let remark = match (method, named) {
@@ -35,7 +36,7 @@ impl Identity {
     }
 }
 
-/// The method whose runs are named so: by the method alone, or by the method and a budget.
+/// Returns the method that a folder's name stands for, alone or followed by a budget.
 fn named(name: &str) -> Option<Method> {
     Method::ALL.into_iter().find(|method| {
         let rest = name.strip_prefix(method.name());
@@ -46,13 +47,15 @@ fn named(name: &str) -> Option<Method> {
     })
 }
 
-/// In what a run differs from the preset that it is named after, or from the nearest one.
+/// Describes the differences of a run from the preset that it is named after, or from the nearest
+/// one.
 fn remark(named: Option<Method>, run: &Experiment) -> Result<String, RunError> {
-    let methods = Method::ALL.into_iter();
+    let candidates = Method::ALL.into_iter().filter(|&m| named.is_none_or(|named| named == m));
     let mut nearest: Option<(Method, String)> = None;
-    for method in methods.filter(|&method| named.is_none_or(|named| named == method)) {
+    for method in candidates {
         for budget in Budget::value_variants() {
             let found = differences(&budget.preset_like(method, run), run)?;
+            // the nearest preset is the one whose list of differences is the shortest text
             if nearest.as_ref().is_none_or(|(_, least)| found.len() < least.len()) {
                 nearest = Some((method, found));
             }
@@ -68,18 +71,18 @@ mod tests {
     use super::*;
     use learner::LearnerSettings;
 
-    fn identity(name: &str, run: &Experiment) -> Identity {
-        Identity::of(name, run).unwrap()
+    fn preset_match(name: &str, run: &Experiment) -> PresetMatch {
+        PresetMatch::of(name, run).unwrap()
     }
 
     #[test]
     fn settings_count_and_not_the_name() {
         let run = Budget::Table.experiment(Method::CoversCnn).with_seed(21);
         for name in ["covers-cnn", "covers-cnn-table", "my-own"] {
-            let expected = Identity { method: Some(Method::CoversCnn), remark: None };
-            assert_eq!(identity(name, &run), expected);
+            let expected = PresetMatch { method: Some(Method::CoversCnn), remark: None };
+            assert_eq!(preset_match(name, &run), expected);
         }
-        let wrong = identity("covers", &run);
+        let wrong = preset_match("covers", &run);
         assert_eq!(wrong.method, Some(Method::CoversCnn));
         let expected = "the settings are those of the preset `covers-cnn`, not of `covers`";
         assert_eq!(wrong.remark.as_deref(), Some(expected));
@@ -91,7 +94,7 @@ mod tests {
         let LearnerSettings::Covers(settings) = &mut run.learner else { panic!() };
         settings.ppo.gamma = 0.5;
         for name in ["equi", "my-own"] {
-            let own = identity(name, &run);
+            let own = preset_match(name, &run);
             assert_eq!(own.method, None);
             let remark = own.remark.unwrap();
             let expected = "not those of the preset `equi`, which differs in \
@@ -99,7 +102,7 @@ mod tests {
             assert!(remark.contains(expected), "{remark}");
             assert!(remark.ends_with("and 0.5"), "{remark}");
         }
-        let other = identity("cnn", &run).remark.unwrap();
+        let other = preset_match("cnn", &run).remark.unwrap();
         assert!(other.contains("`cnn`") && other.contains("network.group"), "{other}");
     }
 }

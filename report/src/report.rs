@@ -1,4 +1,4 @@
-//! All that a report holds, and its files.
+//! Tables and drawings of a report, and the files that it is written to.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -6,37 +6,36 @@ use std::path::Path;
 use experiments::{RunData, RunError};
 
 use super::error::ReportError;
-
 use super::method::MethodRuns;
 use super::page::page;
 use super::table::Table;
-use super::{bands, curves, tables};
+use super::{curves, learning_curves, tables};
 
-/// Tables and curves of some runs.
+/// Report on some runs: tables and curves.
 #[derive(Clone, Debug)]
 pub struct Report {
     methods: Vec<MethodRuns>,
-    /// The tables, each with the name of its files.
+    /// Tables, each with the name of its files.
     tables: Vec<(&'static str, Table)>,
 }
 
 impl Report {
-    /// Makes the tables. The method that comes first is compared with the others.
+    /// Computes the tables of these runs. The method of the first run is compared with the others.
     ///
     /// # Errors
-    /// [`ReportError::MixedRuns`].
+    /// [`ReportError::MixedRuns`] for runs that cannot stand in one table.
     pub fn new(runs: Vec<RunData>) -> Result<Self, ReportError> {
         let methods = MethodRuns::sort(runs)?;
         Ok(Self { tables: tables::all(&methods), methods })
     }
 
-    /// The tables in Markdown.
+    /// Returns the tables in Markdown.
     pub fn markdown(&self) -> String {
-        let tables = self.tables.iter();
-        tables.map(|(_, table)| table.markdown() + "\n").collect()
+        self.tables.iter().map(|(_, table)| table.markdown() + "\n").collect()
     }
 
-    /// The report as one HTML page, which needs no network and nothing beside it.
+    /// Returns the report as one self-contained HTML page, which needs neither network nor other
+    /// files.
     pub fn html(&self) -> String {
         page(&self.methods, &tables::common_groups(&self.methods), &self.tables)
     }
@@ -45,7 +44,7 @@ impl Report {
     /// each seed and each group as SVG, to a folder, which is created.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::Write`] for a file that cannot be written or removed.
     pub fn write(&self, folder: &Path) -> Result<(), RunError> {
         std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
         let write = |name: &str, text: String| {
@@ -54,8 +53,8 @@ impl Report {
         };
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
-        // what an earlier report left, and this one has not
-        for name in tables::SOMETIMES {
+        // an earlier report may have left tables that this one does not have
+        for name in tables::OPTIONAL_TABLES {
             for ending in ["csv", "tex"] {
                 remove(&folder.join(format!("{name}.{ending}")))?;
             }
@@ -70,7 +69,7 @@ impl Report {
         Ok(())
     }
 
-    /// The curves of each run, each seed and each group as SVG, with their names.
+    /// Returns the curves of each run, each seed and each group as SVG, with their names.
     fn drawings(&self) -> Vec<(String, String)> {
         let runs = self.methods.iter().flat_map(|method| {
             method.runs.iter().map(|run| {
@@ -78,18 +77,18 @@ impl Report {
                 (format!("{}-seed{seed}", method.name), curves::run(run))
             })
         });
-        let seeds = curves::seeds(&self.methods).into_iter();
-        let seeds = seeds.map(|(seed, drawing)| (format!("seed{seed}"), drawing));
-        let groups = tables::common_groups(&self.methods).into_iter();
-        let groups = groups.filter_map(|group| {
-            let drawing = bands::of_group(&self.methods, &group)?;
+        let seeds = curves::seeds(&self.methods)
+            .into_iter()
+            .map(|(seed, drawing)| (format!("seed{seed}"), drawing));
+        let groups = tables::common_groups(&self.methods).into_iter().filter_map(|group| {
+            let drawing = learning_curves::of_group(&self.methods, &group)?;
             Some((format!("learning-{group}"), drawing))
         });
         runs.chain(seeds).chain(groups).collect()
     }
 }
 
-/// Removes a file, where there is one.
+/// Removes a file if it exists.
 fn remove(path: &Path) -> Result<(), RunError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
