@@ -70,6 +70,7 @@ impl Core {
             layout,
             embodiment: embodiment.parse::<Embodiment>().map_err(error)?,
             camera: find_camera(camera)?,
+            // each layout has its own control; keywords override its parts below
             control: layout.control(),
             seed,
             ..VecEnvSettings::default()
@@ -212,6 +213,7 @@ impl Core {
 }
 
 fn find_turn(turn: u8) -> PyResult<Turn> {
+    // the order is that of the codes in `covers_envs/vector.py`
     let turns = [Turn::Step, Turn::StepAndStay, Turn::Reset, Turn::Rest];
     let found = turns.get(usize::from(turn)).copied();
     found.ok_or_else(|| value_error(format!("turn {turn}, expected 0 to 3")))

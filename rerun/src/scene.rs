@@ -45,6 +45,7 @@ impl Solids {
     pub fn follow(&mut self, table: &TableTop, recording: &Recording) -> Result<(), CoversError> {
         for (number, solid) in table.solids().enumerate() {
             let pose = Some((solid.position, solid.axes));
+            // the viewer shows the latest pose, so poses that did not change are not repeated
             if self.last[number] != pose {
                 let turn = DQuat::from_mat3(&solid.axes).as_quat().to_array();
                 let pose = Transform3D::from_translation_rotation(

@@ -23,6 +23,7 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversE
     }
     let mut begin = 0;
     for (rollout, row) in run.rollouts.iter().enumerate() {
+        // group and policy hold from a rollout's beginning on, its values are known at its end
         recording.at(&[(ROLLOUTS, rollout), (STREAM, begin)]);
         recording.log("stream/group", &StateChange::single(&*row.group))?;
         let policy = StateChange::single(policy_name(row.policy));
