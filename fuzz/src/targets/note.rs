@@ -33,7 +33,7 @@ fn read(input: &[u8]) -> Option<Reading> {
         "checksum": {"dtype": "U8", "shape": [4], "data_offsets": [0, 4]},
         "note": {"dtype": "U8", "shape": [input.len()], "data_offsets": [4, end]},
     });
-    let envelope = json!({ "format": 4, "header": {} }).to_string();
+    let envelope = json!({ "format": 5, "header": {} }).to_string();
     let file = sealed(&envelope, &arrays.to_string(), &[&[0; 4], input].concat())?;
     let named = |error| panic!("{}: {error}", checkpoint.display());
     std::fs::write(&checkpoint, file).unwrap_or_else(named);
