@@ -1,4 +1,4 @@
-//! Passes the git commit that the crate is built from to it, for the provenance of runs.
+//! Passes the current git commit to the crate, for the provenance of runs.
 
 use std::path::Path;
 use std::process::Command;

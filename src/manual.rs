@@ -32,6 +32,7 @@ impl ManualOptions {
     /// [`RunError::Setting`] for an unknown command; a folder or `out` that cannot be written to.
     pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), RunError> {
         let mut program = program.disable_help_subcommand(true);
+        // sets the display names of nested commands, which are the titles of their pages
         program.build();
         match &self.out {
             Some(folder) => {

@@ -10,7 +10,7 @@ use crate::schedule::{Clock, Timetable, Visit};
 use crate::stream::Stream;
 use learner::Labels;
 
-/// Stream of one experiment, which trains the learner.
+/// Stream that the learner of one experiment trains on.
 ///
 /// On [`Clock::World`], group, variants and placements depend only on the seed and the number of
 /// decisions so far: they are drawn again from these whenever all episodes end.

@@ -146,6 +146,7 @@ fn distribution(graph: &mut Graph, policy: &PlainPolicy, input: String) {
         Distribution::Gaussian { log_std } => {
             graph.node("Identity", &[&actor], "action", &[]);
             let log_std = graph.floats("actor.log_std", &[1, width], log_std);
+            // the deviations do not depend on the observation: one row is repeated for the batch
             let shape = graph.node("Shape", &[&actor], "action.shape", &[]);
             graph.node("Expand", &[&log_std, &shape], "log_std", &[]);
         }

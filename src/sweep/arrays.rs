@@ -84,6 +84,7 @@ exit $code
             "resources": {"requests": {"cpu": threads, "memory": "4Gi"}},
             "volumeMounts": [{"name": "covers", "mountPath": MOUNT}],
         });
+        // pods that were stopped or evicted are replaced without counting as failures
         let stops = json!([
             {"action": "Ignore",
                 "onExitCodes": {"containerName": "covers", "operator": "In", "values": [3]}},
