@@ -1,4 +1,4 @@
-//! The main job: learn from a stream of table-top tasks that nobody labels.
+//! Trains COVERS on an unlabelled stream of table-top tasks, with a progress bar.
 //!
 //! `cargo run --release --example continual_stream -- --budget short`
 
@@ -10,7 +10,7 @@ use covers::cli::{StreamOptions, run_name};
 use covers::commands::{Outcome, conclude};
 use covers::experiments::text::rollout_line;
 use covers::presets::Method;
-use covers::{CoversError, Event, Run, Stop};
+use covers::{CoversError, Event, Run, StopSignal};
 use envs::TaskRegistry;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -33,12 +33,12 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
     let folder = options.run.output.run_folder(&name)?;
     let bar = progress_bar(experiment.schedule.total_decisions());
     let mut run = Run::start(experiment, folder)?;
-    let stop = Stop::on_signals()?;
+    let stop = StopSignal::on_signals()?;
     run.stop_at(stop.clone());
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = event {
             let printed = bar.suspend(|| writeln!(stdout(), "{}", rollout_line(&progress)));
-            // a closed terminal or pipe ends the run as Ctrl-C does: with a checkpoint
+            // a closed terminal or pipe stops the run like Ctrl-C: with a checkpoint
             if printed.is_err() {
                 stop.request();
             }
@@ -52,7 +52,7 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
     conclude(&mut run, options.run.output.json, &mut stdout())
 }
 
-/// A bar on the terminal; nothing where the output is a file.
+/// Returns a progress bar that is hidden if standard error is no terminal.
 fn progress_bar(decisions: usize) -> ProgressBar {
     let target = if stderr().is_terminal() {
         ProgressDrawTarget::stderr()

@@ -1,5 +1,4 @@
-//! Finds the places where a stream of points changes its distribution, with the `cluster` crate
-//! alone.
+//! Detects changepoints in a stream of points, with the `cluster` crate alone.
 //!
 //! `cargo run --release --example embed_cluster`
 
@@ -10,15 +9,15 @@ use rand_chacha::ChaCha8Rng;
 
 const DIM: usize = 3;
 const STREAM: usize = 1600;
-/// Where the distribution moves, widens and falls in two.
+/// Changepoints, at which the distribution moves, widens and splits in two.
 const CHANGES: [usize; 3] = [400, 800, 1200];
-/// First points of a regime: what later ones are compared with.
+/// Number of first points of a regime, with which later points are compared.
 const REFERENCE: usize = 120;
-/// Latest points, compared with the reference every few points.
+/// Number of latest points, which are compared with the reference every `STRIDE` points.
 const WINDOW: usize = 40;
 const STRIDE: usize = 5;
-/// Random splits of a reference. Points of one regime may be as far apart as the farthest of them,
-/// with a margin for a stream that is compared more often than that.
+/// Number of random splits of a reference. The largest distance between the parts of a split, times
+/// a margin for the many comparisons of a stream, is the limit for points of one regime.
 const SPLITS: usize = 200;
 const MARGIN: f64 = 1.15;
 
@@ -49,7 +48,7 @@ fn main() -> Result<(), ClusterError> {
     Ok(())
 }
 
-/// Draws a point: around 0, around 1, wider around 1, around two centres whose mean is 1.
+/// Draws a point: around 0, around 1, with more width around 1, or around two centres with mean 1.
 fn point(time: usize, rng: &mut ChaCha8Rng) -> [f32; DIM] {
     let regime = CHANGES.iter().filter(|change| time >= **change).count();
     let side = if rng.random() { 1.0 } else { -1.0 };
@@ -57,6 +56,7 @@ fn point(time: usize, rng: &mut ChaCha8Rng) -> [f32; DIM] {
     [0; DIM].map(|_| centre + width * rng.random_range(-1.0..1.0))
 }
 
+/// Returns the 1-Wasserstein distance between two sets of points with equal weights.
 fn w1(
     workspace: &mut Wasserstein,
     x: &[[f32; DIM]],

@@ -1,5 +1,5 @@
-//! Drives an environment without any learner: a scripted expert solves the four variants of a task
-//! side by side, and a GIF shows them.
+//! Runs environments without a learner: a scripted expert solves the four variants of a task, and a
+//! GIF shows them side by side.
 //!
 //! `cargo run --release --example embed_env [TASK] [FILE.gif]`; tasks are goal-reach, button-press,
 //! drawer-close, plate-slide.
@@ -14,9 +14,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-/// Pixels along the side of a variant's picture.
+/// Side of a variant's image (pixels).
 const SIZE: usize = 128;
-/// A decision lasts 0.125 s; a GIF counts hundredths of a second.
+/// Delay between frames in hundredths of a second; a decision lasts 0.125 s.
 const DELAY: u16 = 12;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The pictures of one episode of the expert.
+/// Renders one episode of the expert.
 fn film(
     scene: &Arc<Scene>,
     element: D2,
@@ -65,7 +65,7 @@ fn film(
     }
 }
 
-/// One frame of the GIF is a frame of each film, side by side.
+/// Writes a GIF whose frames show all films side by side.
 fn write_gif(path: &Path, films: &[Vec<Vec<u8>>]) -> Result<(), Box<dyn Error>> {
     if let Some(folder) = path.parent() {
         create_dir_all(folder)?;

@@ -1,10 +1,10 @@
-//! A training loop of somebody else's around the equivariant crate: `cargo run --release --example
-//! embed_equivariant`.
+//! Trains a classifier with the `equivariant` crate in a custom training loop: `cargo run --release
+//! --example embed_equivariant`.
 //!
-//! Glyphs lie near the middle of noisy pictures, flipped at random; the class is the glyph, so a
-//! classifier must not care about flips. The same code trains a network that is invariant under D2
-//! and an ordinary one, C1, with as many channels, from few pictures, and prints how many new ones
-//! each gets right.
+//! Images show a randomly flipped glyph near the middle of noise; the class is the glyph, so the
+//! classifier should be invariant under flips. The same code trains a D2-invariant network and an
+//! ordinary one (C1) with as many channels on few images, and prints the accuracy of each on new
+//! ones.
 
 use equivariant::{
     Chunks, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, R2Conv, Relu, Sequential,
@@ -21,8 +21,8 @@ const MIDDLE: usize = (SIDE - GLYPH) / 2;
 const CLASSES: usize = 4;
 const CHUNK: usize = 16;
 
-/// Two halving convolutions and one that flattens, each with a ReLU; then invariants and class
-/// scores.
+/// Builds a network of two halving convolutions and a flattening one, each with a ReLU, a group
+/// pooling and a linear layer for the class scores.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     let halving = Kernel::new(4, 2, 1);
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
@@ -44,7 +44,7 @@ fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     Sequential::new(layers)
 }
 
-/// Gradient descent with momentum on the cross-entropy of all pictures.
+/// Trains by gradient descent with momentum on the cross-entropy of all images.
 fn train(net: &Sequential<f32>, data: &Data, steps: usize) -> Vec<f32> {
     let mut params = vec![0.0; net.num_params()];
     net.init(&mut ChaCha8Rng::seed_from_u64(1), &mut params);
@@ -68,7 +68,8 @@ fn train(net: &Sequential<f32>, data: &Data, steps: usize) -> Vec<f32> {
     params
 }
 
-/// The gradient of the cross-entropy in the scores: probabilities minus the label's indicator.
+/// Returns the gradient of the cross-entropy with respect to the scores: probabilities minus the
+/// one-hot label.
 fn cross_entropy(scores: &[f32], labels: &[usize]) -> Vec<f32> {
     let mut gradient = scores.to_vec();
     for (row, &label) in gradient.chunks_mut(CLASSES).zip(labels) {
@@ -81,7 +82,7 @@ fn cross_entropy(scores: &[f32], labels: &[usize]) -> Vec<f32> {
     gradient
 }
 
-/// The share of pictures whose largest score is the label's.
+/// Returns the share of images whose largest score is the label's, in `[0, 1]`.
 fn accuracy(net: &Sequential<f32>, params: &[f32], data: &Data) -> f64 {
     let mut scratch = net.scratch(1);
     let mut scores = [0.0; CLASSES];
@@ -98,7 +99,7 @@ struct Data {
     labels: Vec<usize>,
 }
 
-/// Glyphs of random pixels, each with a random flip and place, in noise.
+/// Draws images of randomly flipped and shifted glyphs in noise.
 fn pictures(glyphs: &[Vec<f32>], count: usize, rng: &mut ChaCha8Rng) -> Data {
     let mut data = Data { pictures: Vec::new(), labels: Vec::new() };
     for _ in 0..count {
@@ -116,7 +117,7 @@ fn pictures(glyphs: &[Vec<f32>], count: usize, rng: &mut ChaCha8Rng) -> Data {
     data
 }
 
-/// Uniform numbers of mean 0 and variance 1.
+/// Draws uniform numbers with mean 0 and variance 1.
 fn noise(len: usize, rng: &mut impl Rng) -> impl Iterator<Item = f32> {
     let width = 12f32.sqrt();
     (0..len).map(move |_| (rng.random::<f32>() - 0.5) * width)

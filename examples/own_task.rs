@@ -1,5 +1,5 @@
-//! A task group of your own in the stream: pushing a block along a rail. No file of this project
-//! knows it.
+//! Trains COVERS on a stream with a custom task group: pushing a block along a rail. All of its
+//! code is in this file and `block_push.xml`.
 //!
 //! `cargo run --release --example own_task -- --budget short`
 
@@ -20,17 +20,17 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Way of the block from its start to the end of the rail (metres).
+/// Distance of the block from its start to the end of the rail (metres).
 const TRAVEL: f64 = 0.12;
-/// Way left at success and at full reward (metres).
+/// Remaining distances at success and at full reward (metres).
 const SUCCESS: f64 = 0.02;
 const DONE: f64 = 0.01;
-/// From the block's middle to where the fingertips push it (metres).
+/// Vector from the block's centre to the point where the fingertips push it (metres).
 const PUSH: DVec3 = DVec3::new(0.0, -0.04, 0.0);
-/// Fingertips this near to that point count as there (metres).
+/// Distance to the pushing point at which the approach has full reward (metres).
 const NEAR: f64 = 0.02;
 
-/// Push a block to the end of its rail.
+/// Task of pushing a block to the end of its rail.
 struct BlockPush;
 
 impl Task for BlockPush {
@@ -46,7 +46,8 @@ impl Task for BlockPush {
         }
     }
 
-    /// Right of the centre and away from the robot: the four variants fill four quadrants.
+    /// Places the block right of the centre and away from the robot, so that the four variants are
+    /// in four quadrants.
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let (x, y) = (rng.random_range(0.08..0.2), rng.random_range(0.08..0.14));
         let object = DVec3::new(x, y, 0.07);
@@ -72,7 +73,7 @@ impl Task for BlockPush {
         }
     }
 
-    /// Over the near side of the block, down, then push.
+    /// Moves above the near side of the block, goes down, then pushes.
     fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
         let behind = now.object + PUSH + DVec3::new(0.0, -0.04, 0.0);
         let aside = (now.tcp.x - behind.x).abs() > 0.02;
@@ -88,16 +89,16 @@ impl Task for BlockPush {
     }
 }
 
-/// Learns block-push in a stream beside the paper's four groups.
+/// Trains COVERS on a stream of block-push and the paper's four groups.
 #[derive(Debug, Parser)]
 struct Options {
-    /// `smoke`: seconds, nothing is learnt; `short`: minutes, block-push is learnt.
+    /// Length of the run: `smoke` takes seconds and trains nothing, `short` takes minutes.
     #[arg(long, value_enum, default_value = "short")]
     budget: Length,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Changes a setting: `--set 'covers.grouping={"evidence":{}}'`.
+    /// Set a field of the settings, such as `--set 'covers.grouping={"evidence":{}}'`.
     #[arg(long, value_name = "PATH=VALUE")]
     set: Vec<Override>,
 }
@@ -133,7 +134,7 @@ fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// The five groups twice; the fifth stays longer than the others.
+/// Returns a run with two cycles (one for `smoke`) of five groups, with longer visits of the fifth.
 fn experiment(length: Length, group: TaskGroup) -> Experiment {
     let (budget, cycles, others, own) = match length {
         Length::Smoke => (Budget::Smoke, 1, 1, 1),
@@ -148,7 +149,7 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
 
 fn finish(run: &mut Run) -> Result<(), CoversError> {
     while let Some(event) = run.advance()? {
-        // a closed output is no reason to lose what was learnt
+        // a closed output must not end the run
         let _ = writeln!(std::io::stdout(), "{}", event_text(&event));
     }
     if let Some(summary) = run.summary()? {

@@ -1,17 +1,17 @@
-//! Tells the crate which commit it is built from, for the provenance of runs.
+//! Passes the current git commit to the crate, for the provenance of runs.
 
 use std::path::Path;
 use std::process::Command;
 
-/// This crate's folder in the repository.
+/// Folder of this crate in the repository.
 const FOLDER: &str = "experiments/";
 
 fn main() {
-    // a package that was unpacked into somebody else's repository is not that repository's
+    // a package unpacked inside another repository must not report that repository's commit
     if git(&["rev-parse", "--show-prefix"]).as_deref() != Some(FOLDER) {
         return;
     }
-    // whether sources are those of the commit follows from every crate's files
+    // any tracked crate can make the sources differ from the commit, so all of them are watched
     let tracked = git(&["ls-tree", "--name-only", "HEAD", "../"]).unwrap_or_default();
     let crates = tracked.lines().filter(|entry| Path::new(entry).join("Cargo.toml").exists());
     for path in crates.chain(["../src", "../Cargo.toml", "../Cargo.lock"]) {
@@ -32,9 +32,10 @@ fn main() {
     }
 }
 
-/// Standard output of git; `None` if it fails. It takes no locks, so that it disturbs no other git.
+/// Returns the standard output of git; `None` if git fails.
 fn git(arguments: &[&str]) -> Option<String> {
     let mut command = Command::new("git");
+    // without locks, a build cannot make a git command that runs at the same time fail
     let output = command.arg("--no-optional-locks").args(arguments).output().ok()?;
     let text = String::from_utf8(output.stdout).ok()?;
     output.status.success().then(|| text.trim().to_owned())

@@ -1,7 +1,7 @@
-//! `covers check`: are variants solvable, are they mirror images, do they do what Meta-World's do;
-//! and is a robot's arm where its mask hides it.
+//! `covers check`: checks that variants are solvable, are mirror images and behave like
+//! Meta-World's tasks, and that a robot's mask hides its arm.
 //!
-//! Each check makes rows of figures, prints them, and holds them to bounds.
+//! Each check prints rows of measurements and compares them with bounds.
 
 mod npz;
 mod parity;
@@ -25,25 +25,25 @@ use experiments::RunError;
 
 pub use parity::{ParityRow, parity};
 
-/// What to check, and how much of it.
+/// Subcommands of `covers check`.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Check {
-    /// Scripted experts on all 16 variants.
+    /// Check that scripted experts solve all 16 variants.
     #[command(after_help = "Example: covers check experts --embodiment hand --seeds 10")]
     Experts {
-        /// `sawyer`, `hand` or `kinova_gen3`; the first two where none is named.
+        /// Embodiment: `sawyer`, `hand` or `kinova_gen3` (default: the first two).
         #[arg(long)]
         embodiment: Option<Embodiment>,
-        /// Episodes a variant.
+        /// Number of episodes of each variant.
         #[arg(long, default_value_t = 100)]
         seeds: u64,
         /// Print one JSON array instead of a table.
         #[arg(long)]
         json: bool,
     },
-    /// The mask that hides a robot's arm beside where the camera shows the arm.
+    /// Check that the mask of a robot hides its arm where the camera shows it.
     Mask(MaskOptions),
-    /// Recordings of Meta-World beside ours: rewards, single steps, replay.
+    /// Compare recordings of Meta-World with this simulation: rewards, single steps, replay.
     #[command(after_help = "Example: covers check parity tests/recordings")]
     Parity {
         /// Folder of recordings named ENGINE_TASK_POLICY.npz.
@@ -52,13 +52,13 @@ pub enum Check {
         #[arg(long)]
         json: bool,
     },
-    /// Variants beside their canonical twins, open loop and closed loop.
+    /// Compare variants with their unflipped counterparts, open loop and closed loop.
     #[command(after_help = "Example: covers check symmetry --embodiment hand")]
     Symmetry {
-        /// `sawyer`, `hand` or `kinova_gen3`.
+        /// Embodiment: `sawyer`, `hand` or `kinova_gen3`.
         #[arg(long)]
         embodiment: Embodiment,
-        /// Placements a variant.
+        /// Number of placements of each variant.
         #[arg(long, default_value_t = 10)]
         seeds: u64,
         /// Print one JSON array instead of a table.
@@ -68,10 +68,11 @@ pub enum Check {
 }
 
 impl Check {
-    /// Runs the check, prints its rows to `out`, and says whether every figure is within its bound.
+    /// Runs the check, prints its rows to `out`, and returns `true` if all values are within their
+    /// bounds.
     ///
     /// # Errors
-    /// What the environments say, or an `out` that cannot be written to.
+    /// Errors of the environments, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         match *self {
             Self::Mask(ref options) => Ok(options.run(out)?),
@@ -103,8 +104,8 @@ fn check_experts(
     Ok(rows.iter().all(ExpertRow::passes))
 }
 
-/// Applies `check` to the variants `elements` of the standard groups, in that order, on all
-/// processors.
+/// Applies `check` to the variants `elements` of the standard groups on all processors, and returns
+/// the results in the order of groups and elements.
 fn of_variants<R: Send>(
     embodiment: Embodiment,
     elements: &[D2],
@@ -176,7 +177,7 @@ fn parity_line(row: &ParityRow) -> String {
     )
 }
 
-/// One line a row, or all rows as one JSON array.
+/// Prints one line for each row, or all rows as one JSON array.
 fn print<R: Serialize>(
     rows: &[R],
     json: bool,

@@ -12,41 +12,42 @@ use learner::DeviceChoice;
 use learner::overrides::{self, Override};
 use symmetry::Group;
 
-/// How a run is worked on, and how its figures are told.
+/// Options for threads and machine-readable output.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Work {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads: Threads,
-    /// Print the figures as one JSON value, in the last line.
+    /// Print the results as JSON, in the last line.
     #[arg(long)]
     pub json: bool,
 }
 
-/// What may differ from a preset.
+/// Options that change the settings of a preset or a file.
 #[derive(Clone, Debug, Args)]
 pub struct Changes {
-    /// Seed of everything random; equal seeds give equal metrics.
+    /// Seed of all random numbers; equal seeds give equal metrics.
     #[arg(long)]
     pub seed: Option<u64>,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads: Threads,
-    /// What carries the gripper: `sawyer` (the presets'), `hand` or `kinova_gen3`.
+    /// Embodiment that carries the gripper: `sawyer`, `hand` or `kinova_gen3` (default: `sawyer`,
+    /// or that of the settings file).
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
-    /// The group that networks are equivariant under: `D2`, `D1x`, `D1y`, `C2`, or `C1` for
-    /// ordinary networks of equal width (default: the preset's).
+    /// Symmetry group of the networks: `D2`, `D1x`, `D1y`, `C2`, or `C1` for ordinary networks of
+    /// equal width (default: that of the preset).
     #[arg(long)]
     pub group: Option<Group>,
-    /// Sets any field of the settings, as `covers.ppo.gamma=0.97`; may be given several times,
-    /// after which the last one counts.
+    /// Set any field of the settings, such as `covers.ppo.gamma=0.97`; may be repeated, and the
+    /// last value of a field wins.
     #[arg(long, value_name = "PATH=VALUE")]
     pub set: Vec<Override>,
 }
 
 impl Changes {
-    /// The experiment with these changes.
+    /// Applies these changes to an experiment.
     ///
     /// # Errors
     /// [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
@@ -61,29 +62,30 @@ impl Changes {
             experiment = experiment.with_group(group);
         }
         let experiment = experiment.with_threads(self.threads.count());
+        // last, so that `--set` wins over the other options
         Ok(overrides::apply(&self.set, experiment)?)
     }
 }
 
-/// Where results go.
+/// Options for the folder of a run and the output.
 #[derive(Clone, Debug, Args)]
 pub struct Output {
     /// Print the summary as one JSON object in the last line.
     #[arg(long)]
     pub json: bool,
-    /// Folder that the run's folder is created in, under a name of its own.
+    /// Folder in which the run's folder is created, with a new name.
     #[arg(long, default_value = "runs")]
     pub runs: PathBuf,
-    /// The run's folder itself instead.
+    /// Folder of the run itself, instead of a new one in `--runs`.
     #[arg(long, conflicts_with = "runs")]
     pub folder: Option<PathBuf>,
-    /// Remove the run that the folder holds, finished or not.
+    /// Remove the run that `--folder` holds, finished or not.
     #[arg(long, requires = "folder")]
     pub overwrite: bool,
 }
 
 impl Output {
-    /// The folder of a run of this name.
+    /// Creates the folder of a run: `--folder`, or a new one with this name.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -93,14 +95,11 @@ impl Output {
         };
         std::fs::create_dir_all(path).map_err(|error| RunError::write(path, error))?;
         let folder = RunFolder::open(path);
-        Ok(match self.overwrite {
-            true => folder.overwriting(),
-            false => folder,
-        })
+        Ok(if self.overwrite { folder.overwriting() } else { folder })
     }
 }
 
-/// What a run differs in, and where its results go.
+/// Options for the settings and the folder of a run.
 #[derive(Clone, Debug, Args)]
 pub struct RunOptions {
     #[command(flatten)]
@@ -111,11 +110,11 @@ pub struct RunOptions {
     pub output: Output,
 }
 
-/// Learns from a stream of table-top tasks that nobody labels.
+/// Trains COVERS on an unlabelled stream of table-top tasks.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "covers", version)]
 pub struct StreamOptions {
-    /// How long the run may take.
+    /// Length of the run.
     #[arg(long, value_enum, default_value = "short")]
     pub budget: Budget,
     #[command(flatten)]
@@ -123,27 +122,27 @@ pub struct StreamOptions {
     pub run: RunOptions,
 }
 
-/// A stream to learn from.
+/// Options of `covers train`.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers train --budget short\n  covers train --preset equi --seed 3 \
     --set covers.ppo.gamma=0.97\n  covers train --config experiment.json --folder runs/mine"
 )]
 pub struct TrainOptions {
-    /// The method.
+    /// Method to train.
     #[arg(long, value_enum, default_value = "covers", conflicts_with = "config")]
     pub preset: Method,
-    /// How long the run may take.
+    /// Length of the run.
     #[arg(long, value_enum, default_value = "full", conflicts_with = "config")]
     pub budget: Budget,
-    /// Settings of your own instead: a JSON file like the `experiment.json` of a run's folder.
+    /// Settings file instead of a preset: JSON like the `experiment.json` of a run's folder.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Where policies learn; an update is the same but for rounding, and runs drift apart.
+    /// Device of policy updates. Devices round differently, so runs on different devices diverge.
     #[arg(long, value_parser = device(), default_value = "cpu")]
     pub device: DeviceChoice,
-    /// Draw curves, groups and policies, distances and the newest picture on the terminal; `q` ends
-    /// the run with a checkpoint.
+    /// Show learning curves, groups and policies, distances and the latest image on the terminal;
+    /// `q` stops the run with a checkpoint.
     #[cfg(feature = "tui")]
     #[arg(long)]
     pub tui: bool,
@@ -153,10 +152,10 @@ pub struct TrainOptions {
 }
 
 impl TrainOptions {
-    /// The run that these options ask for.
+    /// Returns the settings of the run.
     ///
     /// # Errors
-    /// A file of settings that cannot be read, or a GPU that there is not.
+    /// A settings file that cannot be read, an invalid override, or a missing GPU.
     pub fn experiment(&self) -> Result<Experiment, RunError> {
         let experiment = match &self.config {
             Some(path) => Experiment::read(path)?,
@@ -165,8 +164,8 @@ impl TrainOptions {
         self.run.changes.apply(experiment)?.with_device(self.device)
     }
 
-    /// The name of the run's folder: of the file of settings, or of the method, and of the budget
-    /// unless it is the full one.
+    /// Returns the name of the run's folder: the settings file or the method, the budget unless it
+    /// is `full`, and the seed.
     pub fn run_name(&self, experiment: &Experiment) -> String {
         let file = self.config.as_deref().and_then(|path| path.file_stem());
         let stem = match (file, self.budget) {
@@ -178,12 +177,12 @@ impl TrainOptions {
     }
 }
 
-/// The name of a run's folder: what it is, and its seed.
+/// Returns the name of a run's folder: `stem` and the seed.
 pub fn run_name(stem: &str, experiment: &Experiment) -> String {
     format!("{stem}-seed{}", experiment.learner.seed())
 }
 
-/// Parser of `--device`.
+/// Returns the parser of `--device`.
 pub(crate) fn device() -> impl TypedValueParser<Value = DeviceChoice> {
     PossibleValuesParser::new(DeviceChoice::ALL.map(DeviceChoice::name))
         .try_map(|name| name.parse::<DeviceChoice>())

@@ -1,4 +1,4 @@
-//! The subcommands of `covers` that train, go on, evaluate and pack.
+//! Subcommands of `covers` that train, resume, evaluate and pack learners.
 
 use std::io::{Write, stderr};
 use std::path::{Path, PathBuf};
@@ -8,40 +8,39 @@ use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
 use crate::cli::{TrainOptions, Work, device};
-use crate::sweep::{self, ArrayJob, Ended, Plan};
+use crate::sweep::{self, ArrayJob, Plan, SweepOutcome};
 use experiments::cli::{say, thread_count};
 use experiments::evaluation::Evaluator;
 use experiments::text::{event_text, score_table, summary_table};
-use experiments::{Event, Run, RunError, RunFolder, Stop, Stream, memory, thread_pool};
+use experiments::{Event, Run, RunError, RunFolder, StopSignal, Stream, memory, thread_pool};
 use learner::{DeviceChoice, Extent, Labels};
 use report::ReportOptions;
 
-/// What `covers` does with learners.
+/// Subcommands that work on learners.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
-    /// Learns from a stream; the run's folder receives settings, metrics, scores and checkpoints.
+    /// Trains on a stream, and writes settings, metrics, scores and checkpoints to a folder.
     Train(TrainOptions),
-    /// Goes on from the newest intact checkpoint of an interrupted run.
+    /// Resumes an interrupted run from its newest intact checkpoint.
     Resume(ResumeOptions),
-    /// Runs methods times seeds; any number of workers may share the work.
+    /// Runs all combinations of methods and seeds; any number of workers may share them.
     Sweep(SweepOptions),
-    /// Scores the policies of a run on all 16 variants; which policy acts is the learner's own
-    /// choice.
+    /// Scores a run on all 16 variants; the learner chooses the policy that acts.
     Eval(EvalOptions),
-    /// Tables of methods with intervals over seeds, and curves, from the folders of runs.
+    /// Writes tables of methods with intervals over seeds, and learning curves, from runs.
     Report(ReportOptions),
-    /// Copies what acting takes into a small folder: settings, policies, and some first frames of
-    /// each group.
+    /// Copies the settings, the policies and some first frames of each group into a small folder,
+    /// for evaluation and deployment.
     Pack(PackOptions),
 }
 
-/// What to go on with.
+/// Options of `covers resume`.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers resume runs/covers-seed0")]
 pub struct ResumeOptions {
-    /// The run's folder.
+    /// Folder of the run.
     pub run: PathBuf,
-    /// Where policies learn from here on, which may be elsewhere than before.
+    /// Device of policy updates from here on, which may differ from the device before.
     #[arg(long, value_parser = device(), default_value = "cpu")]
     pub device: DeviceChoice,
     #[command(flatten)]
@@ -49,53 +48,54 @@ pub struct ResumeOptions {
     pub work: Work,
 }
 
-/// Which runs to do.
+/// Options of `covers sweep`.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers sweep plan.json --runs runs\n  covers sweep plan.json --slurm > job.sh"
 )]
 pub struct SweepOptions {
-    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants`
-    /// of them for a study.
+    /// Plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants` of
+    /// settings for a study.
     pub plan: PathBuf,
-    /// Folder that the runs' folders are in, which is all that workers share.
+    /// Folder that holds the folders of the runs, and which all workers share.
     #[arg(long, default_value = "runs")]
     pub runs: PathBuf,
     /// Worker threads of each run; results do not depend on them.
     #[arg(long, default_value_t = 1, value_parser = thread_count())]
     pub threads: u16,
-    /// Do this job alone, counted from 0; where another worker has it, wait.
+    /// Run only the job with this index, from 0; wait if another worker runs it.
     #[arg(long)]
     pub job: Option<usize>,
-    /// Do nothing; print a Slurm script that does the plan as an array of jobs.
+    /// Print a Slurm script that runs the plan as a job array, and run nothing.
     #[arg(long, conflicts_with_all = ["job", "kubernetes"])]
     pub slurm: bool,
-    /// Do nothing; print a Kubernetes job (JSON) that does the plan in containers of this image.
-    /// The plan and the runs must lie on the volume that is mounted at /covers, here as there.
+    /// Print a Kubernetes job (JSON) that runs the plan in containers of this image, and run
+    /// nothing. The volume with the plan and the runs must be mounted at /covers, here as in the
+    /// containers.
     #[arg(long, value_name = "IMAGE", conflicts_with = "job")]
     pub kubernetes: Option<String>,
 }
 
-/// What to score.
+/// Options of `covers eval`.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers eval assets/pretrained\n  covers eval runs/covers-seed0 --embodiment hand --json"
 )]
 pub struct EvalOptions {
-    /// The folder of a run, or one that `covers pack` made.
+    /// Folder of a run, or a folder that `covers pack` created.
     pub run: PathBuf,
-    /// Episodes of each group, at least: its four variants take equal parts, and every environment
-    /// the same number.
+    /// Least number of episodes of each group, rounded up so that all variants and environments
+    /// play equally many.
     #[arg(long, default_value_t = 100)]
     pub episodes: usize,
-    /// Seed of the episodes (default: that of the run's own evaluations).
+    /// Seed of the episodes (default: the seed of the run's own evaluations).
     #[arg(long)]
     pub seed: Option<u64>,
-    /// What carries the gripper (default: as in the run).
+    /// Embodiment that carries the gripper (default: that of the run).
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
-    /// Randomise the pictures as in the run, or, where they were perfect there, as
-    /// `covers-randomised` does (default: perfect pictures). Close-ups cannot be randomised.
+    /// Randomise the images as in the run, or as `covers-randomised` does if the run did not
+    /// (default: no randomisation). Close-ups cannot be randomised.
     #[arg(long)]
     pub randomised: bool,
     #[command(flatten)]
@@ -103,31 +103,31 @@ pub struct EvalOptions {
     pub work: Work,
 }
 
-/// What to pack.
+/// Options of `covers pack`.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers pack runs/covers-seed0 small")]
 pub struct PackOptions {
-    /// The run's folder.
+    /// Folder of the run.
     pub run: PathBuf,
-    /// The folder to create.
+    /// Folder to create.
     pub folder: PathBuf,
-    /// First frames kept for each policy, in episodes.
+    /// Episodes whose first frames are kept for each policy.
     #[arg(long, default_value_t = 40)]
     pub episodes: usize,
 }
 
-/// How a command ended.
+/// Outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// All was done.
+    /// Finished command.
     Done,
-    /// Ctrl-C, SIGTERM or SIGHUP came, or standard output was closed; a checkpoint was written, and
-    /// `covers resume` goes on.
+    /// Run that SIGINT, SIGTERM, SIGHUP or a closed standard output stopped. It wrote a checkpoint,
+    /// from which `covers resume` continues.
     Interrupted,
 }
 
 impl Outcome {
-    /// The process's exit code: 0, or 3 after an interruption.
+    /// Returns the exit code of the process: 0, or 3 after an interruption.
     pub fn exit_code(self) -> u8 {
         match self {
             Self::Done => 0,
@@ -140,7 +140,7 @@ impl Command {
     /// Runs the command and prints to `out`.
     ///
     /// # Errors
-    /// What any part says, or an `out` that cannot be written to.
+    /// Errors of the command, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<Outcome, CoversError> {
         match self {
             Self::Train(options) => train(options, out),
@@ -161,7 +161,7 @@ impl Command {
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
-    // before the run's folder is made
+    // before the run's folder is created, so that a refused run leaves nothing
     memory::check_run(&experiment)?;
     #[cfg(feature = "tui")]
     if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
@@ -172,7 +172,7 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, Covers
     #[cfg(feature = "tui")]
     if options.tui {
         watch::screen::train(&mut run)?;
-        run.stop_at(Stop::on_signals()?);
+        run.stop_at(StopSignal::on_signals()?);
         return conclude(&mut run, options.run.output.json, out);
     }
     finish(&mut run, options.run.output.json, out)
@@ -189,16 +189,17 @@ fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, Covers
         Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::Setting {
             name: "job",
             value: job.to_string(),
-            expected: "the number of a job of the plan, counted from 0",
+            expected: "the index of a job of the plan, from 0 to one less than its number of jobs",
         })?,
     };
     let threads = usize::from(options.threads);
-    let ended = sweep::work(chosen, &options.runs, threads, &Stop::on_signals()?, out)?;
-    let Ended { stopped, failed } = ended;
+    let ended = sweep::work(chosen, &options.runs, threads, &StopSignal::on_signals()?, out)?;
+    let SweepOutcome { stopped, failed } = ended;
     match (stopped, failed.is_empty()) {
         (false, true) => Ok(Outcome::Done),
         (false, false) => Err(CoversError::Jobs { failed }),
         (true, true) => Ok(Outcome::Interrupted),
+        // the exit code says that the sweep can be continued, so failures are only printed
         (true, false) => {
             say(out, &CoversError::Jobs { failed }.to_string())?;
             Ok(Outcome::Interrupted)
@@ -206,7 +207,7 @@ fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, Covers
     }
 }
 
-/// The plan for a cluster, as its own programs read it.
+/// Returns the Slurm script or the Kubernetes job of a plan.
 fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError> {
     let array = ArrayJob {
         plan: &options.plan,
@@ -217,19 +218,20 @@ fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError>
     if let Some(image) = &options.kubernetes {
         return Ok(format!("{:#}", array.kubernetes(image)?));
     }
+    // members of the array may start in another folder
     let absolute =
         |path: &Path| std::path::absolute(path).map_err(|error| RunError::read(path, error));
     let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
-    let program = std::env::current_exe();
-    let program = program.map_err(|error| RunError::read(Path::new("covers"), error))?;
+    let program =
+        std::env::current_exe().map_err(|error| RunError::read(Path::new("covers"), error))?;
     let (plan, runs) = (&plan, &runs);
     Ok(ArrayJob { plan, runs, ..array }.slurm(&program))
 }
 
-/// Runs to the end, or to a signal, and prints every step. An output that is closed stops the run
-/// as a signal does.
+/// Runs to the end or until a signal, and prints every event. A closed output stops the run as a
+/// signal does.
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
-    let stop = Stop::on_signals()?;
+    let stop = StopSignal::on_signals()?;
     run.stop_at(stop.clone());
     let folder = run.folder().path().display();
     say_or_stop(out, &format!("{folder}: {}", run.notice()), &stop);
@@ -237,10 +239,10 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, Co
         if let Event::Rollout(progress) = &event
             && let Some(warning) = progress.warning
         {
-            // the log of the run has it, too
+            // the run's log.txt holds the warning, too
             warn(&format!("warning: {warning}"));
         }
-        // the scores after the stream stand in the summary
+        // the final scores are part of the summary
         if !run.is_finished() {
             say_or_stop(out, &event_text(&event), &stop);
         }
@@ -248,8 +250,8 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, Co
     conclude(run, json, out)
 }
 
-/// Prints a line. Where nobody reads it, nobody watches the run: it stops and keeps what it has.
-fn say_or_stop(out: &mut impl Write, line: &str, stop: &Stop) {
+/// Prints a line, and requests a stop if standard output is closed.
+fn say_or_stop(out: &mut impl Write, line: &str, stop: &StopSignal) {
     if let Err(error) = say(out, line) {
         warn(&format!("{error}: the run stops"));
         stop.request();
@@ -258,15 +260,15 @@ fn say_or_stop(out: &mut impl Write, line: &str, stop: &Stop) {
 
 /// Prints a line to standard error.
 fn warn(line: &str) {
-    // a terminal that is gone reads nothing, and is no reason to fail
+    // a closed terminal must not make the run fail
     let _ = writeln!(stderr(), "{line}");
 }
 
-/// Prints how a run ended that does not advance: its figures, or, where it was stopped, how to go
-/// on from the checkpoint of this moment, which it writes.
+/// Prints the summary of a finished run. For a stopped run, writes a checkpoint and prints the
+/// command that continues from it.
 ///
 /// # Errors
-/// Errors of the run, and an `out` that the figures cannot be written to.
+/// Errors of the run, or an `out` that the summary cannot be written to.
 pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let folder = run.folder().path().display().to_string();
     if run.is_finished()
@@ -280,14 +282,14 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
         return Ok(Outcome::Done);
     }
     run.save()?;
-    let rollouts = run.ledger().rollouts;
-    // no file says where policies learn
+    let rollouts = run.stats().rollouts;
+    // the device is in no file, so the command must name it
     let device = match run.experiment().learner.gpu() {
         Some(_) => " --device gpu",
         None => "",
     };
     let ending =
-        format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}{device}");
+        format!("stopped after {rollouts} rollouts; continue with: covers resume {folder}{device}");
     if say(out, &ending).is_err() {
         warn(&ending);
     }
@@ -304,12 +306,14 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     let learner = &experiment.learner;
     let (mut learner, own) = folder.load_with_policies(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
-    let envs = match options.randomised {
-        true => with_randomisation(experiment.envs),
-        false => experiment.envs.clean(),
+    let envs = if options.randomised {
+        with_randomisation(experiment.envs)
+    } else {
+        experiment.envs.clean()
     };
     let tasks = TaskRegistry::standard();
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
+    // a round of one group is an episode of each environment in each of four variants
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
     let scores = pool.install(|| evaluator.all(&mut *learner, &own, rounds))?.scores;
@@ -320,7 +324,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     }
 }
 
-/// Environments with pictures that are wrong by the amounts that they have, or by nominal ones.
+/// Returns settings with randomised images, by the amounts that they have or by nominal ones.
 fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
     let amounts = envs.randomisation.unwrap_or_default();
     VecEnvSettings { randomisation: Some(amounts), ..envs }

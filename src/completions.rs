@@ -1,4 +1,4 @@
-//! `covers completions`: what lets a shell complete commands and options.
+//! `covers completions`: scripts with which a shell completes commands and options.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,14 +8,14 @@ use clap_complete::Shell;
 
 use experiments::RunError;
 
-/// Which shell.
+/// Options of `covers completions`.
 #[derive(Clone, Copy, Debug, Args)]
 #[command(after_help = "Examples:\n  \
     covers completions bash > ~/.local/share/bash-completion/completions/covers\n  \
     covers completions zsh > ~/.zfunc/_covers\n  \
     covers completions fish > ~/.config/fish/completions/covers.fish")]
 pub struct CompletionsOptions {
-    /// The shell.
+    /// Shell that the script is for.
     #[arg(value_enum)]
     pub shell: Shell,
 }

@@ -1,4 +1,5 @@
-//! `covers doctor`: what this machine has, how fast it is, and how to cure what is missing.
+//! `covers doctor`: a check of this machine's hardware, libraries and speed, with fixes for
+//! problems.
 
 use std::fs;
 use std::io::Write;
@@ -17,25 +18,25 @@ use crate::cli::Work;
 use experiments::presets::{Budget, Method};
 use experiments::{Experiment, Run, RunError, RunFolder, instructions, memory, processor};
 
-/// The version that the environments were measured with.
+/// Version of MuJoCo that the environments were measured with.
 const MUJOCO: &str = "2.2.2";
-/// Pictures that one measurement draws.
+/// Number of images in the measurement of rendering.
 const PICTURES: u32 = 100;
-/// Memory that a run of COVERS takes (bytes), with room to spare.
+/// Memory of a run of COVERS (bytes), with a margin.
 const MEMORY: u64 = 1 << 30;
-/// Memory that a full replay of 200,000 transitions takes beside it (bytes).
+/// Further memory of a full replay buffer of 200,000 transitions (bytes).
 const REPLAY: u64 = 3 << 30;
 
-/// Disk that a run of the budget `full` takes (bytes), with room to spare: its tables, the
-/// checkpoints that are kept and the one that is being written. Runs of COVERS took 26 MB, of
-/// ordinary networks 39 MB, of replays 51 MB after half of the stream.
+/// Disk space of a run with the budget `full` (bytes), with a margin: its tables, the kept
+/// checkpoints and the one that is being written. Measured: 26 MB for COVERS, 39 MB for ordinary
+/// networks, 51 MB for learners with replay buffers after half of the stream.
 const RUN: u64 = 128 << 20;
 
-/// How a machine is examined.
+/// Options of `covers doctor`.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  covers doctor\n  covers doctor --runs /data/runs --json")]
 pub struct DoctorOptions {
-    /// The folder that runs would go to, which need not exist yet.
+    /// Folder that runs would be written to; it need not exist yet.
     #[arg(long, default_value = "runs")]
     pub runs: PathBuf,
     #[command(flatten)]
@@ -43,74 +44,69 @@ pub struct DoctorOptions {
     pub work: Work,
 }
 
-/// Whether a part is as it should be.
+/// State of a part of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Health {
-    /// It is.
+    /// Works well.
     Good,
-    /// It works, and could be better.
+    /// Works, but could be better.
     Fair,
-    /// It does not work.
+    /// Does not work.
     Bad,
 }
 
-/// What was found of one part.
+/// Result of the check of one part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// The part.
+    /// Name of the part.
     pub part: &'static str,
-    /// Whether it is as it should be.
+    /// State of the part.
     pub health: Health,
-    /// What there is.
+    /// Description of the part.
     pub found: String,
-    /// What to do, where something is to be done.
-    pub cure: Option<String>,
+    /// Way to fix or improve the part; `None` if it works well.
+    #[serde(rename = "cure")]
+    pub fix: Option<String>,
 }
 
 impl Finding {
     fn good(part: &'static str, found: impl Into<String>) -> Self {
-        let (found, cure) = (found.into(), None);
-        Self { part, health: Health::Good, found, cure }
+        Self { part, health: Health::Good, found: found.into(), fix: None }
     }
 
-    fn bad(part: &'static str, error: &impl std::fmt::Display, cure: &str) -> Self {
-        Self::good(part, error.to_string()).unless(false, Health::Bad, cure)
+    fn bad(part: &'static str, error: &impl std::fmt::Display, fix: &str) -> Self {
+        Self::good(part, error.to_string()).unless(false, Health::Bad, fix)
     }
 
-    /// This finding, unless all is `well`: then one that asks for `cure`.
-    fn unless(self, well: bool, health: Health, cure: impl Into<String>) -> Self {
-        match well {
-            true => self,
-            false => Self { health, cure: Some(cure.into()), ..self },
-        }
+    /// Returns this finding if all is `well`; otherwise one with this health and this fix.
+    fn unless(self, well: bool, health: Health, fix: impl Into<String>) -> Self {
+        if well { self } else { Self { health, fix: Some(fix.into()), ..self } }
     }
 
     fn line(&self) -> String {
-        let Self { part, found, cure, .. } = self;
+        let Self { part, found, fix, .. } = self;
         let mark = match self.health {
             Health::Good => "ok",
             Health::Fair => "fair",
             Health::Bad => "BAD",
         };
-        let cure = cure.iter().map(|cure| format!("\n{:17}{cure}", ""));
-        format!("{mark:<4}  {part:<9}  {found}{}", cure.collect::<String>())
+        let fix = fix.iter().map(|fix| format!("\n{:17}{fix}", ""));
+        format!("{mark:<4}  {part:<9}  {found}{}", fix.collect::<String>())
     }
 }
 
 impl DoctorOptions {
-    /// Examines this machine, prints what was found, and says whether everything works.
+    /// Checks this machine, prints the findings, and returns `true` if everything works.
     ///
     /// # Errors
     /// An `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
         let findings = examine(self.work.threads.count(), &self.runs);
-        let text = match self.work.json {
-            true => serde_json::json!(findings).to_string(),
-            false => {
-                let lines: Vec<String> = findings.iter().map(Finding::line).collect();
-                lines.join("\n")
-            }
+        let text = if self.work.json {
+            serde_json::json!(findings).to_string()
+        } else {
+            findings.iter().map(Finding::line).collect::<Vec<_>>().join("\n")
         };
         let written = writeln!(out, "{text}");
         written.map_err(|error| RunError::write(Path::new("standard output"), error))?;
@@ -118,10 +114,11 @@ impl DoctorOptions {
     }
 }
 
-/// What there is, part by part; learning is tried on so many threads, and runs would go to `runs`.
+/// Checks all parts of this machine. Training is measured on this many threads; `runs` is the
+/// folder that runs would be written to.
 pub fn examine(threads: usize, runs: &Path) -> Vec<Finding> {
     let memory = the_memory();
-    // libraries that find no memory end the process
+    // rendering libraries that find no memory would end the process, and with it the report
     let may_draw = memory::check_environments(threads).is_ok();
     let mut others = vec![memory, the_disk(runs), the_simulator()];
     if may_draw {
@@ -130,23 +127,23 @@ pub fn examine(threads: usize, runs: &Path) -> Vec<Finding> {
     [vec![the_processor()], the_gpus(), others].concat()
 }
 
-/// Every adapter that policies can learn on; nothing in a program without the feature `wgpu`.
+/// Lists the GPU adapters that policies can be updated on; empty without the feature `wgpu`.
 #[cfg(feature = "wgpu")]
 fn the_gpus() -> Vec<Finding> {
     let adapters = rl::gpu::adapters();
-    let cure =
-        "policies learn on the processor: install the Vulkan driver of a GPU, if there is one";
+    let fix =
+        "policies are updated on the CPU: install the Vulkan driver of a GPU, if there is one";
     if adapters.is_empty() {
         let none = Finding::good("gpu", "no Vulkan driver");
-        return vec![none.unless(false, Health::Fair, cure)];
+        return vec![none.unless(false, Health::Fair, fix)];
     }
-    // software stands in for a GPU only where there is none
-    let any = adapters.iter().any(|adapter| adapter.kind.is_hardware());
-    let found = adapters.iter().map(|adapter| {
-        let found = Finding::good("gpu", adapter.to_string());
-        found.unless(any, Health::Fair, cure)
-    });
-    found.collect()
+    // a software adapter beside a real GPU is no reason to install a driver
+    let any_hardware = adapters.iter().any(|adapter| adapter.kind.is_hardware());
+    adapters
+        .iter()
+        .map(|adapter| Finding::good("gpu", adapter.to_string()))
+        .map(|finding| finding.unless(any_hardware, Health::Fair, fix))
+        .collect()
 }
 
 #[cfg(not(feature = "wgpu"))]
@@ -159,9 +156,9 @@ fn the_processor() -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let sets = instructions().join(", ");
     let found = format!("{name}, {cores} threads, instructions: {sets}");
-    let cure = "networks run on portable code, several times slower: use a processor with AVX2";
+    let fix = "networks run on portable code, several times slower: use a processor with AVX2";
     let fast = sets.contains("avx2") && sets.contains("fma");
-    Finding::good("processor", found).unless(fast, Health::Fair, cure)
+    Finding::good("processor", found).unless(fast, Health::Fair, fix)
 }
 
 fn the_memory() -> Finding {
@@ -173,12 +170,12 @@ fn the_memory() -> Finding {
     };
     let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
     let found = Finding::good("memory", found);
-    let cure = "a run of COVERS takes up to 1 GiB: close other programs";
-    let replays = "enough for COVERS; a full replay (clear, 3rl, equi-sac) takes 3 GiB more";
-    found.unless(free >= MEMORY + REPLAY, Health::Fair, replays).unless(
+    let replay = "enough for COVERS; a full replay buffer (clear, 3rl, equi-sac) takes 3 GiB more";
+    let fix = "a run of COVERS takes up to 1 GiB: close other programs";
+    found.unless(free >= MEMORY + REPLAY, Health::Fair, replay).unless(
         free >= MEMORY,
         Health::Bad,
-        cure,
+        fix,
     )
 }
 
@@ -188,40 +185,42 @@ fn the_disk(runs: &Path) -> Finding {
             let (gibibytes, rooms) = (free as f64 / f64::from(1 << 30), free / RUN);
             let runs = runs.display();
             let found = format!("{gibibytes:.1} GiB free for `{runs}`, room for {rooms} full runs");
-            let cure = "a full run with its checkpoints takes up to 0.125 GiB: make room, or name a \
+            let fix = "a full run with its checkpoints takes up to 0.125 GiB: make room, or name a \
                 folder on another disk (`covers train --runs DIR`)";
-            Finding::good("disk", found).unless(free >= RUN, Health::Bad, cure)
+            Finding::good("disk", found).unless(free >= RUN, Health::Bad, fix)
         }
         Err(error) => Finding::bad(
             "disk",
             &format!("{}: {error}", runs.display()),
-            "name a folder that can be written to, for runs to go to (`covers train --runs DIR`)",
+            "name a folder for runs that can be written to (`covers train --runs DIR`)",
         ),
     }
 }
 
-/// Bytes that files may still take on the disk of a folder or, where it does not exist yet, of the
-/// one that it would be in.
+/// Returns the free bytes on the disk of a folder. A folder that does not exist yet counts as its
+/// first existing ancestor.
+///
+/// # Errors
+/// A path that is no folder, or one that this process may not write to.
 fn free_disk(folder: &Path) -> std::io::Result<u64> {
     let absolute = std::path::absolute(folder)?;
-    let mut folders = absolute.ancestors();
-    let there = folders.find(|folder| folder.exists());
-    let there = there.unwrap_or(&absolute);
-    if !there.is_dir() {
+    let existing = absolute.ancestors().find(|folder| folder.exists()).unwrap_or(&absolute);
+    if !existing.is_dir() {
         return Err(std::io::ErrorKind::NotADirectory.into());
     }
-    rustix::fs::access(there, rustix::fs::Access::WRITE_OK)?;
-    let disk = rustix::fs::statvfs(there)?;
+    rustix::fs::access(existing, rustix::fs::Access::WRITE_OK)?;
+    let disk = rustix::fs::statvfs(existing)?;
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
 fn the_simulator() -> Finding {
     let version = envs::mujoco::version();
-    let cure = format!(
-        "figures are of MuJoCo {MUJOCO}: `make deps` installs it, where the system has that version"
+    let fix = format!(
+        "published results used MuJoCo {MUJOCO}: `make deps` installs it, if the system's packages \
+         have that version"
     );
     let known = version == MUJOCO;
-    Finding::good("simulator", format!("MuJoCo {version}")).unless(known, Health::Fair, cure)
+    Finding::good("simulator", format!("MuJoCo {version}")).unless(known, Health::Fair, fix)
 }
 
 fn the_pictures() -> Finding {
@@ -230,7 +229,7 @@ fn the_pictures() -> Finding {
             let renderer = envs::mujoco::opengl().unwrap_or("unknown");
             let milliseconds = time.as_secs_f64() * 1e3;
             let size = camera().drawn_size();
-            let found = format!("{milliseconds:.2} ms for one of {size} x {size} by {renderer}");
+            let found = format!("{milliseconds:.2} ms for {size} x {size} pixels by {renderer}");
             Finding::good("pictures", found)
         }
         Err(error) => Finding::bad(
@@ -241,12 +240,12 @@ fn the_pictures() -> Finding {
     }
 }
 
-/// That of a run of COVERS.
+/// Returns the camera settings of a full run of COVERS.
 fn camera() -> Camera {
     Budget::Full.experiment(Method::Covers).envs.camera
 }
 
-/// The time that a picture of Drawer Close takes as learners see it, the median of some.
+/// Measures the median time to render an observation of Drawer Close.
 fn time_pictures() -> Result<Duration, EnvError> {
     let camera = camera();
     let scene = Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::default(), camera)?;
@@ -269,17 +268,19 @@ fn the_learning(threads: usize) -> Finding {
     let experiment = Budget::Full.experiment(Method::Covers);
     match time_learning(experiment.with_threads(threads)) {
         Ok(rate) => {
-            let found = format!("{rate:.0} decisions of COVERS a second on {threads} threads");
+            let found = format!("{rate:.0} decisions of COVERS per second on {threads} threads");
             Finding::good("learning", found)
         }
         Err(error) => {
-            let cure = "cure what is bad above; a run also needs a folder for temporary files";
-            Finding::bad("learning", &error, cure)
+            let fix = "fix what is BAD above; this test also writes to the folder for temporary \
+                files, which TMPDIR names";
+            Finding::bad("learning", &error, fix)
         }
     }
 }
 
-/// Decisions a second in Goal Reach, those of the second turn, collected and learnt.
+/// Measures training in Goal Reach in decisions per second, over the second iteration; the first
+/// one warms up.
 fn time_learning(mut experiment: Experiment) -> Result<f64, RunError> {
     let name = TaskGroup::GOAL_REACH.name();
     experiment.schedule.groups.retain(|plan| plan.group == name);
@@ -288,14 +289,14 @@ fn time_learning(mut experiment: Experiment) -> Result<f64, RunError> {
     let scratch = Scratch::new()?;
     let mut run = Run::start(experiment, RunFolder::open(&scratch.0))?;
     run.advance()?;
-    let (clock, before) = (Instant::now(), run.ledger().decisions);
+    let (clock, before) = (Instant::now(), run.stats().decisions);
     run.advance()?;
-    // a turn in doubt collects twice
-    let decisions = run.ledger().decisions - before;
+    // the number of decisions varies: an undecided assignment collects a second rollout
+    let decisions = run.stats().decisions - before;
     Ok(decisions as f64 / clock.elapsed().as_secs_f64())
 }
 
-/// A folder of this process's own, gone with the value.
+/// Temporary folder of this process, removed on drop.
 struct Scratch(PathBuf);
 
 impl Scratch {
@@ -354,7 +355,7 @@ mod tests {
         // a file system without room
         let full = the_disk(Path::new("/proc/self"));
         assert_eq!(full.health, Health::Bad, "{full:?}");
-        assert!(full.cure.is_some_and(|cure| cure.contains("--runs")));
+        assert!(full.fix.is_some_and(|fix| fix.contains("--runs")));
     }
 
     #[cfg(feature = "wgpu")]

@@ -1,4 +1,4 @@
-//! Errors of the program.
+//! Errors of the program's commands.
 
 use deploy::DeployError;
 use experiments::RunError;
@@ -11,31 +11,34 @@ use watch::WatchError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CoversError {
-    /// A run.
+    /// Error of a run.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// A report.
+    /// Error of a report.
     #[error(transparent)]
     Report(#[from] ReportError),
-    /// A film.
+    /// Error of rendering.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// Following a run.
+    /// Error of watching a run.
     #[error(transparent)]
     Watch(#[from] WatchError),
-    /// A trial on a robot, or a calibration.
+    /// Error of a robot's deployment or calibration.
     #[error(transparent)]
     Deploy(#[from] DeployError),
-    /// Jobs of a sweep that failed.
-    #[error("these jobs failed, each for the reason told above: {}", failed.join(", "))]
+    /// Failed jobs of a sweep.
+    #[error(
+        "these jobs failed: {}. The reason of each is printed above; the next sweep tries them \
+         again", failed.join(", ")
+    )]
     Jobs {
-        /// Their names.
+        /// Names of the jobs.
         failed: Vec<String>,
     },
-    /// A screen where there is none.
+    /// Screen without a terminal.
     #[error(
-        "`--tui` draws on a terminal, and standard output is none: leave it out, or follow the run \
-         with `covers watch`"
+        "`--tui` needs a terminal, but standard output is not one: leave the option out, or follow \
+         the run with `covers watch`"
     )]
     NoTerminal,
 }

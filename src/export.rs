@@ -1,4 +1,4 @@
-//! Policies for other programs: ONNX, and plain safetensors for PyTorch.
+//! Export of policies for other programs: ONNX, and safetensors for PyTorch.
 
 mod command;
 mod description;

@@ -1,18 +1,18 @@
 //! Continual vision-based reinforcement learning with group symmetries: COVERS (Liu et al., CoRL
 //! 2023) in Rust.
 //!
-//! A learner watches a table through a top-down camera while tasks arrive in a stream that nobody
-//! labels. It grows one D2-equivariant policy per group of symmetric tasks, notices a change of
-//! group by the 1-Wasserstein distance of invariant features, recalls old policies, and solves
-//! symmetric variants that it never trained on.
+//! A learner observes a table through a top-down camera while tasks arrive in an unlabelled stream.
+//! It trains one D2-equivariant policy for each group of symmetric tasks, detects a task switch by
+//! the 1-Wasserstein distance of invariant features, recalls old policies, and solves symmetric
+//! variants that it never trained on.
 //!
-//! - [`Learner`]: what a run trains. [`Covers`] is Algorithm 1 of the paper, [`OffPolicy`] the
-//!   same with replays, and CLEAR and 3RL; they learn from anything that implements
+//! - [`Learner`]: algorithm that a run trains. [`Covers`] is Algorithm 1 of the paper;
+//!   [`OffPolicy`] has replay buffers, and covers CLEAR and 3RL. Both train on any
 //!   [`rl::VectorEnv`].
-//! - [`Grouping`]: the decision which policy a rollout belongs to.
-//! - [`Stream`]: task groups on MuJoCo as such an environment.
-//! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows; it can stop
-//!   anywhere and go on later.
+//! - [`Grouping`]: rule that assigns rollouts to policies.
+//! - [`Stream`]: task groups on MuJoCo as a [`rl::VectorEnv`].
+//! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows. It can be
+//!   stopped at any rollout and resumed later.
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
@@ -38,9 +38,9 @@ pub mod sweep;
 
 pub use error::CoversError;
 pub use experiments::{
-    CheckpointPlan, Evaluation, EvaluationPlan, Event, Experiment, Glimpse, Ledger, Progress,
-    Provenance, Run, RunData, RunError, RunFolder, Stop, Stream, Summary, evaluation, presets,
-    schedule,
+    CheckpointPlan, Evaluation, EvaluationPlan, Event, Experiment, LatestFrame, Progress,
+    Provenance, Run, RunData, RunError, RunFolder, RunStats, StopSignal, Stream, Summary,
+    evaluation, presets, schedule,
 };
 pub use learner::disk::{Disk, LocalDisk};
 pub use learner::overrides::{Override, apply as apply_overrides};

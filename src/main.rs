@@ -1,4 +1,4 @@
-//! The `covers` command; `covers --help` says what its exit codes mean.
+//! The `covers` command; `covers --help` lists its exit codes.
 
 use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
@@ -10,7 +10,7 @@ fn main() -> ExitCode {
     match Program::parse().run(&mut stdout()) {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
-            // a terminal that is gone hears nothing, and is no reason to panic
+            // `eprintln!` would panic if the terminal was closed
             let _ = writeln!(stderr(), "{}", error_line(&error));
             ExitCode::FAILURE
         }

@@ -1,4 +1,4 @@
-//! `covers man`: manual pages.
+//! `covers man`: manual pages of all commands.
 
 use std::fs;
 use std::io::Write;
@@ -10,29 +10,29 @@ use clap_mangen::Man;
 use experiments::RunError;
 use experiments::cli::say;
 
-/// Which page.
+/// Options of `covers man`.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers man | man -l -\n  covers man check mask | man -l -\n  \
     covers man --out ~/.local/share/man/man1"
 )]
 pub struct ManualOptions {
-    /// The command whose page is printed, as `check mask` (default: `covers` itself).
+    /// Command whose page is printed, such as `check mask` (default: `covers` itself).
     #[arg(value_name = "COMMAND")]
     pub command: Vec<String>,
-    /// Write the pages of all commands to this folder, which is created.
+    /// Write the pages of all commands to this folder, and create it if needed.
     #[arg(long, value_name = "DIR", conflicts_with = "command")]
     pub out: Option<PathBuf>,
 }
 
 impl ManualOptions {
-    /// Prints the page of one of `program`'s commands in roff, or writes those of all.
+    /// Prints the page of one of `program`'s commands in roff, or writes the pages of all.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a command that there is not; a folder or an `out` that cannot
-    /// be written to.
+    /// [`RunError::Setting`] for an unknown command; a folder or `out` that cannot be written to.
     pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), RunError> {
         let mut program = program.disable_help_subcommand(true);
+        // sets the display names of nested commands, which are the titles of their pages
         program.build();
         match &self.out {
             Some(folder) => {
@@ -58,7 +58,7 @@ impl ManualOptions {
     }
 }
 
-/// Writes the pages of a command and of those below it; returns how many.
+/// Writes the pages of a command and its subcommands, and returns their number.
 fn write(command: &Command, folder: &Path) -> Result<usize, RunError> {
     fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
     let path = folder.join(format!("{}.1", title(command)));
@@ -68,7 +68,7 @@ fn write(command: &Command, folder: &Path) -> Result<usize, RunError> {
     below.sum::<Result<usize, _>>().map(|below| 1 + below)
 }
 
-/// The name of a command's page: its words with hyphens between them.
+/// Returns the name of a command's page: its words joined by hyphens.
 fn title(command: &Command) -> &str {
     command.get_display_name().unwrap_or_else(|| command.get_name())
 }

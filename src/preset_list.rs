@@ -1,4 +1,4 @@
-//! `covers presets`: what there is to train, and all that a preset sets.
+//! `covers presets`: the list of methods and budgets, and the settings of a preset.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,22 +8,21 @@ use clap::{Args, ValueEnum};
 use experiments::RunError;
 use experiments::presets::{Budget, Method};
 
-/// What to list.
+/// Options of `covers presets`.
 #[derive(Clone, Copy, Debug, Args)]
 #[command(after_help = "Examples:\n  covers presets\n  \
     covers presets covers --budget short > experiment.json")]
 pub struct PresetsOptions {
-    /// Print the settings of this preset as JSON instead: a file to change and to train with
-    /// `--config`.
+    /// Print the settings of this preset as JSON instead, as a file for `covers train --config`.
     #[arg(value_enum)]
     pub preset: Option<Method>,
-    /// How long that run may take.
+    /// Length of the run.
     #[arg(long, value_enum, default_value = "full")]
     pub budget: Budget,
 }
 
 impl PresetsOptions {
-    /// Prints the list, or the settings.
+    /// Prints the list, or the settings of one preset.
     ///
     /// # Errors
     /// An `out` that cannot be written to.
@@ -37,7 +36,7 @@ impl PresetsOptions {
     }
 }
 
-/// A line for each value: its name, and what it is.
+/// Formats one line for each value, with its name and its help text.
 fn lines<V: ValueEnum>() -> String {
     let values = V::value_variants().iter();
     let line = |value: &V| {

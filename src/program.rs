@@ -1,4 +1,4 @@
-//! The command `covers`: its subcommands, and what its exit codes mean.
+//! The command `covers`: its subcommands and exit codes.
 
 use std::io::Write;
 
@@ -18,23 +18,23 @@ use experiments::printable::printable_lines;
 use render::RenderOptions;
 use watch::WatchOptions;
 
-/// What `covers --help` and its manual page say below the options.
-const BELOW: &str = "\
+/// Text of `covers --help` and its manual page below the options.
+const AFTER_HELP: &str = "\
 Examples:
   covers train --budget short
   covers watch runs/covers-short-seed0
   covers report runs/covers-short-seed0 --out report
 
 Exit codes:
-  0    all was done, every check held, everything works
-  1    an error, which standard error names; a check that failed; a machine that lacks something
-  2    wrong options
-  3    a signal or a closed output stopped a run, which left a checkpoint: `covers resume` goes on
-  128 and the number of a signal: it ended the program at once (130 for Ctrl-C, 143 for SIGTERM)";
+  0    success: the command finished, and all checks passed
+  1    an error, printed on standard error; a failed check; a problem that `covers doctor` found
+  2    invalid options
+  3    a run stopped early by a signal or a closed output; `covers resume` continues it
+  128 plus the number of a signal that ended the program at once (130 for Ctrl-C, 143 for SIGTERM)";
 
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]
-#[command(name = "covers", version, after_help = BELOW)]
+#[command(name = "covers", version, after_help = AFTER_HELP)]
 pub struct Program {
     #[command(subcommand)]
     subcommand: Subcommands,
@@ -44,36 +44,37 @@ pub struct Program {
 enum Subcommands {
     #[command(flatten)]
     Learner(Command),
-    /// Lets the policies of a run act on a robot that a camera watches.
+    /// Runs the policies of a run on a robot with a camera.
     Deploy(DeployOptions),
-    /// Finds where a robot's camera is, by a ball that the arm carries.
+    /// Calibrates a robot's camera with a ball that the arm carries.
     Calibrate(CalibrateOptions),
-    /// Shows a run while it goes on: curves, groups and policies, distances.
+    /// Shows a run in progress: learning curves, groups and policies, distances.
     Watch(WatchOptions),
-    /// Shows policies at work, as a GIF or an mp4.
+    /// Renders policies in action, as a GIF or an mp4.
     Render(RenderOptions),
-    /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
+    /// Exports a policy for other programs: ONNX, and safetensors for PyTorch.
     Export(ExportOptions),
-    /// Checks the environments, and a robot's mask; fails where a figure misses its bound.
+    /// Checks the environments or a robot's mask, and fails if a value exceeds its bound.
     #[command(subcommand, after_help = "Example: covers check symmetry --embodiment hand")]
     Check(Check),
-    /// Says what this machine has, how fast it is, and how to cure what is missing.
+    /// Reports what this machine has, how fast it is, and how to fix what is missing.
     Doctor(DoctorOptions),
-    /// Lists methods and budgets, or prints all that a preset sets.
+    /// Lists methods and budgets, or prints all settings of a preset.
     Presets(PresetsOptions),
-    /// Prints what lets a shell complete commands and options.
+    /// Prints a script with which a shell completes commands and options.
     Completions(CompletionsOptions),
     /// Prints manual pages.
     Man(ManualOptions),
 }
 
 impl Program {
-    /// Does what was asked for, prints to `out`, and returns the exit code, whose meanings
-    /// `covers --help` lists.
+    /// Runs the subcommand, prints to `out`, and returns the exit code, as `covers --help` lists
+    /// them.
     ///
     /// # Errors
-    /// What any part says, or an `out` that cannot be written to.
+    /// Errors of the subcommand, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
+        // a renderer that finds no memory would end the process without a message
         if self.renders() {
             memory::check_environments(1)?;
         }
@@ -93,7 +94,7 @@ impl Program {
         })
     }
 
-    /// `true` for commands that draw images of simulations.
+    /// Returns `true` for commands that render images of simulations.
     fn renders(&self) -> bool {
         match &self.subcommand {
             Subcommands::Deploy(_)
@@ -113,7 +114,7 @@ impl Program {
     }
 }
 
-/// Line for standard error about an error, in which no name of a file steers the terminal.
+/// Formats an error for standard error, with control characters of file names escaped.
 pub fn error_line(error: &CoversError) -> String {
     format!("error: {}", printable_lines(&error.to_string()))
 }
@@ -122,7 +123,7 @@ pub fn error_line(error: &CoversError) -> String {
 mod tests {
     use super::*;
 
-    /// What the program prints for these words.
+    /// Returns the output of the program with these arguments.
     fn printed(words: &[&str]) -> Result<String, CoversError> {
         let mut out = Vec::new();
         let program = Program::try_parse_from([&["covers"], words].concat()).unwrap();
@@ -130,7 +131,7 @@ mod tests {
         Ok(String::from_utf8(out).unwrap())
     }
 
-    /// The words of every command below `command`, which are not `help`.
+    /// Returns the words of every command below `command`, without `help`.
     fn commands(command: &clap::Command, words: &[String]) -> Vec<Vec<String>> {
         let below = command.get_subcommands().flat_map(|own| {
             let words = [words, &[own.get_name().to_owned()]].concat();

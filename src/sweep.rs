@@ -1,4 +1,4 @@
-//! Many runs: methods and seeds as a list of jobs, which any number of workers claim one by one.
+//! Sweeps: methods, variants and seeds as a list of jobs, which any number of workers share.
 
 mod arrays;
 mod plan;
@@ -6,4 +6,4 @@ mod worker;
 
 pub use arrays::ArrayJob;
 pub use plan::{Job, Plan};
-pub use worker::{Ended, work};
+pub use worker::{SweepOutcome, work};

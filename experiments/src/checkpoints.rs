@@ -1,4 +1,5 @@
-//! The checkpoints of a run: the newest few, each durable before an older one goes.
+//! Checkpoint files of a run: the newest few are kept, and each is durable before an older one is
+//! removed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,25 +7,25 @@ use std::path::{Path, PathBuf};
 use crate::error::RunError;
 use learner::disk::{Disk, replace};
 
-/// Digits of the number of rollouts in a file's name: enough for the longest run.
+/// Least number of digits of the rollout count in a file name; longer counts use more digits.
 const DIGITS: usize = 6;
-const ENDING: &str = "safetensors";
+const EXTENSION: &str = "safetensors";
 
-/// What was read from the newest checkpoint that is intact.
+/// Newest intact checkpoint, and the newer ones that could not be read.
 #[derive(Debug)]
 pub(crate) struct Found<T> {
-    /// What was read.
+    /// Contents of the checkpoint.
     pub value: T,
-    /// Where.
+    /// Path of the checkpoint.
     pub path: PathBuf,
-    /// Those newer ones that could not be read.
+    /// Paths of newer checkpoints that could not be read.
     pub passed_over: Vec<PathBuf>,
-    /// What is wrong with each of them.
+    /// Error message for each path in `passed_over`.
     pub problems: Vec<String>,
 }
 
-/// Writes the checkpoint of a run with this many rollouts; of it and those before it, removes all
-/// but the `keep` newest.
+/// Writes the checkpoint after `rollouts` rollouts, then removes all but the `keep` newest of the
+/// checkpoints up to this one.
 pub(crate) fn save(
     disk: &dyn Disk,
     folder: &Path,
@@ -34,6 +35,7 @@ pub(crate) fn save(
 ) -> Result<(), RunError> {
     replace(disk, &path(folder, rollouts), bytes)?;
     let mut checkpoints = list(folder)?;
+    // counted here, a checkpoint with a higher number could push out the one just written
     checkpoints.retain(|(number, _)| *number <= rollouts);
     for (_, old) in checkpoints.iter().skip(keep) {
         let removed = disk.remove(old);
@@ -42,7 +44,8 @@ pub(crate) fn save(
     Ok(())
 }
 
-/// Gives checkpoints another name, so that none of them stands before one that the run will write.
+/// Renames damaged checkpoints to `*.damaged`, so that none is taken for newer than the
+/// checkpoints that the run will write.
 pub(crate) fn put_aside(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), RunError> {
     for path in paths {
         let moved = disk.rename(path, &path.with_added_extension("damaged"));
@@ -51,13 +54,13 @@ pub(crate) fn put_aside(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), RunErr
     Ok(())
 }
 
-/// Where the checkpoint after this many rollouts is.
+/// Returns the path of the checkpoint after this many rollouts.
 pub(crate) fn path(folder: &Path, rollouts: usize) -> PathBuf {
-    folder.join(format!("{rollouts:0DIGITS$}.{ENDING}"))
+    folder.join(format!("{rollouts:0DIGITS$}.{EXTENSION}"))
 }
 
-/// The checkpoints in a folder with their numbers of rollouts, the newest first; links are passed
-/// over, since they may lead out of the folder.
+/// Lists the checkpoints in a folder with their rollout counts, newest first. Symbolic links are
+/// skipped, since they may lead out of the folder.
 pub(crate) fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>, RunError> {
     if !folder.exists() {
         return Ok(Vec::new());
@@ -75,15 +78,18 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>, RunError> {
     Ok(found)
 }
 
-/// The number of rollouts in a checkpoint's name.
+/// Parses the rollout count from the file name of a checkpoint; `None` for other files.
 pub(crate) fn rollouts_of(path: &Path) -> Option<usize> {
     let digits = path.file_name()?.to_str()?.strip_suffix(".safetensors")?;
     let plain = digits.len() >= DIGITS && digits.bytes().all(|byte| byte.is_ascii_digit());
     plain.then(|| digits.parse().ok())?
 }
 
-/// Reads the newest checkpoint that can be read; none where there are no checkpoints. One of a
-/// newer version of this crate is an error: its work would be lost.
+/// Reads the newest intact checkpoint; `None` if the folder has no checkpoints.
+///
+/// # Errors
+/// [`RunError::NoCheckpoint`] if none is intact, and every error of `read` but [`RunError::Read`].
+/// So a checkpoint of a newer version of this crate is never skipped: its training would be lost.
 pub(crate) fn newest<T>(
     folder: &Path,
     read: impl Fn(&Path) -> Result<T, RunError>,

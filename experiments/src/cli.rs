@@ -10,28 +10,29 @@ use envs::MAX_THREADS;
 use crate::error::RunError;
 use crate::printable::printable_lines;
 
-/// What a number of threads may be.
+/// Returns the parser of thread counts, from 1 to [`MAX_THREADS`].
 pub fn thread_count() -> RangedI64ValueParser<u16> {
     clap::value_parser!(u16).range(1..=MAX_THREADS as i64)
 }
 
-/// How many threads work.
+/// Option for the number of worker threads.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Threads {
-    /// Worker threads (default: one a processor); results do not depend on them.
+    /// Number of worker threads (default: one per processor); results do not depend on it.
     #[arg(long, value_parser = thread_count())]
     pub threads: Option<u16>,
 }
 
 impl Threads {
-    /// The number asked for, or one a processor.
+    /// Returns the number asked for, or the number of available processors.
     pub fn count(self) -> usize {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(available, usize::from)
     }
 }
 
-/// Prints a line, in which no name of a file or of a table's cell steers the terminal.
+/// Prints a line with control characters escaped, since names of files and cells of tables may
+/// hold terminal commands.
 ///
 /// # Errors
 /// [`RunError::Write`].

@@ -1,11 +1,11 @@
-//! Colours and strokes by number: of groups in the order of a run's schedule, and of methods.
+//! Colours and line strokes by number, for groups (in the order of the schedule) and methods.
 
-/// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on
-/// a light and on a dark page.
+/// Colours for light and dark pages that colour-blind readers can distinguish (Okabe and Ito,
+/// "Color Universal Design", 2008).
 const COLOURS: [&str; 8] =
     ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00"];
 
-/// The colour of the one with this number; from the ninth on, colours repeat.
+/// Returns the colour with this number as `#RRGGBB`; colours repeat after eight.
 pub fn colour(number: usize) -> &'static str {
     COLOURS[number % COLOURS.len()]
 }
@@ -13,7 +13,7 @@ pub fn colour(number: usize) -> &'static str {
 /// Colour and dash pattern of a line.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Stroke {
-    /// An SVG colour.
+    /// Colour as SVG writes it.
     pub colour: &'static str,
     /// Lengths of dashes and gaps in turn (pixels), as SVG's `stroke-dasharray` lists them; empty
     /// for a solid line.
@@ -21,15 +21,14 @@ pub struct Stroke {
 }
 
 impl Stroke {
-    /// A line without gaps.
+    /// Returns a line without gaps.
     pub fn solid(colour: &'static str) -> Self {
         Self { colour, dashes: String::new() }
     }
 }
 
-/// The stroke of the line with this number. No two numbers share one: the first eight lines are
-/// solid, the next eight dashed, and every later round of colours puts one more dot between the
-/// dashes.
+/// Returns the stroke of the line with this number, which no other number shares. The first eight
+/// lines are solid, the next eight dashed, and each later eight have one more dot between dashes.
 pub fn stroke(number: usize) -> Stroke {
     let round = number / COLOURS.len();
     let dots = round.checked_sub(1);
@@ -39,9 +38,10 @@ pub fn stroke(number: usize) -> Stroke {
     }
 }
 
-/// The same as red, green and blue.
+/// Returns the colour with this number as red, green and blue bytes.
 pub fn rgb(number: usize) -> [u8; 3] {
     let hex = u32::from_str_radix(&colour(number)[1..], 16).unwrap_or_default();
+    // the highest byte of `0x00RRGGBB` is unused
     let [_, rgb @ ..] = hex.to_be_bytes();
     rgb
 }

@@ -1,4 +1,4 @@
-//! Errors of runs.
+//! Errors of experiments and run folders.
 
 use std::path::{Path, PathBuf};
 
@@ -9,88 +9,88 @@ use rl::BoxError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// A setting outside its range.
+    /// Setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// The value given.
+        /// Value given.
         value: String,
-        /// What would be accepted.
+        /// Description of the accepted values.
         expected: &'static str,
     },
-    /// The environments.
+    /// Error of the environments.
     #[error(transparent)]
     Env(#[from] envs::EnvError),
-    /// Policies and their updates.
+    /// Error of a policy or its update.
     #[error(transparent)]
     Rl(#[from] rl::RlError),
-    /// Learners, their settings and their checkpoints.
+    /// Error of a learner, its settings or its checkpoints.
     #[error(transparent)]
     Learner(LearnerError),
-    /// Distances and assignment.
+    /// Error of distances and assignment.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
-    /// Evidence of groups.
+    /// Error of the evidence grouping.
     #[error(transparent)]
     Evidence(#[from] evidence::EvidenceError),
-    /// The thread pool.
-    #[error("cannot start {threads} threads: {source}")]
+    /// Thread pool that cannot be built.
+    #[error("cannot start {threads} threads: {source}. Ask for fewer with `--threads`")]
     Threads {
-        /// Threads asked for.
+        /// Number of threads asked for.
         threads: usize,
-        /// The reason.
+        /// Underlying error.
         source: rayon::ThreadPoolBuildError,
     },
-    /// A file that is missing, damaged or of another kind.
+    /// File that is missing, damaged or of another kind.
     #[error("cannot read {}: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The reason.
+        /// Underlying error.
         source: BoxError,
     },
-    /// A folder that another process writes to.
+    /// Folder that another process writes to.
     #[error(
         "{} is being written to by {holder}: wait until it has ended, or stop it", folder.display()
     )]
     Locked {
-        /// The folder.
+        /// Path of the folder.
         folder: PathBuf,
-        /// The other process.
+        /// Name of the other process.
         holder: String,
     },
     /// Run that another process took over.
     #[error(transparent)]
     TakenOver(TakenOver),
-    /// A folder that holds a run already.
+    /// Folder that already holds a run.
     #[error(
-        "{} holds a run already: go on with `covers resume {}`, or overwrite it with \
+        "{} holds a run already: continue it with `covers resume {}`, or replace it with \
          `--overwrite`", folder.display(), folder.display()
     )]
     Occupied {
-        /// The folder.
+        /// Path of the folder.
         folder: PathBuf,
     },
-    /// A folder without a run.
+    /// Folder without a run.
     #[error(
-        "{} holds no run: there is no experiment.json and no checkpoint. Begin one with \
+        "{} holds no run: there is no experiment.json and no checkpoint. Start one with \
          `covers train`",
         folder.display()
     )]
     NoRun {
-        /// The folder.
+        /// Path of the folder.
         folder: PathBuf,
     },
-    /// A run none of whose checkpoints can be read.
+    /// Run without an intact checkpoint.
     #[error(
-        "no checkpoint in {} is intact ({problems}): put one back, or begin anew with \
+        "no checkpoint in {} is intact ({problems}): restore one from a copy, or start again with \
          `covers train --config` and the run's experiment.json", folder.display()
     )]
     NoCheckpoint {
-        /// The folder.
+        /// Folder of the run or of its checkpoints.
         folder: PathBuf,
-        /// What is wrong with each.
+        /// Error message of each checkpoint.
         problems: String,
     },
     /// Table that was changed after its run had ended.
@@ -101,69 +101,72 @@ pub enum RunError {
         path.display()
     )]
     ChangedTable {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
-        /// Its checksum.
+        /// Checksum of the file as it is now.
         found: String,
         /// Checksum when the run ended.
         expected: String,
     },
-    /// A run that nothing can be reported of.
+    /// Run whose files cannot be reported.
     #[error("{} cannot be reported: {problem}", folder.display())]
     UnfitRun {
-        /// The run's folder.
+        /// Folder of the run.
         folder: PathBuf,
-        /// What is wrong.
+        /// Description of the problem.
         problem: String,
     },
-    /// A panic in a thread that worked for the run.
-    #[error("a worker panicked: {message}. The last checkpoint stands: `covers resume` goes on")]
+    /// Panic in a thread that worked for the run.
+    #[error(
+        "a worker thread panicked: {message}. Nothing up to the last checkpoint is lost: continue \
+         with `covers resume`"
+    )]
     Panicked {
-        /// What it said.
+        /// Message of the panic.
         message: String,
     },
-    /// A run that went on after an error.
+    /// Run that was used after an error.
     #[error(
-        "this run ended with an error and may be half changed: go on from its last checkpoint \
+        "this run ended with an error and may be half changed: continue from its last checkpoint \
          with `covers resume`"
     )]
     Broken,
-    /// Limit of memory that is too low for what a command needs.
+    /// Memory limit that is too low for a command.
     #[error(
         "{limit} leaves {left} MiB of memory, and about {needed} MiB are needed: raise it, or use \
          fewer threads"
     )]
     Memory {
-        /// Memory that is needed (MiB).
+        /// Required memory (MiB).
         needed: u64,
         /// Memory that the limit leaves (MiB).
         left: u64,
         /// Name of the limit.
         limit: String,
     },
-    /// The handlers of signals.
-    #[error("cannot listen to signals: {source}")]
+    /// Signal handlers that cannot be installed.
+    #[error("cannot install handlers for SIGINT, SIGTERM and SIGHUP: {source}")]
     Signals {
-        /// The reason.
+        /// Underlying error.
         source: std::io::Error,
     },
-    /// A file that would be overwritten.
+    /// File that would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
     FileExists {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// A file of the run folder.
+    /// File or folder that cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// The reason.
+        /// Underlying error.
         source: BoxError,
     },
 }
 
-/// Errors that the learner shares with the rest of the program keep one form.
+/// Conversion that maps variants which both enums have onto each other, so that callers match one.
 impl From<LearnerError> for RunError {
     fn from(error: LearnerError) -> Self {
         match error {
@@ -181,23 +184,25 @@ impl From<LearnerError> for RunError {
 }
 
 impl RunError {
-    /// Wraps what went wrong with reading `path`.
+    /// Returns a [`RunError::Read`] for `path`.
     pub fn read(path: &Path, source: impl Into<BoxError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Read { path, source }
     }
 
-    /// The error of a file that could be read and does not make sense.
+    /// Returns a [`RunError::Read`] for a file that can be read but has invalid contents.
     pub fn damaged(path: &Path, problem: String) -> Self {
         Self::read(path, Damaged(problem))
     }
 
-    /// Wraps what went wrong with writing `path`.
+    /// Returns a [`RunError::Write`] for `path`, or [`RunError::TakenOver`] if that is the cause.
     pub fn write(path: &Path, source: impl Into<BoxError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
-        let inner = source.downcast_ref::<std::io::Error>();
-        let inner = inner.and_then(|error| error.get_ref()?.downcast_ref::<TakenOver>());
-        match inner {
+        // a fenced disk can return nothing but an `io::Error`, so the cause is inside of it
+        let taken_over = source
+            .downcast_ref::<std::io::Error>()
+            .and_then(|error| error.get_ref()?.downcast_ref::<TakenOver>());
+        match taken_over {
             Some(taken_over) => Self::TakenOver(taken_over.clone()),
             None => Self::Write { path, source },
         }
@@ -224,7 +229,7 @@ fn taken_over(holder: Option<&str>) -> String {
     }
 }
 
-/// What is wrong with a file that could be read.
+/// Description of invalid contents of a file.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct Damaged(String);

@@ -1,8 +1,8 @@
-//! Evaluation: every variant of every group, with the policy that the learner itself recognises,
-//! acting by its mean.
+//! Evaluation on every variant of every group: the learner chooses the policy, which acts by its
+//! mean action.
 
+mod cache;
 mod dormancy;
-mod played;
 mod recognition;
 mod score;
 
@@ -18,54 +18,55 @@ use crate::schedule::Schedule;
 use crate::stream::Stream;
 use learner::{Labels, Learner, Performance};
 
+use cache::{EvaluationCache, Key};
 use dormancy::Activities;
-use played::Played;
 
 pub use dormancy::{Dormancy, TAU};
-pub use recognition::{Recognition, SHOWN};
+pub use recognition::{EPISODES_SHOWN, Recognition};
 pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, by_group};
 
-/// Random stream of the learner's draws while it looks: environments count theirs from 0 under the
-/// same seed.
-const LOOKING: u64 = u64::MAX;
+/// Random stream of the learner's draws during recognition. Environments use streams that count up
+/// from 0 under the same seed, so this one is counted down from the top.
+const RECOGNITION_STREAM: u64 = u64::MAX;
 
-/// What one evaluation found.
+/// Results of one evaluation.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
-    /// One item a variant.
+    /// Score of each variant.
     pub scores: Vec<Score>,
-    /// What the learner answered when it was asked for its policies; nothing where it was not.
+    /// Counts of the policies that the learner named; empty if it was not asked.
     pub recognition: Vec<Recognition>,
     activities: Activities,
 }
 
 impl Findings {
-    /// The dormant units of each policy that was scored, in their order, over all variants that it
-    /// was scored on.
+    /// Returns the dormant units of each scored policy, over all variants that it was scored on, in
+    /// the order of the policies.
     pub fn dormancies(&self) -> Vec<Dormancy> {
         self.activities.dormancies()
     }
 }
 
-/// Environments of their own for evaluations: looking changes nothing of what is learnt. Every
-/// evaluation shows the same episodes, so that two of them compare policies and not placements. A
-/// policy whose parameters have not changed is not played again: take another evaluator for another
-/// learner.
+/// Evaluator with its own environments, so that evaluations do not affect training.
+///
+/// Every evaluation plays the same episodes, so that differences come from policies and not from
+/// placements. Results of policies whose parameters have not changed are reused: use a new
+/// evaluator for another learner.
 pub struct Evaluator {
     stream: Stream,
     groups: Vec<TaskGroup>,
     schedule: Schedule,
     seed: u64,
     labels: Labels,
-    played: Played,
+    cache: EvaluationCache,
 }
 
 impl Evaluator {
-    /// Environments like the learner's, which learns from `schedule`; their episodes depend on
-    /// `seed`. A learner that was told labels is told them here, too, by the same `labels`.
+    /// Creates an evaluator for a learner that trains on `schedule`; `seed` determines the
+    /// episodes. A learner with ground truth reads the group's name from `labels`.
     ///
     /// # Errors
-    /// A group that `tasks` does not hold, or what the environments say.
+    /// A group that `tasks` does not hold, or errors of the environments.
     pub fn new(
         settings: VecEnvSettings,
         tasks: &TaskRegistry,
@@ -80,12 +81,12 @@ impl Evaluator {
             schedule,
             seed,
             labels,
-            played: Played::default(),
+            cache: EvaluationCache::default(),
         })
     }
 
-    /// The environments that score a run: their episodes depend on the plan of the evaluation
-    /// alone, so all methods and seeds are scored on the same ones. Their pictures are perfect.
+    /// Creates the evaluator of a run. Episodes depend on the evaluation plan alone, so all methods
+    /// and seeds are scored on the same ones. Images are not randomised.
     ///
     /// # Errors
     /// As [`Evaluator::new`].
@@ -94,12 +95,12 @@ impl Evaluator {
         Self::new(run.envs.clean(), tasks, schedule, seed, labels)
     }
 
-    /// All variants of the groups of the schedule, in the order in which they are scored.
+    /// Returns all variants of the scheduled groups, in the order in which they are scored.
     pub fn variants(&self) -> Vec<TaskVariant> {
-        let groups = self.groups.iter();
-        let variants =
-            groups.flat_map(|&group| D2::ALL.map(|element| TaskVariant { group, element }));
-        variants.collect()
+        self.groups
+            .iter()
+            .flat_map(|&group| D2::ALL.map(|element| TaskVariant { group, element }))
+            .collect()
     }
 
     /// Scores all variants, with `rounds` episodes in each environment.
@@ -119,16 +120,17 @@ impl Evaluator {
         Ok(findings)
     }
 
-    /// Lets the learner choose the policy for a variant, whose episodes run from then on.
+    /// Switches the environments to a variant and returns the index of the policy that the learner
+    /// chooses for it.
     ///
     /// # Errors
-    /// What the environments, the policies or the assigner say.
+    /// Errors of the environments, the policies or the assigner.
     pub fn recognise(
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
     ) -> Result<usize, RunError> {
-        let mut rng = looking(self.seed);
+        let mut rng = recognition_rng(self.seed);
         self.labels.set(variant.group.name());
         self.stream.switch_to(variant.group, &[variant.element])?;
         self.stream.reseed(self.seed)?;
@@ -136,13 +138,15 @@ impl Evaluator {
         Ok(recognised.policy)
     }
 
-    /// Scores one variant and adds what it finds. The learner chooses a policy from the first
-    /// frames of the very episodes that are then played; nobody tells it the group. Where it
-    /// chooses another policy than the group's own, the own one plays the same episodes, too.
+    /// Scores one variant and adds the results to `findings`.
+    ///
+    /// The learner chooses a policy from the first frames of the episodes that are then played,
+    /// without the group's label. If it chooses another policy than the group's own, the own policy
+    /// plays the same episodes, too.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for no rounds; what the environments, the policies or the assigner
-    /// say.
+    /// [`RunError::Setting`] if `rounds` is 0; errors of the environments, the policies or the
+    /// assigner.
     pub fn variant(
         &mut self,
         learner: &mut dyn Learner,
@@ -162,6 +166,7 @@ impl Evaluator {
         let chosen = self.play(learner, variant, policy, rounds)?;
         findings.activities.add(policy, &chosen.activity);
         let score = self.policy_score(policy, &chosen.stats);
+        // the same episodes for the own policy, so that the difference is the cost of recognition
         let own = match own.get(variant.group.name()) {
             Some(&own) if own != policy => {
                 let played = self.play(learner, variant, own, rounds)?;
@@ -183,8 +188,8 @@ impl Evaluator {
         Ok(())
     }
 
-    /// Plays `rounds` episodes of the variant that the environments show, from the same placements
-    /// every time.
+    /// Plays `rounds` episodes in each environment with one policy, from the same placements every
+    /// time.
     fn play(
         &mut self,
         learner: &mut dyn Learner,
@@ -194,9 +199,8 @@ impl Evaluator {
     ) -> Result<Performance, RunError> {
         let stream = &mut self.stream;
         stream.reseed(self.seed)?;
-        let what = (variant, rounds);
-        self.played
-            .recall(what, learner, policy, |learner| Ok(learner.perform(policy, stream, rounds)?))
+        let key = Key { variant, rounds, policy };
+        self.cache.get_or_play(key, learner, |learner| Ok(learner.perform(policy, stream, rounds)?))
     }
 
     fn policy_score(&self, policy: usize, stats: &RolloutStats) -> PolicyScore {
@@ -209,14 +213,14 @@ impl Evaluator {
     }
 }
 
-/// The generator of what the learner draws while it looks at episodes of `seed`.
-fn looking(seed: u64) -> ChaCha8Rng {
+/// Returns the generator that the learner draws from during recognition on episodes of `seed`.
+fn recognition_rng(seed: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(LOOKING);
+    rng.set_stream(RECOGNITION_STREAM);
     rng
 }
 
-/// The mean; NaN of nothing.
+/// Returns the mean; NaN for an empty slice.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }

@@ -1,4 +1,4 @@
-//! Settings of one run over a stream.
+//! Settings of one run over a task stream.
 
 use std::path::Path;
 
@@ -15,38 +15,39 @@ use crate::stream::Stream;
 use learner::overrides::{parse, read};
 use learner::{DeviceChoice, Labels, LearnerSettings};
 
-/// Random streams of the experiment, counted from the top: the learner's are counted from 0 under
-/// the same seed.
+/// Random streams of the experiment, counted down from the top, since the learner's streams count
+/// up from 0 under the same seed.
 const SCHEDULE: u64 = u64::MAX;
 const ENVIRONMENTS: u64 = u64::MAX - 1;
 const EVALUATION: u64 = u64::MAX - 2;
-/// Words of a random stream from one number to the next: a block of ChaCha.
+/// 32-bit words between consecutive seeds of a random stream: one block of ChaCha.
 const BLOCK: u128 = 16;
 
-/// Settings of a run: what `experiment.json` holds.
+/// Settings of a run, as `experiment.json` holds them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Experiment {
-    /// The learner; its seed is the seed of the whole run.
+    /// Settings of the learner; its seed is the seed of the whole run.
     pub learner: LearnerSettings,
-    /// The environments; `threads` counts for the learner, too, and `seed` is drawn from the run's.
+    /// Settings of the environments; `threads` holds for the learner, too, and `seed` must be 0,
+    /// since placements follow the run's seed.
     pub envs: VecEnvSettings,
-    /// Which groups come when.
+    /// Order and length of the visits of task groups.
     pub schedule: Schedule,
-    /// How the run is scored.
+    /// Number and length of evaluations.
     pub evaluation: EvaluationPlan,
-    /// When the run leaves checkpoints.
+    /// Interval and number of checkpoints.
     pub checkpoints: CheckpointPlan,
 }
 
-/// When a run leaves checkpoints.
+/// Interval and number of checkpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CheckpointPlan {
-    /// Rollouts from one checkpoint to the next, at least 1; the last rollout always leaves one.
+    /// Rollouts between checkpoints, at least 1; the last rollout is always saved.
     pub every: usize,
-    /// Checkpoints kept, at least 1: the newest ones. Where the newest is damaged, a run goes on
-    /// from an older one.
+    /// Number of newest checkpoints that are kept, at least 1. A run whose newest checkpoint is
+    /// damaged resumes from an older one.
     pub keep: usize,
 }
 
@@ -56,35 +57,37 @@ impl Default for CheckpointPlan {
     }
 }
 
-/// How a run is scored; every evaluation shows all four variants of each group.
+/// Number and length of evaluations, each of which plays all four variants of each group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationPlan {
     /// Episodes in each environment and variant after the stream, at least 1.
     pub rounds: usize,
-    /// The same before the stream and after each visit; none where it is 0.
+    /// Episodes in each environment and variant before the stream and after each visit; 0 turns
+    /// these evaluations off.
     pub visit_rounds: usize,
-    /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the
-    /// stream, each as after a visit, where `visit_rounds` is then at least 1, too. Without a
-    /// number there are none within visits.
+    /// Rollouts between further evaluations within visits, at least 1, counted from the start of
+    /// the stream; `None` for no such evaluations. They play `visit_rounds` episodes, which must
+    /// then be at least 1.
     #[serde(default)]
     pub every: Option<usize>,
-    /// How often the learner is asked, after the stream, which policy a variant belongs to, for
-    /// each of 1, 4 and 20 episodes that it is shown; not at all where it is 0, and where there is
-    /// one policy for everything or the learner is told the group.
+    /// Number of times that the learner is asked, after the stream, for the policy of each variant,
+    /// with each of 1, 4 and 20 shown episodes. A learner with one policy or with ground truth is
+    /// never asked.
     #[serde(default)]
     pub looks: usize,
-    /// Seed of the placements: runs of other methods and seeds are scored on the same episodes.
+    /// Seed of the placements, independent of the run's: all methods and seeds are scored on the
+    /// same episodes.
     #[serde(default)]
     pub seed: u64,
 }
 
 impl EvaluationPlan {
-    /// After the stream alone.
+    /// Plan with one evaluation, after the stream.
     pub const AT_THE_END: Self =
         Self { rounds: 1, visit_rounds: 0, every: None, looks: 0, seed: 0 };
 
-    /// Rounds of the evaluation after `rollouts` rollouts within a visit.
+    /// Returns the rounds of the evaluation after `rollouts` rollouts within a visit; 0 for none.
     pub(crate) fn within_visit(&self, rollouts: usize) -> usize {
         let due = |every| rollouts.is_multiple_of(every);
         if self.every.is_some_and(due) { self.visit_rounds } else { 0 }
@@ -95,8 +98,8 @@ impl Experiment {
     /// Reads settings from a JSON file, as a run's folder holds them.
     ///
     /// # Errors
-    /// [`RunError::Read`] names the file and what is wrong in it: for an unknown field the
-    /// nearest known one, too.
+    /// [`RunError::Read`] with the file and the problem; for an unknown field it suggests the
+    /// nearest known one.
     pub fn read(path: &Path) -> Result<Self, RunError> {
         Ok(read(path)?)
     }
@@ -104,49 +107,50 @@ impl Experiment {
     /// Reads settings from JSON.
     ///
     /// # Errors
-    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
+    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`],
+    /// [`learner::LearnerError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, RunError> {
         Ok(parse(text)?)
     }
 
-    /// The same run with another seed.
+    /// Sets the seed of the run.
     pub fn with_seed(mut self, seed: u64) -> Self {
         self.learner.set_seed(seed);
         self
     }
 
-    /// The same run on `threads` threads; results do not depend on them.
+    /// Sets the number of threads, on which results do not depend.
     pub fn with_threads(mut self, threads: usize) -> Self {
         self.envs.threads = threads;
         self
     }
 
-    /// The same run with policies that learn elsewhere.
+    /// Sets the device that policies are updated on.
     ///
     /// # Errors
-    /// Those of [`LearnerSettings::set_device`].
+    /// Errors of [`LearnerSettings::set_device`].
     pub fn with_device(mut self, choice: DeviceChoice) -> Result<Self, RunError> {
         self.learner.set_device(choice)?;
         Ok(self)
     }
 
-    /// The same run with another embodiment.
+    /// Sets the embodiment.
     pub fn with_embodiment(mut self, embodiment: Embodiment) -> Self {
         self.envs.embodiment = embodiment;
         self
     }
 
-    /// The same run with networks of equal width that are equivariant under `group`; under
-    /// [`Group::C1`] they are ordinary ones.
+    /// Sets the symmetry group of the networks and keeps their width; [`Group::C1`] gives ordinary
+    /// networks.
     pub fn with_group(mut self, group: Group) -> Self {
         self.learner.set_group(group);
         self
     }
 
-    /// Refuses a run over groups of `tasks` that could not be finished.
+    /// Rejects settings of a run over groups of `tasks` that could not finish.
     ///
     /// # Errors
-    /// The first setting that is out of range, or that does not fit the others.
+    /// The first setting that is out of range or contradicts another one.
     pub fn check(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
         for (name, value) in [
             ("evaluation.rounds", self.evaluation.rounds),
@@ -166,7 +170,7 @@ impl Experiment {
             return Err(RunError::Setting {
                 name: "evaluation.visit_rounds",
                 value: "0".to_owned(),
-                expected: "at least 1 with `evaluation.every`, whose evaluations have as many rounds",
+                expected: "at least 1 with `evaluation.every`, whose evaluations use this number",
             });
         }
         self.schedule.check()?;
@@ -181,7 +185,8 @@ impl Experiment {
         Ok(())
     }
 
-    /// Refuses rollouts that end before an episode does: every rollout begins with a reset.
+    /// Rejects rollouts shorter than an episode: since every rollout begins with a reset, late
+    /// states of episodes would never be seen.
     fn check_rollouts(&self) -> Result<(), RunError> {
         let horizon = self.envs.control.decisions();
         let steps = self.learner.rollout_steps() / self.envs.num_envs;
@@ -191,7 +196,8 @@ impl Experiment {
         Err(RlError::ShortRollout { steps, horizon }.into())
     }
 
-    /// Refuses a replay that would keep once an episode what changes within it.
+    /// Rejects a replay buffer that would store image channels once per episode although they
+    /// change within it.
     fn check_still_channels(&self) -> Result<(), RunError> {
         match &self.learner {
             LearnerSettings::OffPolicy(settings)
@@ -207,7 +213,7 @@ impl Experiment {
         }
     }
 
-    /// A seed of the environments would change nothing.
+    /// Rejects a seed of the environments, which would have no effect.
     fn check_seed(&self) -> Result<(), RunError> {
         match self.envs.seed {
             0 => Ok(()),
@@ -219,15 +225,16 @@ impl Experiment {
         }
     }
 
-    /// Decisions of one episode of every environment: the world's clock lets a group give way at
-    /// its multiples.
+    /// Returns the decisions of one episode in every environment. On [`Clock::World`], task
+    /// switches happen at multiples of it.
     fn block(&self) -> usize {
         self.envs.num_envs * self.envs.control.decisions()
     }
 
-    /// On the world's clock, refuses what would make the stream depend on the learner, or hide a
-    /// visit.
+    /// Rejects rollouts that would make a stream on [`Clock::World`] depend on the learner, and
+    /// visits shorter than an episode, which would be skipped.
     fn check_visits(&self) -> Result<(), RunError> {
+        // on this clock groups change between rollouts, so neither can happen
         if self.schedule.clock == Clock::Turns {
             return Ok(());
         }
@@ -236,7 +243,8 @@ impl Experiment {
             return Err(RunError::Setting {
                 name: "rollout_steps",
                 value: rollout.to_string(),
-                expected: "whole episodes of all environments, or `schedule.clock` = `turns`",
+                expected: "a multiple of `envs.num_envs` times the decisions of an episode, or \
+                    `schedule.clock` = `turns`",
             });
         }
         let mut plans = self.schedule.groups.iter();
@@ -245,12 +253,12 @@ impl Experiment {
             Some(plan) => Err(RunError::Setting {
                 name: "schedule.groups",
                 value: format!("{} decisions of {}", plan.decisions, plan.group),
-                expected: "at least one episode of all environments",
+                expected: "at least `envs.num_envs` times the decisions of an episode",
             }),
         }
     }
 
-    /// The visits of the stream, drawn from the run's seed.
+    /// Draws the visits of the stream from the run's seed.
     pub(crate) fn timetable(&self) -> Timetable {
         let period = match self.schedule.clock {
             Clock::World => self.block(),
@@ -260,12 +268,12 @@ impl Experiment {
         Timetable::new(self.schedule.visits(period, rng))
     }
 
-    /// The seeds of the environments.
+    /// Returns the sequence of environment seeds.
     pub(crate) fn environment_seeds(&self) -> Seeds {
         Seeds(self.stream_rng(ENVIRONMENTS))
     }
 
-    /// The seed of evaluation episodes.
+    /// Returns the seed of evaluation episodes, which depends on the evaluation plan alone.
     pub fn evaluation_seed(&self) -> u64 {
         random_stream(self.evaluation.seed, EVALUATION).random()
     }
@@ -281,12 +289,12 @@ fn random_stream(seed: u64, stream: u64) -> ChaCha8Rng {
     rng
 }
 
-/// Seeds by number: an interrupted run needs to know nothing but the number of the next.
+/// Random-access sequence of seeds: a resumed run needs the index of the next seed alone.
 #[derive(Clone, Debug)]
 pub(crate) struct Seeds(ChaCha8Rng);
 
 impl Seeds {
-    /// The seed of this number.
+    /// Returns the seed with this index.
     pub fn nth(&self, number: usize) -> u64 {
         let mut rng = self.0.clone();
         rng.set_word_pos(BLOCK * number as u128);

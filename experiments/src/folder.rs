@@ -1,5 +1,4 @@
-//! The folder of one run: settings as JSON, tables as CSV, pictures as PNG, the learner as
-//! safetensors.
+//! Folder of one run: settings as JSON, tables as CSV, images as PNG, learners as safetensors.
 
 use std::collections::BTreeMap;
 use std::fs::{create_dir, create_dir_all};
@@ -19,20 +18,20 @@ use learner::{Extent, Labels, Learner, LearnerSettings};
 
 use super::checkpoints;
 use crate::lock::Lock;
-use crate::note::Signed;
+use crate::note::SavedRun;
 use crate::provenance::Provenance;
 use crate::table::put_aside;
 
-/// The file of a run's settings.
+/// Name of the file with a run's settings.
 const EXPERIMENT: &str = "experiment.json";
-/// The file that a finished run leaves.
+/// Name of the file that exists if and only if the run has finished.
 pub const SUMMARY: &str = "summary.json";
-/// Table of times, the only one that no checkpoint holds.
+/// Name of the table of times, the only one that checkpoints do not hold.
 pub(crate) const TIMINGS: &str = "timings.csv";
-/// Tables of a run.
+/// Names of the tables of a run.
 const TABLES: [&str; 5] =
     ["evaluation.csv", "metrics.csv", "recognition.csv", TIMINGS, "units.csv"];
-/// The files of a run beside its settings and checkpoints.
+/// Names of the files of a run, without its settings and checkpoints.
 const FILES: [&str; 9] = [
     "contact_sheet.png",
     "evaluation.csv",
@@ -45,25 +44,25 @@ const FILES: [&str; 9] = [
     "units.csv",
 ];
 
-/// CRC-32 (IEEE 802.3) of a table as eight hexadecimal digits.
+/// Returns the CRC-32 (IEEE 802.3) of a table as eight hexadecimal digits.
 pub(crate) fn checksum(table: &[u8]) -> String {
     format!("{:08x}", crc32fast::hash(table))
 }
 
-/// A folder that one run alone writes to.
+/// Folder of one run. A lock ensures that a single process writes to it.
 #[derive(Clone, Debug)]
 pub struct RunFolder {
     path: PathBuf,
     /// File system that changes of the folder go through.
     disk: Arc<dyn Disk>,
-    /// File system below the fence of a run; the same where no run has the folder.
+    /// File system below the [`FencedDisk`](crate::lock::FencedDisk); equal to `disk` without lock.
     unfenced: Arc<dyn Disk>,
     overwrite: bool,
 }
 
 impl RunFolder {
-    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... where that exists: no run overwrites
-    /// another.
+    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... if that exists, so that no run
+    /// overwrites another.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -81,26 +80,26 @@ impl RunFolder {
         }
     }
 
-    /// Where the folder is.
+    /// Returns the path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Names a folder that an earlier run wrote.
+    /// Returns a handle to a folder without accessing it.
     pub fn open(path: &Path) -> Self {
         let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
         Self { path: path.to_owned(), unfenced: Arc::clone(&disk), disk, overwrite: false }
     }
 
-    /// The same folder, changed by way of `disk`.
+    /// Sets the file system that changes of the folder go through.
     pub fn with_disk(mut self, disk: Arc<dyn Disk>) -> Self {
         self.unfenced = Arc::clone(&disk);
         self.disk = disk;
         self
     }
 
-    /// Takes the right to write to the folder, and returns it with the folder as the holder of that
-    /// right: all its changes fail once another process has taken the run over.
+    /// Locks the folder for writing. Returns the lock and a handle whose changes all fail once
+    /// another process has taken the run over.
     ///
     /// # Errors
     /// [`RunError::Locked`], [`RunError::Write`].
@@ -110,27 +109,28 @@ impl RunFolder {
         Ok((self, lock))
     }
 
-    /// The same folder, in which a run may begin even where it holds another, whose files are then
+    /// Allows a new run to start in the folder even if it holds another run, whose files are then
     /// removed.
     pub fn overwriting(mut self) -> Self {
         self.overwrite = true;
         self
     }
 
-    /// Whether a run may begin here.
+    /// Returns `true` if a new run may start in the folder.
     pub(crate) fn is_free(&self) -> Result<bool, RunError> {
         let checkpoints = checkpoints::list(&self.checkpoints())?;
         Ok(self.overwrite || !self.holds_settings() && checkpoints.is_empty())
     }
 
-    /// Removes the files of the run that is there, so that another can begin; other files stay. Its
-    /// checkpoints go first and for good: none may be taken for one of the next run.
+    /// Removes the files of the run in the folder, so that another can start; other files stay.
     pub(crate) fn clear(&self) -> Result<(), RunError> {
         let checkpoints = checkpoints::list(&self.checkpoints())?;
         let sync = |folder: &Path| {
             let synced = self.disk.sync_folder(folder);
             synced.map_err(|error| RunError::write(folder, error))
         };
+        // Checkpoints first, and synced before anything else goes: after a power cut, none of them
+        // may be taken for a checkpoint of the next run.
         for (_, path) in &checkpoints {
             self.remove(path)?;
         }
@@ -143,12 +143,12 @@ impl RunFolder {
         sync(&self.path)
     }
 
-    /// Says that the run is not at its end, whatever was there before.
+    /// Marks the run as unfinished by removing its summary.
     pub(crate) fn reopen(&self) -> Result<(), RunError> {
         self.remove(&self.file(SUMMARY))
     }
 
-    /// Removes a file, where there is one.
+    /// Removes a file if it exists.
     fn remove(&self, path: &Path) -> Result<(), RunError> {
         match self.disk.remove(path) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(RunError::write(path, error)),
@@ -156,18 +156,18 @@ impl RunFolder {
         }
     }
 
-    /// Whether a run began here: its settings are there, or a checkpoint, which holds them, too.
+    /// Returns `true` if the folder holds a run: its settings, or a checkpoint, which has them too.
     pub fn holds_run(&self) -> bool {
         let checkpoints = || checkpoints::list(&self.checkpoints());
         self.holds_settings() || checkpoints().is_ok_and(|there| !there.is_empty())
     }
 
-    /// Whether the file of the settings is there.
+    /// Returns `true` if the file of the settings exists.
     pub(crate) fn holds_settings(&self) -> bool {
         self.file(EXPERIMENT).exists()
     }
 
-    /// Whether the run that began here ended.
+    /// Returns `true` if the folder holds a finished run.
     pub fn is_finished(&self) -> bool {
         self.holds_run() && self.file(SUMMARY).exists()
     }
@@ -208,8 +208,8 @@ impl RunFolder {
         Err(RunError::ChangedTable { path, found, expected })
     }
 
-    /// Puts the timings of a finished run aside if they were changed: no checkpoint can restore
-    /// them, and times that are unknown are better than times that somebody edited.
+    /// Renames the timings of a finished run if they were changed. No checkpoint can restore them,
+    /// and unknown times are better than edited ones.
     ///
     /// # Errors
     /// [`RunError::Read`], [`RunError::Write`].
@@ -222,7 +222,7 @@ impl RunFolder {
         }
     }
 
-    /// Reads the run's settings; where their file is lost, from the newest intact checkpoint.
+    /// Reads the run's settings, from the newest intact checkpoint if their file is lost.
     ///
     /// # Errors
     /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::NoCheckpoint`],
@@ -231,7 +231,7 @@ impl RunFolder {
         if self.holds_settings() {
             return Experiment::read(&self.file(EXPERIMENT));
         }
-        let found = checkpoints::newest(&self.checkpoints(), Signed::read)?;
+        let found = checkpoints::newest(&self.checkpoints(), SavedRun::read)?;
         let found = found.ok_or_else(|| RunError::NoRun { folder: self.path.clone() })?;
         Ok(found.value.experiment)
     }
@@ -247,12 +247,12 @@ impl RunFolder {
         self.replace(EXPERIMENT, text.as_bytes())
     }
 
-    /// The folder of checkpoints.
+    /// Returns the path of the folder of checkpoints.
     pub fn checkpoints(&self) -> PathBuf {
         self.path.join("checkpoints")
     }
 
-    /// The learner of the newest intact checkpoint, for acting and recognising.
+    /// Loads the learner of the newest intact checkpoint, for acting and recognition.
     ///
     /// # Errors
     /// As [`LearnerSettings::load`], and [`RunError::NoCheckpoint`].
@@ -265,8 +265,8 @@ impl RunFolder {
         self.load_with_policies(learner, spec, labels).map(|loaded| loaded.0)
     }
 
-    /// The learner of the newest intact checkpoint, and the own policies of groups; none of a
-    /// packed folder, which has no books.
+    /// Loads the learner of the newest intact checkpoint and the own policies of the groups. A
+    /// packed folder has no own policies, since it holds no tables.
     ///
     /// # Errors
     /// As [`RunFolder::load_learner`].
@@ -281,9 +281,9 @@ impl RunFolder {
             if note.is_empty() {
                 return Ok((learner, OwnPolicies::default()));
             }
-            let mut signed = Signed::parse(path, &note)?;
-            signed.recount(path)?;
-            Ok((learner, signed.note.ledger.own_policies()))
+            let mut saved = SavedRun::parse(path, &note)?;
+            saved.recount(path)?;
+            Ok((learner, saved.state.stats.own_policies()))
         };
         let found = checkpoints::newest(&self.checkpoints(), load)?;
         let none = || RunError::NoCheckpoint {
@@ -293,11 +293,10 @@ impl RunFolder {
         found.map(|found| found.value).ok_or_else(none)
     }
 
-    /// Creates a folder with settings and one checkpoint, which no run works on. Nothing is created
-    /// where the learner cannot be saved.
+    /// Creates a folder with settings and one checkpoint, for evaluation and deployment.
     ///
     /// # Errors
-    /// As [`Learner::save`].
+    /// As [`Learner::save`]; nothing is created if the learner cannot be saved.
     pub fn pack(
         path: &Path,
         experiment: &Experiment,
@@ -322,35 +321,35 @@ impl RunFolder {
         Arc::clone(&self.disk)
     }
 
-    /// A file of the folder.
+    /// Returns the path of a file of the folder.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// Writes a file; it appears whole or not at all.
+    /// Writes a file atomically.
     pub(crate) fn replace(&self, name: &str, bytes: &[u8]) -> Result<(), RunError> {
         Ok(replace(self.disk(), &self.file(name), bytes)?)
     }
 
-    /// Adds a line to a file. It comes to the disk with the next checkpoint.
+    /// Appends a line to a file, which is synced with the next checkpoint.
     pub(crate) fn append(&self, name: &str, line: &str) -> Result<(), RunError> {
         let path = self.file(name);
-        let there = std::fs::read(&path).unwrap_or_default();
-        // a line that was torn by a full disk or a power cut stays alone
-        let torn = there.last().is_some_and(|&last| last != b'\n');
+        let contents = std::fs::read(&path).unwrap_or_default();
+        // a line torn by a full disk or a power cut must not swallow the next one
+        let torn = contents.last().is_some_and(|&last| last != b'\n');
         let line = format!("{}{line}\n", if torn { "\n" } else { "" });
         let added = self.disk.append(&path, line.as_bytes());
         added.map_err(|error| RunError::write(&path, error))
     }
 
-    /// Notes a process that works on the run.
-    pub(crate) fn sign(&self, provenance: &Provenance) -> Result<(), RunError> {
+    /// Appends the provenance of a process that works on the run.
+    pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
         let line = serde_json::to_string(provenance);
         let line = line.map_err(|error| RunError::write(&self.path, error))?;
         self.append(Provenance::FILE, &line)
     }
 
-    /// Brings files to the disk, those that are there.
+    /// Syncs files to the disk; files that do not exist are skipped.
     pub(crate) fn sync(&self, names: &[&str]) -> Result<(), RunError> {
         for path in names.iter().map(|name| self.file(name)) {
             match self.disk.sync(&path) {
@@ -363,8 +362,7 @@ impl RunFolder {
         Ok(())
     }
 
-    /// Makes the folder of checkpoints and removes what a process left there that was interrupted
-    /// while it wrote.
+    /// Creates the folder of checkpoints and removes partial files of interrupted writes.
     pub(crate) fn prepare(&self) -> Result<(), RunError> {
         let (path, parent) = (self.checkpoints(), folder_of(&self.path));
         let write = |error| RunError::write(&path, error);
@@ -372,10 +370,11 @@ impl RunFolder {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(write(error)),
             _ => self.disk.sync_folder(&self.path).map_err(write)?,
         }
-        // the folder may be new, and so may the one that it is in
+        // the folder and its parent may be new, and a new folder is durable only once the folder
+        // that contains it is synced
         for folder in [parent, folder_of(parent)] {
             match self.disk.sync_folder(folder) {
-                // somebody else's, who lets nobody list it: it is not new
+                // a folder of another user, which this process cannot have created
                 Err(error) if error.kind() == ErrorKind::PermissionDenied => {}
                 other => other.map_err(write)?,
             }
@@ -383,7 +382,7 @@ impl RunFolder {
         for folder in [&path, &self.path] {
             for entry in std::fs::read_dir(folder).map_err(write)? {
                 let entry = entry.map_err(write)?.path();
-                if entry.extension().is_some_and(|ending| ending == PARTIAL) {
+                if entry.extension().is_some_and(|extension| extension == PARTIAL) {
                     self.disk.remove(&entry).map_err(write)?;
                 }
             }
@@ -391,7 +390,7 @@ impl RunFolder {
         Ok(())
     }
 
-    /// Writes a picture.
+    /// Writes an image as PNG.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), RunError> {
         let bytes = picture.to_png();
         let bytes = bytes.map_err(|error| RunError::write(&self.file(name), error))?;

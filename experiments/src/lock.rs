@@ -1,4 +1,4 @@
-//! One writer to a run's folder, and a file system that stops a writer that lost the folder.
+//! Lock for a run's folder, and a file system that stops a writer that lost the folder.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io;
@@ -8,21 +8,21 @@ use std::sync::Arc;
 use crate::error::{RunError, TakenOver};
 use learner::disk::{Disk, random_number};
 
-/// File of a run's folder that its writer locks. Nobody reads it: some file servers let no other
-/// handle read a locked file.
+/// Name of the file that the writer of a folder locks. It is never read, since some file servers
+/// let no other handle read a locked file.
 const LOCK: &str = "lock";
-/// File that names the process which took the lock last.
+/// Name of the file that says which process took the lock last.
 const OWNER: &str = "owner";
 
-/// Exclusive right to write to a folder. The system releases it when the process ends, however it
-/// ends.
+/// Exclusive right to write to a folder. The operating system releases it when the process ends,
+/// also after a crash.
 #[derive(Debug)]
 pub(crate) struct Lock {
     _file: File,
     claim: Claim,
 }
 
-/// Name that the holder of a lock left in the folder.
+/// Identity of a lock's holder, as the owner file in the folder states it.
 #[derive(Clone, Debug)]
 struct Claim {
     folder: PathBuf,
@@ -31,10 +31,10 @@ struct Claim {
 }
 
 impl Lock {
-    /// Takes the right to write to `folder` and leaves this process's name there.
+    /// Locks `folder` for writing and stores this process's name there.
     ///
     /// # Errors
-    /// [`RunError::Locked`] names the process that has it; [`RunError::Write`].
+    /// [`RunError::Locked`] with the name of the process that holds the lock; [`RunError::Write`].
     pub fn take(folder: &Path) -> Result<Self, RunError> {
         let path = folder.join(LOCK);
         let write = |error| RunError::write(&path, error);
@@ -60,8 +60,8 @@ impl Lock {
         Ok(Self { _file: file, claim })
     }
 
-    /// File system of the holder of this lock, on top of `disk`. The lock is released with this
-    /// value, also while the file system is still in use.
+    /// Wraps `disk` so that every change first checks that this lock still owns the folder.
+    /// Dropping the lock releases it, also while the returned file system is in use.
     pub fn fence(&self, disk: Arc<dyn Disk>) -> FencedDisk {
         let claim = self.claim.clone();
         FencedDisk { disk, claim }
@@ -71,11 +71,11 @@ impl Lock {
 impl Claim {
     /// Checks that no other process has taken the folder over since.
     ///
-    /// The system's own lock does not tell: a file server that lost a client grants the client's
-    /// lock to another one, and a folder that was moved takes the locked file along.
+    /// The operating system's lock is not enough: a file server that lost a client grants its lock
+    /// to another client, and a moved folder takes the locked file along.
     ///
     /// # Errors
-    /// [`TakenOver`], which [`RunError::write`] recognises.
+    /// [`TakenOver`], which [`RunError::write`] turns into [`RunError::TakenOver`].
     fn verify(&self) -> io::Result<()> {
         let holder = match fs::read_to_string(self.folder.join(OWNER)) {
             Ok(owner) if owner == self.owner => return Ok(()),
@@ -88,7 +88,8 @@ impl Claim {
     }
 }
 
-/// Text that names this process and differs from that of every other lock.
+/// Returns the text of the owner file: the name of this process and a random number that tells its
+/// locks apart.
 fn owner() -> String {
     let command: Vec<String> = std::env::args().collect();
     let system = |name: &str| {
@@ -105,10 +106,11 @@ fn owner() -> String {
     )
 }
 
-/// First line of an owner's text, which names the process.
+/// Returns the first line of an owner file, which names the process.
 fn first_line(owner: &str) -> String {
     match owner.lines().next() {
         Some(name) => name.to_owned(),
+        // the process holds the lock but has not written its name yet
         None => "a process that has just begun".to_owned(),
     }
 }

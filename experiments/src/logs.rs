@@ -1,5 +1,4 @@
-//! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal
-//! bytes.
+//! CSV files of a run. All but `timings.csv` hold no clock time, so equal runs give equal bytes.
 
 use std::collections::BTreeMap;
 
@@ -8,12 +7,12 @@ use crate::evaluation::{Dormancy, Recognition, Score};
 
 use crate::folder::{RunFolder, TIMINGS, checksum};
 use crate::progress::{Evaluation, Progress};
-use crate::rows::Rows;
+use crate::rows::TableSnapshots;
 use crate::schema::{RecognitionRow, ScoreRow, TimingRow, UnitsRow};
 use crate::table::Table;
 use crate::timings::{Timings, first_rows};
 
-/// The files; every row is written before the next rollout.
+/// Open tables of a run. Rows are written before the next rollout starts.
 pub(crate) struct Logs {
     metrics: Table,
     scores: Table,
@@ -23,27 +22,29 @@ pub(crate) struct Logs {
 }
 
 impl Logs {
-    /// Makes `metrics.csv` and `timings.csv`, one row a rollout, `evaluation.csv`, one row a
-    /// variant, `units.csv`, one row a policy, and `recognition.csv`, one row an answer, hold what
-    /// they held after this many rollouts.
-    pub fn open(folder: &RunFolder, rollouts: usize, rows: Rows) -> Result<Self, RunError> {
+    /// Opens the tables and restores their contents as they were after this many rollouts.
+    pub fn open(
+        folder: &RunFolder,
+        rollouts: usize,
+        snapshots: TableSnapshots,
+    ) -> Result<Self, RunError> {
         let open = |name: &str, text: String| {
             Table::open(folder.file(name), folder.shared_disk(), text.into_bytes())
         };
         let timings = std::fs::read(folder.file(TIMINGS)).unwrap_or_default();
         Ok(Self {
-            metrics: open("metrics.csv", rows.metrics)?,
-            scores: open("evaluation.csv", rows.scores)?,
-            units: open("units.csv", rows.units)?,
-            recognition: open("recognition.csv", rows.recognition)?,
+            metrics: open("metrics.csv", snapshots.metrics)?,
+            scores: open("evaluation.csv", snapshots.scores)?,
+            units: open("units.csv", snapshots.units)?,
+            recognition: open("recognition.csv", snapshots.recognition)?,
             timings: open(TIMINGS, first_rows(&timings, rollouts))?,
         })
     }
 
-    /// What a checkpoint keeps.
-    pub fn rows(&self) -> Rows {
+    /// Returns the contents of the tables, for a checkpoint.
+    pub fn snapshots(&self) -> TableSnapshots {
         let text = |table: &Table| String::from_utf8_lossy(table.text()).into_owned();
-        Rows {
+        TableSnapshots {
             metrics: text(&self.metrics),
             scores: text(&self.scores),
             units: text(&self.units),
@@ -51,17 +52,17 @@ impl Logs {
         }
     }
 
-    /// The timings of rollouts so far, as far as they are known.
+    /// Returns the sums of the timings of rollouts so far, as far as they are known.
     pub fn timings(&self) -> Timings {
         Timings::read(self.timings.text())
     }
 
-    /// Brings all rows to the disk.
+    /// Syncs all tables to the disk.
     pub fn sync(&self) -> Result<(), RunError> {
         self.tables().into_iter().try_for_each(Table::sync)
     }
 
-    /// Checksums of all tables by file name.
+    /// Returns the checksums of all tables by file name.
     pub fn checksums(&self) -> BTreeMap<String, String> {
         let sum = |table: &Table| (table.name(), checksum(table.text()));
         self.tables().map(sum).into_iter().collect()
@@ -71,13 +72,13 @@ impl Logs {
         [&self.metrics, &self.scores, &self.units, &self.recognition, &self.timings]
     }
 
-    /// Adds the row of a rollout.
+    /// Appends the rows of a rollout.
     pub fn write_rollout(&mut self, progress: &Progress) -> Result<(), RunError> {
         self.metrics.write_named(row(progress))?;
         self.timings.write([timing_row(progress)])
     }
 
-    /// Adds the rows of an evaluation.
+    /// Appends the rows of an evaluation.
     pub fn write_scores(&mut self, evaluation: &Evaluation) -> Result<(), RunError> {
         let findings = &evaluation.findings;
         let row = |score| score_row(evaluation, score);
@@ -88,12 +89,12 @@ impl Logs {
     }
 }
 
-/// Seconds of one rollout and of its parts.
+/// Returns the seconds of one iteration and of its parts.
 fn timing_row(progress: &Progress) -> TimingRow {
-    let seconds = &progress.turn.seconds;
+    let seconds = &progress.iteration.seconds;
     TimingRow {
         rollout: progress.rollout,
-        decisions: progress.turn.decisions,
+        decisions: progress.iteration.decisions,
         total: progress.seconds,
         environments: progress.environment_seconds,
         inference: seconds.collection - progress.environment_seconds,
@@ -102,7 +103,7 @@ fn timing_row(progress: &Progress) -> TimingRow {
     }
 }
 
-/// One evaluated variant.
+/// Returns the row of one evaluated variant.
 fn score_row(evaluation: &Evaluation, score: &Score) -> ScoreRow {
     ScoreRow {
         rollouts: evaluation.rollouts,
@@ -122,7 +123,7 @@ fn score_row(evaluation: &Evaluation, score: &Score) -> ScoreRow {
     }
 }
 
-/// The units of one policy's network.
+/// Returns the row of the units of one policy's network.
 fn units_row(evaluation: &Evaluation, dormancy: &Dormancy) -> UnitsRow {
     UnitsRow {
         rollouts: evaluation.rollouts,
@@ -133,7 +134,7 @@ fn units_row(evaluation: &Evaluation, dormancy: &Dormancy) -> UnitsRow {
     }
 }
 
-/// How often the learner gave one answer.
+/// Returns the row of one answer of the learner.
 fn recognition_row(recognition: &Recognition) -> RecognitionRow {
     RecognitionRow {
         group: recognition.group.name().to_owned(),
@@ -144,26 +145,25 @@ fn recognition_row(recognition: &Recognition) -> RecognitionRow {
     }
 }
 
-/// The row of one rollout: what a run knows of every learner, then what this learner logs.
+/// Returns the names and cells of one rollout's row: the columns of every learner, then the metrics
+/// that this learner logs.
 fn row(progress: &Progress) -> Vec<(String, String)> {
-    let turn = &progress.turn;
+    let iteration = &progress.iteration;
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let known = [
         ("rollout", progress.rollout.to_string()),
         ("decisions", progress.decisions.to_string()),
         ("group", progress.group.name().to_owned()),
         ("last_group", progress.last_group.name().to_owned()),
-        ("straddles", progress.straddles.to_string()),
-        ("policy", turn.policy.to_string()),
-        ("created", turn.created.to_string()),
+        ("straddles", progress.spans_switch.to_string()),
+        ("policy", iteration.policy.to_string()),
+        ("created", iteration.created.to_string()),
         ("reward", number(progress.reward())),
         ("success", number(progress.success())),
-        ("success_at_end", number(turn.rollout.success_at_end_rate())),
+        ("success_at_end", number(iteration.rollout.success_at_end_rate())),
     ];
-    let known = known.map(|(name, cell)| (name.to_owned(), cell));
-    let logged = turn.metrics.iter();
-    let logged = logged.map(|(name, metric)| (name.to_owned(), metric.to_string()));
-    known.into_iter().chain(logged).collect()
+    let metrics = iteration.metrics.iter().map(|(name, metric)| (name, metric.to_string()));
+    known.into_iter().chain(metrics).map(|(name, cell)| (name.to_owned(), cell)).collect()
 }
 
 #[cfg(test)]
@@ -173,7 +173,7 @@ mod tests {
 
     use super::*;
     use crate::evaluation::{Findings, PolicyScore};
-    use crate::rows::OWN;
+    use crate::rows::OWN_POLICY_COLUMNS;
 
     #[test]
     fn scores_end_with_those_of_the_groups_own_policy() {
@@ -196,7 +196,7 @@ mod tests {
         }
         let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
         let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[0].ends_with(&format!("reward,{}", OWN.join(","))));
+        assert!(lines[0].ends_with(&format!("reward,{}", OWN_POLICY_COLUMNS.join(","))));
         assert_eq!(lines[1], "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,,,,");
         let expected = "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,0,1.0,0.75,400.5";
         assert_eq!(lines[2], expected);

@@ -1,7 +1,7 @@
-//! Memory that a run takes, compared with the limits of its process.
+//! Memory needs of a run, compared with the limits of its process.
 //!
-//! A library that cannot get memory ends the process, some without any message. A limit that is
-//! too low is therefore an error before the first environment is made.
+//! A library that cannot get memory may end the process without any message. Limits are therefore
+//! checked before the first environment is created.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,11 +12,11 @@ use crate::stream::Stream;
 use learner::{GroupingSettings, LearnerSettings};
 
 const MEBIBYTE: u64 = 1 << 20;
-/// Resident memory of a small run, measured as 0.44 GiB.
+/// Resident memory of a small run (bytes), measured as 0.44 GiB.
 const RESIDENT: u64 = 450 * MEBIBYTE;
-/// Address space of a small run with one thread, and of each further thread, which has a renderer
-/// and an arena of its own. One thread ran with 0.86 GiB and failed with 0.76; 4 threads ran with
-/// 1.43 GiB and failed with 1.14; 16 ran with 2.38 and failed with 1.43.
+/// Address space (bytes) of a small run with one thread, and of each further thread, which has its
+/// own renderer and allocator arena. Measured: 1 thread ran with 0.86 GiB and failed with 0.76;
+/// 4 threads ran with 1.43 and failed with 1.14; 16 ran with 2.38 and failed with 1.43.
 const ADDRESS_SPACE: u64 = 900 * MEBIBYTE;
 const ADDRESS_SPACE_OF_THREAD: u64 = 112 * MEBIBYTE;
 
@@ -37,16 +37,17 @@ pub fn check_environments(threads: usize) -> Result<(), RunError> {
 }
 
 fn check(threads: usize, replay: u64) -> Result<(), RunError> {
-    let further = threads.saturating_sub(1) as u64 * ADDRESS_SPACE_OF_THREAD;
-    let address_space = address_space_limit().into_iter();
-    let address_space = address_space.map(|limit| (limit, ADDRESS_SPACE + further + replay));
-    let container = container_limit().into_iter();
-    let container = container.map(|limit| (limit, RESIDENT + replay));
-    address_space.chain(container).try_for_each(|(limit, needed)| limit.check(needed))
+    let further_threads = threads.saturating_sub(1) as u64 * ADDRESS_SPACE_OF_THREAD;
+    if let Some(limit) = address_space_limit() {
+        limit.check(ADDRESS_SPACE + further_threads + replay)?;
+    }
+    // containers limit resident memory instead of address space
+    container_limit().map_or(Ok(()), |limit| limit.check(RESIDENT + replay))
 }
 
-/// Bytes of the replays of an off-policy learner when the stream ends: of each step the channels of
-/// the image that change, three quarters of them twice while a checkpoint is unpacked.
+/// Returns the bytes of an off-policy learner's replay buffers at the end of the stream: the
+/// changing image channels of each step, three quarters of them twice while a checkpoint is
+/// unpacked.
 fn replay_bytes(experiment: &Experiment) -> u64 {
     let LearnerSettings::OffPolicy(settings) = &experiment.learner else {
         return 0;
@@ -67,7 +68,7 @@ fn replay_bytes(experiment: &Experiment) -> u64 {
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Limit {
     name: String,
-    /// Bytes that are left below it.
+    /// Bytes left below the limit.
     left: u64,
 }
 
@@ -84,7 +85,7 @@ impl Limit {
     }
 }
 
-/// Limit of `ulimit -v`; `None` without one.
+/// Returns the limit of `ulimit -v`; `None` without one.
 fn address_space_limit() -> Option<Limit> {
     let limits = fs::read_to_string("/proc/self/limits").ok()?;
     let mut lines = limits.lines();
@@ -96,14 +97,15 @@ fn address_space_limit() -> Option<Limit> {
     })
 }
 
-/// Smallest limit of the control groups that this process is in, as containers and batch systems
-/// set it; `None` without one.
+/// Returns the smallest memory limit of this process's control groups, which containers and batch
+/// systems set; `None` without one.
 fn container_limit() -> Option<Limit> {
     let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
     smallest_limit(&groups, |path| fs::read_to_string(path).ok())
 }
 
-/// Smallest limit of control groups of version 2 (a line `0::/path`) and 1 (`N:memory:/path`).
+/// Returns the smallest limit of control groups of version 2 (a line `0::/path`) and version 1
+/// (`N:memory:/path`), including those of their parents.
 fn smallest_limit(groups: &str, read: impl Fn(&Path) -> Option<String>) -> Option<Limit> {
     let files = groups.lines().flat_map(|line| {
         let mut parts = line.splitn(3, ':').skip(1);
@@ -117,25 +119,26 @@ fn smallest_limit(groups: &str, read: impl Fn(&Path) -> Option<String>) -> Optio
         let folders = folder.ancestors().take_while(|path| path.starts_with(root));
         folders.map(|folder| folder.join(file)).collect()
     });
-    let number = |path: PathBuf| Some((read(&path)?.trim().parse().ok()?, path));
-    let (left, path): (u64, PathBuf) = files.filter_map(number).min()?;
+    // files without a limit hold the word `max`, which does not parse
+    let limit = |path: PathBuf| Some((read(&path)?.trim().parse::<u64>().ok()?, path));
+    let (left, path) = files.filter_map(limit).min()?;
     let name = format!("the limit of its container ({})", path.display());
     Some(Limit { name, left })
 }
 
-/// Bytes of this process's address space; 0 where the system does not say.
+/// Returns the bytes of this process's address space; 0 if the system does not report them.
 fn used() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     line_kibibytes(&status, "VmSize").unwrap_or(0) << 10
 }
 
-/// Bytes that programs may still take, where the system says so.
+/// Returns the available memory of the machine in bytes; `None` if the system does not report it.
 pub fn available() -> Option<u64> {
     let text = fs::read_to_string("/proc/meminfo").ok()?;
     Some(line_kibibytes(&text, "MemAvailable")? << 10)
 }
 
-/// Number in a line such as `VmSize:  1024 kB`.
+/// Returns the number in a line such as `VmSize:  1024 kB`.
 fn line_kibibytes(text: &str, name: &str) -> Option<u64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
     rest.strip_prefix(':')?.split_whitespace().next()?.parse().ok()

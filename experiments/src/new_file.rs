@@ -1,4 +1,4 @@
-//! A file that a command makes: it does not exist yet, and appears whole or not at all.
+//! Output file of a command: it must not exist yet, and is written atomically.
 
 use std::fs::{self, File};
 use std::io::ErrorKind;
@@ -7,29 +7,27 @@ use std::path::{Path, PathBuf};
 use crate::error::RunError;
 use learner::disk::{LocalDisk, PARTIAL, folder_of, replace};
 
-/// A file that does not exist yet.
+/// Output file that does not exist yet.
 pub struct NewFile {
     path: PathBuf,
 }
 
 impl NewFile {
-    /// A file of this name.
+    /// Returns a handle to a file that does not exist yet; creates nothing.
     ///
     /// # Errors
     /// [`RunError::FileExists`].
     pub fn new(path: &Path) -> Result<Self, RunError> {
         let path = path.to_owned();
-        match path.exists() {
-            true => Err(RunError::FileExists { path }),
-            false => Ok(Self { path }),
-        }
+        if path.exists() { Err(RunError::FileExists { path }) } else { Ok(Self { path }) }
     }
 
-    /// Makes the file's folder, and tries whether it can be written to.
+    /// Creates the file's folder and checks that it can be written to, so that a command fails
+    /// before it works and not after.
     ///
     /// # Errors
-    /// [`RunError::Write`]; [`RunError::FileExists`] for a part of the file, which another
-    /// command writes or left behind.
+    /// [`RunError::Write`]; [`RunError::FileExists`] for a partial file, which another command is
+    /// writing or left behind.
     pub fn prepare(&self) -> Result<(), RunError> {
         let write = |error| RunError::write(&self.path, error);
         fs::create_dir_all(folder_of(&self.path)).map_err(write)?;
@@ -42,7 +40,7 @@ impl NewFile {
         }
     }
 
-    /// Writes all of it.
+    /// Writes the whole file atomically.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -50,15 +48,14 @@ impl NewFile {
         Ok(replace(&LocalDisk, &self.path, bytes)?)
     }
 
-    /// Where it will be.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 }
 
-/// The ending of a file's name, in small letters; nothing where there is none, or no name before
-/// it.
-pub fn ending(path: &Path) -> Option<String> {
-    let ending = path.extension()?.to_str()?;
-    Some(ending.to_ascii_lowercase())
+/// Returns the extension of a file's name in lower case; `None` without one.
+pub fn lowercase_extension(path: &Path) -> Option<String> {
+    let extension = path.extension()?.to_str()?;
+    Some(extension.to_ascii_lowercase())
 }

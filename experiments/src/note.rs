@@ -1,4 +1,4 @@
-//! What a run writes into its checkpoints beside the learner.
+//! State of a run that its checkpoints hold beside the learner, as their note.
 
 use std::path::Path;
 
@@ -10,43 +10,46 @@ use crate::schedule::MAX_DECISIONS;
 use learner::read_note;
 
 use crate::checkpoints::rollouts_of;
-use crate::ledger::Ledger;
-use crate::rows::Rows;
+use crate::rows::TableSnapshots;
+use crate::run_stats::RunStats;
 
-/// Decisions that no run takes: learners throw some away, so that there are more than the stream
-/// has.
+/// Upper bound on decisions in a valid note. Learners discard some rollouts, so a run may take more
+/// decisions than its stream has, but never a thousand times as many.
 const TOO_MANY: usize = 1000 * MAX_DECISIONS;
 
-/// Where a run stands.
+/// Progress of a run: statistics, the next evaluation and the tables so far.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Note {
-    pub ledger: Ledger,
+pub(crate) struct RunState {
+    #[serde(rename = "ledger")]
+    pub stats: RunStats,
     /// Rounds of an evaluation that is due before the next rollout; 0 for none.
     pub due: usize,
-    pub rows: Rows,
+    #[serde(rename = "rows")]
+    pub tables: TableSnapshots,
 }
 
-/// The note with the settings that the run had.
+/// State of a run with the settings that it had.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Signed {
+pub(crate) struct SavedRun {
     pub experiment: Experiment,
-    pub note: Note,
+    #[serde(rename = "note")]
+    pub state: RunState,
 }
 
-impl Note {
-    /// The note of a checkpoint of a run with these settings.
-    pub fn sign(self, experiment: &Experiment) -> Result<String, serde_json::Error> {
-        serde_json::to_string(&Signed {
-            // nothing depends on threads, checkpoints included
+impl RunState {
+    /// Serialises the note of a checkpoint of a run with these settings.
+    pub fn into_note(self, experiment: &Experiment) -> Result<String, serde_json::Error> {
+        serde_json::to_string(&SavedRun {
+            // results do not depend on threads, so checkpoints must not either
             experiment: experiment.clone().with_threads(1),
-            note: self,
+            state: self,
         })
     }
 }
 
-impl Signed {
+impl SavedRun {
     /// Reads the note of the checkpoint at `path`.
     ///
     /// # Errors
@@ -55,18 +58,18 @@ impl Signed {
         Self::parse(path, &read_note(path)?)
     }
 
-    /// Reads a note that stands in the checkpoint at `path`.
+    /// Parses and checks the note of the checkpoint at `path`.
     ///
     /// # Errors
-    /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint under
-    /// another one's name.
+    /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose
+    /// name states another number of rollouts.
     pub fn parse(path: &Path, note: &str) -> Result<Self, RunError> {
-        let signed: Self = serde_json::from_str(note).map_err(|e| RunError::read(path, e))?;
+        let saved: Self = serde_json::from_str(note).map_err(|e| RunError::read(path, e))?;
         let wrong = |what: &str| RunError::damaged(path, format!("the run's note: {what}"));
-        signed.check().map_err(wrong)?;
-        let rollouts = signed.note.ledger.rollouts;
+        saved.check().map_err(wrong)?;
+        let rollouts = saved.state.stats.rollouts;
         match rollouts_of(path) {
-            // under a higher number it would stay the newest for ever
+            // with a higher number it would be taken for the newest one for ever
             Some(named) if named != rollouts => Err(RunError::damaged(
                 path,
                 format!(
@@ -74,31 +77,32 @@ impl Signed {
                      after {named}"
                 ),
             )),
-            _ => Ok(signed),
+            _ => Ok(saved),
         }
     }
 
-    /// Counts what a checkpoint leaves out, from the rows that it keeps.
+    /// Recomputes the statistics that checkpoints leave out from the saved tables, and upgrades
+    /// tables of older versions.
     ///
     /// # Errors
-    /// [`RunError::Read`] for rows that do not say which policy served a group.
+    /// [`RunError::Read`] for rows without group or policy.
     pub fn recount(&mut self, path: &Path) -> Result<(), RunError> {
-        let rows = &mut self.note.rows;
+        let RunState { stats, tables, .. } = &mut self.state;
         let wrong = |error| RunError::damaged(path, format!("the rows of the run: {error}"));
-        self.note.ledger.served = rows.served().map_err(wrong)?;
-        rows.upgrade().map_err(wrong)
+        stats.served = tables.served().map_err(wrong)?;
+        tables.upgrade().map_err(wrong)
     }
 
     fn check(&self) -> Result<(), &'static str> {
-        let (Note { ledger, due, rows }, plan) = (&self.note, &self.experiment.evaluation);
-        if !ledger.adds_up() || ledger.decisions > TOO_MANY {
+        let (RunState { stats, due, tables }, plan) = (&self.state, &self.experiment.evaluation);
+        if !stats.adds_up() || stats.decisions > TOO_MANY {
             return Err("its counts do not add up");
         }
         if ![0, plan.rounds, plan.visit_rounds].contains(due) {
-            return Err("it is no evaluation of its settings that is due");
+            return Err("the evaluation that is due does not fit its settings");
         }
-        if rows.rollouts() != Some(ledger.rollouts) {
-            return Err("its rows are not those of its rollouts");
+        if tables.rollouts() != Some(stats.rollouts) {
+            return Err("its number of rows differs from its number of rollouts");
         }
         Ok(())
     }
@@ -109,42 +113,42 @@ mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
 
-    fn rows(metrics: &str) -> Rows {
-        Rows {
+    fn tables(metrics: &str) -> TableSnapshots {
+        TableSnapshots {
             metrics: metrics.to_owned(),
             scores: "rollouts\n0\n0\n".to_owned(),
-            ..Rows::default()
+            ..TableSnapshots::default()
         }
     }
 
-    fn note(change: impl FnOnce(&mut Note)) -> Result<Signed, RunError> {
-        let mut note = Note {
-            ledger: Ledger { rollouts: 2, decisions: 160, right: 2, ..Ledger::default() },
+    fn note(change: impl FnOnce(&mut RunState)) -> Result<SavedRun, RunError> {
+        let mut state = RunState {
+            stats: RunStats { rollouts: 2, decisions: 160, right: 2, ..RunStats::default() },
             due: 0,
-            rows: rows("rollout,group\n0,a\n1,\"b\nc\"\n"),
+            tables: tables("rollout,group\n0,a\n1,\"b\nc\"\n"),
         };
-        change(&mut note);
-        let text = note.sign(&Budget::Smoke.experiment(Method::Covers));
-        Signed::parse(Path::new("file"), &text.unwrap())
+        change(&mut state);
+        let text = state.into_note(&Budget::Smoke.experiment(Method::Covers));
+        SavedRun::parse(Path::new("file"), &text.unwrap())
     }
 
     #[test]
     fn a_note_comes_back() {
-        let read = note(|_| {}).unwrap();
-        assert_eq!((read.note.ledger.rollouts, read.note.due), (2, 0));
+        let SavedRun { state, .. } = note(|_| {}).unwrap();
+        assert_eq!((state.stats.rollouts, state.due), (2, 0));
         assert!(note(|note| note.due = 1).is_ok());
     }
 
     #[test]
     fn notes_that_no_run_writes_are_refused() {
-        type Spoil = fn(&mut Note);
+        type Spoil = fn(&mut RunState);
         let cases: [(Spoil, &str); 6] = [
-            (|note| note.ledger.straddled = 1, "do not add up"),
-            (|note| note.ledger.right_returns = 1, "do not add up"),
-            (|note| note.ledger.rollouts = usize::MAX, "do not add up"),
-            (|note| note.ledger.decisions = usize::MAX, "do not add up"),
+            (|note| note.stats.spanning_switch = 1, "do not add up"),
+            (|note| note.stats.right_returns = 1, "do not add up"),
+            (|note| note.stats.rollouts = usize::MAX, "do not add up"),
+            (|note| note.stats.decisions = usize::MAX, "do not add up"),
             (|note| note.due = 7, "evaluation"),
-            (|note| note.rows = rows("rollout\n0\n"), "rows"),
+            (|note| note.tables = tables("rollout\n0\n"), "rows"),
         ];
         for (change, expected) in cases {
             let message = note(change).err().unwrap().to_string();

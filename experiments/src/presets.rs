@@ -1,4 +1,4 @@
-//! Experiments as they come: a method, and how long it may take.
+//! Preset experiments: a method and a budget.
 
 use clap::ValueEnum;
 use envs::{Beside, Randomisation, TaskGroup, VecEnvSettings};
@@ -10,49 +10,52 @@ use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 use crate::schedule::Schedule;
 use learner::{CoversSettings, GroupingSettings, LearnerSettings, OffPolicySettings};
 
-/// Environments of every method: a rollout of 500 decisions is an episode of each.
+/// Number of environments of every method, so that a rollout of 500 decisions is one episode in
+/// each.
 const NUM_ENVS: usize = 10;
-/// Side of the paper's pictures (pixels).
+/// Side of the paper's images (pixels).
 const PAPER_PICTURES: usize = 128;
-/// Pixels that are drawn along each side of one that is seen.
+/// Rendered pixels along each side of one pixel of an observation.
 const OVERSAMPLING: usize = 3;
 
-/// The methods of the paper's table, each one value of configuration.
+/// Methods that can be compared, each defined by its settings alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// COVERS: D2-equivariant policies, grouped by distances.
+    /// COVERS: D2-equivariant policies, assigned by distances.
     Covers,
-    /// COVERS with ground truth: the same policies, grouped by labels.
+    /// COVERS with ground truth: D2-equivariant policies, assigned by group labels.
     CoversGt,
-    /// COVERS with ordinary networks of equal width, grouped by distances.
+    /// COVERS with ordinary networks of equal width, assigned by distances.
     CoversCnn,
-    /// COVERS with ordinary networks of about as many parameters, half as wide.
+    /// COVERS with ordinary networks of half the width, with about as many parameters.
     CoversCnnSlim,
-    /// COVERS that learns from randomised pictures, as those of a real camera, without close-ups.
+    /// COVERS trained on randomised images, like those of a real camera, without close-ups.
     CoversRandomised,
-    /// One D2-equivariant policy for everything.
+    /// One D2-equivariant policy for all groups.
     Equi,
-    /// One ordinary policy for everything.
+    /// One ordinary policy for all groups.
     Cnn,
-    /// COVERS with ordinary networks that pay for what is not equivariant.
+    /// COVERS with ordinary networks and a loss for broken symmetries.
     CnnDrac,
-    /// Soft actor-critic with a replay: one ordinary policy for everything.
+    /// CLEAR: soft actor-critic with a replay buffer, one ordinary policy for all groups.
     Clear,
-    /// CLEAR with cloning of the actions in its replay.
+    /// CLEAR with behavioural cloning of the actions in its replay buffer.
     ClearBc,
     /// CLEAR with a recurrent context.
     #[value(name = "3rl")]
     #[serde(rename = "3rl")]
     ThreeRl,
-    /// Soft actor-critic with D2-equivariant policies and a replay for each, grouped by distances.
+    /// Soft actor-critic with D2-equivariant policies, each with a replay buffer, assigned by
+    /// distances.
     EquiSac,
-    /// COVERS read literally: the paper's network, pictures, rule and hyper-parameters. Slow.
+    /// COVERS as published: the paper's network, image size, assignment rule and hyper-parameters;
+    /// slow.
     Paper,
 }
 
 impl Method {
-    /// Every method.
+    /// All methods.
     pub const ALL: [Self; 13] = [
         Self::Covers,
         Self::CoversGt,
@@ -69,7 +72,7 @@ impl Method {
         Self::Paper,
     ];
 
-    /// The name as options spell it.
+    /// Returns the method's name on the command line and in settings.
     pub fn name(self) -> &'static str {
         match self {
             Self::Covers => "covers",
@@ -88,7 +91,7 @@ impl Method {
         }
     }
 
-    /// The learner's settings.
+    /// Returns the settings of the method's learner.
     pub fn learner(self) -> LearnerSettings {
         LearnerSettings::OffPolicy(match self {
             Self::Clear => OffPolicySettings::clear(),
@@ -99,7 +102,7 @@ impl Method {
         })
     }
 
-    /// COVERS, or what differs from it in its settings.
+    /// Returns the settings of COVERS with the changes that define this method.
     fn covers(self) -> CoversSettings {
         let mut settings = match self {
             Self::Paper => CoversSettings::paper(),
@@ -119,9 +122,8 @@ impl Method {
         settings
     }
 
-    /// The method that a run is of: its learner and its environments are those of the method's
-    /// preset, under some budget. The stream, the evaluation and the checkpoints belong to no
-    /// method; seeds and threads do not count. None for settings of one's own.
+    /// Returns the method whose preset has the run's learner and environments, under any budget;
+    /// `None` for custom settings. Seed, threads, stream, evaluation and checkpoints may differ.
     pub fn of(run: &Experiment) -> Option<Self> {
         let is = |method: &Self| {
             let mut budgets = Budget::value_variants().iter();
@@ -130,10 +132,10 @@ impl Method {
         Self::ALL.into_iter().find(is)
     }
 
-    /// Whether pictures have close-ups. Randomised ones have none. A replay holds what stands still
-    /// once an episode, and would hold close-ups with every step. The table's runs are kept, and
-    /// older.
+    /// Returns `true` if observations have a close-up.
     fn shows_close_ups(self, budget: Budget) -> bool {
+        // Close-ups cannot be randomised. A replay buffer stores still channels once per episode,
+        // but would store close-ups with every step. The published runs of the table had none.
         let without = [
             Self::CoversRandomised,
             Self::Clear,
@@ -160,40 +162,40 @@ impl Method {
     }
 }
 
-/// With a loss of broken symmetries, which runs every decision twice, in half as many passes: a
-/// decision goes through at most as many gradients as with other methods.
+/// Adds a loss of broken symmetries and halves the epochs. The loss evaluates every decision twice,
+/// so each still contributes to at most as many gradients as with other methods.
 fn symmetrised(ppo: PpoSettings) -> PpoSettings {
     PpoSettings { epochs: ppo.epochs / 2, symmetry: Some(SymmetryLoss::default()), ..ppo }
 }
 
-/// An ordinary network of half the width of the default one: a kernel between regular fields of D2
-/// has a quarter of the numbers of an ordinary one, so both have about as many parameters.
+/// Returns the settings of an ordinary network of half the default width. A kernel between regular
+/// fields of D2 has a quarter of the parameters of an ordinary one, so both networks have about as
+/// many.
 fn slim() -> NetworkSettings {
     NetworkSettings { group: Group::C1, ..NetworkSettings::strided(vec![2, 4, 8, 8], 16) }
 }
 
-/// How long a run may take.
+/// Length of a run and of its evaluations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Budget {
-    /// Seconds; shows that every part works. Nothing is learnt.
+    /// Seconds: a test that every part works, too short to train a policy.
     Smoke,
-    /// Minutes; every group twice, which is enough to tell all four apart.
+    /// Minutes: two visits of every group, enough to distinguish all four.
     Short,
-    /// Less than ten minutes of learning; every group three times, and more of the two that take
-    /// longer.
+    /// Less than ten minutes of training: three visits of every group, longer ones for the two
+    /// harder groups.
     Full,
-    /// What a table of methods takes: 204,000 decisions, pictures without close-ups, 100 episodes of
-    /// each group and variant in the end, and cheap evaluations in between
-    /// (docs/results/protocol.md).
+    /// Protocol of the table of methods (docs/results/protocol.md): 204,000 decisions, images
+    /// without close-ups, 100 final episodes of each group and variant, cheap evaluations between.
     Table,
-    /// Every group twice, 174,000 decisions, and only one variant of each is learnt; the others
-    /// appear in evaluations.
+    /// Training on one variant of each group, two visits each, 174,000 decisions; the other
+    /// variants appear in evaluations only.
     ZeroShot,
 }
 
 impl Budget {
-    /// The name as options spell it.
+    /// Returns the budget's name on the command line and in settings.
     pub fn name(self) -> &'static str {
         match self {
             Self::Smoke => "smoke",
@@ -204,7 +206,7 @@ impl Budget {
         }
     }
 
-    /// The run of a method.
+    /// Returns the settings of a run of `method`.
     pub fn experiment(self, method: Method) -> Experiment {
         let (mut learner, mut envs) = (method.learner(), method.envs(self));
         if self == Self::Smoke {
@@ -225,8 +227,8 @@ impl Budget {
         }
     }
 
-    /// The preset of a method with the stream, the evaluation, the checkpoints, the seed and the
-    /// threads of a run.
+    /// Returns the preset of a method with the stream, evaluation, checkpoints, seed and threads of
+    /// `run`.
     pub fn preset_like(self, method: Method, run: &Experiment) -> Experiment {
         let preset = self.experiment(method).with_seed(run.learner.seed());
         Experiment {
@@ -237,8 +239,10 @@ impl Budget {
         }
     }
 
-    /// The stream; the shortest one is for learners with rollouts of this many decisions.
+    /// Returns the stream. Its shortest one has visits of whole rollouts, of `rollout` decisions.
     fn schedule(self, rollout: usize) -> Schedule {
+        // lengths of the visits of Goal Reach, Button Press, Drawer Close and Plate Slide, in
+        // thousands of decisions; in rollouts for the smoke budget
         let (cycles, visits) = match self {
             Self::Smoke => (1, [2, 2, 2, 2]),
             Self::Short => (2, [4, 12, 6, 28]),
@@ -264,11 +268,11 @@ impl Budget {
             Self::Short => EvaluationPlan { rounds: 2, ..EvaluationPlan::AT_THE_END },
             Self::Full | Self::ZeroShot => EvaluationPlan {
                 rounds: 4,
-                // as many, so that what is forgotten by the end shows on the same episodes
+                // as many as in the end, so that forgetting is measured on the same episodes
                 visit_rounds: 4,
                 ..EvaluationPlan::AT_THE_END
             },
-            // of 10 environments each; an evaluation plays a fifth of the last one's episodes
+            // 10 rounds of 10 environments give 100 episodes; evaluations between play a fifth
             Self::Table => EvaluationPlan {
                 rounds: 10,
                 visit_rounds: 2,
@@ -279,7 +283,8 @@ impl Budget {
     }
 }
 
-/// Short rollouts of eight environments and little to do with each, but something of everything.
+/// Shortens rollouts to eight environments times ten decisions, and updates to a minimum that still
+/// runs every part.
 fn hurry(learner: &mut LearnerSettings) {
     const ROLLOUT: usize = 8 * 10;
     match learner {

@@ -1,35 +1,39 @@
-//! Text of files and folders, made safe for terminals.
+//! Escaping of text from files and folders, for safe display in terminals.
 
-/// The text with every control character, line ends included, and every character that turns the
-/// direction of writing as a code like `\u001b`: printed, it moves no cursor and hides nothing.
-/// The codes are those of JSON, in whose strings they mean the same.
+/// Escapes every control character (line ends included) and every character that changes the
+/// direction of writing as a code like `\u001b`, so that the text cannot move the cursor or hide
+/// anything. The codes are JSON's, so that escaped JSON strings keep their meaning.
 pub fn printable(text: &str) -> String {
     escaped_but(text, |_| false)
 }
 
-/// Escapes the characters of several lines that steer a terminal; line ends and tabs stay.
+/// Escapes the control characters of a text with several lines; line ends and tabs stay.
 pub fn printable_lines(text: &str) -> String {
-    escaped_but(text, |sign| matches!(sign, '\n' | '\t'))
+    escaped_but(text, |character| matches!(character, '\n' | '\t'))
 }
 
 fn escaped_but(text: &str, stays: fn(char) -> bool) -> String {
     let mut printable = String::with_capacity(text.len());
-    for sign in text.chars() {
-        if steers(sign) && !stays(sign) {
-            printable += &format!("\\u{:04x}", u32::from(sign));
+    for character in text.chars() {
+        if is_control(character) && !stays(character) {
+            printable += &format!("\\u{:04x}", u32::from(character));
         } else {
-            printable.push(sign);
+            printable.push(character);
         }
     }
     printable
 }
 
-/// `true` for characters that a terminal or a page obeys instead of showing them.
-fn steers(sign: char) -> bool {
-    let turns = matches!(sign, '\u{61c}' | '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+/// Returns `true` for characters that a terminal or a web page interprets instead of showing.
+fn is_control(character: char) -> bool {
+    // Unicode's marks, embeddings, overrides and isolates of bidirectional text
+    let changes_direction = matches!(
+        character,
+        '\u{61c}' | '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
+    );
     // separators of lines and paragraphs
-    let ends = matches!(sign, '\u{2028}'..='\u{2029}');
-    sign.is_control() || turns || ends
+    let ends_line = matches!(character, '\u{2028}'..='\u{2029}');
+    character.is_control() || changes_direction || ends_line
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! What a run reports: rollouts and evaluations.
+//! Events and summary of a run.
 
 use std::collections::BTreeMap;
 
@@ -11,100 +11,101 @@ use crate::error::RunError;
 use crate::evaluation::{Findings, GroupScore, Score};
 use crate::folder::{RunFolder, SUMMARY};
 
-/// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees
-/// it.
+/// Report of one iteration: the learner's own, and the ground truth that the learner never sees.
 #[derive(Clone, Debug)]
 pub struct Progress {
     /// Index of the rollout, from 0.
     pub rollout: usize,
     /// Decisions taken so far.
     pub decisions: usize,
-    /// The group that ran when the learner's turn began.
+    /// Task group at the start of the iteration.
     pub group: TaskGroup,
-    /// The group that ran when it ended.
+    /// Task group at the end of the iteration.
     pub last_group: TaskGroup,
-    /// Whether the group changed within the turn.
-    pub straddles: bool,
+    /// `true` if the group changed within the iteration.
+    pub spans_switch: bool,
     /// Report of the learner.
-    pub turn: Iteration,
-    /// Rewards too large or too small to be learnt from: once after a start, where they first were.
+    pub iteration: Iteration,
+    /// Warning about rewards that are too large or too small to train on; each kind is given once
+    /// per process.
     pub warning: Option<RewardWarning>,
     /// Factor from a return to the paper's scale, on which a perfect episode earns 500.
     pub reward_scale: f64,
-    /// Wall-clock seconds of all that the learner did, without the evaluation.
+    /// Wall-clock seconds of the iteration, without evaluations.
     pub seconds: f64,
-    /// Those of them in which the environments worked (physics and pictures).
+    /// Wall-clock seconds of the environments (physics and rendering), part of `seconds`.
     pub environment_seconds: f64,
 }
 
 impl Progress {
-    /// Mean return of the episodes that ended in the rollout, on the paper's scale, in `[0, 500]`;
-    /// none where none ended.
+    /// Returns the mean return of the episodes that ended in the rollout, on the paper's scale, in
+    /// `[0, 500]`; `None` if no episode ended.
     pub fn reward(&self) -> Option<f64> {
-        let sum = self.turn.rollout.mean_return()?;
-        Some(sum * self.reward_scale)
+        let mean_return = self.iteration.rollout.mean_return()?;
+        Some(mean_return * self.reward_scale)
     }
 
-    /// Share of those episodes that succeeded at any step, in `[0, 1]`.
+    /// Returns the share of ended episodes that succeeded at any step, in `[0, 1]`; `None` if no
+    /// episode ended.
     pub fn success(&self) -> Option<f64> {
-        self.turn.rollout.success_rate()
+        self.iteration.rollout.success_rate()
     }
 }
 
-/// An evaluation as it is logged.
+/// Report of one evaluation.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
-    /// Rollouts learnt from before it; 0 before the stream.
+    /// Rollouts trained on before the evaluation; 0 before the stream.
     pub rollouts: usize,
-    /// Decisions taken so far while learning.
+    /// Decisions taken in training before the evaluation.
     pub decisions: usize,
-    /// What it found. The learner is asked for its policies after the stream alone.
+    /// Results. Recognition is tested only after the stream.
     pub findings: Findings,
 }
 
-/// One step of a run.
+/// Event of a run.
 #[derive(Clone, Debug)]
 pub enum Event {
-    /// The learner learnt from a rollout.
+    /// Iteration of the learner.
     Rollout(Box<Progress>),
-    /// All variants were scored.
+    /// Evaluation of all variants.
     Evaluation(Evaluation),
 }
 
-/// Figures of a whole run.
+/// Summary of a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Decisions taken while learning.
+    /// Decisions taken in training.
     pub decisions: usize,
-    /// Wall-clock seconds of learning, without evaluations, as far as they are known.
+    /// Wall-clock seconds of training, without evaluations, as far as they are known.
     pub seconds: f64,
-    /// Decisions per second of learning, over the rollouts whose seconds are known; none where no
-    /// rollout's are.
+    /// Decisions per second of training, over the rollouts with known seconds; `None` without any.
     pub decisions_per_second: Option<f64>,
-    /// Policies created.
+    /// Number of policies created.
     pub policies: usize,
-    /// Those of them for whose groups others act since they were merged.
+    /// Number of policies that were merged into others.
     pub merged: usize,
-    /// Failures of single environments while learning, see [`crate::Stream::failures`].
+    /// Failures of single environments in training, see [`crate::Stream::failures`].
     pub failures: usize,
-    /// Rollouts within which the group changed; the shares below leave them out.
-    pub straddled: usize,
-    /// Share of rollouts assigned to the policy of their group ([`Ledger::right`](super::Ledger)),
-    /// in `[0, 1]`; none where there was no rollout of one group.
+    /// Rollouts that span a task switch; both accuracies leave them out.
+    #[serde(rename = "straddled")]
+    pub spanning_switch: usize,
+    /// Share of rollouts assigned to the policy of their group, in `[0, 1]`
+    /// ([`RunStats::right`](crate::RunStats)); `None` if all rollouts span a task switch.
     pub assignment_accuracy: Option<f64>,
-    /// The same share among rollouts of groups that came back; none where none did.
+    /// Assignment accuracy over rollouts of groups that were visited before; `None` without any.
     pub return_accuracy: Option<f64>,
-    /// Scores of the groups after the stream.
+    /// Final scores of the groups.
     pub groups: Vec<GroupScore>,
-    /// Scores of all their variants.
+    /// Final scores of all variants.
     pub variants: Vec<Score>,
-    /// CRC-32 of each table of the finished run by file name, as eight hexadecimal digits. Tables
-    /// that change later no longer belong to these figures.
+    /// CRC-32 of each table of the finished run by file name, as eight hexadecimal digits. It
+    /// detects tables that were changed later.
     pub tables: BTreeMap<String, String>,
 }
 
 impl Summary {
-    /// Leaves the figures in the folder of a run, which says that it is finished.
+    /// Writes the summary to the folder of a run, which marks the run as finished.
     pub(crate) fn write(&self, folder: &RunFolder) -> Result<(), RunError> {
         let text = serde_json::to_string_pretty(self);
         let text = text.map_err(|error| RunError::write(folder.path(), error))?;

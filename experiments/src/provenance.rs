@@ -1,4 +1,4 @@
-//! Where a run's numbers come from: the program, its libraries, and the machine.
+//! Provenance of a run's numbers: the program, its libraries, and the machine.
 
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -7,45 +7,45 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::RunError;
 
-/// The program, its libraries and the machine of one process that worked on a run. A line of JSON
-/// in the folder's `provenance.jsonl`; nothing that is computed depends on it.
+/// Program, libraries and machine of one process that worked on a run: a line of JSON in the
+/// folder's `provenance.jsonl`. Results never depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Rollouts that the run had behind it when the process began.
+    /// Rollouts of the run before the process.
     pub rollouts: usize,
-    /// When the process began, in whole seconds since 1970 by the machine's clock, which may be
-    /// wrong; negative before.
+    /// Start of the process in whole seconds since 1970, by the machine's clock, which may be
+    /// wrong; negative before 1970.
     pub started: i64,
-    /// The command line.
+    /// Command line of the process.
     pub command: Vec<String>,
-    /// The version of this crate.
+    /// Version of this crate.
     pub version: String,
-    /// The commit that the program was built from; none outside a repository.
+    /// Git commit that the program was built from; `None` outside a repository.
     pub commit: Option<String>,
-    /// Whether every file that git follows was as in that commit.
+    /// `true` if all tracked files were as in that commit; `None` outside a repository.
     pub clean: Option<bool>,
-    /// The version of the MuJoCo library.
+    /// Version of the MuJoCo library.
     pub mujoco: String,
-    /// What draws the pictures, as OpenGL names it.
+    /// Renderer of images, as OpenGL names it.
     pub renderer: String,
-    /// The processor's name.
+    /// Name of the processor.
     pub processor: String,
-    /// Sets of vector instructions that the processor has, of those that change speed.
+    /// Vector instruction sets of the processor that affect speed.
     pub instructions: Vec<String>,
     /// Operating system and architecture.
     pub system: String,
-    /// Worker threads.
+    /// Number of worker threads.
     pub threads: usize,
-    /// The GPU that policies learnt on; none where that was the processor.
+    /// GPU that policies were updated on; `None` for the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gpu: Option<String>,
 }
 
 impl Provenance {
-    /// The name of the file in a run's folder.
+    /// Name of the file in a run's folder.
     pub const FILE: &str = "provenance.jsonl";
 
-    /// This process, before a run's rollout of this number.
+    /// Returns the provenance of this process, which continues a run after `rollouts` rollouts.
     pub(crate) fn here(
         rollouts: usize,
         threads: usize,
@@ -69,8 +69,8 @@ impl Provenance {
         }
     }
 
-    /// Reads the lines of a folder, the first process first; a line that a full disk or a power cut
-    /// tore is left out.
+    /// Reads the records of a folder, oldest first. Lines torn by a full disk or a power cut are
+    /// skipped.
     ///
     /// # Errors
     /// [`RunError::Read`].
@@ -89,25 +89,26 @@ fn seconds_since_1970(time: SystemTime) -> i64 {
     }
 }
 
-/// The processor's name, where the system tells it.
+/// Returns the processor's name; `None` if the system does not report it.
 pub fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Sets of vector instructions that the processor has, of those that change speed.
+/// Returns the processor's vector instruction sets that affect speed.
 #[cfg(target_arch = "x86_64")]
 pub fn instructions() -> Vec<String> {
     let sets = [
+        // the networks' kernels have versions for these sets
         ("avx512f", is_x86_feature_detected!("avx512f")),
         ("avx2", is_x86_feature_detected!("avx2")),
         ("fma", is_x86_feature_detected!("fma")),
     ];
-    let there = sets.iter().filter(|(_, there)| *there);
-    there.map(|(name, _)| (*name).to_owned()).collect()
+    sets.iter().filter(|(_, present)| *present).map(|(name, _)| (*name).to_owned()).collect()
 }
 
+/// Returns no instruction sets: none is detected on this architecture.
 #[cfg(not(target_arch = "x86_64"))]
 pub fn instructions() -> Vec<String> {
     Vec::new()

@@ -1,5 +1,5 @@
-//! One run over a stream, from the first rollout to the final scores; it can stop anywhere and go
-//! on later.
+//! One run over a stream, from the first rollout to the final scores. It can be stopped at any
+//! rollout and resumed later.
 
 use std::mem::{Discriminant, discriminant};
 use std::path::Path;
@@ -9,29 +9,29 @@ use envs::TaskRegistry;
 use rayon::ThreadPool;
 use rl::RewardWarning;
 
+use crate::clocked_stream::ClockedStream;
 use crate::error::RunError;
 use crate::evaluation::{Evaluator, Score, by_group};
 use crate::experiment::Experiment;
-use crate::glimpse::Glimpse;
-use crate::world::World;
+use crate::latest_frame::LatestFrame;
 use learner::{DeviceChoice, Extent, Iteration, Learner};
 
 use super::checkpoints;
 use crate::folder::RunFolder;
-use crate::ledger::Ledger;
 use crate::lock::Lock;
 use crate::logs::Logs;
-use crate::note::Note;
-use crate::opening::{self, Claim, Opened};
+use crate::note::RunState;
 use crate::progress::{Evaluation, Event, Progress, Summary};
 use crate::provenance::Provenance;
+use crate::run_stats::RunStats;
 use crate::scoring::{Scoring, looks};
-use crate::stop::Stop;
+use crate::start_resume::{self, LockedRun, PreparedRun};
+use crate::stop::StopSignal;
 use crate::workers::{guarded, thread_pool};
 
 const LOG: &str = "log.txt";
 
-/// A run in progress. Nobody else can write to its folder meanwhile.
+/// Run in progress, which holds the lock of its folder.
 pub struct Run {
     experiment: Experiment,
     folder: RunFolder,
@@ -39,34 +39,34 @@ pub struct Run {
     logs: Logs,
     pool: ThreadPool,
     tasks: TaskRegistry,
-    world: World,
+    stream: ClockedStream,
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
-    ledger: Ledger,
+    stats: RunStats,
     /// Rounds of the evaluation that is due before the next rollout; 0 for none.
     due: usize,
     last_scores: Vec<Score>,
     /// Rollouts and rounds due in the newest checkpoint.
     saved: Option<(usize, usize)>,
-    /// Kinds of warnings of the rewards' scale that were given; each is given once.
+    /// Kinds of reward warnings that were given, each once.
     warned: Vec<Discriminant<RewardWarning>>,
-    /// Whether an error left the learner in between.
+    /// `true` after an error, which may have left the learner in an inconsistent state.
     broken: bool,
-    stop: Stop,
+    stop: StopSignal,
     notice: String,
 }
 
 impl Run {
-    /// Begins a run over the paper's task groups that writes its files to `folder`.
+    /// Starts a run over the paper's task groups that writes its files to `folder`.
     ///
     /// # Errors
-    /// A setting out of range; [`RunError::Occupied`] and [`RunError::Locked`]; what the
-    /// environments or the file system say.
+    /// [`RunError::Setting`], [`RunError::Occupied`], [`RunError::Locked`]; errors of the
+    /// environments or the file system.
     pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, RunError> {
         Self::start_with(experiment, TaskRegistry::standard(), folder)
     }
 
-    /// Begins a run over groups of `tasks`.
+    /// Starts a run over groups of `tasks`.
     ///
     /// # Errors
     /// As [`Run::start`], and a group that `tasks` does not hold.
@@ -75,84 +75,88 @@ impl Run {
         tasks: TaskRegistry,
         folder: RunFolder,
     ) -> Result<Self, RunError> {
-        Self::assemble(opening::start(experiment, tasks, folder)?)
+        Self::assemble(start_resume::start(experiment, tasks, folder)?)
     }
 
-    /// Goes on from the newest intact checkpoint of the run in `folder`, to the same files byte for
-    /// byte, timings aside; from the beginning where there is no checkpoint yet.
-    /// [`Run::notice`] says which it was.
+    /// Resumes the run in `folder` from its newest intact checkpoint, or starts it again if it has
+    /// no checkpoint yet; [`Run::notice`] says which. All files but the timings end as in a run
+    /// that was never interrupted, byte for byte.
     ///
     /// # Errors
     /// [`RunError::NoRun`], [`RunError::NoCheckpoint`], [`learner::LearnerError::NewerFormat`],
     /// [`learner::LearnerError::OtherSettings`], [`RunError::Locked`];
-    /// [`learner::LearnerError::PoliciesOnly`] where it is a packed one; what the environments say.
+    /// [`learner::LearnerError::PoliciesOnly`] for a packed folder; errors of the environments.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, RunError> {
         let (folder, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
         Self::resume_with(folder, threads, DeviceChoice::Cpu, tasks)
     }
 
-    /// As [`Run::resume`], for a run over groups of `tasks`, whose policies learn on `device`.
+    /// Resumes a run over groups of `tasks`, with policies that are updated on `device`; see
+    /// [`Run::resume`].
     ///
     /// # Errors
-    /// As there, a group that `tasks` does not hold, and those of [`Experiment::with_device`].
+    /// As [`Run::resume`], a group that `tasks` does not hold, and errors of
+    /// [`Experiment::with_device`].
     pub fn resume_with(
         folder: RunFolder,
         threads: Option<usize>,
         device: DeviceChoice,
         tasks: TaskRegistry,
     ) -> Result<Self, RunError> {
-        Self::assemble(opening::resume(folder, (threads, device), tasks)?)
+        Self::assemble(start_resume::resume(folder, threads, device, tasks)?)
     }
 
-    fn assemble(opened: Opened) -> Result<Self, RunError> {
-        let Opened { claim, labels, note, .. } = opened;
-        let Claim { experiment, tasks, folder, lock } = claim;
-        let Note { mut ledger, due, rows } = note;
-        // environments before threads: the first model of a process tunes software rendering
-        let world = World::new(&experiment, &tasks, labels.clone(), ledger.decisions)?;
+    fn assemble(prepared: PreparedRun) -> Result<Self, RunError> {
+        let PreparedRun { locked, labels, state, .. } = prepared;
+        let LockedRun { experiment, tasks, folder, lock } = locked;
+        let RunState { mut stats, due, tables } = state;
+        // environments before threads: the first model of a process sets an environment variable
+        // for software rendering
+        let stream = ClockedStream::new(&experiment, &tasks, labels.clone(), stats.decisions)?;
         let evaluator = Evaluator::of(&experiment, &tasks, labels)?;
         let pool = thread_pool(experiment.envs.threads)?;
-        // last: where anything else fails, no rows are cut off
+        // tables are opened last, since that removes rows behind the checkpoint, which must not
+        // happen if anything else fails
         folder.prepare()?;
-        checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
+        checkpoints::put_aside(folder.disk(), &prepared.passed_over)?;
         if folder.is_finished() {
             folder.drop_changed_timings()?;
         }
-        let logs = Logs::open(&folder, ledger.rollouts, rows)?;
-        ledger.seconds = logs.timings().seconds;
+        let logs = Logs::open(&folder, stats.rollouts, tables)?;
+        stats.seconds = logs.timings().seconds;
         let run = Self {
-            saved: (ledger.rollouts > 0).then_some((ledger.rollouts, due)),
+            saved: (stats.rollouts > 0).then_some((stats.rollouts, due)),
             experiment,
             pool,
             tasks,
-            world,
+            stream,
             evaluator,
             logs,
             folder,
             _lock: lock,
-            learner: opened.learner,
-            ledger,
+            learner: prepared.learner,
+            stats,
             due,
             last_scores: Vec::new(),
             warned: Vec::new(),
             broken: false,
-            stop: Stop::default(),
-            notice: opened.notice,
+            stop: StopSignal::default(),
+            notice: prepared.notice,
         };
         if !run.is_finished() {
             run.folder.reopen()?;
-            run.sign()?;
+            run.record_provenance()?;
         }
         Ok(run)
     }
 
-    /// Notes who works on the run.
-    fn sign(&self) -> Result<(), RunError> {
+    /// Records this process in the folder's provenance and log.
+    fn record_provenance(&self) -> Result<(), RunError> {
         let renderer = envs::mujoco::opengl().unwrap_or("none").to_owned();
-        let (rollouts, threads) = (self.ledger.rollouts, self.experiment.envs.threads);
+        let (rollouts, threads) = (self.stats.rollouts, self.experiment.envs.threads);
         let gpu = self.experiment.learner.gpu();
         let provenance = Provenance::here(rollouts, threads, renderer, gpu);
-        self.folder.sign(&provenance)?;
+        self.folder.record_provenance(&provenance)?;
         self.log(&self.notice)
     }
 
@@ -160,53 +164,54 @@ impl Run {
         self.folder.append(LOG, line)
     }
 
-    /// The run stops at `stop`'s wish.
-    pub fn stop_at(&mut self, stop: Stop) {
+    /// Sets the signal that stops the run between rollouts and between evaluated variants.
+    pub fn stop_at(&mut self, stop: StopSignal) {
         self.stop = stop;
     }
 
-    /// The run leaves the newest picture there while it learns.
-    pub fn show_to(&mut self, glimpse: Glimpse) {
-        self.world.show_to(glimpse);
+    /// Publishes the image of the first environment after every training step.
+    pub fn publish_frames_to(&mut self, latest_frame: LatestFrame) {
+        self.stream.publish_frames_to(latest_frame);
     }
 
-    /// How the run began: anew, or from which checkpoint, and why not from a newer one.
+    /// Returns the message about the start: anew, or from which checkpoint, and which newer ones
+    /// were damaged.
     pub fn notice(&self) -> &str {
         &self.notice
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn experiment(&self) -> &Experiment {
         &self.experiment
     }
 
-    /// Where the files are.
+    /// Returns the folder of the run.
     pub fn folder(&self) -> &RunFolder {
         &self.folder
     }
 
-    /// The books so far.
-    pub fn ledger(&self) -> &Ledger {
-        &self.ledger
+    /// Returns the statistics so far.
+    pub fn stats(&self) -> &RunStats {
+        &self.stats
     }
 
-    /// Whether nothing is left to do.
+    /// Returns `true` if all rollouts and evaluations are done.
     pub fn is_finished(&self) -> bool {
         self.due == 0 && self.visit().is_none()
     }
 
-    /// The index of the visit that the next rollout begins in.
+    /// Returns the index of the visit that the next rollout starts in; `None` after the last.
     fn visit(&self) -> Option<usize> {
-        self.world.index(self.ledger.rollouts)
+        self.stream.index(self.stats.rollouts)
     }
 
-    /// Learns from one more rollout, or evaluates where that is due, and saves where that is due.
-    /// None where nothing is left to do, or where a [stop](Run::stop_at) is wished for: then
-    /// [`Run::save`] keeps what was learnt.
+    /// Trains on one more rollout or runs the evaluation that is due, and saves a checkpoint if one
+    /// is due. Returns `None` if the run has finished, or after a [stop](Run::stop_at) was
+    /// requested; then [`Run::save`] keeps the progress since the last checkpoint.
     ///
     /// # Errors
-    /// What any part says; [`RunError::Panicked`], and [`RunError::Broken`] after an error.
-    /// Files written so far stay, and the last checkpoint can be resumed.
+    /// Errors of all parts; [`RunError::Panicked`], and [`RunError::Broken`] after an error. Files
+    /// written so far stay, and the last checkpoint can be resumed.
     pub fn advance(&mut self) -> Result<Option<Event>, RunError> {
         if self.broken {
             return Err(RunError::Broken);
@@ -214,7 +219,7 @@ impl Run {
         let event = self.step();
         if let Err(error) = &event {
             self.broken = true;
-            // the error itself counts more than that it could not be noted
+            // if the log cannot be written either, the first error is the one to return
             let _ = self.log(&format!("error: {error}"));
         }
         event
@@ -236,60 +241,64 @@ impl Run {
                 None => return Ok(None),
             },
         };
-        let (every, rollouts) = (self.experiment.checkpoints.every, self.ledger.rollouts);
-        // before an evaluation, which may take minutes, and after it
+        let (every, rollouts) = (self.experiment.checkpoints.every, self.stats.rollouts);
+        // the last checkpoints are saved both before and after the final evaluation, which may take
+        // minutes
         if self.visit().is_none() || (rollouts > 0 && rollouts.is_multiple_of(every)) {
             self.save()?;
         }
         Ok(Some(event))
     }
 
-    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index;
-    /// 0 for none.
+    /// Returns the rounds of the evaluation that is due after a rollout that started in the visit
+    /// with this index; 0 for none.
     fn evaluation_rounds(&self, index: usize) -> usize {
         let plan = &self.experiment.evaluation;
         match self.visit() {
             None => plan.rounds,
             Some(next) if next > index => plan.visit_rounds,
-            Some(_) => plan.within_visit(self.ledger.rollouts),
+            Some(_) => plan.within_visit(self.stats.rollouts),
         }
     }
 
-    /// One turn of the learner, which begins in the visit of this index.
+    /// Runs one iteration of the learner, which starts in the visit with this index.
     fn learn(&mut self, index: usize) -> Result<Progress, RunError> {
         let clock = Instant::now();
-        let rollout = self.ledger.rollouts;
-        let (visit, before) = self.world.visit(index);
+        let rollout = self.stats.rollouts;
+        let (visit, before) = self.stream.visit(index);
         let group = self.tasks.get(&visit.group)?;
         let returns = before.iter().any(|earlier| earlier.group == visit.group);
-        let (learner, world) = (&mut self.learner, &mut self.world);
-        world.begin(rollout, index)?;
-        let (failures, spent) = (world.stream().failures(), world.stream().seconds());
-        let turn: Iteration = guarded(&self.pool, || Ok(learner.learn(world)?))?;
+        let (learner, stream) = (&mut self.learner, &mut self.stream);
+        stream.begin(rollout, index)?;
+        let failures_before = stream.environments().failures();
+        let seconds_before = stream.environments().seconds();
+        let iteration: Iteration = guarded(&self.pool, || Ok(learner.learn(stream)?))?;
         let seconds = clock.elapsed().as_secs_f64();
-        let ledger = &mut self.ledger;
-        if world.straddles() {
-            ledger.record_straddling(turn.policy);
+        let stats = &mut self.stats;
+        if stream.spans_switch() {
+            stats.record_spanning(iteration.policy);
         } else {
-            ledger.record(group.name(), returns, turn.policy);
+            stats.record(group.name(), returns, iteration.policy);
         }
-        ledger.record_heirs(&turn.merged_into);
-        ledger.decisions = world.now();
-        ledger.failures += world.stream().failures() - failures;
-        ledger.seconds += seconds;
-        let warning = turn.rollout.reward_warning();
-        let warning = warning.filter(|warning| !self.warned.contains(&discriminant(warning)));
+        stats.record_merges(&iteration.merged_into);
+        stats.decisions = stream.now();
+        stats.failures += stream.environments().failures() - failures_before;
+        stats.seconds += seconds;
+        let warning = iteration
+            .rollout
+            .reward_warning()
+            .filter(|warning| !self.warned.contains(&discriminant(warning)));
         let progress = Progress {
             rollout,
-            decisions: ledger.decisions,
+            decisions: stats.decisions,
             group,
-            last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
-            straddles: world.straddles(),
-            turn,
+            last_group: self.tasks.get(&stream.visit(stream.last_shown()).0.group)?,
+            spans_switch: stream.spans_switch(),
+            iteration,
             warning,
-            reward_scale: world.stream().reward_scale(),
+            reward_scale: stream.environments().reward_scale(),
             seconds,
-            environment_seconds: world.stream().seconds() - spent,
+            environment_seconds: stream.environments().seconds() - seconds_before,
         };
         self.logs.write_rollout(&progress)?;
         if let Some(warning) = warning {
@@ -299,18 +308,16 @@ impl Run {
         Ok(progress)
     }
 
-    /// The evaluation that is due; none where a stop was wished for.
+    /// Runs the evaluation that is due; `None` if a stop was requested.
     fn score(&mut self, rounds: usize) -> Result<Option<Evaluation>, RunError> {
         let stop = self.stop.clone();
+        // recognition is tested after the stream only
         let looks = self.visit().map_or_else(|| looks(&self.experiment), |_| 0);
         let Some(findings) = self.scoring(&stop).score(rounds, looks)? else {
             return Ok(None);
         };
-        let evaluation = Evaluation {
-            rollouts: self.ledger.rollouts,
-            decisions: self.ledger.decisions,
-            findings,
-        };
+        let evaluation =
+            Evaluation { rollouts: self.stats.rollouts, decisions: self.stats.decisions, findings };
         self.logs.write_scores(&evaluation)?;
         self.last_scores.clone_from(&evaluation.findings.scores);
         self.due = 0;
@@ -320,35 +327,36 @@ impl Run {
     /// Scores all variants of all groups now, with `rounds` episodes in each environment.
     ///
     /// # Errors
-    /// What the evaluation says.
+    /// Errors of the evaluation.
     pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, RunError> {
-        let findings = self.scoring(&Stop::default()).score(rounds, 0)?;
+        let findings = self.scoring(&StopSignal::default()).score(rounds, 0)?;
         Ok(findings.unwrap_or_default().scores)
     }
 
-    fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {
+    fn scoring<'a>(&'a mut self, stop: &'a StopSignal) -> Scoring<'a> {
         let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
-        Scoring::new(&self.pool, learner, evaluator, self.ledger.own_policies(), stop)
+        Scoring::new(&self.pool, learner, evaluator, self.stats.own_policies(), stop)
     }
 
-    /// Writes a checkpoint, unless the newest is of this very moment.
+    /// Writes a checkpoint, unless the newest one is up to date.
     ///
     /// # Errors
-    /// [`RunError::Broken`], [`learner::LearnerError::NotFinite`], [`RunError::Write`]; older
-    /// checkpoints are then still there.
+    /// [`RunError::Broken`], [`learner::LearnerError::NotFinite`], [`RunError::Write`]. Older
+    /// checkpoints stay.
     pub fn save(&mut self) -> Result<(), RunError> {
         if self.broken {
             return Err(RunError::Broken);
         }
-        let (rollouts, due) = (self.ledger.rollouts, self.due);
+        let (rollouts, due) = (self.stats.rollouts, self.due);
         if self.saved == Some((rollouts, due)) {
             return Ok(());
         }
         let path = checkpoints::path(&self.folder.checkpoints(), rollouts);
-        let note = Note { ledger: self.ledger.clone(), due, rows: self.logs.rows() };
-        let note = note.sign(&self.experiment);
+        let state = RunState { stats: self.stats.clone(), due, tables: self.logs.snapshots() };
+        let note = state.into_note(&self.experiment);
         let note = note.map_err(|error| RunError::write(&path, error))?;
         let bytes = self.learner.encode(&path, Extent::Everything, &note)?;
+        // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.logs.sync()?;
         self.folder.sync(&[Provenance::FILE, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
@@ -357,13 +365,12 @@ impl Run {
         Ok(())
     }
 
-    /// The figures of the run. Scores are those of the last evaluation; where there was none since
-    /// the start or the resumption, all variants are scored now, unless a [stop](Run::stop_at) is
-    /// wished for before they are: then there are no figures. Those of a finished run are written
-    /// to `summary.json`, too.
+    /// Returns the summary of the run with the scores of the last evaluation, and writes that of a
+    /// finished run to `summary.json`. If this process has not evaluated yet, all variants are
+    /// scored first; `None` if a [stop](Run::stop_at) is requested before that is done.
     ///
     /// # Errors
-    /// What the evaluation says.
+    /// Errors of the evaluation or of writing the file.
     pub fn summary(&mut self) -> Result<Option<Summary>, RunError> {
         if self.last_scores.is_empty() {
             let rounds = self.experiment.evaluation.rounds;
@@ -373,17 +380,17 @@ impl Run {
             };
             self.last_scores = findings.scores;
         }
-        let ledger = &self.ledger;
+        let stats = &self.stats;
         let summary = Summary {
-            decisions: ledger.decisions,
-            seconds: ledger.seconds,
+            decisions: stats.decisions,
+            seconds: stats.seconds,
             decisions_per_second: self.logs.timings().decisions_per_second(),
             policies: self.learner.policies(),
-            merged: ledger.merged(),
-            failures: ledger.failures,
-            straddled: ledger.straddled,
-            assignment_accuracy: ledger.accuracy(),
-            return_accuracy: ledger.return_accuracy(),
+            merged: stats.merged(),
+            failures: stats.failures,
+            spanning_switch: stats.spanning_switch,
+            assignment_accuracy: stats.accuracy(),
+            return_accuracy: stats.return_accuracy(),
             groups: by_group(&self.last_scores),
             variants: self.last_scores.clone(),
             tables: self.logs.checksums(),

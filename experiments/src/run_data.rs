@@ -1,4 +1,4 @@
-//! The files of one run's folder.
+//! Files of a run's folder, read and checked for reports and viewers.
 
 use std::collections::HashMap;
 use std::io::ErrorKind;
@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use symmetry::D2;
 
 use crate::error::RunError;
-use crate::evaluation::SHOWN;
+use crate::evaluation::EPISODES_SHOWN;
 use crate::experiment::Experiment;
 use crate::folder::RunFolder;
 use crate::printable::printable;
@@ -16,48 +16,49 @@ use crate::provenance::Provenance;
 use crate::scoring::looks;
 use itertools::Itertools;
 
-use crate::ledger::Ledger;
+use crate::run_stats::RunStats;
 use crate::schema::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
 
-/// Signs of a commit's name that tell it from others.
-const SHORT: usize = 10;
-/// No run counts so far; sums of what is below do not overflow.
+/// Characters of an abbreviated commit hash.
+const COMMIT_LENGTH: usize = 10;
+/// Exclusive upper bound of counts in tables. No run reaches it, and sums of smaller counts do not
+/// overflow.
 const TOO_MANY: usize = 1 << 32;
 
-/// One run, as its folder tells it.
+/// Settings and tables of one run.
 #[derive(Clone, Debug)]
 pub struct RunData {
-    /// The folder's name.
+    /// Name of the folder.
     pub name: String,
-    /// The processes that worked on the run, the first one first; empty where none is known.
+    /// Processes that worked on the run, oldest first; empty if unknown.
     pub provenance: Vec<Provenance>,
-    /// The settings.
+    /// Settings of the run.
     pub experiment: Experiment,
-    /// One row a rollout.
+    /// Rows of `metrics.csv`, one per rollout.
     pub rollouts: Vec<RolloutRow>,
-    /// Seconds of the rollouts whose seconds are known.
+    /// Rows of `timings.csv`, for the rollouts with known seconds.
     pub timings: Vec<TimingRow>,
-    /// One row a variant and evaluation, in the order in which they were scored.
+    /// Rows of `evaluation.csv`, one per variant and evaluation, in the order of scoring.
     pub scores: Vec<ScoreRow>,
-    /// One row a policy and evaluation; none of a run that did not look at units.
+    /// Rows of `units.csv`, one per policy and evaluation; empty for runs of older versions.
     pub units: Vec<UnitsRow>,
-    /// One row an answer; none of a run that did not ask.
+    /// Rows of `recognition.csv`, one per answer; empty if the learner was not asked.
     pub recognition: Vec<RecognitionRow>,
-    /// Films of its policies; none unless they were asked for.
+    /// Films of the run's policies; empty unless requested.
     pub films: Vec<GroupFilm>,
 }
 
-/// A film of the four variants of a group, each played by the policy that the learner chose.
+/// Film of the four variants of a group, each played by the policy that the learner chose.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GroupFilm {
-    /// The group's name.
+    /// Name of the group.
     pub group: String,
-    /// A GIF file.
+    /// Bytes of a GIF file.
     pub gif: Vec<u8>,
 }
 
 impl RunData {
-    /// A run without rows.
+    /// Returns a run without rows.
     pub fn empty(name: &str, experiment: Experiment) -> Self {
         Self {
             name: name.to_owned(),
@@ -72,11 +73,11 @@ impl RunData {
         }
     }
 
-    /// Reads a run's folder.
+    /// Reads and checks the folder of a finished run.
     ///
     /// # Errors
-    /// [`RunError::Read`] names the file and what is wrong in it; [`RunError::UnfitRun`] for
-    /// a run that is not finished, and for files that do not belong together.
+    /// [`RunError::Read`] with the file and the problem; [`RunError::ChangedTable`];
+    /// [`RunError::UnfitRun`] for an unfinished run and for tables that contradict each other.
     pub fn read(path: &Path) -> Result<Self, RunError> {
         let folder = RunFolder::open(path);
         if folder.is_finished() {
@@ -96,12 +97,13 @@ impl RunData {
         let timings: Vec<TimingRow> =
             rows_if_there(&folder.file("timings.csv"))?.unwrap_or_default();
         if !timings.iter().all(TimingRow::is_sound) {
-            return Err(unfit(path, "timings.csv holds a row that cannot be"));
+            let problem =
+                "timings.csv holds a row that cannot be: seconds must be finite and not negative";
+            return Err(unfit(path, problem));
         }
-        let provenance = match path.join(Provenance::FILE).exists() {
-            true => Provenance::read(path)?,
-            false => Vec::new(),
-        };
+        // runs of older versions have no provenance
+        let has_provenance = path.join(Provenance::FILE).exists();
+        let provenance = if has_provenance { Provenance::read(path)? } else { Vec::new() };
         Ok(Self {
             name: name_of(path)?,
             provenance,
@@ -115,19 +117,20 @@ impl RunData {
         })
     }
 
-    /// Reads the folder of a run that may go on meanwhile: the rows that are whole.
+    /// Reads the complete rows of a run that may be in progress.
     ///
     /// # Errors
-    /// [`RunError::NoRun`], [`RunError::Read`], and [`RunError::UnfitRun`] for a policy
-    /// that cannot have been opened yet.
-    pub fn so_far(path: &Path) -> Result<Self, RunError> {
+    /// [`RunError::NoRun`], [`RunError::Read`], and [`RunError::UnfitRun`] for a policy index that
+    /// is impossible after so many rollouts.
+    pub fn read_partial(path: &Path) -> Result<Self, RunError> {
         let folder = RunFolder::open(path);
         let name = name_of(path)?;
         let experiment = folder.experiment()?;
         let rollouts: Vec<RolloutRow> = whole_rows(&folder.file("metrics.csv"))?;
-        let mut turns = rollouts.iter().enumerate();
-        if turns.any(|(turn, row)| row.policy > turn) {
-            return Err(unfit(path, "metrics.csv holds a row that cannot be"));
+        let mut rows = rollouts.iter().enumerate();
+        if rows.any(|(rollout, row)| row.policy > rollout) {
+            let problem = "metrics.csv holds a row that cannot be: its policy does not exist yet";
+            return Err(unfit(path, problem));
         }
         Ok(Self {
             rollouts,
@@ -137,15 +140,16 @@ impl RunData {
         })
     }
 
-    /// The group that a policy was opened for: that of its first rollout of one group alone.
+    /// Returns the group that a policy was created for: the group of its first rollout without a
+    /// task switch; `None` without such a rollout.
     pub fn group_of(&self, policy: usize) -> Option<&str> {
         let mut own = self.rollouts.iter().filter(|row| row.policy == policy);
-        Some(&own.find(|row| !row.straddles)?.group)
+        Some(&own.find(|row| !row.spans_switch)?.group)
     }
 
-    /// What each distance of a rollout is held to: the grouping's own threshold, or the largest
-    /// distance of the permutations, which is that of chance. Nothing where a grouping permutes
-    /// scores of several sources.
+    /// Returns the threshold of each distance of a rollout: the grouping's fixed threshold, or the
+    /// largest distance under permutation, which chance alone can reach. Items are `None` for
+    /// groupings that permute other scores than distances.
     pub fn thresholds(&self, row: &RolloutRow) -> Vec<Option<f64>> {
         let learner = &self.experiment.learner;
         match learner.fixed_threshold() {
@@ -155,37 +159,36 @@ impl RunData {
         }
     }
 
-    /// Seconds of learning, where those of every rollout are known.
+    /// Returns the seconds of training; `None` unless those of every rollout are known.
     pub fn seconds(&self) -> Option<f64> {
         let all = self.timings.len() == self.rollouts.len();
         all.then(|| self.timings.iter().fold(0.0, |sum, row| sum + row.total))
     }
 
-    /// The commits that the run was made by, each once, those of changed trees marked.
+    /// Returns the distinct commits that the run was made with; local changes are marked.
     pub fn commits(&self) -> Vec<String> {
         let commits = self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
-            let commit: String = printable(commit).chars().take(SHORT).collect();
+            let commit: String = printable(commit).chars().take(COMMIT_LENGTH).collect();
             let mark = if process.clean == Some(false) { " (changed)" } else { "" };
             format!("{commit}{mark}")
         });
         commits.unique().collect()
     }
 
-    /// The rows of the evaluation after the stream.
+    /// Returns the rows of the last evaluation.
     pub fn last_scores(&self) -> impl Iterator<Item = &ScoreRow> {
         let last = self.scores.last().map(|row| row.rollouts);
         self.evaluation(last)
     }
 
-    /// The rows of the evaluation after this many rollouts.
+    /// Returns the rows of the evaluation after this many rollouts.
     pub fn evaluation(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
-        let rows = self.scores.iter();
-        rows.filter(move |row| Some(row.rollouts) == rollouts)
+        self.scores.iter().filter(move |row| Some(row.rollouts) == rollouts)
     }
 
-    /// Decisions before the evaluation after so many rollouts, and the mean of a figure over the
-    /// episodes of a group's variants in it; nothing where the group was not scored then.
+    /// Returns the decisions before the evaluation after `rollouts` rollouts, and the mean of a
+    /// figure over the episodes of a group in it; `None` if the group was not scored then.
     pub fn scored(
         &self,
         rollouts: usize,
@@ -199,20 +202,20 @@ impl RunData {
         (episodes > 0).then(|| (rows[0].decisions, sum / episodes as f64))
     }
 
-    /// After how many rollouts evaluations came.
+    /// Returns the number of rollouts before each evaluation.
     pub fn evaluated(&self) -> impl Iterator<Item = usize> {
-        let mut moments: Vec<usize> = self.scores.iter().map(|row| row.rollouts).collect();
-        moments.dedup();
-        moments.into_iter()
+        let mut rollouts: Vec<usize> = self.scores.iter().map(|row| row.rollouts).collect();
+        rollouts.dedup();
+        rollouts.into_iter()
     }
 
-    /// The groups, in the order in which they are scored.
+    /// Returns the names of the groups, in the order of scoring.
     pub fn groups(&self) -> Vec<&str> {
         self.last_scores().map(|row| row.group.as_str()).unique().collect()
     }
 }
 
-/// Refuses a run that is not at its end, and files that do not belong together.
+/// Rejects an unfinished run, and tables that contradict each other.
 fn check(
     path: &Path,
     folder: &RunFolder,
@@ -221,7 +224,7 @@ fn check(
 ) -> Result<(), RunError> {
     let unfit = |problem| unfit(path, problem);
     if !folder.is_finished() {
-        return Err(unfit("it is not finished; go on with `covers resume`"));
+        return Err(unfit("it is not finished; continue it with `covers resume`"));
     }
     let share = |value: f64| (0.0..=1.0).contains(&value);
     let elements = D2::ALL.map(|element| element.to_string());
@@ -238,7 +241,10 @@ fn check(
                 .all(|own| own.is_some() == row.own_policy.is_some())
     };
     if !scores.iter().all(sound) {
-        return Err(unfit("evaluation.csv holds a score that cannot be"));
+        return Err(unfit(
+            "evaluation.csv holds a score that cannot be: it needs episodes, an element of D2, \
+             shares in [0, 1], finite returns, and all of the `own_` columns or none",
+        ));
     }
     let numbers = |row: &RolloutRow| {
         let distances = row.distances.iter().chain(&row.null_maxima);
@@ -246,12 +252,15 @@ fn check(
         let own = row.reward.into_iter().chain(row.success).chain(distances);
         own.collect::<Vec<f64>>()
     };
-    let mut turns = rollouts.iter().enumerate();
-    if !rollouts.is_sorted_by_key(|row| row.decisions)
-        || turns
-            .any(|(turn, row)| row.policy > turn || !numbers(row).into_iter().all(f64::is_finite))
-    {
-        return Err(unfit("metrics.csv holds a row that cannot be"));
+    // each rollout creates one policy at most, so the index of its policy cannot exceed its own
+    let sound = |(rollout, row): (usize, &RolloutRow)| {
+        row.policy <= rollout && numbers(row).into_iter().all(f64::is_finite)
+    };
+    if !rollouts.is_sorted_by_key(|row| row.decisions) || !rollouts.iter().enumerate().all(sound) {
+        return Err(unfit(
+            "metrics.csv holds a row that cannot be: decisions must not decrease, policies must \
+             exist, and numbers must be finite",
+        ));
     }
     let in_order = scores.is_sorted_by_key(|row| row.rollouts);
     if !in_order || scores.last().map(|row| row.rollouts) != Some(rollouts.len()) {
@@ -260,22 +269,21 @@ fn check(
     if !scores.iter().all(|row| spent(rollouts, row.rollouts) == Some(row.decisions)) {
         return Err(unfit("evaluation.csv and metrics.csv do not agree about decisions"));
     }
-    let variants = scores.iter();
-    if !variants.map(|row| (row.rollouts, &row.group, &row.element)).all_unique() {
-        return Err(unfit("evaluation.csv scores a variant twice at a time"));
+    if !scores.iter().map(|row| (row.rollouts, &row.group, &row.element)).all_unique() {
+        return Err(unfit("evaluation.csv scores a variant twice in one evaluation"));
     }
     check_own_policies(path, rollouts, scores)
 }
 
-/// Refuses scores of a policy that was not the group's own when they were made. Older runs did not
-/// record such scores.
+/// Rejects scores of an own policy that was not the group's own at that time. Runs of older
+/// versions have no such scores.
 fn check_own_policies(
     path: &Path,
     rollouts: &[RolloutRow],
     scores: &[ScoreRow],
 ) -> Result<(), RunError> {
     for evaluation in scores.chunk_by(|one, other| one.rollouts == other.rollouts) {
-        let own = Ledger::of(&rollouts[..evaluation[0].rollouts]).own_policies();
+        let own = RunStats::of(&rollouts[..evaluation[0].rollouts]).own_policies();
         let is_sound = |row: &ScoreRow| {
             row.own_policy.is_none() || row.own_policy == own.get(&row.group).copied()
         };
@@ -289,7 +297,7 @@ fn check_own_policies(
     Ok(())
 }
 
-/// Decisions taken by the end of the first so many rollouts; none where there are fewer.
+/// Returns the decisions of the first `first` rollouts; `None` if there are fewer.
 fn spent(rollouts: &[RolloutRow], first: usize) -> Option<usize> {
     match first.checked_sub(1) {
         None => Some(0),
@@ -300,10 +308,11 @@ fn spent(rollouts: &[RolloutRow], first: usize) -> Option<usize> {
 fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), RunError> {
     let sound = |row: &UnitsRow| counted(row.units) && row.dormant <= row.units;
     if !units.iter().all(sound) {
-        return Err(unfit(path, "units.csv holds a row that cannot be"));
+        let problem = "units.csv holds a row that cannot be: dormant units must not exceed units";
+        return Err(unfit(path, problem));
     }
     if !units.iter().map(|row| (row.rollouts, row.policy)).all_unique() {
-        return Err(unfit(path, "units.csv counts a policy twice at a time"));
+        return Err(unfit(path, "units.csv counts a policy twice in one evaluation"));
     }
     match units.last() {
         Some(last) if last.rollouts != rollouts => {
@@ -313,8 +322,8 @@ fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), R
     }
 }
 
-/// Refuses answers that are no run's: a learner is asked as often about each variant that is scored,
-/// with each number of episodes.
+/// Rejects impossible answers. A learner is asked `looks` times about each scored variant with each
+/// number of episodes.
 fn check_recognition(
     path: &Path,
     answers: &[RecognitionRow],
@@ -323,13 +332,16 @@ fn check_recognition(
 ) -> Result<(), RunError> {
     let scored = |group: &str| scores.iter().any(|row| row.group == group);
     let sound = |row: &RecognitionRow| {
-        counted(row.times) && SHOWN.contains(&row.episodes) && scored(&row.group)
+        counted(row.times) && EPISODES_SHOWN.contains(&row.episodes) && scored(&row.group)
     };
     if !answers.iter().all(sound) {
-        return Err(unfit(path, "recognition.csv holds a row that cannot be"));
+        let problem = "recognition.csv holds a row that cannot be: it needs a group that was \
+            scored, 1, 4 or 20 episodes, and a count of times";
+        return Err(unfit(path, problem));
     }
-    let keys = answers.iter();
-    if !keys.map(|row| (&row.group, &row.element, row.episodes, row.policy)).all_unique() {
+    let unique =
+        answers.iter().map(|row| (&row.group, &row.element, row.episodes, row.policy)).all_unique();
+    if !unique {
         return Err(unfit(path, "recognition.csv counts an answer twice"));
     }
     let mut times: HashMap<(&str, &str, usize), usize> = HashMap::new();
@@ -339,7 +351,7 @@ fn check_recognition(
     let last = scores.last().map(|row| row.rollouts);
     let variants = scores.iter().filter(|row| Some(row.rollouts) == last);
     let mut expected = 0;
-    for (row, episodes) in variants.flat_map(|row| SHOWN.map(|episodes| (row, episodes))) {
+    for (row, episodes) in variants.flat_map(|row| EPISODES_SHOWN.map(|episodes| (row, episodes))) {
         let asked = times.get(&(row.group.as_str(), row.element.as_str(), episodes));
         let asked = asked.copied().unwrap_or(0);
         if asked != looks {
@@ -359,7 +371,7 @@ fn check_recognition(
     Ok(())
 }
 
-/// Whether something that was counted can have been so many.
+/// Returns `true` for counts from 1 to an upper bound that no run reaches.
 fn counted(count: usize) -> bool {
     (1..TOO_MANY).contains(&count)
 }
@@ -368,7 +380,7 @@ fn unfit(folder: &Path, problem: &str) -> RunError {
     RunError::UnfitRun { folder: folder.to_owned(), problem: problem.to_owned() }
 }
 
-/// The last part of a path, also of `.`.
+/// Returns the last part of a path, also for `.`.
 fn name_of(path: &Path) -> Result<String, RunError> {
     let whole = path.canonicalize();
     let whole = whole.map_err(|error| RunError::read(path, error))?;
@@ -376,26 +388,40 @@ fn name_of(path: &Path) -> Result<String, RunError> {
     Ok(printable(&name.to_string_lossy()))
 }
 
-/// The rows of a table that is whole.
+/// Reads all rows of a complete table.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = std::fs::read(path).map_err(|error| RunError::read(path, error))?;
-    // a cell that was cut short would pass for another number
+    // without a line end the last cell may be cut, and pass for another number
     if text.last().is_some_and(|&last| last != b'\n') {
         let problem = "the last row has no line end, as every row of a whole table has: the file \
             was cut off: restore it, or resume the run if its checkpoints are there";
         return Err(RunError::damaged(path, problem.to_owned()));
     }
     let rows = csv::Reader::from_reader(&text[..]).into_deserialize();
-    let rows = rows.collect::<Result<_, _>>();
-    rows.map_err(|error| RunError::read(path, error))
+    rows.collect::<Result<_, _>>().map_err(|error| malformed(path, error))
 }
 
-/// The rows of a file that not every run has; nothing where there is no file.
+/// Returns the error of a table that cannot be parsed, with the line and the column.
+fn malformed(path: &Path, error: csv::Error) -> RunError {
+    let csv::ErrorKind::Deserialize { pos, err } = error.kind() else {
+        return RunError::read(path, error);
+    };
+    let line = pos.as_ref().map_or_else(String::new, |pos| format!("line {}, ", pos.line()));
+    let column = err.field().map_or_else(String::new, |field| format!("column {}, ", field + 1));
+    let problem = format!(
+        "{line}{column}{}: restore the file, or resume the run if its checkpoints are there",
+        err.kind()
+    );
+    RunError::damaged(path, problem)
+}
+
+/// Reads all rows of a table that not every run has; `None` without the file.
 fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, RunError> {
     path.exists().then(|| rows(path)).transpose()
 }
 
-/// The rows of a file that somebody may be writing to: the last one counts once its line is ended.
+/// Reads the complete rows of a table that is being written; a last row without line end is
+/// skipped.
 fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = match std::fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
@@ -404,8 +430,7 @@ fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let end = text.iter().rposition(|&byte| byte == b'\n');
     let whole = &text[..end.map_or(0, |end| end + 1)];
     let rows = csv::Reader::from_reader(whole).into_deserialize();
-    let rows = rows.collect::<Result<_, _>>();
-    rows.map_err(|error| RunError::read(path, error))
+    rows.collect::<Result<_, _>>().map_err(|error| malformed(path, error))
 }
 
 #[cfg(test)]
@@ -422,7 +447,7 @@ mod tests {
         assert_eq!(run.seconds(), None);
     }
 
-    /// Whoever sorts a table by variants leaves a group's rows apart.
+    /// A table that was sorted by variants has the rows of a group apart.
     #[test]
     fn a_group_is_named_once_wherever_its_rows_are() {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));

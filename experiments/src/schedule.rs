@@ -1,4 +1,4 @@
-//! Which groups come when, and in which variants.
+//! Schedule of a stream: order and length of the visits of task groups, and their variants.
 
 use envs::{TaskGroup, TaskRegistry};
 use rand::RngExt;
@@ -8,78 +8,77 @@ use symmetry::D2;
 
 use crate::error::RunError;
 
-/// Decisions of the longest stream, a thousand times the full one's.
+/// Largest number of decisions of a stream, about a thousand times as many as presets have.
 pub const MAX_DECISIONS: usize = 288_000_000;
 
-/// The stream's plan: nothing of it is told to the learner.
+/// Plan of the stream, which the learner does not see.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
-    /// The groups of one cycle, each once.
+    /// Groups of one cycle, each once.
     pub groups: Vec<GroupPlan>,
     /// Number of cycles, at least 1.
     pub cycles: usize,
-    /// Who comes after whom.
+    /// Order of the visits.
     pub order: Order,
-    /// What a visit's decisions are counted by.
+    /// Clock that measures the length of visits.
     pub clock: Clock,
 }
 
-/// What a visit's decisions are counted by.
+/// Clock that measures the length of visits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Clock {
-    /// The world's own clock, which counts every decision, also of rollouts that a learner throws
-    /// away. When a visit is over, the next group comes at the end of the running episodes,
-    /// whatever the learner does: a rollout may straddle a change. All learners see the same
-    /// stream.
+    /// Environment time: every decision counts, also those of rollouts that a learner discards. The
+    /// group changes at the first end of episodes after its visit, whatever the learner does, so a
+    /// rollout may span a task switch. All learners see the same stream.
     #[default]
     World,
-    /// The learner's turns: each counts as one rollout's decisions, and groups change between them.
+    /// Iterations of the learner: each counts as the decisions of one rollout, and groups change
+    /// only between iterations.
     Turns,
 }
 
-/// How one group appears in the stream.
+/// Visits of one group in the stream.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroupPlan {
-    /// The group's name.
+    /// Name of the group.
     pub group: String,
     /// Decisions of a visit, at least 1; the mean number with [`Order::Switching`].
     pub decisions: usize,
-    /// Variants that episodes are drawn from; the others are held out and appear in evaluations
-    /// alone.
+    /// Variants that training episodes are drawn from; the others are held out for evaluations.
     pub variants: Vec<D2>,
 }
 
-/// Who comes after whom.
+/// Order of the visits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
-    /// Every cycle in the order of the list.
+    /// Order of the list in every cycle.
     Fixed,
-    /// Every cycle in an order of its own; no group follows itself.
+    /// New random order in every cycle; no group follows itself.
     Shuffled,
-    /// No cycles: after as many decisions as a rollout has, the group gives way to any other with
-    /// equal probability, so often that its visits last `decisions` on average. The stream is as
-    /// long as it would be with cycles.
+    /// Random switches instead of cycles. After every period the group may give way to any other
+    /// group, each equally likely, with a probability that makes visits last `decisions` on
+    /// average. The stream is as long as with cycles.
     Switching,
 }
 
-/// One stay of a group.
+/// Time that the stream stays with one group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visit {
-    /// The group's name; known to the stream and to reports, never to the learner.
+    /// Name of the group; the learner does not see it.
     pub group: String,
     /// Variants that episodes are drawn from.
     pub variants: Vec<D2>,
-    /// Decisions until the next visit.
+    /// Number of decisions.
     pub decisions: usize,
 }
 
 impl Schedule {
-    /// All variants of these groups, shuffled, on the world's clock; each comes with the decisions
-    /// of one visit.
+    /// Creates a shuffled schedule on [`Clock::World`] with all variants of these groups; each pair
+    /// holds a group and the decisions of one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
         let groups = visits.iter().map(|(group, decisions)| GroupPlan {
             group: group.name().to_owned(),
@@ -89,8 +88,8 @@ impl Schedule {
         Self { groups: groups.collect(), cycles, order: Order::Shuffled, clock: Clock::default() }
     }
 
-    /// Refuses a plan without groups, cycles, decisions or variants, and one that names a group or
-    /// a variant twice.
+    /// Rejects a plan without groups, cycles, decisions or variants, and one with a duplicate group
+    /// or variant.
     ///
     /// # Errors
     /// [`RunError::Setting`].
@@ -114,30 +113,28 @@ impl Schedule {
         Ok(())
     }
 
-    /// Decisions of the whole stream, at most [`MAX_DECISIONS`].
+    /// Returns the decisions of the whole stream, at most [`MAX_DECISIONS`].
     pub fn total_decisions(&self) -> usize {
         self.checked_decisions().unwrap_or(MAX_DECISIONS)
     }
 
-    /// The same, where it is not too many.
+    /// Returns the decisions of the whole stream; `None` above [`MAX_DECISIONS`].
     fn checked_decisions(&self) -> Option<usize> {
-        let mut cycle = self.groups.iter().map(|plan| plan.decisions);
-        let cycle = cycle.try_fold(0, usize::checked_add)?;
+        let mut visits = self.groups.iter().map(|plan| plan.decisions);
+        let cycle = visits.try_fold(0, usize::checked_add)?;
         let total = cycle.checked_mul(self.cycles)?;
         (total <= MAX_DECISIONS).then_some(total)
     }
 
-    /// The groups by their names.
+    /// Looks the groups up by their names.
     ///
     /// # Errors
     /// A name that `tasks` does not hold.
     pub fn resolve(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, RunError> {
-        let groups = self.groups.iter();
-        let groups = groups.map(|plan| Ok(tasks.get(&plan.group)?));
-        groups.collect()
+        self.groups.iter().map(|plan| Ok(tasks.get(&plan.group)?)).collect()
     }
 
-    /// The group of this name, or all of them.
+    /// Returns the group with this name, or all groups if `name` is `None`.
     ///
     /// # Errors
     /// A name that `tasks` or this schedule does not hold.
@@ -151,29 +148,29 @@ impl Schedule {
             return Ok(groups);
         };
         let chosen = tasks.get(name)?;
-        match groups.contains(&chosen) {
-            true => Ok(vec![chosen]),
-            false => Err(RunError::Setting {
-                name: "group",
-                value: name.to_owned(),
-                expected: "a group that the run has learnt",
-            }),
+        if groups.contains(&chosen) {
+            return Ok(vec![chosen]);
         }
+        Err(RunError::Setting {
+            name: "group",
+            value: name.to_owned(),
+            expected: "a group of the run's schedule, as its experiment.json lists them",
+        })
     }
 
-    /// Where a group stands among those of the schedule, which says its colour.
+    /// Returns the index of a group in the schedule, from which reports derive its colour.
     pub fn number(&self, group: &str) -> Option<usize> {
         self.groups.iter().position(|plan| plan.group == group)
     }
 
-    /// Whether the learner meets this variant; evaluations show it all of them.
+    /// Returns `true` if training shows this variant; evaluations show all of them.
     pub fn shows(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
-    /// Draws the visits of a stream in which [`Order::Switching`] has a chance to switch every
-    /// `period` decisions; [`Schedule::check`] it first.
+    /// Draws the visits of a stream. [`Order::Switching`] may switch groups every `period`
+    /// decisions. The schedule must have passed [`Schedule::check`].
     pub fn visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
             Order::Fixed => {
@@ -191,6 +188,7 @@ impl Schedule {
             for last in (1..order.len()).rev() {
                 order.swap(last, rng.random_range(0..=last));
             }
+            // a group that follows itself would be one long visit
             if visits.last().map(|visit| &visit.group) == Some(&self.groups[order[0]].group) {
                 order.rotate_left(1);
             }
@@ -205,6 +203,7 @@ impl Schedule {
         let mut visits = vec![self.groups[current].empty_visit()];
         for nth in 0..self.total_decisions().div_ceil(period) {
             let mean = self.groups[current].decisions.div_ceil(period);
+            // leaving with probability 1 / mean gives visits of `mean` periods on average
             let leaves = rng.random_range(0..mean) == 0;
             if nth > 0 && leaves {
                 current = (current + 1 + rng.random_range(0..others)) % self.groups.len();
@@ -254,11 +253,11 @@ impl GroupPlan {
     }
 }
 
-/// The visits of a stream, one after another.
+/// Visits of a stream with their times.
 #[derive(Clone, Debug)]
 pub(crate) struct Timetable {
     visits: Vec<Visit>,
-    /// The decision at which each visit ends.
+    /// Decisions from the start of the stream to the end of each visit.
     ends: Vec<usize>,
 }
 
@@ -272,13 +271,13 @@ impl Timetable {
         Self { ends: ends.collect(), visits }
     }
 
-    /// The index of the visit that the decision of this number belongs to; none behind the last.
+    /// Returns the index of the visit with this decision, counted from 0; `None` after the last.
     pub fn index_at(&self, decision: usize) -> Option<usize> {
         let index = self.ends.partition_point(|&end| end <= decision);
         (index < self.visits.len()).then_some(index)
     }
 
-    /// The visit of this index, and those before it.
+    /// Returns the visit with this index, and all earlier visits.
     pub fn visit(&self, index: usize) -> (&Visit, &[Visit]) {
         (&self.visits[index], &self.visits[..index])
     }

@@ -1,6 +1,6 @@
-//! Tables of a run: one type for the rows of each, for whoever writes or reads them.
+//! Schema of a run's tables: one row type for each, shared by writers and readers.
 //!
-//! `metrics.csv` has further columns, those that a learner reports of itself ([`learner::Metrics`]).
+//! `metrics.csv` has further columns, the metrics that learners log ([`learner::Metrics`]).
 
 use std::fmt::Display;
 use std::str::FromStr;
@@ -10,53 +10,54 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::printable::printable;
 
-/// A name, as it may be printed.
+/// Deserialises a name with control characters escaped, so that it is safe to print.
 fn name<'de, D: Deserializer<'de>>(cell: D) -> Result<String, D::Error> {
     Ok(printable(&String::deserialize(cell)?))
 }
 
-/// A row of `metrics.csv`, without what a learner adds of its own.
+/// Row of `metrics.csv`, without the further metrics that learners log.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RolloutRow {
     /// Decisions taken by the end of the rollout.
     pub decisions: usize,
-    /// The group that ran when the turn began.
+    /// Task group at the start of the iteration.
     #[serde(deserialize_with = "name")]
     pub group: String,
-    /// The group that ran when it ended.
+    /// Task group at the end of the iteration.
     #[serde(deserialize_with = "name")]
     pub last_group: String,
-    /// Whether the group changed within the turn.
-    pub straddles: bool,
-    /// The policy that learnt.
+    /// `true` if the group changed within the iteration.
+    #[serde(rename = "straddles")]
+    pub spans_switch: bool,
+    /// Index of the policy that the rollout was assigned to.
     pub policy: usize,
-    /// Whether it was opened in this turn.
+    /// `true` if that policy was created in this iteration.
     #[serde(default)]
     pub created: bool,
-    /// Rollouts that were looked at before a policy was named; none where the learner does not say.
+    /// Rollouts that were compared before a policy was chosen, 1 or 2; `None` if the learner does
+    /// not report it.
     #[serde(default)]
     pub looks: Option<f64>,
-    /// Mean return on the paper's scale, in `[0, 500]`; none where no episode ended.
+    /// Mean return on the paper's scale, in `[0, 500]`; `None` if no episode ended.
     pub reward: Option<f64>,
-    /// Share of episodes that succeeded, in `[0, 1]`; none where none ended.
+    /// Share of episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
     pub success: Option<f64>,
-    /// For each policy the one that acts for its group since the two were merged; empty where the
-    /// learner merges none.
-    #[serde(default, deserialize_with = "numbers")]
-    pub heirs: Vec<Option<usize>>,
-    /// For each policy that was compared, the distance of the rollout from what it remembers; empty
-    /// where the grouping measures none.
+    /// For each policy, the one that it was merged into; empty if the learner merges none.
+    #[serde(default, rename = "heirs", deserialize_with = "numbers")]
+    pub merged_into: Vec<Option<usize>>,
+    /// For each compared policy, the distance of the rollout from its reference frames; empty if
+    /// the grouping measures none.
     #[serde(default, deserialize_with = "numbers")]
     pub distances: Vec<Option<f64>>,
-    /// For each of them the largest distance of the permutations.
+    /// For each compared policy, the largest distance under permutation.
     #[serde(default, deserialize_with = "numbers")]
     pub null_maxima: Vec<Option<f64>>,
-    /// For each of them how many standard deviations the distance is above that of a permutation.
+    /// For each compared policy, the standard score of its distance under permutation.
     #[serde(default, deserialize_with = "numbers")]
     pub scores: Vec<Option<f64>>,
 }
 
-/// Numbers with semicolons between them, some of which are missing.
+/// Deserialises numbers separated by semicolons; empty items become `None`.
 fn numbers<'de, D, N>(cell: D) -> Result<Vec<Option<N>>, D::Error>
 where
     D: Deserializer<'de>,
@@ -66,42 +67,42 @@ where
     if cell.is_empty() {
         return Ok(Vec::new());
     }
-    let number = |word: &str| match word {
+    let number = |item: &str| match item {
         "" => Ok(None),
-        word => word.parse().map(Some),
+        item => item.parse().map(Some),
     };
     let numbers = cell.split(';').map(number).collect::<Result<_, _>>();
     numbers.map_err(|error: N::Err| D::Error::custom(format!("`{cell}`: {error}")))
 }
 
-/// A row of `evaluation.csv`.
+/// Row of `evaluation.csv`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScoreRow {
-    /// Rollouts learnt from before the evaluation.
+    /// Rollouts trained on before the evaluation.
     pub rollouts: usize,
     /// Decisions taken before the evaluation.
     pub decisions: usize,
-    /// The variant's group.
+    /// Name of the variant's group.
     #[serde(deserialize_with = "name")]
     pub group: String,
-    /// The variant's element of D2, as it is spelt.
+    /// Name of the variant's element of D2, such as `flip x`.
     #[serde(deserialize_with = "name")]
     pub element: String,
-    /// Whether the learner meets the variant while it learns.
+    /// `true` if training shows the variant.
     pub seen: bool,
-    /// Index of the policy that the learner chose; none where the row does not say.
+    /// Index of the policy that the learner chose; `None` if the column is missing.
     #[serde(default)]
     pub policy: Option<usize>,
-    /// Episodes played.
+    /// Number of episodes.
     pub episodes: usize,
-    /// As in [`Score`](crate::evaluation::Score).
+    /// Share of episodes that succeeded at any step, in `[0, 1]`.
     pub success: f64,
-    /// As there.
+    /// Share of episodes that succeeded at the last step, in `[0, 1]`.
     pub success_at_end: f64,
-    /// As there.
+    /// Mean return on the paper's scale, in `[0, 500]`.
     pub reward: f64,
-    /// Index of the group's own policy ([`OwnPolicies`](crate::evaluation::OwnPolicies)); none, here
-    /// and below, where the group had none yet, and in rows of older versions.
+    /// Index of the group's own policy ([`OwnPolicies`](crate::evaluation::OwnPolicies)). All
+    /// `own_` columns are `None` if the group had none yet, and in rows of older versions.
     #[serde(default)]
     pub own_policy: Option<usize>,
     /// Success of the group's own policy, in `[0, 1]`.
@@ -116,47 +117,47 @@ pub struct ScoreRow {
 }
 
 impl ScoreRow {
-    /// `true` if the learner chose another policy than the group's own.
+    /// Returns `true` if the learner chose another policy than the group's own.
     pub fn is_mismatch(&self) -> bool {
         let both = self.policy.zip(self.own_policy);
         both.is_some_and(|(policy, own)| policy != own)
     }
 }
 
-/// A row of `units.csv`.
+/// Row of `units.csv`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UnitsRow {
-    /// Rollouts learnt from before the evaluation.
+    /// Rollouts trained on before the evaluation.
     pub rollouts: usize,
     /// Decisions taken before the evaluation.
     pub decisions: usize,
-    /// The policy.
+    /// Index of the policy.
     pub policy: usize,
-    /// Rectified units of its network.
+    /// Rectified units of the policy's network.
     pub units: usize,
-    /// Those that are dormant.
+    /// Dormant units ([`TAU`](crate::evaluation::TAU)).
     pub dormant: usize,
 }
 
-/// A row of `recognition.csv`.
+/// Row of `recognition.csv`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecognitionRow {
-    /// The group that was shown.
+    /// Name of the shown group.
     #[serde(deserialize_with = "name")]
     pub group: String,
-    /// The variant that was shown.
+    /// Name of the shown variant's element of D2.
     #[serde(deserialize_with = "name")]
     pub element: String,
-    /// Episodes that were shown each time.
+    /// Episodes shown each time.
     pub episodes: usize,
-    /// The policy that was named; none where none of them was.
+    /// Index of the policy that the learner named; `None` if no policy fitted.
     pub policy: Option<usize>,
-    /// How often.
+    /// Number of times that the learner gave this answer.
     pub times: usize,
 }
 
-/// A row of `timings.csv`: seconds of one rollout and of its parts. No checkpoint holds this table,
-/// since clocks differ between equal runs.
+/// Row of `timings.csv`: seconds of one iteration and of its parts. Checkpoints leave this table
+/// out, since clocks differ between equal runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TimingRow {
     /// Index of the rollout, from 0.
@@ -164,20 +165,20 @@ pub struct TimingRow {
     /// Decisions of the rollout.
     #[serde(default)]
     pub decisions: usize,
-    /// The whole rollout.
+    /// Seconds of the whole iteration.
     pub total: f64,
-    /// Physics and pictures.
+    /// Seconds of physics and rendering.
     pub environments: f64,
-    /// The policy's decisions.
+    /// Seconds of the policy's decisions.
     pub inference: f64,
-    /// The grouping.
+    /// Seconds of the assignment.
     pub assignment: f64,
-    /// Gradients.
+    /// Seconds of the policy update.
     pub update: f64,
 }
 
 impl TimingRow {
-    /// Whether it can have been so.
+    /// Returns `true` if all seconds are finite and not negative.
     pub fn is_sound(&self) -> bool {
         let Self { total, environments, inference, assignment, update, .. } = *self;
         let seconds = [total, environments, inference, assignment, update];
@@ -198,9 +199,9 @@ mod tests {
         };
         let read = row("0.5;;2,;1").unwrap();
         assert_eq!(read.distances, [Some(0.5), None, Some(2.0)]);
-        assert_eq!(read.heirs, [None, Some(1)]);
+        assert_eq!(read.merged_into, [None, Some(1)]);
         let empty = row(",").unwrap();
-        assert!(empty.distances.is_empty() && empty.heirs.is_empty());
+        assert!(empty.distances.is_empty() && empty.merged_into.is_empty());
         assert!(row("0.5;x,").is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! Evaluations of a run, which take minutes and can be stopped between variants.
+//! Evaluation of a run, which may take minutes and can be stopped between variants.
 
 use envs::TaskVariant;
 use rayon::ThreadPool;
@@ -8,11 +8,11 @@ use crate::evaluation::{Evaluator, Findings, OwnPolicies};
 use crate::experiment::Experiment;
 use learner::Learner;
 
-use crate::stop::Stop;
+use crate::stop::StopSignal;
 use crate::workers::guarded;
 
-/// How often the learner is asked after the stream which policy a variant belongs to: not at all
-/// where it has no choice.
+/// Returns the number of times that the learner is asked for the policy of each variant: 0 for
+/// learners with one policy or with ground truth, whose answers are known.
 pub(crate) fn looks(experiment: &Experiment) -> usize {
     match experiment.learner.cannot_be_asked() {
         Some(_) => 0,
@@ -20,13 +20,13 @@ pub(crate) fn looks(experiment: &Experiment) -> usize {
     }
 }
 
-/// One evaluation of a learner: its environments, its threads, and the request to stop.
+/// Evaluation of a learner that a signal can stop.
 pub(crate) struct Scoring<'a> {
     pool: &'a ThreadPool,
     learner: &'a mut dyn Learner,
     evaluator: &'a mut Evaluator,
     own: OwnPolicies,
-    stop: &'a Stop,
+    stop: &'a StopSignal,
 }
 
 impl<'a> Scoring<'a> {
@@ -35,13 +35,13 @@ impl<'a> Scoring<'a> {
         learner: &'a mut dyn Learner,
         evaluator: &'a mut Evaluator,
         own: OwnPolicies,
-        stop: &'a Stop,
+        stop: &'a StopSignal,
     ) -> Self {
         Self { pool, learner, evaluator, own, stop }
     }
 
-    /// Scores all variants, with `rounds` episodes in each environment, then asks which policy each
-    /// of them belongs to, `looks` times; none after a stop.
+    /// Scores all variants with `rounds` episodes in each environment, then asks the learner
+    /// `looks` times for the policy of each variant; `None` after a stop.
     pub fn score(&mut self, rounds: usize, looks: usize) -> Result<Option<Findings>, RunError> {
         let mut findings = Findings::default();
         let own = self.own.clone();
@@ -58,17 +58,18 @@ impl<'a> Scoring<'a> {
         Ok(done.then_some(findings))
     }
 
-    /// Goes through the variants; false after a stop.
+    /// Calls `visit` for each variant on the pool's threads; returns `false` after a stop.
     fn each(
         &mut self,
-        mut of: impl FnMut(&mut Evaluator, &mut dyn Learner, TaskVariant) -> Result<(), RunError> + Send,
+        mut visit: impl FnMut(&mut Evaluator, &mut dyn Learner, TaskVariant) -> Result<(), RunError>
+        + Send,
     ) -> Result<bool, RunError> {
         for variant in self.evaluator.variants() {
             if self.stop.requested() {
                 return Ok(false);
             }
             let (evaluator, learner) = (&mut *self.evaluator, &mut *self.learner);
-            guarded(self.pool, || of(evaluator, learner, variant))?;
+            guarded(self.pool, || visit(evaluator, learner, variant))?;
         }
         Ok(true)
     }

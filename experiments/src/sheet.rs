@@ -1,4 +1,4 @@
-//! The contact sheet: every variant as the learner sees it in evaluations, the whole picture.
+//! Contact sheet: the first image of every variant, as the learner sees it in evaluations.
 
 use std::sync::Arc;
 
@@ -9,22 +9,22 @@ use symmetry::D2;
 
 use crate::error::RunError;
 
-/// An RGB picture.
+/// RGB image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Pixels across.
+    /// Width in pixels.
     pub width: usize,
-    /// Pixels down.
+    /// Height in pixels.
     pub height: usize,
-    /// `[height, width, 3]`, row 0 on top.
+    /// Bytes `[height, width, 3]`, row 0 on top.
     pub rgb: Vec<u8>,
 }
 
 impl Picture {
-    /// The picture as a PNG file.
+    /// Encodes the image as a PNG file.
     ///
     /// # Errors
-    /// A picture whose bytes do not fit its size.
+    /// An image whose number of bytes does not fit its size.
     pub fn to_png(&self) -> Result<Vec<u8>, png::EncodingError> {
         let mut bytes = Vec::new();
         let (width, height) = (self.width as u32, self.height as u32);
@@ -37,7 +37,7 @@ impl Picture {
         Ok(bytes)
     }
 
-    /// Reads a PNG file of RGB bytes; nothing of any other.
+    /// Decodes a PNG file of 8-bit RGB; `None` for any other file.
     pub fn from_png(bytes: &[u8]) -> Option<Self> {
         let reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info();
         let mut reader = reader.ok()?;
@@ -48,28 +48,24 @@ impl Picture {
     }
 }
 
-/// Each pixel of a variant becomes a square of this side.
+/// Enlargement: sheet pixels along each side of an image pixel.
 const ENLARGE: usize = 4;
 /// White pixels around each variant.
 const GAP: usize = 6;
 
-/// A goal that the learner is told as a vector is marked in this colour; its picture does not show
-/// it.
-const TOLD_GOAL: [u8; 3] = [0, 200, 0];
+/// Colour of the mark at a goal that the learner observes as a vector, and that images do not show.
+const VECTOR_GOAL: [u8; 3] = [0, 200, 0];
 
-/// The first picture of every variant, `[group][element]`, each `[size, size, 3]`; the four
-/// variants of a group share one placement.
-///
-/// A goal that is told and not seen is marked by a green disc.
+/// Renders the first image of every variant, `[group][element]`, each `[size, size, 3]`. The four
+/// variants of a group share one placement. A green disc marks goals that are observed as vectors.
 ///
 /// # Errors
-/// What the environments say.
+/// Errors of the environments.
 pub fn variant_pictures(
     settings: &VecEnvSettings,
     groups: &[TaskGroup],
 ) -> Result<Vec<Vec<Vec<u8>>>, RunError> {
-    let groups = groups.iter();
-    groups.map(|&group| group_pictures(group, settings)).collect()
+    groups.iter().map(|&group| group_pictures(group, settings)).collect()
 }
 
 fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec<u8>>, RunError> {
@@ -91,19 +87,20 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
         .collect()
 }
 
-/// Draws a mark over a picture `[size, size, 3]` of `table` where a goal is told.
+/// Draws a mark over an image `[size, size, 3]` of `table` at a goal that is observed as a vector.
 pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     if let Some(goal) = table.observable_goal() {
         let camera = table.scene().camera;
-        let mark = Mark { color: TOLD_GOAL, ..camera.mark };
+        let mark = Mark { color: VECTOR_GOAL, ..camera.mark };
         camera.draw_mark(&mark, goal, rgb);
     }
 }
 
-/// Groups down, elements across (identity, flip x, flip y, half turn), enlarged on white.
+/// Renders the contact sheet: one row per group, one column per element (identity, flip x, flip y,
+/// half turn), enlarged on white.
 ///
 /// # Errors
-/// What the environments say.
+/// Errors of the environments.
 pub fn contact_sheet(settings: &VecEnvSettings, groups: &[TaskGroup]) -> Result<Picture, RunError> {
     let pictures = variant_pictures(settings, groups)?;
     let size = settings.camera.size;
@@ -119,8 +116,8 @@ pub fn contact_sheet(settings: &VecEnvSettings, groups: &[TaskGroup]) -> Result<
     Ok(Picture { width, height, rgb })
 }
 
-/// The first variant of a group on a contact sheet of pictures of `size` pixels a side; none where
-/// the sheet does not reach so far.
+/// Crops the first variant of a group from a contact sheet whose images have `size` pixels a side;
+/// `None` if the sheet is too small.
 pub fn first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Picture> {
     let side = size * ENLARGE;
     let (top, left) = (GAP + group * (side + GAP), GAP);

@@ -1,4 +1,4 @@
-//! Early end of a run.
+//! Signal that stops a run early.
 
 use std::fs;
 use std::sync::Arc;
@@ -11,13 +11,13 @@ use crate::error::RunError;
 
 /// Request that a run stops at the next moment at which nothing is lost. Clones share one request.
 #[derive(Clone, Debug, Default)]
-pub struct Stop(Arc<AtomicBool>);
+pub struct StopSignal(Arc<AtomicBool>);
 
-impl Stop {
-    /// A request that Ctrl-C, SIGTERM and SIGHUP make. The second Ctrl-C or SIGTERM ends the
-    /// process at once, with 128 and the signal's number as its exit code.
+impl StopSignal {
+    /// Returns a stop signal that SIGINT (Ctrl-C), SIGTERM and SIGHUP set. The second SIGINT or
+    /// SIGTERM ends the process at once, with 128 plus the signal's number as exit code.
     ///
-    /// A terminal that closes may send SIGHUP more than once, so SIGHUP never ends the process at
+    /// SIGHUP never ends the process at once, since a terminal that closes may send it more than
     /// once. Under `nohup` it stays ignored.
     ///
     /// # Errors
@@ -25,10 +25,11 @@ impl Stop {
     pub fn on_signals() -> Result<Self, RunError> {
         let stop = Self::default();
         let failed = |source| RunError::Signals { source };
-        // not the request itself, which SIGHUP and a closed output make, too
+        // a flag of its own, since SIGHUP and a closed output also set the request, and the first
+        // SIGINT after them must not end the process
         let signalled = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM] {
-            // first: the first signal must not find the flag set by itself
+            // actions run in the order of registration, so the check comes before the flag is set
             flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&signalled))
                 .and_then(|_| flag::register(signal, Arc::clone(&signalled)))
                 .and_then(|_| flag::register(signal, Arc::clone(&stop.0)))
@@ -45,16 +46,17 @@ impl Stop {
         self.0.store(true, Ordering::SeqCst);
     }
 
-    /// `true` once it was requested.
+    /// Returns `true` once the stop was requested.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }
 
-/// `true` if the process was started with SIGHUP ignored, as `nohup` does.
+/// Returns `true` if the process was started with SIGHUP ignored, as `nohup` does.
 fn hangup_is_ignored() -> bool {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    // bit 0 of the mask is signal 1
     ignored.is_some_and(|mask| mask >> (SIGHUP - 1) & 1 == 1)
 }

@@ -1,4 +1,4 @@
-//! The stream of tasks: groups come, go and come back, and nothing tells the learner.
+//! Task stream as an environment. Groups change and return, and the learner is not informed.
 
 use std::time::Instant;
 
@@ -10,13 +10,13 @@ use crate::error::RunError;
 
 /// Return of a perfect episode on the paper's scale.
 const PERFECT_EPISODE: f64 = 500.0;
-/// Network inputs per metre: positions become numbers of order one.
+/// Network inputs per metre, so that positions become numbers of order one.
 const INPUTS_PER_METRE: f32 = 10.0;
-/// Height (metres) and aperture that become zero: about the middle of their ranges.
+/// Height (metres) and aperture that become zero, about the middle of their ranges.
 const MIDDLE_HEIGHT: f32 = 0.2;
 const MIDDLE_APERTURE: f32 = 0.6;
 
-/// A component of the vector that networks read: (value - offset) * factor.
+/// Component of the network's vector input, scaled as `(value - offset) * factor`.
 pub struct Input {
     pub name: &'static str,
     pub unit: &'static str,
@@ -24,7 +24,8 @@ pub struct Input {
     pub factor: f32,
 }
 
-/// A hidden goal stays zero, and flips stay flips.
+/// Components of the network's vector input, in order. Components that change sign under a flip
+/// have offset 0, so scaling preserves flips; so have goals, whose zero means hidden.
 pub const INPUTS: [Input; envs::VECTOR_DIM] = [
     position("hand x", 0.0),
     position("hand y", 0.0),
@@ -44,8 +45,8 @@ const fn position(name: &'static str, offset: f32) -> Input {
     Input { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
 }
 
-/// The environments as the learner sees them. Which group they run is set from outside; it shows in
-/// the picture, and in the goal where a group tells one.
+/// Environments as the learner sees them. The task group is set from outside and shows only in the
+/// observations.
 pub struct Stream {
     env: VecEnv,
     spec: EnvSpec,
@@ -55,11 +56,11 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Environments of the first of `groups`, with variants drawn from all four elements. The other
-    /// groups are prepared, so that a switch costs nothing.
+    /// Creates environments of the first of `groups`, with variants drawn from all four elements.
+    /// The other groups are prepared, so that a later switch takes no time.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for no groups, or what the environments say.
+    /// [`RunError::Setting`] if `groups` is empty; errors of the environments.
     pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, RunError> {
         let first = *groups.first().ok_or_else(|| RunError::Setting {
             name: "groups",
@@ -77,7 +78,8 @@ impl Stream {
         })
     }
 
-    /// What environments of `settings` show and take; starts none.
+    /// Returns the shapes of observations and actions of environments with these settings, without
+    /// starting any.
     pub fn spec_of(settings: &VecEnvSettings) -> EnvSpec {
         let size = settings.camera.size;
         EnvSpec {
@@ -88,42 +90,41 @@ impl Stream {
         }
     }
 
-    /// Lets another group in, with variants drawn from `elements`; its episodes begin with the next
-    /// reset.
+    /// Switches to another group, with variants drawn from `elements`, from the next reset on.
     ///
     /// # Errors
-    /// What the environments say.
+    /// Errors of the environments.
     pub fn switch_to(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
         self.env.set_tasks(group, elements)
     }
 
-    /// Draws placements and variants from the streams of `seed`; see [`VecEnv::reseed`].
+    /// Draws placements and variants from the random streams of `seed`; see [`VecEnv::reseed`].
     ///
     /// # Errors
-    /// What the environments say.
+    /// Errors of the environments.
     pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
         self.env.reseed(seed)
     }
 
-    /// Wall-clock seconds in which the environments worked so far.
+    /// Returns the wall-clock seconds that the environments took so far.
     pub fn seconds(&self) -> f64 {
         self.seconds
     }
 
-    /// Failures of single environments so far. Each cut an episode short, which the learner takes
-    /// for a time-out.
+    /// Returns the number of failures of single environments so far. Each ended an episode, as a
+    /// truncation for the learner.
     pub fn failures(&self) -> usize {
         self.failures
     }
 
-    /// Factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on which a perfect
-    /// episode earns 500.
+    /// Returns the factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on
+    /// which a perfect episode earns 500.
     pub fn reward_scale(&self) -> f64 {
         reward_scale(&self.env.settings().control)
     }
 }
 
-/// As [`Stream::reward_scale`], for episodes under `control`.
+/// Returns the factor from a return to the paper's scale, for episodes under `control`.
 pub(crate) fn reward_scale(control: &Control) -> f64 {
     PERFECT_EPISODE / control.decisions() as f64
 }
@@ -164,6 +165,7 @@ impl VectorEnv for Stream {
             *outcome = if truncated { Outcome::Truncated } else { Outcome::Running };
         }
         scale(&mut out.observations.vectors);
+        // other rows of the final observations are old and already scaled
         scale_rows(&mut out.final_observations.vectors, &self.truncated);
         Ok(())
     }
@@ -173,7 +175,7 @@ fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
     ObservationsMut { images: &mut observations.images, vectors: &mut observations.vectors }
 }
 
-/// Makes rows of the environments' numbers `[N, 7]` those that networks read, in place.
+/// Scales vectors of the environments `[N, 7]` to network inputs, in place.
 pub fn scale(vectors: &mut [f32]) {
     vectors.chunks_exact_mut(envs::VECTOR_DIM).for_each(scale_row);
 }
@@ -183,7 +185,7 @@ fn scale_rows(vectors: &mut [f32], which: &[bool]) {
     rows.filter(|(_, which)| **which).for_each(|(row, _)| scale_row(row));
 }
 
-/// Centres and scales hand x, y, z, aperture and goal x, y, z.
+/// Scales one vector (hand x, y, z, aperture, goal x, y, z) to network inputs, in place.
 fn scale_row(row: &mut [f32]) {
     for (value, input) in row.iter_mut().zip(&INPUTS) {
         *value = (*value - input.offset) * input.factor;

@@ -1,5 +1,4 @@
-//! One CSV file of a run, of which the run keeps a copy: whatever becomes of the file, it can be
-//! written again.
+//! CSV file of a run with a copy in memory, from which a lost or changed file is restored.
 
 use std::fs;
 use std::io::Error;
@@ -11,19 +10,19 @@ use serde::Serialize;
 use crate::error::RunError;
 use learner::disk::{Disk, replace};
 
-/// A CSV file and its contents.
+/// CSV file with a copy of its contents.
 #[derive(Debug)]
 pub(crate) struct Table {
     path: PathBuf,
     disk: Arc<dyn Disk>,
     text: Vec<u8>,
-    /// Names of the columns of a file whose rows are written by name, once there are any.
+    /// Names of the columns; empty before the first row.
     names: Vec<String>,
 }
 
 impl Table {
-    /// Makes the file hold exactly `text`. Rows behind it are forgotten, a lost tail is written
-    /// again; a file that holds something else is put aside under another name.
+    /// Makes the file hold exactly `text`: later rows are removed, and a lost tail is restored. A
+    /// file with other contents is first renamed.
     pub fn open(path: PathBuf, disk: Arc<dyn Disk>, text: Vec<u8>) -> Result<Self, RunError> {
         let names = header(&text).map_err(|error| RunError::read(&path, error))?;
         let table = Self { path, disk, text, names };
@@ -31,12 +30,13 @@ impl Table {
         Ok(table)
     }
 
-    /// Makes the file hold exactly the contents. A file that is neither a part of them nor begins
-    /// with them is put aside.
+    /// Makes the file hold exactly the copy's contents.
     fn restore(&self) -> Result<(), RunError> {
         let file = fs::read(&self.path).ok();
-        let there = file.as_deref().unwrap_or_default();
-        if !there.starts_with(&self.text) && !self.text.starts_with(there) {
+        let found = file.as_deref().unwrap_or_default();
+        // a beginning or a continuation of the contents is the run's own work; anything else is
+        // somebody's edit, which must not be lost
+        if !found.starts_with(&self.text) && !self.text.starts_with(found) {
             put_aside(&*self.disk, &self.path)?;
         }
         if file.as_ref() != Some(&self.text) {
@@ -45,20 +45,23 @@ impl Table {
         Ok(())
     }
 
-    /// The contents.
+    /// Returns the contents.
     pub fn text(&self) -> &[u8] {
         &self.text
     }
 
-    /// Name of the file.
+    /// Returns the name of the file.
     pub fn name(&self) -> String {
         let name = self.path.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     }
 
-    /// Adds one row of named cells. All rows of a file have the same names.
+    /// Appends one row of named cells.
+    ///
+    /// # Errors
+    /// [`RunError::Write`], also for duplicate names and for names that earlier rows do not have.
     pub fn write_named(&mut self, row: Vec<(String, String)>) -> Result<(), RunError> {
-        let (names, cells): (Vec<String>, Vec<String>) = row.into_iter().unzip();
+        let (names, cells) = row.into_iter().unzip::<_, _, Vec<String>, Vec<String>>();
         if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
             return Err(self.refuse(format!("two columns are called `{}`", names[twice])));
         }
@@ -68,17 +71,15 @@ impl Table {
             written.map_err(|error| RunError::write(&self.path, error))?;
             self.names = names;
         } else if self.names != names {
-            let known = &self.names;
-            return Err(
-                self.refuse(format!("a row of {names:?} does not fit the columns {known:?}"))
-            );
+            let (names, known) = (names.join(", "), self.names.join(", "));
+            return Err(self.refuse(format!("a row of {names} does not fit the columns {known}")));
         }
         let written = writer.write_record(&cells);
         written.map_err(|error| RunError::write(&self.path, error))?;
         self.add(writer)
     }
 
-    /// Adds rows.
+    /// Appends rows, with a header if the table is empty.
     pub fn write<R: Serialize>(
         &mut self,
         rows: impl IntoIterator<Item = R>,
@@ -91,7 +92,7 @@ impl Table {
         self.add(writer)
     }
 
-    /// Brings the file to the disk, and restores it if somebody changed it.
+    /// Restores the file if it was changed, and syncs it to the disk.
     pub fn sync(&self) -> Result<(), RunError> {
         self.restore()?;
         let synced = self.disk.sync(&self.path);
@@ -103,16 +104,16 @@ impl Table {
         let rows = rows.map_err(|error| RunError::write(&self.path, error.into_error()))?;
         let before = self.text.len();
         self.text.extend(&rows);
-        if self.is_there(before) {
+        if self.has_length(before) {
             let added = self.disk.append(&self.path, &rows);
             return added.map_err(|error| RunError::write(&self.path, error));
         }
         self.restore()
     }
 
-    /// `true` if the file has this length: somebody may have removed or cut it. Other changes are
-    /// found by [`Table::sync`], which reads the whole file.
-    fn is_there(&self, length: usize) -> bool {
+    /// Returns `true` if the file has this length in bytes: a cheap test for files that were
+    /// removed or cut. [`Table::sync`] finds other changes by reading the whole file.
+    fn has_length(&self, length: usize) -> bool {
         fs::metadata(&self.path).is_ok_and(|file| file.len() == length as u64)
     }
 
@@ -125,7 +126,7 @@ impl Table {
     }
 }
 
-/// Gives a file another name.
+/// Renames a file to a free name with the extension `.old`, `.old2` and so on.
 ///
 /// # Errors
 /// [`RunError::Write`].
@@ -135,7 +136,7 @@ pub(crate) fn put_aside(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
     moved.map_err(|error| RunError::write(&aside, error))
 }
 
-/// The path with the first ending of `old`, `old2` and so on that no file has.
+/// Returns the path with the first added extension of `old`, `old2` and so on that is free.
 fn free_name(path: &Path) -> PathBuf {
     let mut aside = path.with_added_extension("old");
     let mut number = 2;
@@ -146,7 +147,7 @@ fn free_name(path: &Path) -> PathBuf {
     aside
 }
 
-/// The names of a table's columns.
+/// Returns the names of a table's columns.
 fn header(text: &[u8]) -> Result<Vec<String>, csv::Error> {
     let mut reader = csv::Reader::from_reader(text);
     let names = reader.headers()?;
@@ -163,7 +164,7 @@ mod tests {
         row.map(|(name, cell)| (name.to_string(), cell.to_string())).collect()
     }
 
-    /// A table of this test's own with one row.
+    /// Creates a table with one row in a file of the test's own.
     fn table(name: &str) -> Table {
         let path = std::env::temp_dir().join(format!("covers-{name}-{}.csv", std::process::id()));
         let _ = fs::remove_file(&path);

@@ -1,11 +1,11 @@
-//! What a person reads: one line a rollout, and a table at the end.
+//! Text for the terminal: one line per rollout, and tables of scores.
 
 use std::fmt::{self, Write};
 
 use crate::evaluation::{Score, by_group};
 use crate::{Event, Progress, Summary};
 
-/// What is told of one step of a run.
+/// Formats an event: a line for a rollout, a table for an evaluation.
 pub fn event_text(event: &Event) -> String {
     match event {
         Event::Rollout(progress) => rollout_line(progress),
@@ -13,17 +13,17 @@ pub fn event_text(event: &Event) -> String {
     }
 }
 
-/// The line of one rollout: decisions, true group, assigned policy (`new`, or `2nd` where it took a
-/// second rollout to recall it), mean reward, success, W1 to each policy that was compared.
+/// Formats a rollout as one line: decisions, true group, assigned policy (`new`, or `2nd` if a
+/// second rollout was needed to choose it), mean reward, success, W1 to each compared policy.
 pub fn rollout_line(progress: &Progress) -> String {
-    let turn = &progress.turn;
-    let evidence = turn.evidence.iter();
+    let iteration = &progress.iteration;
+    let evidence = iteration.evidence.iter();
     let line = RolloutLine {
         decisions: progress.decisions,
         group: progress.group.name(),
-        policy: turn.policy,
-        created: turn.created,
-        second_look: turn.first_look.is_some(),
+        policy: iteration.policy,
+        created: iteration.created,
+        second_look: iteration.first_look.is_some(),
         reward: progress.reward(),
         success: progress.success(),
         evidence: evidence.map(|evidence| (Some(evidence.distance), evidence.score())).collect(),
@@ -31,23 +31,23 @@ pub fn rollout_line(progress: &Progress) -> String {
     line.to_string()
 }
 
-/// What is told of a rollout, by the run itself or by who reads its tables.
+/// Values of a rollout's line, from a run in progress or from its tables.
 pub struct RolloutLine<'a> {
-    /// Decisions taken by its end.
+    /// Decisions taken by the end of the rollout.
     pub decisions: usize,
-    /// The group that ran when it began.
+    /// Name of the task group at the start of the rollout.
     pub group: &'a str,
-    /// The policy that learnt.
+    /// Index of the policy that the rollout was assigned to.
     pub policy: usize,
-    /// `true` if the policy was opened for it.
+    /// `true` if the policy was created for the rollout.
     pub created: bool,
-    /// `true` if a second rollout was needed to name the policy.
+    /// `true` if a second rollout was needed to choose the policy.
     pub second_look: bool,
     /// Mean return, in `[0, 500]`; `None` if no episode ended.
     pub reward: Option<f64>,
     /// Share of episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
     pub success: Option<f64>,
-    /// The distance to each policy that was compared, and its score.
+    /// Distance to each compared policy, and its standard score under permutation.
     pub evidence: Vec<(Option<f64>, Option<f64>)>,
 }
 
@@ -57,6 +57,7 @@ impl fmt::Display for RolloutLine<'_> {
             Some(score) => format!("{} (z {score:.1})", number(distance, 2)),
             None => number(distance, 2),
         });
+        // four columns wide, so that the columns behind it stay aligned
         let remark = match (self.created, self.second_look) {
             (true, _) => " new",
             (false, true) => " 2nd",
@@ -75,15 +76,15 @@ impl fmt::Display for RolloutLine<'_> {
     }
 }
 
-/// A figure with `digits` decimals; a dash where there is none.
+/// Formats a number with `digits` decimals; `-` for `None` and for non-finite numbers.
 pub fn number(value: Option<f64>, digits: usize) -> String {
     let finite = value.filter(|value| value.is_finite());
     finite.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
-/// The table of one evaluation: a line for each group, with the success of its variants, those that
-/// were held out in brackets. Below it stands a line for each group of which the learner played a
-/// variant with another policy than the group's own.
+/// Formats the scores of one evaluation as a table with a line for each group; held-out variants
+/// stand in brackets. Further lines name groups of which the learner played a variant with another
+/// policy than the group's own.
 pub fn score_table(scores: &[Score]) -> String {
     let mut table = String::from(
         "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
@@ -133,7 +134,7 @@ pub fn score_table(scores: &[Score]) -> String {
     table
 }
 
-/// The table of a whole run.
+/// Formats the summary of a run as a table of scores and a line of totals.
 pub fn summary_table(summary: &Summary) -> String {
     let mut table = score_table(&summary.variants);
     let _ = write!(
@@ -150,8 +151,8 @@ pub fn summary_table(summary: &Summary) -> String {
     if summary.merged > 0 {
         let _ = write!(table, ", {} policies merged into others", summary.merged);
     }
-    if summary.straddled > 0 {
-        let _ = write!(table, ", {} rollouts of two groups", summary.straddled);
+    if summary.spanning_switch > 0 {
+        let _ = write!(table, ", {} rollouts of two groups", summary.spanning_switch);
     }
     if summary.failures > 0 {
         let _ = write!(table, ", {} failures of environments", summary.failures);
@@ -178,7 +179,7 @@ mod tests {
             policies: 1,
             merged: 0,
             failures: 0,
-            straddled: 0,
+            spanning_switch: 0,
             assignment_accuracy: Some(1.0),
             return_accuracy: None,
             groups: Vec::new(),

@@ -2,16 +2,16 @@
 
 use crate::schema::TimingRow;
 
-/// Sums over the rollouts whose seconds are known.
+/// Sums over the rollouts with known seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Timings {
-    /// Seconds of learning.
+    /// Seconds of training.
     pub seconds: f64,
     decisions: f64,
 }
 
 impl Timings {
-    /// Sums a table up, as far as it can be read.
+    /// Sums the rows of a table up to the first one that cannot be read.
     pub fn read(table: &[u8]) -> Self {
         let mut reader = csv::Reader::from_reader(table);
         let rows = reader.deserialize().map_while(Result::ok);
@@ -21,19 +21,20 @@ impl Timings {
         })
     }
 
-    /// Decisions per second; none where no rollout's seconds are known.
+    /// Returns the decisions per second; `None` if no rollout has known seconds.
     pub fn decisions_per_second(&self) -> Option<f64> {
         (self.decisions > 0.0).then(|| self.decisions / self.seconds)
     }
 }
 
-/// The header and those rows of a table that are whole and of the first rollouts.
+/// Returns the header and the complete rows of the first `rollouts` rollouts of a table.
 pub fn first_rows(table: &[u8], rollouts: usize) -> String {
     let text = String::from_utf8_lossy(table);
     let mut lines = text.split_inclusive('\n');
     let Some(header) = lines.next().filter(|line| line.ends_with('\n')) else {
         return String::new();
     };
+    // a crash may leave a torn row anywhere, since later processes append behind it
     let commas = |line: &str| line.matches(',').count();
     let mut kept = header.to_owned();
     for row in lines {

@@ -1,4 +1,4 @@
-//! The threads that a run works on, and what becomes of their panics.
+//! Worker threads of a run, whose panics become errors.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -7,7 +7,10 @@ use rayon::ThreadPool;
 
 use crate::error::RunError;
 
-/// The threads that networks run on.
+/// Starts the threads that networks run on.
+///
+/// # Errors
+/// [`RunError::Threads`].
 pub fn thread_pool(threads: usize) -> Result<ThreadPool, RunError> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
@@ -15,7 +18,8 @@ pub fn thread_pool(threads: usize) -> Result<ThreadPool, RunError> {
         .map_err(|source| RunError::Threads { threads, source })
 }
 
-/// Works on the threads of `pool`. A panic, wherever it happened, is an error.
+/// Runs `work` on the threads of `pool`; a panic in any of them is returned as
+/// [`RunError::Panicked`].
 pub(crate) fn guarded<T: Send>(
     pool: &ThreadPool,
     work: impl FnOnce() -> Result<T, RunError> + Send,

@@ -1,4 +1,4 @@
-//! Reads arrays of numbers from an npz archive: a zip of npy files, as NumPy writes them.
+//! Reader of numeric arrays in npz archives: zip files of npy files, as NumPy writes them.
 
 use std::fs::File;
 use std::io::{Read, Seek};
@@ -8,19 +8,19 @@ use zip::ZipArchive;
 
 use super::recording_error::RecordingError;
 
-/// Most values of an array that is read, so that a small hostile archive cannot fill the memory.
+/// Largest number of values in an array, so that a small hostile archive cannot fill the memory.
 const MOST_VALUES: usize = 1 << 25;
-/// Most bytes of an array's file: its values, and more than any header has.
+/// Largest size of an array's file (bytes): its values, and 64 KiB for the header.
 const MOST_BYTES: u64 = 8 * MOST_VALUES as u64 + (1 << 16);
 
 const TOO_LARGE: &str = "it has more than 2^25 values";
 
-/// An open archive.
+/// Open npz archive.
 pub(crate) struct Npz<R> {
     archive: ZipArchive<R>,
 }
 
-/// An array of numbers, last index fastest.
+/// Array of numbers in row-major order.
 #[derive(Debug)]
 pub(crate) struct Array {
     shape: Vec<usize>,
@@ -28,7 +28,7 @@ pub(crate) struct Array {
 }
 
 impl Array {
-    /// The last axis at `indices` of the others.
+    /// Returns the values at these indices of the leading axes.
     pub(crate) fn row(&self, indices: &[usize]) -> &[f64] {
         let start =
             indices.iter().zip(&self.shape).fold(0, |start, (index, size)| start * size + index);
@@ -54,8 +54,8 @@ impl<R: Read + Seek> Npz<R> {
         Ok(Self { archive })
     }
 
-    /// The array `name` of finite numbers, whose shape must be `expected`; zero stands for any size
-    /// but none.
+    /// Reads the array `name` of finite numbers with the shape `expected`, in which 0 stands for
+    /// any positive size.
     pub(crate) fn array(
         &mut self,
         name: &'static str,
@@ -88,7 +88,7 @@ impl<R: Read + Seek> Npz<R> {
             return Err(RecordingError::Damaged { name, reason: TOO_LARGE });
         }
         let mut bytes = Vec::new();
-        // the size is only what the archive says
+        // the size in the archive's header may be false, so the number of bytes read is limited too
         file.take(MOST_BYTES)
             .read_to_end(&mut bytes)
             .map_err(|source| RecordingError::Open { source })?;
@@ -96,8 +96,8 @@ impl<R: Read + Seek> Npz<R> {
     }
 }
 
-/// Parses the npy format, versions 1 to 3: magic, version, header length, a Python dictionary, the
-/// values.
+/// Parses the npy format, versions 1 to 3: magic number, version, length of the header, header (a
+/// Python dictionary), values.
 fn parse(name: &'static str, bytes: &[u8]) -> Result<Array, RecordingError> {
     let damaged = |reason| RecordingError::Damaged { name, reason };
     let rest = bytes
@@ -121,7 +121,7 @@ fn parse(name: &'static str, bytes: &[u8]) -> Result<Array, RecordingError> {
     Ok(Array { shape, values })
 }
 
-/// What stands between quotes after `'descr'`, for instance `<f8`.
+/// Returns the quoted type after `'descr'`, for instance `<f8`; empty without one.
 fn kind(header: &str) -> &str {
     let after = header.split_once("'descr'").map_or("", |(_, after)| after);
     after.split('\'').nth(1).unwrap_or_default()
@@ -152,7 +152,7 @@ fn values(name: &'static str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, Reco
 mod tests {
     use super::*;
 
-    /// An npy file of version 1.
+    /// Returns an npy file of version 1.
     fn npy(kind: &str, count: usize, values: &[u8]) -> Vec<u8> {
         let header =
             format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({count},), }}\n");

@@ -1,8 +1,9 @@
-//! Do our scenes and rewards do what Meta-World's did?
+//! Comparison of scenes and rewards with recordings of Meta-World.
 //!
-//! Three comparisons with recordings of Meta-World 3.1.1 on MuJoCo 2.2.2 (weld torquescale 1):
-//! rewards from recorded states, single control steps from recorded states, and open-loop replay.
-//! Our scenes put boxes in the place of convex meshes: physics is compared where neither touched.
+//! The recordings are of Meta-World 3.1.1 on MuJoCo 2.2.2 (weld torquescale 1). Compared are
+//! rewards in recorded states, single control steps from recorded states, and open-loop replay.
+//! These scenes have boxes instead of convex meshes, so physics is compared only while neither
+//! touches anything.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -24,49 +25,48 @@ use super::recording::{CENTRE, Recording, centred, files};
 use super::recording_error::RecordingError;
 use experiments::RunError;
 
-/// Boxes in the place of the convex meshes of Meta-World's gripper base and goal net.
+/// Names of the boxes that replace the convex meshes of Meta-World's gripper base and goal net.
 const STAND_INS: [&str; 6] =
     ["gripper_base", "gripper_neck", "net_back", "net_left", "net_right", "net_top"];
 
-/// How one recording compares.
+/// Comparison with one recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ParityRow {
-    /// The file's name.
+    /// Name of the recording's file.
     pub file: String,
-    /// The task group.
+    /// Name of the task group.
     pub task: &'static str,
-    /// Control steps whose rewards were compared.
+    /// Number of control steps whose rewards were compared.
     pub reward_steps: usize,
     /// Largest difference of the reward, of scale 10, or of one of its terms.
     pub reward_deviation: f64,
-    /// Steps where success differed.
+    /// Number of steps with different success.
     pub success_mismatches: usize,
-    /// Single control steps compared: those in which no mesh, and no box in its place, touched
-    /// anything.
+    /// Number of single control steps compared, in which no mesh or replacing box touched anything.
     pub physics_steps: usize,
-    /// Largest difference in qpos (metres, radians) after a single step: median over the steps.
+    /// Median over single steps of the largest difference in qpos (metres, radians).
     pub physics_median: f64,
-    /// The same: of the best 99 in 100 steps.
+    /// 99th percentile over single steps of the largest difference in qpos (metres, radians).
     pub physics_p99: f64,
-    /// The same: of all.
+    /// Maximum over single steps of the largest difference in qpos (metres, radians).
     pub physics_max: f64,
-    /// Control steps replayed open loop: each episode up to the first in which a mesh, or a box in
-    /// its place, touched anything.
+    /// Number of control steps replayed open loop. Each episode ends before the first step in which
+    /// a mesh or a replacing box touched anything.
     pub replay_steps: usize,
-    /// Largest distance of the hand from the recorded one (metres).
+    /// Largest distance of the hand from its recorded position during replay (metres).
     pub replay_deviation: f64,
 }
 
-/// Rewards and their terms may differ from Meta-World's by this much.
+/// Largest accepted difference of rewards and their terms.
 const REWARD_DEVIATION: f64 = 1e-9;
-/// The best 99 of 100 single control steps may end this far from Meta-World's (metres, radians):
-/// what the solver's tolerance leaves of a jammed button.
+/// Largest accepted 99th percentile of differences after a single step (metres, radians). The
+/// solver's tolerance leaves up to this much in a jammed button.
 const STEP_DEVIATION: f64 = 5e-12;
-/// Of a replayed episode the hand may end this far from Meta-World's (metres).
+/// Largest accepted distance of the hand during replay (metres).
 const REPLAY_DEVIATION: f64 = 1e-4;
 
 impl ParityRow {
-    /// Whether every figure is a number and within its bound, and something was compared.
+    /// Returns `true` if something was compared and all values are within their bounds; NaN is not.
     pub fn passes(&self) -> bool {
         let steps = [self.reward_steps, self.physics_steps, self.replay_steps];
         !steps.contains(&0)
@@ -81,7 +81,7 @@ impl ParityRow {
 /// Compares every recording (`ENGINE_TASK_POLICY.npz`) of `folder`.
 ///
 /// # Errors
-/// [`RunError::Read`] names the file and what is wrong with it; or what MuJoCo says.
+/// [`RunError::Read`] with the file and the problem; errors of MuJoCo.
 pub fn parity(folder: &Path) -> Result<Vec<ParityRow>, RunError> {
     let paths = files(folder).map_err(|source| RunError::read(folder, source))?;
     if paths.is_empty() {
@@ -116,20 +116,21 @@ fn compare(path: &Path) -> Result<ParityRow, RunError> {
     Ok(row)
 }
 
-/// The smallest value that `share` of the sorted `values` do not exceed; zero where there are none.
+/// Returns the smallest value that a `share` of the sorted `values` does not exceed; zero for an
+/// empty slice.
 fn quantile(values: &[f64], share: f64) -> f64 {
     let rank = (share * values.len() as f64).ceil() as usize;
     values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
-/// Our scene, put into recorded states.
+/// Simulated scene that is put into recorded states.
 struct Replica {
     table: TableTop,
     start: EpisodeStart,
-    /// The placement of an episode with a cold solver.
+    /// State after placement, before the solver has a warm start.
     cold: State,
     hand_target: MocapId,
-    /// What a placement moves, in the scenes that have it.
+    /// Bodies that a placement moves; `None` in scenes without them.
     object: Option<MocapId>,
     goal: Option<MocapId>,
     /// Address in `qpos` of the loose cylinder's position, in the scene that has it.
@@ -163,7 +164,7 @@ impl Replica {
         })
     }
 
-    /// Puts things where they were in a recorded episode.
+    /// Places the objects as in a recorded episode.
     fn begin(&mut self, recording: &Recording, episode: usize) -> Result<(), EnvError> {
         let placement = recording.placement(self.table.scene().group, episode);
         let [hand, object] = recording.hand_and_object(episode, 0);
@@ -194,17 +195,18 @@ impl Replica {
         Ok(())
     }
 
-    /// Only the loose cylinder's position is counted from the world's origin.
+    /// Converts recorded positions to this scene's frame.
     fn in_our_frame(&self, qpos: &[f64]) -> Vec<f64> {
         let mut qpos = qpos.to_vec();
+        // only the free joint of the loose cylinder is relative to the world's origin
         if let Some(address) = self.decoy {
             qpos[address + 1] -= CENTRE.y;
         }
         qpos
     }
 
-    /// Lets recorded step `step` happen from the present state, and says whether no mesh there and
-    /// no box in its place here touched anything.
+    /// Simulates recorded step `step` from the current state. Returns `true` if neither a mesh in
+    /// the recording nor a replacing box touched anything, so that the results are comparable.
     fn step(
         &mut self,
         recording: &Recording,
@@ -225,7 +227,7 @@ impl Replica {
         Ok(comparable)
     }
 
-    /// Rewards, successes and terms of the recorded states.
+    /// Compares rewards, their terms and success in the recorded states.
     fn rewards(
         &mut self,
         recording: &Recording,
@@ -247,7 +249,8 @@ impl Replica {
         Ok(())
     }
 
-    /// Single control steps from the recorded states, with a cold solver.
+    /// Simulates single control steps from the recorded states, without warm start, and appends the
+    /// largest difference of each comparable step.
     fn single_steps(
         &mut self,
         recording: &Recording,
@@ -266,7 +269,7 @@ impl Replica {
         Ok(())
     }
 
-    /// The recorded actions one after the other, up to the first step that cannot be compared.
+    /// Replays the recorded actions of an episode up to the first step that cannot be compared.
     fn replay(
         &mut self,
         recording: &Recording,
@@ -287,7 +290,7 @@ impl Replica {
     }
 }
 
-/// Whether any of `geoms` touches anything.
+/// Returns `true` if any of `geoms` touches anything.
 fn touches(data: &Data, geoms: &[GeomId]) -> bool {
     let one_of = |geom| geoms.contains(&geom);
     data.contacts().any(|contact| contact.geoms.into_iter().any(one_of))

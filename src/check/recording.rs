@@ -1,4 +1,4 @@
-//! Episodes of Meta-World as an npz file holds them.
+//! Recorded episodes of Meta-World in an npz file.
 
 use std::path::{Path, PathBuf};
 
@@ -8,31 +8,33 @@ use glam::DVec3;
 use super::npz::{Array, Npz};
 use super::recording_error::RecordingError;
 
-/// From Meta-World's origin, the robot's base, to ours, the centre of the table (metres).
+/// Vector from Meta-World's origin, the robot's base, to the centre of the table, the origin of
+/// this project (metres).
 pub(crate) const CENTRE: DVec3 = DVec3::new(0.0, 0.6, 0.0);
 /// Height of the puck's centre on the table (metres); Meta-World's placements give its underside.
 const PUCK_HEIGHT: f64 = 0.015;
 
-/// E episodes of T control steps of one task. Lengths in metres, world frame of Meta-World.
+/// Recording of E episodes of T control steps of one task, in metres and Meta-World's frame.
 pub(crate) struct Recording {
     pub episodes: usize,
     pub steps: usize,
-    /// `[E, T + 1, nq]`, `[E, T + 1, nv]`, `[E, T + 1, 3]`: after the reset and after each step.
+    /// Positions `[E, T + 1, nq]`, velocities `[E, T + 1, nv]` and targets of the hand
+    /// `[E, T + 1, 3]`, after the reset and after each step.
     pub qpos: Array,
     pub qvel: Array,
     pub target: Array,
-    /// `[E, T + 1, 39]`: hand, aperture, object and more.
+    /// Observations `[E, T + 1, 39]`: hand, aperture, object and more.
     pub observation: Array,
-    /// `[E, T, 4]`, not clipped.
+    /// Actions `[E, T, 4]`, not clipped.
     pub action: Array,
-    /// `[E, T]`.
+    /// Rewards `[E, T]`.
     pub reward: Array,
-    /// `[E, T, 7]`: success, near object, grasp success, grasp reward, in place, object to target,
-    /// reward.
+    /// Further values `[E, T, 7]`: success, near object, grasp success, grasp reward, in place,
+    /// object to target, reward.
     pub info: Array,
-    /// `[E, T]`: a convex mesh, which our scenes replace by boxes, touched something.
+    /// Flags `[E, T]`: nonzero if a convex mesh, which boxes replace here, touched something.
     pub mesh_contact: Array,
-    /// `[E, 3]` or `[E, 6]`.
+    /// Random numbers of the placement, `[E, 3]` or `[E, 6]`.
     placement: Array,
     goal: Array,
     hand_start: Array,
@@ -40,7 +42,7 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// The task that a file's name speaks of.
+    /// Parses the task from a file's name.
     pub(crate) fn task(path: &Path) -> Result<TaskGroup, RecordingError> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
@@ -73,7 +75,7 @@ impl Recording {
         })
     }
 
-    /// Where an episode put things, in our frame.
+    /// Returns the placement of an episode in this project's frame.
     pub(crate) fn placement(&self, group: TaskGroup, episode: usize) -> Placement {
         let mut object = centred(&self.placement.row(&[episode])[..3]);
         if group == TaskGroup::PLATE_SLIDE {
@@ -82,33 +84,33 @@ impl Recording {
         Placement { object, goal: centred(self.goal.row(&[episode])) }
     }
 
-    /// Where the hand's target stood at an episode's start, in our frame.
+    /// Returns the hand's target at the start of an episode, in this project's frame.
     pub(crate) fn hand_start(&self, episode: usize) -> DVec3 {
         centred(self.hand_start.row(&[episode]))
     }
 
-    /// The point between the fingertips at an episode's start, in our frame.
+    /// Returns the point between the fingertips at an episode's start, in this project's frame.
     pub(crate) fn start_tcp(&self, episode: usize) -> DVec3 {
         centred(self.start_tcp.row(&[episode]))
     }
 
-    /// Hand and object of an observation, in our frame.
+    /// Returns the positions of hand and object in an observation, in this project's frame.
     pub(crate) fn hand_and_object(&self, episode: usize, step: usize) -> [DVec3; 2] {
         let observation = self.observation.row(&[episode, step]);
         [centred(&observation[..3]), centred(&observation[4..7])]
     }
 
-    /// The action's finger component, not clipped.
+    /// Returns the finger component of an action, not clipped.
     pub(crate) fn finger(&self, episode: usize, step: usize) -> f64 {
         self.action.row(&[episode, step])[3]
     }
 
-    /// Whether the success condition held after a step.
+    /// Returns `true` if the success condition held after a step.
     pub(crate) fn success(&self, episode: usize, step: usize) -> bool {
         self.info.row(&[episode, step])[0] != 0.0
     }
 
-    /// The largest difference of a step's reward, or of one of its terms, from `ours`.
+    /// Returns the largest difference of a step's reward, or of one of its terms, from `ours`.
     pub(crate) fn reward_deviation(
         &self,
         group: TaskGroup,
@@ -117,7 +119,7 @@ impl Recording {
         ours: &StepReward,
     ) -> f64 {
         let info = self.info.row(&[episode, step]);
-        // Meta-World's Reach reports a distance in the place of this term
+        // Meta-World's Reach reports a distance instead of this term
         let approach = if group == TaskGroup::GOAL_REACH { 0.0 } else { ours.approach - info[3] };
         let terms = [
             ours.reward - self.reward.row(&[episode, step])[0],
@@ -128,24 +130,24 @@ impl Recording {
         largest(terms.map(f64::abs))
     }
 
-    /// Whether a mesh touched anything during a step.
+    /// Returns `true` if a mesh touched anything during a step.
     pub(crate) fn meshes_touch(&self, episode: usize, step: usize) -> bool {
         self.mesh_contact.row(&[episode, step])[0] != 0.0
     }
 }
 
-/// Numbers that Meta-World draws for an episode: the object's position, and the goal's where it is
-/// drawn, too.
+/// Returns the number of random values of a placement: the object's position, and in some tasks the
+/// goal's.
 fn placement_len(group: TaskGroup) -> usize {
     if [TaskGroup::GOAL_REACH, TaskGroup::PLATE_SLIDE].contains(&group) { 6 } else { 3 }
 }
 
-/// A point of Meta-World's frame in ours.
+/// Converts a point of Meta-World's frame to this project's frame.
 pub(crate) fn centred(point: &[f64]) -> DVec3 {
     DVec3::from_slice(point) - CENTRE
 }
 
-/// Every npz file of a folder, sorted by name.
+/// Lists the npz files of a folder, sorted by name.
 pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let entries = std::fs::read_dir(folder).map_err(|source| RecordingError::Open { source })?;
     let mut files = Vec::new();
@@ -159,14 +161,10 @@ pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     Ok(files)
 }
 
-/// The largest of `deviations`; zero of none, and NaN where one of them is.
-///
-/// [`f64::max`] passes over NaN, and a check that folds with it passes over what is broken.
+/// Returns the largest deviation; zero without any, and NaN if one of them is NaN.
 pub(crate) fn largest(deviations: impl IntoIterator<Item = f64>) -> f64 {
-    let larger = |most: f64, one: f64| match most.is_nan() || most >= one {
-        true => most,
-        false => one,
-    };
+    // `f64::max` ignores NaN, which would hide broken values
+    let larger = |most: f64, one: f64| if most.is_nan() || most >= one { most } else { one };
     deviations.into_iter().fold(0.0, larger)
 }
 
@@ -175,7 +173,7 @@ mod tests {
     use super::*;
     use envs::{Camera, Embodiment, Layout};
 
-    /// What Meta-World's step was, with `change` made to it.
+    /// Returns the deviation of a recorded step from itself with `change` applied.
     fn deviation(change: impl Fn(&mut StepReward)) -> f64 {
         let group = TaskGroup::PLATE_SLIDE;
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);

@@ -1,73 +1,73 @@
-//! What can be wrong with a recording.
+//! Errors of recordings.
 
-/// What is wrong with a recording.
+/// Error of a recording.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordingError {
-    /// It cannot be read.
+    /// File that cannot be read.
     #[error("it cannot be read: {source}")]
     Open {
-        /// The reason.
+        /// Underlying error.
         source: std::io::Error,
     },
-    /// A folder without recordings.
+    /// Folder without recordings.
     #[error("no recording in it: expected files named ENGINE_TASK_POLICY.npz")]
     NoFiles,
-    /// It is no zip archive.
+    /// File that is no zip archive.
     #[error("it is not an npz archive: {source}")]
     NotAnArchive {
-        /// The reason.
+        /// Underlying error.
         source: zip::result::ZipError,
     },
-    /// Its name holds no task.
+    /// File whose name does not contain a task.
     #[error(
         "its name says no task: expected ENGINE_TASK_POLICY.npz, \
          where TASK is one of reach, button-press, drawer-close, plate-slide"
     )]
     UnknownTask,
-    /// It lacks an array.
-    #[error("the array `{name}` is missing among {known:?}")]
+    /// Missing array.
+    #[error("the array `{name}` is missing among those of the archive: {}", known.join(", "))]
     Missing {
-        /// The array.
+        /// Name of the missing array.
         name: &'static str,
-        /// What the archive holds.
+        /// Names of the files in the archive.
         known: Vec<String>,
     },
-    /// An array that is not what it says.
+    /// Array in an invalid file.
     #[error("the array `{name}` is damaged: {reason}")]
     Damaged {
-        /// The array.
+        /// Name of the array.
         name: &'static str,
-        /// What is wrong.
+        /// Description of the problem.
         reason: &'static str,
     },
-    /// An array of something else.
+    /// Array of an unsupported type.
     #[error(
         "the array `{name}` holds values of kind `{got}`, \
          expected `<f8` (64-bit numbers) or `|b1` (truth values)"
     )]
     Kind {
-        /// The array.
+        /// Name of the array.
         name: &'static str,
-        /// NumPy's word for what it holds.
+        /// NumPy's name of the type.
         got: String,
     },
-    /// An array of another shape.
+    /// Array of a wrong shape.
     #[error("the array `{name}` has the shape {got:?}, expected {expected:?} (0 stands for any)")]
     Shape {
-        /// The array.
+        /// Name of the array.
         name: &'static str,
-        /// Its shape.
+        /// Shape of the array.
         got: Vec<usize>,
-        /// The shape that the other arrays or the task ask for.
+        /// Shape that the other arrays or the task require.
         expected: Vec<usize>,
     },
-    /// An array with something that is not a number.
-    #[error("the array `{name}` is not finite at {index}")]
+    /// Array with an infinity or a NaN.
+    #[error("the array `{name}` is not finite at {index} of its values in row-major order")]
     NotFinite {
-        /// The array.
+        /// Name of the array.
         name: &'static str,
-        /// Index into its values.
+        /// Index into the array's values in row-major order.
         index: usize,
     },
 }

@@ -1,4 +1,4 @@
-//! `covers export`: a policy for other programs.
+//! `covers export`: files of a policy for other programs.
 
 use std::fs::create_dir_all;
 use std::io::Write;
@@ -17,28 +17,28 @@ use super::description::description;
 use super::onnx::model;
 use super::weights::{golden, weights};
 
-/// What to export.
+/// Options of `covers export`.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers export runs/covers-seed0 --policy 2 --out drawer\n\
-    `covers eval` and `covers render` say which policy a group has.")]
+    `covers eval` and `covers render` print the policy of each group.")]
 pub struct ExportOptions {
-    /// The folder of a run, or one that `covers pack` made.
+    /// Folder of a run, or a folder that `covers pack` created.
     pub run: PathBuf,
-    /// The policy's number, from 0.
+    /// Index of the policy, from 0.
     #[arg(long)]
     pub policy: usize,
-    /// The folder to create: `policy.onnx`, `policy.safetensors`, `policy.json`, and
-    /// `golden.safetensors` with some observations and what the policy says of them.
+    /// Folder to create, for `policy.onnx`, `policy.safetensors`, `policy.json`, and
+    /// `golden.safetensors` with some observations and the policy's outputs for them.
     #[arg(long)]
     pub out: PathBuf,
 }
 
 impl ExportOptions {
-    /// Writes the files and prints to `out`.
+    /// Writes the files, and prints their names and sizes to `out`.
     ///
     /// # Errors
-    /// A folder without policies, or one that exists; a policy that does not exist, or whose
-    /// network has parts that are no ordinary layers.
+    /// A run without policies, or an output folder that exists; a policy that does not exist, or
+    /// whose network has parts that cannot be written as ordinary layers.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         if self.out.exists() {
             let path = self.out.clone();
@@ -64,7 +64,7 @@ impl ExportOptions {
         for (name, bytes) in &files {
             replace(&LocalDisk, &path(name), bytes)?;
         }
-        // once all are there, so that a closed pipe loses none
+        // printed after all files are written, so that a closed pipe cannot prevent any
         for (name, bytes) in &files {
             say(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }
@@ -74,13 +74,13 @@ impl ExportOptions {
 
 /// Environments of each group.
 const ENVS: usize = 2;
-/// Decisions before the observation is taken, so that pictures differ from the first ones.
+/// Decisions before the observation is taken, so that its image differs from the episode's first.
 const DECISIONS: usize = 8;
 
-/// Two observations of each group of a run, some decisions after the start.
+/// Returns [`ENVS`] observations of each group of a run, [`DECISIONS`] decisions after the reset.
 ///
 /// # Errors
-/// What the environments say.
+/// Errors of the environments.
 pub(super) fn observations(run: &Experiment) -> Result<Observations, RunError> {
     let groups = run.schedule.resolve(&TaskRegistry::standard())?;
     let settings = VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.clean() };
@@ -99,6 +99,7 @@ fn after_a_while(stream: &mut Stream, group: TaskGroup) -> Result<Observations, 
     stream.switch_to(group, &D2::ALL)?;
     let mut transition = Transition::new(stream.spec());
     stream.reset(&mut transition.observations).map_err(environment)?;
+    // arbitrary actions in [-1, 1] that need no random generator
     let action = |index: usize| (index as f32).sin();
     let actions: Vec<f32> = (1..=ENVS * ACTION_DIM).map(action).collect();
     for _ in 0..DECISIONS {

@@ -1,4 +1,4 @@
-//! What goes into a policy and what comes out, as JSON.
+//! JSON description of an exported policy's inputs, outputs and layers.
 
 use envs::Beside;
 use rl::{Distribution, PlainLayer, PlainPolicy};
@@ -8,10 +8,10 @@ use experiments::{Experiment, INPUTS};
 
 use super::weights::parts;
 
-/// The version of the description.
+/// Format and version of the description.
 const FORMAT: &str = "covers-policy 1";
 
-/// Inputs, outputs and layers of policy `index` of a run, and where it was trained.
+/// Describes policy `index` of a run: inputs, outputs, layers, and the environments of training.
 pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) -> Value {
     let layers = parts(policy).into_iter().map(|(part, layers, _)| {
         let layers: Vec<Value> = layers.iter().map(layer).collect();

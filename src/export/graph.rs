@@ -1,16 +1,16 @@
-//! A graph of ONNX operators (opset 17) as it grows, and the messages of its file (onnx.proto).
+//! Builder of a graph of ONNX operators (opset 17), and the messages of its file (onnx.proto).
 
 use prost::Message;
 
-/// Element types.
+/// Element types, numbered as in `TensorProto.DataType`.
 pub const FLOAT: i64 = 1;
 pub const UINT8: i64 = 2;
 const INT64: i32 = 7;
-/// Types of attributes.
+/// Types of attributes, numbered as in `AttributeProto.AttributeType`.
 const ONE_INT: i32 = 2;
 const INTS: i32 = 7;
 
-/// The version of the operators, and of the format that came with it.
+/// Version of the operators, and of the file format that was released with it.
 const OPSET: i64 = 17;
 const IR_VERSION: i64 = 8;
 
@@ -32,7 +32,7 @@ struct Model {
 
 #[derive(Clone, PartialEq, Message)]
 struct Opset {
-    /// Empty: ONNX's own operators.
+    /// Domain of the operators; empty for ONNX's own.
     #[prost(string, tag = "1")]
     domain: String,
     #[prost(int64, tag = "2")]
@@ -87,12 +87,12 @@ struct Tensor {
     data_type: i32,
     #[prost(string, tag = "8")]
     name: String,
-    /// Little-endian, row-major.
+    /// Little-endian values in row-major order.
     #[prost(bytes = "vec", tag = "9")]
     raw_data: Vec<u8>,
 }
 
-/// An input or output.
+/// Input or output of a graph.
 #[derive(Clone, PartialEq, Message)]
 struct Value {
     #[prost(string, tag = "1")]
@@ -121,7 +121,7 @@ struct Shape {
     sides: Vec<Side>,
 }
 
-/// A side of a fixed length, or of any length under a name.
+/// Dimension of fixed length, or of any length with a name.
 #[derive(Clone, PartialEq, Message)]
 struct Side {
     #[prost(int64, optional, tag = "1")]
@@ -137,16 +137,16 @@ pub struct Graph {
     constants: Vec<Tensor>,
 }
 
-/// An attribute of an operator.
+/// Attribute of an operator.
 pub enum Attribute {
-    /// A whole number.
+    /// Name and integer.
     Int(&'static str, i64),
-    /// Whole numbers.
+    /// Name and list of integers.
     Ints(&'static str, Vec<i64>),
 }
 
 impl Graph {
-    /// Adds an operator whose one output bears the name `output`, and returns that.
+    /// Adds an operator whose single output has the name `output`, and returns that name.
     pub fn node(
         &mut self,
         operator: &str,
@@ -164,13 +164,13 @@ impl Graph {
         output.to_owned()
     }
 
-    /// Adds numbers of this shape, and returns their name.
+    /// Adds a constant of this shape, and returns its name.
     pub fn floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
         self.constant(name, FLOAT as i32, shape, bytes.collect())
     }
 
-    /// Adds whole numbers, and returns their name.
+    /// Adds a vector of integers, and returns its name.
     pub fn ints(&mut self, name: &str, values: &[i64]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
         self.constant(name, INT64, &[values.len()], bytes.collect())
@@ -186,8 +186,8 @@ impl Graph {
         name.to_owned()
     }
 
-    /// The bytes of a model with these inputs and outputs: names, element types, and sides after
-    /// the batch.
+    /// Serialises the model with these inputs and outputs, given by name, element type, and the
+    /// dimensions after the batch.
     pub fn model(
         self,
         about: &str,
@@ -222,7 +222,7 @@ fn attribute(attribute: &Attribute) -> AttributeMessage {
     AttributeMessage { name: (*name).to_owned(), int, ints, kind }
 }
 
-/// An input or output `[B, ..]`.
+/// Returns the message of an input or output `[B, ..]`.
 fn value((name, element, sides): &(&str, i64, Vec<usize>)) -> Value {
     let batch = Side { length: None, name: Some("B".to_owned()) };
     let sides = sides.iter().map(|&side| Side { length: Some(side as i64), name: None });

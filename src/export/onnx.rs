@@ -1,11 +1,11 @@
-//! A policy as an ONNX model.
+//! ONNX model of a policy.
 
 use rl::{Distribution, PlainLayer, PlainPolicy};
 
 use super::graph::{Attribute, FLOAT, Graph, UINT8};
 
-/// The bytes of a model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to `action`
-/// `[B, A]`, `log_std` `[B, A]` and, where the policy says one, `value` `[B]`.
+/// Serialises a model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to `action`
+/// `[B, A]`, `log_std` `[B, A]` and, if the policy has a critic, `value` `[B]`.
 pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
     let mut graph = Graph::default();
     let image = policy.image.as_ref().map(|layers| {
@@ -21,11 +21,8 @@ pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
     let joined = joined(&mut graph, "joined", &parts);
     distribution(&mut graph, policy, joined.clone());
     if let Some((layers, pooled)) = &policy.critic {
-        let read = match pooled {
-            true => features(&mut graph, &parts, policy.order),
-            false => joined,
-        };
-        let value = chain(&mut graph, "critic", layers, read, Operators::Vectors);
+        let input = if *pooled { features(&mut graph, &parts, policy.order) } else { joined };
+        let value = chain(&mut graph, "critic", layers, input, Operators::Vectors);
         let flat = graph.ints("value.shape", &[-1]);
         graph.node("Reshape", &[&value, &flat], "value", &[]);
     }
@@ -42,14 +39,14 @@ pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
     graph.model(about, &inputs, &outputs)
 }
 
-/// Whether layers run on maps `[B, C, H, W]` or on vectors `[B, C]`.
+/// Operators of linear layers: convolutions of maps `[B, C, H, W]` or products of vectors `[B, C]`.
 #[derive(Clone, Copy)]
 enum Operators {
     Maps,
     Vectors,
 }
 
-/// Bytes `[B, H, W, C]` to `[B, C, H, W]` in [-0.5, 0.5].
+/// Adds operators that turn bytes `[B, H, W, C]` into floats `[B, C, H, W]` in [-0.5, 0.5].
 fn planes(graph: &mut Graph) -> String {
     let scale = graph.floats("image.scale", &[], &[1.0 / 255.0]);
     let middle = graph.floats("image.middle", &[], &[0.5]);
@@ -70,11 +67,12 @@ fn chain(
     let layers = layers.iter().enumerate();
     layers.fold(input, |input, (number, layer)| {
         let name = format!("{part}.{number}");
-        one(graph, &name, layer, &input, operators)
+        add_layer(graph, &name, layer, &input, operators)
     })
 }
 
-fn one(
+/// Adds the operator of one layer, and returns the name of its output.
+fn add_layer(
     graph: &mut Graph,
     name: &str,
     layer: &PlainLayer,
@@ -116,7 +114,7 @@ fn one(
     }
 }
 
-/// Vectors one after the other.
+/// Concatenates vectors along their components.
 fn joined(graph: &mut Graph, name: &str, parts: &[String]) -> String {
     match parts {
         [alone] => alone.clone(),
@@ -127,9 +125,10 @@ fn joined(graph: &mut Graph, name: &str, parts: &[String]) -> String {
     }
 }
 
-/// The largest value of every field `[G, n]` of each part.
+/// Adds the invariant features: the maximum over the group elements of each regular field.
 fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
     let mut pool = |part: &String| {
+        // 0 keeps the batch dimension, -1 takes the remaining components
         let shape = graph.ints(&format!("{part}.by_element"), &[0, order as i64, -1]);
         let fields = graph.node("Reshape", &[part, &shape], &format!("{part}.elements"), &[]);
         let axes = [Attribute::Ints("axes", vec![1]), Attribute::Int("keepdims", 0)];
@@ -147,6 +146,7 @@ fn distribution(graph: &mut Graph, policy: &PlainPolicy, input: String) {
         Distribution::Gaussian { log_std } => {
             graph.node("Identity", &[&actor], "action", &[]);
             let log_std = graph.floats("actor.log_std", &[1, width], log_std);
+            // the deviations do not depend on the observation: one row is repeated for the batch
             let shape = graph.node("Shape", &[&actor], "action.shape", &[]);
             graph.node("Expand", &[&log_std, &shape], "log_std", &[]);
         }
@@ -161,6 +161,7 @@ fn distribution(graph: &mut Graph, policy: &PlainPolicy, input: String) {
             };
             columns("action", 0);
             let share = columns("log_std.share", width);
+            // the network's log_std is in [-1, 1] after the tanh; this maps it to [low, high]
             let half = (high - low) / 2.0;
             let (half, middle) = (
                 graph.floats("log_std.half", &[], &[half]),

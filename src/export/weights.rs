@@ -1,4 +1,4 @@
-//! A policy's weights as safetensors, under the names that PyTorch's `Sequential` gives them.
+//! Safetensors of a policy's weights, with the names that PyTorch's `Sequential` uses.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use safetensors::tensor::{Dtype, TensorView};
 
 use experiments::RunError;
 
-/// An array: name, type, shape and bytes.
+/// Name, type, shape and bytes of an array.
 type Array = (String, Dtype, Vec<usize>, Vec<u8>);
 
-/// The bytes of the weights, `image.0.weight` and so on: convolutions `[C_out, C_in, size, size]`,
-/// matrices `[C_out, C_in]`. `path` is where they will be written, for errors to name.
+/// Serialises the weights as `image.0.weight` and so on: convolutions `[C_out, C_in, size, size]`,
+/// matrices `[C_out, C_in]`. Errors name `path`, the file that will be written.
 pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, RunError> {
     let mut arrays = Vec::new();
     for (part, layers, maps) in parts(policy) {
@@ -29,7 +29,7 @@ pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, RunE
     serialize(arrays, path)
 }
 
-/// The parts of a policy: name, layers, and whether they run on maps.
+/// Returns the name and layers of each part of a policy, and `true` for layers that run on maps.
 pub(super) fn parts(policy: &PlainPolicy) -> Vec<(&'static str, &[PlainLayer], bool)> {
     let image = policy.image.iter().map(|layers| ("image", &layers[..], true));
     let critic = policy.critic.iter().map(|(layers, _)| ("critic", &layers[..], false));
@@ -38,7 +38,7 @@ pub(super) fn parts(policy: &PlainPolicy) -> Vec<(&'static str, &[PlainLayer], b
     image.chain(vector).chain(actor).chain(critic).collect()
 }
 
-/// The bytes of observations and of what the policy says of them.
+/// Serialises observations and the policy's outputs for them, as a reference for other programs.
 pub(super) fn golden(
     policy: &PlainPolicy,
     observations: &Observations,

@@ -1,4 +1,4 @@
-//! The same plan on a cluster: array jobs whose members share nothing but a folder.
+//! Sweeps on a cluster: array jobs whose members share nothing but a folder.
 
 use std::path::{Component, Path};
 
@@ -6,31 +6,32 @@ use serde_json::{Value, json};
 
 use experiments::RunError;
 
-/// Number of times that a job which fails is tried again.
+/// Number of times that a failed job is tried again.
 const RETRIES: usize = 3;
 
-/// Where the containers of a Kubernetes job see the volume.
+/// Path at which the containers of a Kubernetes job mount the volume.
 const MOUNT: &str = "/covers";
 
-/// A plan as an array of jobs, each member of which runs `covers sweep` for one of them.
+/// Plan as an array job, each member of which runs `covers sweep` for one job of the plan.
 #[derive(Clone, Copy, Debug)]
 pub struct ArrayJob<'a> {
-    /// The plan's file, as the members see it.
+    /// Path of the plan's file for the members.
     pub plan: &'a Path,
-    /// The folder of the runs, as the members see it.
+    /// Path of the folder of runs for the members.
     pub runs: &'a Path,
-    /// The number of jobs.
+    /// Number of jobs.
     pub jobs: usize,
-    /// Worker threads of each run, for which as many processors are asked.
+    /// Worker threads of each run; as many processors are requested.
     pub threads: usize,
 }
 
 impl ArrayJob<'_> {
-    /// A Slurm script. A member that is told to stop leaves a checkpoint (exit code 3) and is put
-    /// into the queue again, as often as that happens. One that fails or is killed, as for memory,
-    /// is tried again three times; its failures are listed in a file beside the output of Slurm.
+    /// Returns a Slurm script. A member that Slurm stops writes a checkpoint (exit code 3) and is
+    /// requeued without limit. A member that fails or is killed, for instance for its memory, is
+    /// tried again three times; a file beside Slurm's output lists its failures.
     pub fn slurm(&self, program: &Path) -> String {
         let (last, threads) = (self.jobs.saturating_sub(1), self.threads);
+        // `TERM@120` leaves two minutes to write a checkpoint before Slurm kills the member
         let [program, plan, runs] = [program, self.plan, self.runs].map(quoted);
         format!(
             r#"#!/usr/bin/env bash
@@ -64,13 +65,13 @@ exit $code
         )
     }
 
-    /// A Kubernetes job as JSON, which `kubectl apply` takes as it takes YAML. Its containers are
-    /// of `image`, whose entry point is the `covers` program. The plan and the runs lie on the
-    /// volume of the claim `covers`, which is mounted at `/covers`. A pod that is stopped leaves
-    /// a checkpoint (exit code 3), which counts as no failure.
+    /// Returns a Kubernetes job as JSON, which `kubectl apply` accepts like YAML. Its containers
+    /// run `image`, whose entry point is the `covers` program. The plan and the runs are on the
+    /// volume of the claim `covers`, mounted at `/covers`. A stopped pod writes a checkpoint (exit
+    /// code 3), which does not count as a failure.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a plan or runs elsewhere.
+    /// [`RunError::Setting`] for a plan or runs outside the volume.
     pub fn kubernetes(&self, image: &str) -> Result<Value, RunError> {
         let plan = on_the_volume("plan", self.plan)?;
         let runs = on_the_volume("runs", self.runs)?;
@@ -83,6 +84,7 @@ exit $code
             "resources": {"requests": {"cpu": threads, "memory": "4Gi"}},
             "volumeMounts": [{"name": "covers", "mountPath": MOUNT}],
         });
+        // pods that were stopped or evicted are replaced without counting as failures
         let stops = json!([
             {"action": "Ignore",
                 "onExitCodes": {"containerName": "covers", "operator": "In", "values": [3]}},
@@ -110,7 +112,7 @@ exit $code
     }
 }
 
-/// A path on the volume as an argument of a container.
+/// Returns a path on the volume, escaped as an argument of a container.
 fn on_the_volume(name: &'static str, path: &Path) -> Result<String, RunError> {
     let climbs = path.components().any(|part| part == Component::ParentDir);
     match path.to_str() {
@@ -124,7 +126,7 @@ fn on_the_volume(name: &'static str, path: &Path) -> Result<String, RunError> {
     }
 }
 
-/// A path as a shell reads it back.
+/// Quotes a path for a shell.
 fn quoted(path: &Path) -> String {
     format!("'{}'", path.display().to_string().replace('\'', r"'\''"))
 }
@@ -145,8 +147,8 @@ mod tests {
         }
     }
 
-    /// A folder of the test's own in which the script runs with a program that prints its
-    /// arguments, `srun` that runs it, and `scontrol` that prints its arguments.
+    /// Temporary folder in which the script runs, with shell functions in place of Slurm's commands
+    /// and of the program, which print their arguments.
     struct Cluster {
         folder: PathBuf,
         script: String,
@@ -161,7 +163,7 @@ mod tests {
             Self { folder, script }
         }
 
-        /// Standard output and exit code of the script where the program ends with `code`.
+        /// Returns standard output and exit code of the script if the program exits with `code`.
         fn run(&self, code: i32) -> (String, i32) {
             let doubles = format!(
                 "srun() {{ echo \"$1\"; shift; \"$@\"; }}

@@ -1,4 +1,4 @@
-//! What a sweep runs.
+//! Plan of a sweep: methods, variants and seeds, and the jobs that they give.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -10,22 +10,22 @@ use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
 use learner::overrides::{self, Override, parse, read};
 
-/// Methods times variants times seeds, as a JSON file holds them.
+/// Plan of a sweep, as a JSON file holds it: all combinations of methods, variants and seeds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// The methods, in the order of the jobs.
+    /// Methods, in the order of the jobs.
     pub methods: Vec<Method>,
-    /// The seeds; every method runs with each before the next seed's turn, so that a sweep that is
-    /// broken off compares methods fairly.
+    /// Seeds. All methods run with one seed before the next, so that an interrupted sweep compares
+    /// methods fairly.
     pub seeds: Vec<u64>,
-    /// How long each run may take.
+    /// Length of each run.
     pub budget: Budget,
-    /// Settings that differ from the preset's in every run, as `--set` takes them. The seed is none
-    /// of them. The number of threads is each worker's own, whatever stands here.
+    /// Overrides of the preset in every run, as for `--set`. They must not set the seed; a number
+    /// of threads is ignored, since each worker sets its own.
     #[serde(default)]
     pub set: Vec<String>,
-    /// Variants of every method, for a study of settings; without any, each method runs as it is.
+    /// Variants of every method, for a study of settings; if empty, each method runs once per seed.
     #[serde(default)]
     pub variants: Vec<Variant>,
 }
@@ -34,9 +34,9 @@ pub struct Plan {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Variant {
-    /// What the folders of its runs are called, behind the method.
+    /// Name of the variant, which follows the method's name in the folders of its runs.
     pub name: String,
-    /// What it sets after the plan's own `set`, likewise.
+    /// Overrides that apply after the plan's own `set`.
     #[serde(default)]
     pub set: Vec<String>,
 }
@@ -44,17 +44,17 @@ pub struct Variant {
 /// One run of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
-    /// The name of its folder.
+    /// Name of the run's folder.
     pub name: String,
-    /// Its settings.
+    /// Settings of the run.
     pub experiment: Experiment,
 }
 
 impl Plan {
-    /// Reads a plan.
+    /// Reads a plan from a JSON file.
     ///
     /// # Errors
-    /// [`RunError::Read`] names the file and what is wrong in it.
+    /// [`RunError::Read`] with the file and the problem.
     pub fn read(path: &Path) -> Result<Self, RunError> {
         Ok(read(path)?)
     }
@@ -62,28 +62,30 @@ impl Plan {
     /// Reads a plan from JSON.
     ///
     /// # Errors
-    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
+    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`],
+    /// [`learner::LearnerError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, RunError> {
         Ok(parse(text)?)
     }
 
-    /// The jobs, all of them checked: no sweep fails after days for want of a check.
+    /// Returns the jobs after checking all of them.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a plan without methods or seeds, with one of them or a variant
-    /// twice, with variants that are the same run, with one that makes no name of a folder, or with
-    /// a seed in `set`; what [`Experiment::check`] says.
+    /// [`RunError::Setting`] for a plan without methods or seeds, with duplicate methods, seeds or
+    /// variants, with variants of equal settings, with a variant's name that no folder can have, or
+    /// with a seed in `set`; errors of [`Experiment::check`].
     pub fn jobs(&self) -> Result<Vec<Job>, RunError> {
         let (jobs, tasks) = (self.listed()?, TaskRegistry::standard());
+        // all jobs before the first one runs, so that no sweep fails after days
         let mut experiments = jobs.iter().map(|job| &job.experiment);
         experiments.try_for_each(|experiment| experiment.check(&tasks))?;
         Ok(jobs)
     }
 
-    /// The jobs in their order, their settings not checked against each other.
+    /// Returns the jobs in their order without calling [`Experiment::check`].
     ///
     /// # Errors
-    /// As [`Plan::jobs`], but for those of [`Experiment::check`].
+    /// As [`Plan::jobs`], without errors of [`Experiment::check`].
     pub fn listed(&self) -> Result<Vec<Job>, RunError> {
         let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
         distinct("methods", &methods)?;
@@ -103,7 +105,7 @@ impl Plan {
         Ok(jobs)
     }
 
-    /// The variants with all that they set; one without a name where there are none.
+    /// Returns the variants with all their overrides; without variants, one arm without a name.
     fn arms(&self) -> Result<Vec<Arm<'_>>, RunError> {
         if self.variants.is_empty() {
             return Ok(vec![Arm::new(None, &self.set, &[])?]);
@@ -117,12 +119,13 @@ impl Plan {
 
     fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<Job, RunError> {
         let preset = self.budget.experiment(method);
-        // with a seed of another job, so that one that happens to be this job's is found, too
+        // tried with another seed than the job's, so that an override is found even if it sets the
+        // job's own seed
         let other = overrides::apply(&arm.set, preset.clone().with_seed(!seed))?;
         if other.learner.seed() != !seed {
             return Err(RunError::Setting {
                 name: "set",
-                value: format!("{:?}", arm.text),
+                value: serde_json::json!(arm.text).to_string(),
                 expected: "no seed: `seeds` lists them",
             });
         }
@@ -132,7 +135,7 @@ impl Plan {
     }
 }
 
-/// A variant, ready to be set.
+/// Variant with parsed overrides.
 struct Arm<'a> {
     suffix: String,
     text: Vec<&'a str>,
@@ -151,9 +154,9 @@ impl<'a> Arm<'a> {
     }
 }
 
-/// Refuses what could not be read back from a folder's name.
+/// Rejects names that could not be told apart from method and seed in a folder's name.
 fn folder_part(name: &str) -> Result<&str, RunError> {
-    let plain = |sign: char| sign.is_ascii_alphanumeric() || sign == '-' || sign == '.';
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '.';
     if !name.is_empty()
         && name.chars().all(plain)
         && !name.starts_with("seed")
@@ -163,19 +166,19 @@ fn folder_part(name: &str) -> Result<&str, RunError> {
     }
     Err(RunError::Setting {
         name: "variants",
-        value: format!("{name:?}"),
+        value: serde_json::json!(name).to_string(),
         expected: "a name of letters, digits, dots and hyphens, of which no part begins with `seed`",
     })
 }
 
 impl Job {
-    /// Its folder among the sweep's runs.
+    /// Returns the path of the job's folder.
     pub fn folder(&self, runs: &Path) -> PathBuf {
         runs.join(&self.name)
     }
 }
 
-/// Refuses jobs that are the same run under two names: a comparison of them says nothing.
+/// Rejects jobs with equal settings under different names, whose comparison would be meaningless.
 fn different(jobs: &[Job]) -> Result<(), RunError> {
     for (index, job) in jobs.iter().enumerate() {
         let mut before = jobs[..index].iter();
@@ -190,7 +193,7 @@ fn different(jobs: &[Job]) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Refuses a list that is empty or holds a value twice.
+/// Rejects a list that is empty or holds a value twice.
 fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<(), RunError> {
     let mut numbered = values.iter().enumerate();
     let twice = numbered.find(|(i, value)| values[..*i].contains(value));
@@ -261,7 +264,7 @@ mod tests {
         assert!(message.contains("`seeds` lists them"), "{message}");
     }
 
-    /// The plans that come with the project, by their names.
+    /// Returns the plans of the repository with their names.
     fn plans() -> Vec<(String, Plan)> {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results/plans");
         let files = std::fs::read_dir(folder).unwrap();
@@ -281,8 +284,8 @@ mod tests {
         }
     }
 
-    /// Reported seeds for what is published alone: ten for the efficiency of COVERS and for other
-    /// groupings; for the table five for each method that learns by PPO, and three for each other.
+    /// Seeds below 1000 are reserved for published results: ten for the efficiency of COVERS and
+    /// for other groupings; for the table, five for methods with PPO and three for all others.
     #[test]
     fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
         let (tables, others): (Vec<_>, Vec<_>) =

@@ -1,61 +1,61 @@
-//! A worker of a sweep: it claims one job after another until all are finished.
+//! Worker of a sweep, which claims one job after another until all are finished.
 
 use std::io::Write;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use experiments::{Event, Experiment, Run, RunError, RunFolder, Stop};
+use experiments::{Event, Experiment, Run, RunError, RunFolder, StopSignal};
 use learner::overrides::same;
 
 use super::plan::Job;
 
-/// How long a worker waits before it asks again for jobs that others have.
-const WAIT: Duration = Duration::from_secs(2);
-/// How often it looks meanwhile whether a stop is wished for.
-const GLANCE: Duration = Duration::from_millis(50);
+/// Time between attempts to claim jobs that other workers run.
+const RETRY_INTERVAL: Duration = Duration::from_secs(2);
+/// Time between checks of the stop signal while a worker waits.
+const STOP_POLL: Duration = Duration::from_millis(50);
 
-/// How a worker ended.
+/// Outcome of a worker.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Ended {
-    /// Whether a stop was wished for while jobs were left.
+pub struct SweepOutcome {
+    /// `true` if a stop was requested while jobs were left.
     pub stopped: bool,
-    /// The names of the jobs that failed, each for a reason that was told.
+    /// Names of the jobs that failed; their errors were printed.
     pub failed: Vec<String>,
 }
 
-/// What became of a job.
-enum Fate {
+/// Outcome of an attempt to run a job.
+enum JobOutcome {
     Done,
     Stopped,
-    /// Another worker has it.
+    /// Job that another worker runs.
     Taken,
 }
 
-/// Works until every job is finished or has failed, or until a stop is wished for, and tells of it.
-/// A job that another worker has is left to it, and taken over if that worker ends early. The
-/// folder of a run and its lock are all that workers share.
+/// Works until every job has finished or failed, or until a stop is requested, and prints its
+/// progress. Jobs of other workers are left to them, and taken over if such a worker ends early.
+/// Workers share nothing but the folders of the runs and their locks.
 ///
 /// # Errors
-/// [`RunError::Write`] for runs whose folder cannot be made.
+/// [`RunError::Write`] if the folder of the runs cannot be created.
 pub fn work(
     jobs: &[Job],
     runs: &Path,
     threads: usize,
-    stop: &Stop,
+    stop: &StopSignal,
     out: &mut impl Write,
-) -> Result<Ended, RunError> {
+) -> Result<SweepOutcome, RunError> {
     std::fs::create_dir_all(runs).map_err(|error| RunError::write(runs, error))?;
     let mut worker = Worker { runs, threads, stop, out, failed: Vec::new(), lost: Vec::new() };
     let stopped = worker.work(jobs);
     let failed = worker.failed;
-    Ok(Ended { stopped, failed })
+    Ok(SweepOutcome { stopped, failed })
 }
 
 struct Worker<'a, W> {
     runs: &'a Path,
     threads: usize,
-    stop: &'a Stop,
+    stop: &'a StopSignal,
     out: &'a mut W,
     failed: Vec<String>,
     /// Names of the jobs that other processes took over from this one.
@@ -63,7 +63,7 @@ struct Worker<'a, W> {
 }
 
 impl<W: Write> Worker<'_, W> {
-    /// Goes through the jobs again and again until none is left; `true` for a stop before that.
+    /// Repeats passes over the jobs until none is left; returns `true` after a stop.
     fn work(&mut self, jobs: &[Job]) -> bool {
         let mut left: Vec<&Job> = jobs.iter().collect();
         let mut waited_for = Vec::new();
@@ -71,6 +71,7 @@ impl<W: Write> Worker<'_, W> {
             let Some(taken) = self.pass(&left) else {
                 return true;
             };
+            // a pass that finished nothing: all remaining jobs run elsewhere
             if taken.len() == left.len() {
                 self.announce(&taken, &mut waited_for);
                 self.wait();
@@ -80,16 +81,16 @@ impl<W: Write> Worker<'_, W> {
         false
     }
 
-    /// Tries each job once. Returns those that other workers have; `None` after a stop.
+    /// Tries each job once. Returns the jobs that other workers run; `None` after a stop.
     fn pass<'j>(&mut self, jobs: &[&'j Job]) -> Option<Vec<&'j Job>> {
         let mut taken = Vec::new();
         for &job in jobs {
             match self.run(job) {
-                Ok(Fate::Done) => self.say(job, "done"),
-                Ok(Fate::Taken) => taken.push(job),
-                Ok(Fate::Stopped) => return None,
-                // Another process took the run over, since this one was frozen or since the file
-                // server does not share locks. To claim it back would stop that process in turn.
+                Ok(JobOutcome::Done) => self.say(job, "done"),
+                Ok(JobOutcome::Taken) => taken.push(job),
+                Ok(JobOutcome::Stopped) => return None,
+                // Another process took the run over because this one was frozen, or because the
+                // file server does not share locks. Claiming it back would stop that process.
                 Err(error @ RunError::TakenOver(_)) => {
                     self.say(job, &error.to_string());
                     self.lost.push(job.name.clone());
@@ -104,7 +105,7 @@ impl<W: Write> Worker<'_, W> {
         Some(taken)
     }
 
-    /// Prints once for each job that it is waited for.
+    /// Prints once for each job that this worker waits for it.
     fn announce<'j>(&mut self, taken: &[&'j Job], waited_for: &mut Vec<&'j str>) {
         for &job in taken {
             if !waited_for.contains(&job.name.as_str()) {
@@ -116,19 +117,19 @@ impl<W: Write> Worker<'_, W> {
 
     fn wait(&self) {
         let clock = Instant::now();
-        while clock.elapsed() < WAIT && !self.stop.requested() {
-            sleep(GLANCE);
+        while clock.elapsed() < RETRY_INTERVAL && !self.stop.requested() {
+            sleep(STOP_POLL);
         }
     }
 
-    fn run(&mut self, job: &Job) -> Result<Fate, RunError> {
+    fn run(&mut self, job: &Job) -> Result<JobOutcome, RunError> {
         let folder = RunFolder::open(&job.folder(self.runs));
         if folder.holds_run() {
-            // a run of other settings is not even opened
+            // checked before the run is resumed, which would change its files
             refuse_others(job, &folder, &folder.experiment()?)?;
             if folder.is_finished() {
                 match folder.verify_tables() {
-                    Ok(()) => return Ok(Fate::Done),
+                    Ok(()) => return Ok(JobOutcome::Done),
                     Err(changed @ RunError::ChangedTable { .. }) => {
                         self.say(job, &format!("{changed}: restoring the tables"));
                     }
@@ -137,18 +138,18 @@ impl<W: Write> Worker<'_, W> {
             }
         }
         if self.lost.contains(&job.name) {
-            return Ok(Fate::Taken);
+            return Ok(JobOutcome::Taken);
         }
         if self.stop.requested() {
-            return Ok(Fate::Stopped);
+            return Ok(JobOutcome::Stopped);
         }
         match claim(job, &folder, self.threads) {
-            Err(RunError::Locked { .. }) => Ok(Fate::Taken),
+            Err(RunError::Locked { .. }) => Ok(JobOutcome::Taken),
             other => self.finish(job, other?),
         }
     }
 
-    fn finish(&mut self, job: &Job, mut run: Run) -> Result<Fate, RunError> {
+    fn finish(&mut self, job: &Job, mut run: Run) -> Result<JobOutcome, RunError> {
         run.stop_at(self.stop.clone());
         self.say(job, run.notice());
         while let Some(event) = run.advance()? {
@@ -158,49 +159,51 @@ impl<W: Write> Worker<'_, W> {
             }
         }
         if run.is_finished() && run.summary()?.is_some() {
-            return Ok(Fate::Done);
+            return Ok(JobOutcome::Done);
         }
         run.save()?;
-        let rollouts = run.ledger().rollouts;
+        let rollouts = run.stats().rollouts;
         self.say(job, &format!("stopped after {rollouts} rollouts"));
-        Ok(Fate::Stopped)
+        Ok(JobOutcome::Stopped)
     }
 
-    /// Prints a line about a job. An output that is closed stops the worker, which then leaves a
-    /// checkpoint.
+    /// Prints a line about a job. A closed output stops the worker, which then writes a checkpoint.
     fn say(&mut self, job: &Job, line: &str) {
         let written = writeln!(self.out, "{}: {line}", job.name).and_then(|()| self.out.flush());
         if let Err(error) = written
             && !self.stop.requested()
         {
-            // a terminal that is gone reads nothing, and is no reason to fail
+            // a closed terminal must not make the sweep fail
             let _ = writeln!(std::io::stderr(), "standard output is closed ({error}): stopping");
             self.stop.request();
         }
     }
 }
 
-/// Begins the job's run or goes on with it.
+/// Starts the job's run or resumes it.
 fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, RunError> {
     let path = folder.path();
     std::fs::create_dir_all(path).map_err(|error| RunError::write(path, error))?;
     let resume = || Run::resume(path, Some(threads));
     let start = || Run::start(job.experiment.clone().with_threads(threads), folder.clone());
-    // a resumption asks for the lock before anything that takes time: workers that wait ask often
-    let run = match folder.holds_run() {
-        true => resume()?,
-        false => match start() {
+    // `resume` takes the lock before any slow step, which matters to workers that try again often
+    let run = if folder.holds_run() {
+        resume()?
+    } else {
+        match start() {
+            // another worker started the run since
             Err(RunError::Occupied { .. }) => resume()?,
             other => other?,
-        },
+        }
     };
-    // the lock is held from here on: what the folder held before may have been another run
+    // checked again under the lock, since another process may have replaced the run before
     refuse_others(job, folder, run.experiment())?;
     Ok(run)
 }
 
+/// Rejects a run in the job's folder whose settings differ from the job's.
 fn refuse_others(job: &Job, folder: &RunFolder, there: &Experiment) -> Result<(), RunError> {
-    let [asked, there] = [&job.experiment, there].map(|it| it.clone().with_threads(1));
+    let [asked, there] = [&job.experiment, there].map(|run| run.clone().with_threads(1));
     Ok(same(folder.path(), &asked, &there)?)
 }
 
@@ -215,7 +218,7 @@ mod tests {
     use super::*;
     use experiments::presets::{Budget, Method};
 
-    /// A folder of one test's own with the settings of three jobs in it, none of them begun.
+    /// Temporary folder with the settings of three jobs that have not started.
     struct Sweep {
         runs: PathBuf,
         jobs: Vec<Job>,
@@ -246,14 +249,14 @@ mod tests {
             std::fs::write(job.folder(&self.runs).join("summary.json"), "{}").unwrap();
         }
 
-        /// The lock of a job, as another worker holds it.
+        /// Takes the lock of a job as another worker would.
         fn take(&self, job: &Job) -> File {
             let lock = File::create(job.folder(&self.runs).join("lock")).unwrap();
             lock.try_lock().unwrap();
             lock
         }
 
-        fn work(&self, stop: &Stop) -> (Ended, String) {
+        fn work(&self, stop: &StopSignal) -> (SweepOutcome, String) {
             let mut said = Vec::new();
             let ended = work(&self.jobs, &self.runs, 1, stop, &mut said).unwrap();
             (ended, String::from_utf8(said).unwrap())
@@ -279,11 +282,11 @@ mod tests {
                 sweep.finish(second);
                 drop(lock);
             });
-            let result = sweep.work(&Stop::default());
+            let result = sweep.work(&StopSignal::default());
             assert!(sweep.folder(second).is_finished(), "{}", result.1);
             result
         });
-        assert_eq!(ended, Ended::default());
+        assert_eq!(ended, SweepOutcome::default());
         let expected = [
             "equi-seed0: done",
             "equi-seed2: done",
@@ -301,7 +304,7 @@ mod tests {
         sweep.folder(first).write_experiment(&other).unwrap();
         sweep.finish(third);
         let _lock = sweep.take(second);
-        let (stop, clock) = (Stop::default(), Instant::now());
+        let (stop, clock) = (StopSignal::default(), Instant::now());
         let (ended, said) = thread::scope(|scope| {
             scope.spawn(|| {
                 sleep(Duration::from_millis(200));
@@ -310,7 +313,7 @@ mod tests {
             sweep.work(&stop)
         });
         assert!(ended.stopped && ended.failed == ["equi-seed0"], "{ended:?}");
-        assert!(clock.elapsed() < WAIT, "{:?}", clock.elapsed());
+        assert!(clock.elapsed() < RETRY_INTERVAL, "{:?}", clock.elapsed());
         assert!(said.contains("other settings"), "{said}");
     }
 

@@ -1,4 +1,4 @@
-//! From how little a learner recognises a group.
+//! Recognition test: the policy that a learner names for a group from few episodes.
 
 use std::collections::BTreeMap;
 
@@ -13,34 +13,34 @@ use learner::Learner;
 
 use super::Evaluator;
 
-/// Episodes that are shown: the learner is asked with each of these numbers.
-pub const SHOWN: [usize; 3] = [1, 4, 20];
+/// Numbers of episodes that are shown: the learner is asked once for each of them.
+pub const EPISODES_SHOWN: [usize; 3] = [1, 4, 20];
 
-/// Random stream of the seeds of the episodes that are shown.
+/// Random stream of the seeds of the shown episodes, next to that of the learner's draws.
 const EPISODES: u64 = u64::MAX - 1;
 
-/// How often a learner gave one answer.
+/// Count of one answer of a learner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Recognition {
-    /// The group that was shown.
+    /// Shown task group.
     pub group: TaskGroup,
-    /// The variant's element.
+    /// Symmetry element of the shown variant.
     pub element: D2,
-    /// Episodes that were shown each time.
+    /// Episodes shown each time.
     pub episodes: usize,
-    /// The policy that the learner named; none where it named none of them.
+    /// Index of the policy that the learner named; `None` if no policy fitted.
     pub policy: Option<usize>,
-    /// How often it gave this answer.
+    /// Number of times that the learner gave this answer.
     pub times: usize,
 }
 
 impl Evaluator {
     /// Shows the learner the first frames of 1, 4 and 20 episodes of a variant, `looks` times each,
-    /// and counts what it answers. The episodes depend on the evaluation's seed alone and are
-    /// others each time.
+    /// and counts its answers. Each time the episodes are different; they depend on the
+    /// evaluation's seed alone.
     ///
     /// # Errors
-    /// What the environments or the learner say.
+    /// Errors of the environments or the learner.
     pub fn recognition(
         &mut self,
         learner: &mut dyn Learner,
@@ -53,12 +53,12 @@ impl Evaluator {
         let mut seeds = ChaCha8Rng::seed_from_u64(self.seed);
         seeds.set_stream(EPISODES);
         let mut found = Vec::new();
-        for episodes in SHOWN {
+        for episodes in EPISODES_SHOWN {
             let mut answers: BTreeMap<Option<usize>, usize> = BTreeMap::new();
             for _ in 0..looks {
                 let seed: u64 = seeds.random();
                 self.stream.reseed(seed)?;
-                let rng = &mut super::looking(seed);
+                let rng = &mut super::recognition_rng(seed);
                 let answer = learner.recognise(&mut self.stream, Some(episodes), rng)?;
                 *answers.entry(answer.named()).or_default() += 1;
             }

@@ -1,4 +1,4 @@
-//! What an evaluation says of variants and groups.
+//! Scores of variants and groups.
 
 use std::collections::BTreeMap;
 
@@ -8,30 +8,30 @@ use symmetry::D2;
 
 use itertools::Itertools;
 
-/// The own policy of each group: the one that served it in most of its training rollouts. The books
-/// of a run tell it; learners are never told.
+/// Own policy of each group, by the group's name: the policy that served it in most of its training
+/// rollouts. [`RunStats`](crate::RunStats) counts them; learners never see the group's name.
 pub type OwnPolicies = BTreeMap<String, usize>;
 
 /// Results of one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Score {
-    /// The variant's group.
+    /// Task group of the variant.
     pub group: TaskGroup,
-    /// The variant's element of the group of symmetries.
+    /// Symmetry element of the variant.
     pub element: D2,
-    /// Whether the learner met the variant while it learnt.
+    /// `true` if the schedule shows the variant during training.
     pub seen: bool,
     /// Index of the policy that the learner chose.
     pub policy: usize,
-    /// Episodes evaluated.
+    /// Number of episodes.
     pub episodes: usize,
     /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
     pub success: f64,
-    /// Share of episodes in which it held at the last step, in `[0, 1]`.
+    /// Share of episodes in which the success condition held at the last step, in `[0, 1]`.
     pub success_at_end: f64,
     /// Mean return on the paper's scale, in `[0, 500]`.
     pub reward: f64,
-    /// Results of the group's own policy in the same episodes; none where the group has none yet.
+    /// Results of the group's own policy in the same episodes; `None` if the group has none yet.
     pub own: Option<PolicyScore>,
 }
 
@@ -42,42 +42,41 @@ pub struct PolicyScore {
     pub policy: usize,
     /// Share of episodes that succeeded at any step, in `[0, 1]`.
     pub success: f64,
-    /// Share that still did at the last step.
+    /// Share of episodes that succeeded at the last step, in `[0, 1]`.
     pub success_at_end: f64,
     /// Mean return on the paper's scale, in `[0, 500]`.
     pub reward: f64,
 }
 
 impl Score {
-    /// `true` if the learner chose another policy than the group's own.
+    /// Returns `true` if the learner chose another policy than the group's own.
     pub fn is_mismatch(&self) -> bool {
         self.own.is_some_and(|own| own.policy != self.policy)
     }
 }
 
-/// Means over variants of one group.
+/// Mean results over the variants of one group, weighted by episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GroupScore {
-    /// The group.
+    /// Task group.
     pub group: TaskGroup,
-    /// The policy that the learner chose, one entry for each policy chosen in any variant, in
-    /// order.
+    /// Indices of the policies that the learner chose in any variant, ascending.
     pub policies: Vec<usize>,
-    /// Episodes evaluated.
+    /// Number of episodes over all variants.
     pub episodes: usize,
-    /// As in [`Score`], over all episodes.
+    /// Share of episodes that succeeded at any step, in `[0, 1]`.
     pub success: f64,
-    /// As in [`Score`], over all episodes.
+    /// Share of episodes that succeeded at the last step, in `[0, 1]`.
     pub success_at_end: f64,
-    /// As in [`Score`], over all episodes.
+    /// Mean return on the paper's scale, in `[0, 500]`.
     pub reward: f64,
-    /// Variants for which the learner chose another policy than the group's own.
+    /// Number of variants for which the learner chose another policy than the group's own.
     pub mismatches: usize,
-    /// Means of the group's own policy; none where it was not scored on every variant.
+    /// Means of the group's own policy; `None` if it was not scored on every variant.
     pub own: Option<PolicyScore>,
 }
 
-/// Means over the variants of each group, in the order in which the groups appear.
+/// Averages the scores of each group, in the order in which the groups appear.
 pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
     let groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).unique().collect();
     let of = |group| scores.iter().filter(move |score| score.group == group);
@@ -93,6 +92,8 @@ pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
             let sums = scores.iter().map(|(own, n)| figure(own) * *n as f64);
             over_episodes(sums.sum())
         };
+        // a mean over some variants would not compare with that of the chosen policies, so one
+        // missing score leaves none
         let own = own_scores.and_then(|scores| {
             Some(PolicyScore {
                 policy: scores.first()?.0.policy,

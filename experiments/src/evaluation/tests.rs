@@ -8,14 +8,14 @@ use super::*;
 use crate::presets::{Budget, Method};
 use learner::{Extent, Iteration, LearnerError, Recognised};
 
-/// Does the same whatever it sees, and keeps what it sees at the beginning of every episode.
+/// Learner that takes the same action at every step, and records first observations of episodes.
 #[derive(Default)]
 struct Spy {
     /// All components of every action.
     action: f32,
-    /// Numbers that it draws while it looks.
+    /// Random numbers drawn during recognition.
     draws: usize,
-    /// Its parameters, if it says which they are.
+    /// Parameters of its policies; `None` if it does not expose them.
     parameters: Option<Vec<f32>>,
     seen: Vec<Observations>,
     /// Policies that played, in order.
@@ -23,7 +23,7 @@ struct Spy {
 }
 
 impl Spy {
-    /// Episodes of every environment from a reset on.
+    /// Plays `rounds` episodes in every environment, from a reset on.
     fn watch(&mut self, env: &mut dyn VectorEnv, rounds: usize) {
         let spec = env.spec().clone();
         let mut begun = Observations::new(&spec);
@@ -90,8 +90,8 @@ impl Learner for Spy {
     }
 }
 
-/// What a learner is shown when a run of this method and seed is scored twice, and asked for its
-/// policies.
+/// Returns the first observations that a learner sees when a run of this method and seed is scored
+/// twice, and then asked for its policies.
 fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
     let mut run = Budget::Smoke.experiment(method).with_seed(seeds[0]);
     run.schedule.groups.truncate(1);
@@ -142,7 +142,7 @@ fn what_the_learner_draws_is_not_what_places_the_episodes() {
         rng.set_stream(index);
         words(rng)
     };
-    assert!((0..1000).all(|index| placing(index) != words(looking(7))));
+    assert!((0..1000).all(|index| placing(index) != words(recognition_rng(7))));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Presets are runs that can be finished, and differ in what they say.
+//! Tests that presets can finish, and differ only as documented.
 
 use envs::{Camera, TaskRegistry};
 
@@ -20,7 +20,7 @@ fn every_preset_is_a_run_that_can_be_finished() {
     }
 }
 
-/// The table's runs are kept, and were made without close-ups.
+/// The published runs of the table had no close-ups.
 #[test]
 fn all_budgets_but_that_of_the_table_show_close_ups() {
     for budget in Budget::value_variants() {
@@ -38,7 +38,8 @@ fn all_budgets_but_that_of_the_table_show_close_ups() {
     assert_eq!(paper(Budget::Full).camera.size, PAPER_PICTURES);
 }
 
-/// What "same decisions, same evaluation, 100 episodes of each group and variant" means.
+/// The protocol of the table: "same decisions, same evaluation, 100 episodes of each group and
+/// variant".
 #[test]
 fn the_budget_of_the_table_is_the_same_for_all_methods() {
     let of = |method| Budget::Table.experiment(method);

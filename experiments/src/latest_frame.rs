@@ -1,4 +1,4 @@
-//! The newest picture of a run, for who looks on.
+//! Latest frame of a run, for viewers.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,18 +7,18 @@ use rl::{EnvSpec, Observations};
 
 use crate::sheet::Picture;
 
-/// Where a run leaves what its first environment shows. Clones are one and the same place.
+/// Shared slot for the latest image of a run's first environment. Clones share one slot.
 #[derive(Clone, Debug, Default)]
-pub struct Glimpse(Arc<Mutex<Option<Picture>>>);
+pub struct LatestFrame(Arc<Mutex<Option<Picture>>>);
 
-impl Glimpse {
-    /// Leaves the picture of the first environment. Nobody is waited for: a picture that cannot be
-    /// left at once is left out.
-    pub(crate) fn leave(&self, spec: &EnvSpec, observations: &Observations) {
+impl LatestFrame {
+    /// Stores the image of the first environment, or drops it while a viewer holds the slot.
+    pub(crate) fn update(&self, spec: &EnvSpec, observations: &Observations) {
         let [height, width, channels] = spec.image;
         let pixels = observations.images[..spec.image_len()].chunks_exact(channels);
-        if let Ok(mut place) = self.0.try_lock() {
-            *place = Some(Picture {
+        // training must never wait for a viewer
+        if let Ok(mut slot) = self.0.try_lock() {
+            *slot = Some(Picture {
                 width,
                 height,
                 rgb: pixels.flat_map(|pixel| &pixel[..RGB]).copied().collect(),
@@ -26,8 +26,8 @@ impl Glimpse {
         }
     }
 
-    /// The newest picture.
-    pub fn look(&self) -> Option<Picture> {
+    /// Returns the latest image; `None` before the first step.
+    pub fn get(&self) -> Option<Picture> {
         self.0.lock().ok()?.clone()
     }
 }
@@ -42,10 +42,10 @@ mod tests {
             EnvSpec { num_envs: 2, image: [1, 2, 6], vector: Vec::new(), action: Vec::new() };
         let mut observations = Observations::new(&spec);
         observations.images = (0..24).collect();
-        let glimpse = Glimpse::default();
-        assert_eq!(glimpse.look(), None);
-        glimpse.clone().leave(&spec, &observations);
-        let picture = glimpse.look().unwrap();
+        let latest_frame = LatestFrame::default();
+        assert_eq!(latest_frame.get(), None);
+        latest_frame.clone().update(&spec, &observations);
+        let picture = latest_frame.get().unwrap();
         assert_eq!((picture.width, picture.height), (2, 1));
         assert_eq!(picture.rgb, [0, 1, 2, 6, 7, 8]);
     }

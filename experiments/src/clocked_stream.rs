@@ -1,58 +1,58 @@
-//! The stream on a clock: it does not wait for the learner.
+//! Task stream on a clock: groups change on schedule, whatever the learner does.
 
 use envs::TaskRegistry;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 
 use crate::error::RunError;
 use crate::experiment::{Experiment, Seeds};
-use crate::glimpse::Glimpse;
+use crate::latest_frame::LatestFrame;
 use crate::schedule::{Clock, Timetable, Visit};
 use crate::stream::Stream;
 use learner::Labels;
 
-/// The stream of one experiment.
+/// Stream that the learner of one experiment trains on.
 ///
-/// On the world's clock, what comes depends on the number of decisions so far and on nothing else:
-/// group, variants and placements are drawn anew from it whenever all episodes end.
-pub(crate) struct World {
+/// On [`Clock::World`], group, variants and placements depend only on the seed and the number of
+/// decisions so far: they are drawn again from these whenever all episodes end.
+pub(crate) struct ClockedStream {
     stream: Stream,
     tasks: TaskRegistry,
     timetable: Timetable,
     seeds: Seeds,
     clock: Clock,
-    /// Decisions of a rollout, by which turns are counted.
+    /// Decisions of a rollout, the length of one iteration on [`Clock::Turns`].
     rollout: usize,
     /// Decisions so far.
     now: usize,
-    /// Index of the visit that runs.
+    /// Index of the current visit.
     running: usize,
-    /// What the turn showed so far; nothing before its first step.
+    /// Visits shown in the current iteration; `None` before its first step.
     shown: Option<Shown>,
     labels: Labels,
-    /// Steps since all episodes began.
+    /// Steps since all episodes started.
     steps: usize,
-    /// Whether episodes stand at their beginning, as the clock left them.
+    /// `true` if all episodes have just started and no step was taken since.
     is_begun: bool,
-    /// Their first observations, for a learner that asks for a reset then.
+    /// First observations of these episodes, for a learner that asks for a reset then.
     begun: Observations,
-    /// Where pictures are left, if somebody looks on.
-    glimpse: Option<Glimpse>,
+    /// Slot for the latest image, if there is a viewer.
+    latest_frame: Option<LatestFrame>,
 }
 
-/// The visits that one turn showed, by their indices.
+/// Indices of the first and last visit that an iteration showed.
 #[derive(Clone, Copy, Debug)]
 struct Shown {
     first: usize,
     last: usize,
-    straddles: bool,
+    spans_switch: bool,
 }
 
-impl World {
-    /// The stream of `experiment` after `decisions` decisions. It writes the name of the group that
-    /// it shows to `labels`.
+impl ClockedStream {
+    /// Creates the stream of `experiment` after `decisions` decisions. It writes the name of the
+    /// current group to `labels`.
     ///
     /// # Errors
-    /// A group that `tasks` does not hold, or what the environments say.
+    /// A group that `tasks` does not hold, or errors of the environments.
     pub fn new(
         experiment: &Experiment,
         tasks: &TaskRegistry,
@@ -75,73 +75,74 @@ impl World {
             shown: None,
             labels,
             steps: 0,
-            glimpse: None,
+            latest_frame: None,
         })
     }
 
-    /// The environments.
-    pub fn stream(&self) -> &Stream {
+    /// Returns the environments.
+    pub fn environments(&self) -> &Stream {
         &self.stream
     }
 
-    /// Leaves the newest picture there from now on.
-    pub fn show_to(&mut self, glimpse: Glimpse) {
-        self.glimpse = Some(glimpse);
+    /// Publishes the image of the first environment after every step.
+    pub fn publish_frames_to(&mut self, latest_frame: LatestFrame) {
+        self.latest_frame = Some(latest_frame);
     }
 
-    /// The index of the visit that the turn of this number begins in; none behind the last.
-    pub fn index(&self, turn: usize) -> Option<usize> {
+    /// Returns the index of the visit that this iteration, counted from 0, starts in; `None` after
+    /// the last visit.
+    pub fn index(&self, iteration: usize) -> Option<usize> {
         self.timetable.index_at(match self.clock {
             Clock::World => self.now,
-            Clock::Turns => turn * self.rollout,
+            Clock::Turns => iteration * self.rollout,
         })
     }
 
-    /// A visit, and those before it.
+    /// Returns the visit with this index, and all earlier visits.
     pub fn visit(&self, index: usize) -> (&Visit, &[Visit]) {
         self.timetable.visit(index)
     }
 
-    /// Decisions so far.
+    /// Returns the number of decisions so far.
     pub fn now(&self) -> usize {
         self.now
     }
 
-    /// The index of the visit that the turn's last step showed; before its first, of the one that
-    /// runs.
+    /// Returns the index of the visit of the iteration's last step; before its first step, of the
+    /// current visit.
     pub fn last_shown(&self) -> usize {
         self.shown.map_or(self.running, |shown| shown.last)
     }
 
-    /// Whether the turn showed more than one group.
-    pub fn straddles(&self) -> bool {
-        self.shown.is_some_and(|shown| shown.straddles)
+    /// Returns `true` if the iteration showed more than one group.
+    pub fn spans_switch(&self) -> bool {
+        self.shown.is_some_and(|shown| shown.spans_switch)
     }
 
-    /// Books that a step of the running visit is shown.
+    /// Records that a step of the current visit is shown, and sets its label.
     fn show(&mut self) {
         let (running, group) = (self.running, |index| &self.timetable.visit(index).0.group);
         let before =
-            self.shown.unwrap_or(Shown { first: running, last: running, straddles: false });
+            self.shown.unwrap_or(Shown { first: running, last: running, spans_switch: false });
         if self.shown.is_none() || before.last != running {
             self.labels.set(group(running));
         }
         self.shown = Some(Shown {
             last: running,
-            straddles: before.straddles || group(running) != group(before.first),
+            spans_switch: before.spans_switch || group(running) != group(before.first),
             ..before
         });
     }
 
-    /// Begins the turn of this number in the visit of this index.
+    /// Starts the iteration with this index in the visit `index`.
     ///
     /// # Errors
-    /// What the environments say.
-    pub fn begin(&mut self, turn: usize, index: usize) -> Result<(), RunError> {
+    /// Errors of the environments.
+    pub fn begin(&mut self, iteration: usize, index: usize) -> Result<(), RunError> {
         self.shown = None;
         match self.clock {
             Clock::World => Ok(()),
-            Clock::Turns => self.enter(index, self.seeds.nth(turn)),
+            Clock::Turns => self.enter(index, self.seeds.nth(iteration)),
         }
     }
 
@@ -154,11 +155,12 @@ impl World {
         Ok(())
     }
 
-    /// Lets in who is due now; a learner that goes on after the last visit stays in it.
+    /// Switches to the group that is due by the clock.
     fn follow_the_clock(&mut self) -> Result<(), RunError> {
         self.steps = 0;
         match self.clock {
             Clock::World => {
+                // a rollout that lasts beyond the last visit stays in it
                 let index = self.timetable.index_at(self.now).unwrap_or(self.running);
                 self.enter(index, self.seeds.nth(self.now))
             }
@@ -167,7 +169,7 @@ impl World {
     }
 }
 
-impl VectorEnv for World {
+impl VectorEnv for ClockedStream {
     fn spec(&self) -> &EnvSpec {
         self.stream.spec()
     }
@@ -177,6 +179,8 @@ impl VectorEnv for World {
     }
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        // a reset right after the clock's own must not draw other episodes, since learners that
+        // reset and learners that do not see the same stream
         if self.is_begun {
             out.clone_from(&self.begun);
             return Ok(());
@@ -193,21 +197,22 @@ impl VectorEnv for World {
         self.steps += 1;
         let over = Some(self.steps) == self.horizon();
         if over && self.clock == Clock::World {
-            cut(self.spec().image_len(), out);
+            truncate(self.spec().image_len(), out);
             self.follow_the_clock()?;
             self.stream.reset(&mut out.observations)?;
             self.begun.clone_from(&out.observations);
             self.is_begun = true;
         }
-        if let Some(glimpse) = &self.glimpse {
-            glimpse.leave(self.spec(), &out.observations);
+        if let Some(latest_frame) = &self.latest_frame {
+            latest_frame.update(self.spec(), &out.observations);
         }
         Ok(())
     }
 }
 
-/// Cuts the episodes that still run because a failure made them begin later than the others.
-fn cut(image: usize, out: &mut Transition) {
+/// Truncates episodes that are still running because a failure made them start later than the
+/// others; `image` is the number of bytes of an image.
+fn truncate(image: usize, out: &mut Transition) {
     let vector = out.observations.vectors.len() / out.outcomes.len();
     let (from, to) = (&out.observations, &mut out.final_observations);
     for (n, outcome) in out.outcomes.iter_mut().enumerate() {
@@ -225,19 +230,24 @@ mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
 
-    /// 80 decisions of one group, 120 of the next, and so on: eight environments, episodes of ten
-    /// decisions.
-    fn world(decisions: usize) -> World {
+    /// Returns a stream of eight environments with episodes of ten decisions: 80 decisions of one
+    /// group, then 120 of another.
+    fn world(decisions: usize) -> ClockedStream {
         let mut experiment = Budget::Smoke.experiment(Method::Covers).with_threads(1);
         experiment.schedule.order = crate::schedule::Order::Fixed;
         experiment.schedule.groups.truncate(2);
         experiment.schedule.groups[0].decisions = 80;
         experiment.schedule.groups[1].decisions = 120;
-        World::new(&experiment, &TaskRegistry::standard(), Labels::default(), decisions).unwrap()
+        let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
+        ClockedStream::new(&experiment, &tasks, labels, decisions).unwrap()
     }
 
-    /// The visit that runs after each step, and the last observation.
-    fn walk(world: &mut World, steps: usize, reset_every: usize) -> (Vec<usize>, Observations) {
+    /// Takes steps, and returns the current visit after each one and the last observations.
+    fn walk(
+        world: &mut ClockedStream,
+        steps: usize,
+        reset_every: usize,
+    ) -> (Vec<usize>, Observations) {
         let spec = world.spec().clone();
         let mut observations = Observations::new(&spec);
         let mut transition = Transition::new(&spec);
@@ -267,15 +277,15 @@ mod tests {
     #[test]
     fn a_turn_straddles_where_it_showed_two_groups_and_not_where_the_next_is_due() {
         let mut world = world(0);
-        let turn = |world: &mut World, steps| {
+        let iteration = |world: &mut ClockedStream, steps| {
             world.begin(0, 0).unwrap();
             walk(world, steps, usize::MAX);
-            (world.straddles(), world.last_shown())
+            (world.spans_switch(), world.last_shown())
         };
-        assert_eq!(turn(&mut world, 10), (false, 0), "the next group is due");
+        assert_eq!(iteration(&mut world, 10), (false, 0), "the next group is due");
         assert_eq!(world.running, 1);
         let mut world = self::world(0);
-        assert_eq!(turn(&mut world, 11), (true, 1));
+        assert_eq!(iteration(&mut world, 11), (true, 1));
     }
 
     #[test]
@@ -292,7 +302,7 @@ mod tests {
         out.outcomes[1] = Outcome::Running;
         out.observations.images.fill(7);
         let image = world(0).spec().image_len();
-        cut(image, &mut out);
+        truncate(image, &mut out);
         assert!(out.outcomes.iter().all(|&outcome| outcome == Outcome::Truncated));
         let row = |n: usize| out.final_observations.images[n * image];
         assert_eq!((row(0), row(1)), (0, 7));

@@ -1,0 +1,136 @@
+//! Start of a run, and its resumption after an interruption.
+
+use std::path::{Path, PathBuf};
+
+use envs::TaskRegistry;
+
+use crate::error::RunError;
+use crate::experiment::Experiment;
+use crate::memory;
+use crate::sheet::contact_sheet;
+use crate::stream::Stream;
+use learner::overrides::same;
+use learner::{DeviceChoice, Labels, Learner};
+
+use crate::checkpoints::newest;
+use crate::folder::RunFolder;
+use crate::lock::Lock;
+use crate::note::{RunState, SavedRun};
+
+/// Locked folder with the settings of its run.
+pub(crate) struct LockedRun {
+    pub experiment: Experiment,
+    pub tasks: TaskRegistry,
+    pub folder: RunFolder,
+    pub lock: Lock,
+}
+
+/// Run that is ready to train.
+pub(crate) struct PreparedRun {
+    pub locked: LockedRun,
+    pub learner: Box<dyn Learner>,
+    pub labels: Labels,
+    pub state: RunState,
+    /// Checkpoints that could not be read.
+    pub passed_over: Vec<PathBuf>,
+    /// Message about the start or the resumption.
+    pub notice: String,
+}
+
+/// Starts a run in a folder without one.
+pub(crate) fn start(
+    experiment: Experiment,
+    tasks: TaskRegistry,
+    folder: RunFolder,
+) -> Result<PreparedRun, RunError> {
+    experiment.check(&tasks)?;
+    memory::check_run(&experiment)?;
+    let (folder, lock) = folder.lock()?;
+    if !folder.is_free()? {
+        return Err(RunError::Occupied { folder: folder.path().to_owned() });
+    }
+    let locked = LockedRun { experiment, tasks, folder, lock };
+    begin(locked, true, "begun".to_owned())
+}
+
+/// Prepares a run from its first rollout on. A `new` run first removes the files of another run
+/// and writes its settings.
+fn begin(locked: LockedRun, new: bool, notice: String) -> Result<PreparedRun, RunError> {
+    let (experiment, folder) = (&locked.experiment, &locked.folder);
+    let groups = experiment.schedule.resolve(&locked.tasks)?;
+    // First of all, while the process has one thread: loading a model sets an environment variable
+    // for software rendering.
+    let sheet = contact_sheet(&experiment.envs, &groups)?;
+    let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+    let learner = experiment.learner.start(&spec, &labels)?;
+    // from here on only the disk can fail, so no invalid settings cost the files of another run
+    if new {
+        folder.clear()?;
+        folder.write_experiment(experiment)?;
+    }
+    folder.write_png("contact_sheet.png", &sheet)?;
+    let state = RunState {
+        // the scores of the untrained learner are the baseline of transfer
+        due: experiment.evaluation.visit_rounds,
+        ..RunState::default()
+    };
+    Ok(PreparedRun { learner, locked, labels, state, passed_over: Vec::new(), notice })
+}
+
+/// Resumes the run in `folder` from its newest intact checkpoint, or starts it again if it has no
+/// checkpoint yet. `threads` is `None` for the number in the run's settings.
+pub(crate) fn resume(
+    folder: RunFolder,
+    threads: Option<usize>,
+    device: DeviceChoice,
+    tasks: TaskRegistry,
+) -> Result<PreparedRun, RunError> {
+    if !folder.holds_run() {
+        let folder = folder.path().to_owned();
+        return Err(RunError::NoRun { folder });
+    }
+    let (folder, lock) = folder.lock()?;
+    let mut experiment = folder.experiment()?.with_device(device)?;
+    experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
+    experiment.check(&tasks)?;
+    memory::check_run(&experiment)?;
+    let locked = LockedRun { lock, experiment, tasks, folder };
+    let experiment = &locked.experiment;
+    let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+    let read = |path: &Path| {
+        let (learner, note) = experiment.learner.resume(path, &spec, &labels)?;
+        let mut saved = SavedRun::parse(path, &note)?;
+        saved.recount(path)?;
+        Ok((learner, saved))
+    };
+    let Some(found) = newest(&locked.folder.checkpoints(), read)? else {
+        // a finished run always has a checkpoint, and starting again would replace its results
+        if locked.folder.is_finished() {
+            return Err(RunError::NoCheckpoint {
+                folder: locked.folder.path().to_owned(),
+                problems: "the run has ended, and its checkpoints were removed".to_owned(),
+            });
+        }
+        let notice = "there is no checkpoint yet: begun anew".to_owned();
+        return begin(locked, false, notice);
+    };
+    let (learner, saved) = found.value;
+    same(&found.path, &experiment.clone().with_threads(1), &saved.experiment)?;
+    let mut notice = notice(&saved.state, &found.path, &found.problems);
+    if !locked.folder.holds_settings() {
+        locked.folder.write_experiment(experiment)?;
+        notice += "; experiment.json was lost and is written again";
+    }
+    let (passed_over, state) = (found.passed_over, saved.state);
+    Ok(PreparedRun { notice, passed_over, locked, learner, labels, state })
+}
+
+/// Returns the message about a resumption: its checkpoint, and the damaged ones that were skipped.
+fn notice(state: &RunState, path: &Path, problems: &[String]) -> String {
+    let rollouts = state.stats.rollouts;
+    let mut notice = format!("goes on after {rollouts} rollouts from {}", path.display());
+    for problem in problems {
+        notice = format!("{notice}; passed over a newer checkpoint: {problem}");
+    }
+    notice
+}
