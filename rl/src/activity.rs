@@ -1,4 +1,4 @@
-//! Activity of the units of a network.
+//! UnitActivity of the units of a network.
 
 use crate::env::Observations;
 use crate::error::RlError;
@@ -11,13 +11,13 @@ use crate::policy::Actor;
 /// has four; one of a convolution is averaged over places, too. What is not rectified, such as the
 /// state of a GRU, is no unit here.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Activity {
+pub struct UnitActivity {
     /// Sums of what each unit put out, a list for each ReLU.
     layers: Vec<Vec<f64>>,
 }
 
 /// A policy whose network has units.
-pub trait Units: Actor {
+pub trait MeasureActivity: Actor {
     /// Returns the activity of all parts of the network for the observations of N environments,
     /// of which `memory` holds what is remembered. Critics see the mean actions.
     ///
@@ -27,10 +27,10 @@ pub trait Units: Actor {
         &self,
         observations: &Observations,
         memory: &Self::Memory,
-    ) -> Result<Activity, RlError>;
+    ) -> Result<UnitActivity, RlError>;
 }
 
-impl Activity {
+impl UnitActivity {
     /// The activity of layers whose units put out these sums, each over equally many samples.
     pub(crate) fn of(layers: Vec<Vec<f64>>) -> Self {
         Self { layers }
@@ -68,22 +68,22 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::fixtures::{kills, observations, settings, spec, strided};
+    use crate::fixtures::{check_killed_units, observations, settings, spec, strided};
     use crate::network_policy::ActorCriticPolicy;
 
     #[test]
     fn dormant_units_are_those_below_a_share_of_their_layers_mean() {
         let layers = vec![vec![0.0, 0.2, 3.8], vec![1.0; 4], vec![0.0; 2]];
-        let mut activity = Activity::of(layers.clone());
+        let mut activity = UnitActivity::of(layers.clone());
         assert_eq!(activity.units(), 9);
         // the means are 4 / 3, 1 and 0
         assert_eq!([0.0, 0.1, 0.16, 1.0].map(|tau| activity.dormant(tau)), [3, 3, 4, 8]);
-        let mut sum = Activity::default();
+        let mut sum = UnitActivity::default();
         assert_eq!((sum.units(), sum.dormant(0.5)), (0, 0));
         sum.add(&activity);
         assert_eq!(sum, activity);
         // what sleeps for some observations may be awake for others
-        activity.add(&Activity::of(vec![vec![4.0, 0.0, 0.0], vec![1.0; 4], vec![0.0, 1.0]]));
+        activity.add(&UnitActivity::of(vec![vec![4.0, 0.0, 0.0], vec![1.0; 4], vec![0.0, 1.0]]));
         assert_eq!(activity.dormant(0.0), 1);
     }
 
@@ -103,8 +103,8 @@ mod tests {
             let fields = 2 + 3 + 2 + 2 + 3;
             assert_eq!(activity(params).units(), 4 * fields);
             let parts = network.parts();
-            kills(&network.actor, params.to_vec(), parts.actor, activity);
-            kills(&network.critic, params.to_vec(), parts.critic, activity);
+            check_killed_units(&network.actor, params.to_vec(), parts.actor, activity);
+            check_killed_units(&network.critic, params.to_vec(), parts.critic, activity);
         }
     }
 }

@@ -68,7 +68,7 @@ impl AlgorithmState<'_> {
     /// [`RlError::State`] or [`RlError::Damaged`].
     pub fn check_like(&self, own: &AlgorithmState<'_>) -> Result<(), RlError> {
         if self.layout() != own.layout() {
-            let (got, expected) = (self.in_words(), own.in_words());
+            let (got, expected) = (self.describe(), own.describe());
             return Err(RlError::State { got, expected });
         }
         let mut tensors = self.tensors.iter();
@@ -88,7 +88,7 @@ impl AlgorithmState<'_> {
     }
 
     /// The layout for an error message.
-    fn in_words(&self) -> String {
+    fn describe(&self) -> String {
         let (tensors, counters) = self.layout();
         let tensors = tensors.iter().map(|(name, len)| format!("{name:?} [{len}]"));
         let counters = counters.iter().map(|name| format!("{name:?}"));

@@ -8,7 +8,7 @@ use crate::distributions::ActionNoise;
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::error::{RlError, check_all_finite, check_finite, check_len};
 use crate::gae::{GaeInputs, gae};
-use crate::policy::{Assess, Decisions, OnPolicy, Values};
+use crate::policy::{Decisions, EvaluateActions, OnPolicy, Values};
 use crate::rollout::Experience;
 
 /// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`; or
@@ -123,7 +123,7 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Keeps what [`RolloutBuffer::revalue`] needs of the step that is being pushed.
+    /// Keeps what [`RolloutBuffer::reevaluate_actions`] needs of the step that is being pushed.
     fn keep_finals(&mut self, transition: &Transition) {
         for (n, &outcome) in transition.outcomes.iter().enumerate() {
             if outcome == Outcome::Truncated {
@@ -162,10 +162,13 @@ impl RolloutBuffer {
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other
     /// environments, [`RlError::NotFinite`] for log-probabilities or values that are not numbers.
-    pub fn revalue<P: Assess>(&mut self, policy: &mut P) -> Result<(), RlError> {
+    pub fn reevaluate_actions<P: EvaluateActions>(
+        &mut self,
+        policy: &mut P,
+    ) -> Result<(), RlError> {
         self.check_finished()?;
         let mut decisions = self.decisions.clone();
-        policy.assess(&self.observations, &mut decisions)?;
+        policy.evaluate_actions(&self.observations, &mut decisions)?;
         decisions.check(&self.spec, self.samples())?;
         decisions.check_finite()?;
         let final_values = finite_values(policy, &self.finals, self.truncated.len())?;
@@ -323,7 +326,7 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         Ok(())
     }
 
-    fn choice(&mut self) -> (&mut [f32], bool) {
+    fn action_buffer(&mut self) -> (&mut [f32], bool) {
         (&mut self.step_decisions.actions, false)
     }
 

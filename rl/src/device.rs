@@ -15,12 +15,12 @@ use crate::network_policy::ActorCriticPolicy;
 use crate::network_settings::Critic;
 use crate::policy::{Actor, Decisions, OnPolicy, Values};
 
-/// WGSL: a row of [`Observed::draws`].
+/// WGSL: a row of [`DeviceObservations::draws`].
 pub(crate) const DRAW: &str = include_str!("device/wgsl/draw.wgsl");
 
 /// Observations on the device, and the draws from them that make up batches.
 #[derive(Clone, Copy)]
-pub(crate) struct Observed {
+pub(crate) struct DeviceObservations {
     /// Bytes of all pictures, four to a word.
     images: Slot,
     /// All vectors, irrep-major.
@@ -40,7 +40,7 @@ pub(crate) struct Outputs {
     pub log_std: usize,
 }
 
-impl Observed {
+impl DeviceObservations {
     /// Room for so many observations and draws; for no pictures where the network is blind.
     pub fn new(
         plan: &mut Plan,
@@ -85,7 +85,7 @@ impl Observed {
 pub(crate) fn add_network(
     plan: &mut Plan,
     network: &ActorCritic<f32>,
-    observed: Observed,
+    observed: DeviceObservations,
 ) -> Result<Outputs, GpuError> {
     let parts = network.trunk.parts();
     let image = parts.encoder.map(|layers| plan.input(layers.in_shape()));
@@ -120,7 +120,7 @@ pub(crate) fn add_network(
 /// Reads the observations of a batch; a network may have no picture, or no vector.
 fn gather(
     plan: &mut Plan,
-    observed: Observed,
+    observed: DeviceObservations,
     image: Option<Tensor>,
     vector: Option<Tensor>,
 ) -> Step {
@@ -150,7 +150,7 @@ pub struct DevicePolicy {
     network: Arc<ActorCritic<f32>>,
     plan: Plan,
     program: Program,
-    observed: Observed,
+    observed: DeviceObservations,
     /// Mean actions `[N, A]`, irrep-major, and values `[N]`.
     outputs: [Slot; 2],
     /// `true` if the device has the policy's parameters.
@@ -172,7 +172,7 @@ impl DevicePolicy {
         require("samples", samples as f32, "at least 1", samples > 0)?;
         let mut plan = Plan::new();
         let network = Arc::clone(policy.network());
-        let observed = Observed::new(&mut plan, &network, samples, samples);
+        let observed = DeviceObservations::new(&mut plan, &network, samples, samples);
         let outputs = add_network(&mut plan, &network, observed)?;
         let plan = plan.forward_only();
         let program = Program::new(device, &plan, samples)?;

@@ -127,7 +127,8 @@ impl Observations {
     /// Moves sample `i` by g.
     pub(crate) fn transform(&mut self, spec: &EnvSpec, i: usize, g: D2) {
         let (image, vector) = self.sample(spec, i);
-        let (image, vector) = (moved_image(g, image, spec), signed(g, vector, &spec.vector));
+        let (image, vector) =
+            (transform_image(g, image, spec), transform_vector(g, vector, &spec.vector));
         self.images[i * image.len()..(i + 1) * image.len()].copy_from_slice(&image);
         self.vectors[i * vector.len()..(i + 1) * vector.len()].copy_from_slice(&vector);
     }
@@ -185,7 +186,7 @@ fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
 }
 
 /// A picture of the environments of `spec`, moved by g.
-pub(crate) fn moved_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
+pub(crate) fn transform_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
     let [height, width, channels] = spec.image;
     if image.is_empty() {
         return Vec::new();
@@ -194,7 +195,7 @@ pub(crate) fn moved_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
 }
 
 /// Components in natural order, each multiplied by the sign that its irrep gives g.
-pub(crate) fn signed(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
+pub(crate) fn transform_vector(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
     let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }

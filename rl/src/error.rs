@@ -35,7 +35,7 @@ pub enum RlError {
         "the setting `symmetry` asks for a symmetry loss, which a GPU does not compute; train on \
          the processor, or leave it out"
     )]
-    OnProcessorAlone,
+    UnsupportedOnGpu,
     /// A slice has another length than its shape demands.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \
@@ -81,7 +81,7 @@ pub enum RlError {
         "{part} is no ordinary layer: policies with encoders `strided`, `pooled` or `blind` and \
          without a context can be written for other programs"
     )]
-    NotPlain {
+    NotExportable {
         /// The part.
         part: &'static str,
     },

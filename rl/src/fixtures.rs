@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{Group, Irrep};
 
-use crate::activity::Activity;
+use crate::activity::UnitActivity;
 use crate::encoder::Encoder;
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::network_settings::{Critic, NetworkSettings};
@@ -51,7 +51,7 @@ pub fn network(group: Group, encoder: Encoder, context: bool) -> SacNetwork<f64>
 }
 
 /// Fills the arrays of N observations with random numbers.
-fn see(rng: &mut ChaCha8Rng, out: &mut Observations) {
+fn fill_random(rng: &mut ChaCha8Rng, out: &mut Observations) {
     out.images.fill_with(|| rng.random());
     out.vectors.fill_with(|| rng.random_range(-1.0..1.0));
 }
@@ -67,13 +67,13 @@ pub fn marked(newest: usize) -> Replay {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let mut replay = Replay::new(ReplaySettings::default(), &spec()).unwrap();
     let (mut now, mut transition) = (Observations::new(&spec()), Transition::new(&spec()));
-    see(&mut rng, &mut now);
+    fill_random(&mut rng, &mut now);
     for step in 0..6 {
         if ENVS * (6 - step) == newest {
             replay.mark();
         }
-        see(&mut rng, &mut transition.observations);
-        see(&mut rng, &mut transition.final_observations);
+        fill_random(&mut rng, &mut transition.observations);
+        fill_random(&mut rng, &mut transition.final_observations);
         transition.rewards.fill_with(|| rng.random_range(-1.0..1.0));
         transition.outcomes = match step {
             3 => vec![Outcome::Truncated, Outcome::Terminated],
@@ -93,7 +93,7 @@ pub fn observations(samples: usize) -> Observations {
         images: vec![0; samples * spec.image_len()],
         vectors: vec![0.0; samples * spec.vector.len()],
     };
-    see(&mut rng, &mut out);
+    fill_random(&mut rng, &mut out);
     out
 }
 
@@ -124,11 +124,11 @@ pub fn wake(head: &Sequential<f32>, params: &mut [f32]) {
 
 /// Wakes all units of the hidden layer of `head` by large biases, then kills one field after the
 /// other by hand: as many units more must be dormant each time.
-pub fn kills(
+pub fn check_killed_units(
     head: &Sequential<f32>,
     mut params: Vec<f32>,
     own: Range<usize>,
-    activity: impl Fn(&[f32]) -> Activity,
+    activity: impl Fn(&[f32]) -> UnitActivity,
 ) {
     let hidden = head.layers()[0].out_shape().fields;
     let fields = hidden.regular_fields().unwrap();

@@ -6,7 +6,7 @@ use equivariant::{FieldType, Layer, Scalar, Sequential, Signature};
 use rand::Rng;
 use symmetry::irrep_order;
 
-use crate::activity::Activity;
+use crate::activity::UnitActivity;
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{Critic, NetworkSettings};
@@ -224,14 +224,14 @@ impl<T: Scalar> ActorCritic<T> {
         to_f64(&params[parts.log_std], &mut w.log_std);
     }
 
-    /// Activity of the units for the n samples of the last forward pass.
-    pub(crate) fn activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> Activity {
+    /// UnitActivity of the units for the n samples of the last forward pass.
+    pub(crate) fn activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> UnitActivity {
         let parts = self.parts();
         let own = &params[self.trunk.params()];
         let mut sums = self.trunk.unit_sums(own, n, &w.trunk);
         sums.extend(w.actor.unit_sums(&self.actor, &params[parts.actor], n));
         sums.extend(w.critic.unit_sums(&self.critic, &params[parts.critic], n));
-        Activity::of(sums)
+        UnitActivity::of(sums)
     }
 
     /// Runs the samples in slots 0..n up to the features.

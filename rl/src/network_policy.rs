@@ -9,15 +9,15 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
 
-use crate::activity::{Activity, Units};
+use crate::activity::{MeasureActivity, UnitActivity};
 use crate::distributions::{log_prob, standard_normals};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_params};
+use crate::export;
+use crate::export::{Basis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain};
 use crate::network::{ActorCritic, Workspace};
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::plain;
-use crate::plain::{Answers, Distribution, End, Plain, PlainPolicy, chain};
-use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
+use crate::policy::{Actor, Decisions, EvaluateActions, Features, OnPolicy, Values};
 use crate::trunk::{HasTrunk, HasTrunkPass, Trunk};
 
 /// Samples of one chunk: a batch of 20 environments then occupies several threads.
@@ -251,7 +251,7 @@ impl ActorCriticPolicy {
         check_len("noise", "[N, A]", noise.len(), samples * self.width())?;
         out.actions.copy_from_slice(noise);
         self.sample(&mut out.actions);
-        self.weigh(out);
+        self.write_log_probs(out);
         Ok(())
     }
 
@@ -290,7 +290,7 @@ impl ActorCriticPolicy {
 
     /// Writes log-probabilities and values from the last run. The density belongs to the numbers
     /// that are executed, so actions are rounded before.
-    fn weigh(&self, decisions: &mut Decisions) {
+    fn write_log_probs(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
         let width = log_std.len();
         let mut taken = vec![0.0; width];
@@ -344,15 +344,15 @@ impl OnPolicy for ActorCriticPolicy {
     }
 }
 
-impl Assess for ActorCriticPolicy {
-    fn assess(
+impl EvaluateActions for ActorCriticPolicy {
+    fn evaluate_actions(
         &mut self,
         observations: &Observations,
         decisions: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
         decisions.check(self.network().spec(), samples)?;
-        self.weigh(decisions);
+        self.write_log_probs(decisions);
         Ok(())
     }
 }
@@ -364,21 +364,21 @@ impl Values for ActorCriticPolicy {
     }
 }
 
-impl Plain for ActorCriticPolicy {
-    fn plain(&self) -> Result<PlainPolicy, RlError> {
+impl ExportPolicy for ActorCriticPolicy {
+    fn export(&self) -> Result<ExportedPolicy, RlError> {
         let (network, params) = (self.network(), self.params());
-        let (parts, trunk) = (network.parts(), plain::trunk(&network.trunk, params)?);
+        let (parts, trunk) = (network.parts(), export::trunk(&network.trunk, params)?);
         let settings = network.settings();
         let (group, critic) = (settings.group, &params[parts.critic]);
-        let to = |order| [trunk.joined, End::Natural(order)];
+        let to = |order| [trunk.joined, Basis::Natural(order)];
         let pooled = matches!(settings.critic, Critic::Pooled { .. });
         let critic = match pooled {
             false => chain(group, &network.critic, critic, to(&[0]))?,
             // invariant channels stay as they are
-            true => chain(Group::C1, &network.critic, critic, [End::Regular; 2])?,
+            true => chain(Group::C1, &network.critic, critic, [Basis::Regular; 2])?,
         };
         let actor = &params[parts.actor];
-        Ok(PlainPolicy {
+        Ok(ExportedPolicy {
             spec: network.spec().clone(),
             order: group.order(),
             actor: chain(group, &network.actor, actor, to(&network.action_order))?,
@@ -389,18 +389,18 @@ impl Plain for ActorCriticPolicy {
         })
     }
 
-    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError> {
+    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
         let samples = observations.samples(self.network().spec())?;
         let mut actions = vec![0.0; samples * self.width()];
         let mut values = vec![0.0; samples];
         self.mean_actions(observations, &mut (), &mut actions)?;
         self.values(observations, &mut values)?;
-        Ok(Answers { actions, log_std: self.log_std().repeat(samples), values: Some(values) })
+        Ok(PolicyOutput { actions, log_std: self.log_std().repeat(samples), values: Some(values) })
     }
 }
 
-impl Units for ActorCriticPolicy {
-    fn activity(&self, observations: &Observations, (): &()) -> Result<Activity, RlError> {
+impl MeasureActivity for ActorCriticPolicy {
+    fn activity(&self, observations: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.samples(network.spec())?;
         let mut w = network.workspace(samples);

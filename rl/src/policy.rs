@@ -105,13 +105,13 @@ pub trait OnPolicy: Actor + Values {
 
 /// Judges actions that another policy took. Only policies without a memory can: an observation
 /// alone does not tell what an actor would have remembered.
-pub trait Assess: Values {
+pub trait EvaluateActions: Values {
     /// Writes the log-probabilities `[N]` of the actions `[N, A]` that `decisions` holds, and the
     /// values `[N]` of the observations.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
-    fn assess(
+    fn evaluate_actions(
         &mut self,
         observations: &Observations,
         decisions: &mut Decisions,

@@ -23,9 +23,7 @@ use crate::buffer::RolloutBuffer;
 use crate::distributions::{entropy, log_prob};
 use crate::error::{RlError, check_all_finite, check_finite, check_params};
 use crate::network_policy::ActorCriticPolicy;
-use crate::ppo::minibatch::{
-    Batch, Decision, Device, LARGEST_LOG_RATIO, Output, Processor, Update,
-};
+use crate::ppo::minibatch::{Batch, Cpu, Decision, Device, MAX_LOG_RATIO, Output, Update};
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, Totals, UpdateStats};
 
@@ -45,7 +43,7 @@ impl Ppo {
     /// [`RlError::Setting`] when a setting is out of range, [`RlError::BelowFloor`] when a standard
     /// deviation of `policy` is already below the floor.
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
-        Self::on(settings, policy, Box::new(Processor::new(policy)))
+        Self::on(settings, policy, Box::new(Cpu::new(policy)))
     }
 
     /// Fresh optimiser state for updates on a GPU: passes, losses and steps of an update run there,
@@ -54,7 +52,7 @@ impl Ppo {
     /// either can follow one of the other.
     ///
     /// # Errors
-    /// Those of [`Ppo::new`], and [`RlError::OnProcessorAlone`] for a
+    /// Those of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
     /// [`SymmetryLoss`](crate::SymmetryLoss).
     #[cfg(feature = "wgpu")]
     pub fn on_device(
@@ -63,7 +61,7 @@ impl Ppo {
         device: &equivariant::gpu::Device,
     ) -> Result<Self, RlError> {
         if settings.symmetry.is_some() {
-            return Err(RlError::OnProcessorAlone);
+            return Err(RlError::UnsupportedOnGpu);
         }
         Self::on(settings, policy, Box::new(gpu::Gpu::new(device)))
     }
@@ -125,9 +123,9 @@ impl Algorithm for Ppo {
         let totals = run_epochs(&mut update, &mut *self.device)?;
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
-        let moved = self.batch.moved.take();
+        let transformed = self.batch.transformed.take();
         Ok(UpdateStats {
-            symmetry_loss: moved.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
+            symmetry_loss: transformed.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
             ..totals.stats(values, &self.batch.returns, policy.log_std())
         })
     }
@@ -161,7 +159,7 @@ impl Batch {
         let actions = buffer.decisions().actions.iter();
         self.actions.clear();
         self.actions.extend(actions.map(|&a| f64::from(a)));
-        self.moved = settings.symmetry.map(|symmetry| symmetry.draw(buffer, rng));
+        self.transformed = settings.symmetry.map(|symmetry| symmetry.draw(buffer, rng));
         Ok(())
     }
 }
@@ -238,8 +236,8 @@ impl LossWeights {
         d_log_std: &mut [f64],
     ) -> (LossSums, f64) {
         let logratio = log_prob(new.mean, new.log_std, old.action) - old.log_prob;
-        let capped = logratio > LARGEST_LOG_RATIO;
-        let ratio = if capped { LARGEST_LOG_RATIO } else { logratio }.exp();
+        let capped = logratio > MAX_LOG_RATIO;
+        let ratio = if capped { MAX_LOG_RATIO } else { logratio }.exp();
         let clip_coef = self.clip_coef;
         let pg_loss1 = -(ratio * old.advantage);
         let pg_loss2 = -(ratio.clamp(1.0 - clip_coef, 1.0 + clip_coef) * old.advantage);

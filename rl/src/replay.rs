@@ -22,7 +22,7 @@ use crate::rollout::Experience;
 /// Pictures are kept as bytes. An episode's observations are kept one after the other, so that each
 /// is stored once, although it ends one step and begins the next; channels that stand still
 /// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
-/// memory as long as they are [history](Recorded::earlier) of later ones, and a history never
+/// memory as long as they are [history](ReplayStep::earlier) of later ones, and a history never
 /// reaches into another episode.
 ///
 /// [`collect`](crate::collect) fills it; [`Replay::push`] does the same by hand.
@@ -35,7 +35,7 @@ pub struct Replay {
     /// Number of the first of `episodes`, counted from the first one ever.
     first: u32,
     /// Steps that are held, the oldest first.
-    order: VecDeque<Place>,
+    order: VecDeque<StepIndex>,
     /// Numbers of the running episodes, `[N]`; none where an episode begins with the next step.
     running: Vec<Option<u32>>,
     recorded: u64,
@@ -143,10 +143,10 @@ impl Replay {
     ///
     /// # Panics
     /// When there is no such step.
-    pub fn get(&self, index: usize) -> Recorded<'_> {
+    pub fn get(&self, index: usize) -> ReplayStep<'_> {
         let place = self.order[index];
         let episode = self.episode(place.episode);
-        Recorded {
+        ReplayStep {
             episode,
             sizes: &self.sizes,
             number: place.episode,
@@ -183,7 +183,7 @@ impl Replay {
     pub fn bytes(&self) -> usize {
         let episodes = self.episodes.iter().map(Episode::bytes).sum::<usize>();
         let spare = self.spare.iter().map(Vec::capacity).sum::<usize>();
-        episodes + spare + self.order.capacity() * size_of::<Place>()
+        episodes + spare + self.order.capacity() * size_of::<StepIndex>()
     }
 
     fn episode(&self, number: u32) -> &Episode {
@@ -234,8 +234,10 @@ impl Replay {
         let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
         let next = led_to(transition, env).sample(&self.spec, env);
         let episode = &mut self.episodes[(number - self.first) as usize];
-        self.order
-            .push_back(Place { episode: number, step: (episode.removed + episode.steps()) as u32 });
+        self.order.push_back(StepIndex {
+            episode: number,
+            step: (episode.removed + episode.steps()) as u32,
+        });
         episode.push(&self.sizes, action, (reward, outcome), next);
         self.running[env] = (!outcome.ended()).then_some(number);
         self.recorded += 1;
@@ -303,7 +305,7 @@ impl<A: Actor> Experience<A> for Replay {
         Ok(())
     }
 
-    fn choice(&mut self) -> (&mut [f32], bool) {
+    fn action_buffer(&mut self) -> (&mut [f32], bool) {
         let warm_up = self.recorded < self.settings.warm_up;
         (&mut self.actions, warm_up)
     }
@@ -317,9 +319,9 @@ impl<A: Actor> Experience<A> for Replay {
     }
 }
 
-/// Place of an observation: that before step `step` of the episode.
+/// StepIndex of an observation: that before step `step` of the episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Place {
+pub(crate) struct StepIndex {
     /// Number of the episode, counted from the first one ever.
     pub episode: u32,
     pub step: u32,
@@ -328,7 +330,7 @@ pub(crate) struct Place {
 /// A step that a [`Replay`] holds: an observation, an action, a reward and the
 /// observation after it.
 #[derive(Clone, Copy)]
-pub struct Recorded<'a> {
+pub struct ReplayStep<'a> {
     episode: &'a Episode,
     sizes: &'a Sizes,
     /// Number of the episode, counted from the first one ever.
@@ -337,21 +339,21 @@ pub struct Recorded<'a> {
     step: usize,
 }
 
-impl<'a> Recorded<'a> {
+impl<'a> ReplayStep<'a> {
     /// Position in the episode, from 0.
     pub fn step(&self) -> usize {
         self.episode.removed + self.step
     }
 
-    /// Place of the observation that was acted on.
-    pub(crate) fn place(&self) -> Place {
-        Place { episode: self.number, step: self.step() as u32 }
+    /// StepIndex of the observation that was acted on.
+    pub(crate) fn index(&self) -> StepIndex {
+        StepIndex { episode: self.number, step: self.step() as u32 }
     }
 
-    /// Place of the observation after the step.
-    pub(crate) fn next_place(&self) -> Place {
-        let Place { episode, step } = self.place();
-        Place { episode, step: step + 1 }
+    /// StepIndex of the observation after the step.
+    pub(crate) fn next_index(&self) -> StepIndex {
+        let StepIndex { episode, step } = self.index();
+        StepIndex { episode, step: step + 1 }
     }
 
     /// Writes the picture `[H, W, C]` that was acted on.
@@ -406,17 +408,17 @@ impl<'a> Recorded<'a> {
     /// The step `count` further among those of its episode that the replay holds; after the last
     /// comes the first of them. So, from a held step that is drawn uniformly, one gets to another
     /// that is.
-    pub(crate) fn along(&self, count: usize) -> Self {
+    pub(crate) fn wrapping_later(&self, count: usize) -> Self {
         let first = self.episode.steps() - self.episode.held;
         let step = first + (self.step - first + count) % self.episode.held;
         Self { step, ..*self }
     }
 }
 
-impl fmt::Debug for Recorded<'_> {
+impl fmt::Debug for ReplayStep<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Recorded")
-            .field("place", &self.place())
+        f.debug_struct("ReplayStep")
+            .field("index", &self.index())
             .field("action", &self.action())
             .field("reward", &self.reward())
             .field("outcome", &self.outcome())

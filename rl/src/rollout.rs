@@ -70,7 +70,7 @@ impl RolloutStats {
     }
 
     /// Books one step of all environments, after which these episodes have ended or go on.
-    pub(crate) fn book(&mut self, ended: &[Episode], running: &[Episode]) {
+    pub(crate) fn count_step(&mut self, ended: &[Episode], running: &[Episode]) {
         self.decisions += running.len();
         let returns = ended.iter().chain(running).map(|e| e.total_reward.abs());
         self.largest_return = returns.fold(self.largest_return, f64::max);
@@ -195,7 +195,7 @@ pub fn collect<A: Actor, E: Experience<A>>(
         state.remember(actions, &transition.rewards);
         experience.record(actor, &state.observations, &transition)?;
         let ended = state.advance(&mut transition);
-        stats.book(&ended, &state.episodes);
+        stats.count_step(&ended, &state.episodes);
         stats.episodes.extend(ended);
     }
     experience.end(actor, &state.observations)?;
@@ -219,7 +219,7 @@ pub trait Experience<A: Actor> {
 
     /// Room for the actions `[N, A]` of the next step, and whether that step belongs to a warm-up,
     /// in which actions are drawn uniformly from [-1, 1].
-    fn choice(&mut self) -> (&mut [f32], bool);
+    fn action_buffer(&mut self) -> (&mut [f32], bool);
 
     /// Lets `actor` choose, keeps what the algorithm needs to know of the choice, and returns the
     /// actions `[N, A]`. Unless it is said otherwise, the actions alone are kept; in a warm-up the
@@ -234,7 +234,7 @@ pub trait Experience<A: Actor> {
         memory: &mut A::Memory,
         rng: &mut ChaCha8Rng,
     ) -> Result<&[f32], RlError> {
-        let (actions, warm_up) = self.choice();
+        let (actions, warm_up) = self.action_buffer();
         actor.act(observations, memory, rng, actions)?;
         if warm_up {
             actions.fill_with(|| rng.random_range(-1.0..=1.0));
@@ -277,7 +277,7 @@ pub fn evaluate<A: Actor>(
     actor: &mut A,
     rounds: usize,
 ) -> Result<RolloutStats, RlError> {
-    watch(env, actor, rounds, |_, _| Ok(()))
+    evaluate_with(env, actor, rounds, |_, _| Ok(()))
 }
 
 /// Evaluates as [`evaluate`] does. Before every decision `look` sees the actor and where the
@@ -285,7 +285,7 @@ pub fn evaluate<A: Actor>(
 ///
 /// # Errors
 /// Those of [`evaluate`], and of `look`.
-pub fn watch<A: Actor>(
+pub fn evaluate_with<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
@@ -303,7 +303,7 @@ pub fn watch<A: Actor>(
         step(env, &state.episodes, &actions, &mut transition)?;
         state.remember(&actions, &transition.rewards);
         let ended = state.advance(&mut transition);
-        stats.book(&ended, &state.episodes);
+        stats.count_step(&ended, &state.episodes);
         for episode in ended {
             if left[episode.env] > 0 {
                 left[episode.env] -= 1;

@@ -82,15 +82,15 @@ enum Term {
     /// An entry of the view.
     View(usize),
     /// The product of two of them.
-    Views(usize, usize),
+    ViewPair(usize, usize),
     /// An entry times the reward.
-    Rewarded(usize),
+    ViewReward(usize),
     /// A component of the action times the change of an entry.
-    Moved(usize, usize),
+    ActionChange(usize, usize),
     /// A component of the action times an entry and the reward.
-    Chosen(usize, usize),
+    ActionViewReward(usize, usize),
     /// A component of the action times the reward.
-    Paid(usize),
+    ActionReward(usize),
 }
 
 /// All terms that change their sign under the group, of environments with these sizes.
@@ -111,14 +111,14 @@ impl Features {
         let mut features = Self { spec: spec.clone(), terms: Vec::new(), view };
         let (views, actions) = (0..features.view.len(), 0..spec.action.len());
         let mut terms: Vec<Term> = views.clone().map(Term::View).collect();
-        terms.extend(views.clone().map(Term::Rewarded));
-        terms.extend(actions.clone().map(Term::Paid));
+        terms.extend(views.clone().map(Term::ViewReward));
+        terms.extend(actions.clone().map(Term::ActionReward));
         for i in views.clone() {
-            terms.extend((i + 1..views.end).map(|j| Term::Views(i, j)));
+            terms.extend((i + 1..views.end).map(|j| Term::ViewPair(i, j)));
         }
         for a in actions {
-            terms.extend(views.clone().map(|i| Term::Moved(a, i)));
-            terms.extend(views.clone().map(|i| Term::Chosen(a, i)));
+            terms.extend(views.clone().map(|i| Term::ActionChange(a, i)));
+            terms.extend(views.clone().map(|i| Term::ActionViewReward(a, i)));
         }
         let acts = |irrep: Irrep| group.elements().iter().any(|&g| irrep.sign(g) < 0);
         terms.retain(|&term| acts(features.irrep(term)));
@@ -129,10 +129,12 @@ impl Features {
     /// Returns the irrep of a term.
     fn irrep(&self, term: Term) -> Irrep {
         match term {
-            Term::View(i) | Term::Rewarded(i) => self.view[i],
-            Term::Views(i, j) => self.view[i] * self.view[j],
-            Term::Moved(a, i) | Term::Chosen(a, i) => self.spec.action[a] * self.view[i],
-            Term::Paid(a) => self.spec.action[a],
+            Term::View(i) | Term::ViewReward(i) => self.view[i],
+            Term::ViewPair(i, j) => self.view[i] * self.view[j],
+            Term::ActionChange(a, i) | Term::ActionViewReward(a, i) => {
+                self.spec.action[a] * self.view[i]
+            }
+            Term::ActionReward(a) => self.spec.action[a],
         }
     }
 
@@ -145,11 +147,13 @@ impl Features {
         let action = |a: usize| format!("action component {a} ({})", self.spec.action[a]);
         match term {
             Term::View(i) => view(i),
-            Term::Views(i, j) => format!("{} times {}", view(i), view(j)),
-            Term::Rewarded(i) => format!("{} times the reward", view(i)),
-            Term::Moved(a, i) => format!("{} times the change of {}", action(a), view(i)),
-            Term::Chosen(a, i) => format!("{} times {} times the reward", action(a), view(i)),
-            Term::Paid(a) => format!("{} times the reward", action(a)),
+            Term::ViewPair(i, j) => format!("{} times {}", view(i), view(j)),
+            Term::ViewReward(i) => format!("{} times the reward", view(i)),
+            Term::ActionChange(a, i) => format!("{} times the change of {}", action(a), view(i)),
+            Term::ActionViewReward(a, i) => {
+                format!("{} times {} times the reward", action(a), view(i))
+            }
+            Term::ActionReward(a) => format!("{} times the reward", action(a)),
         }
     }
 
@@ -182,14 +186,14 @@ impl Features {
                     true => self.view_of(&transition.final_observations, i),
                     false => next.clone(),
                 };
-                let seen = Seen {
+                let step_views = StepViews {
                     before: &views[i],
                     after: &after,
                     action,
                     reward: f64::from(transition.rewards[i]),
                 };
                 let terms = sums[i].iter_mut().zip(&self.terms);
-                terms.for_each(|(sum, &term)| *sum += seen.value(term));
+                terms.for_each(|(sum, &term)| *sum += step_views.value(term));
                 views[i] = next;
                 running[i].length += 1;
                 if ended {
@@ -250,24 +254,24 @@ impl Features {
 }
 
 /// One step of one environment.
-struct Seen<'a> {
+struct StepViews<'a> {
     before: &'a [f64],
     after: &'a [f64],
     action: &'a [f32],
     reward: f64,
 }
 
-impl Seen<'_> {
+impl StepViews<'_> {
     fn value(&self, term: Term) -> f64 {
         let (before, reward) = (self.before, self.reward);
         let action = |a: usize| f64::from(self.action[a]);
         match term {
             Term::View(i) => before[i],
-            Term::Views(i, j) => before[i] * before[j],
-            Term::Rewarded(i) => before[i] * reward,
-            Term::Moved(a, i) => action(a) * (self.after[i] - before[i]),
-            Term::Chosen(a, i) => action(a) * before[i] * reward,
-            Term::Paid(a) => action(a) * reward,
+            Term::ViewPair(i, j) => before[i] * before[j],
+            Term::ViewReward(i) => before[i] * reward,
+            Term::ActionChange(a, i) => action(a) * (self.after[i] - before[i]),
+            Term::ActionViewReward(a, i) => action(a) * before[i] * reward,
+            Term::ActionReward(a) => action(a) * reward,
         }
     }
 }

@@ -63,7 +63,7 @@ impl Experience<Acting<Constant>> for Sieve {
         Ok(())
     }
 
-    fn choice(&mut self) -> (&mut [f32], bool) {
+    fn action_buffer(&mut self) -> (&mut [f32], bool) {
         (&mut self.actions, false)
     }
 

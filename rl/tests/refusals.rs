@@ -4,8 +4,8 @@ use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, Adam, Assess, Decisions, Features, GaeInputs, OnPolicy, Outcome, ParamGroup, RlError,
-    RolloutBuffer, RolloutState, Values, collect, evaluate, gae,
+    Actor, Adam, Decisions, EvaluateActions, Features, GaeInputs, OnPolicy, Outcome, ParamGroup,
+    RlError, RolloutBuffer, RolloutState, Values, collect, evaluate, gae,
 };
 
 use crate::common::PointReach;
@@ -120,7 +120,7 @@ proptest! {
             let name = spoil(&mut wrong, array, change);
             let decisions = &mut wrong.decisions;
             prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], decisions), name));
-            prop_assert!(names(policy.assess(&seen, decisions), name));
+            prop_assert!(names(policy.evaluate_actions(&seen, decisions), name));
         }
     }
 
@@ -138,7 +138,7 @@ proptest! {
         prop_assert!(shape(policy.act(seen, &mut (), &mut rng, &mut [0.0; 2 * ENVS])));
         prop_assert!(shape(policy.mean_actions(seen, &mut (), &mut [0.0; 2 * ENVS])));
         prop_assert!(shape(policy.decide(seen, &mut (), &[0.0; 2 * ENVS], &mut decisions)));
-        prop_assert!(shape(policy.assess(seen, &mut decisions)));
+        prop_assert!(shape(policy.evaluate_actions(seen, &mut decisions)));
         prop_assert!(shape(policy.values(seen, &mut [0.0; ENVS])));
         let mut features = vec![0.0; ENVS * policy.feature_dim()];
         prop_assert!(shape(policy.features(seen, &mut features)));

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, Outcome, Recorded, Replay, ReplaySettings, RlError, Transition};
+use rl::{EnvSpec, Observations, Outcome, Replay, ReplaySettings, ReplayStep, RlError, Transition};
 
 use crate::common::episodes::{Episodes, Step, settings, spec};
 
@@ -21,7 +21,7 @@ fn fill(episodes: &mut Episodes, replay: &mut Replay, count: usize, resets: &[us
 }
 
 /// Whether a recorded step is that one.
-fn is(recorded: Recorded, step: &Step) -> bool {
+fn is(recorded: ReplayStep, step: &Step) -> bool {
     let [mut image, mut next] = [(); 2].map(|()| vec![0; 18]);
     recorded.image(&mut image);
     recorded.next_image(&mut next);

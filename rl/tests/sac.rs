@@ -269,7 +269,7 @@ fn the_default_passes_a_step_as_often_as_ppo_does() {
     let (sac, ppo) = (SacSettings::default(), PpoSettings::default());
     let passes = sac.updates_per_step * sac.batch as f32;
     assert!((passes - ppo.epochs as f32).abs() < 1e-4);
-    let smaller = SacSettings { batch: 64, ..sac }.as_often_as(&PpoSettings::paper());
+    let smaller = SacSettings { batch: 64, ..sac }.with_update_ratio_of(&PpoSettings::paper());
     assert_eq!(smaller.updates_per_step, 8.0 / 64.0);
 }
 

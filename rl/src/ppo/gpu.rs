@@ -4,11 +4,11 @@ use equivariant::gpu::{Batch, GpuError, Passes, Plan, Program, Slot, Step, Work}
 use rand_chacha::ChaCha8Rng;
 
 use crate::adam::{Adam, bias_correction};
-use crate::device::{DRAW, Observed, Outputs, add_network};
+use crate::device::{DRAW, DeviceObservations, Outputs, add_network};
 use crate::env::Observations;
 use crate::error::{RlError, check_finite};
 use crate::network::ActorCritic;
-use crate::ppo::minibatch::{Device, LARGEST_LOG_RATIO, Minibatch, Update};
+use crate::ppo::minibatch::{Device, MAX_LOG_RATIO, Minibatch, Update};
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, Totals};
 
@@ -249,7 +249,7 @@ struct Graph {
 #[derive(Clone, Copy)]
 struct Slots {
     /// The rollout's observations, and the draws from them.
-    observed: Observed,
+    observed: DeviceObservations,
     /// Action, irrep-major, log-probability and return of each decision of the rollout.
     decisions: Slot,
     /// The state and a row for each minibatch.
@@ -283,7 +283,7 @@ impl Slots {
     fn new(plan: &mut Plan, network: &ActorCritic<f32>, size: Size) -> Self {
         let spec = network.spec();
         Self {
-            observed: Observed::new(plan, network, size.rollout, size.draws),
+            observed: DeviceObservations::new(plan, network, size.rollout, size.draws),
             decisions: plan.buffer(size.rollout * (spec.action.len() + 2), 0),
             log: plan.buffer(ROW * (size.minibatches + 1), 0),
         }
@@ -311,7 +311,7 @@ fn loss(
         .number("VALUE", settings.value_weight.into())
         .number("ENTROPY", settings.entropy_weight.into())
         .number("KL_STOP", settings.kl_stop())
-        .number("LARGEST_LOG_RATIO", LARGEST_LOG_RATIO)
+        .number("MAX_LOG_RATIO", MAX_LOG_RATIO)
         .text(&format!("var<private> component: {list} = {list}({components});"))
         .text(DRAW)
         .text(include_str!("wgsl/log.wgsl"))

@@ -12,7 +12,7 @@ use crate::network::{ActorCritic, Workspace};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, Totals};
-use crate::ppo::symmetry_loss::{Moved, symmetry_loss};
+use crate::ppo::symmetry_loss::{TransformedSamples, symmetry_loss};
 
 /// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a
 /// quarter more time.
@@ -21,7 +21,7 @@ const TRAINING_CHUNK: usize = 8;
 /// Logarithm at which a ratio is cut, so that sums over a minibatch stay finite in single
 /// precision. One decision beyond it brings the KL estimate past every limit, which ends an update
 /// before it learns from that.
-pub(super) const LARGEST_LOG_RATIO: f64 = 60.0;
+pub(super) const MAX_LOG_RATIO: f64 = 60.0;
 
 /// Computes the minibatches of an update.
 pub(super) trait Device: Send + Sync {
@@ -62,7 +62,7 @@ pub(super) struct Batch {
     pub returns: Vec<f32>,
     pub actions: Vec<f64>,
     /// Its decisions moved, for the loss of [`SymmetryLoss`](crate::SymmetryLoss); not kept.
-    pub moved: Option<Moved>,
+    pub transformed: Option<TransformedSamples>,
 }
 
 impl<'a> Update<'a> {
@@ -96,7 +96,7 @@ impl<'a> Update<'a> {
                 ent_coef: settings.entropy_weight.into(),
                 symmetry: symmetry.map_or(0.0, |symmetry| symmetry.weight.into()),
             },
-            moved: batch.moved.as_ref(),
+            transformed: batch.transformed.as_ref(),
         }
     }
 }
@@ -139,7 +139,7 @@ pub(super) struct Minibatch<'a> {
     pub advantages: &'a [f64],
     pub weights: LossWeights,
     /// The decisions of the rollout moved, where broken symmetries cost something.
-    pub moved: Option<&'a Moved>,
+    pub transformed: Option<&'a TransformedSamples>,
 }
 
 impl Minibatch<'_> {
@@ -161,10 +161,10 @@ impl Minibatch<'_> {
         network.forward(params, range.len(), workspace);
         let mut sums = self.loss(range.clone(), workspace);
         network.backward(params, range.len(), workspace, gradient);
-        if let Some(moved) = self.moved {
+        if let Some(transformed) = self.transformed {
             let scale = 1.0 / self.indices.len() as f64;
             let indices = &self.indices[range];
-            moved.forward(network, params, indices, workspace);
+            transformed.forward(network, params, indices, workspace);
             sums.symmetry_loss = symmetry_loss(indices.len(), &self.weights, scale, workspace);
             network.backward(params, indices.len(), workspace, gradient);
         }
@@ -198,12 +198,12 @@ impl Minibatch<'_> {
 
 /// Computes losses and gradients on the processor, in chunks whose gradients are added in their
 /// order.
-pub(super) struct Processor {
+pub(super) struct Cpu {
     chunks: Chunks<f32, Workspace<f32>>,
     gradient: Vec<f32>,
 }
 
-impl Processor {
+impl Cpu {
     pub fn new(policy: &ActorCriticPolicy) -> Self {
         let network = policy.network().clone();
         let num_params = network.num_params();
@@ -216,7 +216,7 @@ impl Processor {
     }
 }
 
-impl Device for Processor {
+impl Device for Cpu {
     fn losses(
         &mut self,
         update: &Update,

@@ -52,7 +52,7 @@ impl SymmetryLoss {
     }
 
     /// Draws an element for each decision of the rollout, and moves what was observed.
-    pub(super) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> Moved {
+    pub(super) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> TransformedSamples {
         // the identity comes first
         let others = &self.group.elements()[1..];
         let draw = |_| others[rng.random_range(0..others.len())];
@@ -61,18 +61,18 @@ impl SymmetryLoss {
         for (i, &g) in elements.iter().enumerate() {
             observations.transform(buffer.spec(), i, g);
         }
-        Moved { elements, observations }
+        TransformedSamples { elements, observations }
     }
 }
 
 /// The decisions of a rollout, moved.
 #[derive(Debug)]
-pub(super) struct Moved {
+pub(super) struct TransformedSamples {
     elements: Vec<D2>,
     observations: Observations,
 }
 
-impl Moved {
+impl TransformedSamples {
     /// Runs the moved decisions at `indices` forward, after a forward pass over the same decisions
     /// as they were observed: answers to those, moved, stay where gradients will be.
     pub fn forward<T: Scalar>(
@@ -170,7 +170,7 @@ mod tests {
 
     /// A network with parameters that are not small, a workspace after a pass over what was
     /// observed, and what was moved.
-    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, Moved) {
+    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, TransformedSamples) {
         let (buffer, mut workspace) = (buffer(), network.workspace(B));
         let mut params = network.init(&mut rng());
         params[network.num_params() - 3..].copy_from_slice(&[-0.3, 0.2, -0.6]);
@@ -179,16 +179,16 @@ mod tests {
             network.load(i, image, vector, &mut workspace);
         }
         network.forward(&params, B, &mut workspace);
-        let moved = ALL.draw(&buffer, &mut rng());
-        (params, workspace, moved)
+        let transformed = ALL.draw(&buffer, &mut rng());
+        (params, workspace, transformed)
     }
 
     fn loss_of(group: Group, critic: Critic) -> (f64, Vec<f64>) {
         let network = network(group, critic);
-        let (params, mut workspace, moved) = observed(&network);
+        let (params, mut workspace, transformed) = observed(&network);
         let indices: Vec<usize> = (0..B).collect();
         let mut gradient = vec![0.0; params.len()];
-        moved.forward(&network, &params, &indices, &mut workspace);
+        transformed.forward(&network, &params, &indices, &mut workspace);
         let loss = symmetry_loss(B, &WEIGHTS, 1.0, &mut workspace);
         network.backward(&params, B, &mut workspace, &mut gradient);
         (loss, gradient)
@@ -211,11 +211,11 @@ mod tests {
     #[test]
     fn the_loss_of_one_decision_by_hand() {
         let network = network(Group::C1, Critic::Joint { fields: 3 });
-        let (_, mut w, mut moved) = observed(&network);
-        moved.elements[0] = D2::FlipX;
+        let (_, mut w, mut transformed) = observed(&network);
+        transformed.elements[0] = D2::FlipX;
         w.mean[..3].copy_from_slice(&[0.5, 0.25, -1.0]);
         w.value[0] = 2.0;
-        moved.hold(&spec(), &[0], &mut w);
+        transformed.hold(&spec(), &[0], &mut w);
         w.mean[..3].copy_from_slice(&[-0.25, -0.25, -1.0]);
         w.value[0] = 4.0;
         w.log_std = vec![0.0, -(2f64.ln()), 0.0];
@@ -233,10 +233,10 @@ mod tests {
     fn gradient_equals_finite_differences_with_the_answers_held() {
         for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
             let network = network(Group::C1, critic);
-            let (mut params, mut workspace, moved) = observed(&network);
+            let (mut params, mut workspace, transformed) = observed(&network);
             let indices: Vec<usize> = (0..B).collect();
             let mut gradient = vec![0.0; params.len()];
-            moved.forward(&network, &params, &indices, &mut workspace);
+            transformed.forward(&network, &params, &indices, &mut workspace);
             let held = (workspace.d_mean.clone(), workspace.d_value.clone());
             symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
             network.backward(&params, B, &mut workspace, &mut gradient);
@@ -245,7 +245,7 @@ mod tests {
                 let centre = params[i];
                 let mut at = |h: f64| {
                     params[i] = centre + h;
-                    moved.forward(&network, &params, &indices, &mut workspace);
+                    transformed.forward(&network, &params, &indices, &mut workspace);
                     workspace.d_mean.clone_from(&held.0);
                     workspace.d_value.clone_from(&held.1);
                     let loss = symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
@@ -264,14 +264,14 @@ mod tests {
     #[test]
     fn all_elements_but_the_identity_are_drawn_and_move_what_was_observed() {
         let (buffer, spec) = (buffer(), spec());
-        let moved = ALL.draw(&buffer, &mut rng());
+        let transformed = ALL.draw(&buffer, &mut rng());
         for g in D2::ALL {
-            assert_eq!(moved.elements.contains(&g), g != D2::Identity, "{g}");
+            assert_eq!(transformed.elements.contains(&g), g != D2::Identity, "{g}");
         }
-        for (i, &g) in moved.elements.iter().enumerate() {
+        for (i, &g) in transformed.elements.iter().enumerate() {
             let mut expected = buffer.observations().clone();
             expected.transform(&spec, i, g);
-            assert_eq!(moved.observations.sample(&spec, i), expected.sample(&spec, i));
+            assert_eq!(transformed.observations.sample(&spec, i), expected.sample(&spec, i));
         }
     }
 }

@@ -160,7 +160,7 @@ fn loss(
         indices: &[3, 1, 4, 0, 2],
         advantages: &[0.9, -1.2, 0.3, -0.4, 0.4],
         weights: WEIGHTS,
-        moved: None,
+        transformed: None,
     };
     let mut gradient = vec![0.0; params.len()];
     let mut workspace = network.workspace(3);
@@ -217,7 +217,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
     let buffer = rollout(&network, &params, 0.5, &mut rng);
     let actions = actions(&buffer);
     let symmetry = SymmetryLoss::default();
-    let (moved, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
+    let (transformed, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
     let weights = LossWeights { symmetry: 0.7, ..WEIGHTS };
     let run = |indices: &[usize], ends: &[usize]| {
         let minibatch = Minibatch {
@@ -227,7 +227,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
             indices,
             advantages: &[0.0; B],
             weights,
-            moved: Some(&moved),
+            transformed: Some(&transformed),
         };
         let (mut sum, mut gradient) = (0.0, vec![0.0; params.len()]);
         let mut workspace = network.workspace(B);

@@ -6,7 +6,7 @@ use std::fmt;
 use crate::env::{EnvSpec, Outcome};
 use crate::error::{RlError, check_all_finite, check_len};
 use crate::replay::episode::{Episode, Sizes};
-use crate::replay::{Place, Replay, ReplaySettings};
+use crate::replay::{Replay, ReplaySettings, StepIndex};
 
 /// Everything that a [`Replay`] holds. A replay that is restored from it samples the same steps.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -77,7 +77,7 @@ impl Replay {
         replay.order = VecDeque::with_capacity(state.order.len());
         for &[episode, step] in &state.order {
             replay.episodes[episode as usize].held += 1;
-            replay.order.push_back(Place { episode, step });
+            replay.order.push_back(StepIndex { episode, step });
         }
         Ok(replay)
     }

@@ -11,7 +11,7 @@ use crate::sac::settings::ContextSettings;
 /// Gives a head its input: the fields h of the observation alone, or with a context the state of a
 /// GRU beside them that has read the last steps of the episode. A step is read as
 /// [h, action, reward].
-pub(crate) struct Reader {
+pub(crate) struct ContextReader {
     fields: FieldType,
     context: Option<Context>,
 }
@@ -27,20 +27,20 @@ struct Context {
     length: usize,
 }
 
-/// Items `[M, I]` that are read of steps, each of them once.
+/// ContextItems `[M, I]` that are read of steps, each of them once.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Items<T>(Vec<T>);
+pub(crate) struct ContextItems<T>(Vec<T>);
 
 /// Which items are those of the last steps before each of n samples.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Steps {
+pub(crate) struct ContextSteps {
     /// Their numbers, `[L, n]`; a sample's own are the last ones.
     reads: Vec<usize>,
     /// Number of steps of each sample, `[n]`.
     lengths: Vec<usize>,
 }
 
-impl Steps {
+impl ContextSteps {
     /// Those before `samples` samples, at most `length` each; none are there yet.
     pub fn clear(&mut self, length: usize, samples: usize) {
         self.reads.clear();
@@ -63,7 +63,7 @@ impl Steps {
 
 /// Buffers of a reader for up to a fixed number of samples.
 #[derive(Clone, Debug)]
-pub(crate) struct ReaderPass<T> {
+pub(crate) struct ContextPass<T> {
     gru: Option<GruPass<T>>,
     /// Input of a head, and the gradient in it, written before the backward pass: `[N, S]`.
     pub state: Vec<T>,
@@ -72,7 +72,7 @@ pub(crate) struct ReaderPass<T> {
     d_fields: Vec<T>,
 }
 
-impl Reader {
+impl ContextReader {
     pub fn new(
         fields: FieldType,
         settings: Option<ContextSettings>,
@@ -104,11 +104,11 @@ impl Reader {
         }
     }
 
-    pub fn pass<T: Scalar>(&self, capacity: usize) -> ReaderPass<T> {
+    pub fn pass<T: Scalar>(&self, capacity: usize) -> ContextPass<T> {
         let zeros = |width: usize| vec![T::ZERO; capacity * width];
         let context = self.context.as_ref();
         let width = self.out_type().dim();
-        ReaderPass {
+        ContextPass {
             gru: context.map(|context| context.gru.pass(context.length, capacity)),
             state: zeros(width),
             d_state: zeros(width),
@@ -118,7 +118,7 @@ impl Reader {
     }
 
     /// Makes room for `count` items, all zeros.
-    pub fn clear<T: Scalar>(&self, count: usize, items: &mut Items<T>) {
+    pub fn clear<T: Scalar>(&self, count: usize, items: &mut ContextItems<T>) {
         let width = self.context.as_ref().map_or(0, Context::item_len);
         items.0.clear();
         items.0.resize(count * width, T::ZERO);
@@ -131,7 +131,7 @@ impl Reader {
         fields: &[T],
         action: &[f32],
         reward: f32,
-        items: &mut Items<T>,
+        items: &mut ContextItems<T>,
     ) {
         let Some(context) = &self.context else { return };
         let width = context.item_len();
@@ -147,9 +147,9 @@ impl Reader {
         &self,
         params: &[T],
         fields: &[T],
-        items: &Items<T>,
-        steps: &Steps,
-        pass: &mut ReaderPass<T>,
+        items: &ContextItems<T>,
+        steps: &ContextSteps,
+        pass: &mut ContextPass<T>,
     ) {
         let samples = fields.len() / self.fields.dim();
         let state = &mut pass.state[..samples * self.out_type().dim()];
@@ -168,10 +168,10 @@ impl Reader {
     pub fn backward<'a, T: Scalar>(
         &self,
         params: &[T],
-        items: &Items<T>,
+        items: &ContextItems<T>,
         n: usize,
         dparams: &mut [T],
-        pass: &'a mut ReaderPass<T>,
+        pass: &'a mut ContextPass<T>,
     ) -> &'a [T] {
         let d_state = &pass.d_state[..n * self.out_type().dim()];
         let d_fields = &mut pass.d_fields[..n * self.fields.dim()];

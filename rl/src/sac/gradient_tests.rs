@@ -6,7 +6,7 @@ use symmetry::{D2, Group};
 
 use super::*;
 use crate::encoder::Encoder;
-use crate::env::{Observations, signed};
+use crate::env::{Observations, transform_vector};
 use crate::fixtures::{network, replay, settings, spec, strided};
 use crate::policy::{Actor, Memory};
 use crate::replay::Replay;
@@ -52,7 +52,7 @@ impl Case {
         self.elements = [g; STEPS.len()];
         let irreps = &self.network.spec().action;
         for noise in &mut self.noise {
-            let rows = noise.chunks(A).flat_map(|row| signed(g, row, irreps));
+            let rows = noise.chunks(A).flat_map(|row| transform_vector(g, row, irreps));
             *noise = rows.collect();
         }
         self
@@ -314,7 +314,7 @@ fn each_observation_is_shown_once() {
             cloning: 0.0,
         };
         batch.load(&case.network, &case.params, &(0..3), &mut w);
-        w.shown.len()
+        w.observed.len()
     };
     assert_eq!([shown(false, 0), shown(false, 2)], [4, 4]);
     assert_eq!([shown(true, 0), shown(true, 2)], [4, 5]);

@@ -9,9 +9,9 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::distributions::standard_normals;
-use crate::env::{moved_image, signed};
-use crate::replay::{Place, Recorded, Replay};
-use crate::sac::context::{Items, ReaderPass, Steps};
+use crate::env::{transform_image, transform_vector};
+use crate::replay::{Replay, ReplayStep, StepIndex};
+use crate::sac::context::{ContextItems, ContextPass, ContextSteps};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::SacSettings;
 use crate::trunk::{LayerBuffers, TrunkPass};
@@ -93,15 +93,15 @@ pub(super) struct Batch<'a> {
 
 impl<'a> Batch<'a> {
     /// The step at a position of the minibatch, and by what it is moved.
-    pub fn step(&self, position: usize) -> (Recorded<'a>, D2) {
+    pub fn step(&self, position: usize) -> (ReplayStep<'a>, D2) {
         let (index, further) = self.steps[position];
-        let step = self.replay.get(index).along(further);
+        let step = self.replay.get(index).wrapping_later(further);
         (step, self.elements[position])
     }
 
     /// The action `[A]` of a step, moved by g.
-    pub fn action<T: Scalar>(&self, network: &SacNetwork<T>, step: Recorded, g: D2) -> Vec<f32> {
-        signed(g, step.action(), &network.spec().action)
+    pub fn action<T: Scalar>(&self, network: &SacNetwork<T>, step: ReplayStep, g: D2) -> Vec<f32> {
+        transform_vector(g, step.action(), &network.spec().action)
     }
 
     /// The weight of one step in a mean over the minibatch.
@@ -119,39 +119,39 @@ impl<'a> Batch<'a> {
         w: &mut SacWorkspace<T>,
     ) {
         let n = range.len();
-        w.shown.clear();
+        w.observed.clear();
         w.sources.clear();
         for (slot, position) in range.clone().enumerate() {
             let (step, g) = self.step(position);
             step.image(&mut w.image);
-            show(network, slot, g, step.vector(), &mut w.image, &mut w.here);
-            w.shown.push((step.place(), g));
+            load_transformed(network, slot, g, step.vector(), &mut w.image, &mut w.current);
+            w.observed.push((step.index(), g));
         }
         for position in range.clone() {
             let (step, g) = self.step(position);
-            if let Some(slot) = w.source((step.next_place(), g), n) {
+            if let Some(slot) = w.locate((step.next_index(), g), n) {
                 step.next_image(&mut w.image);
                 let vector = step.next_vector();
-                show(network, slot, g, vector, &mut w.image, &mut w.there);
+                load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
             }
-            for earlier in before(network, step) {
-                if let Some(slot) = w.source((earlier.place(), g), n) {
+            for earlier in earlier_steps(network, step) {
+                if let Some(slot) = w.locate((earlier.index(), g), n) {
                     earlier.image(&mut w.image);
                     let vector = earlier.vector();
-                    show(network, slot, g, vector, &mut w.image, &mut w.there);
+                    load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
                 }
             }
         }
         let params = &params[network.trunk.params()];
-        let there = w.shown.len() - n;
-        network.trunk.forward(params, n, &mut w.here);
-        network.trunk.forward(params, there, &mut w.there);
-        self.hand_out(network, range, w);
+        let others = w.observed.len() - n;
+        network.trunk.forward(params, n, &mut w.current);
+        network.trunk.forward(params, others, &mut w.others);
+        self.distribute_fields(network, range, w);
     }
 
     /// Copies the fields of the next observations, and those of the steps before each observation
     /// with their actions and rewards.
-    fn hand_out<T: Scalar>(
+    fn distribute_fields<T: Scalar>(
         &self,
         network: &SacNetwork<T>,
         range: &Range<usize>,
@@ -162,11 +162,11 @@ impl<'a> Batch<'a> {
         let [now, next] = &mut w.before;
         now.clear(reader.length(), n);
         next.clear(reader.length(), n);
-        reader.clear(w.shown.len(), &mut w.items);
-        let (here, there) = (w.here.fields(), w.there.fields());
+        reader.clear(w.observed.len(), &mut w.items);
+        let (current, others) = (w.current.fields(), w.others.fields());
         let fields_of = |source: usize| match source.checked_sub(n) {
-            Some(slot) => &there[slot * width..(slot + 1) * width],
-            None => &here[source * width..(source + 1) * width],
+            Some(slot) => &others[slot * width..(slot + 1) * width],
+            None => &current[source * width..(source + 1) * width],
         };
         let mut sources = w.sources.iter().copied();
         for (slot, position) in range.clone().enumerate() {
@@ -180,7 +180,7 @@ impl<'a> Batch<'a> {
             let (action, reward) = (self.action(network, step, g), step.reward());
             reader.write(slot, fields_of(slot), &action, reward, &mut w.items);
             next.prepend(slot, slot);
-            for step in before(network, step) {
+            for step in earlier_steps(network, step) {
                 let source = sources.next().unwrap_or_default();
                 // what is acted on here writes its own item
                 if source >= n {
@@ -195,15 +195,15 @@ impl<'a> Batch<'a> {
 }
 
 /// The steps before a step that a context may read, the last one first.
-fn before<'r, T: Scalar>(
+fn earlier_steps<'r, T: Scalar>(
     network: &SacNetwork<T>,
-    step: Recorded<'r>,
-) -> impl Iterator<Item = Recorded<'r>> + use<'r, T> {
+    step: ReplayStep<'r>,
+) -> impl Iterator<Item = ReplayStep<'r>> + use<'r, T> {
     (1..=network.reader.length()).map_while(move |count| step.earlier(count))
 }
 
 /// Puts an observation into a slot, moved by g.
-fn show<T: Scalar>(
+fn load_transformed<T: Scalar>(
     network: &SacNetwork<T>,
     slot: usize,
     g: D2,
@@ -213,33 +213,33 @@ fn show<T: Scalar>(
 ) {
     let spec = network.spec();
     if g != D2::Identity {
-        *image = moved_image(g, image, spec);
+        *image = transform_image(g, image, spec);
     }
-    let vector = signed(g, vector, &spec.vector);
+    let vector = transform_vector(g, vector, &spec.vector);
     network.trunk.load(slot, image, &vector, pass);
 }
 
 /// An observation of the replay, moved by an element.
-pub(crate) type Shown = (Place, D2);
+pub(crate) type Observed = (StepIndex, D2);
 
 /// Everything that the gradient of up to K steps needs, allocated once.
 pub(crate) struct SacWorkspace<T> {
     /// Observations acted on.
-    pub here: TrunkPass<T>,
+    pub current: TrunkPass<T>,
     /// Other observations: those after the steps and those of the steps before.
-    pub there: TrunkPass<T>,
+    pub others: TrunkPass<T>,
     /// Which observations both hold, one pass after the other.
-    pub shown: Vec<Shown>,
+    pub observed: Vec<Observed>,
     /// Places of the fields of the observation after each step, and of those of the steps before.
     pub sources: Vec<usize>,
     /// Fields of the observations after the steps, `[K, h]`.
     pub next_fields: Vec<T>,
-    /// Items that contexts read: the step of each observation that is held, in their order.
-    pub items: Items<T>,
+    /// ContextItems that contexts read: the step of each observation that is held, in their order.
+    pub items: ContextItems<T>,
     /// The steps before, and those before the next observation.
-    pub before: [Steps; 2],
-    pub actor_reader: ReaderPass<T>,
-    pub critic_reader: ReaderPass<T>,
+    pub before: [ContextSteps; 2],
+    pub actor_reader: ContextPass<T>,
+    pub critic_reader: ContextPass<T>,
     pub actor: LayerBuffers<T>,
     pub critics: [LayerBuffers<T>; 2],
     /// Mean and log_std `[K, 2 A]` in natural order, and the gradient in them.
@@ -267,13 +267,13 @@ impl<T: Scalar> SacNetwork<T> {
         let zeros = |len: usize| vec![0.0; capacity * len];
         let reals = |len: usize| vec![T::ZERO; capacity * len];
         SacWorkspace {
-            here: self.trunk.pass(capacity),
-            there: self.trunk.pass(capacity * (1 + self.reader.length())),
-            shown: Vec::new(),
+            current: self.trunk.pass(capacity),
+            others: self.trunk.pass(capacity * (1 + self.reader.length())),
+            observed: Vec::new(),
             sources: Vec::new(),
             next_fields: reals(self.trunk.out_type().dim()),
-            items: Items::default(),
-            before: <[Steps; 2]>::default(),
+            items: ContextItems::default(),
+            before: <[ContextSteps; 2]>::default(),
             actor_reader: self.reader.pass(capacity),
             critic_reader: self.reader.pass(capacity),
             actor: LayerBuffers::new(&self.actor, capacity),
@@ -301,14 +301,14 @@ impl<T: Scalar> SacWorkspace<T> {
 
     /// Notes where the fields of an observation will be; returns its slot among those that are not
     /// acted on if it has to be shown there, since no earlier one is the same.
-    pub fn source(&mut self, shown: Shown, n: usize) -> Option<usize> {
-        let known = self.shown.iter().position(|&other| other == shown);
-        let source = known.unwrap_or(self.shown.len());
+    pub fn locate(&mut self, observed: Observed, n: usize) -> Option<usize> {
+        let known = self.observed.iter().position(|&other| other == observed);
+        let source = known.unwrap_or(self.observed.len());
         self.sources.push(source);
         if known.is_some() {
             return None;
         }
-        self.shown.push(shown);
+        self.observed.push(observed);
         Some(source - n)
     }
 }

@@ -10,7 +10,7 @@ use crate::distributions::raw_log_std;
 use crate::env::EnvSpec;
 use crate::error::{RlError, require};
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::sac::context::Reader;
+use crate::sac::context::ContextReader;
 use crate::sac::settings::ContextSettings;
 use crate::trunk::{HasTrunk, Layout, Trunk, head};
 
@@ -38,7 +38,7 @@ use crate::trunk::{HasTrunk, Layout, Trunk, head};
 pub struct SacNetwork<T> {
     pub(super) trunk: Trunk<T>,
     /// The actor and the critics read alike, with parameters of their own.
-    pub(super) reader: Reader,
+    pub(super) reader: ContextReader,
     pub(super) actor: Sequential<T>,
     pub(super) critic: Sequential<T>,
     /// Joins the reader's output and the action to what a critic reads.
@@ -83,7 +83,7 @@ impl<T: Scalar> SacNetwork<T> {
         let raw = raw_log_std(settings.log_std.into());
         let expected = "a number in (-5, 2) for soft actor-critic";
         require("log_std", settings.log_std, expected, raw.is_some())?;
-        let reader = Reader::new(trunk.out_type(), context, spec)?;
+        let reader = ContextReader::new(trunk.out_type(), context, spec)?;
         let group = settings.group;
         let mut output = spec.action.clone();
         output.extend(spec.action.iter().map(|_| Irrep::Trivial));

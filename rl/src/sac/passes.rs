@@ -42,7 +42,7 @@ impl<T: Scalar> Losses<'_, T> {
         sums.add(&self.actor_loss(n, w));
         sums.cloning_loss = self.actor_backward(&range, w, gradient);
         let (own, params) = (&mut gradient[trunk.params()], &self.params[trunk.params()]);
-        trunk.backward(params, n, &mut w.here, own);
+        trunk.backward(params, n, &mut w.current, own);
         sums
     }
 
@@ -63,7 +63,7 @@ impl<T: Scalar> Losses<'_, T> {
     fn run_stored(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (parts, width) = (network.parts().critics, network.action_order.len());
-        let fields = network.trunk.fields(n, &w.here);
+        let fields = network.trunk.fields(n, &w.current);
         let (own, reader) = (&self.params[parts.reader.clone()], &network.reader);
         reader.forward(own, fields, &w.items, &w.before[0], &mut w.critic_reader);
         for (slot, position) in range.clone().enumerate() {
@@ -80,7 +80,7 @@ impl<T: Scalar> Losses<'_, T> {
     fn run_current(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (parts, reader) = (network.parts(), &network.reader);
-        let fields = network.trunk.fields(n, &w.here);
+        let fields = network.trunk.fields(n, &w.current);
         let own = &self.params[parts.actor_reader];
         reader.forward(own, fields, &w.items, &w.before[0], &mut w.actor_reader);
         self.run_actor(range, self.batch.noise[0], w);
@@ -99,7 +99,7 @@ impl<T: Scalar> Losses<'_, T> {
         let (own, dparams) = (&self.params[parts.reader.clone()], &mut gradient[parts.reader]);
         let reader = &network.reader;
         let d_fields = reader.backward(own, &w.items, n, dparams, &mut w.critic_reader);
-        w.here.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
+        w.current.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
     }
 
     /// Adds the gradient of the actor's loss and of cloning, whose loss it returns.

@@ -7,16 +7,16 @@ use equivariant::unit_sums;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::activity::{Activity, Units};
+use crate::activity::{MeasureActivity, UnitActivity};
 use crate::distributions::{TANH_LOG_STD, sample_tanh, standard_normals, tanh_log_std};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
+use crate::export;
+use crate::export::{Basis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain};
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::NetworkSettings;
-use crate::plain;
-use crate::plain::{Answers, Distribution, End, Plain, PlainPolicy, chain};
 use crate::policy::{Actor, Memory};
-use crate::sac::context::{Items, ReaderPass, Steps};
+use crate::sac::context::{ContextItems, ContextPass, ContextSteps};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::ContextSettings;
 use crate::trunk::{HasTrunkPass, LayerBuffers, TrunkPass};
@@ -29,9 +29,9 @@ pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, Buffers>;
 /// Buffers of one chunk.
 pub struct Buffers {
     pub(super) trunk: TrunkPass<f32>,
-    pub(super) items: Items<f32>,
-    pub(super) before: Steps,
-    reader: ReaderPass<f32>,
+    pub(super) items: ContextItems<f32>,
+    pub(super) before: ContextSteps,
+    reader: ContextPass<f32>,
     pub(super) actor: LayerBuffers<f32>,
 }
 
@@ -102,8 +102,8 @@ impl Buffers {
     pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
             trunk: network.trunk.pass(capacity),
-            items: Items::default(),
-            before: Steps::default(),
+            items: ContextItems::default(),
+            before: ContextSteps::default(),
             reader: network.reader.pass(capacity),
             actor: LayerBuffers::new(&network.actor, capacity),
         }
@@ -206,21 +206,21 @@ impl Actor for SacPolicy {
     }
 }
 
-impl Plain for SacPolicy {
-    fn plain(&self) -> Result<PlainPolicy, RlError> {
+impl ExportPolicy for SacPolicy {
+    fn export(&self) -> Result<ExportedPolicy, RlError> {
         let (network, params) = (self.network(), self.params());
         if network.context().is_some() {
             let part = "a context, which remembers an episode,";
-            return Err(RlError::NotPlain { part });
+            return Err(RlError::NotExportable { part });
         }
-        let trunk = plain::trunk(&network.trunk, params)?;
+        let trunk = export::trunk(&network.trunk, params)?;
         let group = network.settings().group;
-        let ends = [trunk.joined, End::Natural(&network.output_order)];
+        let bases = [trunk.joined, Basis::Natural(&network.output_order)];
         let actor = &params[network.parts().actor];
-        Ok(PlainPolicy {
+        Ok(ExportedPolicy {
             spec: network.spec().clone(),
             order: group.order(),
-            actor: chain(group, &network.actor, actor, ends)?,
+            actor: chain(group, &network.actor, actor, bases)?,
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::TanhGaussian {
@@ -230,7 +230,7 @@ impl Plain for SacPolicy {
         })
     }
 
-    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError> {
+    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
         let samples = observations.samples(self.network().spec())?;
         let width = self.width();
         let mut actions = vec![0.0; samples * width];
@@ -238,7 +238,7 @@ impl Plain for SacPolicy {
         self.mean_actions(observations, &mut memory, &mut actions)?;
         let rows = self.outputs.chunks_exact(self.outputs.len() / samples.max(1));
         let raws = rows.flat_map(|row| &row[width..2 * width]);
-        Ok(Answers {
+        Ok(PolicyOutput {
             actions,
             log_std: raws.map(|&raw| tanh_log_std(raw).0 as f32).collect(),
             values: None,
@@ -257,21 +257,21 @@ pub struct History {
     length: usize,
     /// Length of the fields of an observation.
     pub(super) fields: usize,
-    pub(super) envs: Vec<Remembered>,
+    pub(super) envs: Vec<EpisodeMemory>,
 }
 
 /// One running episode.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Remembered {
+pub(super) struct EpisodeMemory {
     /// The last steps, the oldest first.
-    pub past: VecDeque<Past>,
+    pub past: VecDeque<PastStep>,
     /// Fields of the observation that was decided on, until its step is known.
     pub seen: Vec<f32>,
 }
 
 /// A step: the fields of its observation, its action and its reward.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Past {
+pub(super) struct PastStep {
     pub fields: Vec<f32>,
     pub action: Vec<f32>,
     pub reward: f32,
@@ -281,7 +281,7 @@ impl History {
     /// A memory of `length` steps with `fields` of this length each.
     pub(super) fn new([length, fields]: [usize; 2], envs: usize) -> Self {
         let envs = if length == 0 { 0 } else { envs };
-        Self { length, fields, envs: vec![Remembered::default(); envs] }
+        Self { length, fields, envs: vec![EpisodeMemory::default(); envs] }
     }
 
     /// Refuses a memory that was made for a network of other sizes, or for another number of
@@ -297,7 +297,7 @@ impl History {
 impl Memory for History {
     fn forget(&mut self, env: usize) {
         if let Some(episode) = self.envs.get_mut(env) {
-            *episode = Remembered::default();
+            *episode = EpisodeMemory::default();
         }
     }
 
@@ -311,7 +311,7 @@ impl Memory for History {
         if episode.past.len() == self.length {
             episode.past.pop_front();
         }
-        episode.past.push_back(Past {
+        episode.past.push_back(PastStep {
             fields: std::mem::take(&mut episode.seen),
             action: action.to_vec(),
             reward,
@@ -319,9 +319,13 @@ impl Memory for History {
     }
 }
 
-impl Units for SacPolicy {
+impl MeasureActivity for SacPolicy {
     /// Those of the encoder, of the actor and of both critics.
-    fn activity(&self, observations: &Observations, memory: &History) -> Result<Activity, RlError> {
+    fn activity(
+        &self,
+        observations: &Observations,
+        memory: &History,
+    ) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.samples(network.spec())?;
         memory.check(network.remembered(), samples)?;
@@ -334,7 +338,7 @@ impl Units for SacPolicy {
         let own = &params[network.parts().actor];
         sums.extend(w.actor.unit_sums(&network.actor, own, samples));
         sums.extend(critics(&chunk, &w));
-        Ok(Activity::of(sums))
+        Ok(UnitActivity::of(sums))
     }
 }
 
@@ -363,7 +367,7 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::fixtures::{kills, observations, settings, spec, strided, wake};
+    use crate::fixtures::{check_killed_units, observations, settings, spec, strided, wake};
     use crate::policy::{Actor, Memory};
     use crate::sac::settings::ContextSettings;
 
@@ -394,9 +398,9 @@ mod tests {
             for twin in &parts.critics.twins {
                 wake(&network.critic, &mut awake[twin.clone()]);
             }
-            kills(&network.actor, awake.clone(), parts.actor, activity);
+            check_killed_units(&network.actor, awake.clone(), parts.actor, activity);
             for twin in parts.critics.twins {
-                kills(&network.critic, awake.clone(), twin, activity);
+                check_killed_units(&network.critic, awake.clone(), twin, activity);
             }
             // what is remembered is read
             let forgotten = policy.activity(&observations, &policy.memory(SAMPLES));

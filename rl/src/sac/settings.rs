@@ -7,9 +7,9 @@ use crate::error::{RlError, require, require_positive, require_share, require_we
 use crate::ppo::settings::PpoSettings;
 
 /// The largest minibatch.
-const LARGEST_BATCH: usize = 1 << 16;
+const MAX_BATCH: usize = 1 << 16;
 /// The most gradient steps for one recorded step.
-const MOST_UPDATES: f32 = 1000.0;
+const MAX_UPDATES_PER_STEP: f32 = 1000.0;
 
 /// Settings of [`crate::Sac`]. [`SacSettings::paper`] is the default.
 ///
@@ -33,10 +33,10 @@ pub struct SacSettings {
     ///
     /// By default, a step that is recorded after the burn-in is passed through as many gradient
     /// steps as PPO's default passes it through at most, 12 on average
-    /// ([`SacSettings::as_often_as`]): 12 / 512 gradient steps. The burn-in's are not made up for,
+    /// ([`SacSettings::with_update_ratio_of`]): 12 / 512 gradient steps. The burn-in's are not made up for,
     /// and PPO may stop early by its KL divergence.
     pub updates_per_step: f32,
-    /// Recorded steps before the first gradient step.
+    /// ReplayStep steps before the first gradient step.
     pub burn_in: u64,
     /// Adam's step size for all parameters, above 0.
     pub learning_rate: f32,
@@ -98,13 +98,13 @@ impl SacSettings {
             augmentation: Group::C1,
             cloning_weight: 0.0,
         };
-        settings.as_often_as(&PpoSettings::measured())
+        settings.with_update_ratio_of(&PpoSettings::measured())
     }
 
     /// The same with the number of gradient steps for which a recorded step is part of as many
     /// gradients as a decision is in PPO: `epochs / batch` for each.
     #[must_use]
-    pub fn as_often_as(self, ppo: &PpoSettings) -> Self {
+    pub fn with_update_ratio_of(self, ppo: &PpoSettings) -> Self {
         Self { updates_per_step: ppo.epochs as f32 / self.batch as f32, ..self }
     }
 
@@ -114,11 +114,11 @@ impl SacSettings {
     /// [`RlError::Setting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
-        let allowed = (1..=LARGEST_BATCH).contains(&self.batch);
+        let allowed = (1..=MAX_BATCH).contains(&self.batch);
         require("batch", self.batch as f32, "1 to 65536", allowed)?;
         let whole = self.window > 0 && self.batch.is_multiple_of(self.window);
         require("window", self.window as f32, "a divisor of batch", whole)?;
-        let allowed = (0.0..=MOST_UPDATES).contains(&self.updates_per_step);
+        let allowed = (0.0..=MAX_UPDATES_PER_STEP).contains(&self.updates_per_step);
         let expected = "a number in [0, 1000]";
         require("updates_per_step", self.updates_per_step, expected, allowed)?;
         require_positive("learning_rate", self.learning_rate)?;

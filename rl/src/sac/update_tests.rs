@@ -154,9 +154,9 @@ fn counts(window: usize) -> Vec<usize> {
         assert_eq!((draws.steps.len(), draws.elements.len()), (6, 6));
         assert!(draws.elements.chunks(window).all(|own| own.iter().all(|g| *g == own[0])));
         for &(index, further) in &draws.steps {
-            let place = replay.get(index).along(further).place();
+            let place = replay.get(index).wrapping_later(further).index();
             let mut steps = 0..replay.len();
-            let found = steps.find(|&i| replay.get(i).place() == place);
+            let found = steps.find(|&i| replay.get(i).index() == place);
             counts[found.unwrap()] += 1;
         }
     }

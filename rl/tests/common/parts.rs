@@ -118,7 +118,7 @@ fn a_nan_is_the_largest_number() {
 }
 
 /// Rows of components in natural order, each multiplied by its irrep's sign.
-pub fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
+pub fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
     let signs = irreps.iter().cycle().map(|irrep| f32::from(irrep.sign(g)));
     rows.iter().zip(signs).map(|(x, s)| x * s).collect()
 }
@@ -130,7 +130,7 @@ pub fn transformed(spec: &EnvSpec, from: &Observations, pixels: D2, vectors: D2)
     let images = from.images.chunks((h * w * c).max(1));
     Observations {
         images: images.flat_map(|image| pixels.transform_image(image, h, w, c)).collect(),
-        vectors: signed(&from.vectors, &spec.vector, vectors),
+        vectors: transform_vector(&from.vectors, &spec.vector, vectors),
     }
 }
 

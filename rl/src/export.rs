@@ -13,7 +13,7 @@ use crate::trunk::Trunk;
 /// An ordinary layer. Between layers, channels are those of the regular basis, in which a group
 /// permutes them and a ReLU is that of every library.
 #[derive(Clone, Debug, PartialEq)]
-pub enum PlainLayer {
+pub enum ExportedLayer {
     /// A cross-correlation, or, on vectors, a matrix product.
     Linear {
         /// `[C_out, C_in, size, size]`.
@@ -56,26 +56,26 @@ pub enum Distribution {
 /// [image, vector], or maxima over G of each  -> critic        -> value [1]
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct PlainPolicy {
+pub struct ExportedPolicy {
     /// Sizes and types of observations and actions.
     pub spec: EnvSpec,
     /// G, the order of its group: how many channels a regular field has.
     pub order: usize,
     /// Layers of the picture; none where it looks at no picture.
-    pub image: Option<Vec<PlainLayer>>,
+    pub image: Option<Vec<ExportedLayer>>,
     /// Layers of the vector; none where there is none.
-    pub vector: Option<Vec<PlainLayer>>,
+    pub vector: Option<Vec<ExportedLayer>>,
     /// Layers of the actor.
-    pub actor: Vec<PlainLayer>,
+    pub actor: Vec<ExportedLayer>,
     /// Meaning of the actor's output.
     pub distribution: Distribution,
     /// Layers of the critic, and whether it reads maxima over G; none where a policy says no value.
-    pub critic: Option<(Vec<PlainLayer>, bool)>,
+    pub critic: Option<(Vec<ExportedLayer>, bool)>,
 }
 
 /// Output of a policy for N observations.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answers {
+pub struct PolicyOutput {
     /// Mean actions `[N, A]`: what an evaluation executes.
     pub actions: Vec<f32>,
     /// Logarithms of standard deviations `[N, A]`, before a tanh where there is one.
@@ -85,23 +85,23 @@ pub struct Answers {
 }
 
 /// A policy that can be written in ordinary layers.
-pub trait Plain {
+pub trait ExportPolicy {
     /// Returns the policy in ordinary layers; outputs differ by rounding.
     ///
     /// # Errors
-    /// [`RlError::NotPlain`] for a network with parts that are no ordinary layers.
-    fn plain(&self) -> Result<PlainPolicy, RlError>;
+    /// [`RlError::NotExportable`] for a network with parts that are no ordinary layers.
+    fn export(&self) -> Result<ExportedPolicy, RlError>;
 
     /// Returns its output for observations, for comparison.
     ///
     /// # Errors
     /// [`RlError::Shape`] for observations of other environments.
-    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError>;
+    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
 }
 
 /// Kind of an end of a chain of layers.
 #[derive(Clone, Copy)]
-pub(crate) enum End<'a> {
+pub(crate) enum Basis<'a> {
     /// Channels of the regular basis.
     Regular,
     /// Components in natural order: this is the index of every irrep-major one.
@@ -111,17 +111,17 @@ pub(crate) enum End<'a> {
 }
 
 /// The layers of the picture and of the vector, and the end that heads begin at.
-pub(crate) struct PlainTrunk {
-    pub image: Option<Vec<PlainLayer>>,
-    pub vector: Option<Vec<PlainLayer>>,
-    pub joined: End<'static>,
+pub(crate) struct ExportedTrunk {
+    pub image: Option<Vec<ExportedLayer>>,
+    pub vector: Option<Vec<ExportedLayer>>,
+    pub joined: Basis<'static>,
 }
 
 /// A trunk in ordinary layers.
 ///
 /// # Errors
-/// [`RlError::NotPlain`].
-pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<PlainTrunk, RlError> {
+/// [`RlError::NotExportable`].
+pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
     let (group, parts, spec) = (trunk.settings.group, trunk.parts(), &trunk.spec);
     let refused = match trunk.settings.encoder {
         Encoder::Keypoints { .. } => Some("an encoder of keypoints"),
@@ -131,47 +131,47 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<PlainTrunk, Rl
         _ => None,
     };
     if let (Some(part), Some(_)) = (refused, parts.encoder) {
-        return Err(RlError::NotPlain { part });
+        return Err(RlError::NotExportable { part });
     }
     let channels: Vec<usize> = (0..spec.image[2]).collect();
     let plain = |layers: Option<&Sequential<f32>>, own, order| {
-        let ends = [End::Natural(order), End::Regular];
-        let layers = layers.map(|layers| chain(group, layers, &params[own], ends));
+        let bases = [Basis::Natural(order), Basis::Regular];
+        let layers = layers.map(|layers| chain(group, layers, &params[own], bases));
         layers.transpose()
     };
     let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
     let joined = [parts.encoder, parts.vector].map(|layers| layers.map_or(0, fields));
     let vector = trunk.encoder().end..trunk.num_params();
-    Ok(PlainTrunk {
+    Ok(ExportedTrunk {
         image: plain(parts.encoder, trunk.encoder(), &channels)?,
         vector: plain(parts.vector, vector, parts.vector_order)?,
-        joined: End::Joined(joined),
+        joined: Basis::Joined(joined),
     })
 }
 
-/// A chain of layers; the ends of chains are vectors, or a picture.
+/// A chain of layers; the bases of chains are vectors, or a picture.
 ///
 /// # Errors
-/// [`RlError::NotPlain`].
+/// [`RlError::NotExportable`].
 pub(crate) fn chain(
     group: Group,
     layers: &Sequential<f32>,
     params: &[f32],
-    [input, output]: [End<'_>; 2],
-) -> Result<Vec<PlainLayer>, RlError> {
+    [input, output]: [Basis<'_>; 2],
+) -> Result<Vec<ExportedLayer>, RlError> {
     let all = layers.layers();
     let mut start = 0;
     let mut plain = Vec::new();
     for (index, layer) in all.iter().enumerate() {
         let own: Range<usize> = start..start + layer.num_params();
         start = own.end;
-        let ends = [
-            if index == 0 { input } else { End::Regular },
-            if index + 1 == all.len() { output } else { End::Regular },
+        let bases = [
+            if index == 0 { input } else { Basis::Regular },
+            if index + 1 == all.len() { output } else { Basis::Regular },
         ];
         let kind = layer.kind();
         plain.push(match kind.dense() {
-            Some(dense) => linear(group, &dense, &params[own], ends),
+            Some(dense) => linear(group, &dense, &params[own], bases),
             None => weightless(&kind)?,
         });
     }
@@ -179,45 +179,45 @@ pub(crate) fn chain(
 }
 
 /// A layer without weights.
-fn weightless(kind: &LayerKind<'_, f32>) -> Result<PlainLayer, RlError> {
+fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     match kind {
-        LayerKind::Relu => Ok(PlainLayer::Relu),
-        LayerKind::MaxPool(POOLING) => Ok(PlainLayer::MaxPool(POOLING)),
+        LayerKind::Relu => Ok(ExportedLayer::Relu),
+        LayerKind::MaxPool(POOLING) => Ok(ExportedLayer::MaxPool(POOLING)),
         _ => {
             let part = "a layer without weights that is neither ReLU nor 2 x 2 max-pooling";
-            Err(RlError::NotPlain { part })
+            Err(RlError::NotExportable { part })
         }
     }
 }
 
-fn linear(group: Group, dense: &Dense<'_>, params: &[f32], ends: [End<'_>; 2]) -> PlainLayer {
+fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]) -> ExportedLayer {
     let shape = dense.kernel_shape();
     let [outputs, inputs, size, _] = shape;
     let taps = size * size;
     let mut weight = dense.kernel(params);
     let mut bias = dense.bias(params);
     for row in weight.chunks_exact_mut(inputs * taps) {
-        change(group, ends[0], taps, row);
+        change(group, bases[0], taps, row);
     }
-    change(group, ends[1], inputs * taps, &mut weight);
-    change(group, ends[1], 1, &mut bias);
+    change(group, bases[1], inputs * taps, &mut weight);
+    change(group, bases[1], 1, &mut bias);
     debug_assert_eq!(bias.len(), outputs);
-    PlainLayer::Linear { weight, shape, bias, window: dense.window() }
+    ExportedLayer::Linear { weight, shape, bias, window: dense.window() }
 }
 
 /// Brings the first axis of `[channels, inner]` values from the irrep basis to that of an end.
-fn change(group: Group, end: End<'_>, inner: usize, values: &mut [f32]) {
+fn change(group: Group, end: Basis<'_>, inner: usize, values: &mut [f32]) {
     let irreps = match end {
-        End::Natural(_) => values.to_vec(),
-        End::Regular | End::Joined(_) => {
+        Basis::Natural(_) => values.to_vec(),
+        Basis::Regular | Basis::Joined(_) => {
             hadamard(group, values);
             values.to_vec()
         }
     };
     let order = match end {
-        End::Regular => return,
-        End::Natural(order) => order.to_vec(),
-        End::Joined(fields) => joined_order(group.order(), fields),
+        Basis::Regular => return,
+        Basis::Natural(order) => order.to_vec(),
+        Basis::Joined(fields) => joined_order(group.order(), fields),
     };
     for (from, to) in irreps.chunks_exact(inner).zip(order) {
         values[to * inner..][..inner].copy_from_slice(from);
@@ -249,8 +249,8 @@ mod tests {
         let shape = Shape { height: 4, width: 4, fields: FieldType::new(Group::D2, [2; 4]) };
         let plain = |layer: &dyn Layer<f32>| weightless(&layer.kind()).ok();
         let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
-        assert_eq!(plain(&relu), Some(PlainLayer::Relu));
-        assert_eq!(plain(&pool.unwrap()), Some(PlainLayer::MaxPool(POOLING)));
+        assert_eq!(plain(&relu), Some(ExportedLayer::Relu));
+        assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOLING)));
         let halving = AveragePool::new(shape, POOLING).unwrap();
         assert_eq!(plain(&halving), None);
         let wide = Kernel { size: 4, ..POOLING };
