@@ -1,4 +1,4 @@
-//! Policies in ordinary layers, for programs that know no steerable ones.
+//! Export of policies as ordinary dense layers, for programs without equivariant ones.
 
 use std::ops::Range;
 
@@ -10,44 +10,44 @@ use crate::env::{EnvSpec, Observations};
 use crate::error::RlError;
 use crate::trunk::Trunk;
 
-/// An ordinary layer. Between layers, channels are those of the regular basis, in which a group
-/// permutes them and a ReLU is that of every library.
+/// An ordinary layer of an exported policy. Channels between layers are in the regular basis, in
+/// which a group permutes them and the pointwise ReLU of any library is equivariant.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ExportedLayer {
-    /// A cross-correlation, or, on vectors, a matrix product.
+    /// A cross-correlation (convolution), or a matrix product on vectors.
     Linear {
-        /// `[C_out, C_in, size, size]`.
+        /// Kernel `[C_out, C_in, size, size]`.
         weight: Vec<f32>,
-        /// The weight's shape.
+        /// Shape of the kernel.
         shape: [usize; 4],
-        /// `[C_out]`.
+        /// Bias `[C_out]`.
         bias: Vec<f32>,
         /// Stride and padding.
         window: Kernel,
     },
-    /// max(x, 0).
+    /// Pointwise max(x, 0).
     Relu,
-    /// The largest value of a window.
+    /// Max-pooling with this window.
     MaxPool(Kernel),
 }
 
-/// Distribution of actions that an actor's last layer describes.
+/// Action distribution that the actor's last layer parametrises.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Distribution {
-    /// A Gaussian: the means `[A]`.
+    /// A Gaussian; the output holds the means `[A]`.
     Gaussian {
         /// Logarithms of the standard deviations `[A]`, the same for every state.
         log_std: Vec<f32>,
     },
-    /// The tanh of a Gaussian: means `[A]`, then `[A]` numbers whose tanh, in [-1, 1], is brought
-    /// to the range of log_std.
+    /// The tanh of a Gaussian; the output holds the means `[A]`, then `[A]` numbers whose tanh is
+    /// scaled from [-1, 1] to the range of log_std.
     TanhGaussian {
-        /// The range.
+        /// Range of log_std.
         log_std: [f32; 2],
     },
 }
 
-/// A policy in ordinary layers.
+/// A policy exported as ordinary dense layers.
 ///
 /// ```text
 /// image  [C, H, W], bytes b as b / 255 - 0.5 -> image layers  -> [G n, 1, 1], element-major
@@ -59,40 +59,41 @@ pub enum Distribution {
 pub struct ExportedPolicy {
     /// Sizes and types of observations and actions.
     pub spec: EnvSpec,
-    /// G, the order of its group: how many channels a regular field has.
+    /// Order G of the group, which is the number of channels of a regular field.
     pub order: usize,
-    /// Layers of the picture; none where it looks at no picture.
+    /// Layers of the image; `None` if the policy reads no image.
     pub image: Option<Vec<ExportedLayer>>,
-    /// Layers of the vector; none where there is none.
+    /// Layers of the vector; `None` if observations have no vector.
     pub vector: Option<Vec<ExportedLayer>>,
     /// Layers of the actor.
     pub actor: Vec<ExportedLayer>,
     /// Meaning of the actor's output.
     pub distribution: Distribution,
-    /// Layers of the critic, and whether it reads maxima over G; none where a policy says no value.
+    /// Layers of the critic, and `true` if it reads maxima over G; `None` for a policy without a
+    /// value function.
     pub critic: Option<(Vec<ExportedLayer>, bool)>,
 }
 
 /// Output of a policy for N observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyOutput {
-    /// Mean actions `[N, A]`: what an evaluation executes.
+    /// Mean actions `[N, A]`, as an evaluation executes them.
     pub actions: Vec<f32>,
-    /// Logarithms of standard deviations `[N, A]`, before a tanh where there is one.
+    /// Logarithms of the Gaussian's standard deviations `[N, A]`, before any tanh.
     pub log_std: Vec<f32>,
-    /// Values `[N]`, where the policy says some.
+    /// Values `[N]`; `None` for a policy without a value function.
     pub values: Option<Vec<f32>>,
 }
 
-/// A policy that can be written in ordinary layers.
+/// A policy that can be exported as ordinary dense layers.
 pub trait ExportPolicy {
-    /// Returns the policy in ordinary layers; outputs differ by rounding.
+    /// Returns the policy in ordinary layers, whose outputs differ by rounding only.
     ///
     /// # Errors
-    /// [`RlError::NotExportable`] for a network with parts that are no ordinary layers.
+    /// [`RlError::NotExportable`] for a network with parts that ordinary layers cannot express.
     fn export(&self) -> Result<ExportedPolicy, RlError>;
 
-    /// Returns its output for observations, for comparison.
+    /// Returns the output for observations, to compare the export with.
     ///
     /// # Errors
     /// [`RlError::Shape`] for observations of other environments.
@@ -102,25 +103,25 @@ pub trait ExportPolicy {
 /// Kind of an end of a chain of layers.
 #[derive(Clone, Copy)]
 pub(crate) enum Basis<'a> {
-    /// Channels of the regular basis.
+    /// Channels of the regular basis, element-major.
     Regular,
-    /// Components in natural order: this is the index of every irrep-major one.
+    /// Components in natural order; holds the natural index of every irrep-major component.
     Natural(&'a [usize]),
-    /// Regular channels of the picture, then of the vector; so many fields of each.
+    /// Regular channels of the image, then of the vector; holds the number of fields of each.
     Joined([usize; 2]),
 }
 
-/// The layers of the picture and of the vector, and the end that heads begin at.
+/// Exported layers of a trunk, and the basis of the heads' input.
 pub(crate) struct ExportedTrunk {
     pub image: Option<Vec<ExportedLayer>>,
     pub vector: Option<Vec<ExportedLayer>>,
     pub joined: Basis<'static>,
 }
 
-/// A trunk in ordinary layers.
+/// Exports a trunk.
 ///
 /// # Errors
-/// [`RlError::NotExportable`].
+/// [`RlError::NotExportable`] for keypoints and for images that are not square.
 pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
     let (group, parts, spec) = (trunk.settings.group, trunk.parts(), &trunk.spec);
     let refused = match trunk.settings.encoder {
@@ -130,29 +131,29 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk,
         }
         _ => None,
     };
+    // an environment without images has no encoder, whatever the setting says
     if let (Some(part), Some(_)) = (refused, parts.encoder) {
         return Err(RlError::NotExportable { part });
     }
     let channels: Vec<usize> = (0..spec.image[2]).collect();
-    let plain = |layers: Option<&Sequential<f32>>, own, order| {
+    let export = |layers: Option<&Sequential<f32>>, own, order| {
         let bases = [Basis::Natural(order), Basis::Regular];
-        let layers = layers.map(|layers| chain(group, layers, &params[own], bases));
-        layers.transpose()
+        layers.map(|layers| chain(group, layers, &params[own], bases)).transpose()
     };
     let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
     let joined = [parts.encoder, parts.vector].map(|layers| layers.map_or(0, fields));
     let vector = trunk.encoder().end..trunk.num_params();
     Ok(ExportedTrunk {
-        image: plain(parts.encoder, trunk.encoder(), &channels)?,
-        vector: plain(parts.vector, vector, parts.vector_order)?,
+        image: export(parts.encoder, trunk.encoder(), &channels)?,
+        vector: export(parts.vector, vector, parts.vector_order)?,
         joined: Basis::Joined(joined),
     })
 }
 
-/// A chain of layers; the bases of chains are vectors, or a picture.
+/// Exports a chain of layers between the given bases of its input and output.
 ///
 /// # Errors
-/// [`RlError::NotExportable`].
+/// [`RlError::NotExportable`] for a layer that has no ordinary form.
 pub(crate) fn chain(
     group: Group,
     layers: &Sequential<f32>,
@@ -161,7 +162,7 @@ pub(crate) fn chain(
 ) -> Result<Vec<ExportedLayer>, RlError> {
     let all = layers.layers();
     let mut start = 0;
-    let mut plain = Vec::new();
+    let mut exported = Vec::new();
     for (index, layer) in all.iter().enumerate() {
         let own: Range<usize> = start..start + layer.num_params();
         start = own.end;
@@ -170,15 +171,15 @@ pub(crate) fn chain(
             if index + 1 == all.len() { output } else { Basis::Regular },
         ];
         let kind = layer.kind();
-        plain.push(match kind.dense() {
+        exported.push(match kind.dense() {
             Some(dense) => linear(group, &dense, &params[own], bases),
             None => weightless(&kind)?,
         });
     }
-    Ok(plain)
+    Ok(exported)
 }
 
-/// A layer without weights.
+/// Exports a layer without weights.
 fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     match kind {
         LayerKind::Relu => Ok(ExportedLayer::Relu),
@@ -190,12 +191,14 @@ fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     }
 }
 
+/// Exports a convolution or linear layer, with a kernel between the `bases` of input and output.
 fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]) -> ExportedLayer {
     let shape = dense.kernel_shape();
     let [outputs, inputs, size, _] = shape;
     let taps = size * size;
     let mut weight = dense.kernel(params);
     let mut bias = dense.bias(params);
+    // the input axis of each output channel, then the output axis of kernel and bias
     for row in weight.chunks_exact_mut(inputs * taps) {
         change(group, bases[0], taps, row);
     }
@@ -205,16 +208,17 @@ fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]
     ExportedLayer::Linear { weight, shape, bias, window: dense.window() }
 }
 
-/// Brings the first axis of `[channels, inner]` values from the irrep basis to that of an end.
-fn change(group: Group, end: Basis<'_>, inner: usize, values: &mut [f32]) {
-    let irreps = match end {
+/// Transforms the first axis of `[channels, inner]` values from the irrep basis to `basis`.
+fn change(group: Group, basis: Basis<'_>, inner: usize, values: &mut [f32]) {
+    // the Hadamard transform maps irreps to the regular basis of a field
+    let irreps = match basis {
         Basis::Natural(_) => values.to_vec(),
         Basis::Regular | Basis::Joined(_) => {
             hadamard(group, values);
             values.to_vec()
         }
     };
-    let order = match end {
+    let order = match basis {
         Basis::Regular => return,
         Basis::Natural(order) => order.to_vec(),
         Basis::Joined(fields) => joined_order(group.order(), fields),
@@ -224,18 +228,18 @@ fn change(group: Group, end: Basis<'_>, inner: usize, values: &mut [f32]) {
     }
 }
 
-/// Places of the channels of `[G, image fields and vector fields]` once those of the picture come
-/// first.
+/// Returns the new index of each channel of `[G, image fields and vector fields]` when all of the
+/// image's channels come before the vector's.
 fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
     let both = image + vector;
-    let place = |channel: usize| {
+    let index = |channel: usize| {
         let (element, field) = (channel / both, channel % both);
         match field.checked_sub(image) {
             None => element * image + field,
             Some(field) => order * image + element * vector + field,
         }
     };
-    (0..order * both).map(place).collect()
+    (0..order * both).map(index).collect()
 }
 
 #[cfg(test)]

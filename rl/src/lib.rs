@@ -1,17 +1,17 @@
-//! Reinforcement learning for equivariant networks, without a task, a simulator or a tensor
-//! library.
+//! Reinforcement learning for equivariant networks, independent of tasks, simulators and tensor
+//! libraries.
 //!
 //! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] lets an [`Actor`]
 //! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
-//! [`evaluate`] runs whole episodes with mean actions. The members here are [`ActorCriticPolicy`],
-//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation, which is on-policy; and
-//! [`SacPolicy`], [`Replay`] and [`Sac`], soft actor-critic, which is off-policy.
+//! [`evaluate`] runs whole episodes with mean actions. Two algorithms are implemented:
+//! [`ActorCriticPolicy`], [`RolloutBuffer`] and [`Ppo`] form proximal policy optimisation
+//! (on-policy); [`SacPolicy`], [`Replay`] and [`Sac`] form soft actor-critic (off-policy).
 //!
 //! | a new | implements | example |
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
 //! | actor | [`Actor`] and its [`Memory`]; [`OnPolicy`] for rollouts | `tests/memory.rs` |
-//! | algorithm | [`Algorithm`]; [`Experience`] for what is no rollout | `src/replay.rs`, `src/sac.rs` |
+//! | algorithm | [`Algorithm`]; [`Experience`] for a new buffer | `src/replay.rs`, `src/sac.rs` |
 //!
 //! - The policy is exactly equivariant under D2, or a subgroup of choice: mirror the table and its
 //!   mean action is the mirrored one, its value and features are the same.

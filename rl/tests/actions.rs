@@ -1,4 +1,4 @@
-//! Actions that no environment can execute are refused by name before it sees them.
+//! Actions that no environment can execute are rejected by name before they reach it.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -86,8 +86,8 @@ fn mean_is_equivariant_and_value_and_features_are_invariant() {
     }
 }
 
-/// What is no symmetry of the group is none of the network: the check fails for every other element
-/// of D2, so a plain CNN is not equivariant by accident.
+/// The network is not equivariant under elements outside its group: the check fails for each of
+/// them, so an ordinary CNN is not equivariant by accident.
 #[test]
 fn elements_outside_the_group_change_mean_value_and_features() {
     for settings in networks() {

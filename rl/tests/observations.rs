@@ -84,7 +84,7 @@ fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy 
         let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
         assert!(stats.steps > 0 && stats.grad_norm > 0.0);
     }
-    buffer.reevaluate_actions(&mut policy).unwrap();
+    buffer.reevaluate(&mut policy).unwrap();
     let network = policy.network();
     for own in [network.encoder(), network.heads()] {
         assert!(own.is_empty() || policy.params()[own.clone()] != before[own]);
@@ -177,7 +177,7 @@ fn a_network_that_sees_nothing_is_refused() {
     }
 }
 
-/// Ordinary layers see what the encoder sees; a picture on a canvas is no input of theirs.
+/// Exported layers have the encoder's input, so images that need a canvas cannot be exported.
 #[test]
 fn policies_that_look_at_one_kind_have_an_ordinary_form_and_those_with_a_canvas_have_none() {
     let plain = |space| {

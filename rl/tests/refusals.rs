@@ -54,7 +54,7 @@ fn spoil(parts: &mut Parts, array: usize, change: isize) -> &'static str {
     ARRAYS[array].split(' ').next_back().unwrap_or("")
 }
 
-/// Whether a result is the error of an array of that name.
+/// Returns `true` if a result is the error of the array of that name.
 fn names(result: Result<(), RlError>, array: &str) -> bool {
     matches!(result, Err(RlError::Shape { what, .. }) if what == array)
 }
@@ -218,7 +218,7 @@ fn adam_names_the_slice_that_does_not_fit() {
         (step(4, 3, 4, 4, 4), "gradient: got 3 values, expected 4"),
         (step(4, 4, 3, 4, 4), "first_moment: got 3 values, expected 4"),
         (step(4, 4, 4, 5, 4), "second_moment: got 5 values, expected 4"),
-        (step(4, 4, 4, 4, 5), "the group 0..5 is no part of the 4 parameters"),
+        (step(4, 4, 4, 4, 5), "the group 0..5 lies outside the 4 parameters"),
     ] {
         assert!(message.starts_with(start), "{message}");
     }
@@ -235,7 +235,7 @@ fn a_group_beyond_the_parameters_leaves_adam_alone() {
         let message = panics(std::panic::AssertUnwindSafe(|| {
             adam.step(&groups, &mut params, &[1.0; 4]);
         }));
-        assert!(message.ends_with("is no part of the 4 parameters"), "{message}");
+        assert!(message.ends_with("lies outside the 4 parameters"), "{message}");
         assert_eq!((adam, params), (before, [1.0; 4]));
     }
 }

@@ -75,7 +75,7 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
     assert_eq!(twin.sac.save(), run.sac.save());
 }
 
-/// The same run from all that can be saved of it, with the same environments and memory.
+/// Returns a run restored from the saved state of `run`, with its environments and memory.
 fn restored(run: &Run) -> Run {
     let spec = run.env.spec();
     let params = run.policy.params().to_vec();

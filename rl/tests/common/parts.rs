@@ -1,5 +1,5 @@
-//! The arrays of one step of the toy environment, in the right sizes, and what spoils them; networks
-//! and numbers of these tests.
+//! The arrays of one step of the toy environment, in the right sizes, and what spoils them;
+//! networks and numbers of these tests.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -28,7 +28,7 @@ pub fn policy() -> ActorCriticPolicy {
     ActorCriticPolicy::new(&settings, &spec(), 1).unwrap()
 }
 
-/// What every step of a rollout takes, in the right sizes.
+/// Arguments of a push of one step, in the right sizes.
 #[derive(Clone)]
 pub struct Parts {
     pub observations: Observations,

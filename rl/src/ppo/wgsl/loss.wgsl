@@ -1,5 +1,5 @@
-// The loss of a minibatch and its gradient in what the network put out; `ppo.rs` says what of.
-// `decisions` holds the action, its log-probability and the return, for each decision. One group.
+// The loss of a minibatch and its gradient with respect to the network's outputs, as in `ppo.rs`.
+// `decisions` holds the action, its log-probability and the return of each decision. One group.
 
 const HALF_LN_TAU = 0.9189385;
 
