@@ -1,25 +1,25 @@
-//! Activity of the units of a network.
+//! Activations of a network's units, from which dormant units are counted.
 
 use crate::env::Observations;
 use crate::error::RlError;
 use crate::policy::Actor;
 
-/// Mean outputs of the rectified units of a network: Sokar et al., "The dormant neuron
-/// phenomenon in deep reinforcement learning" (ICML 2023, section 3).
+/// Summed activations of a network's ReLU units: Sokar et al., "The dormant neuron phenomenon in
+/// deep reinforcement learning" (ICML 2023, section 3).
 ///
 /// A unit is a channel of a ReLU in the basis in which it is pointwise, so a regular field of D2
-/// has four; one of a convolution is averaged over places, too. What is not rectified, such as the
-/// state of a GRU, is no unit here.
+/// has four; units of a convolution are also averaged over positions. Outputs without a ReLU, such
+/// as the state of a GRU, do not count as units.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Activity {
-    /// Sums of what each unit put out, a list for each ReLU.
+pub struct UnitActivity {
+    /// Sum of each unit's outputs, one list for each ReLU.
     layers: Vec<Vec<f64>>,
 }
 
-/// A policy whose network has units.
-pub trait Units: Actor {
-    /// Returns the activity of all parts of the network for the observations of N environments,
-    /// of which `memory` holds what is remembered. Critics see the mean actions.
+/// A policy whose network can report the activations of its units.
+pub trait MeasureActivity: Actor {
+    /// Returns the activations of all parts of the network for the observations of N environments
+    /// and their `memory`. Critics are evaluated at the mean actions.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -27,17 +27,18 @@ pub trait Units: Actor {
         &self,
         observations: &Observations,
         memory: &Self::Memory,
-    ) -> Result<Activity, RlError>;
+    ) -> Result<UnitActivity, RlError>;
 }
 
-impl Activity {
-    /// The activity of layers whose units put out these sums, each over equally many samples.
+impl UnitActivity {
+    /// Wraps the summed outputs of each layer's units, all over equally many samples.
     pub(crate) fn of(layers: Vec<Vec<f64>>) -> Self {
         Self { layers }
     }
 
-    /// Adds what the same units put out for other observations.
+    /// Adds the activations of the same units for other observations.
     pub fn add(&mut self, other: &Self) {
+        // the default has no layers yet
         if self.layers.is_empty() {
             self.clone_from(other);
             return;
@@ -47,16 +48,17 @@ impl Activity {
         }
     }
 
-    /// The number of units; 0 where nothing was seen.
+    /// Returns the number of units; 0 before anything was added.
     pub fn units(&self) -> usize {
         self.layers.iter().map(Vec::len).sum()
     }
 
-    /// The number of units that are `tau`-dormant: those that put out at most `tau` times the mean
-    /// of their layer (Sokar et al., definition 3.1). All of a layer that puts out nothing are.
+    /// Returns the number of `tau`-dormant units, whose mean output is at most `tau` times the mean
+    /// of their layer (Sokar et al., definition 3.1).
     pub fn dormant(&self, tau: f64) -> usize {
         let dormant = |sums: &Vec<f64>| {
             let mean = sums.iter().sum::<f64>() / sums.len() as f64;
+            // `<=`, so that all units of a layer without any output count as dormant
             sums.iter().filter(|&&sum| sum <= tau * mean).count()
         };
         self.layers.iter().map(dormant).sum()
@@ -68,22 +70,22 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::fixtures::{kills, observations, settings, spec, strided};
+    use crate::fixtures::{check_killed_units, observations, settings, spec, strided};
     use crate::network_policy::ActorCriticPolicy;
 
     #[test]
     fn dormant_units_are_those_below_a_share_of_their_layers_mean() {
         let layers = vec![vec![0.0, 0.2, 3.8], vec![1.0; 4], vec![0.0; 2]];
-        let mut activity = Activity::of(layers.clone());
+        let mut activity = UnitActivity::of(layers.clone());
         assert_eq!(activity.units(), 9);
         // the means are 4 / 3, 1 and 0
         assert_eq!([0.0, 0.1, 0.16, 1.0].map(|tau| activity.dormant(tau)), [3, 3, 4, 8]);
-        let mut sum = Activity::default();
+        let mut sum = UnitActivity::default();
         assert_eq!((sum.units(), sum.dormant(0.5)), (0, 0));
         sum.add(&activity);
         assert_eq!(sum, activity);
-        // what sleeps for some observations may be awake for others
-        activity.add(&Activity::of(vec![vec![4.0, 0.0, 0.0], vec![1.0; 4], vec![0.0, 1.0]]));
+        // a unit that is dormant for some observations may be active for others
+        activity.add(&UnitActivity::of(vec![vec![4.0, 0.0, 0.0], vec![1.0; 4], vec![0.0, 1.0]]));
         assert_eq!(activity.dormant(0.0), 1);
     }
 
@@ -103,8 +105,8 @@ mod tests {
             let fields = 2 + 3 + 2 + 2 + 3;
             assert_eq!(activity(params).units(), 4 * fields);
             let parts = network.parts();
-            kills(&network.actor, params.to_vec(), parts.actor, activity);
-            kills(&network.critic, params.to_vec(), parts.critic, activity);
+            check_killed_units(&network.actor, params.to_vec(), parts.actor, activity);
+            check_killed_units(&network.critic, params.to_vec(), parts.critic, activity);
         }
     }
 }

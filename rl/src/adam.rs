@@ -5,12 +5,12 @@ use std::ops::Range;
 use crate::algorithm::AlgorithmState;
 use crate::error::assert_len;
 
-/// Names of an optimiser's state in a checkpoint.
+/// Checkpoint name of the running mean of the gradient.
 const FIRST_MOMENT: &str = "adam.first";
 pub(crate) const SECOND_MOMENT: &str = "adam.second";
 const STEPS: &str = "adam.steps";
 
-/// A range of the parameter vector and the learning rate it is trained with.
+/// A range of the parameter vector with its own learning rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParamGroup {
     /// Positions in the flat parameter vector.
@@ -20,7 +20,7 @@ pub struct ParamGroup {
 }
 
 impl ParamGroup {
-    /// All of `len` parameters.
+    /// Creates the group of all `len` parameters.
     pub(crate) fn all(len: usize, learning_rate: f32) -> Self {
         Self { range: 0..len, learning_rate }
     }
@@ -29,19 +29,18 @@ impl ParamGroup {
         let range = &self.range;
         assert!(
             range.start <= range.end && range.end <= len,
-            "the group {range:?} is no part of the {len} parameters"
+            "the group {range:?} lies outside the {len} parameters"
         );
     }
 }
 
-/// Adam: Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015), algorithm 1. The
-/// fields are the whole state: saving them and building the struct again continues to the same
-/// bits.
+/// Adam optimiser: Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015),
+/// algorithm 1. The fields are the complete state: a copy of them continues with the same bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Decay of the first and of the second moment, in [0, 1).
     pub betas: [f32; 2],
-    /// Added to the root of the second moment, above 0.
+    /// Constant added to the root of the second moment, above 0.
     pub epsilon: f32,
     /// Number of steps taken.
     pub steps: u64,
@@ -52,7 +51,7 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// Fresh moments for `num_params` parameters; beta 0.9 and 0.999.
+    /// Creates zero moments for `num_params` parameters, with decays of 0.9 and 0.999.
     pub fn new(num_params: usize, epsilon: f32) -> Self {
         Self {
             betas: [0.9, 0.999],
@@ -66,7 +65,7 @@ impl Adam {
     /// Takes one descent step. Parameters outside every group stay as they are.
     ///
     /// # Panics
-    /// When `params`, `gradient` and the moments differ in length, or a group is no part of them.
+    /// If `params`, `gradient` and the moments differ in length, or a group lies outside them.
     /// Nothing has changed then.
     pub fn step(&mut self, groups: &[ParamGroup], params: &mut [f32], gradient: &[f32]) {
         let len = params.len();
@@ -80,7 +79,7 @@ impl Adam {
         }
     }
 
-    /// Both moments and the number of steps, for a checkpoint.
+    /// Returns both moments and the number of steps, for a checkpoint.
     pub(crate) fn save(&self) -> AlgorithmState<'_> {
         AlgorithmState {
             tensors: vec![(FIRST_MOMENT, &self.first_moment), (SECOND_MOMENT, &self.second_moment)],
@@ -88,7 +87,7 @@ impl Adam {
         }
     }
 
-    /// Goes on from a state that begins as [`Adam::save`] gave it.
+    /// Restores from a state whose first entries are those of [`Adam::save`].
     pub(crate) fn restore(&mut self, state: &AlgorithmState<'_>) {
         self.first_moment.copy_from_slice(state.tensors[0].1);
         self.second_moment.copy_from_slice(state.tensors[1].1);
@@ -98,6 +97,8 @@ impl Adam {
     fn step_group(&mut self, group: &ParamGroup, params: &mut [f32], gradient: &[f32]) {
         let range = group.range.clone();
         let ([beta1, beta2], epsilon) = (self.betas, self.epsilon);
+        // the bias corrections c1 and c2, moved out of the loop: m / c1 into the rate, v / c2 into
+        // the root; epsilon is added after the correction, as in the paper's algorithm
         let rate = group.learning_rate / bias_correction(beta1, self.steps);
         let root = bias_correction(beta2, self.steps).sqrt();
         let first = &mut self.first_moment[range.clone()];
@@ -112,15 +113,16 @@ impl Adam {
     }
 }
 
-/// 1 - beta^t.
+/// Returns 1 - beta^t, in f64 so that it does not vanish for a beta near 1.
 pub(crate) fn bias_correction(beta: f32, steps: u64) -> f32 {
     (1.0 - f64::from(beta).powf(steps as f64)) as f32
 }
 
-/// Scales `gradient` so that its Euclidean norm is at most `max_norm`; returns the norm before.
+/// Scales `gradient` so that its Euclidean norm is at most `max_norm`; returns the norm before
+/// clipping.
 ///
 /// Pascanu et al., "On the difficulty of training recurrent neural networks" (ICML 2013),
-/// algorithm 1. The sum runs in order, in f64: the same bits on any number of threads.
+/// algorithm 1. The sum runs in order, in f64, so its bits do not depend on the thread count.
 pub fn clip_global_norm(gradient: &mut [f32], max_norm: f32) -> f64 {
     let norm = norm(gradient);
     if norm > f64::from(max_norm) {
@@ -130,13 +132,12 @@ pub fn clip_global_norm(gradient: &mut [f32], max_norm: f32) -> f64 {
     norm
 }
 
-/// The Euclidean norm. The sum runs in order, in f64.
+/// Returns the Euclidean norm, summed in order in f64.
 pub(crate) fn norm(gradient: &[f32]) -> f64 {
-    let squares = gradient.iter().map(|&g| f64::from(g).powi(2));
-    squares.sum::<f64>().sqrt()
+    gradient.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Clips every component to [-`limit`, `limit`]; returns how many were outside.
+/// Clips every component to [-`limit`, `limit`]; returns the number of clipped components.
 pub(crate) fn clip_values(gradient: &mut [f32], limit: f32) -> usize {
     let mut outside = 0;
     for g in gradient.iter_mut().filter(|g| g.abs() > limit) {

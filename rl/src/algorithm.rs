@@ -4,29 +4,29 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::error::RlError;
 
-/// Largest counter of a saved state: up to here, f64 holds every whole number.
+/// Largest counter of a saved state: f64 represents every integer up to 2^53 exactly.
 const MAX_COUNTER: u64 = 1 << 53;
 
-/// Improves a policy from experience and owns the state of its optimisers.
+/// A training algorithm: improves a policy from experience and owns the state of its optimisers.
 ///
-/// Saved with the policy's parameters and the generator, its state is everything that its next
-/// update depends on besides the experience.
+/// A checkpoint of this state, the policy's parameters and the random generator determines the
+/// next update, given the experience.
 pub trait Algorithm {
     /// Policy that is improved.
     type Policy;
-    /// Experience to learn from: [`RolloutBuffer`](crate::RolloutBuffer) for on-policy algorithms,
-    /// a replay for others.
+    /// Experience that an update reads: a [`RolloutBuffer`](crate::RolloutBuffer) for on-policy
+    /// algorithms, a replay buffer for others.
     type Experience;
-    /// Report of an update.
+    /// Statistics of an update.
     type Stats: Metrics;
 
-    /// Improves `policy` once; random draws come from `rng`.
+    /// Runs one update of `policy`; random draws come from `rng`.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for experience or a policy of another
     /// environment or network. [`RlError::NotFinite`] when a quantity diverges; `policy` then has
-    /// the parameters from before the offending step. It also reports parameters that a step itself
-    /// made infinite, which takes learning rates close to the end of f32: the policy is then lost.
+    /// the parameters from before the offending step. The exception are parameters that a step
+    /// itself made infinite, which takes learning rates near the limit of f32: they stay infinite.
     fn update(
         &mut self,
         policy: &mut Self::Policy,
@@ -34,10 +34,10 @@ pub trait Algorithm {
         rng: &mut ChaCha8Rng,
     ) -> Result<Self::Stats, RlError>;
 
-    /// All state by name, for a checkpoint. Names, lengths and their order never change.
+    /// Returns all state by name, for a checkpoint. Names, lengths and order never change.
     fn save(&self) -> AlgorithmState<'_>;
 
-    /// Continues from a state that [`Algorithm::save`] gave. After an error, nothing has changed.
+    /// Restores a state that [`Algorithm::save`] returned. After an error, nothing has changed.
     ///
     /// # Errors
     /// [`RlError::State`] for a state of another algorithm or network, [`RlError::Damaged`] for
@@ -45,9 +45,9 @@ pub trait Algorithm {
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 }
 
-/// Named values for a log, so that learners of different kinds write into one table.
+/// Statistics as named values, so that different algorithms can write to one log table.
 pub trait Metrics {
-    /// Names and values. Names and their order are the same after every update of one algorithm.
+    /// Returns names and values; names and order are the same after every update of an algorithm.
     fn metrics(&self) -> Vec<(String, f64)>;
 }
 
@@ -61,23 +61,21 @@ pub struct AlgorithmState<'a> {
 }
 
 impl AlgorithmState<'_> {
-    /// Checks a state that was read from a file: it has the names and lengths of `own`, in the same
-    /// order, every number is finite, and no counter is above 2^53.
+    /// Checks that a state read from a file has the names and lengths of `own` in the same order,
+    /// only finite numbers, and no counter above 2^53.
     ///
     /// # Errors
     /// [`RlError::State`] or [`RlError::Damaged`].
     pub fn check_like(&self, own: &AlgorithmState<'_>) -> Result<(), RlError> {
         if self.layout() != own.layout() {
-            let (got, expected) = (self.in_words(), own.in_words());
+            let (got, expected) = (self.describe(), own.describe());
             return Err(RlError::State { got, expected });
         }
-        let mut tensors = self.tensors.iter();
-        tensors.try_for_each(|(name, values)| check_saved(name, values))?;
-        let mut counters = self.counters.iter();
-        counters.try_for_each(|&(name, count)| check_counter(name, count))
+        self.tensors.iter().try_for_each(|(name, values)| check_saved(name, values))?;
+        self.counters.iter().try_for_each(|&(name, count)| check_counter(name, count))
     }
 
-    /// Names and lengths of the arrays, and names of the counters.
+    /// Returns names and lengths of the arrays, and names of the counters.
     fn layout(&self) -> (Vec<(&str, usize)>, Vec<&str>) {
         let tensors = self.tensors.iter();
         let counters = self.counters.iter();
@@ -87,8 +85,8 @@ impl AlgorithmState<'_> {
         )
     }
 
-    /// The layout for an error message.
-    fn in_words(&self) -> String {
+    /// Formats the layout for an error message.
+    fn describe(&self) -> String {
         let (tensors, counters) = self.layout();
         let tensors = tensors.iter().map(|(name, len)| format!("{name:?} [{len}]"));
         let counters = counters.iter().map(|name| format!("{name:?}"));
@@ -118,7 +116,7 @@ fn check_counter(name: &str, count: u64) -> Result<(), RlError> {
     })
 }
 
-/// Refuses negative numbers in the arrays of these names. A second moment has none, and a root of
+/// Rejects negative numbers in the named arrays. They are second moments: the root of a negative
 /// one would be NaN at the next step.
 pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Result<(), RlError> {
     let arrays = state.tensors.iter().filter(|(name, _)| names.contains(name));
@@ -133,7 +131,7 @@ pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Resu
     }
 }
 
-/// Declares sums, all `f64`, and how those of other steps or decisions are added to them.
+/// Declares a struct of `f64` sums with a method that adds another one field by field.
 macro_rules! sums {
     ($(#[$doc:meta])* $name:ident: $($sum:ident),+) => {
         $(#[$doc])*
@@ -143,7 +141,7 @@ macro_rules! sums {
         }
 
         impl $name {
-            /// Adds other sums.
+            /// Adds the sums of other samples.
             pub fn add(&mut self, other: &Self) {
                 $(self.$sum += other.$sum;)+
             }
@@ -151,7 +149,7 @@ macro_rules! sums {
     };
 }
 
-/// The fields of these names with their names, as [`Metrics`] returns them.
+/// Lists the given fields as pairs of name and value, as [`Metrics`] returns them.
 macro_rules! named {
     ($stats:ident: $($field:ident),+) => {
         vec![$((stringify!($field).to_owned(), $stats.$field as f64)),+]

@@ -8,16 +8,17 @@ use crate::distributions::ActionNoise;
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::error::{RlError, check_all_finite, check_finite, check_len};
 use crate::gae::{GaeInputs, gae};
-use crate::policy::{Assess, Decisions, OnPolicy, Values};
+use crate::policy::{Decisions, EvaluateActions, OnPolicy, Values};
 use crate::rollout::Experience;
 
-/// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`; or
-/// [`collect`](crate::collect) fills it.
+/// Rollout buffer of T steps of N environments, allocated once. [`collect`](crate::collect) fills
+/// it; by hand, `push` T times, `finish`, read, `clear`.
 #[derive(Clone)]
 pub struct RolloutBuffer {
     spec: EnvSpec,
-    /// Steps that fit, and those of them that count: fewer after a truncation.
+    /// Number of steps that fit.
     capacity: usize,
+    /// T: the capacity, or less after [`RolloutBuffer::truncate`].
     steps: usize,
     pushed: usize,
     finished: bool,
@@ -27,23 +28,25 @@ pub struct RolloutBuffer {
     outcomes: Vec<Outcome>,
     final_values: Vec<f32>,
     last_values: Vec<f32>,
-    /// Final observations of the samples that were truncated, and which those are.
+    /// Final observations of the truncated samples.
     finals: Observations,
+    /// Indices of the truncated samples, ascending.
     truncated: Vec<usize>,
     last: Observations,
-    /// Noise that actions are drawn with.
+    /// Exploration noise of the actions.
     noise: ActionNoise,
-    /// Of the step that is being collected, `[N]`.
+    /// Decisions of the step that is being collected, `[N]`.
     step_decisions: Decisions,
+    /// Values of its final observations, `[N]`.
     step_final_values: Vec<f32>,
 }
 
 impl RolloutBuffer {
-    /// Allocates `steps` (T, at least 1) steps of the environments of `spec`.
+    /// Allocates a buffer for `steps` (T, at least 1) steps of the environments of `spec`.
     ///
     /// # Errors
-    /// [`RlError::EmptySpec`] or [`RlError::Setting`] when a size is zero, [`RlError::Memory`] when
-    /// the machine has not so much.
+    /// [`RlError::EmptySpec`] or [`RlError::Setting`] when a size is zero, [`RlError::Memory`] if
+    /// the machine has too little memory.
     pub fn new(spec: &EnvSpec, steps: usize) -> Result<Self, RlError> {
         spec.check_rollout(steps)?;
         let all = EnvSpec { num_envs: spec.num_envs * steps, ..spec.clone() };
@@ -68,16 +71,15 @@ impl RolloutBuffer {
         })
     }
 
-    /// Lets the noise of actions keep its direction in what [`collect`](crate::collect) fills the
-    /// buffer with: x_t = c x_(t-1) + sqrt(1 - c^2) e_t, c the correlation and e standard normal,
-    /// so that x is, too. It begins afresh with every episode and every collection, so that
-    /// [`RolloutState`](crate::RolloutState) stays the whole state between two of them. A new
-    /// buffer has c = 0: independent numbers.
+    /// Sets the correlation c of the exploration noise of consecutive steps that
+    /// [`collect`](crate::collect) draws: x_t = c x_(t-1) + sqrt(1 - c^2) e_t with standard normal
+    /// e, so that x is standard normal, too. The noise restarts with every episode and every
+    /// collection, so [`RolloutState`](crate::RolloutState) stays the complete state between two
+    /// collections. A new buffer has c = 0: independent noise.
     ///
-    /// Log-probabilities are those of each decision by itself, as in Hollenstein et al., "Colored
-    /// noise in PPO" (AAAI 2024), whose noise has another spectrum. With c above 0 they are not
-    /// those of the decision given the ones before, from which its noise can be told, so the
-    /// gradient of an update is biased.
+    /// Log-probabilities are marginal ones of each decision, as in Hollenstein et al., "Colored
+    /// noise in PPO" (AAAI 2024), whose noise has another spectrum. With c above 0 they differ from
+    /// those conditional on the previous decisions, so the gradient of an update is biased.
     ///
     /// # Errors
     /// [`RlError::Setting`] for a correlation outside [0, 1).
@@ -86,12 +88,12 @@ impl RolloutBuffer {
         Ok(self)
     }
 
-    /// Appends one step: the observations that were acted on, the decisions, what they led to, and
-    /// the values of the final observations `[N]` (read where the outcome is truncated).
+    /// Appends one step: the observations acted on, the decisions, the transition, and the values
+    /// of the final observations `[N]` (read only for truncated outcomes).
     ///
     /// # Errors
     /// [`RlError::BufferFull`] past T steps, [`RlError::Shape`] when an array does not fit,
-    /// [`RlError::NotFinite`] for a reward, a decision, a value or a vector that is not a number.
+    /// [`RlError::NotFinite`] for a reward, decision, value or vector that is infinite or NaN.
     pub fn push(
         &mut self,
         observations: &Observations,
@@ -118,12 +120,14 @@ impl RolloutBuffer {
         copy_row(&mut self.rewards, t, &transition.rewards);
         copy_row(&mut self.outcomes, t, &transition.outcomes);
         copy_row(&mut self.final_values, t, final_values);
+        // before `pushed` counts the step, whose index it needs
         self.keep_finals(transition);
         self.pushed += 1;
         Ok(())
     }
 
-    /// Keeps what [`RolloutBuffer::revalue`] needs of the step that is being pushed.
+    /// Stores the final observations of the step that is being pushed, which
+    /// [`RolloutBuffer::reevaluate`] needs.
     fn keep_finals(&mut self, transition: &Transition) {
         for (n, &outcome) in transition.outcomes.iter().enumerate() {
             if outcome == Outcome::Truncated {
@@ -135,11 +139,11 @@ impl RolloutBuffer {
         }
     }
 
-    /// Closes a full buffer with the observations after its last step, and their values `[N]`.
+    /// Completes a full buffer with the observations after its last step and their values `[N]`.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before T steps were pushed, [`RlError::Shape`] for a wrong
-    /// length, [`RlError::NotFinite`] for values or vectors that are not numbers.
+    /// length, [`RlError::NotFinite`] for values or vectors that are infinite or NaN.
     pub fn finish(&mut self, last: &Observations, last_values: &[f32]) -> Result<(), RlError> {
         if self.pushed != self.steps {
             return Err(RlError::BufferNotFinished { got: self.pushed, steps: self.steps });
@@ -154,22 +158,24 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Replaces log-probabilities and values, those that bootstrap included, by what `policy` says.
-    /// So it can learn from actions that another one took: probability ratios start at 1, and
-    /// advantages are differences to its own values. That the states are those the other policy
-    /// came to is not corrected. After an error, nothing has changed.
+    /// Recomputes log-probabilities and values, bootstrapped ones included, under `policy`, so that
+    /// it can be trained on actions of another policy: probability ratios start at 1, and
+    /// advantages refer to its own values. The shift of the state distribution is not corrected.
+    /// After an error, nothing has changed.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other
-    /// environments, [`RlError::NotFinite`] for log-probabilities or values that are not numbers.
-    pub fn revalue<P: Assess>(&mut self, policy: &mut P) -> Result<(), RlError> {
+    /// environments, [`RlError::NotFinite`] for log-probabilities or values that are infinite or
+    /// NaN.
+    pub fn reevaluate<P: EvaluateActions>(&mut self, policy: &mut P) -> Result<(), RlError> {
         self.check_finished()?;
         let mut decisions = self.decisions.clone();
-        policy.assess(&self.observations, &mut decisions)?;
+        policy.evaluate_actions(&self.observations, &mut decisions)?;
         decisions.check(&self.spec, self.samples())?;
         decisions.check_finite()?;
         let final_values = finite_values(policy, &self.finals, self.truncated.len())?;
         let last_values = finite_values(policy, &self.last, self.spec.num_envs)?;
+        // after the last possible error
         self.decisions.log_probs = decisions.log_probs;
         self.decisions.values = decisions.values;
         self.last_values = last_values;
@@ -179,17 +185,18 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Forgets every step and keeps the memory.
+    /// Removes every step and keeps the allocations.
     pub fn clear(&mut self) {
         self.pushed = 0;
         self.finished = false;
         self.truncated.clear();
         self.finals.images.clear();
         self.finals.vectors.clear();
+        // a truncated buffer gets its capacity back
         self.resize(self.capacity);
     }
 
-    /// Writes advantages and returns `[T, N]` by [`gae`]; `gamma` and `lambda` in [0, 1].
+    /// Computes advantages and returns `[T, N]` by [`gae`]; `gamma` and `lambda` are in [0, 1].
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for wrong lengths.
@@ -214,11 +221,12 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Refuses rollouts that begin with a reset and end before episodes of `horizon` steps do
-    /// ([`VectorEnv::horizon`](crate::VectorEnv::horizon)): nothing would be learnt of late states.
+    /// Rejects a buffer shorter than an episode of `horizon` steps
+    /// ([`VectorEnv::horizon`](crate::VectorEnv::horizon)). For rollouts that begin with a reset:
+    /// they would never reach an episode's late states.
     ///
     /// # Errors
-    /// [`RlError::ShortRollout`] when T is below `horizon`.
+    /// [`RlError::ShortRollout`] if T is below `horizon`.
     pub fn check_horizon(&self, horizon: usize) -> Result<(), RlError> {
         if self.steps >= horizon {
             return Ok(());
@@ -226,7 +234,7 @@ impl RolloutBuffer {
         Err(RlError::ShortRollout { steps: self.steps, horizon })
     }
 
-    /// Refuses a buffer that is not full and finished.
+    /// Rejects a buffer that is not full and finished.
     pub(crate) fn check_finished(&self) -> Result<(), RlError> {
         if self.finished {
             Ok(())
@@ -235,37 +243,39 @@ impl RolloutBuffer {
         }
     }
 
-    /// Sizes and types of the environments.
+    /// Returns sizes and types of the environments.
     pub fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    /// T, the number of steps that fit.
+    /// Returns T, the number of steps of a full rollout.
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// T * N, the number of decisions that fit.
+    /// Returns T * N, the number of decisions of a full rollout.
     pub fn samples(&self) -> usize {
         self.steps * self.spec.num_envs
     }
 
-    /// Observations acted on, `[T, N, ...]`: sample t * N + n is environment n at step t.
+    /// Returns the observations acted on, `[T, N, ...]`: sample t * N + n is environment n at step
+    /// t.
     pub fn observations(&self) -> &Observations {
         &self.observations
     }
 
-    /// Actions `[T, N, A]`, log-probabilities and values `[T, N]` as they were when collected.
+    /// Returns actions `[T, N, A]`, log-probabilities and values `[T, N]` from the collection or
+    /// from [`RolloutBuffer::reevaluate`].
     pub fn decisions(&self) -> &Decisions {
         &self.decisions
     }
 
-    /// Rewards `[T, N]`.
+    /// Returns the rewards `[T, N]`.
     pub fn rewards(&self) -> &[f32] {
         &self.rewards
     }
 
-    /// Outcomes `[T, N]`.
+    /// Returns the outcomes `[T, N]`.
     pub fn outcomes(&self) -> &[Outcome] {
         &self.outcomes
     }
@@ -282,7 +292,7 @@ impl fmt::Debug for RolloutBuffer {
     }
 }
 
-/// The values `[N]` of N observations, all of them finite.
+/// Returns the values `[N]` of N observations, and rejects infinities and NaN.
 fn finite_values<P: Values>(
     policy: &mut P,
     observations: &Observations,
@@ -294,7 +304,7 @@ fn finite_values<P: Values>(
     Ok(values)
 }
 
-/// Checks the values `[N]` of final observations; those that bootstrap must be finite.
+/// Checks the values `[N]` of final observations; bootstrapped ones must be finite.
 fn check_final_values(outcomes: &[Outcome], values: &[f32]) -> Result<(), RlError> {
     check_len("final_values", "[N]", values.len(), outcomes.len())?;
     let bootstrapped = outcomes.iter().zip(values);
@@ -309,7 +319,7 @@ fn copy_row<T: Copy>(array: &mut [T], t: usize, row: &[T]) {
 }
 
 impl<P: OnPolicy> Experience<P> for RolloutBuffer {
-    /// As many as there is room for, also where the last rollout lost its end.
+    /// Returns the full capacity, also after a truncated rollout.
     #[allow(clippy::misnamed_getters, reason = "`steps` are those of the last rollout")]
     fn steps(&self) -> usize {
         self.capacity
@@ -323,11 +333,11 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         Ok(())
     }
 
-    fn choice(&mut self) -> (&mut [f32], bool) {
+    fn action_buffer(&mut self) -> (&mut [f32], bool) {
         (&mut self.step_decisions.actions, false)
     }
 
-    /// With the log-probabilities and the values.
+    /// Stores log-probabilities and values with the actions.
     fn decide(
         &mut self,
         policy: &mut P,
@@ -347,12 +357,13 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         to: &Transition,
     ) -> Result<(), RlError> {
         value_truncated(policy, to, &mut self.step_final_values)?;
-        // lent out, since a push borrows all of the buffer
+        // taken out for the call, since `push` borrows the whole buffer mutably
         let decisions = std::mem::take(&mut self.step_decisions);
         let final_values = std::mem::take(&mut self.step_final_values);
         let result = self.push(from, &decisions, to, &final_values);
         (self.step_decisions, self.step_final_values) = (decisions, final_values);
         result?;
+        // a new episode starts with new noise
         let ended = |&(_, outcome): &(usize, &Outcome)| outcome.ended();
         let ends = to.outcomes.iter().enumerate().filter(ended);
         ends.for_each(|(env, _)| self.noise.forget(env));
@@ -366,7 +377,7 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
     }
 }
 
-/// Asks for the values of the final observations where a truncation will bootstrap them.
+/// Computes the values of the final observations if any truncated episode bootstraps from one.
 fn value_truncated<P: Values>(
     policy: &mut P,
     transition: &Transition,
@@ -379,11 +390,11 @@ fn value_truncated<P: Values>(
 }
 
 impl RolloutBuffer {
-    /// Forgets all steps but the first `steps`, until [`RolloutBuffer::clear`]. Episodes that still
-    /// run there bootstrap from the values of the step that follows.
+    /// Keeps only the first `steps` steps, until [`RolloutBuffer::clear`]. Episodes that still run
+    /// at the cut bootstrap from the recorded values of the next step.
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Setting`] for no step at all.
+    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Setting`] for 0 steps.
     pub fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
         self.check_finished()?;
         if steps == 0 {
@@ -393,6 +404,7 @@ impl RolloutBuffer {
             return Ok(());
         }
         let n = self.spec.num_envs;
+        // the first dropped step becomes the one after the last
         let (from, to) = (steps * n, (steps + 1) * n);
         let (image, vector) = (self.spec.image_len(), self.spec.vector.len());
         let next = &self.observations;
@@ -408,7 +420,7 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Makes room for so many steps; those that are there stay.
+    /// Resizes all arrays to `steps` steps and keeps the first ones.
     pub(super) fn resize(&mut self, steps: usize) {
         let (spec, samples) = (&self.spec, steps * self.spec.num_envs);
         self.observations.images.resize(samples * spec.image_len(), 0);
@@ -417,7 +429,7 @@ impl RolloutBuffer {
         self.decisions.log_probs.resize(samples, 0.0);
         self.decisions.values.resize(samples, 0.0);
         self.rewards.resize(samples, 0.0);
-        self.outcomes.resize(samples, crate::env::Outcome::Running);
+        self.outcomes.resize(samples, Outcome::Running);
         self.final_values.resize(samples, 0.0);
         self.steps = steps;
     }

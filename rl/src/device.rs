@@ -1,4 +1,4 @@
-//! Actor-critics on a GPU: their networks as part of a plan, and policies that decide there.
+//! Actor-critic networks as part of a GPU plan, and a policy that runs its network on a GPU.
 
 use std::fmt;
 use std::ops::Range;
@@ -15,33 +15,34 @@ use crate::network_policy::ActorCriticPolicy;
 use crate::network_settings::Critic;
 use crate::policy::{Actor, Decisions, OnPolicy, Values};
 
-/// WGSL: a row of [`Observed::draws`].
+/// WGSL source of the struct for a row of [`DeviceObservations::draws`].
 pub(crate) const DRAW: &str = include_str!("device/wgsl/draw.wgsl");
 
-/// Observations on the device, and the draws from them that make up batches.
+/// Buffers of observations on the device, and of the draws from them that form batches.
 #[derive(Clone, Copy)]
-pub(crate) struct Observed {
-    /// Bytes of all pictures, four to a word.
+pub(crate) struct DeviceObservations {
+    /// Bytes of all images, four in a word.
     images: Slot,
     /// All vectors, irrep-major.
     vectors: Slot,
-    /// Observation and advantage of each draw.
+    /// Index of the observation and advantage of each draw.
     pub draws: Slot,
 }
 
-/// Outputs of the network, and starts of two kinds of parameters.
+/// Outputs of the network, and the start of two parameter ranges.
 pub(crate) struct Outputs {
     /// Mean actions, irrep-major.
     pub mean: Tensor,
     pub value: Tensor,
-    /// The first parameter that is not the encoder's.
+    /// Index of the first parameter after the encoder's.
     pub heads: usize,
-    /// The first logarithm of a standard deviation.
+    /// Index of the first log_std parameter.
     pub log_std: usize,
 }
 
-impl Observed {
-    /// Room for so many observations and draws; for no pictures where the network is blind.
+impl DeviceObservations {
+    /// Reserves buffers for `observations` and `draws`; without images if the network has no image
+    /// encoder.
     pub fn new(
         plan: &mut Plan,
         network: &ActorCritic<f32>,
@@ -60,7 +61,7 @@ impl Observed {
         }
     }
 
-    /// Brings pictures `[N, H, W, C]` and vectors `[N, D]` to the device.
+    /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the device.
     pub fn write(
         self,
         program: &Program,
@@ -69,7 +70,7 @@ impl Observed {
         vectors: &[f32],
     ) {
         let parts = network.trunk.parts();
-        // a blind network reads no picture
+        // a blind network has no buffer for images, even if the environment has some
         if parts.encoder.is_some() {
             program.write_bytes(self.images, &network.trunk.canvases(images));
         }
@@ -81,11 +82,11 @@ impl Observed {
     }
 }
 
-/// Adds the passes of the network, from a batch's observations on.
+/// Adds the forward and backward pass of the network on a batch's observations to a plan.
 pub(crate) fn add_network(
     plan: &mut Plan,
     network: &ActorCritic<f32>,
-    observed: Observed,
+    observed: DeviceObservations,
 ) -> Result<Outputs, GpuError> {
     let parts = network.trunk.parts();
     let image = parts.encoder.map(|layers| plan.input(layers.in_shape()));
@@ -96,6 +97,7 @@ pub(crate) fn add_network(
         (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
         _ => None,
     };
+    // parameters are laid out in the order in which layers are added: the encoder's come first
     let heads = plan.device_params();
     let fields = match (parts.vector, vector) {
         (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
@@ -106,6 +108,7 @@ pub(crate) fn add_network(
         (_, Some(alone), None) | (_, None, Some(alone)) => alone,
         _ => unreachable!("a trunk has an input, and joins two"),
     };
+    // h has two readers: the fork adds up their gradients
     let [of_actor, of_critic] = plan.fork(h);
     let mean = plan.layer(&network.actor, of_actor)?;
     let of_critic = match network.settings().critic {
@@ -117,10 +120,11 @@ pub(crate) fn add_network(
     Ok(Outputs { mean, value, heads, log_std: plan.reserve(action, 0..action) })
 }
 
-/// Reads the observations of a batch; a network may have no picture, or no vector.
+/// Creates the kernel that copies a batch's observations to the network's inputs; a network may
+/// have no image or no vector.
 fn gather(
     plan: &mut Plan,
-    observed: Observed,
+    observed: DeviceObservations,
     image: Option<Tensor>,
     vector: Option<Tensor>,
 ) -> Step {
@@ -139,18 +143,18 @@ fn gather(
 }
 
 /// An [`ActorCriticPolicy`] whose means and values a GPU computes, for batches that are large
-/// enough to keep one busy. Actions and log-probabilities are made of them by the policy itself, so
-/// but for rounding its decisions are those of the policy.
+/// enough to keep it busy. The policy itself computes actions and log-probabilities from them, so
+/// its decisions equal the policy's up to rounding.
 ///
-/// A batch goes there and its outputs come back in one round trip, or in as many as its samples
-/// need; one for few pictures may take longer than the processor does.
+/// A call is one round trip, or several if the batch exceeds the allocated samples. For few images
+/// it may take longer than on the CPU.
 pub struct DevicePolicy {
     policy: ActorCriticPolicy,
-    /// The one that the plan was made for.
+    /// Network that the plan was compiled for.
     network: Arc<ActorCritic<f32>>,
     plan: Plan,
     program: Program,
-    observed: Observed,
+    observed: DeviceObservations,
     /// Mean actions `[N, A]`, irrep-major, and values `[N]`.
     outputs: [Slot; 2],
     /// `true` if the device has the policy's parameters.
@@ -158,12 +162,12 @@ pub struct DevicePolicy {
 }
 
 impl DevicePolicy {
-    /// Compiles the policy's network for a device, with memory for `samples` observations at a
+    /// Compiles the policy's network for a device, with buffers for `samples` observations at a
     /// time.
     ///
     /// # Errors
-    /// [`RlError::Setting`] for no samples; [`RlError::Gpu`] where a buffer for so many is larger
-    /// than the adapter allows, before anything is allocated, and where the device fails.
+    /// [`RlError::Setting`] for 0 samples; [`RlError::Gpu`] if a buffer would exceed the adapter's
+    /// limits (before anything is allocated), or if the device fails.
     pub fn new(
         policy: ActorCriticPolicy,
         device: &Device,
@@ -172,10 +176,11 @@ impl DevicePolicy {
         require("samples", samples as f32, "at least 1", samples > 0)?;
         let mut plan = Plan::new();
         let network = Arc::clone(policy.network());
-        let observed = Observed::new(&mut plan, &network, samples, samples);
+        let observed = DeviceObservations::new(&mut plan, &network, samples, samples);
         let outputs = add_network(&mut plan, &network, observed)?;
         let plan = plan.forward_only();
         let program = Program::new(device, &plan, samples)?;
+        // draw i is observation i, with an advantage of 0 that nothing reads
         let draws: Vec<u32> = (0..samples as u32).flat_map(|i| [i, 0]).collect();
         program.write_words(observed.draws, &draws);
         Ok(Self {
@@ -189,19 +194,20 @@ impl DevicePolicy {
         })
     }
 
-    /// The policy.
+    /// Returns the policy.
     pub fn policy(&self) -> &ActorCriticPolicy {
         &self.policy
     }
 
-    /// The policy, for an update. The device takes over its parameters at the next decision; a
-    /// policy with another network, in its place, is refused then with [`RlError::OtherNetwork`].
+    /// Returns the policy, for an update. Its parameters are copied to the device at the next
+    /// decision, which fails with [`RlError::OtherNetwork`] if the policy was replaced by one with
+    /// another network.
     pub fn policy_mut(&mut self) -> &mut ActorCriticPolicy {
         self.current = false;
         &mut self.policy
     }
 
-    /// Fills the policy's outputs as a pass of its own does; returns N.
+    /// Fills the policy's outputs with those of the device; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         if !Arc::ptr_eq(&self.network, self.policy.network()) {
             return Err(RlError::OtherNetwork);
@@ -212,7 +218,7 @@ impl DevicePolicy {
             let params = self.plan.placed(self.policy.params());
             self.program.write(self.plan.params(), &params);
         }
-        // what fails below may have kept the parameters from the device
+        // an error below may mean that the parameters did not reach the device: write them again
         self.current = false;
         self.policy.outputs.resize(samples * (width + 1), 0.0);
         let most = self.program.samples();

@@ -1,4 +1,4 @@
-//! Distributions of actions: the diagonal Gaussian, its tanh, and noise whose direction lasts.
+//! Action distributions: the diagonal Gaussian, the tanh-Gaussian, and noise correlated in time.
 //!
 //! Everything is summed in f64, since log-probabilities are subtracted from one another and
 //! exponentiated.
@@ -11,8 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use crate::error::{RlError, require};
 
 /// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation
-/// of random normal deviates" (Ann. Math. Statist. 29, 1958). Two uniform numbers a pair, so the
-/// stream position depends on the length alone.
+/// of random normal deviates" (Ann. Math. Statist. 29, 1958). Unlike rejection methods, it draws
+/// two uniform numbers for each pair, so the generator's position depends on the length alone.
 pub(crate) fn standard_normals(rng: &mut impl Rng, out: &mut [f32]) {
     for pair in out.chunks_mut(2) {
         let (u, v) = (rng.random::<f64>(), rng.random::<f64>());
@@ -24,7 +24,7 @@ pub(crate) fn standard_normals(rng: &mut impl Rng, out: &mut [f32]) {
     }
 }
 
-/// ln N(action; mean, exp(log_std)^2), summed over components.
+/// Returns ln N(action; mean, exp(log_std)^2), summed over components.
 pub(crate) fn log_prob(mean: &[f64], log_std: &[f64], action: &[f64]) -> f64 {
     let mut sum = 0.0;
     for ((m, s), a) in mean.iter().zip(log_std).zip(action) {
@@ -33,16 +33,17 @@ pub(crate) fn log_prob(mean: &[f64], log_std: &[f64], action: &[f64]) -> f64 {
     sum
 }
 
-/// Differential entropy in nats: sum of log_std + ln(2 pi e) / 2.
+/// Returns the differential entropy in nats: the sum of log_std + ln(2 pi e) / 2.
 pub(crate) fn entropy(log_std: &[f64]) -> f64 {
     log_std.iter().map(|s| s + 0.5 * ((2.0 * PI).ln() + 1.0)).sum()
 }
 
-/// Bounds of the logarithm of a tanh-Gaussian's standard deviation, those of CleanRL's soft
-/// actor-critic.
+/// Bounds of a tanh-Gaussian's log_std: `LOG_STD_MIN` and `LOG_STD_MAX` of CleanRL's
+/// `sac_continuous_action.py`.
 pub(crate) const TANH_LOG_STD: [f64; 2] = [-5.0, 2.0];
 
-/// The logarithm of a standard deviation for what the network puts out, and its slope.
+/// Maps the network's raw output to a log_std within [`TANH_LOG_STD`]; returns it and its
+/// derivative.
 pub(crate) fn tanh_log_std(raw: f64) -> (f64, f64) {
     let half = (TANH_LOG_STD[1] - TANH_LOG_STD[0]) / 2.0;
     let squashed = raw.tanh();
@@ -50,7 +51,7 @@ pub(crate) fn tanh_log_std(raw: f64) -> (f64, f64) {
     (log_std, half * (1.0 - squashed * squashed))
 }
 
-/// Output of the network for a logarithm of a standard deviation; none outside the bounds.
+/// Inverts [`tanh_log_std`]; `None` if `log_std` is outside the open interval of the bounds.
 pub(crate) fn raw_log_std(log_std: f64) -> Option<f64> {
     let share = (log_std - TANH_LOG_STD[0]) / (TANH_LOG_STD[1] - TANH_LOG_STD[0]);
     (share > 0.0 && share < 1.0).then(|| (2.0 * share - 1.0).atanh())
@@ -59,8 +60,7 @@ pub(crate) fn raw_log_std(log_std: f64) -> Option<f64> {
 /// Writes the action for the `output` `[2 A]` of the network and standard normal `noise` `[A]`;
 /// returns its log-probability density in nats: Haarnoja et al., "Soft actor-critic" (arXiv
 /// 1801.01290, appendix C, "Enforcing action bounds", equation 21). u is Gaussian and a = tanh(u),
-/// component by component; `output` holds the means of u, and what becomes the logarithms of its
-/// standard deviations.
+/// component by component; `output` holds the means of u, then the inputs of [`tanh_log_std`].
 pub(crate) fn sample_tanh(output: &[f64], noise: &[f32], action: &mut [f64]) -> f64 {
     let (means, raws) = output.split_at(action.len());
     let mut log_prob = 0.0;
@@ -68,19 +68,21 @@ pub(crate) fn sample_tanh(output: &[f64], noise: &[f32], action: &mut [f64]) -> 
         let (log_std, noise) = (tanh_log_std(raws[i]).0, f64::from(noise[i]));
         let u = means[i] + log_std.exp() * noise;
         *action = u.tanh();
+        // the Gaussian density of u, whose normalised deviation is the noise, over d tanh(u) / du
         log_prob -= 0.5 * noise * noise + log_std + 0.5 * TAU.ln() + log_slope(u);
     }
     log_prob
 }
 
-/// The logarithm of the derivative of tanh, ln(1 - tanh(u)^2), without its cancellation.
+/// Returns ln(1 - tanh(u)^2), the logarithm of the derivative of tanh.
 fn log_slope(u: f64) -> f64 {
+    // 1 - tanh(u)^2 = 4 e^(-2|u|) / (1 + e^(-2|u|))^2; the left side cancels to 0 for large |u|
     let negative = -2.0 * u.abs();
     2.0 * LN_2 + negative - 2.0 * negative.exp().ln_1p()
 }
 
-/// Writes the gradient of a loss in the `output` `[2 A]` from that in the action, `d_action` `[A]`,
-/// and in its log-probability (equation 13).
+/// Writes the gradient of a loss with respect to `output` `[2 A]` from those with respect to the
+/// action, `d_action` `[A]`, and to its log-probability (arXiv 1801.01290, equation 13).
 pub(crate) fn tanh_gradient(
     output: &[f64],
     noise: &[f32],
@@ -95,17 +97,17 @@ pub(crate) fn tanh_gradient(
         // d ln(1 - tanh(u)^2) / du = -2 tanh(u)
         let d_u = d_action[i] * (1.0 - action[i] * action[i]) + d_log_prob * 2.0 * action[i];
         d_output[i] = d_u;
+        // u = mean + std * noise, and ln pi contains -log_std
         let d_log_std = d_u * log_std.exp() * f64::from(noise[i]) - d_log_prob;
         d_output[width + i] = d_log_std * slope;
     }
 }
 
-/// Standard normal numbers `[N, A]` for the actions of N environments: x_0 = e_0 and
-/// x_t = c x_(t-1) + sqrt(1 - c^2) e_t with independent standard normal e, in each component and
-/// each episode by itself. This is a stationary autoregressive process of order one: a number by
-/// itself is standard normal at every step, and two that are k steps apart have the correlation
-/// c^k (Korenkevych et al., "Autoregressive policies for continuous control deep reinforcement
-/// learning", IJCAI 2019, p = 1).
+/// Temporally correlated exploration noise `[N, A]` for N environments: x_0 = e_0 and x_t = c
+/// x_(t-1) + sqrt(1 - c^2) e_t with independent standard normal e, separately in each component and
+/// episode. This stationary autoregressive process of order one is standard normal at every step,
+/// and numbers k steps apart have the correlation c^k (Korenkevych et al., "Autoregressive policies
+/// for continuous control deep reinforcement learning", IJCAI 2019, p = 1).
 #[derive(Clone, Debug)]
 pub(crate) struct ActionNoise {
     /// c, in [0, 1).
@@ -113,12 +115,12 @@ pub(crate) struct ActionNoise {
     width: usize,
     values: Vec<f32>,
     fresh: Vec<f32>,
-    /// `true` where the episode of an environment has had noise, `[N]`.
+    /// `true` once the episode of an environment has had noise, `[N]`.
     begun: Vec<bool>,
 }
 
 impl ActionNoise {
-    /// Independent noise for actions of `width` components (A, at least 1).
+    /// Creates independent noise for actions of `width` components (A, at least 1).
     pub fn independent(envs: usize, width: usize) -> Self {
         Self {
             correlation: 0.0,
@@ -129,10 +131,10 @@ impl ActionNoise {
         }
     }
 
-    /// Sets c.
+    /// Sets the correlation c of consecutive steps.
     ///
     /// # Errors
-    /// [`RlError::Setting`] for one outside [0, 1).
+    /// [`RlError::Setting`] for a correlation outside [0, 1).
     pub fn set_correlation(&mut self, correlation: f32) -> Result<(), RlError> {
         let allowed = (0.0..1.0).contains(&correlation);
         let expected = "a number in [0, 1)";
@@ -151,9 +153,10 @@ impl ActionNoise {
         self.begun[env] = false;
     }
 
-    /// The noise `[N, A]` of the next step.
+    /// Draws the noise `[N, A]` of the next step.
     pub fn draw(&mut self, rng: &mut ChaCha8Rng) -> &[f32] {
         standard_normals(rng, &mut self.fresh);
+        // weights whose squares add up to 1 keep the variance at 1
         let (kept, new) = (self.correlation, (1.0 - self.correlation.powi(2)).sqrt());
         let rows = self.values.chunks_exact_mut(self.width);
         let fresh = self.fresh.chunks_exact(self.width);
@@ -270,7 +273,7 @@ mod tests {
     const ENVS: usize = 500;
     const STEPS: usize = 6;
 
-    /// `STEPS` rows `[N, 2]`, in which environment 0 begins an episode with the fourth.
+    /// Draws `STEPS` rows `[N, 2]`, in which environment 0 begins an episode with the fourth.
     fn rows(correlation: f32) -> Vec<Vec<f32>> {
         let mut noise = ActionNoise::independent(ENVS, 2);
         noise.set_correlation(correlation).unwrap();

@@ -1,4 +1,4 @@
-//! Image encoders: from pictures to one vector of regular fields.
+//! Image encoders, from images to one vector of regular fields.
 
 use std::f64::consts::SQRT_2;
 
@@ -11,32 +11,35 @@ use symmetry::Group;
 
 use crate::error::RlError;
 
-/// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
+/// Kernel that halves an image: 4 x 4, stride 2, padding 1. On even sizes its windows lie
+/// symmetrically, since (size + 2 - 4) mod 2 = 0, so the layer is exactly equivariant.
 const HALVING: Kernel = Kernel::new(4, 2, 1);
-/// Keeps the size.
+/// Kernel that keeps the size of an image: 3 x 3, padding 1.
 const SAME: Kernel = Kernel::new(3, 1, 1);
-/// Takes a pixel off every side.
+/// Kernel that removes one pixel on every side: 3 x 3 without padding.
 const VALID: Kernel = Kernel::new(3, 1, 0);
+/// Window of 2 x 2 max-pooling.
 pub(crate) const POOLING: Kernel = Kernel::new(2, 2, 0);
 /// Side in pixels of the maps after the pooled encoder's halvings.
 const POOLED_SIDE: usize = 8;
+/// Temperature of the spatial soft-argmax.
 const TEMPERATURE: f64 = 1.0;
 
-/// Kinds of networks from pictures to the top regular fields
+/// Image encoder, from images to the top regular fields
 /// ([`NetworkSettings::top_fields`](crate::NetworkSettings::top_fields)). All kinds are exactly
 /// equivariant. Widths are in regular fields of D2, see
 /// [`NetworkSettings::group`](crate::NetworkSettings::group).
 ///
-/// `Strided` and `Pooled` end in one pixel, so they see pictures that are not square in the middle
-/// of a black square as high and wide as their longer side; height and width differ by an even
-/// number then. Environments without pictures need no encoder, whatever the setting.
+/// `Strided` and `Pooled` end in one pixel, so images that are not square are padded with black to
+/// a square of their longer side; height and width must then differ by an even number. Environments
+/// without images need no encoder, whatever the setting.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Encoder {
-    /// 4 x 4 convolutions of stride 2, then one whose window is all that is left; a ReLU after
-    /// each.
+    /// 4 x 4 convolutions of stride 2, then one whose window is the whole remaining map; a ReLU
+    /// after each.
     ///
-    /// Sides of pictures are multiples of 2 to the power of the number of halvings.
+    /// Sides of images are multiples of 2 to the power of the number of halvings.
     Strided {
         /// Fields after each halving, at least 1 each and at least one halving.
         fields: Vec<usize>,
@@ -46,10 +49,10 @@ pub enum Encoder {
     /// whose caption COVERS repeats.
     ///
     /// After the halvings the maps have 8 x 8 pixels; two convolutions and a pool leave 3 x 3, and
-    /// the last convolution 1 x 1. So sides of pictures are exactly 8 times 2 to the power of the
+    /// the last convolution 1 x 1. So sides of images are exactly 8 times 2 to the power of the
     /// number of halvings.
     Pooled {
-        /// Fields after each halving, at least 1 each; pictures of 8 x 8 pixels take none.
+        /// Fields after each halving, at least 1 each; empty for images of 8 x 8 pixels.
         fields: Vec<usize>,
         /// Fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is not
         /// padded.
@@ -60,20 +63,20 @@ pub enum Encoder {
     /// "End-to-end training of deep visuomotor policies" (JMLR 2016, section 5.1), made equivariant
     /// by [`SpatialSoftArgmax`].
     ///
-    /// Sides of pictures are multiples of 2 to the power of the number of halvings.
+    /// Sides of images are multiples of 2 to the power of the number of halvings.
     Keypoints {
         /// Fields after each halving, at least 1 each and at least one halving.
         fields: Vec<usize>,
         /// Fields of the maps whose positions are taken, at least 1.
         maps: usize,
     },
-    /// Looks at no picture: the network sees the observation's vector alone.
+    /// No encoder: the network reads the observation's vector only.
     Blind,
 }
 
 impl Encoder {
-    /// Every width with the name of its setting. An encoder that must halve and does not has a
-    /// width of zero.
+    /// Returns every width with the name of its setting. An empty list of required halvings counts
+    /// as a width of zero, which the check of widths rejects.
     pub(crate) fn widths(&self) -> Vec<(&'static str, usize)> {
         let halving = |fields: &[usize]| {
             if fields.is_empty() { vec![0] } else { fields.to_vec() }
@@ -94,11 +97,12 @@ impl Encoder {
         fields.chain(others).collect()
     }
 
-    /// Height, width and channels of what the layers see of pictures of these sizes.
+    /// Returns height, width and channels of the canvas on which images of this size are centred.
     ///
     /// # Errors
-    /// [`RlError::OffCentre`].
+    /// [`RlError::OffCentre`] if the image cannot be centred in a square.
     pub(crate) fn canvas(&self, image: [usize; 3]) -> Result<[usize; 3], RlError> {
+        // these do not end in one pixel, so images need not be square
         if matches!(self, Self::Keypoints { .. } | Self::Blind) {
             return Ok(image);
         }
@@ -110,8 +114,8 @@ impl Encoder {
         Ok([side, side, channels])
     }
 
-    /// The layers from a canvas `[height, width, channels]` to the top fields; none for a blind
-    /// network, and where there are no pictures.
+    /// Builds the layers from a canvas `[height, width, channels]` to the top fields; `None` for
+    /// [`Encoder::Blind`] and if there are no images.
     pub(crate) fn layers<T: Scalar>(
         &self,
         group: Group,
@@ -135,7 +139,7 @@ impl Encoder {
         Ok(Some(Sequential::new(layers)?))
     }
 
-    /// The gain of the last layer's weights: 1 where no ReLU follows.
+    /// Returns the gain of the last layer's weights: sqrt(2) before a ReLU, otherwise 1.
     pub(crate) fn last_gain(&self) -> f64 {
         match self {
             Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
@@ -144,19 +148,20 @@ impl Encoder {
     }
 }
 
-/// The number of regular fields of a group that are as wide as `fields` of D2.
+/// Returns the number of regular fields of a group that have as many channels as `fields` of D2.
 pub(crate) fn copies(group: Group, fields: usize) -> usize {
     fields * (Group::D2.order() / group.order())
 }
 
 type Layers<T> = Vec<Box<dyn Layer<T>>>;
 
-/// Pixels that so many halvings make one of.
+/// Returns the side in pixels that `halvings` reduce to one pixel.
 fn halved(halvings: usize) -> usize {
+    // the cap only avoids an overflow: no image is 2^31 pixels wide
     1 << halvings.min(31)
 }
 
-/// Layers so far, and what the last of them gives.
+/// Builder of an encoder: the layers so far, and the shape of their output.
 struct Stack<T> {
     group: Group,
     layers: Layers<T>,
@@ -185,6 +190,7 @@ impl<T: Scalar> Stack<T> {
             self.pool()?;
         }
         self.rectified(inner[0], SAME)?;
+        // from 8 x 8 to 6 x 6, 3 x 3 and 1 x 1 pixels
         self.rectified(inner[1], VALID)?;
         self.pool()?;
         self.rectified(top_fields, VALID)?;
@@ -213,8 +219,8 @@ impl<T: Scalar> Stack<T> {
         self.check(encoder, halvings, fits, expected)
     }
 
-    /// Refuses sides that the layers cannot halve exactly. The group does not matter, so that
-    /// networks of all groups see the same pictures.
+    /// Rejects sides that the layers cannot halve exactly. The group does not matter, so that
+    /// networks of all groups take the same images.
     fn check(
         &self,
         encoder: &'static str,

@@ -1,4 +1,4 @@
-//! Vectorised environments as the learner sees them: slices in, slices out, no tensor and no task.
+//! The interface of vectorised environments: plain slices in and out, without tensors or tasks.
 
 use std::fmt;
 
@@ -6,41 +6,42 @@ use symmetry::{D2, Irrep};
 
 use crate::error::{BoxError, Place, RlError, check_finite_at, check_len, require, require_memory};
 
-/// Largest magnitude accepted in an observation vector, whose components are to be of order 1:
-/// a margin below the numbers whose squares overflow (1.8e19).
+/// Largest magnitude accepted in an observation vector, whose components should be of order 1. It
+/// leaves a margin below 1.8e19, from which on squares overflow f32.
 pub const MAX_OBSERVATION: f32 = 1e12;
 
 /// Sizes and symmetry types of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EnvSpec {
-    /// N, the number of environments that step together, at least 1.
+    /// Number N of environments that step together, at least 1.
     pub num_envs: usize,
     /// Height, width (pixels) and channels of an image, or [`EnvSpec::NO_IMAGE`]. Every channel is
     /// of trivial type: a group element moves the pixels and leaves the colours alone.
     pub image: [usize; 3],
     /// Irreducible representation of every component of the observation vector, in its natural
-    /// order; length D, which is 0 for environments that show images alone.
+    /// order; length D, which is 0 for environments with images only.
     pub vector: Vec<Irrep>,
     /// Irreducible representation of every component of the action, in its natural order; length A.
     pub action: Vec<Irrep>,
 }
 
 impl EnvSpec {
-    /// The image of environments that show vectors alone.
+    /// Image size of environments without images.
     pub const NO_IMAGE: [usize; 3] = [0; 3];
 
-    /// Number of bytes of one image, H * W * C.
+    /// Returns the number of bytes of one image, H * W * C.
     pub fn image_len(&self) -> usize {
         self.image.iter().product()
     }
 
-    /// Refuses specs with an empty dimension, and such that show nothing.
+    /// Rejects specs with an empty dimension, and specs without any observation.
     ///
     /// # Errors
-    /// [`RlError::EmptySpec`] names the field, [`RlError::NothingObserved`] is for neither images
-    /// nor vectors.
+    /// [`RlError::EmptySpec`] names the field, [`RlError::NothingObserved`] means that there are
+    /// neither images nor vectors.
     pub fn check(&self) -> Result<(), RlError> {
         let no_image = self.image == Self::NO_IMAGE;
+        // an image with some empty dimension is an error, but none at all is allowed
         let sizes = [
             ("num_envs", self.num_envs),
             ("image", self.image_len() + usize::from(no_image)),
@@ -53,11 +54,11 @@ impl EnvSpec {
         }
     }
 
-    /// Refuses rollouts of `steps` steps of every environment that nobody can hold.
+    /// Rejects rollouts of `steps` steps of every environment that do not fit in memory.
     ///
     /// # Errors
-    /// As [`EnvSpec::check`], [`RlError::Setting`] for no steps, and [`RlError::Memory`] when there
-    /// is not the memory for the observations and actions.
+    /// Those of [`EnvSpec::check`], [`RlError::Setting`] for 0 steps, and [`RlError::Memory`] if
+    /// observations and actions exceed the machine's memory.
     pub fn check_rollout(&self, steps: usize) -> Result<(), RlError> {
         self.check()?;
         require("steps", steps as f32, "at least 1 step", steps > 0)?;
@@ -65,7 +66,7 @@ impl EnvSpec {
         require_memory("the rollouts", &[self.num_envs, steps, sample])
     }
 
-    /// Refuses environments whose images, vectors or actions are others; their number is free.
+    /// Rejects environments with other images, vectors or actions; their number may differ.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] names the field.
@@ -82,7 +83,7 @@ impl EnvSpec {
     }
 }
 
-/// One observation of each of N environments. It prints the length of its pictures alone.
+/// One observation of each of N environments. `Debug` prints only the length of the images.
 #[derive(Clone, PartialEq)]
 pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
@@ -92,7 +93,7 @@ pub struct Observations {
 }
 
 impl Observations {
-    /// Zeros in the shapes of `spec`.
+    /// Creates zeros in the shapes of `spec`.
     pub fn new(spec: &EnvSpec) -> Self {
         Self {
             images: vec![0; spec.num_envs * spec.image_len()],
@@ -100,7 +101,7 @@ impl Observations {
         }
     }
 
-    /// No observations.
+    /// Creates an empty set of observations.
     pub(crate) fn empty() -> Self {
         Self { images: Vec::new(), vectors: Vec::new() }
     }
@@ -114,7 +115,7 @@ impl Observations {
         check_len("vectors", "[N, D]", self.vectors.len(), samples * spec.vector.len())
     }
 
-    /// N, where both arrays hold N observations of the sizes of `spec`.
+    /// Returns N if both arrays hold N observations of the sizes of `spec`.
     pub(crate) fn samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
         let samples = match spec.vector.len() {
             0 => self.images.len() / spec.image_len().max(1),
@@ -124,30 +125,30 @@ impl Observations {
         Ok(samples)
     }
 
-    /// Moves sample `i` by g.
+    /// Transforms sample `i` by the group element g.
     pub(crate) fn transform(&mut self, spec: &EnvSpec, i: usize, g: D2) {
         let (image, vector) = self.sample(spec, i);
-        let (image, vector) = (moved_image(g, image, spec), signed(g, vector, &spec.vector));
+        let (image, vector) =
+            (transform_image(g, image, spec), transform_vector(g, vector, &spec.vector));
         self.images[i * image.len()..(i + 1) * image.len()].copy_from_slice(&image);
         self.vectors[i * vector.len()..(i + 1) * vector.len()].copy_from_slice(&vector);
     }
 
-    /// Refuses vectors that hold infinities, NaN or numbers beyond [`MAX_OBSERVATION`].
+    /// Rejects vectors with infinities, NaN or numbers beyond [`MAX_OBSERVATION`].
     ///
     /// # Errors
     /// [`RlError::NotFinite`] or [`RlError::TooLarge`] with the value, environment and component.
     pub fn check_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let width = spec.vector.len().max(1);
-        let mut rows = self.vectors.chunks(width).enumerate();
-        rows.try_for_each(|(env, row)| {
+        self.vectors.chunks(width).enumerate().try_for_each(|(env, row)| {
             check_vector("a component of an observation vector", env, row)
         })
     }
 
-    /// Image `[H, W, C]` and vector `[D]` of sample `i`.
+    /// Returns image `[H, W, C]` and vector `[D]` of sample `i`.
     ///
     /// # Panics
-    /// When there is no such sample.
+    /// If there is no such sample.
     pub fn sample(&self, spec: &EnvSpec, i: usize) -> (&[u8], &[f32]) {
         let (image, vector) = (spec.image_len(), spec.vector.len());
         (&self.images[i * image..(i + 1) * image], &self.vectors[i * vector..(i + 1) * vector])
@@ -163,8 +164,10 @@ impl fmt::Debug for Observations {
     }
 }
 
-/// Refuses the vector of one environment if a component is no number, or far from order 1.
+/// Rejects the vector of environment `env` if a component is not finite, or beyond
+/// [`MAX_OBSERVATION`].
 fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlError> {
+    // a comparison with NaN is false, so NaN is not accepted either
     let accepted = |x: &f32| x.abs() <= MAX_OBSERVATION;
     let wrong = row.iter().position(|x| !accepted(x));
     let Some(component) = wrong else {
@@ -184,8 +187,8 @@ fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
     })
 }
 
-/// A picture of the environments of `spec`, moved by g.
-pub(crate) fn moved_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
+/// Returns an image `[H, W, C]` of the environments of `spec`, transformed by g.
+pub(crate) fn transform_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
     let [height, width, channels] = spec.image;
     if image.is_empty() {
         return Vec::new();
@@ -193,23 +196,22 @@ pub(crate) fn moved_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
     g.transform_image(image, height, width, channels)
 }
 
-/// Components in natural order, each multiplied by the sign that its irrep gives g.
-pub(crate) fn signed(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
+/// Returns components in natural order, transformed by g: each times the sign of its irrep.
+pub(crate) fn transform_vector(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
     let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
 
-/// State of an episode after a step. An episode ends in one of two ways. After a termination, no
-/// reward follows. A truncation only stops the episode at its time limit: rewards would have
-/// followed, and the value of the final observation stands for them.
+/// State of an episode after a step. After a termination, no reward follows. A truncation only
+/// stops the episode at its time limit, so the value of the final observation is bootstrapped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Outcome {
-    /// The episode goes on.
+    /// A running episode.
     #[default]
     Running,
-    /// The task ended the episode: the value of what follows is zero.
+    /// An end by the task: the value of the next state is zero.
     Terminated,
-    /// A time limit cut the episode: what follows is worth the value of the final observation.
+    /// An end by a time limit: the value of the next state is that of the final observation.
     Truncated,
 }
 
@@ -223,7 +225,7 @@ impl Outcome {
 /// Result of one step of N environments.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transition {
-    /// Next observations: where an episode ended, the first one of the next episode.
+    /// Next observations; after the end of an episode, the first one of the next episode.
     pub observations: Observations,
     /// Last observations of the episodes that ended; rows of running episodes have no meaning.
     pub final_observations: Observations,
@@ -234,13 +236,13 @@ pub struct Transition {
     /// `true` if the success condition held at any time within this step, its end included, `[N]`.
     /// A step may be several control steps of a simulation.
     pub success: Vec<bool>,
-    /// `true` if the success condition holds at the end of this step, `[N]`: where an episode
-    /// ended, in its final state. It implies `success`.
+    /// `true` if the success condition holds at the end of this step (in the final state of an
+    /// ended episode), `[N]`. Implies `success`.
     pub success_at_end: Vec<bool>,
 }
 
 impl Transition {
-    /// Zeros, running, without success, in the shapes of `spec`.
+    /// Creates zero rewards and observations of running episodes without success.
     pub fn new(spec: &EnvSpec) -> Self {
         Self {
             observations: Observations::new(spec),
@@ -252,12 +254,13 @@ impl Transition {
         }
     }
 
-    /// Checks every array against `spec`, and every number that has a meaning.
+    /// Checks the shapes against `spec` and every number, except final observations of running
+    /// episodes.
     ///
     /// # Errors
     /// [`RlError::Shape`] names the first array that does not fit, [`RlError::NotFinite`] the first
-    /// quantity that is infinite or not a number, [`RlError::SuccessAtEnd`] the first environment
-    /// that has success at the end of a step without success within it.
+    /// quantity that is infinite or NaN, [`RlError::SuccessAtEnd`] the first environment with
+    /// `success_at_end` but not `success`.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let n = spec.num_envs;
         self.observations.check(spec, n)?;
@@ -268,9 +271,9 @@ impl Transition {
         check_len("success_at_end", "[N]", self.success_at_end.len(), n)?;
         self.check_success()?;
         check_rewards(&self.rewards)?;
+        // an ended episode's next observation is at step 0; the caller knows the step of the others
         let first = |env: usize| self.outcomes[env].ended().then_some(0);
-        let checked = self.observations.check_finite(spec);
-        checked.map_err(|error| error.at_step(first))?;
+        self.observations.check_finite(spec).map_err(|error| error.at_step(first))?;
         self.check_finals_finite(spec)
     }
 
@@ -282,7 +285,7 @@ impl Transition {
         }
     }
 
-    /// Rows of running episodes have no meaning, so they may hold anything.
+    /// Checks the final observations of ended episodes; the other rows have no meaning.
     fn check_finals_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let width = spec.vector.len().max(1);
         let finals = self.final_observations.vectors.chunks(width);
@@ -293,12 +296,12 @@ impl Transition {
     }
 }
 
-/// N environments that step together and restart by themselves.
+/// N vectorised environments that step together and restart by themselves (auto-reset).
 pub trait VectorEnv {
-    /// Sizes and types, constant for the life of the environment.
+    /// Returns sizes and types, constant for the life of the environment.
     fn spec(&self) -> &EnvSpec;
 
-    /// Steps after which an episode ends at the latest; `None` where there is no time limit.
+    /// Returns the maximum number of steps of an episode; `None` if there is no time limit.
     fn horizon(&self) -> Option<usize> {
         None
     }
@@ -306,20 +309,20 @@ pub trait VectorEnv {
     /// Starts an episode in every environment and writes its first observations.
     ///
     /// # Errors
-    /// Whatever the environment cannot do.
+    /// Any failure of the environment.
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError>;
 
-    /// Applies actions `[N, A]` in their natural order. They may be any finite numbers, since those
-    /// of a Gaussian policy are not clipped: an environment with bounds clips them itself. Every
-    /// field of `out` is written.
+    /// Applies actions `[N, A]` in their natural order and writes every field of `out`. Actions may
+    /// be any finite numbers, since those of a Gaussian policy are not clipped: an environment with
+    /// bounds clips them itself.
     ///
-    /// Rewards are to be such that an episode returns something of order 1, between 1e-2 and 1e3.
-    /// Nothing normalises them, and PPO with its default settings learns nothing from rewards of
-    /// 1e-6 and never stops exploring with rewards of 1e6: divide them by their usual size.
-    /// [`RolloutStats::reward_warning`](crate::RolloutStats::reward_warning) tells of others.
+    /// Scale rewards so that an episode returns a number of order 1, between 1e-2 and 1e3. Nothing
+    /// normalises them, and PPO with its default settings does not improve with rewards of 1e-6 and
+    /// keeps exploring with rewards of 1e6.
+    /// [`RolloutStats::reward_warning`](crate::RolloutStats::reward_warning) warns of others.
     ///
     /// # Errors
-    /// Whatever the environment cannot do.
+    /// Any failure of the environment.
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError>;
 }
 

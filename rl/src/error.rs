@@ -1,4 +1,4 @@
-//! The errors of this crate.
+//! Error type of this crate, and the checks that return it.
 
 use std::fmt;
 use std::hint::black_box;
@@ -8,21 +8,21 @@ use equivariant::LayerError;
 use symmetry::Irrep;
 use thiserror::Error;
 
-/// Whatever an environment fails with. `?` turns any `Send` and `Sync` error into it.
+/// Error of an environment; `?` converts any `Send` and `Sync` error.
 pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
 
-/// Bytes of a GiB.
+/// Number of bytes in a GiB.
 const GIB: f64 = (1_u64 << 30) as f64;
 
 /// Errors of building networks, collecting rollouts and updating policies.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RlError {
-    /// A GPU cannot be used, or is lost.
+    /// A GPU that cannot be used or was lost.
     #[cfg(feature = "wgpu")]
     #[error(transparent)]
     Gpu(#[from] equivariant::gpu::GpuError),
-    /// The network of a policy on a GPU was replaced by another one.
+    /// A policy on a GPU whose network was replaced by another one.
     #[cfg(feature = "wgpu")]
     #[error(
         "got a policy with a network of its own, expected a clone of the one that the device was \
@@ -33,10 +33,10 @@ pub enum RlError {
     #[cfg(feature = "wgpu")]
     #[error(
         "the setting `symmetry` asks for a symmetry loss, which a GPU does not compute; train on \
-         the processor, or leave it out"
+         the processor, or remove the setting"
     )]
-    OnProcessorAlone,
-    /// A slice has another length than its shape demands.
+    UnsupportedOnGpu,
+    /// A slice whose length does not match its shape.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \
          takes the same EnvSpec"
@@ -44,79 +44,79 @@ pub enum RlError {
     Shape {
         /// Name of the array.
         what: &'static str,
-        /// The shape that the array should have, in words.
+        /// Expected shape of the array, in words.
         shape: &'static str,
         /// Number of values found.
         got: usize,
         /// Number of values required.
         expected: usize,
     },
-    /// An environment describes itself with a size of zero.
+    /// An [`EnvSpec`](crate::EnvSpec) with a size of zero.
     #[error(
         "EnvSpec::{field} is empty; a policy needs at least one environment and one action \
          component, and images of at least one pixel and channel, or EnvSpec::NO_IMAGE"
     )]
     EmptySpec {
-        /// The offending field.
+        /// Name of the empty field.
         field: &'static str,
     },
-    /// Neither an image nor a vector reaches the network.
+    /// A network with neither an image nor a vector as input.
     #[error(
-        "the network would see neither images nor vectors; describe one of them in EnvSpec, and \
-         look at images that come alone with another encoder than `blind`"
+        "the network would have neither images nor vectors as input; describe one of them in \
+         EnvSpec, and use an encoder other than `blind` if there are images only"
     )]
     NothingObserved,
-    /// A setting lies outside its range.
+    /// A setting outside its range.
     #[error("{name} = {value}: expected {expected}; change it in the settings")]
     Setting {
         /// Name of the field.
         name: &'static str,
-        /// Its value.
+        /// Value of the field.
         value: f64,
-        /// The range allowed, in words.
+        /// Allowed range, in words.
         expected: &'static str,
     },
-    /// A policy that other programs have no layers for.
+    /// A policy that ordinary layers cannot express.
     #[error(
-        "{part} is no ordinary layer: policies with encoders `strided`, `pooled` or `blind` and \
-         without a context can be written for other programs"
+        "{part} has no form in ordinary layers: only policies with the encoders `strided`, \
+         `pooled` or `blind` and without a context can be exported"
     )]
-    NotPlain {
-        /// The part.
+    NotExportable {
+        /// Description of the part.
         part: &'static str,
     },
-    /// Settings ask for an array that this machine has no memory for.
+    /// An array too large for this machine's memory.
     #[error(
-        "{what} of these settings would take {:.1} GiB, more than this machine gives; ask for \
-         fewer or smaller ones",
+        "{what} of these settings would take {:.1} GiB, more memory than this machine has; ask \
+         for fewer or smaller ones",
         bytes / GIB
     )]
     Memory {
         /// Contents of the array.
         what: &'static str,
-        /// Its size in bytes.
+        /// Size of the array in bytes.
         bytes: f64,
     },
-    /// A rollout buffer of T steps was given a step more.
+    /// A step pushed to a full rollout buffer.
     #[error(
         "the rollout buffer already holds its {steps} steps; call `clear` before the next rollout"
     )]
     BufferFull {
-        /// T, the number of steps that fit.
+        /// Number T of steps that fit.
         steps: usize,
     },
-    /// A rollout buffer was read before its T steps were pushed.
+    /// A rollout buffer read before it was full and finished.
     #[error(
         "the rollout buffer holds {got} of {steps} steps; fill it and call `finish` before an \
          update"
     )]
     BufferNotFinished {
-        /// Steps pushed so far.
+        /// Number of steps pushed so far.
         got: usize,
-        /// T, the number of steps that fit.
+        /// Number T of steps that fit.
         steps: usize,
     },
-    /// The network cannot be built for these images.
+    /// Images of a size that the encoder cannot process.
     #[error(
         "images of {height} x {width} pixels do not fit the {encoder} encoder with {halvings} \
          halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
@@ -126,14 +126,14 @@ pub enum RlError {
         height: usize,
         /// Width of the images in pixels.
         width: usize,
-        /// The kind of encoder.
+        /// Kind of encoder.
         encoder: &'static str,
         /// Number of times that it halves the images.
         halvings: usize,
-        /// The sizes that it takes, in words.
+        /// Sizes that the encoder accepts, in words.
         expected: String,
     },
-    /// Images that cannot be put into the middle of a square.
+    /// Images that cannot be centred in a square.
     #[error(
         "images of {height} x {width} pixels: expected a square, or height and width that differ \
          by an even number; crop or resize them"
@@ -144,39 +144,38 @@ pub enum RlError {
         /// Width of the images in pixels.
         width: usize,
     },
-    /// Two things that work together were made for different environments.
+    /// Environment, policy or experience made for different environments.
     #[error(
-        "EnvSpec::{field} differs between two things that work together; build environment, \
-         policy and experience from the same EnvSpec"
+        "EnvSpec::{field} differs between environment, policy and experience; build them from \
+         the same EnvSpec"
     )]
     SpecMismatch {
-        /// The field of [`crate::EnvSpec`] that differs.
+        /// Field of [`crate::EnvSpec`] that differs.
         field: &'static str,
     },
-    /// Rollouts that begin with a reset end before an episode does.
+    /// Rollouts that begin with a reset and are shorter than an episode.
     #[error(
-        "rollouts of {steps} steps end before an episode of {horizon} steps does, so nothing \
-         would be learnt of its late states; collect at least {horizon} steps in every \
-         environment"
+        "rollouts of {steps} steps end before an episode of {horizon} steps does, so they never \
+         reach its late states; collect at least {horizon} steps in every environment"
     )]
     ShortRollout {
-        /// T, the steps of a rollout.
+        /// Number T of steps of a rollout.
         steps: usize,
-        /// Steps of the longest episode.
+        /// Number of steps of the longest episode.
         horizon: usize,
     },
-    /// The saved state of an algorithm does not fit the one that it is restored to.
+    /// A saved state that does not fit the algorithm it is restored to.
     #[error(
         "the saved state holds: {got}; expected: {expected}; restore it to the algorithm and the \
          network that it was saved from"
     )]
     State {
-        /// Names and lengths of what was saved.
+        /// Names and lengths in the saved state.
         got: String,
-        /// Names and lengths of what is needed.
+        /// Names and lengths that the algorithm expects.
         expected: String,
     },
-    /// A number of an algorithm's saved state cannot be right.
+    /// An invalid number in an algorithm's saved state.
     #[error(
         "the saved `{name}` holds {value}, expected {expected}; the file is damaged, restore an \
          older one"
@@ -184,15 +183,15 @@ pub enum RlError {
     Damaged {
         /// Name of the array.
         name: String,
-        /// The number.
+        /// Invalid number.
         value: f64,
-        /// Values allowed, in words.
+        /// Allowed values, in words.
         expected: &'static str,
     },
-    /// A layer refuses its types or sizes.
+    /// A layer with types or sizes that do not fit.
     #[error(transparent)]
     Layer(Box<LayerError>),
-    /// A parameter vector belongs to another network.
+    /// A parameter vector of another network.
     #[error(
         "got {got} parameters, expected {expected}; build the policy with the settings and the \
          spec that the parameters were saved with"
@@ -203,7 +202,7 @@ pub enum RlError {
         /// Number of parameters of the network.
         expected: usize,
     },
-    /// A policy explores less than the floor of its algorithm allows.
+    /// A policy with a standard deviation below PPO's floor.
     #[error(
         "the policy has log_std = {log_std}, below PpoSettings::min_log_std = {min_log_std}, and \
          would jump there at the first step; lower min_log_std or start with a larger \
@@ -212,10 +211,10 @@ pub enum RlError {
     BelowFloor {
         /// Logarithm of the first standard deviation that is too small.
         log_std: f32,
-        /// The floor.
+        /// Smallest value allowed by the settings.
         min_log_std: f32,
     },
-    /// An environment contradicts itself about success.
+    /// A step with success at its end but not within it.
     #[error(
         "environment {env} has success_at_end without success in the same step; set `success` \
          wherever the condition held at any time within the step, its end included"
@@ -224,16 +223,16 @@ pub enum RlError {
         /// Index of the environment, in 0..N.
         env: usize,
     },
-    /// A replay was given a step that does not follow the one before.
+    /// A step pushed to a replay buffer that does not continue the episode.
     #[error(
-        "the observation that environment {env} was acted on is not the one that its last step \
-         led to; call `Replay::cut` after a reset"
+        "the observation of environment {env} differs from the one that its last step led to; \
+         call `Replay::cut` after a reset"
     )]
     Discontinued {
         /// Index of the environment, in 0..N.
         env: usize,
     },
-    /// A picture changes where it should stand still.
+    /// An image whose still channels changed during an episode.
     #[error(
         "the last {channels} channels of the picture of environment {env} differ from those at \
          the beginning of its episode; lower ReplaySettings::still_channels"
@@ -241,24 +240,24 @@ pub enum RlError {
     NotStill {
         /// Index of the environment, in 0..N.
         env: usize,
-        /// Channels that should stand still.
+        /// Number of channels declared as still.
         channels: usize,
     },
-    /// An environment shows what the irreps that it declares rule out.
+    /// An environment whose data contradict the irreps that it declares.
     #[error(
         "the mean of {what} would be 0 by the irreps of the EnvSpec, since it changes its sign as \
          {irrep} does, but is {deviation:.1} standard errors away; correct the irreps, or check \
          environments whose first states are distributed symmetrically"
     )]
     Asymmetric {
-        /// The quantity.
+        /// Name of the quantity.
         what: String,
-        /// Its irrep, as declared.
+        /// Irrep of the quantity, as declared.
         irrep: Irrep,
-        /// Its mean over episodes, in standard errors.
+        /// Mean of the quantity over episodes, in standard errors.
         deviation: f64,
     },
-    /// A quantity became infinite or not a number.
+    /// An infinite or NaN quantity.
     #[error(
         "{what} is {value}{place}, expected a finite number; check the environment's observations \
          and rewards, then lower the learning rates"
@@ -268,10 +267,10 @@ pub enum RlError {
         what: &'static str,
         /// Environment, component and step.
         place: Place,
-        /// Its value.
+        /// Value of the quantity.
         value: f64,
     },
-    /// An observation so large that no network can learn from it.
+    /// An observation too large to train on.
     #[error(
         "{what} is {value:e}{place}, expected a number of order 1, at most {limit:e} in \
          magnitude; divide it by its unit in the environment"
@@ -281,12 +280,12 @@ pub enum RlError {
         what: &'static str,
         /// Environment, component and step.
         place: Place,
-        /// Its value.
+        /// Value of the component.
         value: f32,
-        /// The largest magnitude accepted.
+        /// Largest magnitude accepted.
         limit: f32,
     },
-    /// The environment failed.
+    /// A failure of the environment.
     #[error("the environment failed: {0}")]
     Environment(#[source] BoxError),
 }
@@ -298,12 +297,12 @@ pub struct Place {
     pub env: Option<usize>,
     /// Index of the component of a vector or an action.
     pub component: Option<usize>,
-    /// Number of steps of the episode up to it: 0 for the first observation.
+    /// Number of steps of the episode so far: 0 for the first observation.
     pub step: Option<usize>,
 }
 
 impl fmt::Display for Place {
-    /// Begins with a space unless nothing is known.
+    /// Formats the known parts as ` (environment 1, step 3)`; nothing if none is known.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [("environment", self.env), ("component", self.component), ("step", self.step)];
         let known = parts.iter().filter_map(|(name, index)| Some((name, (*index)?)));
@@ -316,8 +315,8 @@ impl fmt::Display for Place {
 }
 
 impl RlError {
-    /// Adds the `step` in the episode of an environment to an error that names the environment and
-    /// no step yet.
+    /// Adds the `step` of an environment's episode to an error that names the environment but no
+    /// step.
     pub(crate) fn at_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
         if let Self::NotFinite { place, .. } | Self::TooLarge { place, .. } = &mut self {
             place.step = place.step.or_else(|| place.env.and_then(step));
@@ -332,7 +331,7 @@ impl From<LayerError> for RlError {
     }
 }
 
-/// Refuses a slice whose length is not `expected`.
+/// Rejects a slice whose length is not `expected`.
 pub(crate) fn check_len(
     what: &'static str,
     shape: &'static str,
@@ -342,23 +341,23 @@ pub(crate) fn check_len(
     if got == expected { Ok(()) } else { Err(RlError::Shape { what, shape, got, expected }) }
 }
 
-/// Refuses infinities and NaN.
+/// Rejects infinities and NaN.
 pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
     check_finite_at(what, value, Place::default())
 }
 
-/// Refuses infinities and NaN, and names the place.
+/// Rejects infinities and NaN, and reports the place.
 pub(crate) fn check_finite_at(what: &'static str, value: f64, place: Place) -> Result<(), RlError> {
     if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, place, value }) }
 }
 
-/// Refuses arrays with infinities or NaN.
+/// Rejects arrays with infinities or NaN.
 pub(crate) fn check_all_finite(what: &'static str, values: &[f32]) -> Result<(), RlError> {
     let wrong = values.iter().find(|value| !value.is_finite());
     wrong.map_or(Ok(()), |&value| check_finite(what, f64::from(value)))
 }
 
-/// Refuses arrays `[N, width]` with infinities or NaN, and names environment and component.
+/// Rejects arrays `[N, width]` with infinities or NaN, and reports environment and component.
 pub(crate) fn check_rows_finite(
     what: &'static str,
     values: &[f32],
@@ -371,22 +370,22 @@ pub(crate) fn check_rows_finite(
     })
 }
 
-/// Refuses parameters of another network.
+/// Rejects parameters of another network.
 pub(crate) fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
     if got == expected { Ok(()) } else { Err(RlError::Parameters { got, expected }) }
 }
 
-/// Panics for a slice whose length is not `expected`, where a wrong one can only be a mistake in
-/// the calling code.
+/// Panics if the length of a slice is not `expected`; for lengths that only a bug in the calling
+/// code can get wrong.
 pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
     assert!(got == expected, "{what}: got {got} values, expected {expected}");
 }
 
-/// Logarithms of standard deviations. Much below -10, actions in f32 are too coarse for their own
-/// density; above 2, noise is seven times an action's unit.
+/// Range of log_std settings. Much below -10, actions in f32 are too coarse for their own density;
+/// above 2, noise is more than seven times an action's unit.
 const LOG_STD: RangeInclusive<f32> = -10.0..=2.0;
 
-/// Refuses a setting that is not `allowed`.
+/// Rejects a setting that is not `allowed`.
 pub(crate) fn require(
     name: &'static str,
     value: f32,
@@ -399,20 +398,20 @@ pub(crate) fn require(
     Err(RlError::Setting { name, value: f64::from(value), expected })
 }
 
-/// The widest layer that a setting may ask for; a field type ends at 2^24 channels.
+/// Maximum width of a layer in a setting; a field type has at most 2^24 channels.
 const MAX_WIDTH: usize = 1 << 16;
 
-/// Refuses a width of zero, and one that no memory would hold.
+/// Rejects a width of zero and one above [`MAX_WIDTH`].
 pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
     let expected = "1 to 65536 (a list must not be empty)";
     require(name, width as f32, expected, (1..=MAX_WIDTH).contains(&width))
 }
 
-/// Refuses an array of these sizes, in bytes, that this machine has no memory for: allocating it
-/// would end the program.
+/// Rejects an array whose `sizes`, multiplied to bytes, exceed this machine's memory: allocating it
+/// would abort the program.
 pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), RlError> {
     let bytes = sizes.iter().try_fold(1_usize, |n, &size| n.checked_mul(size));
-    // without the black box, the compiler removes an allocation that nobody uses
+    // without the black box, the compiler removes the unused allocation
     let fits = |bytes| black_box(Vec::<u8>::new()).try_reserve_exact(bytes).is_ok();
     if bytes.is_some_and(fits) {
         return Ok(());
@@ -421,25 +420,25 @@ pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), 
     Err(RlError::Memory { what, bytes })
 }
 
-/// Refuses what is not a finite number above 0.
+/// Rejects a setting that is not a finite number above 0.
 pub(crate) fn require_positive(name: &'static str, value: f32) -> Result<(), RlError> {
     let allowed = value > 0.0 && value.is_finite();
     require(name, value, "a finite number above 0", allowed)
 }
 
-/// Refuses what is not a share.
+/// Rejects a setting outside [0, 1].
 pub(crate) fn require_share(name: &'static str, value: f32) -> Result<(), RlError> {
     let allowed = (0.0..=1.0).contains(&value);
     require(name, value, "a number in [0, 1]", allowed)
 }
 
-/// Refuses what is not a finite number of at least 0.
+/// Rejects a setting that is not a finite number of at least 0.
 pub(crate) fn require_weight(name: &'static str, value: f32) -> Result<(), RlError> {
     let allowed = value >= 0.0 && value.is_finite();
     require(name, value, "a finite number, at least 0", allowed)
 }
 
-/// Refuses a count below `least`.
+/// Rejects a count below `least`.
 pub(crate) fn require_count(
     name: &'static str,
     count: usize,
@@ -449,7 +448,7 @@ pub(crate) fn require_count(
     require(name, count as f32, expected, count >= least)
 }
 
-/// Refuses what is not a logarithm of a standard deviation to begin with or to stop at.
+/// Rejects a log_std setting outside [`LOG_STD`].
 pub(crate) fn require_log_std(name: &'static str, value: f32) -> Result<(), RlError> {
     require(name, value, "a number in [-10, 2]", LOG_STD.contains(&value))
 }

@@ -1,4 +1,4 @@
-//! Small networks and replays of random steps, for the unit tests.
+//! Small networks and replay buffers of random steps, for the unit tests.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{Group, Irrep};
 
-use crate::activity::Activity;
+use crate::activity::UnitActivity;
 use crate::encoder::Encoder;
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::network_settings::{Critic, NetworkSettings};
@@ -17,7 +17,7 @@ use crate::sac::settings::ContextSettings;
 
 pub const ENVS: usize = 2;
 
-/// Components in an order that is not irrep-major.
+/// Returns a spec whose components are not in irrep-major order.
 pub fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: ENVS,
@@ -44,36 +44,36 @@ pub fn strided() -> Encoder {
     Encoder::Strided { fields: vec![2] }
 }
 
-/// A network with a context that every group takes, or with none.
+/// Builds a network, with a context whose size fits every group if `context`.
 pub fn network(group: Group, encoder: Encoder, context: bool) -> SacNetwork<f64> {
     let context = context.then_some(ContextSettings { size: 4, length: 3 });
     SacNetwork::new(&settings(group, encoder), context, &spec()).unwrap()
 }
 
 /// Fills the arrays of N observations with random numbers.
-fn see(rng: &mut ChaCha8Rng, out: &mut Observations) {
+fn fill_random(rng: &mut ChaCha8Rng, out: &mut Observations) {
     out.images.fill_with(|| rng.random());
     out.vectors.fill_with(|| rng.random_range(-1.0..1.0));
 }
 
-/// Six steps of every environment; the first ends an episode by a time-out, the second by a
-/// termination.
+/// Returns six steps of two environments; at the fourth, the first one's episode ends by a time-out
+/// and the second one's by a termination.
 pub fn replay() -> Replay {
     marked(0)
 }
 
-/// The same with a mark before the last `newest` steps.
+/// Returns the steps of [`replay`] with a mark before the last `newest` ones.
 pub fn marked(newest: usize) -> Replay {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let mut replay = Replay::new(ReplaySettings::default(), &spec()).unwrap();
     let (mut now, mut transition) = (Observations::new(&spec()), Transition::new(&spec()));
-    see(&mut rng, &mut now);
+    fill_random(&mut rng, &mut now);
     for step in 0..6 {
         if ENVS * (6 - step) == newest {
             replay.mark();
         }
-        see(&mut rng, &mut transition.observations);
-        see(&mut rng, &mut transition.final_observations);
+        fill_random(&mut rng, &mut transition.observations);
+        fill_random(&mut rng, &mut transition.final_observations);
         transition.rewards.fill_with(|| rng.random_range(-1.0..1.0));
         transition.outcomes = match step {
             3 => vec![Outcome::Truncated, Outcome::Terminated],
@@ -86,19 +86,19 @@ pub fn marked(newest: usize) -> Replay {
     replay
 }
 
-/// Random observations of as many environments.
+/// Returns random observations of `samples` environments.
 pub fn observations(samples: usize) -> Observations {
     let (spec, mut rng) = (spec(), ChaCha8Rng::seed_from_u64(5));
     let mut out = Observations {
         images: vec![0; samples * spec.image_len()],
         vectors: vec![0.0; samples * spec.vector.len()],
     };
-    see(&mut rng, &mut out);
+    fill_random(&mut rng, &mut out);
     out
 }
 
-/// Sets the bias of a field of the first layer of `head`, whose parameters these are; without
-/// its weights it puts out the same for every input.
+/// Sets the bias of a field of the first layer of `head` with parameters `params`, and its weights
+/// to zero unless `weights`.
 fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weights: bool) {
     let first = &head.layers()[0];
     let (from, to) = (first.in_shape().fields, first.out_shape().fields);
@@ -114,7 +114,7 @@ fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weig
     params[start + field] = bias;
 }
 
-/// Wakes all units of the hidden layer of `head`, whose parameters these are.
+/// Activates all units of the hidden layer of `head` with parameters `params`.
 pub fn wake(head: &Sequential<f32>, params: &mut [f32]) {
     let hidden = head.layers()[0].out_shape().fields;
     for field in 0..hidden.regular_fields().unwrap() {
@@ -122,13 +122,13 @@ pub fn wake(head: &Sequential<f32>, params: &mut [f32]) {
     }
 }
 
-/// Wakes all units of the hidden layer of `head` by large biases, then kills one field after the
-/// other by hand: as many units more must be dormant each time.
-pub fn kills(
+/// Activates all units of the hidden layer of `head` by large biases, then deactivates one field
+/// after the other: the number of dormant units must grow by those of the field each time.
+pub fn check_killed_units(
     head: &Sequential<f32>,
     mut params: Vec<f32>,
     own: Range<usize>,
-    activity: impl Fn(&[f32]) -> Activity,
+    activity: impl Fn(&[f32]) -> UnitActivity,
 ) {
     let hidden = head.layers()[0].out_shape().fields;
     let fields = hidden.regular_fields().unwrap();

@@ -12,14 +12,14 @@ pub struct GaeInputs<'a> {
     pub values: &'a [f32],
     /// Outcomes of the steps, `[T, N]`.
     pub outcomes: &'a [Outcome],
-    /// V of the final observation where a step was truncated, `[T, N]`; read nowhere else.
+    /// V of the final observation of truncated steps, `[T, N]`; other entries are not read.
     pub final_values: &'a [f32],
     /// V of the observations after the last step, `[N]`.
     pub last_values: &'a [f32],
 }
 
 impl GaeInputs<'_> {
-    /// Panics when the lengths are not those of one T and N.
+    /// Panics if the lengths do not agree on one T and N.
     fn check(&self) {
         let (n, len) = (self.last_values.len(), self.rewards.len());
         assert!(
@@ -31,13 +31,15 @@ impl GaeInputs<'_> {
         assert_len("final_values", self.final_values.len(), len);
     }
 
-    /// Value that sample `i` bootstraps, and the advantage that follows it, of those in `later`.
+    /// Returns V_(t+1) and A_(t+1) of sample `i`; `later` holds the advantages computed so far.
     fn following(&self, i: usize, later: &[f32]) -> (f32, f32) {
         let n = self.last_values.len();
         match self.outcomes[i] {
             Outcome::Running if i + n < self.values.len() => (self.values[i + n], later[i + n]),
+            // the episode goes on after the rollout: its value is known, its advantages are not
             Outcome::Running => (self.last_values[i % n], 0.0),
             Outcome::Terminated => (0.0, 0.0),
+            // not `values[i + n]`, which belongs to the first observation of the next episode
             Outcome::Truncated => (self.final_values[i], 0.0),
         }
     }
@@ -52,7 +54,7 @@ impl GaeInputs<'_> {
 /// observation, and neither lets the next episode into the sum. `gamma` and `lambda` are in [0, 1].
 ///
 /// # Panics
-/// When the lengths are not those of one T and N; [`crate::RolloutBuffer`] guarantees them.
+/// If the lengths do not agree on one T and N; [`crate::RolloutBuffer`] guarantees that they do.
 pub fn gae(
     inputs: &GaeInputs,
     gamma: f32,
@@ -63,6 +65,7 @@ pub fn gae(
     inputs.check();
     assert_len("advantages", advantages.len(), inputs.rewards.len());
     assert_len("returns", returns.len(), inputs.rewards.len());
+    // backwards, since A_t needs A_(t+1)
     for i in (0..inputs.rewards.len()).rev() {
         let (bootstrap, tail) = inputs.following(i, advantages);
         let delta = inputs.rewards[i] + gamma * bootstrap - inputs.values[i];
@@ -81,8 +84,8 @@ mod tests {
     const STEPS: usize = 23;
     const ENVS: usize = 3;
 
-    /// The defining double sum: A_t = sum over l of (gamma lambda)^l delta_(t+l), up to the end of
-    /// the episode.
+    /// Computes the defining double sum: A_t = sum over l of (gamma lambda)^l delta_(t+l), up to
+    /// the end of the episode.
     fn slow(inputs: &GaeInputs, gamma: f64, lambda: f64) -> Vec<f64> {
         let delta = |t: usize, e: usize| {
             let i = t * ENVS + e;
@@ -144,8 +147,8 @@ mod tests {
         }
     }
 
-    /// One environment, two steps, gamma 0.5, lambda 1; the first step ends as `outcome`. By hand:
-    /// the second step has delta = 1 + 0.5 * 4 - 2 = 1.
+    /// Returns the first advantage of one environment, two steps, gamma 0.5 and lambda 1, if the
+    /// first step ends as `outcome`. By hand: the second step has delta = 1 + 0.5 * 4 - 2 = 1.
     fn first_advantage(outcome: Outcome) -> f32 {
         let inputs = GaeInputs {
             rewards: &[1.0, 1.0],

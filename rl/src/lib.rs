@@ -1,17 +1,17 @@
-//! Reinforcement learning for equivariant networks, without a task, a simulator or a tensor
-//! library.
+//! Reinforcement learning for equivariant networks, independent of tasks, simulators and tensor
+//! libraries.
 //!
 //! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] lets an [`Actor`]
 //! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
-//! [`evaluate`] runs whole episodes with mean actions. The members here are [`ActorCriticPolicy`],
-//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation, which is on-policy; and
-//! [`SacPolicy`], [`Replay`] and [`Sac`], soft actor-critic, which is off-policy.
+//! [`evaluate`] runs whole episodes with mean actions. Two algorithms are implemented:
+//! [`ActorCriticPolicy`], [`RolloutBuffer`] and [`Ppo`] form proximal policy optimisation
+//! (on-policy); [`SacPolicy`], [`Replay`] and [`Sac`] form soft actor-critic (off-policy).
 //!
 //! | a new | implements | example |
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
 //! | actor | [`Actor`] and its [`Memory`]; [`OnPolicy`] for rollouts | `tests/memory.rs` |
-//! | algorithm | [`Algorithm`]; [`Experience`] for what is no rollout | `src/replay.rs`, `src/sac.rs` |
+//! | algorithm | [`Algorithm`]; [`Experience`] for a new buffer | `src/replay.rs`, `src/sac.rs` |
 //!
 //! - The policy is exactly equivariant under D2, or a subgroup of choice: mirror the table and its
 //!   mean action is the mirrored one, its value and features are the same.
@@ -97,13 +97,13 @@ mod distributions;
 mod encoder;
 mod env;
 mod error;
+mod export;
 #[cfg(test)]
 mod fixtures;
 mod gae;
 mod network;
 mod network_policy;
 mod network_settings;
-mod plain;
 mod policy;
 mod ppo;
 mod replay;
@@ -115,7 +115,7 @@ mod trunk;
 #[cfg(feature = "wgpu")]
 pub use equivariant::gpu;
 
-pub use activity::{Activity, Units};
+pub use activity::{MeasureActivity, UnitActivity};
 pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
@@ -124,21 +124,21 @@ pub use device::DevicePolicy;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, MAX_OBSERVATION, Observations, Outcome, Transition, VectorEnv};
 pub use error::{BoxError, Place, RlError};
+pub use export::{Distribution, ExportPolicy, ExportedLayer, ExportedPolicy, PolicyOutput};
 pub use gae::{GaeInputs, gae};
 pub use network::{ActorCritic, Workspace};
 pub use network_policy::{ActorCriticPolicy, NetworkPolicy};
 pub use network_settings::{Critic, NetworkSettings};
-pub use plain::{Answers, Distribution, Plain, PlainLayer, PlainPolicy};
-pub use policy::{Actor, Assess, Decisions, Features, Memory, OnPolicy, Values};
+pub use policy::{Actor, Decisions, EvaluateActions, Features, Memory, OnPolicy, Values};
 pub use ppo::Ppo;
 pub use ppo::settings::PpoSettings;
 pub use ppo::stats::UpdateStats;
 pub use ppo::symmetry_loss::SymmetryLoss;
 pub use replay::state::{EpisodeState, ReplayState};
-pub use replay::{Recorded, Replay, ReplaySettings};
+pub use replay::{Replay, ReplaySettings, ReplayStep};
 pub use rollout::{
     Episode, Experience, MAX_RETURN, MIN_RETURN, RewardWarning, RolloutState, RolloutStats,
-    collect, evaluate, watch,
+    collect, evaluate, evaluate_with,
 };
 pub use sac::Sac;
 pub use sac::network::SacNetwork;

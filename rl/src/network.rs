@@ -1,4 +1,4 @@
-//! The paper's policy network: equivariant actor, invariant critic, shared equivariant features.
+//! The paper's policy network: an equivariant actor and an invariant critic on shared features.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use equivariant::{FieldType, Layer, Scalar, Sequential, Signature};
 use rand::Rng;
 use symmetry::irrep_order;
 
-use crate::activity::Activity;
+use crate::activity::UnitActivity;
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{Critic, NetworkSettings};
@@ -21,18 +21,18 @@ use crate::trunk::{HasTrunk, HasTrunkPass, LayerBuffers, Layout, Trunk, TrunkPas
 /// h -> Linear, ReLU, Linear -> mean action [A], of the action's type
 /// h -> GroupMaxPool -> features [F], invariant
 /// h, or the features in the paper -> Linear, ReLU, Linear -> value
-/// log_std [A]: parameters of their own, the same for every state
+/// log_std [A]: separate parameters, the same for every state
 /// ```
 ///
 /// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the
-/// features see each input up to a symmetry of its own: how the vector lies relative to the image
-/// reaches only the actor and a [`Critic::Joint`].
+/// features are invariant under transformations of either input alone: the position of the vector
+/// relative to the image reaches only the actor and a [`Critic::Joint`].
 ///
-/// Every part is equivariant under [`NetworkSettings::group`]: D2 is the paper's network, and C1 an
-/// ordinary one of the same width, whose pooling does nothing.
+/// Every part is equivariant under [`NetworkSettings::group`]: D2 gives the paper's network, and C1
+/// an ordinary one of the same width, whose pooling does nothing.
 ///
-/// It owns no weights: the parameters are one flat slice, the image encoder's first
-/// ([`ActorCritic::encoder`]), then the others ([`ActorCritic::heads`]), of which the last A are
+/// The network owns no weights. Parameters are one flat slice: the image encoder's
+/// ([`ActorCritic::encoder`]), then all others ([`ActorCritic::heads`]), the last A of which are
 /// log_std.
 pub struct ActorCritic<T> {
     pub(crate) trunk: Trunk<T>,
@@ -50,13 +50,13 @@ pub(crate) struct Parts {
 }
 
 impl<T: Scalar> ActorCritic<T> {
-    /// The network for the images, vectors and actions of `spec`; its number of environments does
-    /// not matter.
+    /// Builds the network for the images, vectors and actions of `spec`, whose number of
+    /// environments is ignored.
     ///
     /// # Errors
-    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images that the convolutions cannot
-    /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero,
-    /// [`RlError::NothingObserved`] for a network that sees neither images nor vectors.
+    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images on which the convolutions would
+    /// not be exactly equivariant, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of
+    /// zero, [`RlError::NothingObserved`] for a network with neither images nor vectors as input.
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         let trunk = Trunk::new(settings, spec)?;
         let action = FieldType::from_irreps(settings.group, &spec.action);
@@ -69,38 +69,39 @@ impl<T: Scalar> ActorCritic<T> {
         })
     }
 
-    /// Length of the flat parameter slice.
+    /// Returns the length of the flat parameter slice.
     pub fn num_params(&self) -> usize {
         self.parts().log_std.end
     }
 
-    /// Range of the image encoder's parameters.
+    /// Returns the range of the image encoder's parameters.
     pub fn encoder(&self) -> Range<usize> {
         self.trunk.encoder()
     }
 
-    /// Range of all the other parameters.
+    /// Returns the range of all other parameters.
     pub fn heads(&self) -> Range<usize> {
         self.encoder().end..self.num_params()
     }
 
-    /// F, the length of the invariant features: one per regular field of the group.
+    /// Returns F, the length of the invariant features: one per regular field of the group.
     pub fn feature_dim(&self) -> usize {
         self.trunk.feature_dim()
     }
 
-    /// The settings that the network was built with.
+    /// Returns the settings that the network was built with.
     pub fn settings(&self) -> &NetworkSettings {
         &self.trunk.settings
     }
 
-    /// The spec that the network was built for.
+    /// Returns the spec that the network was built for.
     pub fn spec(&self) -> &EnvSpec {
         &self.trunk.spec
     }
 
-    /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with
-    /// their own gain, zero biases, log_std as set.
+    /// Draws all parameters: weights before a ReLU with gain sqrt(2) (He et al., ICCV 2015,
+    /// equation 10), the last layers with the gains of the settings, zero biases, and log_std as
+    /// set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);
@@ -126,7 +127,7 @@ impl<T> HasTrunk<T> for ActorCritic<T> {
     }
 }
 
-/// From the fields before or after pooling to the value.
+/// Builds the critic on the fields before or after pooling.
 fn critic<T: Scalar>(
     settings: &NetworkSettings,
     trunk: &Trunk<T>,
@@ -141,11 +142,10 @@ fn critic<T: Scalar>(
     }
 }
 
-/// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
+/// Activations, gradients and scratch memory of a pass over up to K samples, allocated once.
 ///
-/// Inputs and outputs of the loss are in f64 and in natural order; the rest is the network's own.
-/// Arrays have a row for each of the K samples of the capacity. After a pass over n of them, the
-/// first n rows are theirs, and the others are what an earlier pass left.
+/// The public arrays, between network and loss, are in f64 and in natural order. They have K rows;
+/// after a pass over n samples, the first n rows are valid and the others left from earlier passes.
 #[derive(Clone, Debug)]
 pub struct Workspace<T> {
     /// Mean actions `[K, A]` of the last forward pass.
@@ -154,28 +154,28 @@ pub struct Workspace<T> {
     pub value: Vec<f64>,
     /// Logarithms of the standard deviations `[A]` of the last forward pass.
     pub log_std: Vec<f64>,
-    /// Gradient of the loss with respect to `mean`, `[K, A]`: set it before the backward pass.
+    /// Gradient of the loss with respect to `mean`, `[K, A]`; set before the backward pass.
     pub d_mean: Vec<f64>,
-    /// Gradient of the loss with respect to `value`, `[K]`: set it before the backward pass.
+    /// Gradient of the loss with respect to `value`, `[K]`; set before the backward pass.
     pub d_value: Vec<f64>,
-    /// Gradient of the loss with respect to `log_std`, `[A]`: set it before the backward pass.
+    /// Gradient of the loss with respect to `log_std`, `[A]`; set before the backward pass.
     pub d_log_std: Vec<f64>,
     trunk: TrunkPass<T>,
     actor: LayerBuffers<T>,
     critic: LayerBuffers<T>,
-    /// n * F of the last forward pass.
+    /// Length n * F of the features of the last forward pass.
     features_len: usize,
 }
 
 impl<T: Scalar> Workspace<T> {
-    /// The invariant features `[n, F]` of the n samples of the last forward pass.
+    /// Returns the invariant features `[n, F]` of the n samples of the last forward pass.
     pub fn features(&self) -> &[T] {
         &self.trunk.features()[..self.features_len]
     }
 }
 
 impl<T: Scalar> ActorCritic<T> {
-    /// A workspace for chunks of up to `capacity` samples.
+    /// Allocates a workspace for chunks of up to `capacity` samples (K).
     pub fn workspace(&self, capacity: usize) -> Workspace<T> {
         let action = self.action_order.len();
         Workspace {
@@ -192,19 +192,19 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    /// Writes sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector
-    /// `[D]`, put into irrep-major order as it is: scale it to order 1 beforehand.
+    /// Loads sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector
+    /// `[D]`, reordered but not scaled: it should be of order 1 already.
     ///
     /// # Panics
-    /// When the slices have other lengths than the spec says, or `slot` is beyond the capacity.
+    /// If the slices' lengths differ from the spec, or `slot` is beyond the capacity.
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], workspace: &mut Workspace<T>) {
         self.trunk.load(slot, image, vector, &mut workspace.trunk);
     }
 
-    /// Runs the samples in slots 0..n: fills `mean`, `value`, `log_std` and the features.
+    /// Runs the samples in slots 0..n forward: fills `mean`, `value`, `log_std` and the features.
     ///
     /// # Panics
-    /// When `params` is not [`ActorCritic::num_params`] long or n is beyond the capacity.
+    /// If `params` is not [`ActorCritic::num_params`] long or n is beyond the capacity.
     pub fn forward(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
         let (parts, w) = (self.parts(), workspace);
         self.forward_features(params, n, w);
@@ -214,6 +214,7 @@ impl<T: Scalar> ActorCritic<T> {
             Critic::Joint { .. } => w.trunk.fields(),
         });
         w.critic.forward(&self.critic, &params[parts.critic], n);
+        // layers use irrep-major order, the loss the environment's natural order
         let width = self.action_order.len();
         for (mean, y) in w.mean.chunks_exact_mut(width).zip(w.actor.y.chunks_exact(width)).take(n) {
             for (&i, y) in self.action_order.iter().zip(y) {
@@ -224,20 +225,20 @@ impl<T: Scalar> ActorCritic<T> {
         to_f64(&params[parts.log_std], &mut w.log_std);
     }
 
-    /// Activity of the units for the n samples of the last forward pass.
-    pub(crate) fn activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> Activity {
+    /// Returns the units' activations for the n samples of the last forward pass.
+    pub(crate) fn activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> UnitActivity {
         let parts = self.parts();
         let own = &params[self.trunk.params()];
         let mut sums = self.trunk.unit_sums(own, n, &w.trunk);
         sums.extend(w.actor.unit_sums(&self.actor, &params[parts.actor], n));
         sums.extend(w.critic.unit_sums(&self.critic, &params[parts.critic], n));
-        Activity::of(sums)
+        UnitActivity::of(sums)
     }
 
-    /// Runs the samples in slots 0..n up to the features.
+    /// Runs the samples in slots 0..n forward as far as the features.
     ///
     /// # Panics
-    /// As [`ActorCritic::forward`].
+    /// Like [`ActorCritic::forward`].
     pub fn forward_features(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
         let (own, w) = (&params[self.trunk.params()], workspace);
         self.trunk.forward(own, n, &mut w.trunk);
@@ -250,7 +251,7 @@ impl<T: Scalar> ActorCritic<T> {
     /// `d_mean`, `d_value` and `d_log_std`.
     ///
     /// # Panics
-    /// As [`ActorCritic::forward`].
+    /// Like [`ActorCritic::forward`].
     pub fn backward(
         &self,
         params: &[T],
@@ -271,8 +272,9 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    /// Brings the gradients in the inputs of both heads to the trunk's fields.
+    /// Sums the gradients with respect to both heads' inputs as the gradient of the trunk's fields.
     fn add_head_gradients(&self, n: usize, w: &mut Workspace<T>) {
+        // written by the critic, then added to by the actor
         match self.settings().critic {
             Critic::Pooled { .. } => self.trunk.pool_backward(&w.critic.dx, n, &mut w.trunk),
             Critic::Joint { .. } => w.trunk.d_fields().copy_from_slice(&w.critic.dx),
@@ -337,8 +339,8 @@ mod tests {
         assert!(actor_out.iter().all(|w| w.abs() < 0.02) && actor_out.iter().any(|&w| w != 0.0));
     }
 
-    /// Settings of an encoder, sides of pictures that fit it and that do not, and what is said of
-    /// those.
+    /// Settings of an encoder, image sizes that fit it and that do not, and the expected part of
+    /// the error.
     fn sides() -> [(NetworkSettings, usize, [usize; 2], &'static str); 3] {
         [
             (NetworkSettings::default(), 48, [50, 8], "multiples of 16"),
@@ -394,7 +396,7 @@ mod tests {
         ActorCritic::new(&NetworkSettings::default(), &spec).unwrap()
     }
 
-    /// The gradient of three samples in a workspace for four, moved between the passes.
+    /// Computes the gradient of three samples in a workspace for four, moved between the passes.
     fn gradient(moved: impl Fn(Workspace<f32>) -> Workspace<f32>) -> Vec<f32> {
         let network = network();
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
@@ -426,7 +428,7 @@ mod tests {
         assert!(cloned == stayed);
     }
 
-    /// Rows of an earlier pass over more samples must not show.
+    /// Rows of an earlier pass over more samples must not be returned.
     #[test]
     fn features_are_those_of_the_samples_that_were_run() {
         let network = network();

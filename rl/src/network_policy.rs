@@ -1,4 +1,4 @@
-//! Policies that are a network with its parameters, and the Gaussian one.
+//! Policies as a network with its parameters, and the Gaussian actor-critic policy.
 
 use std::fmt;
 use std::ops::Range;
@@ -9,36 +9,36 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
 
-use crate::activity::{Activity, Units};
+use crate::activity::{MeasureActivity, UnitActivity};
 use crate::distributions::{log_prob, standard_normals};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_params};
+use crate::export;
+use crate::export::{Basis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain};
 use crate::network::{ActorCritic, Workspace};
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::plain;
-use crate::plain::{Answers, Distribution, End, Plain, PlainPolicy, chain};
-use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
+use crate::policy::{Actor, Decisions, EvaluateActions, Features, OnPolicy, Values};
 use crate::trunk::{HasTrunk, HasTrunkPass, Trunk};
 
-/// Samples of one chunk: a batch of 20 environments then occupies several threads.
+/// Samples of one chunk, small enough that a batch of 20 environments occupies several threads.
 const CHUNK: usize = 4;
 
-/// A network N with its parameters, and buffers W of its passes: what
-/// [`ActorCriticPolicy`] and [`SacPolicy`](crate::SacPolicy) have in
-/// common. A clone has parameters of its own and shares the (immutable) network.
+/// A network N with its parameters and the buffers W of its passes: the common part of
+/// [`ActorCriticPolicy`] and [`SacPolicy`](crate::SacPolicy). A clone has its own parameters and
+/// shares the immutable network.
 ///
 /// Batches run in fixed chunks on the current rayon pool; actions, values and features have the
 /// same bits for any number of threads.
 pub struct NetworkPolicy<N, W> {
     network: Arc<N>,
     params: Vec<f32>,
-    /// Rows of numbers of the last run, one for each sample.
+    /// Network outputs of the last run, one row for each sample.
     pub(crate) outputs: Vec<f64>,
     buffers: fn(&N, usize) -> W,
     chunks: Chunks<f32, W>,
 }
 
-/// The samples in `range` of a batch, which lie in the slots from 0 on.
+/// Part of a batch: the samples in `range`, which are loaded into the slots from 0 on.
 pub(crate) struct Chunk<'a, N> {
     pub network: &'a N,
     pub params: &'a [f32],
@@ -46,17 +46,17 @@ pub(crate) struct Chunk<'a, N> {
 }
 
 impl<N, W> NetworkPolicy<N, W> {
-    /// The network.
+    /// Returns the network.
     pub fn network(&self) -> &Arc<N> {
         &self.network
     }
 
-    /// All parameters, in the network's layout.
+    /// Returns all parameters, in the network's layout.
     pub fn params(&self) -> &[f32] {
         &self.params
     }
 
-    /// All parameters, for an optimiser or a checkpoint to write.
+    /// Returns all parameters, for an optimiser or a checkpoint to write.
     pub fn params_mut(&mut self) -> &mut [f32] {
         &mut self.params
     }
@@ -67,8 +67,12 @@ where
     N: HasTrunk<f32> + Send + Sync + 'static,
     W: HasTrunkPass<f32> + Send + 'static,
 {
-    /// `buffers` makes those for chunks of up to a number of samples.
-    pub(crate) fn of(network: Arc<N>, params: Vec<f32>, buffers: fn(&N, usize) -> W) -> Self {
+    /// Creates a policy; `buffers` allocates buffers for chunks of up to a number of samples.
+    pub(crate) fn from_parts(
+        network: Arc<N>,
+        params: Vec<f32>,
+        buffers: fn(&N, usize) -> W,
+    ) -> Self {
         let builder = Arc::clone(&network);
         Self {
             network,
@@ -83,13 +87,13 @@ where
         self.network.trunk()
     }
 
-    /// A, the number of action components.
+    /// Returns A, the number of action components.
     pub(crate) fn width(&self) -> usize {
         self.trunk().spec.action.len()
     }
 
-    /// Lets `forward` fill a row of `outputs`, of this length, for each of N observations; returns
-    /// N.
+    /// Fills a row of `outputs`, `row` numbers long, for each of N observations by `forward`;
+    /// returns N.
     pub(crate) fn infer(
         &mut self,
         observations: &Observations,
@@ -126,6 +130,7 @@ where
         self.chunks.map_rows(out, width, |range, buffers, rows| {
             let (n, pass) = (range.len(), buffers.trunk());
             trunk.load_all(observations, range, pass);
+            // the trunk only: features need neither actor nor critic
             trunk.forward(params, n, pass);
             trunk.pool(n, pass);
             rows.copy_from_slice(&pass.features()[..n * width]);
@@ -150,19 +155,19 @@ where
     W: HasTrunkPass<f32> + Send + 'static,
 {
     fn clone(&self) -> Self {
-        Self::of(Arc::clone(&self.network), self.params.clone(), self.buffers)
+        Self::from_parts(Arc::clone(&self.network), self.params.clone(), self.buffers)
     }
 }
 
-/// Refuses parameters of another network, and such that are no numbers: later those would only show
-/// as a loss that is not finite.
+/// Rejects parameters of another network, and parameters that are infinite or NaN, which would only
+/// show up later as a loss that is not finite.
 pub(crate) fn check_saved(params: &[f32], expected: usize) -> Result<(), RlError> {
     check_params(params.len(), expected)?;
     check_all_finite("a parameter", params)
 }
 
-/// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant
-/// under the group of its settings. It decides from the observation alone.
+/// An [`ActorCritic`] with its parameters: a memoryless diagonal Gaussian policy that is exactly
+/// equivariant under the group of its settings.
 pub type ActorCriticPolicy = NetworkPolicy<ActorCritic<f32>, Workspace<f32>>;
 
 impl ActorCriticPolicy {
@@ -173,7 +178,7 @@ impl ActorCriticPolicy {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::of(Arc::new(network), params, ActorCritic::workspace))
+        Ok(Self::from_parts(Arc::new(network), params, ActorCritic::workspace))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as
@@ -189,17 +194,17 @@ impl ActorCriticPolicy {
     ) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         check_saved(&params, network.num_params())?;
-        Ok(Self::of(Arc::new(network), params, ActorCritic::workspace))
+        Ok(Self::from_parts(Arc::new(network), params, ActorCritic::workspace))
     }
 
-    /// Logarithms of the action's standard deviations `[A]`, in natural order, the same for every
-    /// state.
+    /// Returns the logarithms of the action's standard deviations `[A]`, in natural order, the same
+    /// for every state.
     pub fn log_std(&self) -> &[f32] {
         let params = self.params();
         &params[params.len() - self.width()..]
     }
 
-    /// Raises every logarithm of a standard deviation that is below `floor` to it. NaN stays.
+    /// Raises every log_std below `floor` to it. NaN stays, so that a check for it can fail.
     pub(crate) fn clamp_log_std(&mut self, floor: f32) {
         let start = self.params().len() - self.width();
         for log_std in &mut self.params_mut()[start..] {
@@ -209,7 +214,7 @@ impl ActorCriticPolicy {
         }
     }
 
-    /// Fills the outputs with rows `[A + 1]` of means and values; returns N.
+    /// Fills `outputs` with rows `[A + 1]` of mean and value; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         let width = self.width();
         let forward = |chunk: Chunk<ActorCritic<f32>>, w: &mut Workspace<f32>, rows: &mut [f64]| {
@@ -227,7 +232,7 @@ impl ActorCriticPolicy {
         self.log_std().iter().map(|&s| f64::from(s)).collect()
     }
 
-    /// Samples actions `[N, A]` from the outputs of N observations.
+    /// Samples actions `[N, A]` around the means in `outputs`.
     pub(crate) fn write_actions(
         &self,
         samples: usize,
@@ -240,7 +245,7 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Decides from the outputs of N observations, with the noise `[N, A]`.
+    /// Writes actions, log-probabilities and values from `outputs` and the noise `[N, A]`.
     pub(crate) fn write_decisions(
         &self,
         samples: usize,
@@ -251,11 +256,11 @@ impl ActorCriticPolicy {
         check_len("noise", "[N, A]", noise.len(), samples * self.width())?;
         out.actions.copy_from_slice(noise);
         self.sample(&mut out.actions);
-        self.weigh(out);
+        self.write_log_probs(out);
         Ok(())
     }
 
-    /// Writes the means `[N, A]` of the outputs of N observations.
+    /// Writes the means `[N, A]` in `outputs`.
     pub(crate) fn write_means(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
         let width = self.width();
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
@@ -266,7 +271,7 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Writes the values `[N]` of the outputs of N observations.
+    /// Writes the values `[N]` in `outputs`.
     pub(crate) fn write_values(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
         check_len("values", "[N]", out.len(), samples)?;
         let width = self.width();
@@ -276,7 +281,7 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Turns standard normal numbers `[N, A]` into actions around the means of the last run.
+    /// Turns standard normal `numbers` `[N, A]` into actions around the means of the last run.
     fn sample(&self, numbers: &mut [f32]) {
         let width = self.width();
         let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
@@ -288,14 +293,14 @@ impl ActorCriticPolicy {
         }
     }
 
-    /// Writes log-probabilities and values from the last run. The density belongs to the numbers
-    /// that are executed, so actions are rounded before.
-    fn weigh(&self, decisions: &mut Decisions) {
+    /// Writes log-probabilities of the actions, and values, from the last run.
+    fn write_log_probs(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
         let width = log_std.len();
         let mut taken = vec![0.0; width];
         for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
             for (taken, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
+                // the executed action, rounded to f32: its density is the one that PPO compares
                 *taken = f64::from(action);
             }
             decisions.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
@@ -344,15 +349,15 @@ impl OnPolicy for ActorCriticPolicy {
     }
 }
 
-impl Assess for ActorCriticPolicy {
-    fn assess(
+impl EvaluateActions for ActorCriticPolicy {
+    fn evaluate_actions(
         &mut self,
         observations: &Observations,
         decisions: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
         decisions.check(self.network().spec(), samples)?;
-        self.weigh(decisions);
+        self.write_log_probs(decisions);
         Ok(())
     }
 }
@@ -364,21 +369,22 @@ impl Values for ActorCriticPolicy {
     }
 }
 
-impl Plain for ActorCriticPolicy {
-    fn plain(&self) -> Result<PlainPolicy, RlError> {
+impl ExportPolicy for ActorCriticPolicy {
+    fn export(&self) -> Result<ExportedPolicy, RlError> {
         let (network, params) = (self.network(), self.params());
-        let (parts, trunk) = (network.parts(), plain::trunk(&network.trunk, params)?);
+        let (parts, trunk) = (network.parts(), export::trunk(&network.trunk, params)?);
         let settings = network.settings();
         let (group, critic) = (settings.group, &params[parts.critic]);
-        let to = |order| [trunk.joined, End::Natural(order)];
+        let to = |order| [trunk.joined, Basis::Natural(order)];
         let pooled = matches!(settings.critic, Critic::Pooled { .. });
-        let critic = match pooled {
-            false => chain(group, &network.critic, critic, to(&[0]))?,
-            // invariant channels stay as they are
-            true => chain(Group::C1, &network.critic, critic, [End::Regular; 2])?,
+        let critic = if pooled {
+            // pooled features are invariant: no change of basis
+            chain(Group::C1, &network.critic, critic, [Basis::Regular; 2])?
+        } else {
+            chain(group, &network.critic, critic, to(&[0]))?
         };
         let actor = &params[parts.actor];
-        Ok(PlainPolicy {
+        Ok(ExportedPolicy {
             spec: network.spec().clone(),
             order: group.order(),
             actor: chain(group, &network.actor, actor, to(&network.action_order))?,
@@ -389,18 +395,18 @@ impl Plain for ActorCriticPolicy {
         })
     }
 
-    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError> {
+    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
         let samples = observations.samples(self.network().spec())?;
         let mut actions = vec![0.0; samples * self.width()];
         let mut values = vec![0.0; samples];
         self.mean_actions(observations, &mut (), &mut actions)?;
         self.values(observations, &mut values)?;
-        Ok(Answers { actions, log_std: self.log_std().repeat(samples), values: Some(values) })
+        Ok(PolicyOutput { actions, log_std: self.log_std().repeat(samples), values: Some(values) })
     }
 }
 
-impl Units for ActorCriticPolicy {
-    fn activity(&self, observations: &Observations, (): &()) -> Result<Activity, RlError> {
+impl MeasureActivity for ActorCriticPolicy {
+    fn activity(&self, observations: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.samples(network.spec())?;
         let mut w = network.workspace(samples);

@@ -7,18 +7,18 @@ use symmetry::Group;
 use crate::encoder::{Encoder, copies};
 use crate::error::{RlError, require_log_std, require_positive, require_width};
 
-/// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x
-/// 48 pixels.
+/// Sizes and initial values of [`crate::ActorCritic`]. The default is the network tuned for images
+/// of 48 x 48 pixels.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NetworkSettings {
-    /// The symmetries that the network keeps exactly; a plain network is that of C1.
+    /// Symmetry group of the network, exact in every layer; C1 gives an ordinary network.
     ///
-    /// Widths are channels: `n` regular fields stand for 4 n channels, whatever the group. They are
-    /// n fields of D2 and 4 n / |G| fields of a subgroup G, since a regular field has |G| channels.
-    /// So networks of all groups are equally wide, and parameters grow as symmetry falls:
+    /// Widths below count regular fields of D2: n of them stand for 4 n channels, whatever the
+    /// group. For a subgroup G these are 4 n / |G| regular fields of |G| channels. So networks of
+    /// all groups are equally wide, and the number of parameters grows as the group shrinks:
     ///
     /// ```
     /// use rl::{ActorCritic, EnvSpec, NetworkSettings};
@@ -35,10 +35,10 @@ pub struct NetworkSettings {
     /// # Ok::<(), rl::RlError>(())
     /// ```
     ///
-    /// Features, too: there are `top_fields + vector_fields` of them for D2 and four times as many
+    /// The number of features grows, too: `top_fields + vector_fields` for D2, four times as many
     /// for C1.
     pub group: Group,
-    /// From pictures to the top fields.
+    /// Image encoder, from images to the top fields.
     pub encoder: Encoder,
     /// Regular fields of the image's feature vector, at least 1.
     pub top_fields: usize,
@@ -46,30 +46,30 @@ pub struct NetworkSettings {
     pub vector_fields: usize,
     /// Regular fields of the actor's hidden layer, at least 1.
     pub actor_fields: usize,
-    /// Input of the value.
+    /// Kind and width of the critic.
     pub critic: Critic,
-    /// Gain of the actor's last layer when it is drawn, above 0; small, so that mean actions start
-    /// near zero.
+    /// Initial gain of the actor's last layer, above 0; small, so that mean actions start near
+    /// zero.
     pub action_gain: f32,
-    /// Gain of the critic's last layer when it is drawn, above 0.
+    /// Initial gain of the critic's last layer, above 0.
     pub value_gain: f32,
     /// Initial logarithm of every action component's standard deviation, in [-10, 2], and not
     /// below [`PpoSettings::min_log_std`](crate::PpoSettings::min_log_std) where PPO trains it.
     pub log_std: f32,
 }
 
-/// Input of the value, which is invariant in either case.
+/// Input of the critic, whose value is invariant in either case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Critic {
-    /// The pooled features, as in the paper: image and vector are pooled apart from one another, so
-    /// the value cannot tell where the vector's hand is relative to the image's object.
+    /// The pooled features, as in the paper. Image and vector are pooled separately, so the value
+    /// cannot depend on the position of the hand (vector) relative to the object (image).
     Pooled {
         /// Channels of the hidden layer, at least 1.
         width: usize,
     },
-    /// The fields before pooling, through a hidden layer of regular fields, like the actor: the
-    /// value knows how the vector lies relative to the image.
+    /// The fields before pooling, through a hidden layer of regular fields, like the actor. The
+    /// value can depend on the vector relative to the image.
     Joint {
         /// Regular fields of the hidden layer, at least 1.
         fields: usize,
@@ -77,7 +77,7 @@ pub enum Critic {
 }
 
 impl Critic {
-    /// Width of the hidden layer, in the units of the kind.
+    /// Returns the width of the hidden layer, in channels or fields.
     fn size(self) -> usize {
         match self {
             Self::Pooled { width } => width,
@@ -93,8 +93,8 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// The default with other widths: regular fields after each halving ([`Encoder::Strided`]), and
-    /// those of all layers behind it.
+    /// Returns the default with other widths: regular fields after each halving
+    /// ([`Encoder::Strided`]), and `fields` in all later layers.
     pub fn strided(halvings: Vec<usize>, fields: usize) -> Self {
         Self {
             group: Group::D2,
@@ -105,12 +105,13 @@ impl NetworkSettings {
             critic: Critic::Joint { fields },
             action_gain: 0.01,
             value_gain: 1.0,
+            // standard deviations of 0.6 of an action's unit (measured, docs/ppo.md)
             log_std: -0.5,
         }
     }
 
-    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`],
-    /// and the paper's critic.
+    /// Returns the network for 128 x 128 pixels of D. Wang et al.'s SO(2)-equivariant agents with n
+    /// = 64, see [`Encoder::Pooled`], and the paper's critic.
     pub fn so2_128() -> Self {
         Self {
             encoder: Encoder::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },
@@ -120,23 +121,23 @@ impl NetworkSettings {
         }
     }
 
-    /// Two halvings and the positions of 16 maps, see [`Encoder::Keypoints`]; heads as in the
-    /// default. Sides of pictures are multiples of 4.
+    /// Returns the default with an encoder of two halvings and the positions of 16 maps, see
+    /// [`Encoder::Keypoints`]. Sides of images are multiples of 4.
     pub fn keypoints() -> Self {
         Self { encoder: Encoder::Keypoints { fields: vec![4, 8], maps: 16 }, ..Self::default() }
     }
 
-    /// The number of regular fields of the group that are as wide as `fields` of D2.
+    /// Returns the number of regular fields of the group with as many channels as `fields` of D2.
     pub(crate) fn copies(&self, fields: usize) -> usize {
         copies(self.group, fields)
     }
 
-    /// As many channels as `fields` regular fields of D2, as regular fields of the group.
+    /// Returns the type of regular fields of the group with as many channels as `fields` of D2.
     pub(crate) fn regular(&self, fields: usize) -> FieldType {
         self.group.regular(self.copies(fields))
     }
 
-    /// Refuses values outside their ranges.
+    /// Rejects values outside their ranges.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.

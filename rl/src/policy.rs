@@ -1,20 +1,20 @@
-//! Interfaces of policies for collection, evaluation and assignment: acting, valuing and features
-//! are traits of their own, and a policy implements those that it is used for.
+//! Interfaces of policies for collection, evaluation and assignment. Acting, state values and
+//! features are separate traits, so a policy implements only those that it is used for.
 
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_rows_finite};
 
-/// Memory of an actor for the running episodes of N environments.
+/// Recurrent state of an actor for the running episodes of N environments.
 pub trait Memory {
-    /// Forgets the running episode of environment `env`, in 0..N. The environment's next
-    /// observation is the first one of another episode.
+    /// Forgets the running episode of environment `env`, in 0..N, whose next observation starts a
+    /// new episode.
     fn forget(&mut self, env: usize);
 
-    /// Takes note of the step of environment `env` that followed the actor's last decision: the
-    /// action `[A]` that was executed, which need not be the one decided on, and its reward. It
-    /// comes before [`Memory::forget`] where the step ended the episode.
+    /// Records the step of environment `env` that followed the actor's last decision: the executed
+    /// action `[A]`, which may differ from the decision, and its reward. Called before
+    /// [`Memory::forget`] if the step ended the episode.
     fn remember(&mut self, _env: usize, _action: &[f32], _reward: f32) {}
 }
 
@@ -23,7 +23,7 @@ impl Memory for () {
     fn forget(&mut self, _: usize) {}
 }
 
-/// Chooses actions `[N, A]`, in their natural order: any finite numbers.
+/// A policy that chooses actions `[N, A]`, in their natural order: any finite numbers.
 ///
 /// Every call is one step of N environments: `observations` are those of all environments, and
 /// `memory` is carried from step to step. With the memory `()`, N may differ from call to call.
@@ -31,14 +31,13 @@ impl Memory for () {
 /// The contract of an equivariant actor, for every group element g: the mean action of g s is g
 /// applied to the mean action of s, and the standard deviation is the same for s and g s.
 pub trait Actor {
-    /// State that is kept from step to step: `()` where an actor decides from the observation
-    /// alone.
+    /// State kept from step to step: `()` if the actor decides from the observation alone.
     type Memory: Memory;
 
-    /// The memory of `envs` environments (N) in which no episode has begun.
+    /// Returns the memory for `envs` environments (N) in which no episode has begun.
     fn memory(&self, envs: usize) -> Self::Memory;
 
-    /// Samples actions `[N, A]`: what collection executes.
+    /// Samples actions `[N, A]`, as a collection executes them.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -50,7 +49,7 @@ pub trait Actor {
         out: &mut [f32],
     ) -> Result<(), RlError>;
 
-    /// Writes the means of the action distribution, `[N, A]`: what an evaluation executes.
+    /// Writes the means of the action distribution, `[N, A]`, as an evaluation executes them.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -62,7 +61,7 @@ pub trait Actor {
     ) -> Result<(), RlError>;
 }
 
-/// Values observations. The contract of an equivariant policy: V(g s) = V(s).
+/// A policy with a state-value function. The contract of an equivariant one: V(g s) = V(s).
 pub trait Values {
     /// Writes the values V(s), `[N]`: expected discounted sums of rewards. N is free.
     ///
@@ -71,10 +70,10 @@ pub trait Values {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
 }
 
-/// Describes observations by vectors, which policy assignment compares. The contract of an
-/// equivariant policy: the features of g s are those of s.
+/// A policy that maps observations to feature vectors, which policy assignment compares. The
+/// contract of an equivariant one: g s and s have equal features.
 pub trait Features {
-    /// F, the length of the feature vector of one observation.
+    /// Returns F, the length of the feature vector of one observation.
     fn feature_dim(&self) -> usize;
 
     /// Writes the features `[N, F]`. N is free.
@@ -84,13 +83,13 @@ pub trait Features {
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
 }
 
-/// Decides for on-policy collection: at every step an action, its log-probability, and
-/// what the observation is worth. A network whose actor and critic share an encoder runs it once.
+/// A policy for on-policy collection, which gives an action, its log-probability and the state
+/// value in one call, so that a network whose actor and critic share an encoder runs it once.
 pub trait OnPolicy: Actor + Values {
-    /// Writes the actions that the noise `[N, A]` makes, with their log-probabilities and the
-    /// values of the observations. Noise is standard normal and all that is random: the same noise
-    /// gives the same actions. Where its numbers are independent of one another, actions are
-    /// distributed as those of [`Actor::act`] are.
+    /// Writes the actions for the noise `[N, A]`, with their log-probabilities and the values of
+    /// the observations. The standard normal noise is the only source of randomness: equal noise
+    /// gives equal actions. With independent noise, actions are distributed like those of
+    /// [`Actor::act`].
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -103,15 +102,15 @@ pub trait OnPolicy: Actor + Values {
     ) -> Result<(), RlError>;
 }
 
-/// Judges actions that another policy took. Only policies without a memory can: an observation
-/// alone does not tell what an actor would have remembered.
-pub trait Assess: Values {
+/// A policy that can evaluate actions another policy took, like Stable-Baselines3's
+/// `evaluate_actions`. Only for policies without a memory, which an observation cannot restore.
+pub trait EvaluateActions: Values {
     /// Writes the log-probabilities `[N]` of the actions `[N, A]` that `decisions` holds, and the
     /// values `[N]` of the observations.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
-    fn assess(
+    fn evaluate_actions(
         &mut self,
         observations: &Observations,
         decisions: &mut Decisions,
@@ -130,7 +129,7 @@ pub struct Decisions {
 }
 
 impl Decisions {
-    /// Zeros for the environments of `spec`.
+    /// Creates zeros for the environments of `spec`.
     pub fn new(spec: &EnvSpec) -> Self {
         let n = spec.num_envs;
         Self {
@@ -151,7 +150,7 @@ impl Decisions {
         check_len("values", "[N]", self.values.len(), samples)
     }
 
-    /// Refuses infinities and NaN.
+    /// Rejects infinities and NaN.
     ///
     /// # Errors
     /// [`RlError::NotFinite`] names the array's quantity.

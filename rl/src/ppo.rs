@@ -1,7 +1,6 @@
 //! Proximal policy optimisation: one update of a policy from one rollout.
 //!
-//! Names and order are those of CleanRL's `ppo_continuous_action.py`, as far as the two do the
-//! same.
+//! Names and order follow CleanRL's `ppo_continuous_action.py` where both compute the same.
 
 #[cfg(feature = "wgpu")]
 mod gpu;
@@ -23,9 +22,7 @@ use crate::buffer::RolloutBuffer;
 use crate::distributions::{entropy, log_prob};
 use crate::error::{RlError, check_all_finite, check_finite, check_params};
 use crate::network_policy::ActorCriticPolicy;
-use crate::ppo::minibatch::{
-    Batch, Decision, Device, LARGEST_LOG_RATIO, Output, Processor, Update,
-};
+use crate::ppo::minibatch::{Batch, Cpu, Decision, Device, MAX_LOG_RATIO, Output, Update};
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, Totals, UpdateStats};
 
@@ -39,22 +36,22 @@ pub struct Ppo {
 }
 
 impl Ppo {
-    /// Fresh optimiser state for `policy` and its clones.
+    /// Creates fresh optimiser state for `policy` and its clones.
     ///
     /// # Errors
-    /// [`RlError::Setting`] when a setting is out of range, [`RlError::BelowFloor`] when a standard
+    /// [`RlError::Setting`] if a setting is out of range, [`RlError::BelowFloor`] if a standard
     /// deviation of `policy` is already below the floor.
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
-        Self::on(settings, policy, Box::new(Processor::new(policy)))
+        Self::on(settings, policy, Box::new(Cpu::new(policy)))
     }
 
-    /// Fresh optimiser state for updates on a GPU: passes, losses and steps of an update run there,
-    /// one command buffer for each minibatch, and results are read once. The processor draws the
-    /// order of the minibatches and knows the optimiser's state after each update, so an update of
-    /// either can follow one of the other.
+    /// Creates fresh optimiser state for updates on a GPU, which runs passes, losses and optimiser
+    /// steps, one command buffer for each minibatch; results are read once. The CPU draws the order
+    /// of the minibatches and holds the optimiser's state after each update, so updates on CPU and
+    /// GPU can alternate.
     ///
     /// # Errors
-    /// Those of [`Ppo::new`], and [`RlError::OnProcessorAlone`] for a
+    /// Those of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
     /// [`SymmetryLoss`](crate::SymmetryLoss).
     #[cfg(feature = "wgpu")]
     pub fn on_device(
@@ -63,7 +60,7 @@ impl Ppo {
         device: &equivariant::gpu::Device,
     ) -> Result<Self, RlError> {
         if settings.symmetry.is_some() {
-            return Err(RlError::OnProcessorAlone);
+            return Err(RlError::UnsupportedOnGpu);
         }
         Self::on(settings, policy, Box::new(gpu::Gpu::new(device)))
     }
@@ -83,7 +80,7 @@ impl Ppo {
         })
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &PpoSettings {
         &self.settings
     }
@@ -94,17 +91,16 @@ impl Algorithm for Ppo {
     type Experience = RolloutBuffer;
     type Stats = UpdateStats;
 
-    /// Improves `policy` by several passes over the minibatches of a finished rollout; their order
-    /// comes from `rng`, and before it the elements that move decisions for a
-    /// [`SymmetryLoss`](crate::SymmetryLoss). The same inputs give the same bits on any number of
-    /// threads.
+    /// Trains `policy` in several passes over the minibatches of a finished rollout. `rng` gives
+    /// the group elements of a [`SymmetryLoss`](crate::SymmetryLoss), then the order of the
+    /// minibatches. The same inputs give the same bits on any number of threads.
     ///
-    /// The update stops before a gradient step when the minibatch's KL divergence exceeds
+    /// The update stops before the first gradient step whose minibatch has a KL divergence above
     /// [`PpoSettings::kl_stop`] (Stable-Baselines3, `PPO.train`).
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] for an unfinished rollout, and those of
-    /// [`Algorithm::update`]; what may diverge are returns, the loss and the gradient.
+    /// [`Algorithm::update`]; returns, the loss and the gradient are checked for divergence.
     fn update(
         &mut self,
         policy: &mut ActorCriticPolicy,
@@ -125,14 +121,14 @@ impl Algorithm for Ppo {
         let totals = run_epochs(&mut update, &mut *self.device)?;
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
-        let moved = self.batch.moved.take();
+        let transformed = self.batch.transformed.take();
         Ok(UpdateStats {
-            symmetry_loss: moved.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
+            symmetry_loss: transformed.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
             ..totals.stats(values, &self.batch.returns, policy.log_std())
         })
     }
 
-    /// Both moments of Adam and its number of steps.
+    /// Returns both moments of Adam and its number of steps.
     fn save(&self) -> AlgorithmState<'_> {
         self.optimiser.save()
     }
@@ -146,7 +142,8 @@ impl Algorithm for Ppo {
 }
 
 impl Batch {
-    /// Computes advantages and returns, and moves decisions by what `rng` draws.
+    /// Computes advantages and returns, and transforms the observations by group elements from
+    /// `rng` if there is a symmetry loss.
     fn fill(
         &mut self,
         settings: &PpoSettings,
@@ -158,19 +155,19 @@ impl Batch {
         returns.resize(buffer.samples(), 0.0);
         buffer.advantages(settings.gamma, settings.lambda, advantages, returns)?;
         check_all_finite("a return", returns)?;
-        let actions = buffer.decisions().actions.iter();
         self.actions.clear();
-        self.actions.extend(actions.map(|&a| f64::from(a)));
-        self.moved = settings.symmetry.map(|symmetry| symmetry.draw(buffer, rng));
+        self.actions.extend(buffer.decisions().actions.iter().map(|&a| f64::from(a)));
+        self.transformed = settings.symmetry.map(|symmetry| symmetry.draw(buffer, rng));
         Ok(())
     }
 }
 
-/// Optimises the policy and its value function. A device that queues minibatches applies the same
-/// rules by itself and reports at the end.
+/// Runs all passes over the minibatches, or up to the one whose KL divergence stops the update. A
+/// GPU, which queues minibatches, applies the same rules itself and reports at the end.
 fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, RlError> {
     let settings = update.settings;
     let mut totals = Totals::default();
+    // indices into the batch and, below, the minibatch: the names are CleanRL's
     let mut b_inds: Vec<usize> = (0..update.buffer.samples()).collect();
     let mut mb_advantages = Vec::new();
     'epochs: for _ in 0..settings.epochs {
@@ -178,9 +175,11 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, Rl
         for mb_inds in b_inds.chunks(settings.minibatch) {
             normalise(&update.batch.advantages, mb_inds, &mut mb_advantages);
             let minibatch = update.minibatch(mb_inds, &mb_advantages);
+            // `None`: queued on a GPU
             let Some((losses, gradient)) = device.losses(update, &minibatch)? else {
                 continue;
             };
+            // counted even if the minibatch stops the update, whose statistics should show why
             totals.losses.add(&losses);
             let approx_kl = losses.approx_kl / losses.samples;
             if approx_kl > settings.kl_stop() {
@@ -190,6 +189,7 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, Rl
             check_finite("the norm of the gradient", grad_norm)?;
             let (groups, params) = (update.groups(), update.policy.params_mut());
             update.optimiser.step(&groups, params, gradient);
+            // after each step, so that no minibatch sees a standard deviation below the floor
             update.policy.clamp_log_std(settings.min_log_std);
             totals.grad_norms += grad_norm;
             totals.steps += 1;
@@ -199,24 +199,24 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, Rl
     Ok(device.finish(update)?.unwrap_or(totals))
 }
 
-/// Fisher and Yates' shuffle, in Durstenfeld's form (Comm. ACM 7, 1964, algorithm 235).
+/// Shuffles indices by the Fisher-Yates method (Durstenfeld, Comm. ACM 7, 1964, algorithm 235).
 fn shuffle(b_inds: &mut [usize], rng: &mut ChaCha8Rng) {
     for i in (1..b_inds.len()).rev() {
         b_inds.swap(i, rng.random_range(0..=i));
     }
 }
 
-/// Writes the advantages at `mb_inds`, shifted and scaled to mean 0 and sample standard deviation
-/// 1.
+/// Writes the advantages at `mb_inds`, normalised to mean 0 and sample standard deviation 1.
 ///
-/// Per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37 implementation
-/// details of PPO" (Huang et al., ICLR blog track 2022).
+/// Normalisation is per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37
+/// implementation details of PPO" (Huang et al., ICLR blog track 2022).
 fn normalise(advantages: &[f32], mb_inds: &[usize], out: &mut Vec<f64>) {
     out.clear();
     out.extend(mb_inds.iter().map(|&i| f64::from(advantages[i])));
     let count = out.len() as f64;
     let mean = out.iter().sum::<f64>() / count;
     let squares = out.iter().map(|a| (a - mean).powi(2)).sum::<f64>();
+    // a rollout's last minibatch may have a single decision
     let std = (squares / (count - 1.0).max(1.0)).sqrt();
     out.iter_mut().for_each(|a| *a = (*a - mean) / (std + 1e-8));
 }
@@ -238,8 +238,9 @@ impl LossWeights {
         d_log_std: &mut [f64],
     ) -> (LossSums, f64) {
         let logratio = log_prob(new.mean, new.log_std, old.action) - old.log_prob;
-        let capped = logratio > LARGEST_LOG_RATIO;
-        let ratio = if capped { LARGEST_LOG_RATIO } else { logratio }.exp();
+        // a cap instead of an infinity, so that sums over the minibatch stay finite
+        let capped = logratio > MAX_LOG_RATIO;
+        let ratio = if capped { MAX_LOG_RATIO } else { logratio }.exp();
         let clip_coef = self.clip_coef;
         let pg_loss1 = -(ratio * old.advantage);
         let pg_loss2 = -(ratio.clamp(1.0 - clip_coef, 1.0 + clip_coef) * old.advantage);
@@ -252,6 +253,7 @@ impl LossWeights {
             d_mean[i] = d_log_prob * z * inverse;
             d_log_std[i] += d_log_prob * (z * z - 1.0) - self.ent_coef * scale;
         }
+        // squared without the factor 1/2, so the gradient below has a factor 2 (equation 9)
         let error = new.value - old.ret;
         let terms = LossSums {
             samples: 1.0,

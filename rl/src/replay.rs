@@ -1,4 +1,4 @@
-//! The replay: a ring of recorded steps.
+//! Replay buffer: a ring buffer of recorded steps.
 
 mod episode;
 pub(crate) mod state;
@@ -17,13 +17,12 @@ use crate::policy::Actor;
 use crate::replay::episode::{Episode, Sizes};
 use crate::rollout::Experience;
 
-/// A ring of the latest steps, in the order in which they were recorded.
+/// Replay buffer: a ring buffer of the latest steps, in the order in which they were recorded.
 ///
-/// Pictures are kept as bytes. An episode's observations are kept one after the other, so that each
-/// is stored once, although it ends one step and begins the next; channels that stand still
+/// Images are stored as bytes. An episode's observations are stored consecutively, so that each is
+/// stored once, although it ends one step and begins the next; still channels
 /// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
-/// memory as long as they are [history](Recorded::earlier) of later ones, and a history never
-/// reaches into another episode.
+/// memory while they are [history](ReplayStep::earlier) of later ones of their episode.
 ///
 /// [`collect`](crate::collect) fills it; [`Replay::push`] does the same by hand.
 #[derive(Clone)]
@@ -34,23 +33,23 @@ pub struct Replay {
     episodes: VecDeque<Episode>,
     /// Number of the first of `episodes`, counted from the first one ever.
     first: u32,
-    /// Steps that are held, the oldest first.
-    order: VecDeque<Place>,
-    /// Numbers of the running episodes, `[N]`; none where an episode begins with the next step.
+    /// Held steps, the oldest first.
+    order: VecDeque<StepIndex>,
+    /// Numbers of the running episodes, `[N]`; `None` if the next step begins an episode.
     running: Vec<Option<u32>>,
     recorded: u64,
     marked: u64,
-    /// Memory of dropped episodes' pictures, at most N, for those that begin next. Given back to
-    /// the allocator instead, large pieces of almost equal size leave gaps: a fifth of the memory
-    /// after a few rounds.
+    /// Allocations of dropped episodes' images, at most N, for new episodes. Returning them to the
+    /// allocator instead fragments it, since they are large and of almost equal size: a fifth of
+    /// the memory was lost after a few rounds.
     spare: Vec<Vec<u8>>,
-    /// Of the step that is being collected, `[N, A]`.
+    /// Actions of the step that is being collected, `[N, A]`.
     actions: Vec<f32>,
 }
 
 impl Replay {
-    /// An empty replay for the environments of `spec`; their number may change, see
-    /// [`Replay::cut`]. Memory is allocated as steps come.
+    /// Creates an empty buffer for the environments of `spec`; their number may change, see
+    /// [`Replay::cut`]. Memory is allocated as steps are recorded.
     ///
     /// # Errors
     /// [`RlError::EmptySpec`] or [`RlError::Setting`] for sizes out of range.
@@ -72,13 +71,13 @@ impl Replay {
         })
     }
 
-    /// Records one step of N environments: the observations that were acted on, the actions
-    /// `[N, A]` and what they led to. After an error, nothing has changed.
+    /// Records one step of N environments: the observations acted on, the actions `[N, A]` and the
+    /// transition. After an error, nothing has changed.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit, [`RlError::NotFinite`] for numbers that are
-    /// not, [`RlError::Discontinued`] for observations that are not those that the last step led
-    /// to, [`RlError::NotStill`] for a channel that should stand still and does not.
+    /// [`RlError::Shape`] when an array does not fit, [`RlError::NotFinite`] for infinite or NaN
+    /// numbers, [`RlError::Discontinued`] for observations other than those the last step led to,
+    /// [`RlError::NotStill`] if a still channel changes.
     pub fn push(
         &mut self,
         observations: &Observations,
@@ -91,6 +90,7 @@ impl Replay {
         check_len("actions", "[N, A]", actions.len(), n * self.sizes.action)?;
         check_rows_finite("an action", actions, self.sizes.action)?;
         transition.check(&self.spec)?;
+        // all environments before the first push, so that an error leaves the buffer unchanged
         (0..n).try_for_each(|env| self.check_continued(env, observations, transition))?;
         for env in 0..n {
             let action = &actions[env * self.sizes.action..(env + 1) * self.sizes.action];
@@ -99,10 +99,9 @@ impl Replay {
         Ok(())
     }
 
-    /// Ends the running episodes where they stand: the next observations belong to others. Call it
-    /// where a collection begins with a reset. Their last steps count as steps that go on, since
-    /// nothing is known of an end. Afterwards, a collection may have another number of
-    /// environments.
+    /// Cuts the running episodes: the next observations start new ones. Call it before a collection
+    /// that begins with a reset. The last steps count as [`Outcome::Running`]. Afterwards, a
+    /// collection may have another number of environments.
     pub fn cut(&mut self) {
         for number in self.running.iter_mut().filter_map(Option::take) {
             if let Some(episode) = self.episodes.get_mut((number - self.first) as usize) {
@@ -111,24 +110,23 @@ impl Replay {
         }
     }
 
-    /// Marks the present: what is recorded from here on is the newest experience, of which
-    /// [`Replay::sample`] takes a share. At first, everything is.
+    /// Marks the present: steps recorded from now on are the newest experience, from which
+    /// [`Replay::sample`] draws a share. Before the first mark, all steps are.
     pub fn mark(&mut self) {
         self.mark_newest(0);
     }
 
-    /// Marks the moment since which `steps` steps were recorded: those are the newest experience,
-    /// all of them where there are fewer.
+    /// Marks the last `steps` steps (all, if there are fewer) as the newest experience.
     pub fn mark_newest(&mut self, steps: u64) {
         self.marked = self.recorded.saturating_sub(steps);
     }
 
-    /// Draws `batch` steps with replacement and writes their indices: a share `newest` in [0, 1] of
-    /// them, rounded, from those recorded since the mark, the others from all. Where nothing was
-    /// recorded since the mark, all are drawn from all.
+    /// Draws `batch` steps with replacement and writes their indices: a share `newest` in [0, 1],
+    /// rounded, from the steps since the mark, the others from all. If nothing was recorded since
+    /// the mark, all are drawn from all steps.
     ///
     /// # Panics
-    /// When the replay is empty.
+    /// If the buffer is empty.
     pub fn sample(&self, batch: usize, newest: f32, rng: &mut ChaCha8Rng, out: &mut Vec<usize>) {
         let len = self.len();
         let since = ((self.recorded - self.marked) as usize).min(len);
@@ -139,14 +137,14 @@ impl Replay {
         out.extend(starts.map(|start| rng.random_range(start..len)));
     }
 
-    /// Step `index`, in 0..[`Replay::len`]; the oldest is the first.
+    /// Returns step `index`, in 0..[`Replay::len`], the oldest first.
     ///
     /// # Panics
-    /// When there is no such step.
-    pub fn get(&self, index: usize) -> Recorded<'_> {
+    /// If there is no such step.
+    pub fn get(&self, index: usize) -> ReplayStep<'_> {
         let place = self.order[index];
         let episode = self.episode(place.episode);
-        Recorded {
+        ReplayStep {
             episode,
             sizes: &self.sizes,
             number: place.episode,
@@ -154,7 +152,7 @@ impl Replay {
         }
     }
 
-    /// Number of steps held.
+    /// Returns the number of held steps.
     pub fn len(&self) -> usize {
         self.order.len()
     }
@@ -164,33 +162,33 @@ impl Replay {
         self.order.is_empty()
     }
 
-    /// Number of steps ever recorded.
+    /// Returns the number of steps ever recorded.
     pub fn recorded(&self) -> u64 {
         self.recorded
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &ReplaySettings {
         &self.settings
     }
 
-    /// Sizes and types of the environments.
+    /// Returns sizes and types of the environments.
     pub fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    /// Bytes allocated.
+    /// Returns the number of bytes allocated.
     pub fn bytes(&self) -> usize {
         let episodes = self.episodes.iter().map(Episode::bytes).sum::<usize>();
         let spare = self.spare.iter().map(Vec::capacity).sum::<usize>();
-        episodes + spare + self.order.capacity() * size_of::<Place>()
+        episodes + spare + self.order.capacity() * size_of::<StepIndex>()
     }
 
     fn episode(&self, number: u32) -> &Episode {
         &self.episodes[(number - self.first) as usize]
     }
 
-    /// Refuses a step of environment `env` that does not follow its running episode, and pictures
+    /// Rejects a step of environment `env` that does not continue its running episode, and images
     /// whose still channels change.
     fn check_continued(
         &self,
@@ -198,20 +196,20 @@ impl Replay {
         observations: &Observations,
         transition: &Transition,
     ) -> Result<(), RlError> {
-        let now = observations.sample(&self.spec, env);
-        let next = led_to(transition, env).sample(&self.spec, env);
+        let (image, vector) = observations.sample(&self.spec, env);
+        let (next_image, _) = next_observations(transition, env).sample(&self.spec, env);
         let begun;
         let episode = match self.running[env] {
             Some(number) => self.episode(number),
             None => {
-                begun = Episode::begin(&self.sizes, now, Vec::new());
+                begun = Episode::begin(&self.sizes, image, vector, Vec::new());
                 &begun
             }
         };
-        if !episode.ends_with(&self.sizes, now) {
+        if !episode.ends_with(&self.sizes, image, vector) {
             return Err(RlError::Discontinued { env });
         }
-        if !episode.stands_still(&self.sizes, next.0) {
+        if !episode.stands_still(&self.sizes, next_image) {
             let channels = self.sizes.still;
             return Err(RlError::NotStill { env, channels });
         }
@@ -226,17 +224,19 @@ impl Replay {
         transition: &Transition,
     ) {
         let number = self.running[env].unwrap_or_else(|| {
-            let now = observations.sample(&self.spec, env);
+            let (image, vector) = observations.sample(&self.spec, env);
             let spare = self.spare.pop().unwrap_or_default();
-            self.episodes.push_back(Episode::begin(&self.sizes, now, spare));
+            self.episodes.push_back(Episode::begin(&self.sizes, image, vector, spare));
             self.first + self.episodes.len() as u32 - 1
         });
         let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
-        let next = led_to(transition, env).sample(&self.spec, env);
+        let (image, vector) = next_observations(transition, env).sample(&self.spec, env);
         let episode = &mut self.episodes[(number - self.first) as usize];
-        self.order
-            .push_back(Place { episode: number, step: (episode.removed + episode.steps()) as u32 });
-        episode.push(&self.sizes, action, (reward, outcome), next);
+        self.order.push_back(StepIndex {
+            episode: number,
+            step: (episode.removed + episode.steps()) as u32,
+        });
+        episode.push(&self.sizes, action, reward, outcome, image, vector);
         self.running[env] = (!outcome.ended()).then_some(number);
         self.recorded += 1;
         if self.len() > self.settings.capacity {
@@ -244,7 +244,7 @@ impl Replay {
         }
     }
 
-    /// Drops the oldest step, and the memory of episodes of which no step is left.
+    /// Drops the oldest step, and frees ended episodes without held steps.
     fn drop_oldest(&mut self) {
         let Some(place) = self.order.pop_front() else {
             return;
@@ -259,6 +259,8 @@ impl Replay {
                 self.spare.push(dropped.moving);
             }
         }
+        // episodes do not end in the order in which they began, so one that is over may have to
+        // wait for those before it
         while self.episodes.front().is_some_and(|e| e.held == 0) && over(self.first) {
             self.episodes.pop_front();
             self.first += 1;
@@ -277,8 +279,8 @@ impl fmt::Debug for Replay {
     }
 }
 
-/// The observations that a step led environment `env` to.
-fn led_to(transition: &Transition, env: usize) -> &Observations {
+/// Returns the observations after a step of environment `env`: the final ones if the episode ended.
+fn next_observations(transition: &Transition, env: usize) -> &Observations {
     match transition.outcomes[env] {
         Outcome::Running => &transition.observations,
         Outcome::Terminated | Outcome::Truncated => &transition.final_observations,
@@ -290,7 +292,7 @@ impl<A: Actor> Experience<A> for Replay {
         self.settings.steps
     }
 
-    /// Makes room for the running episodes of the environments of `spec`.
+    /// Adapts to the number of environments of `spec`, which may change only between episodes.
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
         self.spec.check_same(spec)?;
         let (got, expected) = (spec.num_envs, self.spec.num_envs);
@@ -303,13 +305,13 @@ impl<A: Actor> Experience<A> for Replay {
         Ok(())
     }
 
-    fn choice(&mut self) -> (&mut [f32], bool) {
+    fn action_buffer(&mut self) -> (&mut [f32], bool) {
         let warm_up = self.recorded < self.settings.warm_up;
         (&mut self.actions, warm_up)
     }
 
     fn record(&mut self, _: &mut A, from: &Observations, to: &Transition) -> Result<(), RlError> {
-        // lent out, since a push borrows all of the replay
+        // taken out for the call, since `push` borrows the whole buffer mutably
         let actions = std::mem::take(&mut self.actions);
         let result = self.push(from, &actions, to);
         self.actions = actions;
@@ -317,18 +319,18 @@ impl<A: Actor> Experience<A> for Replay {
     }
 }
 
-/// Place of an observation: that before step `step` of the episode.
+/// Identifier of a step, and of the observation before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Place {
+pub(crate) struct StepIndex {
     /// Number of the episode, counted from the first one ever.
     pub episode: u32,
+    /// Position in the episode, from 0.
     pub step: u32,
 }
 
-/// A step that a [`Replay`] holds: an observation, an action, a reward and the
-/// observation after it.
+/// A step in a [`Replay`]: an observation, the action, the reward and the next observation.
 #[derive(Clone, Copy)]
-pub struct Recorded<'a> {
+pub struct ReplayStep<'a> {
     episode: &'a Episode,
     sizes: &'a Sizes,
     /// Number of the episode, counted from the first one ever.
@@ -337,86 +339,85 @@ pub struct Recorded<'a> {
     step: usize,
 }
 
-impl<'a> Recorded<'a> {
-    /// Position in the episode, from 0.
+impl<'a> ReplayStep<'a> {
+    /// Returns the position in the episode, from 0.
     pub fn step(&self) -> usize {
         self.episode.removed + self.step
     }
 
-    /// Place of the observation that was acted on.
-    pub(crate) fn place(&self) -> Place {
-        Place { episode: self.number, step: self.step() as u32 }
+    /// Returns the identifier of the observation acted on.
+    pub(crate) fn index(&self) -> StepIndex {
+        StepIndex { episode: self.number, step: self.step() as u32 }
     }
 
-    /// Place of the observation after the step.
-    pub(crate) fn next_place(&self) -> Place {
-        let Place { episode, step } = self.place();
-        Place { episode, step: step + 1 }
+    /// Returns the identifier of the observation after the step.
+    pub(crate) fn next_index(&self) -> StepIndex {
+        let StepIndex { episode, step } = self.index();
+        StepIndex { episode, step: step + 1 }
     }
 
-    /// Writes the picture `[H, W, C]` that was acted on.
+    /// Writes the image `[H, W, C]` acted on.
     ///
     /// # Panics
-    /// When `out` does not hold a picture.
+    /// If the length of `out` is not that of an image.
     pub fn image(&self, out: &mut [u8]) {
         self.episode.image(self.sizes, self.step, out);
     }
 
-    /// The vector `[D]` that was acted on.
+    /// Returns the vector `[D]` acted on.
     pub fn vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step, self.sizes.vector)
     }
 
-    /// The action `[A]` that was executed.
+    /// Returns the executed action `[A]`.
     pub fn action(&self) -> &'a [f32] {
         row(&self.episode.actions, self.step, self.sizes.action)
     }
 
-    /// The reward.
+    /// Returns the reward.
     pub fn reward(&self) -> f32 {
         self.episode.rewards[self.step]
     }
 
-    /// Outcome of the step. A running episode that
-    /// [`Replay::cut`](crate::Replay::cut) stopped stays [`Outcome::Running`].
+    /// Returns the outcome of the step. After [`Replay::cut`](crate::Replay::cut), an episode's
+    /// last step stays [`Outcome::Running`].
     pub fn outcome(&self) -> Outcome {
         if self.step + 1 == self.episode.steps() { self.episode.outcome } else { Outcome::Running }
     }
 
-    /// Writes the picture `[H, W, C]` after the step; where the episode ended, its last one.
+    /// Writes the image `[H, W, C]` after the step; after an episode's end, its final one.
     ///
     /// # Panics
-    /// When `out` does not hold a picture.
+    /// If the length of `out` is not that of an image.
     pub fn next_image(&self, out: &mut [u8]) {
         self.episode.image(self.sizes, self.step + 1, out);
     }
 
-    /// The vector `[D]` after the step; where the episode ended, its last one.
+    /// Returns the vector `[D]` after the step; after an episode's end, its final one.
     pub fn next_vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step + 1, self.sizes.vector)
     }
 
-    /// The step `count` before this one; none where the episode begins later. Of an episode that is
-    /// longer than the replay's capacity, at least 256 dropped steps are still there.
+    /// Returns the step `count` before this one; `None` if the episode begins later. At least 256
+    /// dropped steps of an episode longer than the buffer's capacity remain available.
     pub fn earlier(&self, count: usize) -> Option<Self> {
         let step = self.step.checked_sub(count)?;
         Some(Self { step, ..*self })
     }
 
-    /// The step `count` further among those of its episode that the replay holds; after the last
-    /// comes the first of them. So, from a held step that is drawn uniformly, one gets to another
-    /// that is.
-    pub(crate) fn along(&self, count: usize) -> Self {
+    /// Returns the step `count` later among the held steps of its episode, where the first follows
+    /// the last. The wrap-around makes the result uniformly distributed if this step is.
+    pub(crate) fn wrapping_later(&self, count: usize) -> Self {
         let first = self.episode.steps() - self.episode.held;
         let step = first + (self.step - first + count) % self.episode.held;
         Self { step, ..*self }
     }
 }
 
-impl fmt::Debug for Recorded<'_> {
+impl fmt::Debug for ReplayStep<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Recorded")
-            .field("place", &self.place())
+        f.debug_struct("ReplayStep")
+            .field("index", &self.index())
             .field("action", &self.action())
             .field("reward", &self.reward())
             .field("outcome", &self.outcome())
@@ -428,21 +429,21 @@ fn row(values: &[f32], i: usize, width: usize) -> &[f32] {
     &values[i * width..(i + 1) * width]
 }
 
-/// Settings of [`crate::Replay`]. Capacity and warm-up of the default are those of CLEAR and 3RL in
-/// COVERS (Liu et al., CoRL 2023, appendix, table "CLEAR and 3RL Hyperparameter").
+/// Settings of [`crate::Replay`]. Default capacity and warm-up follow CLEAR and 3RL in COVERS (Liu
+/// et al., CoRL 2023, appendix, table "CLEAR and 3RL Hyperparameter").
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReplaySettings {
-    /// Steps held at most, at least 1; beyond them, every new one replaces the oldest.
+    /// Maximum number of held steps, at least 1; beyond it, every new step replaces the oldest.
     pub capacity: usize,
-    /// Steps of every environment in one collection, at least 1.
+    /// Number of steps of every environment in one collection, at least 1.
     pub steps: usize,
-    /// Decisions at the beginning whose actions are drawn uniformly from [-1, 1].
+    /// Number of initial decisions whose actions are drawn uniformly from [-1, 1].
     pub warm_up: u64,
-    /// Number of channels, the last ones of a picture, that stand still during an episode. They are
-    /// stored once for each episode.
+    /// Number of channels, the last ones of an image, that stay the same during an episode. They
+    /// are stored once for each episode.
     pub still_channels: usize,
 }
 
@@ -453,11 +454,12 @@ impl Default for ReplaySettings {
 }
 
 impl ReplaySettings {
-    /// Refuses values outside their ranges, and more still channels than pictures have.
+    /// Rejects values outside their ranges, and more still channels than images have.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
+        // steps are numbered by u32
         let places = 1..=u32::MAX as usize;
         let (capacity, still) = (self.capacity, self.still_channels);
         let allowed = places.contains(&capacity);

@@ -1,4 +1,4 @@
-//! Collection of experience with sampled actions, and evaluation with mean ones.
+//! Collection of experience with sampled actions, and evaluation with mean actions.
 
 use std::fmt;
 
@@ -9,18 +9,18 @@ use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, check_len, check_rows_finite, require};
 use crate::policy::{Actor, Memory};
 
-/// State of N environments between two rollouts. The fields are all of it.
+/// Complete state of N environments and their actor's memory between two rollouts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutState<M = ()> {
     /// Observations that the actor acts on next.
     pub observations: Observations,
     /// The running episodes so far, `[N]`.
     pub episodes: Vec<Episode>,
-    /// The actor's memory of them.
+    /// The actor's memory of the running episodes.
     pub memory: M,
 }
 
-/// One episode: so far, or as it ended.
+/// Statistics of one episode, running or ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Episode {
     /// Index of the environment, in 0..N.
@@ -35,42 +35,42 @@ pub struct Episode {
     pub success_at_end: bool,
 }
 
-/// The episodes that ended during a rollout.
+/// Statistics of a rollout: its decisions and the episodes that ended during it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RolloutStats {
     /// T * N, the number of decisions taken.
     pub decisions: usize,
     /// Episodes in the order in which they ended.
     pub episodes: Vec<Episode>,
-    /// Largest magnitude of the undiscounted return of an episode up to any of its steps, of
-    /// episodes that have not ended, too.
+    /// Largest magnitude of the undiscounted return of any episode up to any step, running
+    /// episodes included.
     pub largest_return: f64,
 }
 
 impl RolloutStats {
-    /// Mean undiscounted return; `None` when no episode ended.
+    /// Returns the mean undiscounted return; `None` if no episode ended.
     pub fn mean_return(&self) -> Option<f64> {
         self.mean(|e| e.total_reward)
     }
 
-    /// Share in [0, 1] of episodes with success at any time; `None` when no episode ended.
+    /// Returns the share in [0, 1] of episodes with success at any time; `None` if none ended.
     pub fn success_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success)))
     }
 
-    /// Share in [0, 1] of episodes with success at the end of their last step;
-    /// `None` when no episode ended.
+    /// Returns the share in [0, 1] of episodes with success at the end of their last step; `None`
+    /// if no episode ended.
     pub fn success_at_end_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success_at_end)))
     }
 
-    /// Returns a warning where rewards are too large or too small to be learnt from.
+    /// Returns a warning if rewards are too large or too small to train on.
     pub fn reward_warning(&self) -> Option<RewardWarning> {
         RewardWarning::of(self.largest_return)
     }
 
-    /// Books one step of all environments, after which these episodes have ended or go on.
-    pub(crate) fn book(&mut self, ended: &[Episode], running: &[Episode]) {
+    /// Counts one step of all environments, after which these episodes have ended or still run.
+    pub(crate) fn count_step(&mut self, ended: &[Episode], running: &[Episode]) {
         self.decisions += running.len();
         let returns = ended.iter().chain(running).map(|e| e.total_reward.abs());
         self.largest_return = returns.fold(self.largest_return, f64::max);
@@ -83,7 +83,7 @@ impl RolloutStats {
 }
 
 impl<M: Memory> RolloutState<M> {
-    /// Starts an episode in every environment, with a fresh memory of `actor`.
+    /// Resets every environment and creates a fresh memory of `actor`.
     ///
     /// # Errors
     /// [`RlError::Environment`] when the reset fails, [`RlError::Shape`] when it changes the sizes
@@ -97,8 +97,7 @@ impl<M: Memory> RolloutState<M> {
         let mut observations = Observations::new(&spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(&spec, spec.num_envs)?;
-        let finite = observations.check_finite(&spec);
-        finite.map_err(|error| error.at_step(|_| Some(0)))?;
+        observations.check_finite(&spec).map_err(|error| error.at_step(|_| Some(0)))?;
         Ok(Self {
             observations,
             episodes: (0..spec.num_envs).map(fresh).collect(),
@@ -106,7 +105,7 @@ impl<M: Memory> RolloutState<M> {
         })
     }
 
-    /// Tells the memory of the actions `[N, A]` that were executed and of their rewards.
+    /// Records the executed actions `[N, A]` and their rewards in the memory.
     pub(crate) fn remember(&mut self, actions: &[f32], rewards: &[f32]) {
         let width = actions.len() / rewards.len().max(1);
         for (n, (action, &reward)) in actions.chunks(width.max(1)).zip(rewards).enumerate() {
@@ -114,9 +113,10 @@ impl<M: Memory> RolloutState<M> {
         }
     }
 
-    /// Books one step and moves on to its observations; returns the episodes that ended, which the
-    /// memory has then forgotten.
+    /// Adds one step to the episodes and moves on to its observations; returns the episodes that
+    /// ended, which the memory then forgets.
     pub(crate) fn advance(&mut self, transition: &mut Transition) -> Vec<Episode> {
+        // the environment overwrites the old observations in its next step
         std::mem::swap(&mut self.observations, &mut transition.observations);
         let mut ended = Vec::new();
         for (n, episode) in self.episodes.iter_mut().enumerate() {
@@ -133,8 +133,8 @@ impl<M: Memory> RolloutState<M> {
     }
 }
 
-/// Checks `actions` `[N, A]`, lets the environments execute them in the running `episodes` and
-/// checks what they say. A simulation that is given NaN can break for good, so it must not see one.
+/// Checks `actions` `[N, A]`, steps the environments with them and checks the transition. The
+/// running `episodes` give the step for error messages.
 pub(crate) fn step(
     env: &mut dyn VectorEnv,
     episodes: &[Episode],
@@ -145,34 +145,33 @@ pub(crate) fn step(
     let next = |env: usize| episodes.get(env).map(|episode| episode.length + 1);
     let expected = spec.num_envs * spec.action.len();
     check_len("actions", "[N, A]", actions.len(), expected)?;
+    // before the step: a NaN can break the state of a simulation for good
     check_rows_finite("an action", actions, spec.action.len())
         .map_err(|error| error.at_step(next))?;
     env.step(actions, transition).map_err(RlError::Environment)?;
-    let checked = transition.check(env.spec());
-    checked.map_err(|error| error.at_step(next))
+    transition.check(env.spec()).map_err(|error| error.at_step(next))
 }
 
 fn fresh(env: usize) -> Episode {
     Episode { env, ..Episode::default() }
 }
 
-/// Lets `actor` act in the environments from `state` on, for as many steps as `experience` wants,
-/// and fills `experience` with them. Environments restart by themselves.
+/// Runs `actor` in the environments from `state` on, for [`Experience::steps`] steps, and records
+/// them in `experience`. Environments restart by themselves.
 ///
-/// Episodes span collections where the same `state` is passed again. Where every collection begins
-/// with a reset instead, it must last as long as an episode. A shorter one never sees late states:
-/// nothing is learnt of them, and no episode ends, so returns are `None`. `collect` does not know
-/// whether a reset came before. Call
-/// [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon) where one does.
+/// Pass the same `state` again and episodes continue across collections. If every collection begins
+/// with a reset instead, it must last as long as an episode: a shorter one never reaches late
+/// states, and no episode ends, so returns are `None`. `collect` cannot know about resets; check
+/// with [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon).
 ///
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::Shape`] or [`RlError::SpecMismatch`] when
 /// environment, actor, state and experience do not fit together, [`RlError::NotFinite`] for
-/// rewards, observations, actions or decisions that are not numbers, [`RlError::Setting`] when
-/// `experience` wants no steps at all.
+/// rewards, observations, actions or decisions that are infinite or NaN, [`RlError::Setting`] if
+/// [`Experience::steps`] is 0.
 ///
-/// After an error, environments, `state` and `experience` may stand at different steps. Go on from
-/// [`RolloutState::reset`].
+/// After an error, environments, `state` and `experience` may be at different steps. Start again
+/// with [`RolloutState::reset`].
 pub fn collect<A: Actor, E: Experience<A>>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
@@ -192,38 +191,38 @@ pub fn collect<A: Actor, E: Experience<A>>(
         let (memory, observations) = (&mut state.memory, &state.observations);
         let actions = experience.decide(actor, observations, memory, rng)?;
         step(env, &state.episodes, actions, &mut transition)?;
+        // before `advance`, which lets the memory forget episodes that ended
         state.remember(actions, &transition.rewards);
         experience.record(actor, &state.observations, &transition)?;
         let ended = state.advance(&mut transition);
-        stats.book(&ended, &state.episodes);
+        stats.count_step(&ended, &state.episodes);
         stats.episodes.extend(ended);
     }
     experience.end(actor, &state.observations)?;
     Ok(stats)
 }
 
-/// Experience with an actor: a rollout that an update uses up, or a replay that grows.
+/// Storage that [`collect`] fills: a rollout buffer for one update, or a growing replay buffer.
 ///
-/// [`collect`] calls `begin`; then, [`Experience::steps`] times, `decide`, one step
-/// of the environments and `record`; then `end`.
+/// [`collect`] calls `begin`; then, [`Experience::steps`] times, `decide`, one step of the
+/// environments and `record`; then `end`.
 pub trait Experience<A: Actor> {
-    /// Steps of every environment in one collection, at least 1.
+    /// Returns the number of steps of every environment in one collection, at least 1.
     fn steps(&self) -> usize;
 
-    /// Prepares for steps of the environments of `spec`. A rollout forgets the one before, a replay
-    /// keeps what it holds.
+    /// Prepares for steps of the environments of `spec`. A rollout buffer is cleared, a replay
+    /// buffer keeps its steps.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] for other environments than it was made for.
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError>;
 
-    /// Room for the actions `[N, A]` of the next step, and whether that step belongs to a warm-up,
-    /// in which actions are drawn uniformly from [-1, 1].
-    fn choice(&mut self) -> (&mut [f32], bool);
+    /// Returns the buffer for the actions `[N, A]` of the next step, and `true` if that step is in
+    /// the warm-up, in which actions are drawn uniformly from [-1, 1].
+    fn action_buffer(&mut self) -> (&mut [f32], bool);
 
-    /// Lets `actor` choose, keeps what the algorithm needs to know of the choice, and returns the
-    /// actions `[N, A]`. Unless it is said otherwise, the actions alone are kept; in a warm-up the
-    /// actor is asked, too.
+    /// Lets `actor` choose, stores the decision as far as the algorithm needs it, and returns the
+    /// actions `[N, A]`. The default stores the actions only.
     ///
     /// # Errors
     /// Errors of the actor.
@@ -234,7 +233,8 @@ pub trait Experience<A: Actor> {
         memory: &mut A::Memory,
         rng: &mut ChaCha8Rng,
     ) -> Result<&[f32], RlError> {
-        let (actions, warm_up) = self.choice();
+        let (actions, warm_up) = self.action_buffer();
+        // in a warm-up, too: a recurrent actor's memory needs every observation
         actor.act(observations, memory, rng, actions)?;
         if warm_up {
             actions.fill_with(|| rng.random_range(-1.0..=1.0));
@@ -242,7 +242,8 @@ pub trait Experience<A: Actor> {
         Ok(actions)
     }
 
-    /// Keeps the step that the last actions led to: `from` what was seen `to` what came of it.
+    /// Stores the step that the last actions led to: the observations `from` and the transition
+    /// `to`.
     ///
     /// # Errors
     /// Errors of the actor, or an array that does not fit.
@@ -253,7 +254,7 @@ pub trait Experience<A: Actor> {
         to: &Transition,
     ) -> Result<(), RlError>;
 
-    /// Ends the collection; `last` is what the actor would have acted on next.
+    /// Ends the collection; `last` are the observations that the actor would have acted on next.
     ///
     /// # Errors
     /// Errors of the actor, or an array that does not fit.
@@ -265,9 +266,9 @@ pub trait Experience<A: Actor> {
 /// Resets the environments and runs the first `rounds` episodes of each with the actor's mean
 /// actions.
 ///
-/// Episodes must end, by themselves or by a time limit: an environment that runs for ever is
-/// evaluated for ever. Counting the same number of episodes in every environment keeps short
-/// episodes from being over-represented.
+/// Episodes must end, by termination or a time limit; otherwise the evaluation never returns.
+/// Counting the same number of episodes in every environment keeps short episodes from being
+/// over-represented.
 ///
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when environment and actor differ
@@ -277,15 +278,15 @@ pub fn evaluate<A: Actor>(
     actor: &mut A,
     rounds: usize,
 ) -> Result<RolloutStats, RlError> {
-    watch(env, actor, rounds, |_, _| Ok(()))
+    evaluate_with(env, actor, rounds, |_, _| Ok(()))
 }
 
-/// Evaluates as [`evaluate`] does. Before every decision `look` sees the actor and where the
-/// environments stand.
+/// Evaluates like [`evaluate`] and calls `look` with the actor and the state of the environments
+/// before every decision.
 ///
 /// # Errors
 /// Those of [`evaluate`], and of `look`.
-pub fn watch<A: Actor>(
+pub fn evaluate_with<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
@@ -303,7 +304,8 @@ pub fn watch<A: Actor>(
         step(env, &state.episodes, &actions, &mut transition)?;
         state.remember(&actions, &transition.rewards);
         let ended = state.advance(&mut transition);
-        stats.book(&ended, &state.episodes);
+        stats.count_step(&ended, &state.episodes);
+        // an environment that has run its episodes still steps with the others, but does not count
         for episode in ended {
             if left[episode.env] > 0 {
                 left[episode.env] -= 1;
@@ -314,16 +316,16 @@ pub fn watch<A: Actor>(
     Ok(stats)
 }
 
-/// Largest magnitude of an episode's return without a warning: beyond it, the gradient of the value
-/// function leaves little of the policy's, since both are clipped to one norm.
+/// Largest magnitude of an episode's return without a warning. Beyond it, the gradient of the value
+/// function crowds out the policy's, since both are clipped to one common norm.
 pub const MAX_RETURN: f64 = 1e3;
 
-/// Smallest magnitude without a warning, but for zero: below it, the errors of a value function
-/// that begins to learn are larger than the differences between rewards.
+/// Smallest non-zero magnitude of an episode's return without a warning. Below it, the initial
+/// errors of the value function exceed the differences between rewards.
 pub const MIN_RETURN: f64 = 1e-2;
 
-/// A return of an episode outside the range in which PPO was seen to learn with its default
-/// settings. Nothing in this crate normalises rewards.
+/// Warning about returns outside the range in which PPO with default settings was measured to
+/// train. Nothing in this crate normalises rewards.
 ///
 /// Measured in a task of one step (`tests/reward_scale.rs`), where rewards reach `scale`, after 30
 /// rollouts of 512 decisions, as the success of mean actions and of drawn ones:
@@ -333,17 +335,17 @@ pub const MIN_RETURN: f64 = 1e-2;
 /// | mean | 0.06 | 0.25 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 0.10 |
 /// | drawn | 0.11 | 0.16 | 0.45 | 0.89 | 0.90 | 0.84 | 0.37 | 0.36 | 0.34 | 0.24 | 0.16 | 0.13 |
 ///
-/// So learning is best for returns of order 1, and slow at the bounds. A return of zero says
-/// nothing: while all rewards are zero, there is no warning. Returns are sums without a discount,
-/// so episodes of thousands of steps may exceed the bound although their discounted values do not.
+/// So training is best for returns of order 1, and slow at the bounds. While all rewards are zero,
+/// there is no warning. Returns are undiscounted, so episodes of thousands of steps may exceed the
+/// bound although their discounted values do not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RewardWarning {
-    /// Returns are beyond [`MAX_RETURN`].
+    /// Undiscounted returns above [`MAX_RETURN`].
     TooLarge {
         /// Largest magnitude of an episode's return so far.
         largest: f64,
     },
-    /// Returns are below [`MIN_RETURN`], though not zero.
+    /// Undiscounted returns below [`MIN_RETURN`], though not zero.
     TooSmall {
         /// Largest magnitude of an episode's return so far.
         largest: f64,
@@ -351,7 +353,8 @@ pub enum RewardWarning {
 }
 
 impl RewardWarning {
-    /// Returns the warning for the largest magnitude of an episode's return, if there is one.
+    /// Returns the warning for the largest magnitude of an episode's return; `None` if it is in
+    /// range.
     pub fn of(largest: f64) -> Option<Self> {
         if largest > MAX_RETURN {
             Some(Self::TooLarge { largest })
@@ -367,7 +370,7 @@ impl fmt::Display for RewardWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (largest, effect) = match self {
             Self::TooLarge { largest } => (largest, "exploration may not shrink"),
-            Self::TooSmall { largest } => (largest, "little or nothing may be learnt"),
+            Self::TooSmall { largest } => (largest, "training may make little or no progress"),
         };
         write!(
             f,

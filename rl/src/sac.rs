@@ -1,7 +1,6 @@
-//! Soft actor-critic: updates of a policy from a replay.
+//! Soft actor-critic: updates of a policy from a replay buffer.
 //!
-//! Names and order are those of CleanRL's `sac_continuous_action.py`, as far as the two do the
-//! same.
+//! Names and order follow CleanRL's `sac_continuous_action.py` where both compute the same.
 
 pub(crate) mod context;
 #[cfg(test)]
@@ -32,7 +31,7 @@ use crate::sac::policy::SacPolicy;
 use crate::sac::settings::{SacSettings, Temperature};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
 
-/// Names of the state in a checkpoint, beside that of the optimiser.
+/// Checkpoint name of the target critics' parameters.
 const TARGETS: &str = "targets";
 const TEMPERATURE: &str = "temperature.log";
 const TEMPERATURE_FIRST: &str = "temperature.first";
@@ -48,15 +47,15 @@ const TEMPERATURE_SECOND: &str = "temperature.second";
 /// J_alpha = -alpha ln pi(b|s) - alpha H                (1812.05905, equation 18)
 /// ```
 ///
-/// where a' and b are drawn from the actor, and Q' are the target critics. A time-out is not a
-/// termination. All gradients of a step are taken at the same parameters, and one Adam takes the
-/// step of actor and critics.
+/// where a' and b are drawn from the actor, Q' are the target critics, and a time-out is not a
+/// termination. All gradients of a step are taken at the same parameters, and one Adam optimises
+/// actor and critics together.
 pub struct Sac {
     settings: SacSettings,
     optimiser: Adam,
     /// Parameters of the target critics.
     targets: Vec<f32>,
-    /// The logarithm of a learned temperature, and its optimiser.
+    /// Logarithm of a learned temperature.
     log_alpha: [f32; 1],
     alpha_optimiser: Adam,
     chunks: Chunks<f32, SacWorkspace<f32>>,
@@ -65,10 +64,10 @@ pub struct Sac {
 }
 
 impl Sac {
-    /// Fresh state for `policy` and its clones: target critics equal to its critics.
+    /// Creates fresh state for `policy` and its clones, with target critics equal to its critics.
     ///
     /// # Errors
-    /// [`RlError::Setting`] when a setting is out of range.
+    /// [`RlError::Setting`] if a setting is out of range.
     pub fn new(settings: SacSettings, policy: &SacPolicy) -> Result<Self, RlError> {
         settings.check()?;
         let chunk = training_chunk(settings.window);
@@ -86,12 +85,12 @@ impl Sac {
         })
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &SacSettings {
         &self.settings
     }
 
-    /// Alpha, the worth of a nat of entropy.
+    /// Returns the temperature alpha, the weight of the entropy.
     pub fn temperature(&self) -> f64 {
         match self.settings.temperature {
             Temperature::Fixed(alpha) => alpha.into(),
@@ -99,18 +98,17 @@ impl Sac {
         }
     }
 
-    /// Gradient steps that are still to be taken when `recorded` steps have been recorded, counted
-    /// from the first one ever: for all of them after the burn-in, less the gradient steps that
-    /// were taken. So a fresh `Sac` on a replay of old steps catches up on all of them at its first
-    /// update. One that goes on where both were saved does not ([`Algorithm::restore`] brings its
-    /// count back).
+    /// Returns the number of gradient steps that are due after `recorded` steps were ever recorded:
+    /// those for all steps after the burn-in, less the gradient steps already taken. So a fresh
+    /// `Sac` with a filled replay buffer catches up on all of its steps in the first update, but a
+    /// restored one does not, since [`Algorithm::restore`] restores its count.
     pub fn due(&self, recorded: u64) -> u64 {
         let after = recorded.saturating_sub(self.settings.burn_in);
         let total = after as f64 * f64::from(self.settings.updates_per_step);
         (total as u64).saturating_sub(self.optimiser.steps)
     }
 
-    /// Takes one gradient step on everything.
+    /// Takes one gradient step on actor, critics and temperature, and updates the targets.
     fn step(
         &mut self,
         policy: &mut SacPolicy,
@@ -128,7 +126,7 @@ impl Sac {
         Ok(())
     }
 
-    /// Leaves the gradient of the minibatch that was drawn in `self.gradient`.
+    /// Computes the summed losses of the drawn minibatch, and its gradient in `self.gradient`.
     fn losses(&mut self, policy: &SacPolicy, replay: &Replay) -> Result<SacSums, RlError> {
         let losses = Losses {
             network: policy.network(),
@@ -149,7 +147,7 @@ impl Sac {
         Ok(sums)
     }
 
-    /// Clips the gradient and takes a step; returns the norm before clipping.
+    /// Clips the gradient and takes an Adam step; returns the norm before clipping.
     fn descend(&mut self, policy: &mut SacPolicy, totals: &mut SacTotals) -> Result<f64, RlError> {
         let grad_norm = norm(&self.gradient);
         check_finite("the norm of the gradient", grad_norm)?;
@@ -161,21 +159,22 @@ impl Sac {
         Ok(grad_norm)
     }
 
-    /// Takes a step on J(alpha) = E[-alpha ln pi - alpha H], where H is the entropy to be kept
-    /// (1812.05905, equation 18), in the logarithm of alpha, so that alpha stays positive.
+    /// Takes a step on J(alpha) = E[-alpha ln pi - alpha H], where H is the target entropy
+    /// (1812.05905, equation 18), with respect to ln alpha, so that alpha stays positive.
     fn update_alpha(&mut self, policy: &SacPolicy, sums: &SacSums) {
         let Temperature::Learned { target, .. } = self.settings.temperature else {
             return;
         };
         let target_entropy = f64::from(target) * policy.network().spec().action.len() as f64;
         let surplus = -sums.log_pi / sums.samples - target_entropy;
+        // dJ / d ln alpha = alpha dJ / d alpha
         let gradient = [(self.temperature() * surplus) as f32];
         let group = ParamGroup::all(1, self.settings.learning_rate);
         let log_alpha = &mut self.log_alpha;
         self.alpha_optimiser.step(&[group], log_alpha, &gradient);
     }
 
-    /// Moves the target critics a part of the way to the critics (algorithm 1, last line).
+    /// Moves the target critics by a share `tau` towards the critics (1812.05905, algorithm 1).
     fn update_targets(&mut self, policy: &SacPolicy) {
         let tau = self.settings.tau;
         let critics = &policy.params()[policy.network().critics()];
@@ -186,24 +185,26 @@ impl Sac {
 }
 
 impl<T: Scalar> Losses<'_, T> {
-    /// Writes the targets of the critics, from target critics and actor at the next observations.
+    /// Writes the critics' targets y, from target critics and actor at the next observations.
     fn next_q_values(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         for (slot, position) in range.clone().enumerate() {
             let (step, _) = self.batch.step(position);
             let min_qf_next_target = w.min_qf(slot).1 - self.batch.alpha * w.log_pi[slot];
-            let goes_on = f64::from(u8::from(step.outcome() != Outcome::Terminated));
+            // a truncated episode still has a next value, unlike a terminated one
+            let continues = f64::from(u8::from(step.outcome() != Outcome::Terminated));
             let reward = f64::from(step.reward());
-            w.next_q_values[slot] = reward + self.batch.gamma * goes_on * min_qf_next_target;
+            w.next_q_values[slot] = reward + self.batch.gamma * continues * min_qf_next_target;
         }
     }
 
-    /// Sums the critics' loss of n steps, and leaves its gradient in what they put out.
+    /// Sums the critics' loss of n steps, and writes its gradient with respect to their outputs.
     fn critic_loss(&self, n: usize, w: &mut SacWorkspace<T>) -> SacSums {
         let mut sums = SacSums::default();
         for slot in 0..n {
             for qf in &mut w.critics {
                 let error = qf.y[slot].to_f64() - w.next_q_values[slot];
                 sums.critic_loss += 0.5 * error * error;
+                // the mean over both critics
                 sums.value += 0.5 * qf.y[slot].to_f64();
                 qf.dy[slot] = T::from_f64(error * self.batch.scale());
             }
@@ -211,7 +212,8 @@ impl<T: Scalar> Losses<'_, T> {
         sums
     }
 
-    /// Sums the actor's loss of n steps, and leaves its gradient in what the critics put out.
+    /// Sums the actor's loss of n steps, and writes its gradient with respect to the critics'
+    /// outputs.
     fn actor_loss(&self, n: usize, w: &mut SacWorkspace<T>) -> SacSums {
         let mut sums = SacSums::default();
         for slot in 0..n {
@@ -219,6 +221,7 @@ impl<T: Scalar> Losses<'_, T> {
             sums.samples += 1.0;
             sums.actor_loss += self.batch.alpha * w.log_pi[slot] - min_qf_pi;
             sums.log_pi += w.log_pi[slot];
+            // only the critic with the smaller value enters the loss
             w.critics[1 - qf].dy[slot] = T::ZERO;
             w.critics[qf].dy[slot] = T::from_f64(-self.batch.scale());
         }
@@ -231,11 +234,11 @@ impl Algorithm for Sac {
     type Experience = Replay;
     type Stats = SacStats;
 
-    /// Takes the gradient steps that are due ([`SacSettings::updates_per_step`]), none during the
-    /// burn-in. The same inputs give the same bits on any number of threads.
+    /// Takes the gradient steps that are due ([`Sac::due`]), none during the burn-in. The same
+    /// inputs give the same bits on any number of threads.
     ///
     /// # Errors
-    /// Those of [`Algorithm::update`]; what may diverge are the loss and the gradient.
+    /// Those of [`Algorithm::update`]; the loss and the gradient are checked for divergence.
     fn update(
         &mut self,
         policy: &mut SacPolicy,
@@ -254,12 +257,13 @@ impl Algorithm for Sac {
         Ok(totals.stats(self.temperature(), replay.len()))
     }
 
-    /// Both moments of Adam and its number of steps, the target critics and the temperature.
+    /// Returns both moments of Adam, its number of steps, the target critics and a learned
+    /// temperature.
     fn save(&self) -> AlgorithmState<'_> {
         let alpha = &self.alpha_optimiser;
         let mut state = self.optimiser.save();
         state.tensors.push((TARGETS, &self.targets));
-        // a fixed temperature has no state, and takes none from a learned one
+        // a fixed temperature has no state, so a state with a learned one does not fit it
         if matches!(self.settings.temperature, Temperature::Learned { .. }) {
             state.tensors.extend([
                 (TEMPERATURE, &self.log_alpha[..]),
@@ -280,11 +284,12 @@ impl Algorithm for Sac {
             &mut alpha.first_moment,
             &mut alpha.second_moment,
         ];
-        // the layout is that of `save`, in which the last three are there for a learned one
+        // the layout is that of `save`: without a learned temperature, `zip` ends after the targets
         for (own, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
             own.copy_from_slice(saved);
         }
         self.optimiser.restore(state);
+        // both optimisers step together
         alpha.steps = self.optimiser.steps;
         Ok(())
     }

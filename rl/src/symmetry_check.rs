@@ -1,4 +1,4 @@
-//! A check of the irreps that an environment declares, from a first rollout.
+//! Statistical check of the irreps that an environment declares, from a random rollout.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -9,39 +9,38 @@ use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, require};
 use crate::rollout::{Episode, step};
 
-/// Random moves of the episodes that the observed deviation is compared with: with all of them
-/// below it, a false alarm has a probability of at most 1/1000.
+/// Number of random transformations of the episodes that the observed deviation is compared with.
+/// If it exceeds all 999, the randomisation test rejects at a level of 1 / (999 + 1).
 const DRAWS: usize = 999;
 
-/// Episodes that are needed: a deviation is at most the root of their number, and the largest of
-/// many random ones is around 4.
+/// Minimum number of episodes. A deviation is at most the root of their number (6.9 for 48), and
+/// the largest of many random ones is around 4, so fewer episodes could not show a contradiction.
 const MIN_EPISODES: usize = 48;
 
-/// Deviations that differ by less are equal.
+/// Tolerance below which deviations count as equal, for rounding errors of their sums.
 const EQUAL: f64 = 1e-9;
 
-/// Runs `env` for `steps` steps with random actions, and refuses it if what it shows contradicts
+/// Runs `env` for `steps` steps with standard normal actions, and rejects it if the data contradict
 /// the irreps in its [`EnvSpec`], as far as `group` acts on them.
 ///
-/// If observations, actions and rewards change under the group as declared, an episode and its
-/// image under a group element are equally likely. So the mean of what changes its sign is zero:
-/// of components of the vector and moments of the pictures, of products of two of these, and of
+/// If observations, actions and rewards transform under the group as declared, an episode and its
+/// transformed episode are equally likely. So the mean of every quantity that changes its sign is
+/// zero: of components of the vector and moments of the images, of products of two of these, and of
 /// their products and those of the action with rewards and with changes in a step. The mean that
-/// deviates most, in standard errors, is compared with those of the same episodes, each moved by a
-/// random element. An environment that declares its irreps rightly is refused in at most 1 of 1000
-/// checks, whatever the distributions.
+/// deviates most, in standard errors, is compared with those of the same episodes, each transformed
+/// by a random element (a randomisation test). An environment that declares its irreps correctly is
+/// rejected in at most 1 of 1000 checks, whatever the distributions.
 ///
-/// The check assumes two things. The *distribution* of first states is symmetric: environments that
-/// always begin on one side are refused. And episodes, also those of different environments, are
-/// drawn independently. It cannot see a wrong irrep where nothing depends on it: where a component
-/// never moves, where too few episodes were run (some hundred are a good number), or where a
-/// renaming explains all, as x for y does in a task without pictures. Actions are standard normal
-/// numbers.
+/// The check assumes that the *distribution* of first states is symmetric (an environment that
+/// always begins on one side is rejected), and that episodes, also of different environments, are
+/// independent. It misses a wrong irrep that has no effect: of a component that never moves, in too
+/// few episodes (some hundred are a good number), or if renaming explains everything, such as x and
+/// y in a task without images.
 ///
 /// # Errors
 /// [`RlError::Asymmetric`] names the mean that is not zero. [`RlError::Setting`] for fewer than 48
-/// episodes, counting those that had not ended. [`RlError::Environment`] when a step fails, and
-/// [`RlError::NotFinite`] for numbers that are not.
+/// episodes, unfinished ones included. [`RlError::Environment`] if a step fails, and
+/// [`RlError::NotFinite`] for infinite or NaN numbers.
 pub fn check_symmetry(
     env: &mut dyn VectorEnv,
     group: Group,
@@ -63,6 +62,7 @@ pub fn check_symmetry(
     for _ in 0..DRAWS {
         elements.fill_with(|| group.elements()[rng.random_range(0..group.order())]);
         let moved = features.largest(&episodes, &norms, &elements);
+        // one random deviation as large is enough to accept
         if moved.is_some_and(|(_, moved)| moved > observed - EQUAL) {
             return Ok(());
         }
@@ -75,31 +75,31 @@ pub fn check_symmetry(
     })
 }
 
-/// Quantity that is compared in every step. Indices count the entries of a view and the components
-/// of the action.
+/// A quantity whose sum over an episode is tested. Indices are those of the entries of a view and
+/// the components of the action.
 #[derive(Clone, Copy, Debug)]
 enum Term {
-    /// An entry of the view.
+    /// Entry of the view.
     View(usize),
-    /// The product of two of them.
-    Views(usize, usize),
-    /// An entry times the reward.
-    Rewarded(usize),
-    /// A component of the action times the change of an entry.
-    Moved(usize, usize),
-    /// A component of the action times an entry and the reward.
-    Chosen(usize, usize),
-    /// A component of the action times the reward.
-    Paid(usize),
+    /// Product of two entries of the view.
+    ViewPair(usize, usize),
+    /// Entry of the view times the reward.
+    ViewReward(usize),
+    /// Component of the action times the change of an entry of the view.
+    ActionChange(usize, usize),
+    /// Component of the action times an entry of the view and the reward.
+    ActionViewReward(usize, usize),
+    /// Component of the action times the reward.
+    ActionReward(usize),
 }
 
-/// All terms that change their sign under the group, of environments with these sizes.
+/// All terms of an environment that change their sign under the group.
 ///
-/// A view of an environment is its vector and, for each channel of its picture, the moments 1, x, y
-/// and xy, in the unit of a full channel.
+/// A view of an environment is its vector and, for each channel of its image, the moments 1, x, y
+/// and xy, relative to a channel of full brightness.
 struct Features {
     spec: EnvSpec,
-    /// Irreps of a view.
+    /// Irreps of the entries of a view.
     view: Vec<Irrep>,
     terms: Vec<Term>,
 }
@@ -111,15 +111,16 @@ impl Features {
         let mut features = Self { spec: spec.clone(), terms: Vec::new(), view };
         let (views, actions) = (0..features.view.len(), 0..spec.action.len());
         let mut terms: Vec<Term> = views.clone().map(Term::View).collect();
-        terms.extend(views.clone().map(Term::Rewarded));
-        terms.extend(actions.clone().map(Term::Paid));
+        terms.extend(views.clone().map(Term::ViewReward));
+        terms.extend(actions.clone().map(Term::ActionReward));
         for i in views.clone() {
-            terms.extend((i + 1..views.end).map(|j| Term::Views(i, j)));
+            terms.extend((i + 1..views.end).map(|j| Term::ViewPair(i, j)));
         }
         for a in actions {
-            terms.extend(views.clone().map(|i| Term::Moved(a, i)));
-            terms.extend(views.clone().map(|i| Term::Chosen(a, i)));
+            terms.extend(views.clone().map(|i| Term::ActionChange(a, i)));
+            terms.extend(views.clone().map(|i| Term::ActionViewReward(a, i)));
         }
+        // only for quantities that change their sign does symmetry imply a mean of zero
         let acts = |irrep: Irrep| group.elements().iter().any(|&g| irrep.sign(g) < 0);
         terms.retain(|&term| acts(features.irrep(term)));
         features.terms = terms;
@@ -129,14 +130,16 @@ impl Features {
     /// Returns the irrep of a term.
     fn irrep(&self, term: Term) -> Irrep {
         match term {
-            Term::View(i) | Term::Rewarded(i) => self.view[i],
-            Term::Views(i, j) => self.view[i] * self.view[j],
-            Term::Moved(a, i) | Term::Chosen(a, i) => self.spec.action[a] * self.view[i],
-            Term::Paid(a) => self.spec.action[a],
+            Term::View(i) | Term::ViewReward(i) => self.view[i],
+            Term::ViewPair(i, j) => self.view[i] * self.view[j],
+            Term::ActionChange(a, i) | Term::ActionViewReward(a, i) => {
+                self.spec.action[a] * self.view[i]
+            }
+            Term::ActionReward(a) => self.spec.action[a],
         }
     }
 
-    /// Returns the name of a term for an error.
+    /// Returns the name of a term for an error message.
     fn name(&self, term: Term) -> String {
         let view = |i: usize| match i.checked_sub(self.spec.vector.len()) {
             None => format!("vector component {i} ({})", self.view[i]),
@@ -145,16 +148,18 @@ impl Features {
         let action = |a: usize| format!("action component {a} ({})", self.spec.action[a]);
         match term {
             Term::View(i) => view(i),
-            Term::Views(i, j) => format!("{} times {}", view(i), view(j)),
-            Term::Rewarded(i) => format!("{} times the reward", view(i)),
-            Term::Moved(a, i) => format!("{} times the change of {}", action(a), view(i)),
-            Term::Chosen(a, i) => format!("{} times {} times the reward", action(a), view(i)),
-            Term::Paid(a) => format!("{} times the reward", action(a)),
+            Term::ViewPair(i, j) => format!("{} times {}", view(i), view(j)),
+            Term::ViewReward(i) => format!("{} times the reward", view(i)),
+            Term::ActionChange(a, i) => format!("{} times the change of {}", action(a), view(i)),
+            Term::ActionViewReward(a, i) => {
+                format!("{} times {} times the reward", action(a), view(i))
+            }
+            Term::ActionReward(a) => format!("{} times the reward", action(a)),
         }
     }
 
-    /// Runs the environments and returns the sums of all terms over each episode, also over those
-    /// that had not ended.
+    /// Runs the environments and returns the sums of all terms over each episode, unfinished
+    /// episodes included.
     fn observe(
         &self,
         env: &mut dyn VectorEnv,
@@ -178,18 +183,20 @@ impl Features {
             for (i, action) in actions.chunks(spec.action.len()).enumerate() {
                 let ended = transition.outcomes[i].ended();
                 let next = self.view_of(&transition.observations, i);
-                let after = match ended {
-                    true => self.view_of(&transition.final_observations, i),
-                    false => next.clone(),
+                // not the next observation, which belongs to another episode
+                let after = if ended {
+                    self.view_of(&transition.final_observations, i)
+                } else {
+                    next.clone()
                 };
-                let seen = Seen {
+                let step_views = StepViews {
                     before: &views[i],
                     after: &after,
                     action,
                     reward: f64::from(transition.rewards[i]),
                 };
                 let terms = sums[i].iter_mut().zip(&self.terms);
-                terms.for_each(|(sum, &term)| *sum += seen.value(term));
+                terms.for_each(|(sum, &term)| *sum += step_views.value(term));
                 views[i] = next;
                 running[i].length += 1;
                 if ended {
@@ -212,6 +219,7 @@ impl Features {
         let full = 255.0 * (height * width) as f64;
         for (k, &byte) in image.iter().enumerate() {
             let (row, column) = (k / channels / width, k / channels % width);
+            // pixel centres in [-1, 1], x to the right and y up
             let x = (2 * column + 1) as f64 / width as f64 - 1.0;
             let y = 1.0 - (2 * row + 1) as f64 / height as f64;
             let level = f64::from(byte) / full;
@@ -220,18 +228,18 @@ impl Features {
                 *moment += factor * level;
             }
         }
-        let vector = vector.iter().map(|&v| f64::from(v));
-        vector.chain(moments).collect()
+        vector.iter().map(|&v| f64::from(v)).chain(moments).collect()
     }
 
-    /// Returns the root of the sum of squares over the episodes of each term: no move changes it.
+    /// Returns the root of the sum of squares over the episodes of each term, which no change of
+    /// signs alters.
     fn norms(&self, episodes: &[Vec<f64>]) -> Vec<f64> {
         let squares = |k: usize| episodes.iter().map(|sums| sums[k] * sums[k]).sum::<f64>();
         (0..self.terms.len()).map(|k| squares(k).sqrt()).collect()
     }
 
-    /// Returns the term whose sum over the episodes, each moved by its element, is largest beside
-    /// its norm, and that ratio; none where all are zero.
+    /// Returns the term whose sum over the episodes, each transformed by its element, is largest
+    /// relative to its norm, and that ratio; `None` if all are zero.
     fn largest(
         &self,
         episodes: &[Vec<f64>],
@@ -240,34 +248,34 @@ impl Features {
     ) -> Option<(usize, f64)> {
         let ratio = |(k, &term): (usize, &Term)| {
             let irrep = self.irrep(term);
-            let moved = episodes.iter().zip(elements);
-            let moved = moved.map(|(sums, &g)| f64::from(irrep.sign(g)) * sums[k]);
-            (norms[k] > 0.0).then(|| (k, moved.sum::<f64>().abs() / norms[k]))
+            let signed = |(sums, &g): (&Vec<f64>, &D2)| f64::from(irrep.sign(g)) * sums[k];
+            let sum = episodes.iter().zip(elements).map(signed).sum::<f64>();
+            (norms[k] > 0.0).then(|| (k, sum.abs() / norms[k]))
         };
         let ratios = self.terms.iter().enumerate().filter_map(ratio);
         ratios.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 }
 
-/// One step of one environment.
-struct Seen<'a> {
+/// One step of one environment, between two views.
+struct StepViews<'a> {
     before: &'a [f64],
     after: &'a [f64],
     action: &'a [f32],
     reward: f64,
 }
 
-impl Seen<'_> {
+impl StepViews<'_> {
     fn value(&self, term: Term) -> f64 {
         let (before, reward) = (self.before, self.reward);
         let action = |a: usize| f64::from(self.action[a]);
         match term {
             Term::View(i) => before[i],
-            Term::Views(i, j) => before[i] * before[j],
-            Term::Rewarded(i) => before[i] * reward,
-            Term::Moved(a, i) => action(a) * (self.after[i] - before[i]),
-            Term::Chosen(a, i) => action(a) * before[i] * reward,
-            Term::Paid(a) => action(a) * reward,
+            Term::ViewPair(i, j) => before[i] * before[j],
+            Term::ViewReward(i) => before[i] * reward,
+            Term::ActionChange(a, i) => action(a) * (self.after[i] - before[i]),
+            Term::ActionViewReward(a, i) => action(a) * before[i] * reward,
+            Term::ActionReward(a) => action(a) * reward,
         }
     }
 }

@@ -1,4 +1,4 @@
-//! From observations to equivariant fields: what actor and critic share.
+//! The shared part of actor and critic, from observations to equivariant fields.
 
 #[cfg(feature = "wgpu")]
 use std::borrow::Cow;
@@ -15,43 +15,43 @@ use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, assert_len};
 use crate::network_settings::NetworkSettings;
 
-/// The shared part of a network, with the settings and the spec of all of it.
+/// Shared part of a network's actor and critic, with settings and spec of the whole network.
 ///
 /// ```text
 /// image  [H, W, C] -> Encoder ------+
 /// vector [D]       -> Linear, ReLU -+-> h, regular fields -> GroupMaxPool -> features [F]
 /// ```
 ///
-/// Its parameters are those of the image encoder, then those of the vector's layer. A network that
-/// is [`Encoder::Blind`](crate::Encoder::Blind), or for environments without images, has no image
-/// encoder, and h is the vector's fields; where there is no vector, h is the image's.
+/// Parameters are those of the image encoder, then those of the vector's layer. With
+/// [`Encoder::Blind`](crate::Encoder::Blind) or without images there is no image encoder, and h
+/// consists of the vector's fields; without a vector, h consists of the image's fields.
 pub struct Trunk<T> {
-    /// Settings and spec that the network was built with and for.
+    /// Settings that the network was built with.
     pub settings: NetworkSettings,
     pub spec: EnvSpec,
-    /// Height, width and channels of what the encoder sees.
+    /// Height, width and channels of the encoder's input.
     canvas: [usize; 3],
     encoder: Option<Sequential<T>>,
     vector: Option<Sequential<T>>,
-    /// Joins the fields of both.
+    /// Concatenation of the fields of image and vector, if there are both.
     concat: Option<Concat>,
     pool: GroupMaxPool,
     /// Natural index of every irrep-major component of the vector.
     vector_order: Vec<usize>,
 }
 
-/// The parts of a trunk, for what runs them elsewhere.
+/// Layers of a trunk, for running or exporting them elsewhere.
 pub struct Parts<'a, T> {
     pub encoder: Option<&'a Sequential<T>>,
     pub vector: Option<&'a Sequential<T>>,
-    /// Joins the fields of both.
+    /// Concatenation of the fields of image and vector, if there are both.
     pub concat: Option<&'a Concat>,
     pub pool: &'a GroupMaxPool,
     /// Natural index of every irrep-major component of the vector.
     pub vector_order: &'a [usize],
 }
 
-/// Every activation, gradient and scratch of a trunk's pass over up to a fixed number of samples.
+/// Activations, gradients and scratch memory of a trunk for up to a fixed number of samples.
 #[derive(Clone, Debug)]
 pub struct TrunkPass<T> {
     image: Option<EncoderBuffers<T>>,
@@ -64,7 +64,7 @@ pub trait HasTrunk<T> {
     fn trunk(&self) -> &Trunk<T>;
 }
 
-/// The buffers of such a network.
+/// Buffers of a network that begins with a trunk.
 pub trait HasTrunkPass<T> {
     fn trunk(&mut self) -> &mut TrunkPass<T>;
 }
@@ -78,8 +78,8 @@ impl<T: Scalar> Trunk<T> {
         let encoder = settings.encoder.layers(group, canvas, settings.top_fields)?;
         let fields = settings.regular(settings.vector_fields);
         let from = (!spec.vector.is_empty()).then(|| FieldType::from_irreps(group, &spec.vector));
-        let vector = from.map(|from| Ok::<_, RlError>(Sequential::new(lift(from, fields)?)?));
-        let vector = vector.transpose()?;
+        let layers = |from| Ok::<_, RlError>(Sequential::new(lift(from, fields)?)?);
+        let vector = from.map(layers).transpose()?;
         let shapes = [&encoder, &vector].map(|part| part.as_ref().map(Signature::out_shape));
         let (joint, concat) = match shapes {
             [Some(image), Some(vector)] => {
@@ -101,17 +101,17 @@ impl<T: Scalar> Trunk<T> {
         })
     }
 
-    /// The type of h.
+    /// Returns the field type of h.
     pub fn out_type(&self) -> FieldType {
         self.pool.in_shape().fields
     }
 
-    /// F, the length of the invariant features: one per regular field of the group.
+    /// Returns F, the length of the invariant features: one per regular field of the group.
     pub fn feature_dim(&self) -> usize {
         self.pool.out_shape().len()
     }
 
-    /// Range of the image encoder's parameters.
+    /// Returns the range of the image encoder's parameters.
     pub fn encoder(&self) -> Range<usize> {
         0..self.encoder.as_ref().map_or(0, Signature::num_params)
     }
@@ -121,7 +121,7 @@ impl<T: Scalar> Trunk<T> {
         self.encoder().end + vector.map_or(0, Signature::num_params)
     }
 
-    /// Range of its parameters in those of a network.
+    /// Returns the range of the trunk's parameters in those of the network.
     pub fn params(&self) -> Range<usize> {
         0..self.num_params()
     }
@@ -130,8 +130,8 @@ impl<T: Scalar> Trunk<T> {
         self.encoder().end..self.num_params()
     }
 
-    /// The `num_params` parameters of a whole network, of which its own are drawn: weights followed
-    /// by a ReLU with gain sqrt(2), zero biases. The others are zeros.
+    /// Returns `num_params` parameters for a whole network: the trunk's are drawn (weights before a
+    /// ReLU with gain sqrt(2), zero biases), the others are zeros.
     pub fn init(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
         let mut params = vec![T::ZERO; num_params];
         if let Some(encoder) = &self.encoder {
@@ -154,7 +154,7 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Buffers for up to `capacity` samples.
+    /// Allocates buffers for up to `capacity` samples.
     pub fn pass(&self, capacity: usize) -> TrunkPass<T> {
         let (encoder, vector) = (self.encoder.as_ref(), self.vector.as_ref());
         TrunkPass {
@@ -164,8 +164,8 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Writes sample `slot`: pixels `[H, W, C]`, which the encoder reads as numbers in [-0.5, 0.5],
-    /// and the vector `[D]`, put into irrep-major order.
+    /// Loads sample `slot`: pixels `[H, W, C]`, which the encoder maps to [-0.5, 0.5], and the
+    /// vector `[D]`, reordered to irrep-major order.
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
         assert_len("image", image.len(), self.spec.image_len());
         assert_len("vector", vector.len(), self.vector_order.len());
@@ -181,7 +181,8 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Copies a picture to the middle of a canvas.
+    /// Copies an image to the centre of a canvas, where flips of the canvas flip the image in
+    /// place.
     fn centre(&self, image: &[u8], canvas: &mut [u8]) {
         let ([height, width, channels], [rows, columns, _]) = (self.spec.image, self.canvas);
         let (top, left) = ((rows - height) / 2, (columns - width) / 2);
@@ -191,7 +192,7 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Pictures `[N, H, W, C]` as the encoder sees them.
+    /// Returns images `[N, H, W, C]`, each centred on the encoder's canvas.
     #[cfg(feature = "wgpu")]
     pub fn canvases<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
         if self.canvas == self.spec.image {
@@ -205,7 +206,7 @@ impl<T: Scalar> Trunk<T> {
         Cow::Owned(canvases)
     }
 
-    /// Writes the observations in `range` into the slots from 0 on.
+    /// Loads the observations in `range` into the slots from 0 on.
     pub fn load_all(
         &self,
         observations: &Observations,
@@ -235,7 +236,7 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Sums of what each unit puts out for the samples in slots 0..n.
+    /// Returns the sum of each unit's outputs over the samples in slots 0..n.
     pub fn unit_sums(&self, params: &[T], n: usize, pass: &TrunkPass<T>) -> Vec<Vec<f64>> {
         let mut sums = Vec::new();
         if let (Some(layers), Some(buffers)) = (&self.encoder, &pass.image) {
@@ -247,7 +248,7 @@ impl<T: Scalar> Trunk<T> {
         sums
     }
 
-    /// h of the samples in slots 0..n.
+    /// Returns h of the samples in slots 0..n.
     pub fn fields<'p>(&self, n: usize, pass: &'p TrunkPass<T>) -> &'p [T] {
         &pass.fields()[..n * self.out_type().dim()]
     }
@@ -257,13 +258,14 @@ impl<T: Scalar> Trunk<T> {
         pass.pool.forward(&self.pool, &[], n);
     }
 
-    /// Brings a gradient in the features, `[n, F]`, to h.
+    /// Computes the gradient with respect to h from that with respect to the features, `[n, F]`.
     pub fn pool_backward(&self, dfeatures: &[T], n: usize, pass: &mut TrunkPass<T>) {
         pass.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
         pass.pool.backward(&self.pool, &[], 0..0, n, &mut [], true);
     }
 
-    /// Adds the gradient in the parameters to `dparams`, from that in h: [`TrunkPass::d_fields`].
+    /// Adds the gradient with respect to the parameters to `dparams`, from that with respect to h
+    /// in [`TrunkPass::d_fields`].
     pub fn backward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>, dparams: &mut [T]) {
         let sum = &pass.pool.dx[..n * self.pool.in_shape().len()];
         let len = |layers: &Sequential<T>| n * layers.out_shape().len();
@@ -284,33 +286,35 @@ impl<T: Scalar> Trunk<T> {
             buffers.backward(layers, &params[own.clone()], n, &mut dparams[own]);
         }
         if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
+            // no gradient with respect to the observation, which nothing would read
             buffers.backward(layers, params, self.vector_params(), n, dparams, false);
         }
     }
 }
 
 impl<T: Scalar> TrunkPass<T> {
-    /// h of the samples in all slots; those beyond the last forward pass are of an earlier one.
+    /// Returns h of all slots; slots beyond the last forward pass hold values of an earlier one.
     pub fn fields(&self) -> &[T] {
         &self.pool.x
     }
 
-    /// The features of the samples in all slots.
+    /// Returns the features of all slots.
     pub fn features(&self) -> &[T] {
         &self.pool.y
     }
 
-    /// The gradient in h, to be written before the backward pass.
+    /// Returns the gradient with respect to h, to be written before the backward pass.
     pub fn d_fields(&mut self) -> &mut [T] {
         &mut self.pool.dx
     }
 }
 
+/// Builds Linear, ReLU.
 fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
     Ok(vec![Box::new(Linear::new(from, to)?), Box::new(Relu::new(Shape::vector(to))?)])
 }
 
-/// Linear, ReLU, Linear.
+/// Builds a head: Linear, ReLU, Linear.
 pub(crate) fn head<T: Scalar>(
     from: FieldType,
     hidden: FieldType,
@@ -321,11 +325,11 @@ pub(crate) fn head<T: Scalar>(
     Ok(Sequential::new(layers)?)
 }
 
-/// Consecutive ranges of parameters, from 0 on.
+/// Allocator of consecutive parameter ranges.
 pub(crate) struct Layout(usize);
 
 impl Layout {
-    /// After the parameters of a trunk.
+    /// Starts after the parameters of a trunk.
     pub fn after<T: Scalar>(trunk: &Trunk<T>) -> Self {
         Self(trunk.num_params())
     }
@@ -340,8 +344,8 @@ impl Layout {
     }
 }
 
-/// Buffers of one layer for up to a fixed number of samples: input and output with their gradients,
-/// and the layer's scratch.
+/// Buffers of one layer for up to a fixed number of samples: input, output, their gradients, and
+/// scratch memory.
 #[derive(Clone, Debug)]
 pub(crate) struct LayerBuffers<T> {
     pub x: Vec<T>,
@@ -364,19 +368,20 @@ impl<T: Scalar> LayerBuffers<T> {
         }
     }
 
-    /// Runs the first n samples and returns what they give.
+    /// Runs the first n samples and returns their output.
     pub fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) -> &[T] {
         let (x, y) = (n * layer.in_shape().len(), n * layer.out_shape().len());
         layer.forward(params, &self.x[..x], &mut self.y[..y], &mut self.scratch);
         &self.y[..y]
     }
 
-    /// Sums of what each unit puts out for the first n samples, a list for each ReLU.
+    /// Returns the sum of each unit's outputs over the first n samples, one list for each ReLU.
     pub fn unit_sums(&self, layer: &impl Layer<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
         unit_sums(layer, params, &self.x[..n * layer.in_shape().len()])
     }
 
-    /// Adds the gradient in the parameters `range`, and writes that in the input if it is wanted.
+    /// Adds the gradient with respect to the parameters `range`, and computes that with respect to
+    /// the input if `input_too`.
     pub fn backward(
         &mut self,
         layer: &impl Layer<T>,
@@ -394,11 +399,11 @@ impl<T: Scalar> LayerBuffers<T> {
     }
 }
 
-/// Buffers for up to a fixed number of pictures: they, the output with its gradient, and the
-/// encoder's scratch.
+/// Buffers of an encoder for up to a fixed number of images: bytes, output with its gradient, and
+/// scratch memory.
 #[derive(Clone, Debug)]
 pub(crate) struct EncoderBuffers<T> {
-    /// `[N, H, W, C]`, bytes.
+    /// Images `[N, H, W, C]`, bytes.
     pub pictures: Vec<u8>,
     pub y: Vec<T>,
     pub dy: Vec<T>,
@@ -416,7 +421,7 @@ impl<T: Scalar> EncoderBuffers<T> {
         }
     }
 
-    /// Runs the first n pictures and returns what they give.
+    /// Runs the first n images and returns their output.
     pub fn forward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize) -> &[T] {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let (pictures, y) = (&self.pictures[..x], &mut self.y[..y]);
@@ -424,14 +429,14 @@ impl<T: Scalar> EncoderBuffers<T> {
         y
     }
 
-    /// Sums of what each unit puts out for the first n pictures, a list for each ReLU.
+    /// Returns the sum of each unit's outputs over the first n images, one list for each ReLU.
     pub fn unit_sums(&self, encoder: &Sequential<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
         let pictures = &self.pictures[..n * encoder.in_shape().len()];
         let x: Vec<T> = pictures.iter().map(|&byte| level(byte)).collect();
         unit_sums(encoder, params, &x)
     }
 
-    /// Adds the gradient in the parameters to `dparams`, from that in the output.
+    /// Adds the gradient with respect to the parameters to `dparams`, from that of the output.
     pub fn backward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize, dparams: &mut [T]) {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let outputs = [&self.y[..y], &self.dy[..y]];

@@ -1,4 +1,4 @@
-//! Actions that no environment can execute are refused by name before it sees them.
+//! Actions that no environment can execute are rejected by name before they reach it.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -63,7 +63,7 @@ impl Experience<Acting<Constant>> for Sieve {
         Ok(())
     }
 
-    fn choice(&mut self) -> (&mut [f32], bool) {
+    fn action_buffer(&mut self) -> (&mut [f32], bool) {
         (&mut self.actions, false)
     }
 

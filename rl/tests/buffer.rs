@@ -72,8 +72,8 @@ fn a_rollout_that_no_memory_holds_is_refused() {
     }
 }
 
-/// What is left is a rollout of its own that bootstraps from the next step, and the memory comes
-/// back with `clear`.
+/// The remaining steps form a complete rollout that bootstraps from the next step, and `clear`
+/// restores the capacity.
 #[test]
 fn a_rollout_may_lose_its_end() {
     let mut buffer = RolloutBuffer::new(&spec(), 3).unwrap();

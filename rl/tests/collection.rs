@@ -97,7 +97,7 @@ fn the_error_of_an_environment_is_handed_on() {
     assert_eq!(error.to_string(), "the environment failed: the table fell over");
 }
 
-/// Its actions are the noise that it is given.
+/// A policy whose actions are the noise.
 struct Echo;
 
 impl Actor for Echo {
@@ -162,8 +162,8 @@ fn noise(correlation: f32) -> Vec<f32> {
     out
 }
 
-/// It begins afresh where an episode does, whichever way the one before ended, and where a rollout
-/// does.
+/// Correlated noise starts again with every episode, after either kind of end, and with every
+/// rollout.
 #[test]
 fn the_noise_of_an_episode_goes_on_and_that_of_the_next_begins_afresh() {
     let (fresh, kept) = (noise(0.0), noise(0.6));
@@ -256,14 +256,14 @@ fn short_rollouts(reset: bool) -> [bool; 2] {
     [returns, late]
 }
 
-/// What the documentation of `collect` says, and why `check_horizon` is there.
+/// The reason for `check_horizon`, as documented at `collect`.
 #[test]
 fn short_rollouts_meet_late_states_only_where_episodes_go_on() {
     assert_eq!(short_rollouts(true), [false, false]);
     assert_eq!(short_rollouts(false), [true, true]);
 }
 
-/// As after a cut: what was left has been learnt from.
+/// The situation after a truncated rollout was used for an update.
 #[test]
 fn after_a_rollout_that_lost_its_end_the_next_is_whole() {
     let mut short = Short::new();

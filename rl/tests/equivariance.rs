@@ -8,7 +8,7 @@ use rl::{
 };
 use symmetry::{D2, Group, Irrep};
 
-use crate::common::parts::{error, random_observations, signed, transformed};
+use crate::common::parts::{error, random_observations, transform_vector, transformed};
 
 const SAMPLES: usize = 6;
 const TOLERANCE: f32 = 1e-5;
@@ -65,7 +65,7 @@ fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
 fn errors_of(policy: &mut ActorCriticPolicy, pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
     let [mean, value, features] = outputs(policy, &observations());
     let moved = outputs(policy, &transformed(&spec(), &observations(), pixels, vectors));
-    let mean = signed(&mean, &spec().action, action);
+    let mean = transform_vector(&mean, &spec().action, action);
     [error(&moved[0], &mean), error(&moved[1], &value), error(&moved[2], &features)]
 }
 
@@ -86,8 +86,8 @@ fn mean_is_equivariant_and_value_and_features_are_invariant() {
     }
 }
 
-/// What is no symmetry of the group is none of the network: the check fails for every other element
-/// of D2, so a plain CNN is not equivariant by accident.
+/// The network is not equivariant under elements outside its group: the check fails for each of
+/// them, so an ordinary CNN is not equivariant by accident.
 #[test]
 fn elements_outside_the_group_change_mean_value_and_features() {
     for settings in networks() {

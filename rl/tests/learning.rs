@@ -1,4 +1,4 @@
-//! Policies learn: by PPO from pictures, by soft actor-critic from vectors, memories and pictures.
+//! Training works: PPO from images, soft actor-critic from vectors, memories and images.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,10 +14,10 @@ use crate::common::parts::joint;
 use crate::common::{EPISODE, PointReach};
 
 const ROLLOUTS: usize = 25;
-/// Of at most 10 an episode.
+/// Required mean return, of at most 10.
 const THRESHOLD: f64 = 7.5;
 
-/// Mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
+/// Returns the mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
 fn last_return(mut env: PointReach, encoder: Encoder, learn: bool) -> f64 {
     let network = joint(encoder, 8);
     let settings =
@@ -95,7 +95,8 @@ fn settings() -> SacSettings {
     }
 }
 
-/// Mean return of the mean actions after this many collections of one episode in every environment.
+/// Returns the mean return of mean actions after this many collections of one episode in every
+/// environment.
 fn learned(
     env: &mut dyn VectorEnv,
     network: &NetworkSettings,
@@ -121,7 +122,7 @@ fn learned(
     evaluate(env, &mut policy, 4).unwrap().mean_return().unwrap()
 }
 
-/// Of 8 at most. A policy that stands still gets 8 * (1 - 0.45).
+/// Returns are at most 8. A policy that stands still gets 8 * (1 - 0.45).
 #[test]
 fn a_goal_that_is_shown_is_learnt_from_vectors() {
     for group in [Group::D2, Group::C1] {
@@ -135,7 +136,8 @@ fn a_goal_that_is_shown_is_learnt_from_vectors() {
     }
 }
 
-/// Of 8 at most; the first decision of an episode is a guess. Without a context every one is.
+/// Returns are at most 8; the first decision of an episode is a guess. Without a context every one
+/// is.
 #[test]
 fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
     let run = |context| {
@@ -148,7 +150,7 @@ fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
     assert!(forgetful < 2.0, "forgetful {forgetful}");
 }
 
-/// Of 10 at most, as in PPO's test.
+/// Returns are at most 10, as in PPO's test.
 #[test]
 fn a_goal_in_a_picture_is_learnt_from_pixels() {
     let run = |turns| {

@@ -16,7 +16,7 @@ struct Counter {
     forgets: Forgets,
 }
 
-/// What a counter's memory does when it is told that an episode ended.
+/// Reaction of a counter's memory to the end of an episode.
 #[derive(Clone, Copy)]
 enum Forgets {
     ThisOne,
@@ -123,7 +123,7 @@ fn the_check_fails_for_a_memory_that_is_lost_between_rollouts() {
     assert!(!right(buffer.rewards()));
 }
 
-/// Notes all that it is told of the first environment.
+/// A memory that records every call for the first environment.
 #[derive(Default)]
 struct Notes {
     age: f32,

@@ -9,10 +9,10 @@ use rl::{
 
 use crate::common::parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
 
-/// What makes a number wrong.
+/// Function that invalidates a number.
 type Change<T> = fn(&mut T);
 
-/// What a `NotFinite` error names.
+/// Returns the quantity that a `NotFinite` error names.
 fn not_finite(result: Result<(), RlError>) -> &'static str {
     match result {
         Err(RlError::NotFinite { what, .. }) => what,
@@ -127,7 +127,7 @@ fn decisions_and_values_that_are_not_numbers_are_refused() {
     assert_eq!(not_finite(result), "a value");
 }
 
-/// A rollout of one step, ready to be learnt from.
+/// Returns a finished rollout of one step.
 fn one_step() -> RolloutBuffer {
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
     push(&mut buffer, &parts()).unwrap();
@@ -135,7 +135,7 @@ fn one_step() -> RolloutBuffer {
     buffer
 }
 
-/// What an update refuses.
+/// Returns the quantity for which an update fails.
 fn refused_update(
     ppo: &mut Ppo,
     policy: &mut ActorCriticPolicy,

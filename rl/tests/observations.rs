@@ -3,14 +3,16 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, ContextSettings, Critic, Encoder, EnvSpec, Features,
-    NetworkSettings, Observations, Plain, Ppo, PpoSettings, Replay, ReplaySettings, RlError,
+    Actor, ActorCriticPolicy, Algorithm, ContextSettings, Critic, Encoder, EnvSpec, ExportPolicy,
+    Features, NetworkSettings, Observations, Ppo, PpoSettings, Replay, ReplaySettings, RlError,
     RolloutBuffer, RolloutState, Sac, SacPolicy, SacSettings, Transition, Values, VectorEnv,
     check_symmetry, collect,
 };
 use symmetry::{D2, Group};
 
-use crate::common::parts::{Spoiling, error, joint, random_observations, signed, transformed};
+use crate::common::parts::{
+    Spoiling, error, joint, random_observations, transform_vector, transformed,
+};
 use crate::common::{EPISODE, PointReach};
 
 const ENVS: usize = 6;
@@ -56,13 +58,13 @@ fn outputs<P: Actor + Features>(policy: &mut P, seen: &Observations) -> [Vec<f32
 fn assert_equivariant<P: Actor + Features>(policy: &mut P, spec: &EnvSpec, group: Group) {
     for &g in group.elements() {
         let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
-        let expected = signed(&here[0], &spec.action, g);
+        let expected = transform_vector(&here[0], &spec.action, g);
         assert!(error(&there[0], &expected) < TOLERANCE, "{group} {g}");
         assert!(error(&there[1], &here[1]) < TOLERANCE, "{group} {g}");
     }
     for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
         let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
-        let expected = signed(&here[0], &spec.action, g);
+        let expected = transform_vector(&here[0], &spec.action, g);
         assert!(error(&there[0], &expected) > 100.0 * TOLERANCE, "{group} {g}");
     }
 }
@@ -82,7 +84,7 @@ fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy 
         let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
         assert!(stats.steps > 0 && stats.grad_norm > 0.0);
     }
-    buffer.revalue(&mut policy).unwrap();
+    buffer.reevaluate(&mut policy).unwrap();
     let network = policy.network();
     for own in [network.encoder(), network.heads()] {
         assert!(own.is_empty() || policy.params()[own.clone()] != before[own]);
@@ -175,20 +177,20 @@ fn a_network_that_sees_nothing_is_refused() {
     }
 }
 
-/// Ordinary layers see what the encoder sees; a picture on a canvas is no input of theirs.
+/// Exported layers have the encoder's input, so images that need a canvas cannot be exported.
 #[test]
 fn policies_that_look_at_one_kind_have_an_ordinary_form_and_those_with_a_canvas_have_none() {
     let plain = |space| {
         let network = network(encoders()[0].clone(), Group::D2);
         let policy = ActorCriticPolicy::new(&network, env(space).spec(), 2).unwrap();
-        policy.plain()
+        policy.export()
     };
     let vector = plain(VECTOR_ONLY).unwrap();
     assert!(vector.image.is_none() && vector.vector.is_some());
     let image = plain(([8, 8, 2], 0)).unwrap();
     assert!(image.image.is_some() && image.vector.is_none());
     let refused = plain(([8, 12, 2], 2));
-    assert!(matches!(refused, Err(RlError::NotPlain { .. })), "{refused:?}");
+    assert!(matches!(refused, Err(RlError::NotExportable { .. })), "{refused:?}");
 }
 
 /// An observation after the end of an episode is the first one of the next.

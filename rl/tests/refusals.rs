@@ -4,8 +4,8 @@ use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, Adam, Assess, Decisions, Features, GaeInputs, OnPolicy, Outcome, ParamGroup, RlError,
-    RolloutBuffer, RolloutState, Values, collect, evaluate, gae,
+    Actor, Adam, Decisions, EvaluateActions, Features, GaeInputs, OnPolicy, Outcome, ParamGroup,
+    RlError, RolloutBuffer, RolloutState, Values, collect, evaluate, gae,
 };
 
 use crate::common::PointReach;
@@ -54,7 +54,7 @@ fn spoil(parts: &mut Parts, array: usize, change: isize) -> &'static str {
     ARRAYS[array].split(' ').next_back().unwrap_or("")
 }
 
-/// Whether a result is the error of an array of that name.
+/// Returns `true` if a result is the error of the array of that name.
 fn names(result: Result<(), RlError>, array: &str) -> bool {
     matches!(result, Err(RlError::Shape { what, .. }) if what == array)
 }
@@ -120,7 +120,7 @@ proptest! {
             let name = spoil(&mut wrong, array, change);
             let decisions = &mut wrong.decisions;
             prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], decisions), name));
-            prop_assert!(names(policy.assess(&seen, decisions), name));
+            prop_assert!(names(policy.evaluate_actions(&seen, decisions), name));
         }
     }
 
@@ -138,7 +138,7 @@ proptest! {
         prop_assert!(shape(policy.act(seen, &mut (), &mut rng, &mut [0.0; 2 * ENVS])));
         prop_assert!(shape(policy.mean_actions(seen, &mut (), &mut [0.0; 2 * ENVS])));
         prop_assert!(shape(policy.decide(seen, &mut (), &[0.0; 2 * ENVS], &mut decisions)));
-        prop_assert!(shape(policy.assess(seen, &mut decisions)));
+        prop_assert!(shape(policy.evaluate_actions(seen, &mut decisions)));
         prop_assert!(shape(policy.values(seen, &mut [0.0; ENVS])));
         let mut features = vec![0.0; ENVS * policy.feature_dim()];
         prop_assert!(shape(policy.features(seen, &mut features)));
@@ -218,7 +218,7 @@ fn adam_names_the_slice_that_does_not_fit() {
         (step(4, 3, 4, 4, 4), "gradient: got 3 values, expected 4"),
         (step(4, 4, 3, 4, 4), "first_moment: got 3 values, expected 4"),
         (step(4, 4, 4, 5, 4), "second_moment: got 5 values, expected 4"),
-        (step(4, 4, 4, 4, 5), "the group 0..5 is no part of the 4 parameters"),
+        (step(4, 4, 4, 4, 5), "the group 0..5 lies outside the 4 parameters"),
     ] {
         assert!(message.starts_with(start), "{message}");
     }
@@ -235,7 +235,7 @@ fn a_group_beyond_the_parameters_leaves_adam_alone() {
         let message = panics(std::panic::AssertUnwindSafe(|| {
             adam.step(&groups, &mut params, &[1.0; 4]);
         }));
-        assert!(message.ends_with("is no part of the 4 parameters"), "{message}");
+        assert!(message.ends_with("lies outside the 4 parameters"), "{message}");
         assert_eq!((adam, params), (before, [1.0; 4]));
     }
 }

@@ -1,12 +1,12 @@
-//! A policy that learns from another one's rollout, or from one that was moved by elements of a
-//! group: its own log-probabilities and values replace the recorded ones.
+//! Training on the rollout of another policy, or on an augmented one: the policy's own
+//! log-probabilities and values replace the recorded ones.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, Assess, Decisions, Encoder, NetworkSettings, Observations,
-    Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, UpdateStats, Values,
-    VectorEnv, collect,
+    Actor, ActorCriticPolicy, Algorithm, Decisions, Encoder, EvaluateActions, NetworkSettings,
+    Observations, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, UpdateStats,
+    Values, VectorEnv, collect,
 };
 use symmetry::Group;
 
@@ -57,7 +57,7 @@ fn commented(actor: &mut ActorCriticPolicy, critic: &mut ActorCriticPolicy) -> R
     env.reset(&mut now).unwrap();
     for _ in 0..STEPS {
         actor.act(&now, &mut (), &mut rng, &mut decisions.actions).unwrap();
-        critic.assess(&now, &mut decisions).unwrap();
+        critic.evaluate_actions(&now, &mut decisions).unwrap();
         env.step(&decisions.actions, &mut next).unwrap();
         critic.values(&next.final_observations, &mut values).unwrap();
         buffer.push(&now, &decisions, &next, &values).unwrap();
@@ -88,11 +88,11 @@ fn another_policys_rollout_is_valued_as_if_it_had_been_commented_at_every_step()
     let expected = commented(&mut actor, &mut critic);
     let mut buffer = rollout(&mut actor);
     assert!(largest_difference(&buffer, &expected) > 0.1);
-    buffer.revalue(&mut critic).unwrap();
+    buffer.reevaluate(&mut critic).unwrap();
     assert!(largest_difference(&buffer, &expected) < 1e-5);
     assert_eq!(buffer.decisions().actions, expected.decisions().actions);
     // and back
-    buffer.revalue(&mut actor).unwrap();
+    buffer.reevaluate(&mut actor).unwrap();
     assert!(largest_difference(&buffer, &rollout(&mut actor)) < 1e-5);
 }
 
@@ -113,7 +113,7 @@ fn the_ratio_starts_at_one_only_after_revaluation() {
     let mut buffer = rollout(&mut policy(2));
     let mut heir = policy(7);
     assert!(still_update(&mut heir, &buffer).clip_fraction > 0.1);
-    buffer.revalue(&mut heir).unwrap();
+    buffer.reevaluate(&mut heir).unwrap();
     let stats = still_update(&mut heir, &buffer);
     assert!(stats.approx_kl.abs() < 1e-9, "{stats:?}");
     assert_eq!(stats.clip_fraction, 0.0);
@@ -124,7 +124,7 @@ fn a_buffer_that_is_filled_anew_forgets_its_final_observations() {
     let (mut actor, mut critic) = (policy(2), policy(7));
     let mut buffer = rollout(&mut policy(3));
     fill(&mut buffer, &mut actor);
-    buffer.revalue(&mut critic).unwrap();
+    buffer.reevaluate(&mut critic).unwrap();
     let expected = commented(&mut actor, &mut critic);
     assert!(largest_difference(&buffer, &expected) < 1e-5);
 }
@@ -134,13 +134,13 @@ fn an_unfinished_rollout_is_refused() {
     let mut buffer = rollout(&mut policy(2));
     buffer.clear();
     assert!(matches!(
-        buffer.revalue(&mut policy(2)),
+        buffer.reevaluate(&mut policy(2)),
         Err(RlError::BufferNotFinished { got: 0, .. })
     ));
 }
 
-/// Assesses like a policy of its own, but spoils one of its answers: 0 is the assessment, 1 the
-/// values of final observations, 2 those of the last ones.
+/// A policy that spoils one of its outputs: 0 is the evaluation of actions, 1 the values of final
+/// observations, 2 those of the last ones.
 struct Faulty {
     policy: ActorCriticPolicy,
     answers: usize,
@@ -169,13 +169,13 @@ impl Values for Faulty {
     }
 }
 
-impl Assess for Faulty {
-    fn assess(
+impl EvaluateActions for Faulty {
+    fn evaluate_actions(
         &mut self,
         observations: &Observations,
         decisions: &mut Decisions,
     ) -> Result<(), RlError> {
-        self.policy.assess(observations, decisions)?;
+        self.policy.evaluate_actions(observations, decisions)?;
         self.answer(&mut decisions.log_probs)
     }
 }
@@ -187,7 +187,7 @@ fn a_revaluation_that_fails_changes_nothing() {
     for spoilt in 0..3 {
         for fails in [true, false] {
             let mut faulty = Faulty { policy: policy(7), answers: 0, spoilt, fails };
-            let result = buffer.revalue(&mut faulty);
+            let result = buffer.reevaluate(&mut faulty);
             assert_eq!(faulty.answers, spoilt + 1);
             assert!(result.is_err(), "answer {spoilt}");
             assert!(figures(&buffer) == before, "answer {spoilt}");

@@ -1,4 +1,4 @@
-//! Rewards of another scale than 1: where PPO stops learning, and the warning that says so.
+//! Reward scales other than 1: the range in which PPO trains, and the warning outside of it.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, Outcome, Recorded, Replay, ReplaySettings, RlError, Transition};
+use rl::{EnvSpec, Observations, Outcome, Replay, ReplaySettings, ReplayStep, RlError, Transition};
 
 use crate::common::episodes::{Episodes, Step, settings, spec};
 
@@ -20,8 +20,8 @@ fn fill(episodes: &mut Episodes, replay: &mut Replay, count: usize, resets: &[us
     all
 }
 
-/// Whether a recorded step is that one.
-fn is(recorded: Recorded, step: &Step) -> bool {
+/// Returns `true` if a recorded step equals `step`.
+fn is(recorded: ReplayStep, step: &Step) -> bool {
     let [mut image, mut next] = [(); 2].map(|()| vec![0; 18]);
     recorded.image(&mut image);
     recorded.next_image(&mut next);
@@ -185,7 +185,7 @@ fn a_step_that_does_not_follow_is_refused_until_the_episodes_are_cut() {
     assert!(matches!(result, Err(RlError::Discontinued { env: 1 })));
 }
 
-/// What is spoilt, and how the error begins.
+/// Function that spoils a step, and the beginning of the error.
 type Case = (fn(&mut Observations, &mut Vec<f32>, &mut Transition), &'static str);
 
 #[test]

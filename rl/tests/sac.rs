@@ -75,7 +75,7 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
     assert_eq!(twin.sac.save(), run.sac.save());
 }
 
-/// The same run from all that can be saved of it, with the same environments and memory.
+/// Returns a run restored from the saved state of `run`, with its environments and memory.
 fn restored(run: &Run) -> Run {
     let spec = run.env.spec();
     let params = run.policy.params().to_vec();
@@ -269,7 +269,7 @@ fn the_default_passes_a_step_as_often_as_ppo_does() {
     let (sac, ppo) = (SacSettings::default(), PpoSettings::default());
     let passes = sac.updates_per_step * sac.batch as f32;
     assert!((passes - ppo.epochs as f32).abs() < 1e-4);
-    let smaller = SacSettings { batch: 64, ..sac }.as_often_as(&PpoSettings::paper());
+    let smaller = SacSettings { batch: 64, ..sac }.with_update_ratio_of(&PpoSettings::paper());
     assert_eq!(smaller.updates_per_step, 8.0 / 64.0);
 }
 

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{Actor, ContextSettings, Encoder, EnvSpec, Features, Memory, NetworkSettings, SacPolicy};
 use symmetry::{D2, Group, Irrep};
 
-use crate::common::parts::{error, random_observations, signed, transformed};
+use crate::common::parts::{error, random_observations, transform_vector, transformed};
 
 const ENVS: usize = 3;
 const A: usize = 3;
@@ -34,7 +34,7 @@ fn outputs(policy: &mut SacPolicy, g: D2) -> [Vec<f32>; 2] {
         policy.features(&moved, &mut out[1]).unwrap();
         for env in 0..ENVS {
             let done: Vec<f32> = (0..A).map(|_| rng.random_range(-1.0..1.0)).collect();
-            let done = signed(&done, &spec.action, g);
+            let done = transform_vector(&done, &spec.action, g);
             memory.remember(env, &done, rng.random_range(-1.0..1.0));
         }
     }
@@ -56,7 +56,7 @@ fn policy(group: Group, context: bool) -> SacPolicy {
 fn errors(policy: &mut SacPolicy, g: D2) -> [f32; 2] {
     let [means, features] = outputs(policy, D2::Identity);
     let moved = outputs(policy, g);
-    let expected = [signed(&means, &spec().action, g), features];
+    let expected = [transform_vector(&means, &spec().action, g), features];
     [0, 1].map(|i: usize| error(&moved[i], &expected[i]))
 }
 

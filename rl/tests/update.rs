@@ -28,12 +28,12 @@ fn settings() -> NetworkSettings {
     }
 }
 
-/// One rollout of a fresh policy.
+/// Returns one rollout of a fresh policy.
 fn rollout() -> Run {
     rollout_of(Group::D2)
 }
 
-/// The same of one that is equivariant under this group.
+/// Returns one rollout of a fresh policy that is equivariant under `group`.
 fn rollout_of(group: Group) -> Run {
     let mut env = PointReach::new(ENVS, 1);
     let network = NetworkSettings { group, ..settings() };
@@ -176,7 +176,7 @@ fn exploration_stays_above_its_floor() {
     assert_eq!(free, narrowing(-9.0));
 }
 
-/// It would collect below the floor, and jump to it at the first step.
+/// Such a policy would collect below the floor and jump to it at the first step.
 #[test]
 fn a_policy_that_starts_below_the_floor_is_refused_with_both_numbers() {
     let policy = rollout().policy;

@@ -1,28 +1,28 @@
-//! Updates on a GPU, as plans of its kernels: the network, its loss, and the optimiser.
+//! PPO updates on a GPU: a plan of kernels for the network, the loss and the optimiser.
 
 use equivariant::gpu::{Batch, GpuError, Passes, Plan, Program, Slot, Step, Work};
 use rand_chacha::ChaCha8Rng;
 
 use crate::adam::{Adam, bias_correction};
-use crate::device::{DRAW, Observed, Outputs, add_network};
+use crate::device::{DRAW, DeviceObservations, Outputs, add_network};
 use crate::env::Observations;
 use crate::error::{RlError, check_finite};
 use crate::network::ActorCritic;
-use crate::ppo::minibatch::{Device, LARGEST_LOG_RATIO, Minibatch, Update};
+use crate::ppo::minibatch::{Device, MAX_LOG_RATIO, Minibatch, Update};
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, Totals};
 
-/// Numbers of a row of the log; the first row is the state.
+/// Numbers in a row of the log, whose first row is the state of the update.
 const ROW: usize = 8;
-/// Partial sums of squares: as many as the threads that add them up.
+/// Number of partial sums of squares, equal to the number of threads that add them up.
 const SQUARES: usize = 64;
 
-/// A GPU with the kernels of an update. It runs all minibatches without waiting for one another,
-/// and takes no step after one that the divergence forbids.
+/// A GPU as a [`Device`]. It queues all minibatches without waiting for results; once the KL
+/// divergence stops the update, the remaining minibatches have no effect.
 pub(super) struct Gpu {
     device: equivariant::gpu::Device,
     schedule: Schedule,
-    /// Compiled at the first update, and again for a longer one.
+    /// Kernels, compiled at the first update and again for larger sizes.
     compiled: Option<Compiled>,
 }
 
@@ -32,14 +32,14 @@ struct Compiled {
     program: Program,
 }
 
-/// The minibatches of all passes, in their order.
+/// The minibatches of all epochs, in order.
 #[derive(Default)]
 struct Schedule {
-    /// Decision and advantage of each draw, as words.
+    /// Index and advantage of each drawn decision, as two words.
     draws: Vec<u32>,
-    /// Start of each minibatch among the draws, and its length.
+    /// Start among the draws and length of each minibatch.
     minibatches: Vec<(usize, usize)>,
-    /// The generator after the shuffle that each minibatch follows.
+    /// Random generator after the shuffle of each minibatch's epoch.
     generators: Vec<ChaCha8Rng>,
 }
 
@@ -73,6 +73,7 @@ impl Gpu {
             draws: schedule.draws.len() / 2,
             minibatches: schedule.minibatches.len(),
         };
+        // compiled buffers also serve smaller updates
         let known = self.compiled.take().filter(|known| known.size.holds(needed));
         let compiled = match known {
             Some(known) => known,
@@ -113,7 +114,7 @@ impl Compiled {
         Ok(Self { size, graph, program })
     }
 
-    /// Brings parameters, moments, the rollout and its minibatches to the device.
+    /// Copies parameters, moments, the rollout and its minibatches to the device.
     fn write(&self, update: &Update, schedule: &Schedule) {
         let Graph { plan, slots, moments } = &self.graph;
         let network = update.policy.network();
@@ -130,14 +131,16 @@ impl Compiled {
         slots.observed.write(&self.program, network, images, vectors);
         self.program.write(slots.decisions, &decisions(network, update));
         self.program.write_words(slots.observed.draws, &schedule.draws);
+        // zeros: the state RUNNING, and no row written yet
         self.program.write(slots.log, &vec![0.0; log_len(schedule)]);
     }
 
-    /// Starts every minibatch.
+    /// Queues every minibatch.
     fn submit(&self, update: &Update, schedule: &Schedule) {
         let [encoder, heads] = update.groups().map(|group| group.learning_rate);
         for (index, &(start, samples)) in schedule.minibatches.iter().enumerate() {
             let steps = update.optimiser.steps + index as u64 + 1;
+            // Adam's bias corrections, computed here in f64, which kernels do not have
             let [first, second] = update.optimiser.betas.map(|beta| bias_correction(beta, steps));
             let batch = Batch {
                 samples,
@@ -149,7 +152,7 @@ impl Compiled {
         }
     }
 
-    /// Waits for the minibatches and takes over what they left.
+    /// Waits for the minibatches and copies their results to the policy, optimiser and generator.
     fn read(&self, update: &mut Update, schedule: &Schedule) -> Result<Totals, RlError> {
         let Graph { plan, slots, moments: [first, second] } = &self.graph;
         let [params, first, second] =
@@ -162,6 +165,8 @@ impl Compiled {
         update.optimiser.first_moment = plan.unplaced(&first);
         update.optimiser.second_moment = plan.unplaced(&second);
         update.optimiser.steps += totals.steps as u64;
+        // the minibatch that ended the update follows the last step taken: the generator continues
+        // from its epoch's shuffle, as on the CPU, which would not have drawn later ones
         let begun = totals.steps.min(schedule.generators.len() - 1);
         update.rng.clone_from(&schedule.generators[begun]);
         outcome.map(|()| totals)
@@ -169,10 +174,10 @@ impl Compiled {
 }
 
 impl Totals {
-    /// Adds the rows of a log up to where the update ended.
+    /// Adds the rows of a log up to the end of the update.
     fn add_log(&mut self, log: &[f32], epochs: usize) -> Result<(), RlError> {
         let rows = log.chunks_exact(ROW).skip(1);
-        let of_pass = rows.len() / epochs;
+        let per_epoch = rows.len() / epochs;
         for row in rows {
             let [
                 samples,
@@ -184,6 +189,7 @@ impl Totals {
                 norm,
                 stepped,
             ] = std::array::from_fn(|i| f64::from(row[i]));
+            // a row that no minibatch wrote: the update had stopped
             if samples == 0.0 {
                 break;
             }
@@ -203,7 +209,8 @@ impl Totals {
             }
             self.grad_norms += norm;
             self.steps += 1;
-            self.epochs = self.steps / of_pass;
+            // complete epochs only, as on the CPU
+            self.epochs = self.steps / per_epoch;
         }
         Ok(())
     }
@@ -213,7 +220,7 @@ fn log_len(schedule: &Schedule) -> usize {
     ROW * (schedule.minibatches.len() + 1)
 }
 
-/// Action, irrep-major, log-probability and return of every decision.
+/// Returns the action (irrep-major), log-probability and return of every decision.
 fn decisions(network: &ActorCritic<f32>, update: &Update) -> Vec<f32> {
     let order = &network.action_order;
     let made = update.buffer.decisions();
@@ -226,33 +233,33 @@ fn decisions(network: &ActorCritic<f32>, update: &Update) -> Vec<f32> {
     rows.collect()
 }
 
-/// Largest sizes of an update.
+/// Sizes of an update, for which buffers are allocated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Size {
-    /// Decisions of the rollout.
+    /// Number of decisions of the rollout.
     rollout: usize,
-    /// Decisions of all minibatches of all passes.
+    /// Number of decisions in all minibatches of all epochs.
     draws: usize,
-    /// Minibatches of all passes.
+    /// Number of minibatches of all epochs.
     minibatches: usize,
 }
 
-/// The plan and its buffers.
+/// The plan of an update and its buffers.
 struct Graph {
     plan: Plan,
     slots: Slots,
-    /// First and second moment of Adam.
+    /// Adam's first and second moment.
     moments: [Slot; 2],
 }
 
-/// Buffers that the processor writes and reads besides parameters.
+/// Buffers that the CPU writes and reads, besides the parameters.
 #[derive(Clone, Copy)]
 struct Slots {
-    /// The rollout's observations, and the draws from them.
-    observed: Observed,
-    /// Action, irrep-major, log-probability and return of each decision of the rollout.
+    /// Observations of the rollout, and the draws from them.
+    observed: DeviceObservations,
+    /// Action (irrep-major), log-probability and return of each decision of the rollout.
     decisions: Slot,
-    /// The state and a row for each minibatch.
+    /// State of the update, then one row for each minibatch.
     log: Slot,
 }
 
@@ -283,14 +290,14 @@ impl Slots {
     fn new(plan: &mut Plan, network: &ActorCritic<f32>, size: Size) -> Self {
         let spec = network.spec();
         Self {
-            observed: Observed::new(plan, network, size.rollout, size.draws),
+            observed: DeviceObservations::new(plan, network, size.rollout, size.draws),
             decisions: plan.buffer(size.rollout * (spec.action.len() + 2), 0),
             log: plan.buffer(ROW * (size.minibatches + 1), 0),
         }
     }
 }
 
-/// The loss and its gradient in what the network puts out.
+/// Creates the kernel for the loss and its gradient with respect to the network's outputs.
 fn loss(
     plan: &Plan,
     network: &ActorCritic<f32>,
@@ -311,7 +318,7 @@ fn loss(
         .number("VALUE", settings.value_weight.into())
         .number("ENTROPY", settings.entropy_weight.into())
         .number("KL_STOP", settings.kl_stop())
-        .number("LARGEST_LOG_RATIO", LARGEST_LOG_RATIO)
+        .number("MAX_LOG_RATIO", MAX_LOG_RATIO)
         .text(&format!("var<private> component: {list} = {list}({components});"))
         .text(DRAW)
         .text(include_str!("wgsl/log.wgsl"))
@@ -329,7 +336,7 @@ fn loss(
     Ok(step)
 }
 
-/// The norm of the gradient.
+/// Creates the two kernels for the norm of the gradient.
 fn norms(plan: &Plan, settings: &PpoSettings, slots: Slots, squares: Slot) -> [Step; 2] {
     let sums = Step::new("squares", 1, Work::fixed_groups(SQUARES))
         .constants([("PARAMS", plan.device_params()), ("GROUPS", SQUARES)])
@@ -347,7 +354,7 @@ fn norms(plan: &Plan, settings: &PpoSettings, slots: Slots, squares: Slot) -> [S
     [sums, norm]
 }
 
-/// A step of Adam.
+/// Creates the kernel for a step of Adam.
 fn optimiser(
     plan: &Plan,
     settings: &PpoSettings,
@@ -356,6 +363,7 @@ fn optimiser(
     outputs: &Outputs,
 ) -> Step {
     let action = outputs.mean.shape.len();
+    // only for the decays: the CPU's Adam is the single source of these constants
     let Adam { betas, epsilon, .. } = Adam::new(0, settings.adam_epsilon);
     Step::new("adam", 1, Work::fixed_threads(plan.device_params()))
         .constants([
@@ -385,7 +393,7 @@ mod tests {
     use crate::env::EnvSpec;
     use crate::network_settings::NetworkSettings;
 
-    /// docs/performance.md says so.
+    /// The number stated in docs/performance.md.
     #[test]
     fn a_minibatch_of_the_default_network_takes_51_kernels() {
         let action = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];

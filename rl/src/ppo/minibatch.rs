@@ -1,4 +1,4 @@
-//! Minibatches of an update, and the devices that compute their losses and gradients.
+//! Minibatches of a PPO update, and the devices that compute their losses and gradients.
 
 use std::ops::Range;
 
@@ -12,40 +12,40 @@ use crate::network::{ActorCritic, Workspace};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, Totals};
-use crate::ppo::symmetry_loss::{Moved, symmetry_loss};
+use crate::ppo::symmetry_loss::{TransformedSamples, symmetry_loss};
 
-/// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a
-/// quarter more time.
+/// Samples of one training chunk. A minibatch of 64 then has 8 chunks to keep the cores busy;
+/// smaller chunks take a quarter more time.
 const TRAINING_CHUNK: usize = 8;
 
-/// Logarithm at which a ratio is cut, so that sums over a minibatch stay finite in single
-/// precision. One decision beyond it brings the KL estimate past every limit, which ends an update
-/// before it learns from that.
-pub(super) const LARGEST_LOG_RATIO: f64 = 60.0;
+/// Cap of the log probability ratio, so that sums over a minibatch stay finite in f32 (e^60 is
+/// about 1e26). A single decision at the cap puts the KL estimate above any limit, which ends the
+/// update before a step on it.
+pub(super) const MAX_LOG_RATIO: f64 = 60.0;
 
-/// Computes the minibatches of an update.
+/// A device that computes the minibatches of an update.
 pub(super) trait Device: Send + Sync {
-    /// Returns the losses of a minibatch and their gradient in the parameters; `None` where the
-    /// device queues the minibatch and takes its step by itself.
+    /// Returns the summed losses of a minibatch and the gradient of their mean with respect to the
+    /// parameters; `None` if the device queues the minibatch and takes its step itself.
     ///
     /// # Errors
-    /// [`RlError::NotFinite`] for a loss that is not a number.
+    /// [`RlError::NotFinite`] for a loss that is infinite or NaN.
     fn losses(
         &mut self,
         update: &Update,
         minibatch: &Minibatch,
     ) -> Result<Option<(LossSums, &mut [f32])>, RlError>;
 
-    /// Runs what was queued, and leaves policy, optimiser and generator as the steps that were
-    /// taken leave them; `None` where nothing was queued.
+    /// Finishes queued minibatches and writes the results to policy, optimiser and generator;
+    /// `None` if the device does not queue.
     ///
     /// # Errors
-    /// [`RlError::NotFinite`] for a loss or a gradient that is not a number, and what the device
-    /// says.
+    /// [`RlError::NotFinite`] for a loss or a gradient that is infinite or NaN, and errors of the
+    /// device.
     fn finish(&mut self, update: &mut Update) -> Result<Option<Totals>, RlError>;
 }
 
-/// An update in progress.
+/// Inputs and state of an update in progress.
 pub(super) struct Update<'a> {
     pub settings: &'a PpoSettings,
     pub optimiser: &'a mut Adam,
@@ -55,19 +55,20 @@ pub(super) struct Update<'a> {
     pub rng: &'a mut ChaCha8Rng,
 }
 
-/// Values that an update derives from its rollout, `[T, N]` each; kept for their memory.
+/// Values derived from the rollout, `[T, N]` each; kept between updates to reuse the allocations.
 #[derive(Default)]
 pub(super) struct Batch {
     pub advantages: Vec<f32>,
     pub returns: Vec<f32>,
     pub actions: Vec<f64>,
-    /// Its decisions moved, for the loss of [`SymmetryLoss`](crate::SymmetryLoss); not kept.
-    pub moved: Option<Moved>,
+    /// Transformed samples of the rollout for a [`SymmetryLoss`](crate::SymmetryLoss); not kept
+    /// between updates.
+    pub transformed: Option<TransformedSamples>,
 }
 
 impl<'a> Update<'a> {
-    /// Parameters with their learning rates. The encoder is trained at a rate of its own: its drift
-    /// under the critic's loss moves the actor, too.
+    /// Returns the parameter groups with their learning rates. The encoder has its own rate, since
+    /// its changes under the critic's loss move the actor, too.
     pub fn groups(&self) -> [ParamGroup; 2] {
         let group = |range, learning_rate| ParamGroup { range, learning_rate };
         let (network, settings) = (self.policy.network(), self.settings);
@@ -77,7 +78,7 @@ impl<'a> Update<'a> {
         ]
     }
 
-    /// The decisions at these indices with their normalised advantages.
+    /// Returns the minibatch of the decisions at `indices`, with their normalised advantages.
     pub fn minibatch<'b>(&self, indices: &'b [usize], advantages: &'b [f64]) -> Minibatch<'b>
     where
         'a: 'b,
@@ -96,32 +97,32 @@ impl<'a> Update<'a> {
                 ent_coef: settings.entropy_weight.into(),
                 symmetry: symmetry.map_or(0.0, |symmetry| symmetry.weight.into()),
             },
-            moved: batch.moved.as_ref(),
+            transformed: batch.transformed.as_ref(),
         }
     }
 }
 
-/// One decision of a rollout, as it was recorded.
+/// One recorded decision of a rollout.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Decision<'a> {
-    /// The action taken, `[A]`.
+    /// Executed action, `[A]`.
     pub action: &'a [f64],
-    /// Its log-probability when it was taken.
+    /// Log-probability of the action under the collecting policy.
     pub log_prob: f64,
-    /// Its normalised advantage.
+    /// Normalised advantage.
     pub advantage: f64,
-    /// Target of the value function.
+    /// Return, the target of the value function.
     pub ret: f64,
 }
 
-/// Output of the network for the decision now.
+/// Output of the current network for the observation of a decision.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Output<'a> {
     /// Mean action, `[A]`.
     pub mean: &'a [f64],
     /// Logarithms of the standard deviations, `[A]`.
     pub log_std: &'a [f64],
-    /// V(s).
+    /// Value V(s).
     pub value: f64,
 }
 
@@ -131,15 +132,15 @@ pub(super) struct Minibatch<'a> {
     pub buffer: &'a RolloutBuffer,
     /// Actions of the whole rollout, `[T, N, A]`.
     pub actions: &'a [f64],
-    /// Returns of the whole rollout, `[T, N]`.
+    /// GAE returns of the whole rollout, `[T, N]`.
     pub returns: &'a [f32],
-    /// Decisions that belong to the minibatch, `[B]`.
+    /// Indices of the minibatch's decisions in the rollout, `[B]`.
     pub indices: &'a [usize],
-    /// Their normalised advantages, `[B]`.
+    /// Normalised advantages of these decisions, `[B]`.
     pub advantages: &'a [f64],
     pub weights: LossWeights,
-    /// The decisions of the rollout moved, where broken symmetries cost something.
-    pub moved: Option<&'a Moved>,
+    /// Transformed samples of the rollout; `None` without a symmetry loss.
+    pub transformed: Option<&'a TransformedSamples>,
 }
 
 impl Minibatch<'_> {
@@ -161,10 +162,11 @@ impl Minibatch<'_> {
         network.forward(params, range.len(), workspace);
         let mut sums = self.loss(range.clone(), workspace);
         network.backward(params, range.len(), workspace, gradient);
-        if let Some(moved) = self.moved {
+        if let Some(transformed) = self.transformed {
+            // a second pass in the same workspace, after the gradient of the first one was added
             let scale = 1.0 / self.indices.len() as f64;
             let indices = &self.indices[range];
-            moved.forward(network, params, indices, workspace);
+            transformed.forward(network, params, indices, workspace);
             sums.symmetry_loss = symmetry_loss(indices.len(), &self.weights, scale, workspace);
             network.backward(params, indices.len(), workspace, gradient);
         }
@@ -174,6 +176,7 @@ impl Minibatch<'_> {
     /// Sums the loss terms of a chunk and leaves their gradients in the workspace.
     fn loss<T>(&self, range: Range<usize>, w: &mut Workspace<T>) -> LossSums {
         let width = w.log_std.len();
+        // the mean is over the whole minibatch, not the chunk: chunk gradients are only added
         let scale = 1.0 / self.indices.len() as f64;
         let mut sums = LossSums::default();
         w.d_log_std.fill(0.0);
@@ -196,14 +199,13 @@ impl Minibatch<'_> {
     }
 }
 
-/// Computes losses and gradients on the processor, in chunks whose gradients are added in their
-/// order.
-pub(super) struct Processor {
+/// The CPU as a [`Device`]: chunks run in parallel, and their gradients are added in a fixed order.
+pub(super) struct Cpu {
     chunks: Chunks<f32, Workspace<f32>>,
     gradient: Vec<f32>,
 }
 
-impl Processor {
+impl Cpu {
     pub fn new(policy: &ActorCriticPolicy) -> Self {
         let network = policy.network().clone();
         let num_params = network.num_params();
@@ -216,7 +218,7 @@ impl Processor {
     }
 }
 
-impl Device for Processor {
+impl Device for Cpu {
     fn losses(
         &mut self,
         update: &Update,

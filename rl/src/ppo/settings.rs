@@ -22,7 +22,7 @@ pub struct PpoSettings {
     pub epochs: usize,
     /// Decisions in a minibatch, at least 2 (one decision has no advantage to normalise).
     pub minibatch: usize,
-    /// Half-width of the interval around 1 in which the probability ratio is trusted, in (0, 1).
+    /// Half-width of the interval around 1 to which the probability ratio is clipped, in (0, 1).
     pub clip: f32,
     /// Weight of the squared value error, at least 0.
     pub value_weight: f32,
@@ -30,8 +30,8 @@ pub struct PpoSettings {
     pub entropy_weight: f32,
     /// Largest Euclidean norm of the whole gradient, above 0.
     pub max_grad_norm: f32,
-    /// KL divergence from the collecting policy, in nats, above 0; the update stops at 1.5 times
-    /// this.
+    /// Target KL divergence from the collecting policy, in nats, above 0; the update stops at 1.5
+    /// times this value.
     pub max_kl: f32,
     /// Adam's step size for everything but the encoder, above 0.
     pub head_learning_rate: f32,
@@ -39,23 +39,23 @@ pub struct PpoSettings {
     pub encoder_learning_rate: f32,
     /// Adam's epsilon, above 0.
     pub adam_epsilon: f32,
-    /// The logarithm of a standard deviation is never below this, in [-10, 2]: each step of the
-    /// update ends with raising it to here, so that exploration cannot vanish. A policy that starts
-    /// below it is refused by [`Ppo::new`](crate::Ppo::new).
+    /// Minimum log_std, in [-10, 2]: smaller ones are raised to it after each gradient step, so
+    /// that exploration cannot vanish. [`Ppo::new`](crate::Ppo::new) rejects a policy that starts
+    /// below.
     ///
-    /// The default is that of CleanRL's soft actor-critic (`LOG_STD_MIN = -5`): noise of 0.7 % of
-    /// an action's unit. Training stays far above it; the published policies end between -1.4 and
+    /// The default is from CleanRL's soft actor-critic (`LOG_STD_MIN = -5`): noise of 0.7 % of an
+    /// action's unit. Training stays far above it; the published policies end between -1.4 and
     /// -0.4. Much below -10, actions in f32 are too coarse for their own density.
     pub min_log_std: f32,
-    /// What answers that break a symmetry cost, on the processor alone; nothing by default. With it
-    /// every pass runs each decision twice.
+    /// Loss for outputs that break a symmetry; none by default. Needs the CPU, and a second forward
+    /// and backward pass for every decision.
     pub symmetry: Option<SymmetryLoss>,
 }
 
 impl PpoSettings {
-    /// The hyper-parameters of COVERS (Liu et al., CoRL 2023, appendix); what the paper does not
-    /// list (value weight, gradient norm, epsilon) as in "The 37 implementation details of PPO"
-    /// (Huang et al., ICLR blog track 2022).
+    /// Returns the hyper-parameters of COVERS (Liu et al., CoRL 2023, appendix). Value weight,
+    /// gradient norm and epsilon, which the paper does not list, follow "The 37 implementation
+    /// details of PPO" (Huang et al., ICLR blog track 2022).
     pub fn paper() -> Self {
         Self {
             gamma: 0.99,
@@ -75,33 +75,33 @@ impl PpoSettings {
         }
     }
 
-    /// The paper's, with what learned faster here: learning rates of 1e-3 for the heads and 1e-4
-    /// for the encoder and a value weight of 0.1, from this project's feasibility study
-    /// (docs/ppo.md); a discount of 0.95 and 12 passes instead of 8, from the comparisons in
-    /// docs/results/covers.md.
-    ///
-    /// A slow encoder keeps the KL divergence of an update below its limit. Values of many
-    /// decisions ahead are large, so at a weight of 0.5 their error takes up almost all of the
-    /// clipped gradient, and mean actions wander. Rewards are dense and episodes last 50 decisions:
-    /// looking 20 ahead is enough, and the advantages are less noisy.
+    /// Returns the paper's settings with the changes that made training faster here: learning rates
+    /// of 1e-3 for the heads and 1e-4 for the encoder and a value weight of 0.1, from this
+    /// project's feasibility study (docs/ppo.md); a discount of 0.95 and 12 epochs instead of 8,
+    /// from the comparisons in docs/results/covers.md.
     pub fn measured() -> Self {
         Self {
+            // rewards are dense and episodes last 50 decisions: a horizon of 1 / (1 - gamma) = 20
+            // decisions is enough, and makes advantages less noisy
             gamma: 0.95,
             head_learning_rate: 1e-3,
+            // a slow encoder keeps the KL divergence of an update below its limit
             encoder_learning_rate: 1e-4,
+            // values sum many rewards, so at 0.5 their error takes up almost all of the clipped
+            // gradient, and mean actions wander
             value_weight: 0.1,
             epochs: 12,
             ..Self::paper()
         }
     }
 
-    /// The KL divergence in nats above which an update stops, 1.5 * `max_kl` (Stable-Baselines3,
-    /// `PPO.train`).
+    /// Returns the KL divergence in nats above which an update stops, 1.5 * `max_kl`
+    /// (Stable-Baselines3, `PPO.train`).
     pub fn kl_stop(&self) -> f64 {
         1.5 * f64::from(self.max_kl)
     }
 
-    /// Refuses values outside their ranges.
+    /// Rejects values outside their ranges.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.
@@ -116,8 +116,8 @@ impl PpoSettings {
         require_count("minibatch", self.minibatch, 2, "at least 2")
     }
 
-    /// Refuses standard deviations below the floor: the first step would raise them, however small
-    /// the gradient is.
+    /// Rejects standard deviations below the floor, to which the first step would raise them
+    /// however small the gradient is.
     pub(super) fn check_floor(&self, log_std: &[f32]) -> Result<(), RlError> {
         let min_log_std = self.min_log_std;
         match log_std.iter().find(|&&log_std| log_std < min_log_std) {

@@ -11,7 +11,7 @@ pub(super) struct LossWeights {
     pub vf_coef: f64,
     /// Weight of the entropy bonus.
     pub ent_coef: f64,
-    /// Weight of the loss of broken symmetries.
+    /// Weight of the symmetry loss.
     pub symmetry: f64,
 }
 
@@ -19,7 +19,7 @@ pub(super) struct LossWeights {
 /// that were run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UpdateStats {
-    /// The clipped surrogate, negated: what the actor minimises.
+    /// Actor loss: the negated clipped surrogate.
     pub policy_loss: f64,
     /// Squared error of the value function.
     pub value_loss: f64,
@@ -29,8 +29,8 @@ pub struct UpdateStats {
     pub approx_kl: f64,
     /// Share in [0, 1] of decisions whose probability ratio left the clip interval.
     pub clip_fraction: f64,
-    /// 1 - Var(return - value) / Var(return), before the update; 1 is a perfect critic, 0 a
-    /// constant one.
+    /// Explained variance 1 - Var(return - value) / Var(return) before the update: 1 for a perfect
+    /// critic, 0 for a constant one.
     pub explained_variance: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,
@@ -40,14 +40,13 @@ pub struct UpdateStats {
     pub epochs: usize,
     /// Logarithm of every action component's standard deviation after the update, `[A]`.
     pub log_std: Vec<f32>,
-    /// The loss of broken symmetries before its weight, where there is one
-    /// ([`SymmetryLoss`](crate::SymmetryLoss)).
+    /// Unweighted symmetry loss; `None` without a [`SymmetryLoss`](crate::SymmetryLoss).
     pub symmetry_loss: Option<f64>,
 }
 
 impl Metrics for UpdateStats {
-    /// The fields in their order, `symmetry_loss` last and where there is one; the components of
-    /// `log_std` are `log_std_0`, `log_std_1`, ...
+    /// Returns the fields in order. The components of `log_std` are `log_std_0`, `log_std_1`, ...;
+    /// `symmetry_loss` comes last, if there is one.
     fn metrics(&self) -> Vec<(String, f64)> {
         let mut all = named!(
             self: policy_loss, value_loss, entropy, approx_kl, clip_fraction, explained_variance,
@@ -75,7 +74,7 @@ pub(crate) struct Totals {
 }
 
 impl Totals {
-    /// `values` and `returns` are those of the whole rollout, `[T, N]`.
+    /// Returns the statistics; `values` and `returns` `[T, N]` are from before the update.
     pub fn stats(&self, values: &[f32], returns: &[f32], log_std: &[f32]) -> UpdateStats {
         let mean = |sum: f64| sum / self.losses.samples;
         UpdateStats {
@@ -85,6 +84,7 @@ impl Totals {
             approx_kl: mean(self.losses.approx_kl),
             clip_fraction: mean(self.losses.clip_fraction),
             explained_variance: explained_variance(values, returns),
+            // there is no step if the first minibatch already stops the update
             grad_norm: self.grad_norms / self.steps.max(1) as f64,
             steps: self.steps,
             epochs: self.epochs,
@@ -94,7 +94,7 @@ impl Totals {
     }
 }
 
-/// 1 - Var(return - value) / Var(return); 0 when the returns do not vary.
+/// Returns 1 - Var(return - value) / Var(return); 0 if the returns do not vary.
 fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
     let total = variance(returns.iter().map(|&r| f64::from(r)));
     let residual = variance(returns.iter().zip(values).map(|(&r, &v)| f64::from(r) - f64::from(v)));

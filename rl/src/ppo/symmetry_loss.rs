@@ -1,4 +1,4 @@
-//! A loss that draws a policy towards a symmetry that its network lacks.
+//! A loss that pulls a policy towards a symmetry that its network lacks.
 
 use equivariant::Scalar;
 use rand::RngExt;
@@ -12,28 +12,29 @@ use crate::error::{RlError, require, require_weight};
 use crate::network::{ActorCritic, Workspace};
 use crate::ppo::stats::LossWeights;
 
-/// What a policy pays for answering a moved observation with anything but the moved action and the
-/// same value: the regularisers of data-regularised actor-critic (Raileanu et al., "Automatic data
-/// augmentation for generalization in deep reinforcement learning", NeurIPS 2021, equations 3 to
-/// 5), for transformations that move actions, too. The surrogate itself sees what was collected
-/// alone, so it stays an estimate of the policy's own gradient.
+/// Loss for a policy whose outputs break a symmetry: the regularisers of data-regularised
+/// actor-critic (DrAC; Raileanu et al., "Automatic data augmentation for generalization in deep
+/// reinforcement learning", NeurIPS 2021, equations 3 to 5), for transformations that act on
+/// actions, too. The PPO surrogate uses only untransformed samples, so it stays an estimate of the
+/// policy's own gradient.
 ///
-/// For a decision with mean m and value v and an element g, with m' and v' for the moved
+/// For a decision with mean m and value v and a group element g, with m' and v' for the transformed
 /// observation, it is `weight * (sum((m' - g m)^2 / (2 sigma^2)) + value_weight * (v' - v)^2)`. The
-/// first term is the KL divergence of the answers to the moved observation from the moved answers;
-/// m, v and sigma are constants in it. An equivariant policy pays nothing.
+/// first term is the KL divergence between the action distribution for the transformed observation
+/// and the transformed distribution; m, v and sigma are constants in it. The loss of an equivariant
+/// policy is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SymmetryLoss {
-    /// One element other than the identity is drawn for each decision and update; any group but C1,
-    /// which has none.
+    /// Group of the symmetry, any but C1. One element other than the identity is drawn for each
+    /// decision and update.
     pub group: Group,
-    /// Weight of the whole, at least 0.
+    /// Weight of the loss, at least 0.
     pub weight: f32,
 }
 
 impl Default for SymmetryLoss {
-    /// D2, with the weight of the source (its table of hyper-parameters).
+    /// Returns D2 with a weight of 0.1, from the paper's table of hyper-parameters.
     fn default() -> Self {
         Self { group: Group::D2, weight: 0.1 }
     }
@@ -51,8 +52,8 @@ impl SymmetryLoss {
         require_weight("symmetry.weight", self.weight)
     }
 
-    /// Draws an element for each decision of the rollout, and moves what was observed.
-    pub(super) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> Moved {
+    /// Draws a group element for each decision of the rollout and transforms its observation.
+    pub(super) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> TransformedSamples {
         // the identity comes first
         let others = &self.group.elements()[1..];
         let draw = |_| others[rng.random_range(0..others.len())];
@@ -61,20 +62,20 @@ impl SymmetryLoss {
         for (i, &g) in elements.iter().enumerate() {
             observations.transform(buffer.spec(), i, g);
         }
-        Moved { elements, observations }
+        TransformedSamples { elements, observations }
     }
 }
 
-/// The decisions of a rollout, moved.
+/// Observations of a rollout, each transformed by its own group element.
 #[derive(Debug)]
-pub(super) struct Moved {
+pub(super) struct TransformedSamples {
     elements: Vec<D2>,
     observations: Observations,
 }
 
-impl Moved {
-    /// Runs the moved decisions at `indices` forward, after a forward pass over the same decisions
-    /// as they were observed: answers to those, moved, stay where gradients will be.
+impl TransformedSamples {
+    /// Runs the transformed samples at `indices` forward, after a forward pass over the original
+    /// ones, whose transformed outputs it leaves in `d_mean` and `d_value` as targets.
     pub fn forward<T: Scalar>(
         &self,
         network: &ActorCritic<T>,
@@ -82,7 +83,7 @@ impl Moved {
         indices: &[usize],
         w: &mut Workspace<T>,
     ) {
-        self.hold(network.spec(), indices, w);
+        self.store_targets(network.spec(), indices, w);
         for (slot, &i) in indices.iter().enumerate() {
             let (image, vector) = self.observations.sample(network.spec(), i);
             network.load(slot, image, vector, w);
@@ -90,9 +91,9 @@ impl Moved {
         network.forward(params, indices.len(), w);
     }
 
-    /// Leaves what should be answered to the moved decisions where their gradients will be: the
-    /// last forward pass's means, moved, and its values. The next forward pass leaves them there.
-    fn hold<T>(&self, spec: &EnvSpec, indices: &[usize], w: &mut Workspace<T>) {
+    /// Stores the targets of the transformed samples in `d_mean` and `d_value`, which a forward
+    /// pass does not write: the last pass's means, transformed, and its values.
+    fn store_targets<T>(&self, spec: &EnvSpec, indices: &[usize], w: &mut Workspace<T>) {
         let width = spec.action.len();
         for (slot, &i) in indices.iter().enumerate() {
             for (a, irrep) in spec.action.iter().enumerate() {
@@ -104,8 +105,8 @@ impl Moved {
     }
 }
 
-/// Returns the sum of the loss of n moved decisions before its weight, and puts its weighted and
-/// scaled gradients in the place of what is held.
+/// Returns the summed, unweighted loss of n transformed samples, and replaces the targets in
+/// `d_mean` and `d_value` by the gradient of the loss, times its weight and `scale`.
 pub(super) fn symmetry_loss<T>(
     n: usize,
     weights: &LossWeights,
@@ -115,6 +116,7 @@ pub(super) fn symmetry_loss<T>(
     let width = w.log_std.len();
     let scale = weights.symmetry * scale;
     let mut loss = 0.0;
+    // standard deviations are constants of this loss, unlike in the paper
     w.d_log_std.fill(0.0);
     for slot in 0..n {
         for a in 0..width {
@@ -155,7 +157,7 @@ mod tests {
         ActorCritic::new(&settings, &spec()).unwrap()
     }
 
-    /// One step of random observations.
+    /// Returns one step of random observations.
     fn buffer() -> RolloutBuffer {
         let (spec, observations) = (spec(), fixtures::observations(B));
         let (decisions, transition) = (Decisions::new(&spec), Transition::new(&spec));
@@ -168,9 +170,9 @@ mod tests {
         ChaCha8Rng::seed_from_u64(4)
     }
 
-    /// A network with parameters that are not small, a workspace after a pass over what was
-    /// observed, and what was moved.
-    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, Moved) {
+    /// Returns parameters that are not small, a workspace after a pass over the original samples,
+    /// and the transformed samples.
+    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, TransformedSamples) {
         let (buffer, mut workspace) = (buffer(), network.workspace(B));
         let mut params = network.init(&mut rng());
         params[network.num_params() - 3..].copy_from_slice(&[-0.3, 0.2, -0.6]);
@@ -179,16 +181,16 @@ mod tests {
             network.load(i, image, vector, &mut workspace);
         }
         network.forward(&params, B, &mut workspace);
-        let moved = ALL.draw(&buffer, &mut rng());
-        (params, workspace, moved)
+        let transformed = ALL.draw(&buffer, &mut rng());
+        (params, workspace, transformed)
     }
 
     fn loss_of(group: Group, critic: Critic) -> (f64, Vec<f64>) {
         let network = network(group, critic);
-        let (params, mut workspace, moved) = observed(&network);
+        let (params, mut workspace, transformed) = observed(&network);
         let indices: Vec<usize> = (0..B).collect();
         let mut gradient = vec![0.0; params.len()];
-        moved.forward(&network, &params, &indices, &mut workspace);
+        transformed.forward(&network, &params, &indices, &mut workspace);
         let loss = symmetry_loss(B, &WEIGHTS, 1.0, &mut workspace);
         network.backward(&params, B, &mut workspace, &mut gradient);
         (loss, gradient)
@@ -211,11 +213,11 @@ mod tests {
     #[test]
     fn the_loss_of_one_decision_by_hand() {
         let network = network(Group::C1, Critic::Joint { fields: 3 });
-        let (_, mut w, mut moved) = observed(&network);
-        moved.elements[0] = D2::FlipX;
+        let (_, mut w, mut transformed) = observed(&network);
+        transformed.elements[0] = D2::FlipX;
         w.mean[..3].copy_from_slice(&[0.5, 0.25, -1.0]);
         w.value[0] = 2.0;
-        moved.hold(&spec(), &[0], &mut w);
+        transformed.store_targets(&spec(), &[0], &mut w);
         w.mean[..3].copy_from_slice(&[-0.25, -0.25, -1.0]);
         w.value[0] = 4.0;
         w.log_std = vec![0.0, -(2f64.ln()), 0.0];
@@ -233,11 +235,11 @@ mod tests {
     fn gradient_equals_finite_differences_with_the_answers_held() {
         for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
             let network = network(Group::C1, critic);
-            let (mut params, mut workspace, moved) = observed(&network);
+            let (mut params, mut workspace, transformed) = observed(&network);
             let indices: Vec<usize> = (0..B).collect();
             let mut gradient = vec![0.0; params.len()];
-            moved.forward(&network, &params, &indices, &mut workspace);
-            let held = (workspace.d_mean.clone(), workspace.d_value.clone());
+            transformed.forward(&network, &params, &indices, &mut workspace);
+            let targets = (workspace.d_mean.clone(), workspace.d_value.clone());
             symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
             network.backward(&params, B, &mut workspace, &mut gradient);
             let log_std = params.len() - 3;
@@ -245,9 +247,9 @@ mod tests {
                 let centre = params[i];
                 let mut at = |h: f64| {
                     params[i] = centre + h;
-                    moved.forward(&network, &params, &indices, &mut workspace);
-                    workspace.d_mean.clone_from(&held.0);
-                    workspace.d_value.clone_from(&held.1);
+                    transformed.forward(&network, &params, &indices, &mut workspace);
+                    workspace.d_mean.clone_from(&targets.0);
+                    workspace.d_value.clone_from(&targets.1);
                     let loss = symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
                     loss * 0.25 * WEIGHTS.symmetry
                 };
@@ -264,14 +266,14 @@ mod tests {
     #[test]
     fn all_elements_but_the_identity_are_drawn_and_move_what_was_observed() {
         let (buffer, spec) = (buffer(), spec());
-        let moved = ALL.draw(&buffer, &mut rng());
+        let transformed = ALL.draw(&buffer, &mut rng());
         for g in D2::ALL {
-            assert_eq!(moved.elements.contains(&g), g != D2::Identity, "{g}");
+            assert_eq!(transformed.elements.contains(&g), g != D2::Identity, "{g}");
         }
-        for (i, &g) in moved.elements.iter().enumerate() {
+        for (i, &g) in transformed.elements.iter().enumerate() {
             let mut expected = buffer.observations().clone();
             expected.transform(&spec, i, g);
-            assert_eq!(moved.observations.sample(&spec, i), expected.sample(&spec, i));
+            assert_eq!(transformed.observations.sample(&spec, i), expected.sample(&spec, i));
         }
     }
 }

@@ -19,13 +19,13 @@ const B: usize = 5;
 const WEIGHTS: LossWeights =
     LossWeights { clip_coef: 0.2, vf_coef: 0.5, ent_coef: 0.01, symmetry: 0.0 };
 
-/// The sum that is minimised.
+/// Returns the minimised sum of loss terms.
 fn total(sums: &LossSums, weights: &LossWeights) -> f64 {
     sums.policy_loss + weights.vf_coef * sums.value_loss - weights.ent_coef * sums.entropy
         + weights.symmetry * sums.symmetry_loss
 }
 
-/// What is minimised, and its gradient; parameters are mean (2), log_std (2), value.
+/// Returns the loss of one decision and its gradient; parameters are mean (2), log_std (2), value.
 fn decision_loss(p: &[f64; 5], sample: &Decision) -> (f64, [f64; 5]) {
     let output = Output { mean: &p[..2], log_std: &p[2..4], value: p[4] };
     let (mut mean, mut log_std) = ([0.0; 2], [0.0; 2]);
@@ -67,8 +67,8 @@ fn an_improvement_beyond_the_clip_has_no_gradient() {
     assert_ne!(decision_loss(&p, &worse).1[0], 0.0);
 }
 
-/// An action far from a narrow policy's mean, as mirrored ones are of a network without the
-/// symmetry: a small step of the mean multiplies its probability beyond any number.
+/// An action far from a narrow policy's mean, such as a mirrored one of a network without the
+/// symmetry: a small step of the mean multiplies its probability beyond the range of floats.
 #[test]
 fn a_ratio_beyond_all_numbers_ends_an_update_and_one_that_is_none_is_an_error() {
     let losses = |log_prob: f64| {
@@ -111,7 +111,7 @@ fn uniform(rng: &mut impl Rng, len: usize) -> Vec<f32> {
     (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
 }
 
-/// One random step, with log-probabilities that are `shift` times a random number off.
+/// Returns one random step, whose log-probabilities are off by `shift` times a random number.
 fn rollout(
     network: &ActorCritic<f64>,
     params: &[f64],
@@ -145,7 +145,7 @@ fn actions(buffer: &RolloutBuffer) -> Vec<f64> {
     actions.map(|&action| f64::from(action)).collect()
 }
 
-/// Loss sums and gradient of the whole buffer in two chunks of one workspace.
+/// Returns loss sums and gradient of the whole buffer in two chunks of one workspace.
 fn loss(
     network: &ActorCritic<f64>,
     params: &[f64],
@@ -160,7 +160,7 @@ fn loss(
         indices: &[3, 1, 4, 0, 2],
         advantages: &[0.9, -1.2, 0.3, -0.4, 0.4],
         weights: WEIGHTS,
-        moved: None,
+        transformed: None,
     };
     let mut gradient = vec![0.0; params.len()];
     let mut workspace = network.workspace(3);
@@ -208,7 +208,7 @@ fn gradient_equals_finite_differences(network: &ActorCritic<f64>) {
     assert!(gradient.iter().filter(|g| **g != 0.0).count() > params.len() / 2);
 }
 
-/// Decisions meet their own moved ones, whatever the order and the chunks.
+/// Decisions are compared with their own transformed ones, in any order and chunks.
 #[test]
 fn a_symmetry_loss_is_a_sum_over_decisions() {
     let network = network(Group::C1, strided(), JOINT);
@@ -217,7 +217,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
     let buffer = rollout(&network, &params, 0.5, &mut rng);
     let actions = actions(&buffer);
     let symmetry = SymmetryLoss::default();
-    let (moved, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
+    let (transformed, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
     let weights = LossWeights { symmetry: 0.7, ..WEIGHTS };
     let run = |indices: &[usize], ends: &[usize]| {
         let minibatch = Minibatch {
@@ -227,7 +227,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
             indices,
             advantages: &[0.0; B],
             weights,
-            moved: Some(&moved),
+            transformed: Some(&transformed),
         };
         let (mut sum, mut gradient) = (0.0, vec![0.0; params.len()]);
         let mut workspace = network.workspace(B);

@@ -1,16 +1,18 @@
-//! One episode of a replay.
+//! One episode of a replay buffer.
 
 use crate::env::{EnvSpec, Outcome};
 
-/// Dropped steps of an episode that are kept as the history of those that are held.
+/// Number of dropped steps that are kept as the history of an episode's held steps; more than the
+/// 64 steps that a context may read.
 const HISTORY: usize = 256;
 
 /// Lengths of the arrays of one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Sizes {
     pub pixels: usize,
-    /// Channels of a pixel that move, and that stand still.
+    /// Channels of a pixel that may change during an episode.
     pub moving: usize,
+    /// Channels of a pixel that stay the same during an episode.
     pub still: usize,
     pub vector: usize,
     pub action: usize,
@@ -28,17 +30,17 @@ impl Sizes {
         }
     }
 
-    /// Bytes of a picture's channels that move.
+    /// Returns the number of bytes of an image's moving channels.
     pub fn moving_len(&self) -> usize {
         self.pixels * self.moving
     }
 
-    /// Bytes of a picture's channels that stand still.
+    /// Returns the number of bytes of an image's still channels.
     pub fn still_len(&self) -> usize {
         self.pixels * self.still
     }
 
-    /// The moving and the still channels of every pixel of a picture.
+    /// Splits every pixel of an image into its moving and its still channels.
     fn split<'a>(&self, image: &'a [u8]) -> impl Iterator<Item = (&'a [u8], &'a [u8])> {
         let moving = self.moving;
         let pixels = image.chunks_exact((self.moving + self.still).max(1));
@@ -46,13 +48,13 @@ impl Sizes {
     }
 }
 
-/// An episode so far, or as it ended: T steps and the T + 1 observations around them. Of an episode
-/// that outlasts the replay, the first steps are removed.
+/// An episode, running or ended: T steps and the T + 1 observations around them. The first steps of
+/// an episode longer than the buffer are removed.
 #[derive(Clone, Default)]
 pub(super) struct Episode {
-    /// Channels that stand still, `[H, W, S]`.
+    /// Still channels, `[H, W, S]`.
     pub still: Vec<u8>,
-    /// Channels that move, `[T + 1, H, W, C - S]`.
+    /// Moving channels, `[T + 1, H, W, C - S]`.
     pub moving: Vec<u8>,
     /// Observation vectors `[T + 1, D]`.
     pub vectors: Vec<f32>,
@@ -62,26 +64,26 @@ pub(super) struct Episode {
     pub rewards: Vec<f32>,
     /// Outcome of the last step.
     pub outcome: Outcome,
-    /// Steps removed from the front.
+    /// Number of steps removed from the front.
     pub removed: usize,
-    /// Steps that the replay has not dropped: the last ones.
+    /// Number of steps that the buffer has not dropped, the last ones.
     pub held: usize,
 }
 
 impl Episode {
-    /// An episode with its first observation. Its pictures take the memory of `moving`, whatever
-    /// that holds.
-    pub fn begin(sizes: &Sizes, (image, vector): (&[u8], &[f32]), mut moving: Vec<u8>) -> Self {
+    /// Creates an episode with its first observation. Its images reuse the allocation of `moving`.
+    pub fn begin(sizes: &Sizes, image: &[u8], vector: &[f32], mut moving: Vec<u8>) -> Self {
         moving.clear();
         let mut episode = Self { moving, ..Self::default() };
+        // once for the episode; later images are compared with them
         for (_, still) in sizes.split(image) {
             episode.still.extend_from_slice(still);
         }
-        episode.observe(sizes, (image, vector));
+        episode.observe(sizes, image, vector);
         episode
     }
 
-    fn observe(&mut self, sizes: &Sizes, (image, vector): (&[u8], &[f32])) {
+    fn observe(&mut self, sizes: &Sizes, image: &[u8], vector: &[f32]) {
         self.moving.reserve(sizes.moving_len());
         for (moving, _) in sizes.split(image) {
             self.moving.extend_from_slice(moving);
@@ -89,25 +91,27 @@ impl Episode {
         self.vectors.extend_from_slice(vector);
     }
 
-    /// Appends a step and the observation that it led to.
+    /// Appends a step and the observation after it.
     pub fn push(
         &mut self,
         sizes: &Sizes,
         action: &[f32],
-        (reward, outcome): (f32, Outcome),
-        next: (&[u8], &[f32]),
+        reward: f32,
+        outcome: Outcome,
+        next_image: &[u8],
+        next_vector: &[f32],
     ) {
         self.actions.extend_from_slice(action);
         self.rewards.push(reward);
         self.outcome = outcome;
-        self.observe(sizes, next);
+        self.observe(sizes, next_image, next_vector);
         self.held += 1;
         if outcome.ended() {
             self.shrink();
         }
     }
 
-    /// Gives back what was allocated for steps that will not come.
+    /// Frees memory allocated for further steps.
     pub fn shrink(&mut self) {
         self.moving.shrink_to_fit();
         self.vectors.shrink_to_fit();
@@ -115,16 +119,16 @@ impl Episode {
         self.rewards.shrink_to_fit();
     }
 
-    /// T, the number of steps that are stored.
+    /// Returns T, the number of stored steps.
     pub fn steps(&self) -> usize {
         self.rewards.len()
     }
 
-    /// Lets the replay drop the oldest step. Its memory is freed later and for many at once, unless
-    /// it ends with the whole episode.
+    /// Drops the oldest held step, whose memory is freed later together with that of many others.
     pub fn drop_oldest(&mut self, sizes: &Sizes) {
         self.held -= 1;
         let dropped = self.steps() - self.held;
+        // removal moves the rest of the arrays, so it waits until it frees more than it moves
         if dropped > self.held + 2 * HISTORY {
             let count = dropped - HISTORY;
             self.moving.drain(..count * sizes.moving_len());
@@ -136,14 +140,14 @@ impl Episode {
         }
     }
 
-    /// Returns `true` if the channels of a picture that stand still are those of the episode.
+    /// Returns `true` if an image's still channels equal those of the episode.
     pub fn stands_still(&self, sizes: &Sizes, image: &[u8]) -> bool {
         let mut own = self.still.chunks(sizes.still.max(1));
         sizes.still == 0 || sizes.split(image).all(|(_, still)| own.next() == Some(still))
     }
 
     /// Returns `true` if an observation is the last one of the episode.
-    pub fn ends_with(&self, sizes: &Sizes, (image, vector): (&[u8], &[f32])) -> bool {
+    pub fn ends_with(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
         let last = &self.moving[self.steps() * sizes.moving_len()..];
         let mut own = last.chunks(sizes.moving.max(1));
         let mut moving = || sizes.split(image).all(|(moving, _)| own.next() == Some(moving));
@@ -152,11 +156,11 @@ impl Episode {
             && self.stands_still(sizes, image)
     }
 
-    /// Writes picture `t`, in 0..=T, as the environment gave it.
+    /// Writes image `t`, in 0..=T, as the environment returned it.
     pub fn image(&self, sizes: &Sizes, t: usize, out: &mut [u8]) {
         let moving = &self.moving[t * sizes.moving_len()..][..sizes.moving_len()];
         let channels = sizes.moving + sizes.still;
-        // channel by channel, so that no pixel is copied by a call of its own
+        // channel by channel: a copy for every pixel would be a call for a few bytes each
         for (first, own, from) in
             [(0, sizes.moving, moving), (sizes.moving, sizes.still, &self.still)]
         {
@@ -168,10 +172,10 @@ impl Episode {
         }
     }
 
-    /// Bytes allocated for the arrays.
+    /// Returns the number of bytes allocated for the arrays.
     pub fn bytes(&self) -> usize {
         let floats = [&self.vectors, &self.actions, &self.rewards].map(Vec::capacity);
-        let floats = floats.iter().sum::<usize>() * size_of::<f32>();
-        self.still.capacity() + self.moving.capacity() + floats + size_of::<Self>()
+        let bytes = self.still.capacity() + self.moving.capacity();
+        bytes + floats.iter().sum::<usize>() * size_of::<f32>() + size_of::<Self>()
     }
 }

@@ -1,4 +1,4 @@
-//! A replay as plain arrays, for checkpoints.
+//! State of a replay buffer as plain arrays, for checkpoints.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -6,30 +6,30 @@ use std::fmt;
 use crate::env::{EnvSpec, Outcome};
 use crate::error::{RlError, check_all_finite, check_len};
 use crate::replay::episode::{Episode, Sizes};
-use crate::replay::{Place, Replay, ReplaySettings};
+use crate::replay::{Replay, ReplaySettings, StepIndex};
 
-/// Everything that a [`Replay`] holds. A replay that is restored from it samples the same steps.
+/// Complete state of a [`Replay`]. A buffer restored from it samples the same steps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReplayState<'a> {
-    /// Steps ever recorded.
+    /// Number of steps ever recorded.
     pub recorded: u64,
-    /// Steps that had been recorded when the present was marked.
+    /// Number of steps that had been recorded at the last mark.
     pub marked: u64,
-    /// For each environment, the index in `episodes` of its running one, `[N]`.
+    /// Index in `episodes` of each environment's running episode, `[N]`.
     pub running: Vec<Option<u32>>,
     /// Index in `episodes` and position in the episode of every step, the oldest first.
     pub order: Vec<[u32; 2]>,
-    /// The episodes, in the order in which they began.
+    /// Episodes, in the order in which they began.
     pub episodes: Vec<EpisodeState<'a>>,
 }
 
-/// One episode of a [`ReplayState`]: T steps and the T + 1 observations around them. An episode of
-/// which no step is held may be empty.
+/// One episode of a [`ReplayState`]: T steps and the T + 1 observations around them. May be empty
+/// if none of its steps is held.
 #[derive(Clone, Copy, Default, PartialEq)]
 pub struct EpisodeState<'a> {
-    /// Channels that stand still, `[H, W, S]`.
+    /// Still channels, `[H, W, S]`.
     pub still: &'a [u8],
-    /// Channels that move, `[T + 1, H, W, C - S]`.
+    /// Moving channels, `[T + 1, H, W, C - S]`.
     pub moving: &'a [u8],
     /// Observation vectors `[T + 1, D]`.
     pub vectors: &'a [f32],
@@ -39,29 +39,28 @@ pub struct EpisodeState<'a> {
     pub rewards: &'a [f32],
     /// Outcome of the last step.
     pub outcome: Outcome,
-    /// Steps removed from the front of an episode that outlasts the replay.
+    /// Number of steps removed from the front of an episode longer than the buffer.
     pub removed: u32,
 }
 
 impl Replay {
-    /// Everything that the replay holds; the arrays are lent, not copied.
+    /// Returns the complete state; arrays are borrowed, not copied.
     pub fn save(&self) -> ReplayState<'_> {
         let index = |number: u32| number - self.first;
-        let order = self.order.iter();
         ReplayState {
             recorded: self.recorded,
             marked: self.marked,
             running: self.running.iter().map(|n| n.map(index)).collect(),
-            order: order.map(|at| [index(at.episode), at.step]).collect(),
+            order: self.order.iter().map(|at| [index(at.episode), at.step]).collect(),
             episodes: self.episodes.iter().map(Episode::save).collect(),
         }
     }
 
-    /// A replay that goes on from a state that [`Replay::save`] gave.
+    /// Restores a replay buffer from a state that [`Replay::save`] returned.
     ///
     /// # Errors
     /// Those of [`Replay::new`], [`RlError::Shape`] for arrays of another environment,
-    /// [`RlError::Damaged`] or [`RlError::NotFinite`] for numbers that cannot be right.
+    /// [`RlError::Damaged`] or [`RlError::NotFinite`] for invalid numbers.
     pub fn restore(
         settings: ReplaySettings,
         spec: &EnvSpec,
@@ -76,8 +75,9 @@ impl Replay {
         replay.episodes = state.episodes.iter().map(Episode::restored).collect();
         replay.order = VecDeque::with_capacity(state.order.len());
         for &[episode, step] in &state.order {
+            // `restored` starts from 0: the saved order says which steps are held
             replay.episodes[episode as usize].held += 1;
-            replay.order.push_back(Place { episode, step });
+            replay.order.push_back(StepIndex { episode, step });
         }
         Ok(replay)
     }
@@ -122,8 +122,7 @@ impl fmt::Debug for EpisodeState<'_> {
 
 impl ReplayState<'_> {
     fn check(&self, replay: &Replay) -> Result<(), RlError> {
-        let mut episodes = self.episodes.iter();
-        episodes.try_for_each(|episode| episode.check(&replay.sizes))?;
+        self.episodes.iter().try_for_each(|episode| episode.check(&replay.sizes))?;
         let held = self.recorded.min(replay.settings.capacity as u64);
         let expected = "as many as were recorded, up to the capacity";
         require("replay.order", self.order.len(), expected, |len| {
@@ -146,7 +145,7 @@ impl ReplayState<'_> {
         Ok(())
     }
 
-    /// The held steps of an episode are its last ones, each once and in order.
+    /// Checks that the held steps of an episode are its last ones, each once and in order.
     fn check_order(&self) -> Result<(), RlError> {
         let mut next: Vec<Option<u32>> = vec![None; self.episodes.len()];
         let expected = "the last steps of its episodes, in order";
@@ -167,12 +166,12 @@ impl ReplayState<'_> {
 }
 
 impl EpisodeState<'_> {
-    /// Returns `true` where no observation is stored.
+    /// Returns `true` if no observation is stored.
     pub fn is_empty(&self) -> bool {
         self.still.is_empty() && self.moving.is_empty() && self.vectors.is_empty()
     }
 
-    /// Positions of the steps that are stored.
+    /// Returns the positions of the stored steps in the episode.
     fn steps(&self) -> std::ops::Range<u32> {
         self.removed..self.removed.saturating_add(self.rewards.len() as u32)
     }

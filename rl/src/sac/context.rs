@@ -1,4 +1,4 @@
-//! Inputs of the heads: the fields of an observation, and the last steps before it.
+//! Context of the heads: a GRU over the last steps before an observation.
 
 use equivariant::{Concat, FieldType, Gru, GruPass, Scalar, Shape};
 use rand::Rng;
@@ -8,40 +8,41 @@ use crate::env::EnvSpec;
 use crate::error::{RlError, require};
 use crate::sac::settings::ContextSettings;
 
-/// Gives a head its input: the fields h of the observation alone, or with a context the state of a
-/// GRU beside them that has read the last steps of the episode. A step is read as
-/// [h, action, reward].
-pub(crate) struct Reader {
+/// Input of a head: the fields h of the observation, with a context concatenated with the state of
+/// a GRU over the last steps of the episode. A step's item is [h, action, reward].
+pub(crate) struct ContextReader {
     fields: FieldType,
     context: Option<Context>,
 }
 
+/// Layers of a context.
 struct Context {
     gru: Gru,
-    /// h beside action and reward.
+    /// Concatenation of h with (action, reward).
     item: Concat,
     /// Natural index of every irrep-major component of (action, reward).
     order: Vec<usize>,
-    /// h beside the GRU's state.
+    /// Concatenation of h with the GRU's state.
     widened: Concat,
+    /// Maximum number of steps.
     length: usize,
 }
 
-/// Items `[M, I]` that are read of steps, each of them once.
+/// GRU inputs `[M, I]` of M distinct steps.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Items<T>(Vec<T>);
+pub(crate) struct ContextItems<T>(Vec<T>);
 
-/// Which items are those of the last steps before each of n samples.
+/// Indices of the items of the last steps before each of n samples.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Steps {
-    /// Their numbers, `[L, n]`; a sample's own are the last ones.
+pub(crate) struct ContextSteps {
+    /// Indices of items, `[L, n]`; the last `lengths[i]` rows of column i are valid.
     reads: Vec<usize>,
     /// Number of steps of each sample, `[n]`.
     lengths: Vec<usize>,
 }
 
-impl Steps {
-    /// Those before `samples` samples, at most `length` each; none are there yet.
+impl ContextSteps {
+    /// Prepares for `samples` samples with at most `length` steps each, and removes all steps.
     pub fn clear(&mut self, length: usize, samples: usize) {
         self.reads.clear();
         self.reads.resize(length * samples, 0);
@@ -49,11 +50,12 @@ impl Steps {
         self.lengths.resize(samples, 0);
     }
 
-    /// Adds a step before sample `slot`; the steps of a sample are added the last one first. What
-    /// goes further back than the sample's room is not read.
+    /// Adds a step before those of sample `slot`: steps are added in reverse order. Steps beyond
+    /// the maximum length are ignored.
     pub fn prepend(&mut self, slot: usize, item: usize) {
         let samples = self.lengths.len();
         let before = self.reads.len() / samples - self.lengths[slot];
+        // filled from the last row up, so that all samples' sequences end in the same row
         if let Some(row) = before.checked_sub(1) {
             self.lengths[slot] += 1;
             self.reads[row * samples + slot] = item;
@@ -61,18 +63,19 @@ impl Steps {
     }
 }
 
-/// Buffers of a reader for up to a fixed number of samples.
+/// Buffers of a context reader for up to a fixed number of samples.
 #[derive(Clone, Debug)]
-pub(crate) struct ReaderPass<T> {
+pub(crate) struct ContextPass<T> {
     gru: Option<GruPass<T>>,
-    /// Input of a head, and the gradient in it, written before the backward pass: `[N, S]`.
+    /// Input of a head, `[N, S]`.
     pub state: Vec<T>,
+    /// Gradient with respect to `state`, written before the backward pass.
     pub d_state: Vec<T>,
     d_out: Vec<T>,
     d_fields: Vec<T>,
 }
 
-impl Reader {
+impl ContextReader {
     pub fn new(
         fields: FieldType,
         settings: Option<ContextSettings>,
@@ -82,13 +85,13 @@ impl Reader {
         Ok(Self { fields, context: context.transpose()? })
     }
 
-    /// The type of what a head reads.
+    /// Returns the field type of a head's input.
     pub fn out_type(&self) -> FieldType {
         let context = self.context.as_ref();
         context.map_or(self.fields, |context| context.widened.out_shape().fields)
     }
 
-    /// L, the number of steps that are read at most.
+    /// Returns L, the maximum number of steps; 0 without a context.
     pub fn length(&self) -> usize {
         self.context.as_ref().map_or(0, |context| context.length)
     }
@@ -104,11 +107,11 @@ impl Reader {
         }
     }
 
-    pub fn pass<T: Scalar>(&self, capacity: usize) -> ReaderPass<T> {
+    pub fn pass<T: Scalar>(&self, capacity: usize) -> ContextPass<T> {
         let zeros = |width: usize| vec![T::ZERO; capacity * width];
         let context = self.context.as_ref();
         let width = self.out_type().dim();
-        ReaderPass {
+        ContextPass {
             gru: context.map(|context| context.gru.pass(context.length, capacity)),
             state: zeros(width),
             d_state: zeros(width),
@@ -117,39 +120,39 @@ impl Reader {
         }
     }
 
-    /// Makes room for `count` items, all zeros.
-    pub fn clear<T: Scalar>(&self, count: usize, items: &mut Items<T>) {
+    /// Resizes `items` to `count` zeros.
+    pub fn clear<T: Scalar>(&self, count: usize, items: &mut ContextItems<T>) {
         let width = self.context.as_ref().map_or(0, Context::item_len);
         items.0.clear();
         items.0.resize(count * width, T::ZERO);
     }
 
-    /// Writes the item of a step: fields, then action and reward in their natural order.
+    /// Writes the item of a step from its fields, and its action and reward in natural order.
     pub fn write<T: Scalar>(
         &self,
         index: usize,
         fields: &[T],
         action: &[f32],
         reward: f32,
-        items: &mut Items<T>,
+        items: &mut ContextItems<T>,
     ) {
         let Some(context) = &self.context else { return };
         let width = context.item_len();
+        // the reward is the component after the last of the action
         let natural = |&i: &usize| f64::from(action.get(i).copied().unwrap_or(reward));
-        let tail = context.order.iter().map(natural).map(T::from_f64);
-        let tail: Vec<T> = tail.collect();
+        let tail: Vec<T> = context.order.iter().map(natural).map(T::from_f64).collect();
         let item = &mut items.0[index * width..(index + 1) * width];
         context.item.forward(fields, &tail, item);
     }
 
-    /// Fills `state` for samples with these fields `[n, h]` and the steps before them.
+    /// Fills `state` for samples with the fields `[n, h]` and the steps before them.
     pub fn forward<T: Scalar>(
         &self,
         params: &[T],
         fields: &[T],
-        items: &Items<T>,
-        steps: &Steps,
-        pass: &mut ReaderPass<T>,
+        items: &ContextItems<T>,
+        steps: &ContextSteps,
+        pass: &mut ContextPass<T>,
     ) {
         let samples = fields.len() / self.fields.dim();
         let state = &mut pass.state[..samples * self.out_type().dim()];
@@ -163,15 +166,16 @@ impl Reader {
         }
     }
 
-    /// Adds the gradient in the parameters to `dparams` from `d_state` of the n samples of the last
-    /// forward pass; returns that in their fields, `[n, h]`. None goes to the fields of the steps.
+    /// Adds the gradient with respect to the parameters to `dparams`, from `d_state` of the n
+    /// samples of the last forward pass; returns that of their fields, `[n, h]`. The fields of the
+    /// steps before get no gradient: the encoder is not trained through the context.
     pub fn backward<'a, T: Scalar>(
         &self,
         params: &[T],
-        items: &Items<T>,
+        items: &ContextItems<T>,
         n: usize,
         dparams: &mut [T],
-        pass: &'a mut ReaderPass<T>,
+        pass: &'a mut ContextPass<T>,
     ) -> &'a [T] {
         let d_state = &pass.d_state[..n * self.out_type().dim()];
         let d_fields = &mut pass.d_fields[..n * self.fields.dim()];
@@ -209,7 +213,7 @@ impl Context {
         })
     }
 
-    /// I, the length of what is read of a step.
+    /// Returns I, the length of a step's item.
     fn item_len(&self) -> usize {
         self.item.out_shape().len()
     }

@@ -6,7 +6,7 @@ use symmetry::{D2, Group};
 
 use super::*;
 use crate::encoder::Encoder;
-use crate::env::{Observations, signed};
+use crate::env::{Observations, transform_vector};
 use crate::fixtures::{network, replay, settings, spec, strided};
 use crate::policy::{Actor, Memory};
 use crate::replay::Replay;
@@ -21,7 +21,7 @@ const A: usize = 3;
 /// A window of three steps, the last of which comes after the episode's end, and two other steps.
 const STEPS: [(usize, usize); 5] = [(4, 0), (4, 1), (4, 2), (7, 0), (11, 0)];
 
-/// A network with parameters, target critics, and what is drawn for a minibatch.
+/// A network with parameters, target critics, and the random draws of a minibatch.
 struct Case {
     network: SacNetwork<f64>,
     params: Vec<f64>,
@@ -47,18 +47,19 @@ impl Case {
         }
     }
 
-    /// The same with every step and its noise moved by g.
+    /// Transforms every step and its noise by g.
     fn moved(mut self, g: D2) -> Self {
         self.elements = [g; STEPS.len()];
         let irreps = &self.network.spec().action;
         for noise in &mut self.noise {
-            let rows = noise.chunks(A).flat_map(|row| signed(g, row, irreps));
+            let rows = noise.chunks(A).flat_map(|row| transform_vector(g, row, irreps));
             *noise = rows.collect();
         }
         self
     }
 
-    /// Sums and gradient, in chunks of one workspace, and the actor's output of the last one.
+    /// Returns sums and gradient, in chunks of one workspace, and the actor's output of the last
+    /// chunk.
     fn run_in(&self, chunk: usize, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
         let losses = Losses {
             network: &self.network,
@@ -84,16 +85,16 @@ impl Case {
         (sums, gradient, w.output)
     }
 
-    /// The same in two chunks, the last of which has two steps.
+    /// Returns sums, gradient and output in two chunks, the last of which has two steps.
     fn run(&self, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
         let (sums, gradient, output) = self.run_in(3, replay);
         (sums, gradient, output[..2 * 2 * A].to_vec())
     }
 }
 
-/// Every parameter is trained by the loss of its part alone. Without a discount, targets do not
-/// depend on the parameters. The shared part is not trained by what a context remembers, so it is
-/// left out where there is one.
+/// Checks that the loss of each part alone trains its parameters. Without a discount, targets do
+/// not depend on the parameters. The shared part is not trained through a context, so it is left
+/// out if there is one.
 fn check_gradient(network: SacNetwork<f64>) {
     let replay = replay();
     let mut case = Case::new(network, 0.0);
@@ -130,14 +131,14 @@ fn the_gradient_of_both_losses_equals_finite_differences() {
     }
 }
 
-/// The largest difference between two lists of numbers.
+/// Returns the largest difference between two lists of numbers.
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
     differences.fold(0.0, f64::max)
 }
 
-/// How far losses, gradient, means and log_std are from what a symmetric network gives when every
-/// step of the minibatch is moved by g.
+/// Returns the differences of losses, gradient, means and log_std from those of an equivariant
+/// network when every step of the minibatch is transformed by g.
 fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let replay = replay();
     let case = || Case::new(network(group, strided(), context), 0.9);
@@ -159,8 +160,8 @@ fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     ]
 }
 
-/// Q and log_std are invariant and means equivariant, hence losses and their gradient do not notice
-/// that the data was moved: augmentation by the network's own group changes nothing.
+/// Q and log_std are invariant and means equivariant, so augmentation by the network's own group
+/// changes neither losses nor gradient.
 #[test]
 fn a_symmetric_network_learns_the_same_from_moved_steps() {
     for group in Group::ALL {
@@ -185,7 +186,7 @@ fn a_network_without_the_symmetry_learns_something_else_from_moved_steps() {
     }
 }
 
-/// A time-out is worth what follows, a termination is worth nothing more.
+/// A time-out bootstraps the value of the final observation, a termination bootstraps zero.
 #[test]
 fn only_a_termination_ends_what_is_to_come() {
     let replay = replay();
@@ -216,7 +217,7 @@ fn only_a_termination_ends_what_is_to_come() {
     }
 }
 
-/// What both environments showed at a step of the replay.
+/// Returns the observations of both environments at a step of the replay buffer.
 fn seen(replay: &Replay, step: usize) -> Observations {
     let spec = spec();
     let both = [0, 1].map(|env| replay.get(2 * step + env));
@@ -228,7 +229,7 @@ fn seen(replay: &Replay, step: usize) -> Observations {
     seen
 }
 
-/// The actor's mean actions at a step, from the replay.
+/// Returns the actor's mean actions at a step, computed from the replay buffer.
 fn trained(policy: &SacPolicy, replay: &Replay, step: usize) -> Vec<f64> {
     let network = policy.network();
     let losses = Losses {
@@ -250,8 +251,8 @@ fn trained(policy: &SacPolicy, replay: &Replay, step: usize) -> Vec<f64> {
     w.actions
 }
 
-/// While it acts, a policy remembers what an update reads from the replay, and not only at the
-/// first step of an episode.
+/// An acting policy remembers the same context that an update reads from the replay buffer, at
+/// every step of an episode.
 #[test]
 fn an_actor_decides_from_the_context_that_it_is_trained_with() {
     let replay = replay();
@@ -282,7 +283,7 @@ fn an_actor_decides_from_the_context_that_it_is_trained_with() {
     }
 }
 
-/// Steps of a window share observations, and learn the same as single steps do.
+/// Steps of a window share observations, but give the same gradient as single steps.
 #[test]
 fn what_is_shared_changes_nothing() {
     let replay = replay();
@@ -296,8 +297,8 @@ fn what_is_shared_changes_nothing() {
     }
 }
 
-/// Three steps that follow one another show four observations; with a context, those of the two
-/// steps before them, too, where the episode has them.
+/// Three consecutive steps need four observations; with a context, also those of the two steps
+/// before them, if the episode has them.
 #[test]
 fn each_observation_is_shown_once() {
     let replay = replay();
@@ -314,7 +315,7 @@ fn each_observation_is_shown_once() {
             cloning: 0.0,
         };
         batch.load(&case.network, &case.params, &(0..3), &mut w);
-        w.shown.len()
+        w.observed.len()
     };
     assert_eq!([shown(false, 0), shown(false, 2)], [4, 4]);
     assert_eq!([shown(true, 0), shown(true, 2)], [4, 5]);

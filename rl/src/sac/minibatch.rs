@@ -1,5 +1,4 @@
-//! Minibatches of steps: what is drawn for them, the fields of all that they need to see, and the
-//! buffers of their gradients.
+//! Minibatches of SAC: random draws, the fields of all observations needed, and gradient buffers.
 
 use std::ops::Range;
 
@@ -9,39 +8,42 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::distributions::standard_normals;
-use crate::env::{moved_image, signed};
-use crate::replay::{Place, Recorded, Replay};
-use crate::sac::context::{Items, ReaderPass, Steps};
+use crate::env::{transform_image, transform_vector};
+use crate::replay::{Replay, ReplayStep, StepIndex};
+use crate::sac::context::{ContextItems, ContextPass, ContextSteps};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::SacSettings;
 use crate::trunk::{LayerBuffers, TrunkPass};
 
-/// Steps of one training chunk, as in PPO, or those of one window where they are more: observations
-/// are shared within a chunk. A workspace holds a chunk, so there is a limit.
+/// Returns the number of steps of one training chunk: 8 as in PPO, or a window's steps if they are
+/// more, since steps share observations only within a chunk; at most 32, because the memory of a
+/// workspace grows with it.
 pub(super) fn training_chunk(window: usize) -> usize {
     window.clamp(8, 32)
 }
 
-/// Random draws for a minibatch; kept for their memory.
+/// Random draws for a minibatch, kept between steps to reuse the allocations.
 #[derive(Default)]
 pub(super) struct Draws {
-    /// The first step of each window.
+    /// First step of each window.
     pub indices: Vec<usize>,
+    /// Start of the window and offset in it of each step, `[B]`.
     pub steps: Vec<(usize, usize)>,
+    /// Group element of each step, `[B]`, the same within a window.
     pub elements: Vec<D2>,
+    /// Noise of the actor at the current and at the next observations, `[B, A]` each.
     pub noise: [Vec<f32>; 2],
 }
 
 impl Draws {
-    /// Draws a minibatch: first the windows, then their elements, then both noises.
+    /// Draws a minibatch: first the windows, then their group elements, then both noises.
     pub fn draw(&mut self, settings: &SacSettings, replay: &Replay, rng: &mut ChaCha8Rng) {
         let (batch, window) = (settings.batch, settings.window);
         let windows = batch.div_ceil(window);
         replay.sample(windows, settings.newest_share, rng, &mut self.indices);
-        let steps = self.indices.iter();
-        let steps = steps.flat_map(|&index| (0..window).map(move |further| (index, further)));
+        let in_window = |&index: &usize| (0..window).map(move |further| (index, further));
         self.steps.clear();
-        self.steps.extend(steps.take(batch));
+        self.steps.extend(self.indices.iter().flat_map(in_window).take(batch));
         let group = settings.augmentation.elements();
         self.elements.clear();
         for _ in 0..windows {
@@ -55,7 +57,7 @@ impl Draws {
         }
     }
 
-    /// The minibatch that was drawn.
+    /// Returns the drawn minibatch.
     pub fn batch<'a>(
         &'a self,
         settings: &SacSettings,
@@ -74,43 +76,43 @@ impl Draws {
     }
 }
 
-/// A minibatch of B steps of a replay, with all that was drawn for it.
+/// A minibatch of B steps of a replay buffer, with its random draws.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Batch<'a> {
     pub replay: &'a Replay,
-    /// Which steps belong to it, `[B]`: an index of the replay, and how many steps further.
+    /// Steps of the minibatch, `[B]`: an index in the buffer, and the number of steps after it.
     pub steps: &'a [(usize, usize)],
-    /// By what each is moved, `[B]`.
+    /// Group element that transforms each step, `[B]`.
     pub elements: &'a [D2],
-    /// Standard normal numbers `[B, A]` for the actor at the observations acted on, and at those
-    /// after the steps.
+    /// Standard normal noise `[B, A]` of the actor at the current, and at the next observations.
     pub noise: [&'a [f32]; 2],
     pub gamma: f64,
-    /// The worth of a nat of entropy.
+    /// Temperature, the weight of the entropy.
     pub alpha: f64,
+    /// Weight of behavioural cloning.
     pub cloning: f64,
 }
 
 impl<'a> Batch<'a> {
-    /// The step at a position of the minibatch, and by what it is moved.
-    pub fn step(&self, position: usize) -> (Recorded<'a>, D2) {
+    /// Returns the step at a position of the minibatch, and the element that transforms it.
+    pub fn step(&self, position: usize) -> (ReplayStep<'a>, D2) {
         let (index, further) = self.steps[position];
-        let step = self.replay.get(index).along(further);
+        let step = self.replay.get(index).wrapping_later(further);
         (step, self.elements[position])
     }
 
-    /// The action `[A]` of a step, moved by g.
-    pub fn action<T: Scalar>(&self, network: &SacNetwork<T>, step: Recorded, g: D2) -> Vec<f32> {
-        signed(g, step.action(), &network.spec().action)
+    /// Returns the action `[A]` of a step, transformed by g.
+    pub fn action<T: Scalar>(&self, network: &SacNetwork<T>, step: ReplayStep, g: D2) -> Vec<f32> {
+        transform_vector(g, step.action(), &network.spec().action)
     }
 
-    /// The weight of one step in a mean over the minibatch.
+    /// Returns the weight of one step in a mean over the minibatch.
     pub fn scale(&self) -> f64 {
         1.0 / self.steps.len() as f64
     }
 
-    /// Computes the fields of all observations that the steps at positions `range` need, each of
-    /// them once, and hands the steps before them to the contexts.
+    /// Computes the fields of all observations that the steps at positions `range` need, each once,
+    /// and passes the steps before them to the contexts.
     pub fn load<T: Scalar>(
         &self,
         network: &SacNetwork<T>,
@@ -119,39 +121,39 @@ impl<'a> Batch<'a> {
         w: &mut SacWorkspace<T>,
     ) {
         let n = range.len();
-        w.shown.clear();
+        w.observed.clear();
         w.sources.clear();
         for (slot, position) in range.clone().enumerate() {
             let (step, g) = self.step(position);
             step.image(&mut w.image);
-            show(network, slot, g, step.vector(), &mut w.image, &mut w.here);
-            w.shown.push((step.place(), g));
+            load_transformed(network, slot, g, step.vector(), &mut w.image, &mut w.current);
+            w.observed.push((step.index(), g));
         }
         for position in range.clone() {
             let (step, g) = self.step(position);
-            if let Some(slot) = w.source((step.next_place(), g), n) {
+            if let Some(slot) = w.locate((step.next_index(), g), n) {
                 step.next_image(&mut w.image);
                 let vector = step.next_vector();
-                show(network, slot, g, vector, &mut w.image, &mut w.there);
+                load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
             }
-            for earlier in before(network, step) {
-                if let Some(slot) = w.source((earlier.place(), g), n) {
+            for earlier in earlier_steps(network, step) {
+                if let Some(slot) = w.locate((earlier.index(), g), n) {
                     earlier.image(&mut w.image);
                     let vector = earlier.vector();
-                    show(network, slot, g, vector, &mut w.image, &mut w.there);
+                    load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
                 }
             }
         }
         let params = &params[network.trunk.params()];
-        let there = w.shown.len() - n;
-        network.trunk.forward(params, n, &mut w.here);
-        network.trunk.forward(params, there, &mut w.there);
-        self.hand_out(network, range, w);
+        let others = w.observed.len() - n;
+        network.trunk.forward(params, n, &mut w.current);
+        network.trunk.forward(params, others, &mut w.others);
+        self.distribute_fields(network, range, w);
     }
 
-    /// Copies the fields of the next observations, and those of the steps before each observation
-    /// with their actions and rewards.
-    fn hand_out<T: Scalar>(
+    /// Copies the fields of the next observations, and writes the context items of the steps before
+    /// each observation.
+    fn distribute_fields<T: Scalar>(
         &self,
         network: &SacNetwork<T>,
         range: &Range<usize>,
@@ -162,11 +164,11 @@ impl<'a> Batch<'a> {
         let [now, next] = &mut w.before;
         now.clear(reader.length(), n);
         next.clear(reader.length(), n);
-        reader.clear(w.shown.len(), &mut w.items);
-        let (here, there) = (w.here.fields(), w.there.fields());
+        reader.clear(w.observed.len(), &mut w.items);
+        let (current, others) = (w.current.fields(), w.others.fields());
         let fields_of = |source: usize| match source.checked_sub(n) {
-            Some(slot) => &there[slot * width..(slot + 1) * width],
-            None => &here[source * width..(source + 1) * width],
+            Some(slot) => &others[slot * width..(slot + 1) * width],
+            None => &current[source * width..(source + 1) * width],
         };
         let mut sources = w.sources.iter().copied();
         for (slot, position) in range.clone().enumerate() {
@@ -180,9 +182,9 @@ impl<'a> Batch<'a> {
             let (action, reward) = (self.action(network, step, g), step.reward());
             reader.write(slot, fields_of(slot), &action, reward, &mut w.items);
             next.prepend(slot, slot);
-            for step in before(network, step) {
+            for step in earlier_steps(network, step) {
                 let source = sources.next().unwrap_or_default();
-                // what is acted on here writes its own item
+                // steps of this chunk have written their own item already, or will
                 if source >= n {
                     let (action, reward) = (self.action(network, step, g), step.reward());
                     reader.write(source, fields_of(source), &action, reward, &mut w.items);
@@ -194,16 +196,16 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// The steps before a step that a context may read, the last one first.
-fn before<'r, T: Scalar>(
+/// Returns the steps before `step` that a context may read, the last one first.
+fn earlier_steps<'r, T: Scalar>(
     network: &SacNetwork<T>,
-    step: Recorded<'r>,
-) -> impl Iterator<Item = Recorded<'r>> + use<'r, T> {
+    step: ReplayStep<'r>,
+) -> impl Iterator<Item = ReplayStep<'r>> + use<'r, T> {
     (1..=network.reader.length()).map_while(move |count| step.earlier(count))
 }
 
-/// Puts an observation into a slot, moved by g.
-fn show<T: Scalar>(
+/// Loads an observation, transformed by g, into a slot; `image` holds its pixels.
+fn load_transformed<T: Scalar>(
     network: &SacNetwork<T>,
     slot: usize,
     g: D2,
@@ -212,68 +214,69 @@ fn show<T: Scalar>(
     pass: &mut TrunkPass<T>,
 ) {
     let spec = network.spec();
+    // no copy for the identity, the only element without augmentation
     if g != D2::Identity {
-        *image = moved_image(g, image, spec);
+        *image = transform_image(g, image, spec);
     }
-    let vector = signed(g, vector, &spec.vector);
+    let vector = transform_vector(g, vector, &spec.vector);
     network.trunk.load(slot, image, &vector, pass);
 }
 
-/// An observation of the replay, moved by an element.
-pub(crate) type Shown = (Place, D2);
+/// Key of an encoded observation: its index in the replay buffer and its group element.
+pub(crate) type Observed = (StepIndex, D2);
 
-/// Everything that the gradient of up to K steps needs, allocated once.
+/// Activations, gradients and scratch memory of up to K steps, allocated once.
 pub(crate) struct SacWorkspace<T> {
-    /// Observations acted on.
-    pub here: TrunkPass<T>,
-    /// Other observations: those after the steps and those of the steps before.
-    pub there: TrunkPass<T>,
-    /// Which observations both hold, one pass after the other.
-    pub shown: Vec<Shown>,
-    /// Places of the fields of the observation after each step, and of those of the steps before.
+    /// Pass over the observations acted on.
+    pub current: TrunkPass<T>,
+    /// Pass over all other observations: the next ones, and those of the steps before.
+    pub others: TrunkPass<T>,
+    /// Keys of the observations of `current`, then of `others`.
+    pub observed: Vec<Observed>,
+    /// Positions in `observed` of each step's next observation and of the steps before it.
     pub sources: Vec<usize>,
-    /// Fields of the observations after the steps, `[K, h]`.
+    /// Fields of the next observations, `[K, h]`.
     pub next_fields: Vec<T>,
-    /// Items that contexts read: the step of each observation that is held, in their order.
-    pub items: Items<T>,
-    /// The steps before, and those before the next observation.
-    pub before: [Steps; 2],
-    pub actor_reader: ReaderPass<T>,
-    pub critic_reader: ReaderPass<T>,
+    /// Context item of the step at each observation in `observed`.
+    pub items: ContextItems<T>,
+    /// Steps before the current, and before the next observations.
+    pub before: [ContextSteps; 2],
+    pub actor_reader: ContextPass<T>,
+    pub critic_reader: ContextPass<T>,
     pub actor: LayerBuffers<T>,
     pub critics: [LayerBuffers<T>; 2],
-    /// Mean and log_std `[K, 2 A]` in natural order, and the gradient in them.
+    /// Actor outputs (mean, raw log_std) `[K, 2 A]` in natural order, and their gradient.
     pub output: Vec<f64>,
     pub d_output: Vec<f64>,
-    /// Actions `[K, A]` in natural order and their log-probabilities `[K]`.
+    /// Actions `[K, A]` in natural order, their log-probabilities `[K]`, and the actions' gradient.
     pub actions: Vec<f64>,
     pub log_pi: Vec<f64>,
     pub d_actions: Vec<f64>,
-    /// Actions in irrep-major order, and the gradient in what a critic reads.
+    /// Actions in irrep-major order, and the gradient with respect to a critic's state input.
     pub irreps: Vec<T>,
     pub d_state: Vec<T>,
     /// Targets of the critics, `[K]`.
     pub next_q_values: Vec<f64>,
-    /// Gradients that nobody asks for.
+    /// Critic gradients of the actor's loss, which must not train the critics.
     pub discarded: Vec<T>,
-    /// One picture.
+    /// Scratch memory for one image.
     pub image: Vec<u8>,
 }
 
 impl<T: Scalar> SacNetwork<T> {
-    /// A workspace for up to `capacity` steps.
+    /// Allocates a workspace for up to `capacity` steps (K).
     pub(crate) fn workspace(&self, capacity: usize) -> SacWorkspace<T> {
         let width = self.action_order.len();
         let zeros = |len: usize| vec![0.0; capacity * len];
         let reals = |len: usize| vec![T::ZERO; capacity * len];
         SacWorkspace {
-            here: self.trunk.pass(capacity),
-            there: self.trunk.pass(capacity * (1 + self.reader.length())),
-            shown: Vec::new(),
+            current: self.trunk.pass(capacity),
+            others: self.trunk.pass(capacity * (1 + self.reader.length())),
+            observed: Vec::new(),
             sources: Vec::new(),
             next_fields: reals(self.trunk.out_type().dim()),
-            items: Items::default(),
-            before: <[Steps; 2]>::default(),
+            items: ContextItems::default(),
+            before: <[ContextSteps; 2]>::default(),
             actor_reader: self.reader.pass(capacity),
             critic_reader: self.reader.pass(capacity),
             actor: LayerBuffers::new(&self.actor, capacity),
@@ -293,22 +296,22 @@ impl<T: Scalar> SacNetwork<T> {
 }
 
 impl<T: Scalar> SacWorkspace<T> {
-    /// The critic that values the action of a slot least, and its value.
+    /// Returns the index and value of the critic with the smaller Q-value for the action of a slot.
     pub fn min_qf(&self, slot: usize) -> (usize, f64) {
         let [qf1, qf2] = [0, 1].map(|qf: usize| self.critics[qf].y[slot].to_f64());
         if qf2 < qf1 { (1, qf2) } else { (0, qf1) }
     }
 
-    /// Notes where the fields of an observation will be; returns its slot among those that are not
-    /// acted on if it has to be shown there, since no earlier one is the same.
-    pub fn source(&mut self, shown: Shown, n: usize) -> Option<usize> {
-        let known = self.shown.iter().position(|&other| other == shown);
-        let source = known.unwrap_or(self.shown.len());
+    /// Records the position of an observation's fields; returns its slot in `others` if it is new
+    /// and must be loaded there. `n` is the number of current observations.
+    pub fn locate(&mut self, observed: Observed, n: usize) -> Option<usize> {
+        let known = self.observed.iter().position(|&other| other == observed);
+        let source = known.unwrap_or(self.observed.len());
         self.sources.push(source);
         if known.is_some() {
             return None;
         }
-        self.shown.push(shown);
+        self.observed.push(observed);
         Some(source - n)
     }
 }

@@ -1,4 +1,4 @@
-//! The network of soft actor-critic.
+//! Network of soft actor-critic: actor and twin critics.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use crate::distributions::raw_log_std;
 use crate::env::EnvSpec;
 use crate::error::{RlError, require};
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::sac::context::Reader;
+use crate::sac::context::ContextReader;
 use crate::sac::settings::ContextSettings;
 use crate::trunk::{HasTrunk, Layout, Trunk, head};
 
@@ -25,26 +25,27 @@ use crate::trunk::{HasTrunk, Layout, Trunk, head};
 /// h -> GroupMaxPool -> features [F], invariant
 /// ```
 ///
-/// The context is there for [`ContextSettings`] alone. Every part is equivariant under
+/// The contexts exist only with [`ContextSettings`]. Every part is equivariant under
 /// [`NetworkSettings::group`]: the mean is of the action's type, log_std and Q are invariant
 /// (D. Wang et al., "SO(2)-equivariant reinforcement learning", ICLR 2022, section 5.2).
 ///
-/// The encoder is trained by the critics' loss alone, and there is one for now and for the targets
-/// (Yarats et al., "Mastering visual continuous control", ICLR 2022, section 3.1): one more would
-/// cost as much as all the rest.
+/// Only the critics' loss trains the encoder, and the target critics use the same encoder instead
+/// of a lagging copy (Yarats et al., "Mastering visual continuous control", ICLR 2022, section
+/// 3.1), which would cost as much as all the rest.
 ///
-/// It owns no weights: the parameters are one flat slice. First those of the shared part, then the
-/// actor's, then the critics' ([`SacNetwork::critics`]).
+/// The network owns no weights. Parameters are one flat slice: the shared part's, the actor's, then
+/// the critics' ([`SacNetwork::critics`]).
 pub struct SacNetwork<T> {
     pub(super) trunk: Trunk<T>,
-    /// The actor and the critics read alike, with parameters of their own.
-    pub(super) reader: Reader,
+    /// Context reader of actor and critics, which have separate parameters for it.
+    pub(super) reader: ContextReader,
     pub(super) actor: Sequential<T>,
     pub(super) critic: Sequential<T>,
-    /// Joins the reader's output and the action to what a critic reads.
+    /// Concatenation of the reader's output and the action, the input of a critic.
     pub(super) joined: Concat,
-    /// Natural index of every irrep-major component of the action, and of (mean, log_std).
+    /// Natural index of every irrep-major component of the action.
     pub(super) action_order: Vec<usize>,
+    /// Natural index of every irrep-major component of (mean, log_std).
     pub(super) output_order: Vec<usize>,
     context: Option<ContextSettings>,
 }
@@ -57,7 +58,7 @@ pub(super) struct Parts {
     pub critics: CriticParts,
 }
 
-/// Ranges of the critics' parameters: in those of the network, or among themselves.
+/// Ranges of the critics' parameters, in the network's slice or in the targets' own slice.
 #[derive(Clone, Debug)]
 pub(super) struct CriticParts {
     pub reader: Range<usize>,
@@ -65,14 +66,14 @@ pub(super) struct CriticParts {
 }
 
 impl<T: Scalar> SacNetwork<T> {
-    /// The network for the images, vectors and actions of `spec`; its number of environments does
-    /// not matter.
+    /// Builds the network for the images, vectors and actions of `spec`, whose number of
+    /// environments is ignored.
     ///
     /// # Errors
-    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images that the convolutions cannot
-    /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes out of range, for a
-    /// [`Critic::Pooled`], which could not see where an action leads to, and for a standard
-    /// deviation outside of the distribution's range.
+    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images on which the convolutions would
+    /// not be exactly equivariant, [`RlError::EmptySpec`] for empty sizes, and [`RlError::Setting`]
+    /// for sizes out of range, for a [`Critic::Pooled`], which cannot take an action as input, and
+    /// for a log_std outside the distribution's range.
     pub fn new(
         settings: &NetworkSettings,
         context: Option<ContextSettings>,
@@ -83,8 +84,9 @@ impl<T: Scalar> SacNetwork<T> {
         let raw = raw_log_std(settings.log_std.into());
         let expected = "a number in (-5, 2) for soft actor-critic";
         require("log_std", settings.log_std, expected, raw.is_some())?;
-        let reader = Reader::new(trunk.out_type(), context, spec)?;
+        let reader = ContextReader::new(trunk.out_type(), context, spec)?;
         let group = settings.group;
+        // the mean transforms like the action, log_std is invariant
         let mut output = spec.action.clone();
         output.extend(spec.action.iter().map(|_| Irrep::Trivial));
         let action = Shape::vector(FieldType::from_irreps(group, &spec.action));
@@ -103,41 +105,43 @@ impl<T: Scalar> SacNetwork<T> {
         })
     }
 
-    /// Length of the flat parameter slice.
+    /// Returns the length of the flat parameter slice.
     pub fn num_params(&self) -> usize {
         self.critics().end
     }
 
-    /// Range of the critics' parameters: those that have targets.
+    /// Returns the range of the critics' parameters, of which the targets are a lagging copy.
     pub fn critics(&self) -> Range<usize> {
         let critics = self.parts().critics;
         critics.reader.start..critics.twins[1].end
     }
 
-    /// The settings that the network was built with.
+    /// Returns the settings that the network was built with.
     pub fn settings(&self) -> &NetworkSettings {
         &self.trunk.settings
     }
 
-    /// The settings of the context, where there is one.
+    /// Returns the settings of the context; `None` without one.
     pub fn context(&self) -> Option<ContextSettings> {
         self.context
     }
 
-    /// The spec that the network was built for.
+    /// Returns the spec that the network was built for.
     pub fn spec(&self) -> &EnvSpec {
         &self.trunk.spec
     }
 
-    /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with
-    /// their own gain, those of GRUs with 1, zero biases but for log_std, which starts as set.
+    /// Draws all parameters: weights before a ReLU with gain sqrt(2), the last layers with the
+    /// gains of the settings, GRUs with gain 1, and zero biases except those of log_std, which give
+    /// the initial log_std of the settings.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);
         self.reader.init(rng, &mut params[parts.actor_reader]);
         let actor = &mut params[parts.actor];
         self.actor.init_scaled(rng, settings.action_gain.into(), actor);
-        // biases of trivial channels are the last parameters of a linear layer, log_std's the last
+        // a linear layer's last parameters are the biases of its trivial channels, of which
+        // log_std's come last
         let log_std = actor.len() - self.action_order.len();
         let raw = raw_log_std(settings.log_std.into()).unwrap_or_default();
         actor[log_std..].fill(T::from_f64(raw));
@@ -148,7 +152,7 @@ impl<T: Scalar> SacNetwork<T> {
         params
     }
 
-    /// Writes outputs of the actor, `[n, 2 A]`, in their natural order.
+    /// Reorders outputs of the actor, `[n, 2 A]`, to natural order.
     pub(super) fn natural_output(&self, from: &[T], to: &mut [f64]) {
         let width = self.output_order.len();
         for (to, from) in to.chunks_exact_mut(width).zip(from.chunks_exact(width)) {
@@ -158,8 +162,8 @@ impl<T: Scalar> SacNetwork<T> {
         }
     }
 
-    /// Steps that an actor remembers at most, and the length of their fields; zeros without a
-    /// context.
+    /// Returns the maximum number of steps that an actor remembers and the length of their fields;
+    /// zeros without a context.
     pub(super) fn remembered(&self) -> [usize; 2] {
         match self.reader.length() {
             0 => [0; 2],
@@ -176,7 +180,7 @@ impl<T: Scalar> SacNetwork<T> {
         }
     }
 
-    /// Ranges of the target critics' parameters.
+    /// Returns the ranges of the target critics' parameters in their own slice.
     pub(super) fn target_parts(&self) -> CriticParts {
         self.critic_parts(Layout::new())
     }
@@ -195,14 +199,14 @@ impl<T> HasTrunk<T> for SacNetwork<T> {
     }
 }
 
-/// The hidden fields of critics that see all that the actor sees.
+/// Returns the hidden fields of critics that read the same fields as the actor.
 fn joint_fields(settings: &NetworkSettings) -> Result<FieldType, RlError> {
     match settings.critic {
         Critic::Joint { fields } => Ok(settings.regular(fields)),
         Critic::Pooled { width } => Err(RlError::Setting {
             name: "critic.pooled.width",
             value: width as f64,
-            expected: "a joint critic, since one on pooled features could not see the action",
+            expected: "a joint critic, since one on pooled features cannot take the action",
         }),
     }
 }

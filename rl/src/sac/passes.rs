@@ -1,4 +1,4 @@
-//! Passes of the networks of soft actor-critic over a chunk of a minibatch.
+//! Forward and backward passes of soft actor-critic over a chunk of a minibatch.
 
 use std::ops::Range;
 
@@ -9,10 +9,10 @@ use crate::sac::minibatch::{Batch, SacWorkspace};
 use crate::sac::network::{CriticParts, SacNetwork};
 use crate::sac::stats::SacSums;
 
-/// The losses of a minibatch as functions of a network's parameters: with twin critics and without
-/// a value network (Haarnoja et al., arXiv 1812.05905). The critics' loss is a function of the
-/// critics and of the shared part, the actor's of the actor. Both are means over the minibatch and
-/// are taken at the same parameters, so that the shared part runs once.
+/// Losses of a minibatch as functions of a network's parameters, with twin critics and without a
+/// value network (Haarnoja et al., arXiv 1812.05905). The critics' loss trains the critics and the
+/// shared part, the actor's loss the actor. Both are means over the minibatch at the same
+/// parameters, so that the shared part runs once.
 #[derive(Clone, Copy)]
 pub(super) struct Losses<'a, T> {
     pub network: &'a SacNetwork<T>,
@@ -35,6 +35,7 @@ impl<T: Scalar> Losses<'_, T> {
         self.batch.load(self.network, self.params, &range, w);
         self.run_next(&range, w);
         self.next_q_values(&range, w);
+        // the next passes overwrite the critics' buffers: only `next_q_values` remains of the above
         self.run_stored(&range, w);
         let mut sums = self.critic_loss(n, w);
         self.critics_backward(n, w, gradient);
@@ -42,11 +43,11 @@ impl<T: Scalar> Losses<'_, T> {
         sums.add(&self.actor_loss(n, w));
         sums.cloning_loss = self.actor_backward(&range, w, gradient);
         let (own, params) = (&mut gradient[trunk.params()], &self.params[trunk.params()]);
-        trunk.backward(params, n, &mut w.here, own);
+        trunk.backward(params, n, &mut w.current, own);
         sums
     }
 
-    /// Runs the actor and, on its actions, the target critics for the next observations.
+    /// Runs the actor at the next observations, and the target critics on its actions.
     pub fn run_next(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (reader, parts) = (&network.reader, network.target_parts());
@@ -59,11 +60,11 @@ impl<T: Scalar> Losses<'_, T> {
         self.run_critics(n, self.targets, &parts, w);
     }
 
-    /// Runs the critics on the stored actions.
+    /// Runs the critics on the stored actions at the current observations.
     fn run_stored(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (parts, width) = (network.parts().critics, network.action_order.len());
-        let fields = network.trunk.fields(n, &w.here);
+        let fields = network.trunk.fields(n, &w.current);
         let (own, reader) = (&self.params[parts.reader.clone()], &network.reader);
         reader.forward(own, fields, &w.items, &w.before[0], &mut w.critic_reader);
         for (slot, position) in range.clone().enumerate() {
@@ -75,20 +76,20 @@ impl<T: Scalar> Losses<'_, T> {
         self.run_critics(n, self.params, &parts, w);
     }
 
-    /// Runs the actor and, on its actions, the critics for the observations acted on, which the
-    /// critics have read.
+    /// Runs the actor at the current observations, and the critics on its actions. The critics'
+    /// reader keeps its state from [`Losses::run_stored`].
     fn run_current(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (parts, reader) = (network.parts(), &network.reader);
-        let fields = network.trunk.fields(n, &w.here);
+        let fields = network.trunk.fields(n, &w.current);
         let own = &self.params[parts.actor_reader];
         reader.forward(own, fields, &w.items, &w.before[0], &mut w.actor_reader);
         self.run_actor(range, self.batch.noise[0], w);
         self.run_critics(n, self.params, &parts.critics, w);
     }
 
-    /// Adds the gradient of the critics' loss, but for that in the shared part, which is left as
-    /// the gradient in its fields.
+    /// Adds the gradient of the critics' loss with respect to the critics, and writes that with
+    /// respect to the trunk's fields for its backward pass.
     fn critics_backward(&self, n: usize, w: &mut SacWorkspace<T>, gradient: &mut [T]) {
         let (network, parts) = (self.network, self.network.parts().critics);
         for (qf, own) in w.critics.iter_mut().zip(&parts.twins) {
@@ -99,10 +100,10 @@ impl<T: Scalar> Losses<'_, T> {
         let (own, dparams) = (&self.params[parts.reader.clone()], &mut gradient[parts.reader]);
         let reader = &network.reader;
         let d_fields = reader.backward(own, &w.items, n, dparams, &mut w.critic_reader);
-        w.here.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
+        w.current.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
     }
 
-    /// Adds the gradient of the actor's loss and of cloning, whose loss it returns.
+    /// Adds the gradient of the actor's loss and of behavioural cloning; returns the cloning loss.
     fn actor_backward(
         &self,
         range: &Range<usize>,
@@ -111,6 +112,7 @@ impl<T: Scalar> Losses<'_, T> {
     ) -> f64 {
         let (network, n, parts) = (self.network, range.len(), self.network.parts());
         for (qf, own) in w.critics.iter_mut().zip(&parts.critics.twins) {
+            // only the gradient with respect to the action is needed, not that of the critics
             let (own, discarded) = (own.clone(), &mut w.discarded);
             qf.backward(&network.critic, self.params, own, n, discarded, true);
         }
@@ -121,11 +123,12 @@ impl<T: Scalar> Losses<'_, T> {
         w.actor_reader.d_state.copy_from_slice(&actor.dx);
         let own = &self.params[parts.actor_reader.clone()];
         let (reader, dparams) = (&network.reader, &mut gradient[parts.actor_reader]);
+        // the returned gradient of the fields is dropped: the actor does not train the encoder
         reader.backward(own, &w.items, n, dparams, &mut w.actor_reader);
         cloning
     }
 
-    /// Draws actions with their log-probabilities from the actor that has been read for.
+    /// Runs the actor on its reader's state; draws actions with their log-probabilities.
     fn run_actor(&self, range: &Range<usize>, noise: &[f32], w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let width = network.action_order.len();
@@ -141,7 +144,7 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Runs both critics on the n actions, for what has been read for them.
+    /// Runs both critics on their reader's state and the n actions.
     fn run_critics(&self, n: usize, params: &[T], parts: &CriticParts, w: &mut SacWorkspace<T>) {
         let network = self.network;
         let width = network.action_order.len();
@@ -161,8 +164,8 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Adds up the gradients in what both critics have read, and splits the sum into that in the
-    /// reader's state and that in the actions.
+    /// Sums the gradients with respect to both critics' inputs, and splits the sum into those of
+    /// the reader's state and of the actions.
     fn split_gradient(&self, n: usize, w: &mut SacWorkspace<T>) {
         let network = self.network;
         let width = network.action_order.len();
@@ -182,8 +185,8 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Brings the gradient in the actions to the actor's output, and adds that of cloning, whose
-    /// loss it returns.
+    /// Computes the gradient with respect to the actor's output from that of the actions, and adds
+    /// that of behavioural cloning; returns the cloning loss.
     fn output_gradient(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) -> f64 {
         let network = self.network;
         let width = network.action_order.len();
@@ -203,6 +206,7 @@ impl<T: Scalar> Losses<'_, T> {
                 let (mean, done) = (mean.tanh(), f64::from(done));
                 let error = mean - done;
                 cloning += error * error;
+                // d (tanh(m) - a)^2 / dm
                 let slope = 2.0 * error * (1.0 - mean * mean);
                 *d += self.batch.cloning * self.batch.scale() * slope;
             }

@@ -1,4 +1,4 @@
-//! The tanh-Gaussian policy: a network with its parameters.
+//! The tanh-Gaussian policy of soft actor-critic.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -7,31 +7,31 @@ use equivariant::unit_sums;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::activity::{Activity, Units};
+use crate::activity::{MeasureActivity, UnitActivity};
 use crate::distributions::{TANH_LOG_STD, sample_tanh, standard_normals, tanh_log_std};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
+use crate::export;
+use crate::export::{Basis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain};
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::NetworkSettings;
-use crate::plain;
-use crate::plain::{Answers, Distribution, End, Plain, PlainPolicy, chain};
 use crate::policy::{Actor, Memory};
-use crate::sac::context::{Items, ReaderPass, Steps};
+use crate::sac::context::{ContextItems, ContextPass, ContextSteps};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::ContextSettings;
 use crate::trunk::{HasTrunkPass, LayerBuffers, TrunkPass};
 
-/// A [`SacNetwork`] with its parameters: actions in (-1, 1) that are the tanh of a Gaussian,
-/// exactly equivariant under the group of its settings. With a context it remembers the last steps
-/// of each episode.
+/// A [`SacNetwork`] with its parameters: a policy with tanh-Gaussian actions in (-1, 1), exactly
+/// equivariant under the group of its settings. With a context it remembers the last steps of each
+/// episode.
 pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, Buffers>;
 
-/// Buffers of one chunk.
+/// Buffers of a policy's forward pass over one chunk.
 pub struct Buffers {
     pub(super) trunk: TrunkPass<f32>,
-    pub(super) items: Items<f32>,
-    pub(super) before: Steps,
-    reader: ReaderPass<f32>,
+    pub(super) items: ContextItems<f32>,
+    pub(super) before: ContextSteps,
+    reader: ContextPass<f32>,
     pub(super) actor: LayerBuffers<f32>,
 }
 
@@ -48,7 +48,7 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::of(Arc::new(network), params, Buffers::new))
+        Ok(Self::from_parts(Arc::new(network), params, Buffers::new))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as [`SacPolicy::params`]
@@ -65,11 +65,12 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         check_saved(&params, network.num_params())?;
-        Ok(Self::of(Arc::new(network), params, Buffers::new))
+        Ok(Self::from_parts(Arc::new(network), params, Buffers::new))
     }
 
-    /// Fills the outputs with rows of mean and log_std `[2 A]`, then what a context remembers of a
-    /// sample, and lets the memory keep what was seen; returns the length of a row.
+    /// Fills `outputs` with rows of mean and raw log_std `[2 A]` and the fields that a context
+    /// remembers, which it also stores in `memory`; returns the length of a row. `what` and `got`
+    /// are name and length of the caller's output array.
     fn run(
         &mut self,
         observations: &Observations,
@@ -90,9 +91,8 @@ impl SacPolicy {
         self.infer(observations, row, forward)?;
         let outputs = self.outputs.chunks_exact(row);
         for (episode, output) in memory.envs.iter_mut().zip(outputs) {
-            let seen = output[2 * width..].iter();
             episode.seen.clear();
-            episode.seen.extend(seen.map(|&x| x as f32));
+            episode.seen.extend(output[2 * width..].iter().map(|&x| x as f32));
         }
         Ok(row)
     }
@@ -102,15 +102,14 @@ impl Buffers {
     pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
             trunk: network.trunk.pass(capacity),
-            items: Items::default(),
-            before: Steps::default(),
+            items: ContextItems::default(),
+            before: ContextSteps::default(),
             reader: network.reader.pass(capacity),
             actor: LayerBuffers::new(&network.actor, capacity),
         }
     }
 
-    /// Runs the actor on what is shown to a range of environments and on what is remembered of
-    /// them.
+    /// Runs the actor on the loaded observations of a range of environments and their memory.
     pub(super) fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
         let Chunk { network, range, .. } = chunk;
         let (parts, n) = (network.parts(), range.len());
@@ -125,7 +124,7 @@ impl Buffers {
         self.actor.forward(&network.actor, of(parts.actor), n);
     }
 
-    /// Hands what is remembered of a range of environments to the contexts.
+    /// Passes the remembered steps of a range of environments to the context.
     fn recall(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
         let (reader, range) = (&chunk.network.reader, chunk.range.clone());
         let episodes = || memory.envs.iter().skip(range.start).take(range.len());
@@ -143,7 +142,7 @@ impl Buffers {
         }
     }
 
-    /// Writes rows of means, log_std and, where rows are longer, fields.
+    /// Writes rows of mean, raw log_std and, if `row` is longer, fields.
     fn write(&self, network: &SacNetwork<f32>, row: usize, rows: &mut [f64]) {
         let width = network.output_order.len();
         let fields = self.trunk.fields();
@@ -184,13 +183,14 @@ impl Actor for SacPolicy {
         let mut action = vec![0.0; width];
         let rows = self.outputs.chunks_exact(row);
         for (output, out) in rows.zip(out.chunks_exact_mut(width)) {
+            // `out` holds the noise, until the action replaces it
             sample_tanh(&output[..2 * width], out, &mut action);
             out.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
         }
         Ok(())
     }
 
-    /// The tanh of the Gaussian's means.
+    /// Writes the tanh of the Gaussian's means.
     fn mean_actions(
         &mut self,
         observations: &Observations,
@@ -206,21 +206,21 @@ impl Actor for SacPolicy {
     }
 }
 
-impl Plain for SacPolicy {
-    fn plain(&self) -> Result<PlainPolicy, RlError> {
+impl ExportPolicy for SacPolicy {
+    fn export(&self) -> Result<ExportedPolicy, RlError> {
         let (network, params) = (self.network(), self.params());
         if network.context().is_some() {
             let part = "a context, which remembers an episode,";
-            return Err(RlError::NotPlain { part });
+            return Err(RlError::NotExportable { part });
         }
-        let trunk = plain::trunk(&network.trunk, params)?;
+        let trunk = export::trunk(&network.trunk, params)?;
         let group = network.settings().group;
-        let ends = [trunk.joined, End::Natural(&network.output_order)];
+        let bases = [trunk.joined, Basis::Natural(&network.output_order)];
         let actor = &params[network.parts().actor];
-        Ok(PlainPolicy {
+        Ok(ExportedPolicy {
             spec: network.spec().clone(),
             order: group.order(),
-            actor: chain(group, &network.actor, actor, ends)?,
+            actor: chain(group, &network.actor, actor, bases)?,
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::TanhGaussian {
@@ -230,7 +230,7 @@ impl Plain for SacPolicy {
         })
     }
 
-    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError> {
+    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
         let samples = observations.samples(self.network().spec())?;
         let width = self.width();
         let mut actions = vec![0.0; samples * width];
@@ -238,7 +238,7 @@ impl Plain for SacPolicy {
         self.mean_actions(observations, &mut memory, &mut actions)?;
         let rows = self.outputs.chunks_exact(self.outputs.len() / samples.max(1));
         let raws = rows.flat_map(|row| &row[width..2 * width]);
-        Ok(Answers {
+        Ok(PolicyOutput {
             actions,
             log_std: raws.map(|&raw| tanh_log_std(raw).0 as f32).collect(),
             values: None,
@@ -246,46 +246,45 @@ impl Plain for SacPolicy {
     }
 }
 
-/// The last steps of the running episodes of N environments; nothing for an actor without a
-/// context.
+/// Memory of a [`SacPolicy`]: the last steps of the running episodes of N environments; empty
+/// without a context.
 ///
-/// It is no part of what is saved: a learner that goes on from a file begins every episode anew, as
-/// [`RolloutState::reset`](crate::RolloutState::reset) does.
+/// Checkpoints do not contain it: a learner restored from a file starts new episodes, with
+/// [`RolloutState::reset`](crate::RolloutState::reset).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
-    /// Steps remembered at most.
+    /// Maximum number of remembered steps.
     length: usize,
-    /// Length of the fields of an observation.
+    /// Number of components of an observation's fields.
     pub(super) fields: usize,
-    pub(super) envs: Vec<Remembered>,
+    pub(super) envs: Vec<EpisodeMemory>,
 }
 
-/// One running episode.
+/// Memory of one running episode.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Remembered {
+pub(super) struct EpisodeMemory {
     /// The last steps, the oldest first.
-    pub past: VecDeque<Past>,
-    /// Fields of the observation that was decided on, until its step is known.
+    pub past: VecDeque<PastStep>,
+    /// Fields of the last observation decided on, until its step is complete.
     pub seen: Vec<f32>,
 }
 
-/// A step: the fields of its observation, its action and its reward.
+/// A remembered step.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Past {
+pub(super) struct PastStep {
     pub fields: Vec<f32>,
     pub action: Vec<f32>,
     pub reward: f32,
 }
 
 impl History {
-    /// A memory of `length` steps with `fields` of this length each.
+    /// Creates a memory of up to `length` steps, with `fields` components each.
     pub(super) fn new([length, fields]: [usize; 2], envs: usize) -> Self {
         let envs = if length == 0 { 0 } else { envs };
-        Self { length, fields, envs: vec![Remembered::default(); envs] }
+        Self { length, fields, envs: vec![EpisodeMemory::default(); envs] }
     }
 
-    /// Refuses a memory that was made for a network of other sizes, or for another number of
-    /// environments.
+    /// Rejects a memory made for a network of other sizes or another number of environments.
     pub(super) fn check(&self, [length, fields]: [usize; 2], envs: usize) -> Result<(), RlError> {
         check_len("steps of memory", "[L]", self.length, length)?;
         check_len("fields of memory", "[h]", self.fields, fields)?;
@@ -297,7 +296,7 @@ impl History {
 impl Memory for History {
     fn forget(&mut self, env: usize) {
         if let Some(episode) = self.envs.get_mut(env) {
-            *episode = Remembered::default();
+            *episode = EpisodeMemory::default();
         }
     }
 
@@ -305,13 +304,14 @@ impl Memory for History {
         let Some(episode) = self.envs.get_mut(env) else {
             return;
         };
+        // nothing was decided since the last step
         if episode.seen.is_empty() {
             return;
         }
         if episode.past.len() == self.length {
             episode.past.pop_front();
         }
-        episode.past.push_back(Past {
+        episode.past.push_back(PastStep {
             fields: std::mem::take(&mut episode.seen),
             action: action.to_vec(),
             reward,
@@ -319,9 +319,13 @@ impl Memory for History {
     }
 }
 
-impl Units for SacPolicy {
-    /// Those of the encoder, of the actor and of both critics.
-    fn activity(&self, observations: &Observations, memory: &History) -> Result<Activity, RlError> {
+impl MeasureActivity for SacPolicy {
+    /// Returns the activations of the encoder, the actor and both critics.
+    fn activity(
+        &self,
+        observations: &Observations,
+        memory: &History,
+    ) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.samples(network.spec())?;
         memory.check(network.remembered(), samples)?;
@@ -334,11 +338,11 @@ impl Units for SacPolicy {
         let own = &params[network.parts().actor];
         sums.extend(w.actor.unit_sums(&network.actor, own, samples));
         sums.extend(critics(&chunk, &w));
-        Ok(Activity::of(sums))
+        Ok(UnitActivity::of(sums))
     }
 }
 
-/// Sums of what the units of both critics put out for the mean actions that were decided on.
+/// Returns the sum of the outputs of both critics' units at the mean actions.
 fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
     let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
     let (parts, width) = (network.parts().critics, network.action_order.len());
@@ -354,8 +358,8 @@ fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
         .collect();
     let mut x = vec![0.0; n * network.joined.out_shape().len()];
     network.joined.forward(&reader.state, &actions, &mut x);
-    let twins = parts.twins.into_iter();
-    twins.flat_map(|own| unit_sums(&network.critic, &params[own], &x)).collect()
+    let critic = |own| unit_sums(&network.critic, &params[own], &x);
+    parts.twins.into_iter().flat_map(critic).collect()
 }
 
 #[cfg(test)]
@@ -363,7 +367,7 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::fixtures::{kills, observations, settings, spec, strided, wake};
+    use crate::fixtures::{check_killed_units, observations, settings, spec, strided, wake};
     use crate::policy::{Actor, Memory};
     use crate::sac::settings::ContextSettings;
 
@@ -389,16 +393,16 @@ mod tests {
             };
             assert_eq!(activity(params).units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
             let parts = network.parts();
-            // what the actor does must not put its critics to sleep
+            // actions of a changed actor must not make units of the critics dormant
             let mut awake = params.to_vec();
             for twin in &parts.critics.twins {
                 wake(&network.critic, &mut awake[twin.clone()]);
             }
-            kills(&network.actor, awake.clone(), parts.actor, activity);
+            check_killed_units(&network.actor, awake.clone(), parts.actor, activity);
             for twin in parts.critics.twins {
-                kills(&network.critic, awake.clone(), twin, activity);
+                check_killed_units(&network.critic, awake.clone(), twin, activity);
             }
-            // what is remembered is read
+            // a context reads the memory
             let forgotten = policy.activity(&observations, &policy.memory(SAMPLES));
             assert_eq!(forgotten.unwrap() == activity(params), context.is_none());
         }

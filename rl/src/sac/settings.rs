@@ -6,10 +6,10 @@ use symmetry::Group;
 use crate::error::{RlError, require, require_positive, require_share, require_weight};
 use crate::ppo::settings::PpoSettings;
 
-/// The largest minibatch.
-const LARGEST_BATCH: usize = 1 << 16;
-/// The most gradient steps for one recorded step.
-const MOST_UPDATES: f32 = 1000.0;
+/// Maximum size of a minibatch.
+const MAX_BATCH: usize = 1 << 16;
+/// Maximum number of gradient steps for one recorded step.
+const MAX_UPDATES_PER_STEP: f32 = 1000.0;
 
 /// Settings of [`crate::Sac`]. [`SacSettings::paper`] is the default.
 ///
@@ -19,106 +19,110 @@ const MOST_UPDATES: f32 = 1000.0;
 pub struct SacSettings {
     /// Discount of the next decision's value, in [0, 1].
     pub gamma: f32,
-    /// Steps in a minibatch, 1 to 65536.
+    /// Number of steps in a minibatch, 1 to 65536.
     pub batch: usize,
-    /// Steps of a minibatch that follow one another in an episode, a divisor of `batch`. The first
-    /// of them is drawn; after an episode's last held step comes its first, so that every step is
-    /// drawn equally often. Where [`Replay::mark`](crate::Replay::mark) stands within an episode,
-    /// windows of its newest steps reach back before the mark. Steps of a window share
-    /// observations, each of which is encoded once: a window of w steps takes w + 1 observations,
-    /// and w + 1 + L with a context of L steps, where single steps take 2 w and (2 + L) w.
+    /// Number of consecutive steps of an episode in each window of a minibatch, a divisor of
+    /// `batch`. The first step is drawn; an episode's last held step is followed by its first, so
+    /// that every step is drawn equally often. A window of the newest steps of an episode with a
+    /// [`Replay::mark`](crate::Replay::mark) may thus reach back before the mark. Steps of a window
+    /// share observations, each of which is encoded once: a window of w steps takes w + 1
+    /// observations, or w + 1 + L with a context of L steps, instead of 2 w or (2 + L) w.
     pub window: usize,
-    /// Gradient steps for each recorded step, at least 0; below 1, several recorded steps share a
-    /// gradient step. All steps that a replay ever recorded count ([`Sac::due`](crate::Sac::due)).
+    /// Number of gradient steps for each recorded step, in [0, 1000]; below 1, several recorded
+    /// steps share a gradient step. Counts all steps ever recorded ([`Sac::due`](crate::Sac::due)).
     ///
-    /// By default, a step that is recorded after the burn-in is passed through as many gradient
-    /// steps as PPO's default passes it through at most, 12 on average
-    /// ([`SacSettings::as_often_as`]): 12 / 512 gradient steps. The burn-in's are not made up for,
-    /// and PPO may stop early by its KL divergence.
+    /// By default, 12 / 512: a step recorded after the burn-in is then part of 12 minibatches on
+    /// average, the maximum of PPO's default ([`SacSettings::with_update_ratio_of`]). The burn-in
+    /// is not made up for, and PPO may stop early by its KL divergence.
     pub updates_per_step: f32,
-    /// Recorded steps before the first gradient step.
+    /// Number of recorded steps before the first gradient step.
     pub burn_in: u64,
     /// Adam's step size for all parameters, above 0.
     pub learning_rate: f32,
     /// Adam's epsilon, above 0.
     pub adam_epsilon: f32,
-    /// Every component of the gradient is clipped to [-`max_gradient`, `max_gradient`], above 0.
+    /// Maximum magnitude of each component of the gradient, above 0; larger ones are clipped.
     pub max_gradient: f32,
-    /// Share of the way that the target critics go to the critics at each gradient step, in (0, 1].
+    /// Rate in (0, 1] at which target critics move towards the critics at each gradient step
+    /// (Polyak averaging).
     pub tau: f32,
-    /// The temperature alpha, the worth of a nat of entropy.
+    /// Temperature alpha, the weight of the entropy.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
-    /// the last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. It is rounded
-    /// to whole windows: of 512 steps in windows of four, to a multiple of 1 / 128.
+    /// the last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. Rounded to
+    /// whole windows: for 512 steps in windows of four, to a multiple of 1 / 128.
     pub newest_share: f32,
-    /// Every window of a minibatch is moved by a random element of this group: pictures, vectors
-    /// and actions. C1 leaves them as they are.
+    /// Group for data augmentation: a random element transforms images, vectors and actions of each
+    /// window. C1 for none.
     pub augmentation: Group,
-    /// Weight of the squared distance between the actor's mean action and the stored one, at least
-    /// 0: behavioural cloning of what was done (Fujimoto and Gu, NeurIPS 2021, equation 3).
+    /// Weight of behavioural cloning, at least 0: of the squared distance between the actor's mean
+    /// action and the stored one (Fujimoto and Gu, NeurIPS 2021, equation 3).
     pub cloning_weight: f32,
 }
 
-/// The weight alpha of the entropy.
+/// Temperature alpha, the weight of the entropy.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Temperature {
     /// A constant, at least 0.
     Fixed(f32),
-    /// Adjusted such that the entropy of actions is `target` nats for each component: Haarnoja et
-    /// al., "Soft actor-critic algorithms and applications" (arXiv 1812.05905, section 5).
+    /// A learned value, adjusted so that the entropy of actions is `target` nats for each
+    /// component: Haarnoja et al., "Soft actor-critic algorithms and applications" (arXiv
+    /// 1812.05905, section 5).
     Learned {
-        /// Value to begin with, above 0.
+        /// Initial value, above 0.
         initial: f32,
-        /// Entropy in nats of a component of the action; -1 in the paper.
+        /// Target entropy in nats of each component of the action; -1 in the paper.
         target: f32,
     },
 }
 
 impl SacSettings {
-    /// What COVERS lists for CLEAR and 3RL (Liu et al., CoRL 2023, appendix, table "CLEAR and 3RL
-    /// Hyperparameter"). What the table does not list: `tau` is that of SAC (arXiv 1801.01290,
-    /// table 1), half of a minibatch is the newest experience, steps come in windows of four, which
-    /// saves three encodings of eight, and the number of gradient steps is that which makes methods
-    /// comparable ([`SacSettings::updates_per_step`]).
+    /// Returns the hyper-parameters of COVERS for CLEAR and 3RL (Liu et al., CoRL 2023, appendix,
+    /// table "CLEAR and 3RL Hyperparameter"), with this project's choices for those that the table
+    /// does not list.
     pub fn paper() -> Self {
         let settings = Self {
             gamma: 0.95,
             batch: 512,
+            // five encodings instead of eight
             window: 4,
+            // set below, so that a step is part of as many gradients as in PPO
             updates_per_step: 0.0,
             burn_in: 20_000,
             learning_rate: 3e-4,
             adam_epsilon: 1e-8,
             max_gradient: 1.0,
+            // SAC's (arXiv 1801.01290, table 1)
             tau: 0.005,
             temperature: Temperature::Fixed(0.005),
+            // CLEAR's even split of new and replayed experience (Rolnick et al., NeurIPS 2019,
+            // section 4)
             newest_share: 0.5,
             augmentation: Group::C1,
             cloning_weight: 0.0,
         };
-        settings.as_often_as(&PpoSettings::measured())
+        settings.with_update_ratio_of(&PpoSettings::measured())
     }
 
-    /// The same with the number of gradient steps for which a recorded step is part of as many
-    /// gradients as a decision is in PPO: `epochs / batch` for each.
+    /// Sets [`SacSettings::updates_per_step`] so that a recorded step is part of as many gradients
+    /// as a decision is in PPO: to `epochs / batch`.
     #[must_use]
-    pub fn as_often_as(self, ppo: &PpoSettings) -> Self {
+    pub fn with_update_ratio_of(self, ppo: &PpoSettings) -> Self {
         Self { updates_per_step: ppo.epochs as f32 / self.batch as f32, ..self }
     }
 
-    /// Refuses values outside their ranges.
+    /// Rejects values outside their ranges.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
-        let allowed = (1..=LARGEST_BATCH).contains(&self.batch);
+        let allowed = (1..=MAX_BATCH).contains(&self.batch);
         require("batch", self.batch as f32, "1 to 65536", allowed)?;
         let whole = self.window > 0 && self.batch.is_multiple_of(self.window);
         require("window", self.window as f32, "a divisor of batch", whole)?;
-        let allowed = (0.0..=MOST_UPDATES).contains(&self.updates_per_step);
+        let allowed = (0.0..=MAX_UPDATES_PER_STEP).contains(&self.updates_per_step);
         let expected = "a number in [0, 1000]";
         require("updates_per_step", self.updates_per_step, expected, allowed)?;
         require_positive("learning_rate", self.learning_rate)?;
@@ -133,7 +137,7 @@ impl SacSettings {
 }
 
 impl Temperature {
-    /// Value to begin with, where it is learned.
+    /// Returns the initial value if it is learned, otherwise 1, whose logarithm is 0.
     pub(super) fn initial(self) -> f32 {
         match self {
             Self::Learned { initial, .. } => initial,
@@ -159,14 +163,14 @@ impl Default for SacSettings {
     }
 }
 
-/// Settings of a context: the last steps of the episode, read by a GRU
-/// ([`equivariant::Gru`]). The default is that of 3RL in COVERS (Liu et al., CoRL 2023, appendix).
+/// Settings of a context: a GRU ([`equivariant::Gru`]) over the last steps of the episode. The
+/// default is that of 3RL in COVERS (Liu et al., CoRL 2023, appendix).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContextSettings {
-    /// Channels of the GRU's state, at least 1 and a multiple of the order of the network's group.
+    /// Number of channels of the GRU's state, a multiple of the order of the network's group.
     pub size: usize,
-    /// Steps that it reads at most, in 1..=64.
+    /// Maximum number of steps that the GRU reads, in 1..=64.
     pub length: usize,
 }
 

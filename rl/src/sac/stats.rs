@@ -2,35 +2,35 @@
 
 use crate::algorithm::{Metrics, named, sums};
 
-/// What an update did: means over all steps of all minibatches that were run. Where none was, as
-/// during the burn-in, `steps` is 0, and the means are zeros that say nothing: every row of a table
-/// has the same columns, and all are numbers.
+/// Statistics of an update: means over all steps of all minibatches. If there were none, as during
+/// the burn-in, `steps` is 0 and the means are zeros without a meaning, so that every row of a log
+/// has the same columns, and numbers in all of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SacStats {
-    /// Halved squared error of the critics, both together.
+    /// Halved squared error, summed over both critics.
     pub critic_loss: f64,
-    /// The loss of the actor, without cloning.
+    /// Actor loss, without behavioural cloning.
     pub actor_loss: f64,
     /// Squared distance of the mean action from the stored one, summed over components.
     pub cloning_loss: f64,
-    /// Mean value Q that the critics give the stored actions.
+    /// Mean Q-value of the stored actions, over both critics.
     pub value: f64,
     /// Estimated entropy of actions in nats.
     pub entropy: f64,
-    /// The temperature, after the update.
+    /// Temperature after the update.
     pub temperature: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,
     /// Share in [0, 1] of the gradient's components that were clipped.
     pub clip_fraction: f64,
-    /// Gradient steps taken.
+    /// Number of gradient steps taken.
     pub steps: usize,
-    /// Steps that the replay held.
+    /// Number of steps held by the replay buffer.
     pub replay: usize,
 }
 
 impl Metrics for SacStats {
-    /// The fields in their order.
+    /// Returns the fields in order.
     fn metrics(&self) -> Vec<(String, f64)> {
         named!(
             self: critic_loss, actor_loss, cloning_loss, value, entropy, temperature, grad_norm,

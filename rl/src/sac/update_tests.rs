@@ -60,7 +60,7 @@ fn settings() -> SacSettings {
     }
 }
 
-/// The episodes of the file, one after the other.
+/// Returns the file's episodes in one replay buffer, one after the other.
 fn replay() -> Replay {
     let mut replay = Replay::new(ReplaySettings::default(), &spec()).unwrap();
     let (vectors, actions) = (rounded("vectors"), rounded("actions"));
@@ -138,12 +138,12 @@ fn an_update_with_a_context_is_that_of_pytorch() {
 
 const DRAWS: usize = 4000;
 
-/// Minibatches of six steps in windows of this many.
+/// Returns settings for minibatches of six steps in windows of `window` steps.
 fn drawn_settings(window: usize) -> SacSettings {
     SacSettings { batch: 6, window, augmentation: Group::D2, ..SacSettings::default() }
 }
 
-/// How often each step of the fixtures' replay is drawn in windows of this many steps.
+/// Counts the draws of each step of the fixtures' replay buffer in windows of `window` steps.
 fn counts(window: usize) -> Vec<usize> {
     let settings = drawn_settings(window);
     let (replay, mut draws) = (fixtures::replay(), Draws::default());
@@ -154,9 +154,9 @@ fn counts(window: usize) -> Vec<usize> {
         assert_eq!((draws.steps.len(), draws.elements.len()), (6, 6));
         assert!(draws.elements.chunks(window).all(|own| own.iter().all(|g| *g == own[0])));
         for &(index, further) in &draws.steps {
-            let place = replay.get(index).along(further).place();
+            let place = replay.get(index).wrapping_later(further).index();
             let mut steps = 0..replay.len();
-            let found = steps.find(|&i| replay.get(i).place() == place);
+            let found = steps.find(|&i| replay.get(i).index() == place);
             counts[found.unwrap()] += 1;
         }
     }

@@ -20,7 +20,7 @@ pub fn settings(capacity: usize) -> ReplaySettings {
     ReplaySettings { capacity, still_channels: STILL, warm_up: 0, ..ReplaySettings::default() }
 }
 
-/// An observation, told by its environment, episode and position.
+/// An observation, identified by its environment, episode and position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Seen {
     pub env: usize,

@@ -1,5 +1,5 @@
-//! A point that reaches a goal it only sees: the toy environment of this crate's tests, exactly
-//! D2-symmetric.
+//! Toy environment of this crate's tests, exactly D2-symmetric: a point has to reach a goal that is
+//! only in the image.
 
 pub mod episodes;
 pub mod guess;

@@ -1,5 +1,5 @@
-//! The arrays of one step of the toy environment, in the right sizes, and what spoils them; networks
-//! and numbers of these tests.
+//! The arrays of one step of the toy environment, in the right sizes, and what spoils them;
+//! networks and numbers of these tests.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -28,7 +28,7 @@ pub fn policy() -> ActorCriticPolicy {
     ActorCriticPolicy::new(&settings, &spec(), 1).unwrap()
 }
 
-/// What every step of a rollout takes, in the right sizes.
+/// Arguments of a push of one step, in the right sizes.
 #[derive(Clone)]
 pub struct Parts {
     pub observations: Observations,
@@ -118,7 +118,7 @@ fn a_nan_is_the_largest_number() {
 }
 
 /// Rows of components in natural order, each multiplied by its irrep's sign.
-pub fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
+pub fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
     let signs = irreps.iter().cycle().map(|irrep| f32::from(irrep.sign(g)));
     rows.iter().zip(signs).map(|(x, s)| x * s).collect()
 }
@@ -130,7 +130,7 @@ pub fn transformed(spec: &EnvSpec, from: &Observations, pixels: D2, vectors: D2)
     let images = from.images.chunks((h * w * c).max(1));
     Observations {
         images: images.flat_map(|image| pixels.transform_image(image, h, w, c)).collect(),
-        vectors: signed(&from.vectors, &spec.vector, vectors),
+        vectors: transform_vector(&from.vectors, &spec.vector, vectors),
     }
 }
 

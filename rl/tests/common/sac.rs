@@ -25,7 +25,7 @@ pub fn settings() -> SacSettings {
     SacSettings { batch: 20, updates_per_step: 0.1, burn_in: 40, ..SacSettings::default() }
 }
 
-/// A learner in the middle of its episodes.
+/// A training run in the middle of its episodes.
 pub struct Run {
     pub env: PointReach,
     pub policy: SacPolicy,

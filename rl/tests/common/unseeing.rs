@@ -1,4 +1,5 @@
-//! Actors that see nothing and draw nothing, and environments whose episodes differ in length.
+//! Actors that ignore observations and draw no noise, and environments whose episodes differ in
+//! length.
 
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -7,7 +8,7 @@ use rl::{
 };
 use symmetry::Irrep;
 
-/// Decides by its memory alone, without noise, and values everything at 0.
+/// An actor that decides from its memory alone, without noise, and values everything at 0.
 pub trait Unseeing {
     type Memory: Memory;
 
@@ -17,7 +18,7 @@ pub trait Unseeing {
     fn decide(&self, memory: &mut Self::Memory, out: &mut [f32]);
 }
 
-/// What such an actor is to collection and evaluation.
+/// Adapter from [`Unseeing`] to the traits of collection and evaluation.
 pub struct Acting<U>(pub U);
 
 impl<U: Unseeing> Actor for Acting<U> {

@@ -131,11 +131,11 @@ fn moved(g: D2) -> Observations {
     let images = from.images.chunks(h * w * c);
     Observations {
         images: images.flat_map(|image| g.transform_image(image, h, w, c)).collect(),
-        vectors: signed(&from.vectors, &vector, g),
+        vectors: transform_vector(&from.vectors, &vector, g),
     }
 }
 
-fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
+fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
     let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
     let rows = rows.iter().zip(signs.cycle());
     rows.map(|(x, sign)| x * sign).collect()
@@ -149,7 +149,7 @@ fn mirrored_observations_get_mirrored_means_and_the_same_values() {
         let mut policy = there(network);
         let [mean, value] = outputs(&mut policy, &observations());
         let [mean_g, value_g] = outputs(&mut policy, &moved(g));
-        let mean = signed(&mean, &spec(1).action, g);
+        let mean = transform_vector(&mean, &spec(1).action, g);
         [deviation(&mean_g, &mean), deviation(&value_g, &value)]
     };
     for g in D2::ALL {

@@ -39,13 +39,13 @@ fn rollout(network: &NetworkSettings) -> (ActorCriticPolicy, RolloutBuffer, ChaC
     (policy, buffer, rng)
 }
 
-/// What an update leaves.
+/// State after an update.
 struct After {
     stats: UpdateStats,
     /// Parameters, then both moments.
     arrays: [Vec<f32>; 3],
     steps: u64,
-    /// What the generator draws next.
+    /// Next number of the generator.
     next: u64,
 }
 
@@ -203,7 +203,7 @@ fn a_lost_device_is_an_error_and_the_processor_goes_on() {
     assert_eq!(here.save().counters[0].1, 20);
 }
 
-/// What the tests above compare with would see it.
+/// The tolerance of the tests above detects a missing gradient clipping.
 #[test]
 fn an_update_without_clipping_is_seen() {
     let unclipped = PpoSettings { max_grad_norm: 1e9, ..settings() };

@@ -1,4 +1,4 @@
-// An observation of a batch; in an update, the decision and its normalised advantage.
+// Index of an observation of a batch; in an update, also its decision's normalised advantage.
 struct Draw {
     decision: u32,
     advantage: f32,

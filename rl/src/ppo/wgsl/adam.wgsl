@@ -1,6 +1,6 @@
 // A step of Adam, as `adam.rs` takes it: a thread for each parameter. `batch.numbers` holds the
-// learning rates of encoder and heads over the correction of the first moment, and the root of the
-// correction of the second. Logarithms of standard deviations end above their floor.
+// learning rates of encoder and heads divided by the bias correction of the first moment, and the
+// root of the second moment's correction. Standard deviations are clamped to their floor.
 
 @compute @workgroup_size(THREADS)
 fn main(place: Place) {

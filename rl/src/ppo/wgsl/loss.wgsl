@@ -1,5 +1,5 @@
-// The loss of a minibatch and its gradient in what the network put out; `ppo.rs` says what of.
-// `decisions` holds the action, its log-probability and the return, for each decision. One group.
+// The loss of a minibatch and its gradient with respect to the network's outputs, as in `ppo.rs`.
+// `decisions` holds the action, its log-probability and the return of each decision. One group.
 
 const HALF_LN_TAU = 0.9189385;
 
@@ -19,7 +19,7 @@ fn main(place: Place) {
             let z = (decisions[at + j] - mean[s * ACTION + j]) * exp(-log_std);
             log_ratio -= 0.5 * z * z + log_std + HALF_LN_TAU;
         }
-        let ratio = exp(select(log_ratio, LARGEST_LOG_RATIO, log_ratio > LARGEST_LOG_RATIO));
+        let ratio = exp(select(log_ratio, MAX_LOG_RATIO, log_ratio > MAX_LOG_RATIO));
         let surrogate = ratio * draw.advantage;
         let clipped = clamp(ratio, 1.0 - CLIP, 1.0 + CLIP) * draw.advantage;
         // where the minimum takes the clipped branch, the loss does not depend on the policy

@@ -1,0 +1,263 @@
+//! Export of policies as ordinary dense layers, for programs without equivariant ones.
+
+use std::ops::Range;
+
+use equivariant::{Dense, Kernel, LayerKind, Sequential, Signature, hadamard};
+use symmetry::Group;
+
+use crate::encoder::{Encoder, POOLING};
+use crate::env::{EnvSpec, Observations};
+use crate::error::RlError;
+use crate::trunk::Trunk;
+
+/// An ordinary layer of an exported policy. Channels between layers are in the regular basis, in
+/// which a group permutes them and the pointwise ReLU of any library is equivariant.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ExportedLayer {
+    /// A cross-correlation (convolution), or a matrix product on vectors.
+    Linear {
+        /// Kernel `[C_out, C_in, size, size]`.
+        weight: Vec<f32>,
+        /// Shape of the kernel.
+        shape: [usize; 4],
+        /// Bias `[C_out]`.
+        bias: Vec<f32>,
+        /// Stride and padding.
+        window: Kernel,
+    },
+    /// Pointwise max(x, 0).
+    Relu,
+    /// Max-pooling with this window.
+    MaxPool(Kernel),
+}
+
+/// Action distribution that the actor's last layer parametrises.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Distribution {
+    /// A Gaussian; the output holds the means `[A]`.
+    Gaussian {
+        /// Logarithms of the standard deviations `[A]`, the same for every state.
+        log_std: Vec<f32>,
+    },
+    /// The tanh of a Gaussian; the output holds the means `[A]`, then `[A]` numbers whose tanh is
+    /// scaled from [-1, 1] to the range of log_std.
+    TanhGaussian {
+        /// Range of log_std.
+        log_std: [f32; 2],
+    },
+}
+
+/// A policy exported as ordinary dense layers.
+///
+/// ```text
+/// image  [C, H, W], bytes b as b / 255 - 0.5 -> image layers  -> [G n, 1, 1], element-major
+/// vector [D], in natural order               -> vector layers -> [G m]
+/// [image, vector]                            -> actor         -> of actions, in natural order
+/// [image, vector], or maxima over G of each  -> critic        -> value [1]
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportedPolicy {
+    /// Sizes and types of observations and actions.
+    pub spec: EnvSpec,
+    /// Order G of the group, which is the number of channels of a regular field.
+    pub order: usize,
+    /// Layers of the image; `None` if the policy reads no image.
+    pub image: Option<Vec<ExportedLayer>>,
+    /// Layers of the vector; `None` if observations have no vector.
+    pub vector: Option<Vec<ExportedLayer>>,
+    /// Layers of the actor.
+    pub actor: Vec<ExportedLayer>,
+    /// Meaning of the actor's output.
+    pub distribution: Distribution,
+    /// Layers of the critic, and `true` if it reads maxima over G; `None` for a policy without a
+    /// value function.
+    pub critic: Option<(Vec<ExportedLayer>, bool)>,
+}
+
+/// Output of a policy for N observations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PolicyOutput {
+    /// Mean actions `[N, A]`, as an evaluation executes them.
+    pub actions: Vec<f32>,
+    /// Logarithms of the Gaussian's standard deviations `[N, A]`, before any tanh.
+    pub log_std: Vec<f32>,
+    /// Values `[N]`; `None` for a policy without a value function.
+    pub values: Option<Vec<f32>>,
+}
+
+/// A policy that can be exported as ordinary dense layers.
+pub trait ExportPolicy {
+    /// Returns the policy in ordinary layers, whose outputs differ by rounding only.
+    ///
+    /// # Errors
+    /// [`RlError::NotExportable`] for a network with parts that ordinary layers cannot express.
+    fn export(&self) -> Result<ExportedPolicy, RlError>;
+
+    /// Returns the output for observations, to compare the export with.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] for observations of other environments.
+    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
+}
+
+/// Kind of an end of a chain of layers.
+#[derive(Clone, Copy)]
+pub(crate) enum Basis<'a> {
+    /// Channels of the regular basis, element-major.
+    Regular,
+    /// Components in natural order; holds the natural index of every irrep-major component.
+    Natural(&'a [usize]),
+    /// Regular channels of the image, then of the vector; holds the number of fields of each.
+    Joined([usize; 2]),
+}
+
+/// Exported layers of a trunk, and the basis of the heads' input.
+pub(crate) struct ExportedTrunk {
+    pub image: Option<Vec<ExportedLayer>>,
+    pub vector: Option<Vec<ExportedLayer>>,
+    pub joined: Basis<'static>,
+}
+
+/// Exports a trunk.
+///
+/// # Errors
+/// [`RlError::NotExportable`] for keypoints and for images that are not square.
+pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
+    let (group, parts, spec) = (trunk.settings.group, trunk.parts(), &trunk.spec);
+    let refused = match trunk.settings.encoder {
+        Encoder::Keypoints { .. } => Some("an encoder of keypoints"),
+        Encoder::Strided { .. } | Encoder::Pooled { .. } if spec.image[0] != spec.image[1] => {
+            Some("an encoder of images that are not square")
+        }
+        _ => None,
+    };
+    // an environment without images has no encoder, whatever the setting says
+    if let (Some(part), Some(_)) = (refused, parts.encoder) {
+        return Err(RlError::NotExportable { part });
+    }
+    let channels: Vec<usize> = (0..spec.image[2]).collect();
+    let export = |layers: Option<&Sequential<f32>>, own, order| {
+        let bases = [Basis::Natural(order), Basis::Regular];
+        layers.map(|layers| chain(group, layers, &params[own], bases)).transpose()
+    };
+    let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
+    let joined = [parts.encoder, parts.vector].map(|layers| layers.map_or(0, fields));
+    let vector = trunk.encoder().end..trunk.num_params();
+    Ok(ExportedTrunk {
+        image: export(parts.encoder, trunk.encoder(), &channels)?,
+        vector: export(parts.vector, vector, parts.vector_order)?,
+        joined: Basis::Joined(joined),
+    })
+}
+
+/// Exports a chain of layers between the given bases of its input and output.
+///
+/// # Errors
+/// [`RlError::NotExportable`] for a layer that has no ordinary form.
+pub(crate) fn chain(
+    group: Group,
+    layers: &Sequential<f32>,
+    params: &[f32],
+    [input, output]: [Basis<'_>; 2],
+) -> Result<Vec<ExportedLayer>, RlError> {
+    let all = layers.layers();
+    let mut start = 0;
+    let mut exported = Vec::new();
+    for (index, layer) in all.iter().enumerate() {
+        let own: Range<usize> = start..start + layer.num_params();
+        start = own.end;
+        let bases = [
+            if index == 0 { input } else { Basis::Regular },
+            if index + 1 == all.len() { output } else { Basis::Regular },
+        ];
+        let kind = layer.kind();
+        exported.push(match kind.dense() {
+            Some(dense) => linear(group, &dense, &params[own], bases),
+            None => weightless(&kind)?,
+        });
+    }
+    Ok(exported)
+}
+
+/// Exports a layer without weights.
+fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
+    match kind {
+        LayerKind::Relu => Ok(ExportedLayer::Relu),
+        LayerKind::MaxPool(POOLING) => Ok(ExportedLayer::MaxPool(POOLING)),
+        _ => {
+            let part = "a layer without weights that is neither ReLU nor 2 x 2 max-pooling";
+            Err(RlError::NotExportable { part })
+        }
+    }
+}
+
+/// Exports a convolution or linear layer, with a kernel between the `bases` of input and output.
+fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]) -> ExportedLayer {
+    let shape = dense.kernel_shape();
+    let [outputs, inputs, size, _] = shape;
+    let taps = size * size;
+    let mut weight = dense.kernel(params);
+    let mut bias = dense.bias(params);
+    // the input axis of each output channel, then the output axis of kernel and bias
+    for row in weight.chunks_exact_mut(inputs * taps) {
+        change(group, bases[0], taps, row);
+    }
+    change(group, bases[1], inputs * taps, &mut weight);
+    change(group, bases[1], 1, &mut bias);
+    debug_assert_eq!(bias.len(), outputs);
+    ExportedLayer::Linear { weight, shape, bias, window: dense.window() }
+}
+
+/// Transforms the first axis of `[channels, inner]` values from the irrep basis to `basis`.
+fn change(group: Group, basis: Basis<'_>, inner: usize, values: &mut [f32]) {
+    // the Hadamard transform maps irreps to the regular basis of a field
+    let irreps = match basis {
+        Basis::Natural(_) => values.to_vec(),
+        Basis::Regular | Basis::Joined(_) => {
+            hadamard(group, values);
+            values.to_vec()
+        }
+    };
+    let order = match basis {
+        Basis::Regular => return,
+        Basis::Natural(order) => order.to_vec(),
+        Basis::Joined(fields) => joined_order(group.order(), fields),
+    };
+    for (from, to) in irreps.chunks_exact(inner).zip(order) {
+        values[to * inner..][..inner].copy_from_slice(from);
+    }
+}
+
+/// Returns the new index of each channel of `[G, image fields and vector fields]` when all of the
+/// image's channels come before the vector's.
+fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
+    let both = image + vector;
+    let index = |channel: usize| {
+        let (element, field) = (channel / both, channel % both);
+        match field.checked_sub(image) {
+            None => element * image + field,
+            Some(field) => order * image + element * vector + field,
+        }
+    };
+    (0..order * both).map(index).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use equivariant::{AveragePool, FieldType, Layer, MaxPool, Relu, Shape};
+
+    use super::*;
+
+    #[test]
+    fn layers_without_weights_are_told_apart() {
+        let shape = Shape { height: 4, width: 4, fields: FieldType::new(Group::D2, [2; 4]) };
+        let plain = |layer: &dyn Layer<f32>| weightless(&layer.kind()).ok();
+        let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
+        assert_eq!(plain(&relu), Some(ExportedLayer::Relu));
+        assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOLING)));
+        let halving = AveragePool::new(shape, POOLING).unwrap();
+        assert_eq!(plain(&halving), None);
+        let wide = Kernel { size: 4, ..POOLING };
+        assert_eq!(plain(&MaxPool::new(shape, wide).unwrap()), None);
+    }
+}
