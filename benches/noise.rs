@@ -11,7 +11,7 @@ pub const HORIZON: usize = 50;
 pub fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: 20,
-        image: [48, 48, envs::Beside::First.channels()],
+        image: [48, 48, envs::ExtraView::First.channels()],
         vector: envs::VECTOR_IRREPS.to_vec(),
         action: envs::ACTION_IRREPS.to_vec(),
     }

@@ -7,7 +7,7 @@ use clap::Parser;
 use covers::export::ExportOptions;
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
-use envs::{Beside, Camera, Control, Embodiment};
+use envs::{Camera, Control, Embodiment, ExtraView};
 use rl::{Critic, Encoder, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
@@ -151,9 +151,9 @@ fn weights_and_their_description_belong_to_the_model() {
 #[test]
 fn a_description_says_what_the_pictures_show() {
     for (beside, channels, shown) in [
-        (Beside::First, 6, "picture; red, green, blue of the episode's first"),
-        (Beside::CloseUp, 6, "picture; red, green, blue of the close-up"),
-        (Beside::FirstAndCloseUp, 9, "of the episode's first; red, green, blue of the close-up"),
+        (ExtraView::First, 6, "picture; red, green, blue of the episode's first"),
+        (ExtraView::CloseUp, 6, "picture; red, green, blue of the close-up"),
+        (ExtraView::FirstAndCloseUp, 9, "of the episode's first; red, green, blue of the close-up"),
     ] {
         let mut experiment = narrow(Method::Covers, Group::D2);
         (experiment.envs.camera.oversampling, experiment.envs.camera.beside) = (2, beside);
@@ -206,7 +206,7 @@ fn what_cannot_be_exported_is_refused_with_the_reason() {
     let mut keypoints = covers.clone();
     let encoder = Encoder::Keypoints { fields: vec![1], maps: 2 };
     network(&mut keypoints).encoder = encoder;
-    assert!(refusal(&keypoints, "0").contains("keypoints is no ordinary layer"));
+    assert!(refusal(&keypoints, "0").contains("keypoints has no form in ordinary layers"));
     let recurrent = narrow(Method::ThreeRl, Group::C1);
     assert!(refusal(&recurrent, "0").contains("a context"));
     let scratch = Scratch::new("export-refused");

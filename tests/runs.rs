@@ -82,7 +82,7 @@ fn finish(mut run: Run) -> (Summary, Vec<Vec<u8>>) {
 
 /// Learns from this many rollouts, evaluates where that is due, and drops the run as a crash would.
 fn crash_after(rollouts: usize, mut run: Run) -> PathBuf {
-    while run.ledger().rollouts < rollouts {
+    while run.stats().rollouts < rollouts {
         run.advance().unwrap();
     }
     run.folder().path().to_owned()
@@ -132,8 +132,8 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     // checkpoints are written after 3, 6 and 8 turns: the row behind is written twice
     let folder = crash_after(7, start(&scratch.0, experiment));
     let resumed = Run::resume(&folder, Some(1)).unwrap();
-    assert_eq!(resumed.ledger().rollouts, 6);
-    assert_eq!(resumed.ledger().opened_for.len(), 2);
+    assert_eq!(resumed.stats().rollouts, 6);
+    assert_eq!(resumed.stats().opened_for.len(), 2);
     let (again, bytes) = finish(resumed);
     let files = FILES.iter().chain(&["the last checkpoint"]);
     for (file, (got, expected)) in files.zip(bytes.iter().zip(&reference)) {
@@ -200,7 +200,7 @@ fn replays_mirrored_decisions_and_randomised_pictures_go_on_to_the_same_bytes_on
         assert_eq!(summary.policies > 1, many, "{method:?}");
         let folder = crash_after(2, start(&scratch.0, small(method)));
         let resumed = Run::resume(&folder, Some(1)).unwrap();
-        assert!(resumed.ledger().rollouts == 2 && !resumed.is_finished());
+        assert!(resumed.stats().rollouts == 2 && !resumed.is_finished());
         let (_, bytes) = finish(resumed);
         assert!(bytes == reference, "{method:?}");
         if off_policy.contains(&method) {
@@ -224,8 +224,8 @@ fn an_interrupted_run_with_labels_goes_on_to_the_same_bytes() {
     let (_, reference) = finish(start(&scratch.0, experiment.clone()));
     let folder = crash_after(4, start(&scratch.0, experiment));
     let resumed = Run::resume(&folder, Some(1)).unwrap();
-    assert_eq!(resumed.ledger().rollouts, 4);
-    assert_eq!(resumed.ledger().opened_for.len(), 2);
+    assert_eq!(resumed.stats().rollouts, 4);
+    assert_eq!(resumed.stats().opened_for.len(), 2);
     assert!(!resumed.is_finished());
     let (_, bytes) = finish(resumed);
     assert!(bytes == reference);

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use covers::experiments::sheet::{contact_sheet, variant_pictures};
-use envs::{ACTION_IRREPS, Beside, RGB, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
+use envs::{ACTION_IRREPS, ExtraView, RGB, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
 use rl::{Actor, ActorCriticPolicy, EnvSpec, NetworkSettings, Observations};
 use symmetry::D2;
 
@@ -75,7 +75,7 @@ fn deviation(map: impl Fn(D2) -> D2) -> f32 {
     let size = settings.camera.size;
     let spec = EnvSpec {
         num_envs: 1,
-        image: [size, size, Beside::First.channels()],
+        image: [size, size, ExtraView::First.channels()],
         vector: VECTOR_IRREPS.to_vec(),
         action: ACTION_IRREPS.to_vec(),
     };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use envs::{TaskGroup, TaskRegistry};
 
 use crate::DeployError;

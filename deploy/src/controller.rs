@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use envs::{ACTION_DIM, Control, Layout};
 use glam::{DQuat, DVec3};
 use robots::{Command, ControlError, Pose, RobotState, Twist, TwistLimits};
@@ -150,7 +150,7 @@ impl ActionController {
 
     fn command(&self, state: &RobotState) -> Command {
         let target = Pose { position: self.target, rotation: self.rotation };
-        let [_, turn] = state.tip.way_to(&target);
+        let [_, turn] = state.tip.displacement_to(&target);
         // the position follows the reference, the orientation follows the measured pose
         let way = [self.target - self.reference, TURNING * turn];
         Command { twist: self.limits.towards(way, RATE), closing: self.closing }

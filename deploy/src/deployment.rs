@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use envs::{
     ACTION_DIM, Camera, Control, Layout, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
     VecEnvSettings,

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use envs::ACTION_DIM;
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use inpainting::{Calibration, Intrinsics};
 use rl::BoxError;
 use robots::{CartesianControl, Command, ControlError, Robot, RobotState, Twist, TwistLimits};

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use envs::{Camera, Pictures};
 use glam::DVec3;
 use inpainting::{Calibration, Perception};

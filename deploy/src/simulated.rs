@@ -7,7 +7,7 @@ use std::rc::Rc;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use envs::carriers::{Arm, ArmSettings, KinovaGen3};
+use envs::embodiments::{Arm, ArmSettings, KinovaGen3};
 use envs::mujoco::State;
 use envs::{
     Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SimulatedArm, TableTop,

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::rc::Rc;
 use std::time::Duration;
 
-use envs::carriers::{Arm, KinovaGen3};
+use envs::embodiments::{Arm, KinovaGen3};
 use envs::{Layout, TaskGroup, TaskVariant};
 use glam::{DMat3, DVec3};
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};

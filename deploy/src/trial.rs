@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use envs::{ACTION_DIM, Control, RGB};
 use glam::DVec3;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};

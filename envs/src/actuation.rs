@@ -142,7 +142,7 @@ impl ServoController {
     /// hand, because the servos would push ever harder.
     fn advance_command(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
         let twist = self.commanded.twist;
-        let [ahead, turned] = self.state(data).tip.way_to(&self.control.tip());
+        let [ahead, turned] = self.state(data).tip.displacement_to(&self.control.tip());
         let held_back = ahead.length() > self.servos.lead && ahead.dot(twist.linear) > 0.0;
         let held_turned = turned.length() > MAX_TURN_ERROR && turned.dot(twist.angular) > 0.0;
         // a command that moves back towards the hand is not held up
@@ -187,7 +187,7 @@ impl ServoController {
 
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
         let target = Pose { position: target, rotation: self.servos.rotation };
-        let way = self.control.tip().way_to(&target);
+        let way = self.control.tip().displacement_to(&target);
         let twist = self.servos.limits.towards(way, APPROACH_RATE);
         let followed = self.control.command(twist);
         match followed.and_then(|()| self.control.tick(seconds)) {

@@ -27,7 +27,7 @@ fn started(latency: f64) -> SimulatedArm {
 }
 
 fn moving(linear: DVec3, closing: f64) -> Command {
-    Command { twist: Twist::moving(linear), closing }
+    Command { twist: Twist::from_linear(linear), closing }
 }
 
 fn advance(arm: &mut SimulatedArm, steps: usize) {

@@ -323,7 +323,7 @@ mod tests {
     fn a_replay_that_would_keep_a_close_up_once_an_episode_is_refused() {
         let tasks = TaskRegistry::standard();
         let mut run = Budget::Smoke.experiment(Method::Clear);
-        run.envs.camera.beside = envs::Beside::CloseUp;
+        run.envs.camera.beside = envs::ExtraView::CloseUp;
         let message = run.check(&tasks).unwrap_err().to_string();
         assert!(message.contains("`off_policy.still_channels` is 3"), "{message}");
         match &mut run.learner {

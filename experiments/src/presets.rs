@@ -1,7 +1,7 @@
 //! Preset experiments: a method and a budget.
 
 use clap::ValueEnum;
-use envs::{Beside, Randomisation, TaskGroup, VecEnvSettings};
+use envs::{ExtraView, Randomisation, TaskGroup, VecEnvSettings};
 use rl::{NetworkSettings, PpoSettings, SymmetryLoss};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
@@ -156,7 +156,7 @@ impl Method {
         }
         if self.shows_close_ups(budget) {
             envs.camera.oversampling = OVERSAMPLING;
-            envs.camera.beside = Beside::CloseUp;
+            envs.camera.beside = ExtraView::CloseUp;
         }
         envs
     }

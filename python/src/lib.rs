@@ -7,7 +7,7 @@ mod task;
 
 use std::sync::{Mutex, PoisonError};
 
-use envs::{Camera, Embodiment, EnvError, Failure, Layout, ObservationsMut, StepMut, Turn};
+use envs::{Camera, Embodiment, EnvError, Failure, Layout, ObservationsMut, StepMut, EnvCommand};
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
 use numpy::{PyReadwriteArray, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray4};
@@ -132,7 +132,7 @@ impl Core {
     ) -> PyResult<Failures> {
         let actions = actions.as_slice().map_err(value_error)?;
         let turns = turns.as_array().into_iter().map(|&turn| find_turn(turn));
-        let turns = turns.collect::<PyResult<Vec<Turn>>>()?;
+        let turns = turns.collect::<PyResult<Vec<EnvCommand>>>()?;
         let (mut images, mut vectors, mut final_images, mut final_vectors, ended) = out;
         let (mut rewards, mut success, mut success_at_end, mut truncated) = ended;
         let out = StepMut {
@@ -212,9 +212,9 @@ impl Core {
     }
 }
 
-fn find_turn(turn: u8) -> PyResult<Turn> {
+fn find_turn(turn: u8) -> PyResult<EnvCommand> {
     // the order is that of the codes in `covers_envs/vector.py`
-    let turns = [Turn::Step, Turn::StepAndStay, Turn::Reset, Turn::Rest];
+    let turns = [EnvCommand::Step, EnvCommand::StepNoAutoReset, EnvCommand::Reset, EnvCommand::Rest];
     let found = turns.get(usize::from(turn)).copied();
     found.ok_or_else(|| value_error(format!("turn {turn}, expected 0 to 3")))
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::RenderError;
 use experiments::RunError;
-use experiments::new_file::{NewFile, ending};
+use experiments::new_file::{NewFile, lowercase_extension};
 
 use super::gif::{self, Film};
 use super::mp4::Ffmpeg;
@@ -22,7 +22,7 @@ impl OutputFile {
     /// # Errors
     /// [`RenderError::Ending`], [`RunError::FileExists`], [`RenderError::NoFfmpeg`].
     pub fn new(path: &Path) -> Result<Self, RenderError> {
-        let ffmpeg = match ending(path).as_deref() {
+        let ffmpeg = match lowercase_extension(path).as_deref() {
             Some("gif") => None,
             Some("mp4") => {
                 let folders = std::env::var_os("PATH").unwrap_or_default();

@@ -8,7 +8,7 @@ use clap::Args;
 use crate::events::write_events;
 use experiments::cli::{Threads, say};
 use experiments::{GroupFilm, RunData, RunError, RunFolder};
-use render::gallery;
+use render::film_groups;
 
 use super::error::ReportError;
 use super::report::Report;
@@ -72,7 +72,7 @@ impl ReportOptions {
 /// there are none.
 fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
     let threads = Threads { threads: None }.count();
-    match gallery(&RunFolder::open(path), threads) {
+    match film_groups(&RunFolder::open(path), threads) {
         Ok(films) => {
             run.films = films.into_iter().map(|(group, gif)| GroupFilm { group, gif }).collect();
             let size: usize = run.films.iter().map(|film| film.gif.len()).sum();

@@ -1,12 +1,12 @@
 //! Matching of policies to groups by the rollouts that they served.
 
-use experiments::{RolloutRow, acting};
+use experiments::{RolloutRow, acting_policy};
 
 /// Returns the policy that stands for `policy` after the last of these rollouts: the one that it
 /// was merged into, or itself.
 pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
     let last = rollouts.last();
-    last.map_or(policy, |row| acting(&row.heirs, policy))
+    last.map_or(policy, |row| acting_policy(&row.merged_into, policy))
 }
 
 /// Returns the policy that belongs to a group: the one that served the group in most of its
@@ -16,7 +16,7 @@ pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
 pub fn matched_policy(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
     let policies = rollouts.iter().map(|row| row.policy + 1).max()?;
     let served = |policy, group: &str| {
-        let of_group = rollouts.iter().filter(|row| !row.straddles && row.group == group);
+        let of_group = rollouts.iter().filter(|row| !row.spans_switch && row.group == group);
         of_group.filter(|row| final_policy(rollouts, row.policy) == policy).count()
     };
     // `max_by_key` returns the last of equals: in reversed order, that is the first policy
@@ -35,7 +35,7 @@ mod tests {
     fn rollouts(rows: &[(&str, usize)]) -> Vec<RolloutRow> {
         let row = |&(group, policy): &(&str, usize)| RolloutRow {
             group: group.trim_end_matches('*').to_owned(),
-            straddles: group.ends_with('*'),
+            spans_switch: group.ends_with('*'),
             policy,
             ..RolloutRow::default()
         };
@@ -62,9 +62,9 @@ mod tests {
     fn an_heir_goes_on_for_the_group_of_its_policy() {
         let mut rows = rollouts(&[("a", 0), ("a", 0), ("b", 1), ("a", 2)]);
         let of = |rows: &[RolloutRow]| ["a", "b"].map(|group| matched_policy(rows, group));
-        rows[2].heirs = vec![Some(1), None];
+        rows[2].merged_into = vec![Some(1), None];
         assert_eq!(of(&rows), [Some(0), Some(1)]);
-        rows[3].heirs = vec![Some(2), None, None];
+        rows[3].merged_into = vec![Some(2), None, None];
         assert_eq!(of(&rows), [Some(2), Some(1)]);
     }
 }

@@ -20,7 +20,7 @@ impl Matrix {
     /// group changed are left out.
     pub fn assigned(run: &RunData) -> Self {
         let mut matrix = Self::new(run, "Rollouts of each group that a policy learnt from.");
-        for row in run.rollouts.iter().filter(|row| !row.straddles) {
+        for row in run.rollouts.iter().filter(|row| !row.spans_switch) {
             matrix.count(&row.group, final_policy(&run.rollouts, row.policy), 1);
         }
         matrix
@@ -97,7 +97,7 @@ mod tests {
         let rollout = |&(group, policy): &(&str, usize)| RolloutRow {
             group: group.trim_end_matches('*').to_owned(),
             policy,
-            straddles: group.ends_with('*'),
+            spans_switch: group.ends_with('*'),
             ..RolloutRow::default()
         };
         let rollouts = [("a", 0), ("b", 1), ("b*", 0), ("a", 0), ("a", 1)];

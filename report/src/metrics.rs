@@ -1,7 +1,7 @@
 //! Continual-learning metrics of one run, as docs/results/protocol.md defines them.
 
 use experiments::evaluation::mean;
-use experiments::{Ledger, RunData, ScoreRow};
+use experiments::{RunData, RunStats, ScoreRow};
 
 use super::visits;
 
@@ -26,7 +26,7 @@ pub struct RunMetrics {
     /// Metrics of each group, in the order in which groups are scored.
     pub groups: Vec<GroupMetrics>,
     /// Share of rollouts of one group that went to the policy of that group, in `[0, 1]`
-    /// ([`Ledger::right`](experiments::Ledger::right)).
+    /// ([`RunStats::right`](experiments::RunStats::right)).
     pub accuracy: Result<f64, Undefined>,
     /// Accuracy among rollouts of groups that came back, in `[0, 1]`.
     pub return_accuracy: Result<f64, Undefined>,
@@ -54,7 +54,7 @@ pub struct GroupMetrics {
     pub reward: f64,
     /// Number of variants for which the learner chose another policy than the group's own after the
     /// stream, and number of all variants
-    /// ([`Ledger::own_policies`](experiments::Ledger::own_policies)).
+    /// ([`RunStats::own_policies`](experiments::RunStats::own_policies)).
     pub mismatches: Result<[usize; 2], Undefined>,
     /// Success of the group's own policy after the stream, the mean over episodes, in `[0, 1]`.
     pub own_success: Result<f64, Undefined>,
@@ -71,7 +71,7 @@ pub struct GroupMetrics {
 impl RunMetrics {
     /// Computes the metrics of a run.
     pub fn of(run: &RunData) -> Self {
-        let ledger = Ledger::of(&run.rollouts);
+        let ledger = RunStats::of(&run.rollouts);
         let is_grouped = run.experiment.learner.tells_groups_apart();
         // a learner with one policy assigns nothing: 0 or 1 would mislead
         let accuracy = |share: Option<f64>| {
@@ -87,7 +87,7 @@ impl RunMetrics {
             return_accuracy: accuracy(ledger.return_accuracy()),
             dormant: dormant(run),
             policies: ledger.opened_for.len(),
-            rollouts: [ledger.rollouts, ledger.straddled],
+            rollouts: [ledger.rollouts, ledger.spanning_switch],
             decisions: run.rollouts.last().map_or(0, |row| row.decisions),
         }
     }
@@ -223,7 +223,7 @@ mod tests {
             decisions: 100 * (index + 1),
             group: name(&rollouts[index]),
             last_group: name(&rollouts[index + usize::from(rollouts[index].0.ends_with('*'))]),
-            straddles: rollouts[index].0.ends_with('*'),
+            spans_switch: rollouts[index].0.ends_with('*'),
             policy: rollouts[index].1,
             ..RolloutRow::default()
         };
@@ -296,7 +296,7 @@ mod tests {
     fn an_heir_is_right_where_its_policy_was() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1), ("a", 2), ("a", 2)]);
         assert_eq!(RunMetrics::of(&run).return_accuracy, Ok(0.0));
-        run.rollouts[2].heirs = vec![Some(2), None, None];
+        run.rollouts[2].merged_into = vec![Some(2), None, None];
         assert_eq!(RunMetrics::of(&run).return_accuracy, Ok(0.5));
     }
 

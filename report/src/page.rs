@@ -3,7 +3,7 @@
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use experiments::colours::colour;
-use experiments::evaluation::SHOWN;
+use experiments::evaluation::EPISODES_SHOWN;
 use experiments::{GroupFilm, RunData, TimingRow};
 use itertools::Itertools;
 
@@ -97,7 +97,7 @@ fn tables_named(tables: &[(&str, Table)], names: &[&str]) -> String {
 
 fn of_run(run: &RunData, open: &str) -> String {
     let mut matrices = vec![Matrix::assigned(run)];
-    matrices.extend(SHOWN.iter().filter_map(|&n| Matrix::recognised(run, n)));
+    matrices.extend(EPISODES_SHOWN.iter().filter_map(|&n| Matrix::recognised(run, n)));
     let matrices: String = matrices.iter().map(Matrix::html).collect();
     format!(
         "<details{open}>\n<summary>{}</summary>\n{}<div class=\"row\">\n{matrices}</div>\n{}{}\

@@ -1,6 +1,6 @@
 //! Table of recognition: the share of groups that learners recognise from a few first frames.
 
-use experiments::evaluation::{SHOWN, mean};
+use experiments::evaluation::{EPISODES_SHOWN, mean};
 
 use super::format::{cell, title};
 use super::matching::{final_policy, matched_policy};
@@ -26,7 +26,7 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
         variants and seeds. A group that no policy belongs to has no right answers.";
     let mut table = Table::new(caption, &header);
     for method in methods {
-        for episodes in SHOWN {
+        for episodes in EPISODES_SHOWN {
             let mut row = vec![title(&mut table, method), episodes.to_string()];
             for group in groups {
                 let own = std::slice::from_ref(group);
@@ -160,7 +160,7 @@ mod tests {
         merged.rollouts.push(merged.rollouts[0].clone());
         merged.rollouts.push(RolloutRow { policy: 2, ..merged.rollouts[0].clone() });
         assert_eq!(rows(merged.clone())[0][2..5], ["0.000", "1.000", "0.500"]);
-        merged.rollouts[3].heirs = vec![Some(2), None, None];
+        merged.rollouts[3].merged_into = vec![Some(2), None, None];
         assert_eq!(rows(merged)[0][2..5], ["1.000", "1.000", "1.000"]);
     }
 

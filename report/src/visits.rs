@@ -11,9 +11,9 @@ pub fn ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
     let over = |index: usize| {
         let row = &rollouts[index];
         let next = rollouts.get(index + 1).map(|row| row.group.as_str());
-        let first = row.group == group && (row.straddles || next != Some(group));
+        let first = row.group == group && (row.spans_switch || next != Some(group));
         // the group came within the rollout, and the next rollout has another one
-        let last = row.straddles && row.last_group == group && next != Some(group);
+        let last = row.spans_switch && row.last_group == group && next != Some(group);
         repeat_n(index + 1, usize::from(first) + usize::from(last))
     };
     (0..rollouts.len()).flat_map(over).collect()
@@ -28,7 +28,7 @@ mod tests {
         let row = |groups: &&str| RolloutRow {
             group: groups[..1].to_owned(),
             last_group: groups[groups.len() - 1..].to_owned(),
-            straddles: groups.len() > 1,
+            spans_switch: groups.len() > 1,
             ..RolloutRow::default()
         };
         ends(&rollouts.iter().map(row).collect::<Vec<_>>(), "a")

@@ -5,7 +5,7 @@ use re_sdk_types::archetypes::{EncodedImage, Scalars};
 use rl::{BoxError, EnvSpec, Observations, Transition, VectorEnv};
 
 use covers::CoversError;
-use covers::render::{Show, Studio, View};
+use covers::render::{EpisodeRecorder, PolicyPlayer, View};
 
 use crate::recording::{DECISION, Recording, refused};
 use crate::scene::Solids;
@@ -28,11 +28,11 @@ pub(crate) fn place(variant: TaskVariant) -> String {
 pub(crate) fn record(
     variant: TaskVariant,
     seed: u64,
-    show: &mut Show,
+    show: &mut PolicyPlayer,
     recording: &Recording,
 ) -> Result<String, CoversError> {
     let views = VIEWS.map(|(view, _)| view);
-    let studio = Studio::new(&show.experiment.envs, variant, &views, seed)?;
+    let studio = EpisodeRecorder::new(&show.experiment.envs, variant, &views, seed)?;
     let mut stage = Stage { place: place(variant), solids: None, decision: 0, studio, recording };
     let (policy, success) = show.perform(variant, &mut stage)?;
     let outcome = if success { "solved" } else { "not solved" };
@@ -45,7 +45,7 @@ struct Stage<'a> {
     /// Shapes on the table; `None` before the episode.
     solids: Option<Solids>,
     decision: usize,
-    studio: Studio,
+    studio: EpisodeRecorder,
     recording: &'a Recording,
 }
 

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use clap::Parser;
 use covers::RunData;
 use covers::cli::Threads;
-use covers::render::Show;
+use covers::render::PolicyPlayer;
 use covers::{CoversError, RunFolder};
 use envs::TaskRegistry;
 
@@ -54,11 +54,11 @@ impl Options {
         if path.exists() {
             return Err(CoversError::FileExists { path: path.clone() });
         }
-        let run = RunData::so_far(&self.run)?;
+        let run = RunData::read_partial(&self.run)?;
         let schedule = &run.experiment.schedule;
         let groups = schedule.chosen(self.group.as_deref(), &TaskRegistry::standard())?;
         let threads = self.threads.count();
-        let mut show = Show::load(&RunFolder::open(&self.run), threads)?;
+        let mut show = PolicyPlayer::load(&RunFolder::open(&self.run), threads)?;
         let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;
         stream::record(&run, &recording)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();

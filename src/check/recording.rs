@@ -47,7 +47,7 @@ impl Recording {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
         let mut groups = TaskGroup::STANDARD.into_iter();
-        let named = |group: &TaskGroup| group.task().stock().is_some_and(|it| it.name == task);
+        let named = |group: &TaskGroup| group.task().meta_world().is_some_and(|it| it.name == task);
         groups.find(named).ok_or(RecordingError::UnknownTask)
     }
 

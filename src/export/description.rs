@@ -1,7 +1,7 @@
 //! JSON description of an exported policy's inputs, outputs and layers.
 
-use envs::Beside;
-use rl::{Distribution, PlainLayer, PlainPolicy};
+use envs::ExtraView;
+use rl::{Distribution, ExportedLayer, ExportedPolicy};
 use serde_json::{Map, Value, json};
 
 use experiments::{Experiment, INPUTS};
@@ -12,7 +12,7 @@ use super::weights::parts;
 const FORMAT: &str = "covers-policy 1";
 
 /// Describes policy `index` of a run: inputs, outputs, layers, and the environments of training.
-pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) -> Value {
+pub(super) fn description(policy: &ExportedPolicy, index: usize, run: &Experiment) -> Value {
     let layers = parts(policy).into_iter().map(|(part, layers, _)| {
         let layers: Vec<Value> = layers.iter().map(layer).collect();
         (part.to_owned(), Value::from(layers))
@@ -33,12 +33,12 @@ pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) 
     })
 }
 
-fn inputs(policy: &PlainPolicy, run: &Experiment) -> Value {
+fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let camera = &run.envs.camera;
     let beside: &[&str] = match camera.beside {
-        Beside::First => &["the episode's first"],
-        Beside::CloseUp => &["the close-up"],
-        Beside::FirstAndCloseUp => &["the episode's first", "the close-up"],
+        ExtraView::First => &["the episode's first"],
+        ExtraView::CloseUp => &["the close-up"],
+        ExtraView::FirstAndCloseUp => &["the episode's first", "the close-up"],
     };
     let pictures = [&["the picture"], beside].concat();
     let pictures = pictures.iter().map(|own| format!("red, green, blue of {own}"));
@@ -65,7 +65,7 @@ fn inputs(policy: &PlainPolicy, run: &Experiment) -> Value {
     })
 }
 
-fn outputs(policy: &PlainPolicy, run: &Experiment) -> Value {
+fn outputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let width = policy.spec.action.len();
     let control = &run.envs.control;
     let distribution = match policy.distribution {
@@ -97,14 +97,14 @@ fn outputs(policy: &PlainPolicy, run: &Experiment) -> Value {
     outputs
 }
 
-fn layer(layer: &PlainLayer) -> Value {
+fn layer(layer: &ExportedLayer) -> Value {
     match layer {
-        PlainLayer::Relu => json!({"kind": "relu"}),
-        PlainLayer::MaxPool(window) => json!({
+        ExportedLayer::Relu => json!({"kind": "relu"}),
+        ExportedLayer::MaxPool(window) => json!({
             "kind": "max_pool", "size": window.size, "stride": window.stride,
             "padding": window.padding,
         }),
-        PlainLayer::Linear { shape, window, .. } => json!({
+        ExportedLayer::Linear { shape, window, .. } => json!({
             "kind": "linear", "out": shape[0], "in": shape[1], "size": shape[2],
             "stride": window.stride, "padding": window.padding,
         }),

@@ -1,12 +1,12 @@
 //! ONNX model of a policy.
 
-use rl::{Distribution, PlainLayer, PlainPolicy};
+use rl::{Distribution, ExportedLayer, ExportedPolicy};
 
 use super::graph::{Attribute, FLOAT, Graph, UINT8};
 
 /// Serialises a model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to `action`
 /// `[B, A]`, `log_std` `[B, A]` and, if the policy has a critic, `value` `[B]`.
-pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
+pub(super) fn model(policy: &ExportedPolicy, about: &str) -> Vec<u8> {
     let mut graph = Graph::default();
     let image = policy.image.as_ref().map(|layers| {
         let planes = planes(&mut graph);
@@ -60,7 +60,7 @@ fn planes(graph: &mut Graph) -> String {
 fn chain(
     graph: &mut Graph,
     part: &str,
-    layers: &[PlainLayer],
+    layers: &[ExportedLayer],
     input: String,
     operators: Operators,
 ) -> String {
@@ -75,7 +75,7 @@ fn chain(
 fn add_layer(
     graph: &mut Graph,
     name: &str,
-    layer: &PlainLayer,
+    layer: &ExportedLayer,
     input: &str,
     operators: Operators,
 ) -> String {
@@ -88,12 +88,12 @@ fn add_layer(
         ]
     };
     match layer {
-        PlainLayer::Relu => graph.node("Relu", &[input], name, &[]),
-        PlainLayer::MaxPool(kernel) => {
+        ExportedLayer::Relu => graph.node("Relu", &[input], name, &[]),
+        ExportedLayer::MaxPool(kernel) => {
             let window = window(kernel.size, kernel.stride, kernel.padding);
             graph.node("MaxPool", &[input], name, &window)
         }
-        PlainLayer::Linear { weight, shape, bias, window: kernel } => {
+        ExportedLayer::Linear { weight, shape, bias, window: kernel } => {
             let sides = match operators {
                 Operators::Maps => &shape[..],
                 Operators::Vectors => &shape[..2],
@@ -139,7 +139,7 @@ fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
 }
 
 /// Adds the outputs `action` and `log_std`.
-fn distribution(graph: &mut Graph, policy: &PlainPolicy, input: String) {
+fn distribution(graph: &mut Graph, policy: &ExportedPolicy, input: String) {
     let actor = chain(graph, "actor", &policy.actor, input, Operators::Vectors);
     let width = policy.spec.action.len();
     match &policy.distribution {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rl::{Answers, Distribution, Observations, PlainLayer, PlainPolicy};
+use rl::{Distribution, ExportedLayer, ExportedPolicy, Observations, PolicyOutput};
 use safetensors::tensor::{Dtype, TensorView};
 
 use experiments::RunError;
@@ -12,11 +12,11 @@ type Array = (String, Dtype, Vec<usize>, Vec<u8>);
 
 /// Serialises the weights as `image.0.weight` and so on: convolutions `[C_out, C_in, size, size]`,
 /// matrices `[C_out, C_in]`. Errors name `path`, the file that will be written.
-pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, RunError> {
+pub(super) fn weights(policy: &ExportedPolicy, path: &Path) -> Result<Vec<u8>, RunError> {
     let mut arrays = Vec::new();
     for (part, layers, maps) in parts(policy) {
         for (number, layer) in layers.iter().enumerate() {
-            if let PlainLayer::Linear { weight, shape, bias, .. } = layer {
+            if let ExportedLayer::Linear { weight, shape, bias, .. } = layer {
                 let shape = if maps { &shape[..] } else { &shape[..2] };
                 arrays.push(floats(&format!("{part}.{number}.weight"), shape, weight));
                 arrays.push(floats(&format!("{part}.{number}.bias"), &[bias.len()], bias));
@@ -30,7 +30,7 @@ pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, RunE
 }
 
 /// Returns the name and layers of each part of a policy, and `true` for layers that run on maps.
-pub(super) fn parts(policy: &PlainPolicy) -> Vec<(&'static str, &[PlainLayer], bool)> {
+pub(super) fn parts(policy: &ExportedPolicy) -> Vec<(&'static str, &[ExportedLayer], bool)> {
     let image = policy.image.iter().map(|layers| ("image", &layers[..], true));
     let critic = policy.critic.iter().map(|(layers, _)| ("critic", &layers[..], false));
     let vector = policy.vector.iter().map(|layers| ("vector", &layers[..], false));
@@ -40,9 +40,9 @@ pub(super) fn parts(policy: &PlainPolicy) -> Vec<(&'static str, &[PlainLayer], b
 
 /// Serialises observations and the policy's outputs for them, as a reference for other programs.
 pub(super) fn golden(
-    policy: &PlainPolicy,
+    policy: &ExportedPolicy,
     observations: &Observations,
-    answers: &Answers,
+    answers: &PolicyOutput,
     path: &Path,
 ) -> Result<Vec<u8>, RunError> {
     let [height, width, channels] = policy.spec.image;

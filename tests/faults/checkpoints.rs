@@ -30,8 +30,8 @@ fn resume(folder: &Path) -> Result<Run, RunError> {
 fn a_run_of_several_policies_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("policies");
     let run = resume(&interrupted(&scratch)).unwrap();
-    assert_eq!(run.ledger().opened_for.len(), 2);
-    assert!(run.ledger().rollouts == 3 && !run.is_finished());
+    assert_eq!(run.stats().opened_for.len(), 2);
+    assert!(run.stats().rollouts == 3 && !run.is_finished());
     let written = finish(run);
     assert_same(&written, expected());
     let last = Path::new("checkpoints/000005.safetensors");
@@ -50,7 +50,7 @@ fn a_damaged_checkpoint_is_passed_over_and_named() {
         for damaged in [&flipped[..], cut] {
             fs::write(&path, damaged).unwrap();
             let run = resume(&folder).unwrap();
-            assert_eq!(run.ledger().rollouts, 2);
+            assert_eq!(run.stats().rollouts, 2);
             let passed = format!("passed over a newer checkpoint: cannot read {}", path.display());
             assert!(run.notice().contains(&passed), "{}", run.notice());
         }
@@ -73,7 +73,7 @@ fn a_checkpoint_under_a_higher_number_is_passed_over_and_named() {
         .unwrap();
     assert_eq!(learner.policies(), 2, "an evaluation passes it over, too");
     let run = resume(&folder).unwrap();
-    assert_eq!(run.ledger().rollouts, 3, "{}", run.notice());
+    assert_eq!(run.stats().rollouts, 3, "{}", run.notice());
     let problem = "it is the checkpoint after 1 rollouts under the name of the one after 99";
     assert!(run.notice().contains(problem), "{}", run.notice());
     fs::remove_file(renamed.with_added_extension("damaged")).unwrap();
@@ -171,7 +171,7 @@ fn a_checkpoint_that_a_link_leads_to_is_not_followed() {
     let outside = scratch.0.join("outside.safetensors");
     fs::rename(&path, &outside).unwrap();
     std::os::unix::fs::symlink(&outside, &path).unwrap();
-    assert_eq!(resume(&folder).unwrap().ledger().rollouts, 2);
+    assert_eq!(resume(&folder).unwrap().stats().rollouts, 2);
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn as_many_checkpoints_are_kept_as_the_settings_say() {
         .iter()
         .map(|path| path.file_name().unwrap().to_str().unwrap().to_owned())
         .collect();
-    let last = run.ledger().rollouts;
+    let last = run.stats().rollouts;
     assert!(last > 2);
     let expected = [last - 1, last].map(|rollouts| format!("{rollouts:06}.safetensors"));
     assert!(names.iter().eq(&expected), "{names:?}");

@@ -133,7 +133,7 @@ fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 /// Learns from this many rollouts and drops the run as a crash would.
 pub fn crash_after(rollouts: usize, mut run: Run) -> PathBuf {
-    while run.ledger().rollouts < rollouts {
+    while run.stats().rollouts < rollouts {
         run.advance().unwrap();
     }
     run.folder().path().to_owned()

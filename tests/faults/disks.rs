@@ -190,6 +190,6 @@ fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     assert_eq!(checkpoints(&folder).len(), 1, "what is not whole is removed");
     drop(run);
     let run = Run::resume(&folder, None).unwrap();
-    assert_eq!(run.ledger().rollouts, 1);
+    assert_eq!(run.stats().rollouts, 1);
     assert_same(&finish(run), expected());
 }

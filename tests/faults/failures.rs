@@ -106,7 +106,7 @@ fn a_reward_that_is_not_a_number_is_an_error_and_no_checkpoint_holds_it() {
         }
     };
     assert!(error.to_string().contains("NaN"), "{error}");
-    let (folder, learnt) = (run.folder().path().to_owned(), run.ledger().rollouts);
+    let (folder, learnt) = (run.folder().path().to_owned(), run.stats().rollouts);
     assert!(matches!(run.save().unwrap_err(), RunError::Broken));
     assert_eq!(checkpoints(&folder).len(), learnt, "one after each rollout before");
     let log = std::fs::read_to_string(folder.join("log.txt")).unwrap();
@@ -120,7 +120,7 @@ fn a_panic_in_a_task_is_a_failure_of_its_environment_alone() {
     let mut run = run_of(&scratch, &TASK);
     while run.advance().unwrap().is_some() {}
     assert!(run.is_finished());
-    assert_eq!(run.ledger().failures, 1);
+    assert_eq!(run.stats().failures, 1);
 }
 
 /// The first update leaves parameters that are finite, but so large that the second overflows.
@@ -149,14 +149,14 @@ fn a_gradient_that_overflows_is_an_error_and_no_checkpoint_holds_it() {
     let message = error.to_string();
     let named = ["NaN", "inf"].iter().any(|value| message.contains(value));
     assert!(named, "{message}");
-    let (folder, learnt) = (run.folder().path().to_owned(), run.ledger().rollouts);
+    let (folder, learnt) = (run.folder().path().to_owned(), run.stats().rollouts);
     drop(run);
     assert!(learnt > 0, "it must not diverge at once");
     assert_eq!(checkpoints(&folder).len(), learnt);
     // a resumption refuses numbers that are not finite
     for rollouts in (1..=learnt).rev() {
         let resumed = Run::resume(&folder, Some(1)).unwrap();
-        assert_eq!(resumed.ledger().rollouts, rollouts, "{}", resumed.notice());
+        assert_eq!(resumed.stats().rollouts, rollouts, "{}", resumed.notice());
         std::fs::remove_file(newest(&folder)).unwrap();
     }
 }

@@ -262,7 +262,7 @@ fn go_on(folder: &Path) -> Run {
 
 fn check(folder: &Path, promised: usize, expected: &Bytes, to_the_end: bool) {
     let run = go_on(folder);
-    let rollouts = run.ledger().rollouts;
+    let rollouts = run.stats().rollouts;
     assert!(rollouts >= promised, "{rollouts} rollouts, {promised} were promised");
     // a header, and a row for each rollout; nothing before the first
     let rows = if rollouts > 0 { 1 + rollouts } else { 0 };

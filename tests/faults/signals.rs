@@ -207,6 +207,6 @@ fn a_second_signal_ends_the_process_at_once_and_the_last_checkpoint_is_whole() {
         process.signal(signal);
         assert_eq!(process.end(), Some(code));
         let run = Run::resume(&scratch.0.join("run"), Some(1)).unwrap();
-        assert_eq!(run.ledger().rollouts, 1, "{}", run.notice());
+        assert_eq!(run.stats().rollouts, 1, "{}", run.notice());
     }
 }

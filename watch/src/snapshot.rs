@@ -27,18 +27,18 @@ impl RunSnapshot {
     /// Reads the folder of a run.
     ///
     /// # Errors
-    /// As [`RunData::so_far`].
+    /// As [`RunData::read_partial`].
     pub fn open(path: &Path) -> Result<Self, RunError> {
         let folder = RunFolder::open(path);
         // before the tables are read, so that later changes are noticed by `refresh`
         let (stamps, finished) = (stamps(&folder), folder.is_finished());
-        Ok(Self { run: RunData::so_far(path)?, finished, stamps, folder })
+        Ok(Self { run: RunData::read_partial(path)?, finished, stamps, folder })
     }
 
     /// Reads the folder again if a file changed; returns `true` if one did.
     ///
     /// # Errors
-    /// As [`RunData::so_far`].
+    /// As [`RunData::read_partial`].
     pub fn refresh(&mut self) -> Result<bool, RunError> {
         let changed = stamps(&self.folder) != self.stamps;
         if changed {

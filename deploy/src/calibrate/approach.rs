@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use robots::{Command, Pose, RobotState};
 
 use crate::DeployError;
@@ -35,7 +35,7 @@ pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), Deplo
     let until = rig.now() + LONGEST;
     loop {
         let state = rig.state()?;
-        let way = state.tip.way_to(target);
+        let way = state.tip.displacement_to(target);
         let [place, turn] = way.map(|way| way.length());
         if place < NEAR[0] && turn < NEAR[1] {
             return Ok(rig.stop()?);
@@ -92,7 +92,7 @@ fn rest(rig: &mut dyn Rig) -> Result<(), DeployError> {
     loop {
         wait(rig, PAUSE)?;
         let tip = rig.state()?.tip;
-        let [moved, turned] = before.way_to(&tip).map(|way| way.length());
+        let [moved, turned] = before.displacement_to(&tip).map(|way| way.length());
         if moved < STILL[0] && turned < STILL[1] {
             return Ok(());
         }

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use envs::Camera;
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use glam::DVec3;
 use inpainting::{Ball, Calibration, Focal, HandEye, Offset, Uncertainty};
 use serde_json::{Value, json};

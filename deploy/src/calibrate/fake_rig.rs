@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use envs::{Camera, HAND_START};
 use glam::{DQuat, DVec3};
 use inpainting::Calibration;

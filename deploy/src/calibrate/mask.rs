@@ -1,7 +1,7 @@
 //! Check of the arm's mask, which follows from forward kinematics, against pictures of the arm.
 
-use envs::carriers::Arm;
-use inpainting::LEAST_POSES;
+use envs::embodiments::Arm;
+use inpainting::MIN_POSES;
 use robots::Pose;
 use serde::Serialize;
 
@@ -65,7 +65,7 @@ impl MaskCheck {
     /// Minimum mean overlap; below it the mask hides far more than the arm.
     pub const LEAST_OVERLAP: f64 = 0.5;
     /// Minimum number of poses for a verdict.
-    pub const LEAST_POSES: usize = LEAST_POSES;
+    pub const MIN_POSES: usize = MIN_POSES;
 
     /// Moves the arm to `poses` over the table of `trial`, which should be empty, and compares the
     /// mask that `deployment` would use with the pictures. The robot is stopped at the end and
@@ -147,7 +147,7 @@ impl MaskCheck {
     /// Returns `true` if the mask was checked in enough poses, leaves at most 2 % of the arm
     /// uncovered in each, and has a mean overlap of at least 0.5.
     pub fn holds(&self) -> bool {
-        self.rows.len() >= Self::LEAST_POSES && self.fits()
+        self.rows.len() >= Self::MIN_POSES && self.fits()
     }
 
     /// Returns `true` if the mask fits in the poses that were visited, however few.
@@ -208,7 +208,7 @@ mod tests {
             let rows = rows.to_vec();
             MaskCheck { rows, ..MaskCheck::default() }.holds()
         };
-        let mut rows = vec![row(0.0, 0.6); MaskCheck::LEAST_POSES];
+        let mut rows = vec![row(0.0, 0.6); MaskCheck::MIN_POSES];
         rows[3] = row(0.02, 0.4);
         assert!(holds(&rows));
         assert!(!holds(&rows[1..]), "too little was seen");

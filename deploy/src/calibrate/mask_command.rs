@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use serde_json::{Value, json};
 
 use crate::DeployError;
@@ -137,7 +137,7 @@ fn table(check: &MaskCheck) -> String {
         check.overlap(),
         MaskCheck::LEAST_OVERLAP,
         check.rows.len(),
-        MaskCheck::LEAST_POSES
+        MaskCheck::MIN_POSES
     ));
     lines.join("\n")
 }

@@ -1,7 +1,7 @@
 //! Measurement of a calibration: the arm carries a ball from pose to pose in view of the camera.
 
-use envs::carriers::Arm;
-use inpainting::{Ball, Calibration, HandEye, InpaintingError, LEAST_POSES, Offset, Sighting};
+use envs::embodiments::Arm;
+use inpainting::{Ball, BallSighting, Calibration, HandEye, InpaintingError, MIN_POSES, Offset};
 use robots::{ControlError, Pose};
 use serde::Serialize;
 
@@ -59,11 +59,11 @@ pub fn calibrate(
     let (sightings, left_out) = then_stop(rig, seen)?;
     // without a skipped pose, too few poses were given, which `HandEye::solve` reports
     if let Some(first) = left_out.first()
-        && sightings.len() < LEAST_POSES
+        && sightings.len() < MIN_POSES
     {
         return Err(DeployError::FewSightings {
             got: sightings.len(),
-            needed: LEAST_POSES,
+            needed: MIN_POSES,
             pose: first.pose,
             why: first.why.clone(),
         });
@@ -83,7 +83,7 @@ fn carry(
     settings: &CalibrateSettings,
     poses: &[Pose],
     trial: &Trial,
-) -> Result<(Vec<Sighting>, Vec<SkippedPose>), DeployError> {
+) -> Result<(Vec<BallSighting>, Vec<SkippedPose>), DeployError> {
     let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
     // the empty table is not needed: its memory takes the pictures
     let mut picture = set_up.background;
@@ -94,7 +94,7 @@ fn carry(
         let found = visit(rig, arm, target, &mut picture)
             .and_then(|standing| Ok((standing.state, settings.ball.find(&picture, width)?)));
         match found {
-            Ok((state, pixel)) => sightings.push(Sighting {
+            Ok((state, pixel)) => sightings.push(BallSighting {
                 pose,
                 position: state.tip.position,
                 rotation: state.tip.rotation,

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use envs::carriers::Arm;
+use envs::embodiments::Arm;
 use glam::{DQuat, DVec3};
 use robots::Pose;
 
@@ -41,7 +41,7 @@ pub fn poses(arm: &Arm) -> Vec<Pose> {
 
 #[cfg(test)]
 mod tests {
-    use envs::carriers::KinovaGen3;
+    use envs::embodiments::KinovaGen3;
 
     use super::*;
 

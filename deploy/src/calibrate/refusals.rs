@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Parser;
-use envs::carriers::{Arm, KinovaGen3};
+use envs::embodiments::{Arm, KinovaGen3};
 use inpainting::{Ball, Offset};
 
 use super::command::CalibrateOptions;

@@ -178,7 +178,7 @@ fn masks_do_not_lag_behind_late_pictures() {
 /// The error names the first pose that was left out, and why.
 #[test]
 fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
-    let arm = envs::carriers::KinovaGen3.arm().unwrap();
+    let arm = envs::embodiments::KinovaGen3.arm().unwrap();
     let mut rig = FakeRig::new(&arm);
     let tip = rig.state.tip;
     let high = Pose { position: HAND_START + 0.1 * DVec3::Z, ..tip };

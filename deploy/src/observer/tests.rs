@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use envs::{
-    Beside, Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
+    Camera, Control, Embodiment, ExtraView, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
     TaskVariant,
 };
 use rand::SeedableRng;
@@ -27,7 +27,7 @@ fn deployment() -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained");
     let deployment =
         Deployment::load(&RunFolder::open(&folder), VisionSettings::default()).unwrap();
-    assert_eq!(deployment.camera().beside, Beside::CloseUp);
+    assert_eq!(deployment.camera().beside, ExtraView::CloseUp);
     deployment
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use rl::Activity;
+use rl::UnitActivity;
 use serde::Serialize;
 
 /// Threshold of dormancy: a unit is dormant if its mean output is at most this share of its
@@ -23,11 +23,11 @@ pub struct Dormancy {
 
 /// Outputs of the units of each policy, by the policies' indices.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Activities(BTreeMap<usize, Activity>);
+pub(super) struct Activities(BTreeMap<usize, UnitActivity>);
 
 impl Activities {
     /// Adds the outputs of a policy's units in one variant.
-    pub fn add(&mut self, policy: usize, activity: &Activity) {
+    pub fn add(&mut self, policy: usize, activity: &UnitActivity) {
         self.0.entry(policy).or_default().add(activity);
     }
 

@@ -27,7 +27,7 @@ fn all_budgets_but_that_of_the_table_show_close_ups() {
         let camera = budget.experiment(Method::Covers).envs.camera;
         let table = *budget == Budget::Table;
         assert_eq!(camera == Camera::default(), table, "{budget:?}");
-        assert_eq!(camera.beside == Beside::CloseUp, !table);
+        assert_eq!(camera.beside == ExtraView::CloseUp, !table);
     }
     for method in [Method::Clear, Method::ThreeRl, Method::CoversRandomised] {
         let camera = Budget::Full.experiment(method).envs.camera;

@@ -48,7 +48,7 @@ fn read(input: &[u8]) -> Option<Reading> {
     measured(|| {
         go_on(files[2].1);
         // viewers of an unfinished run read its complete rows
-        drop(RunData::so_far(&RUN));
+        drop(RunData::read_partial(&RUN));
         accepted(RunData::read(&RUN).map_err(CoversError::from).and_then(report))
     })
 }

@@ -151,7 +151,7 @@ impl Training for PpoTraining {
         policy: &mut ActorCriticPolicy,
         rollout: &mut RolloutBuffer,
     ) -> Result<(), RlError> {
-        rollout.revalue(policy)
+        rollout.reevaluate(policy)
     }
 
     fn learn(

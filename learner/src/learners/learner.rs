@@ -5,7 +5,7 @@ use std::path::Path;
 
 use cluster::{Evidence, PermutationTest};
 use rand_chacha::ChaCha8Rng;
-use rl::{Activity, Answers, Observations, PlainPolicy, RolloutStats, VectorEnv};
+use rl::{ExportedPolicy, Observations, PolicyOutput, RolloutStats, UnitActivity, VectorEnv};
 
 use crate::disk::{LocalDisk, replace};
 use crate::error::LearnerError;
@@ -54,14 +54,14 @@ pub trait Learner: Send {
     /// Returns policy `index` in ordinary layers, and its answers to `observations`.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotPlain`] for one
+    /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotExportable`] for one
     /// that other programs have no layers for, [`LearnerError::Unexportable`] for learners that
     /// write none.
     fn export(
         &mut self,
         _index: usize,
         _observations: &Observations,
-    ) -> Result<(PlainPolicy, Answers), LearnerError> {
+    ) -> Result<(ExportedPolicy, PolicyOutput), LearnerError> {
         Err(LearnerError::Unexportable)
     }
 
@@ -93,7 +93,7 @@ pub struct Performance {
     pub stats: RolloutStats,
     /// Outputs of the units of the policy's network along the way; none seen where a learner has no
     /// such units.
-    pub activity: Activity,
+    pub activity: UnitActivity,
 }
 
 /// Report of one call of [`Learner::learn`].

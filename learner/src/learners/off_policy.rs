@@ -125,7 +125,7 @@ impl OffPolicySettings {
                 augmentation: Group::D2,
                 ..clear.sac
             }
-            .as_often_as(&PpoSettings::measured()),
+            .with_update_ratio_of(&PpoSettings::measured()),
             grouping: GroupingSettings::default(),
             ..clear
         }

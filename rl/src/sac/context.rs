@@ -158,8 +158,7 @@ impl ContextReader {
         let state = &mut pass.state[..samples * self.out_type().dim()];
         match (&self.context, &mut pass.gru) {
             (Some(context), Some(gru)) => {
-                let steps = (&steps.reads[..], &steps.lengths[..]);
-                context.gru.forward_shared(params, &items.0, steps, gru);
+                context.gru.forward_shared(params, &items.0, &steps.reads, &steps.lengths, gru);
                 context.widened.forward(fields, gru.out(), state);
             }
             _ => state.copy_from_slice(fields),

@@ -15,7 +15,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
 
 use experiments::sheet::{Picture, first_variant};
-use experiments::{Glimpse, Run, RunError, Stop};
+use experiments::{LatestFrame, Run, RunError, StopSignal};
 
 use super::RunSnapshot;
 use super::draw::{Shown, draw};
@@ -56,9 +56,9 @@ pub(crate) fn watch(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
 /// # Errors
 /// Errors of the run; a terminal that is gone, in which case the run is saved first.
 pub fn train(run: &mut Run) -> Result<(), RunError> {
-    let (stop, latest_frame) = (Stop::default(), Glimpse::default());
+    let (stop, latest_frame) = (StopSignal::default(), LatestFrame::default());
     run.stop_at(stop.clone());
-    run.show_to(latest_frame.clone());
+    run.publish_frames_to(latest_frame.clone());
     let viewer = Viewer {
         quit: QuitListener::listen()?,
         snapshot: RunSnapshot::open(run.folder().path())?,
@@ -102,8 +102,8 @@ struct Viewer {
     quit: QuitListener,
     snapshot: RunSnapshot,
     screen: Screen,
-    stop: Stop,
-    latest_frame: Glimpse,
+    stop: StopSignal,
+    latest_frame: LatestFrame,
 }
 
 impl Viewer {
@@ -116,7 +116,7 @@ impl Viewer {
         let mut unreadable: Option<String> = None;
         let mut first_request: Option<Instant> = None;
         while !over.load(Ordering::SeqCst) {
-            let picture = self.latest_frame.look();
+            let picture = self.latest_frame.get();
             let picture = picture.map(|picture| ("environment 0, now".to_owned(), picture));
             let keys = match (&unreadable, self.stop.requested()) {
                 (_, true) => "stops after this rollout; q again ends at once",
@@ -147,7 +147,7 @@ impl Viewer {
 }
 
 /// Guard that stops a run when it is dropped.
-struct StopOnDrop(Stop);
+struct StopOnDrop(StopSignal);
 
 impl Drop for StopOnDrop {
     fn drop(&mut self) {

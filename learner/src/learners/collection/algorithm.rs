@@ -11,8 +11,8 @@ use cluster::Decision;
 use evidence::Course;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Activity, Answers, Experience, Observations, Plain, PlainPolicy, RlError, RolloutState, Units,
-    VectorEnv, collect,
+    Experience, ExportPolicy, ExportedPolicy, MeasureActivity, Observations, PolicyOutput, RlError,
+    RolloutState, UnitActivity, VectorEnv, collect,
 };
 
 use crate::error::LearnerError;
@@ -92,9 +92,9 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         rounds: usize,
     ) -> Result<Performance, LearnerError> {
         let index = self.check_policy(index)?;
-        let mut activity = Activity::default();
+        let mut activity = UnitActivity::default();
         let policy = &mut self.policies[index].policy;
-        let stats = rl::watch(env, policy, rounds, |policy, state| {
+        let stats = rl::evaluate_with(env, policy, rounds, |policy, state| {
             let steps = state.episodes.first().map_or(0, |episode| episode.length);
             if steps.is_multiple_of(BETWEEN_LOOKS) {
                 activity.add(&policy.activity(&state.observations, &state.memory)?);
@@ -108,10 +108,10 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         &mut self,
         index: usize,
         observations: &Observations,
-    ) -> Result<(PlainPolicy, Answers), LearnerError> {
+    ) -> Result<(ExportedPolicy, PolicyOutput), LearnerError> {
         let index = self.check_policy(index)?;
         let policy = &mut self.policies[index].policy;
-        Ok((policy.plain()?, policy.answers(observations)?))
+        Ok((policy.export()?, policy.output(observations)?))
     }
 
     fn parameters(&self, index: usize) -> Option<&[f32]> {

@@ -1,7 +1,7 @@
 //! Settings of every collection of policies, and the seam to the training of one policy.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{AlgorithmState, EnvSpec, Experience, Features, Plain, RlError, Units};
+use rl::{AlgorithmState, EnvSpec, Experience, ExportPolicy, Features, MeasureActivity, RlError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -57,7 +57,7 @@ pub type RolloutOf<S> = <<S as CollectionSettings>::Training as Training>::Rollo
 /// Training of one policy of a collection: an algorithm with its state.
 pub trait Training: Sized + Send + 'static {
     /// The policy that is trained.
-    type Policy: Units + Features + Plain + Clone + Send;
+    type Policy: MeasureActivity + Features + ExportPolicy + Clone + Send;
     /// Room for a rollout until it is known whose it is.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
@@ -172,7 +172,7 @@ pub enum Handover {
     #[default]
     CollectAgain,
     /// The assigned policy learns from it, with its own log-probabilities and values
-    /// ([`RolloutBuffer::revalue`](rl::RolloutBuffer::revalue)), unless it shows two groups.
+    /// ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two groups.
     Reuse,
 }
 

@@ -63,7 +63,7 @@ impl<A: Actor> Experience<A> for StagedRollout {
         Ok(())
     }
 
-    fn choice(&mut self) -> (&mut [f32], bool) {
+    fn action_buffer(&mut self) -> (&mut [f32], bool) {
         let warm_up = self.uniform > 0;
         self.uniform = self.uniform.saturating_sub(self.spec.num_envs as u64);
         (&mut self.actions, warm_up)
