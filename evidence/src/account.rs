@@ -1,4 +1,4 @@
-//! What is kept of one episode.
+//! Summaries of single episodes, which are all that the recogniser remembers of them.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -8,51 +8,52 @@ use crate::error::EvidenceError;
 use crate::filters::{Album, Filters};
 use crate::motion::{motion, slope};
 
-/// One episode as it ran, from its first observation on.
+/// Recorded episode, from its first observation on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Course {
-    /// Decisions, of all environments together, before the episode began: its place in time.
+    /// Decisions of all environments before the episode began: its place in time.
     pub began: usize,
-    /// The first picture `[H, W, C]`.
+    /// First picture `[H, W, C]`.
     pub image: Vec<u8>,
-    /// The vectors `[T, D]` that were acted on.
+    /// Vectors `[T, D]` that the policy acted on.
     pub vectors: Vec<f32>,
     /// Actions `[T, A]`.
     pub actions: Vec<f32>,
     /// Rewards `[T]`.
     pub rewards: Vec<f32>,
-    /// Whether it was seen to its end.
+    /// `true` if the episode was recorded to its end.
     pub is_whole: bool,
 }
 
-/// The account of one episode: a point for each source of evidence, the same for all mirror images
-/// of the episode, to the bit.
+/// Summary of one episode: one point for each source of evidence. All four mirror images of an
+/// episode have the same summary, to the bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
     /// Decisions before the episode began.
     pub began: usize,
-    /// The first picture, as [`Filters`] describe it.
+    /// Features of the first picture, computed by [`Filters`].
     pub picture: Vec<f32>,
-    /// The first vector: components that a flip turns have lost their sign.
+    /// First vector `[D]`; components that change sign under a flip are absolute values.
     pub vector: Vec<f32>,
-    /// How vectors answered to actions. Nothing, as are earnings, of an episode that was not seen
-    /// to its end.
+    /// Linear response of the vector to actions, `[D, A]`; `None`, like the next two fields, if the
+    /// episode was not recorded to its end.
     pub motion: Option<Vec<f32>>,
-    /// Which way pays: how rewards answered to actions, of length 1.
+    /// Direction in action space in which the reward increases: absolute values `[A]`, of length 1,
+    /// or zeros if actions do not change it.
     pub slope: Option<Vec<f32>>,
-    /// The sum of rewards.
+    /// Undiscounted return.
     pub earned: Option<f32>,
 }
 
 impl Account {
-    /// Leaves what was there before anybody acted.
+    /// Removes all that depends on actions, so that only the first picture and vector remain.
     pub fn forget_course(&mut self) {
         (self.motion, self.slope, self.earned) = (None, None, None);
     }
 }
 
-/// Draws up accounts.
+/// Summariser of episodes.
 #[derive(Clone, Debug)]
 pub struct Accountant {
     filters: Filters,
@@ -61,10 +62,11 @@ pub struct Accountant {
 }
 
 impl Accountant {
-    /// For pictures `[H, W, C]`, vectors and actions of these irreps, with `filters` filters.
+    /// Creates a summariser for pictures `[H, W, C]` and vectors and actions of these irreps, with
+    /// `filters` random filters.
     ///
     /// # Errors
-    /// Those of [`Filters::new`], or vectors or actions without components.
+    /// Errors of [`Filters::new`], and vectors or actions without components.
     pub fn new(
         image: [usize; 3],
         vector: &[Irrep],
@@ -81,21 +83,22 @@ impl Accountant {
         })
     }
 
-    /// The account of a course.
+    /// Summarises one episode.
     ///
     /// # Errors
-    /// A picture of another size, or lists that do not fit each other.
+    /// A picture of another size, or lists of different numbers of steps.
     pub fn account(&self, course: &Course) -> Result<Account, EvidenceError> {
         self.account_of(course, None)
     }
 
-    /// The account of a course whose picture may have been described before.
+    /// Summarises one episode; `described` holds its picture's features if they are cached.
     fn account_of(
         &self,
         course: &Course,
         described: Option<&[f32]>,
     ) -> Result<Account, EvidenceError> {
         let vector = self.first_vector(course)?;
+        // an unfinished return cannot be compared, and all sources need the same episodes
         let motion = course.is_whole.then(|| self.motion(course)).transpose()?;
         let slope = motion.is_some().then(|| {
             let (rewards, actions) = (&course.rewards, &course.actions);
@@ -114,19 +117,19 @@ impl Accountant {
         })
     }
 
-    /// Accounts of several courses.
+    /// Summarises several episodes in parallel, in their order.
     ///
     /// # Errors
-    /// Those of [`Accountant::account`].
+    /// Errors of [`Accountant::account`].
     pub fn accounts(&self, courses: &[Course]) -> Result<Vec<Account>, EvidenceError> {
         courses.par_iter().map(|course| self.account(course)).collect()
     }
 
-    /// Accounts of several courses, whose pictures are looked up in `album` and kept there: what is
-    /// slow is done once for each picture.
+    /// Summarises several episodes in parallel with a cache of picture features, because the
+    /// filters take most of the time.
     ///
     /// # Errors
-    /// Those of [`Accountant::account`].
+    /// Errors of [`Accountant::account`].
     pub fn accounts_with(
         &self,
         courses: &[Course],
@@ -142,7 +145,7 @@ impl Accountant {
         Ok(accounts)
     }
 
-    /// The first vector, the same for all mirror images.
+    /// Returns the first vector `[D]` in the form that all mirror images share.
     fn first_vector(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {
         let steps = course.rewards.len().max(1);
         check_len("vectors", course.vectors.len(), steps * self.vector.len())?;
@@ -157,7 +160,7 @@ impl Accountant {
     fn motion(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {
         let steps = course.rewards.len();
         check_len("actions", course.actions.len(), steps * self.action.len())?;
-        Ok(motion((&course.vectors, &self.vector), (&course.actions, &self.action)))
+        Ok(motion(&course.vectors, &self.vector, &course.actions, &self.action))
     }
 }
 

@@ -1,20 +1,20 @@
-//! Who is proposed among those that nothing speaks against.
+//! Choice of a policy among those that the evidence accepts.
 
 use cluster::Verdict;
 
 use crate::opinion::Opinion;
 
-/// Another policy takes over from one that acted and is accepted where it fits what is seen at the
-/// beginning of episodes by so many standard deviations better,
+/// Standard deviations by which first pictures and vectors must fit another policy better before it
+/// replaces an accepted policy that acted.
 const MARGIN: f64 = 3.0;
-/// and where that has at most this probability for the one that acted. Groups that look alike, too,
-/// differ by chance.
+/// Largest p-value of the acting policy's first pictures or vectors at which it can be replaced.
+// Groups that look alike differ by chance, too, so a better score alone is not enough.
 const UNLIKELY: f64 = 1e-3;
-/// A policy is by far the nearest if the ratio of every other one exceeds 1 by so many times as
-/// much.
+/// Factor by which every other policy's distance ratio must exceed 1 more than the nearest one's.
+// Nearest at 1.6 and all others beyond 2.5, since 1.5 = 2.5 * 0.6 (docs/assignment.md, "Return").
 const APART: f64 = 2.5;
 
-/// All policies' opinions of episodes in which one of them acted.
+/// Evidence for all policies from episodes in which one of them acted.
 pub(crate) struct Choice<'a> {
     opinions: &'a [Opinion],
     collector: usize,
@@ -25,17 +25,18 @@ impl<'a> Choice<'a> {
         Self { opinions, collector }
     }
 
-    /// The opinion on the policy that acted, if it is one of them.
+    /// Returns the evidence for the policy that acted; `None` if it is not one of the policies.
     pub(crate) fn own(&self) -> Option<&'a Opinion> {
         self.opinions.get(self.collector)
     }
 
-    /// Whether the policy that acted is at home by the looks, at this level.
+    /// Returns `true` if first pictures and vectors do not reject the acting policy at this level.
     pub(crate) fn is_alike(&self, level: f64) -> bool {
         self.own().is_some_and(|own| !own.looks_doubtful(level))
     }
 
-    /// Where the policy that acted is accepted: it, unless another one fits much better.
+    /// Returns the acting policy, or another one that fits much better; `None` if the acting policy
+    /// is not accepted.
     pub(crate) fn kept(&self) -> Option<usize> {
         let own = self.own().filter(|own| own.verdict == Verdict::Accepted)?;
         let mut looks = own.sources().filter(|(kind, _)| kind.is_look());
@@ -46,8 +47,8 @@ impl<'a> Choice<'a> {
         Some(other.unwrap_or(self.collector))
     }
 
-    /// The accepted policies, but for the one that acted, that fit about as well as the fittest.
-    /// The one that has learnt most comes first: what it earns shows best whether it is meant.
+    /// Returns the accepted policies, except the acting one, that fit about as well as the best.
+    /// The policy with the largest gain comes first, because its earnings say most.
     pub(crate) fn rivals(&self) -> Vec<usize> {
         let Some(fittest) = self.fittest() else {
             return Vec::new();
@@ -59,13 +60,14 @@ impl<'a> Choice<'a> {
         near
     }
 
-    /// The policy whose looks differ least among the eligible ones that were tested: where every
-    /// other policy but its kin differs by far more, if it differs by less than the ratio
-    /// `farthest`; else among those that can show that they serve, if it differs by less than
-    /// `most`.
+    /// Returns a policy whose group may have drifted while it was away. This is the eligible policy
+    /// with the smallest distance ratio, if that is below `farthest` and every other policy that is
+    /// not merged with it is far more distant; otherwise the nearest policy that `can_show` by its
+    /// earnings that it serves the group, if its ratio is below `most`.
     pub(crate) fn drifted(
         &self,
-        (most, farthest): (f64, f64),
+        most: f64,
+        farthest: f64,
         is_eligible: impl Fn(usize) -> bool,
         can_show: impl Fn(usize) -> bool,
         are_kin: impl Fn(usize, usize) -> bool,
@@ -88,14 +90,14 @@ impl<'a> Choice<'a> {
         near.filter(|&policy| ratio(policy) < most)
     }
 
-    /// The accepted policies, but for the one that acted.
+    /// Returns the accepted policies except the one that acted.
     fn others(&self) -> impl Iterator<Item = usize> {
         (0..self.opinions.len()).filter(|&policy| {
             policy != self.collector && self.opinions[policy].verdict == Verdict::Accepted
         })
     }
 
-    /// The one of them that fits best; the first of equals.
+    /// Returns the best fit among the other accepted policies; the first of equals.
     fn fittest(&self) -> Option<usize> {
         let misfit = |policy: &usize| self.opinions[*policy].misfit();
         self.others().min_by(|a, b| misfit(a).total_cmp(&misfit(b)))

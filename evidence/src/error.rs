@@ -1,12 +1,12 @@
-//! The errors of this crate.
+//! Errors of this crate.
 
 use cluster::ClusterError;
 
-/// Why evidence could not be gathered or weighed.
+/// Errors of summaries, tests and stored states.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvidenceError {
-    /// A picture that is smaller than a filter, or has no channel.
+    /// Picture that is smaller than a filter, or has no channel or more than 1000.
     #[error(
         "pictures are {height} x {width} with {channels} channels, expected at least 7 x 7 with \
          1 to 1000"
@@ -19,27 +19,27 @@ pub enum EvidenceError {
         /// Channels.
         channels: usize,
     },
-    /// A list of another length than its sizes say.
+    /// List of the wrong length.
     #[error("{what} holds {got} values, expected {expected}")]
     Length {
-        /// The list.
+        /// Name of the list.
         what: &'static str,
-        /// Its length.
+        /// Length of the list.
         got: usize,
-        /// What its sizes say.
+        /// Length that its dimensions require.
         expected: usize,
     },
-    /// A setting outside its range.
+    /// Setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     Setting {
-        /// Its name.
+        /// Name of the setting.
         name: &'static str,
-        /// Its value.
+        /// Value of the setting.
         value: f64,
-        /// The range in words.
+        /// Valid range, in words.
         expected: &'static str,
     },
-    /// Too few episodes to decide anything.
+    /// Too few episodes for a decision.
     #[error("got {got} episodes, expected at least {needed}")]
     TooFewEpisodes {
         /// Episodes given.
@@ -47,15 +47,15 @@ pub enum EvidenceError {
         /// Episodes needed.
         needed: usize,
     },
-    /// A number that no comparison can use.
+    /// Number that is infinite or not a number.
     #[error("{what} holds {value}, expected finite numbers: check what the environment returns")]
     NotFinite {
-        /// The source.
+        /// Source of evidence that holds the number.
         what: &'static str,
-        /// The value.
+        /// Number that is not finite.
         value: f64,
     },
-    /// A state that remembers more than the settings allow.
+    /// Stored state with more episodes for a policy than the settings allow.
     #[error(
         "{got} accounts of one policy, expected at most {most}: set `memory` as it was when they \
          were kept"
@@ -66,35 +66,35 @@ pub enum EvidenceError {
         /// The setting `memory`.
         most: usize,
     },
-    /// A state that another version wrote.
+    /// Stored state in the format of another version.
     #[error(
         "the state has format {got}, expected {expected}: go on with the version that wrote it, or \
          begin anew"
     )]
     StateVersion {
-        /// The format of the state.
+        /// Format of the state.
         got: u32,
-        /// The format that is read.
+        /// Only format that this version reads.
         expected: u32,
     },
-    /// A policy that was never told of.
+    /// Policy index that is not known.
     #[error("policy {policy} was named, {policies} are known")]
     NoPolicy {
-        /// The index given.
+        /// Policy index given.
         policy: usize,
         /// Policies known.
         policies: usize,
     },
-    /// Heirs that lead nowhere.
+    /// Stored state whose merged policies continue as each other in a circle.
     #[error(
         "the heirs of policy {policy} follow each other in a circle, expected one that acts: the \
          state is damaged, take another one"
     )]
     HeirsInCircle {
-        /// A policy whose heirs do so.
+        /// Policy on the circle or leading into it.
         policy: usize,
     },
-    /// Distances and tests.
+    /// Error of a distance or a test.
     #[error(transparent)]
     Cluster(#[from] ClusterError),
 }

@@ -1,4 +1,4 @@
-//! Asks one policy's memory about new episodes.
+//! Test of new episodes against the memory of one policy.
 
 use cluster::{JointTest, SourceTest, Verdict, joint_test_until};
 use rand_chacha::ChaCha8Rng;
@@ -9,33 +9,33 @@ use crate::memory::Memory;
 use crate::opinion::{Kind, Look, Opinion, Role, SURE, changed, is_doubtful, sources, whole};
 use crate::settings::RecogniserSettings;
 
-/// So many splits, the one at hand included, that reach the largest score end a test: nothing will
-/// come of it.
+/// Splits, including the observed one, that must reach the observed score to end a test early.
+// Stopping insignificant tests does not raise the rate of false alarms (Besag and Clifford, 1991).
 const REACHING: f64 = 8.0;
 
-/// How much weaker than the level evidence may be of a policy that lost all that it had learnt.
+/// Increase of the significance level, as a multiple of it, for a policy that lost its whole gain.
 const MOST_WEIGHT: f64 = 30.0;
-/// A policy that earns so many standard deviations more than when it began has learnt something.
+/// Standard deviations by which a policy's return must have risen to count as a gain.
 const LEARNT: f64 = 1.0;
-/// One that earns so many more, and lost at most the following share of the least loss that counts,
-/// serves where it is.
+/// Standard deviations by which it must have risen for returns to prove that it serves a group.
 const PROOF: f64 = 3.0;
+/// Share of `min_loss` that such a policy may lose: a tenth of its gain with the default of 0.3.
 const FEW: f64 = 1.0 / 3.0;
-/// Where a policy returns and serves, distances of looks may exceed those of chance by so many times
-/// as much as elsewhere.
+/// Factor on `min_ratio - 1` for a policy that returns: drift may have changed its group meanwhile.
+// With the default of 1.2 the limit is 1.5: within it lie 19 of 20 groups whose colours drifted by
+// a tenth of their range, and one of 100 other groups (docs/assignment_figures.md).
 const EXCUSED: f64 = 2.5;
-/// The same for one that looks spoke against when it was named.
+/// Factor on `min_ratio - 1` for a policy that is far nearer than all others: a limit of 1.8.
 const FARTHEST: f64 = 4.0;
-/// Motion and the way that pays change while a policy learns. They count where their distance is so
-/// many times what chance makes of it.
+/// Least ratio of a distance of motion or slope to that of chance: both change in training.
 const LEAST_RATIO: f64 = 2.0;
 
-/// Tests with settings.
+/// Tester of policies, with its settings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Examiner<'a>(pub(crate) &'a RecogniserSettings);
 
 impl Examiner<'_> {
-    /// What speaks for and against a policy of this memory.
+    /// Tests `accounts` against the memory of one policy, which had this role in them.
     pub(crate) fn opine(
         self,
         memory: &Memory,
@@ -46,7 +46,7 @@ impl Examiner<'_> {
     ) -> Result<Opinion, EvidenceError> {
         let least = self.0.min_episodes;
         let remembered: Vec<&Account> = memory.accounts.iter().collect();
-        // courses count where both sides are of one policy
+        // motion and returns depend on who acts, so they count only if this policy acted
         let courses = whole(accounts, least).zip(whole(&memory.home(), least));
         let (kinds, seen, home) = match courses.filter(|_| role != Role::Stranger) {
             Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
@@ -54,6 +54,7 @@ impl Examiner<'_> {
         };
         let mut opinion = untested(memory, accounts, kinds, role);
         let is_out = opinion.is_refused();
+        // a first look cannot change a rejection; a second one ranks rejected policies by distance
         if remembered.len() < least || (is_out && look == Look::First) {
             return Ok(opinion);
         }
@@ -68,7 +69,7 @@ impl Examiner<'_> {
         Ok(opinion)
     }
 
-    /// Numbers of random splits after which a test may end.
+    /// Returns the numbers of random splits after which a test may end, ascending.
     fn stages(self, look: Look) -> Vec<usize> {
         let all = self.0.permutations;
         match look {
@@ -77,14 +78,15 @@ impl Examiner<'_> {
         }
     }
 
-    /// Whether more splits would change nothing: enough of them reach the largest score, or a
-    /// difference that counts is surer than any level asks for.
+    /// Returns `true` if more splits would not change the outcome: enough of them reach the largest
+    /// score, or a difference that counts is far more significant than the level requires.
     fn is_decided(self, opinion: &Opinion, test: &JointTest, look: Look) -> bool {
         let reaching = test.p_value * (1 + test.null.permutations) as f64;
         let limit = SURE * self.level(look);
         let is_sure = |(kind, source): (Kind, &SourceTest)| {
             source.tail_p_value <= limit && self.counts(opinion, look, kind, source)
         };
+        // `reaching` is a whole number but for rounding, hence the half
         reaching > REACHING - 0.5 || opinion.sources_of(test).any(is_sure)
     }
 
@@ -95,7 +97,8 @@ impl Examiner<'_> {
         }
     }
 
-    /// The first look trusts the exact p-values, the second the tail's.
+    /// Returns the outcome of a finished test. The first look uses exact p-values, the second those
+    /// of the fitted tail, because its level is finer than the number of splits resolves.
     fn verdict(self, opinion: &Opinion, look: Look) -> Verdict {
         let level = self.level(look);
         let mut against = opinion.sources().filter(|&(kind, source)| match look {
@@ -111,14 +114,15 @@ impl Examiner<'_> {
         }
     }
 
-    /// Whether a difference counts at all: one that speaks against a policy for good must be large,
-    /// and one that only its course shows must be so from the beginning.
+    /// Returns `true` if a significant difference counts. It must be large, except for pictures and
+    /// vectors at the first look, which only asks for more data.
     fn counts(self, opinion: &Opinion, look: Look, kind: Kind, source: &SourceTest) -> bool {
         (look == Look::First && kind.is_look()) || self.is_large(opinion, kind, source)
     }
 
-    /// From which ratio on looks speak against a policy: a larger one where it returns and shows
-    /// that it serves where it is, or has learnt too little to show anything.
+    /// Returns the least distance ratio at which pictures and vectors reject a policy. It is larger
+    /// for a policy that returns and proves by its returns that it serves the group, or has gained
+    /// too little to prove anything.
     fn least_ratio(self, opinion: &Opinion) -> f64 {
         let cannot_show = opinion.kinds.contains(&Kind::Earnings) && opinion.learnt < PROOF;
         let may_serve = self.is_proven(opinion) || cannot_show;
@@ -129,17 +133,17 @@ impl Examiner<'_> {
         }
     }
 
-    /// The largest ratio that drift may have caused while a policy was away.
+    /// Returns the largest distance ratio that counts as drift while a policy was away.
     pub(crate) fn drifted(self) -> f64 {
         1.0 + EXCUSED * (self.0.min_ratio - 1.0)
     }
 
-    /// The same for one that is by far the nearest.
+    /// Returns the largest distance ratio that counts as drift if all other policies are far away.
     pub(crate) fn farthest(self) -> f64 {
         1.0 + FARTHEST * (self.0.min_ratio - 1.0)
     }
 
-    /// How much weaker the evidence may be: the more of the earnings is lost, the less it takes.
+    /// Returns the factor on the level of a source: it rises from 1 to 31 with lost earnings.
     fn weight(self, opinion: &Opinion, kind: Kind) -> f64 {
         let least = self.0.min_loss;
         let share = (opinion.lost - least) / (1.0 - least).max(f64::MIN_POSITIVE);
@@ -149,45 +153,45 @@ impl Examiner<'_> {
         }
     }
 
-    /// Whether a policy has shown in these episodes that it serves them as it serves its own.
+    /// Returns `true` if these episodes prove that the policy serves them as well as its own.
     pub(crate) fn is_proven(self, opinion: &Opinion) -> bool {
         self.keeps(opinion) && opinion.gained >= PROOF
     }
 
-    /// Whether a policy earned in these episodes about what it earns at home.
+    /// Returns `true` if the policy earned about as much in these episodes as in its own.
     pub(crate) fn keeps(self, opinion: &Opinion) -> bool {
         opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost)
     }
 
-    /// Whether a policy may earn that, as far as these episodes tell. Looks that spoke against it
-    /// stand: that few episodes of its own do not speak against it once more is no proof.
+    /// Returns `true` if the policy may earn as much as in its own episodes, within one standard
+    /// error. A policy whose pictures or vectors differ must pass this check: that a few episodes
+    /// of its own do not reject it again proves nothing.
     fn may_keep(self, opinion: &Opinion) -> bool {
         opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost - opinion.lost_error)
     }
 
-    /// Whether a share of what was learnt to earn is so large that a policy that loses it serves no
-    /// more.
+    /// Returns `true` if a policy that loses this share of its gain no longer serves the group.
     pub(crate) fn is_loss(self, lost: f64) -> bool {
         lost > FEW * self.0.min_loss
     }
 
-    /// Whether a policy has learnt so much that it would notice a loss.
+    /// Returns `true` if the policy has gained so much that a loss would show in its returns.
     pub(crate) fn knows(self, memory: &Memory) -> bool {
         memory.learnt() >= PROOF
     }
 
-    /// Whether a policy has learnt anything that it could show elsewhere.
+    /// Returns `true` if the policy has gained anything that returns elsewhere could show.
     pub(crate) fn has_learnt(self, memory: &Memory) -> bool {
         memory.learnt() >= LEARNT
     }
 
-    /// Whether a difference is more than drift. What looks another is drift up to a larger
-    /// difference where the policy has shown that it serves there, or cannot show anything.
+    /// Returns `true` if a difference is larger than drift or training explains, whatever its
+    /// significance.
     fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
         match kind {
             Kind::Picture | Kind::Vector => source.ratio() >= self.least_ratio(opinion),
             Kind::Motion => opinion.changed >= self.0.min_motion && source.ratio() >= LEAST_RATIO,
-            // one that has learnt is known by what it earns
+            // a policy with a proven gain is judged by its returns instead
             Kind::Slope => {
                 let has_turned = opinion.turned >= self.0.min_motion;
                 opinion.learnt < PROOF && has_turned && source.ratio() >= LEAST_RATIO
@@ -196,20 +200,19 @@ impl Examiner<'_> {
         }
     }
 
-    /// Whether one rollout is enough to refuse a policy.
+    /// Returns `true` if one rollout is enough to reject a policy for good.
     pub(crate) fn surely_refuses(self, opinion: &Opinion) -> bool {
         self.speaks_against(opinion, SURE * self.0.level)
     }
 
-    /// Whether a source shows a difference that is large, and significant at this level.
+    /// Returns `true` if a source shows a difference that is large, and significant at this level.
     pub(crate) fn speaks_against(self, opinion: &Opinion, level: f64) -> bool {
         let mut against = opinion.sources().filter(|(_, s)| s.tail_p_value <= level);
         against.any(|(kind, source)| self.is_large(opinion, kind, source))
     }
 }
 
-/// What is known before a test. A policy that has an heir is refused, unless it acted itself to
-/// show that it serves.
+/// Returns the evidence before a test. A merged policy is rejected unless it acted itself.
 fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role) -> Opinion {
     let remembered: Vec<&Account> = memory.accounts.iter().collect();
     Opinion {

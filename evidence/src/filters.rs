@@ -1,4 +1,4 @@
-//! A description of pictures by what is in them: random filters, pooled over places and flips.
+//! Picture features from random filters, pooled over positions and flips.
 
 use std::collections::VecDeque;
 
@@ -10,17 +10,17 @@ use symmetry::D2;
 
 use crate::error::EvidenceError;
 
-/// Steps between two places of a filter, in rows and in columns.
+/// Stride of the filters in rows and columns, in pixels.
 const STRIDE: usize = 2;
-/// Seed of the weights: every bank of one size is the same.
+/// Seed of the weights: all banks of one size are equal.
 const SEED: u64 = 0;
 
-/// A fixed bank of random filters. Each gives two numbers: the mean and the largest response over
+/// Fixed bank of random filters. Each gives two features: the mean and the largest response over
 /// the picture, after a rectifier, averaged over the four flips of the filter.
 ///
-/// The numbers are the same for the four mirror images of a picture, to the bit: pixels and weights
-/// are whole numbers, so sums are exact and do not depend on their order. Weights of each filter
-/// sum to zero in each channel, so that even ground gives no response.
+/// The features are equal for the four mirror images of a picture, to the bit: pixels and weights
+/// are integers, so sums are exact and do not depend on their order. Weights of each filter
+/// sum to zero in each channel, so that uniform ground gives no response.
 ///
 /// ```
 /// use evidence::Filters;
@@ -44,10 +44,10 @@ pub struct Filters {
 }
 
 impl Filters {
-    /// A bank of `count` filters for pictures `[H, W, C]`.
+    /// Draws a bank of `count` filters for pictures `[H, W, C]`.
     ///
     /// # Errors
-    /// Pictures smaller than 7 x 7 or without channels, or no filter.
+    /// Pictures smaller than 7 x 7, no channel or more than 1000, or no filter.
     pub fn new(image: [usize; 3], count: usize) -> Result<Self, EvidenceError> {
         let [height, width, channels] = image;
         if height < 7 || width < 7 || !(1..=1000).contains(&channels) {
@@ -60,18 +60,19 @@ impl Filters {
                 expected: "at least 1",
             });
         }
-        // places of a filter must be mirror images of each other
+        // an even side takes an even kernel and an odd side an odd one: with a stride of 2, the
+        // positions of a filter are then mirror images of each other
         let kernel = [height, width].map(|size| if size.is_multiple_of(2) { 6 } else { 7 });
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// The number of values that describe a picture.
+    /// Returns the number of features of a picture.
     pub fn dim(&self) -> usize {
         2 * self.count
     }
 
-    /// Describes a picture `[H, W, C]`: the filters' means, then their largest responses, as shares
-    /// of a typical weight times the full range of pixels.
+    /// Returns the features of a picture `[H, W, C]`: the mean responses of all filters, then the
+    /// largest ones, scaled to length 1.
     ///
     /// # Errors
     /// A picture of another size.
@@ -87,7 +88,7 @@ impl Filters {
         for (filter, (mean, largest)) in means.iter_mut().zip(maxima).enumerate() {
             let (sum, peak) = self.pool(filter, &responses);
             let places = responses.len() / (4 * self.count);
-            // what is pooled over all places is small beside a peak
+            // a mean over all positions is small beside a peak, hence its weight
             *mean = (MEAN_WEIGHT * sum / (unit * places as f64)) as f32;
             *largest = (peak / unit) as f32;
         }
@@ -95,7 +96,7 @@ impl Filters {
         Ok(described)
     }
 
-    /// All responses `[places, 4, filters]`.
+    /// Returns all responses `[positions, 4, filters]`.
     fn respond(&self, image: &[u8]) -> Vec<f32> {
         let taps = self.kernel[0] * self.kernel[1] * self.image[2];
         let patches = self.patches(image);
@@ -112,7 +113,7 @@ impl Filters {
         responses
     }
 
-    /// The pixels under the filters at each place, `[places, taps]`.
+    /// Returns the im2col matrix of a picture, `[positions, taps]`.
     fn patches(&self, image: &[u8]) -> Vec<f32> {
         let [height, width, channels] = self.image;
         let [rows, cols] = self.kernel;
@@ -129,8 +130,8 @@ impl Filters {
         patches
     }
 
-    /// The sum over places and flips of the rectified responses of a filter, and the sum over flips
-    /// of its largest ones. In `f64` the sums of whole numbers are exact.
+    /// Returns the sum over positions and flips of the rectified responses of a filter, and the sum
+    /// over flips of its largest ones. In `f64` these sums of integers are exact.
     fn pool(&self, filter: usize, responses: &[f32]) -> (f64, f64) {
         let (mut sum, mut peaks) = (0.0, 0.0);
         for flip in 0..4 {
@@ -146,10 +147,10 @@ impl Filters {
     }
 }
 
-/// How much the means count beside the largest responses.
+/// Weight of the mean responses relative to the largest ones.
 const MEAN_WEIGHT: f64 = 10.0;
 
-/// The largest weight: whole responses must fit into the 24 bits of an `f32`'s significand.
+/// Returns the largest weight, so that responses fit into the 24 bits of an `f32`'s significand.
 fn most([rows, cols]: [usize; 2], channels: usize) -> i32 {
     let taps = (rows * cols * channels) as i32;
     ((1 << 24) / (255 * taps) / 2).clamp(1, 100)
@@ -164,8 +165,8 @@ fn normalise(values: &mut [f32]) {
     }
 }
 
-/// Whole weights `[rows, cols, channels, 4, count]`, drawn evenly and then shifted so that they sum
-/// to about zero in each channel.
+/// Draws uniform integer weights `[rows, cols, channels, 4, count]`, shifted so that they sum to
+/// zero in each channel.
 fn weights(kernel: [usize; 2], channels: usize, count: usize) -> Vec<f32> {
     let [rows, cols] = kernel;
     let (most, taps) = (most(kernel, channels), rows * cols);
@@ -187,7 +188,7 @@ fn weights(kernel: [usize; 2], channels: usize, count: usize) -> Vec<f32> {
     weights
 }
 
-/// Takes the mean from the weights of a channel; what is left over goes to the first taps.
+/// Subtracts the mean from the weights of a channel; the first taps absorb the remainder.
 fn centre(drawn: &mut [i32], channel: usize, channels: usize, taps: i32) {
     let own = || (0..taps as usize).map(move |tap| tap * channels + channel);
     let sum: i32 = own().map(|at| drawn[at]).sum();
@@ -198,23 +199,23 @@ fn centre(drawn: &mut [i32], channel: usize, channels: usize, taps: i32) {
     }
 }
 
-/// Pictures that are kept.
+/// Capacity of the cache, in pictures.
 const MOST: usize = 64;
 
-/// The latest pictures and their descriptions: a decision and the memory that follows it look at
-/// the same ones.
+/// Cache of the latest pictures and their features: a decision and the training after it use the
+/// same pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Album(VecDeque<(Vec<u8>, Vec<f32>)>);
 
 impl Album {
-    /// The description of a picture, if it is kept.
+    /// Returns the features of a picture; `None` if it is not cached.
     pub(crate) fn find(&self, image: &[u8]) -> Option<&[f32]> {
         let mut latest = self.0.iter().rev();
         let found = latest.find(|(kept, _)| kept == image);
         found.map(|(_, described)| described.as_slice())
     }
 
-    /// Keeps a description; the oldest one goes.
+    /// Stores the features of a picture and drops the oldest ones beyond the capacity.
     pub(crate) fn keep(&mut self, image: &[u8], described: &[f32]) {
         if self.find(image).is_some() {
             return;

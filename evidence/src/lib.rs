@@ -1,20 +1,20 @@
 //! Recognises groups of tasks by evidence that no policy owns.
 //!
-//! A learner with several policies must find out whose task it faces. The features of a policy's
-//! own network tell what the policy needs, which is where things lie, and are poor at telling what
-//! they are. This crate looks at whole episodes with other eyes:
+//! A learner with several policies must find out which of them a task belongs to. The features of a
+//! policy's own network encode where objects are, because the policy needs that, and encode poorly
+//! which objects they are. This crate compares whole episodes instead:
 //!
-//! - [`Filters`] describe a picture by what is in it and not by where: a fixed bank of random
-//!   filters, invariant under D2 to the bit.
-//! - An [`Account`] sums up one episode: the picture and the vector at its beginning, how vectors
-//!   answered to actions, and what was earned.
-//! - A [`Recogniser`] remembers accounts of each policy and decides whose task new episodes show:
-//!   one permutation test of all sources at once, whose rate of false alarms is stated; distances
-//!   are exact, certified 1-Wasserstein distances of the crate `cluster`.
+//! - [`Filters`] are a fixed bank of random filters, which describes the content of a picture and
+//!   not positions, and is invariant under D2 to the bit.
+//! - An [`Account`] summarises one episode: the first picture and vector, the linear response of
+//!   the vector to actions (motion), that of the reward (slope), and the return (earnings).
+//! - A [`Recogniser`] remembers the summaries of each policy and decides whose task new episodes
+//!   show, by one permutation test of all sources with a stated rate of false alarms. Distances are
+//!   exact, certified 1-Wasserstein distances of the crate `cluster`.
 //!
-//! What a course shows, motion and earnings, depends on who acted. It counts only where a policy is
-//! compared with what it did itself; and fewer earnings count, more do not: a policy that earns
-//! elsewhere what it earns at home serves there as well.
+//! Motion, slope and earnings depend on the policy that acted, so they count only if a policy is
+//! compared with its own episodes. Higher earnings are no evidence: a policy that earns as much
+//! elsewhere as in its own group serves there as well.
 
 mod account;
 mod choice;

@@ -1,4 +1,4 @@
-//! What is remembered of one policy.
+//! Memory of the episodes that one policy trained on.
 
 use std::collections::VecDeque;
 
@@ -8,26 +8,26 @@ use crate::account::{Account, check_len};
 use crate::error::EvidenceError;
 use crate::opinion::{Kind, mean_earned};
 
-/// What a policy is known by: the accounts of the latest episodes on which it learnt.
+/// Summaries of the latest episodes that a policy trained on, by which its group is recognised.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Memory {
     pub(crate) accounts: VecDeque<Account>,
-    /// Mean earnings of the first rollout on which it learnt.
+    /// Mean return of the first rollout that the policy trained on.
     pub(crate) beginning: Option<f64>,
-    /// Policies that were found to serve other groups.
+    /// Policies that were compared with this one and serve other groups.
     pub(crate) apart: Vec<usize>,
-    /// The policy that serves its group, too, and acts for it.
+    /// Policy that this one was merged into, which now acts for its group.
     pub(crate) heir: Option<usize>,
 }
 
 impl Memory {
-    /// Whether another policy acts for its group.
+    /// Returns `true` if the policy was merged into another one.
     pub(crate) fn is_gone(&self) -> bool {
         self.heir.is_some()
     }
 
-    /// Remembers the latest of these, `most` at most.
+    /// Appends these episodes and keeps the latest `most` of all.
     pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
         let earned = mean_earned(accounts.iter().copied());
         self.beginning = self.beginning.or(earned);
@@ -36,8 +36,8 @@ impl Memory {
         self.accounts.drain(..too_many);
     }
 
-    /// Whether there are accounts, `most` at most, the beginning is a number, and the policies that
-    /// are named are among so many.
+    /// Checks a restored memory: 1 to `most` summaries, a finite first return, and policy indices
+    /// below `policies`.
     pub(crate) fn check(&self, most: usize, policies: usize) -> Result<(), EvidenceError> {
         let mut named = self.apart.iter().copied().chain(self.heir);
         if let Some(policy) = named.find(|&policy| policy >= policies) {
@@ -50,8 +50,8 @@ impl Memory {
         }
     }
 
-    /// What the policy did of late, where it earns more than before: a policy that learns is not
-    /// what it was. Else all that is remembered.
+    /// Returns the episodes to compare with: the later half if the policy earns more there, since
+    /// training has changed its behaviour, and all remembered ones otherwise.
     pub(crate) fn home(&self) -> Vec<&Account> {
         let all: Vec<&Account> = self.accounts.iter().collect();
         let (before, late) = all.split_at(all.len() / 2);
@@ -62,13 +62,14 @@ impl Memory {
         }
     }
 
-    /// What was learnt to earn, in standard deviations of what is earned: how surely the policy
-    /// would notice that it earns it no more.
+    /// Returns the gain in return since the first rollout, in standard deviations of the present
+    /// returns, at least 0. The larger it is, the more surely a loss shows.
     pub(crate) fn learnt(&self) -> f64 {
         self.gained(&self.home())
     }
 
-    /// How much more these accounts earned than the first rollout, in their standard deviations.
+    /// Returns by how much these episodes earned more than the first rollout, in their standard
+    /// deviations, at least 0; 0 if either return is unknown.
     pub(crate) fn gained(&self, accounts: &[&Account]) -> f64 {
         match (self.beginning, mean_earned(accounts.iter().copied())) {
             (Some(beginning), Some(earned)) => {
@@ -79,9 +80,8 @@ impl Memory {
         }
     }
 
-    /// The share of what was learnt to earn that `accounts` did not pay, at most 1 for those that
-    /// pay what the first rollout paid. What was learnt counts as half of what is earned at least:
-    /// else noise would be a large share of little.
+    /// Returns the share of the policy's gain that these episodes did not earn, 0 without a gain.
+    /// It is at most 1 for episodes that earn what the first rollout earned.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
         match self.worth().zip(now) {
@@ -90,7 +90,7 @@ impl Memory {
         }
     }
 
-    /// The standard error of that share.
+    /// Returns the standard error of the share of the gain that was lost.
     pub(crate) fn lost_error(&self, accounts: &[&Account]) -> f64 {
         let home = self.home();
         let variance = |of: &[&Account]| spread(of).powi(2) / of.len().max(1) as f64;
@@ -98,18 +98,19 @@ impl Memory {
         self.worth().map_or(0.0, |(_, worth)| error / worth)
     }
 
-    /// What is earned at home, and how much of that counts as learnt; none where nothing was.
+    /// Returns the mean return of the policy's own episodes and its gain; `None` without a gain.
     fn worth(&self) -> Option<(f64, f64)> {
         let home = mean_earned(self.home().into_iter())?;
         let learnt = home - self.beginning?;
+        // at least half of the return, or noise would be a large share of a small gain
         (learnt > 0.0).then(|| (home, learnt.max(home.abs() / 2.0)))
     }
 }
 
-/// A policy improves if the later half of its earnings is better by so many standard deviations.
+/// Standard deviations by which the later half of the returns must be higher to count as progress.
 const IMPROVES: f64 = 0.5;
 
-/// Standard deviation of what was earned; zero where nothing is known of it.
+/// Returns the standard deviation of the known returns; 0 if there are none.
 fn spread(accounts: &[&Account]) -> f64 {
     let Some(mean) = mean_earned(accounts.iter().copied()) else {
         return 0.0;
@@ -119,10 +120,10 @@ fn spread(accounts: &[&Account]) -> f64 {
     f64::sqrt(sum / count)
 }
 
-/// Refuses a policy whose heir, or one of the heir's heirs, is the policy itself.
+/// Rejects memories in which following merges from a policy never ends.
 pub(crate) fn check_heirs(memories: &[Memory]) -> Result<(), EvidenceError> {
     let heir = |&policy: &usize| memories[policy].heir;
-    // without a circle nobody has more heirs than there are others
+    // without a circle, a chain of merges visits each policy at most once
     let circles =
         |policy: &usize| std::iter::successors(Some(*policy), heir).nth(memories.len()).is_some();
     match (0..memories.len()).find(circles) {
@@ -131,13 +132,12 @@ pub(crate) fn check_heirs(memories: &[Memory]) -> Result<(), EvidenceError> {
     }
 }
 
-/// All accounts that are remembered.
+/// Returns the remembered summaries of all policies.
 pub(crate) fn known(memories: &[Memory]) -> impl Iterator<Item = &Account> + Clone {
     memories.iter().flat_map(|memory| &memory.accounts)
 }
 
-/// Whether accounts can be compared: all numbers are finite, and each source is as long in all
-/// accounts as in the first that has it.
+/// Checks that summaries can be compared: all numbers are finite, and each source has one length.
 pub(crate) fn check<'a>(
     accounts: impl Iterator<Item = &'a Account> + Clone,
 ) -> Result<(), EvidenceError> {

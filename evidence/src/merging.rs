@@ -1,4 +1,4 @@
-//! Two policies that turn out to serve one group become one.
+//! Merges of two policies that turn out to serve one group.
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,20 +10,19 @@ use crate::memory::Memory;
 use crate::opinion::{Look, Opinion, Role};
 use crate::recogniser::Recogniser;
 
-/// What becomes of two policies that serve one group.
+/// Outcome of a merge of two policies that serve one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Merge {
-    /// The one that acts for both: it goes on as it is, under its number.
+    /// Policy that continues for both groups, unchanged and under its index.
     pub kept: usize,
-    /// The other one, which is kept as it is and asked again before a new policy is opened.
+    /// Merged policy, which is stored unchanged and tried again before a new policy is created.
     pub gone: usize,
 }
 
 impl Recogniser {
-    /// Returns a policy that may serve the group of `policy`: it is one of those that the last
-    /// finding `accepted`, both have learnt, and the two were never compared. Let it act for some
-    /// episodes of that group and [`Recogniser::compare`] them. Two that differ are not compared
-    /// again.
+    /// Returns a policy that may serve the same group as `policy`: one that the last decision
+    /// `accepted`, if both have a gain and the two were not found to differ before. Let it act for
+    /// some episodes of that group, then call [`Recogniser::compare`].
     pub fn twin(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
         let examiner = Examiner(self.settings());
         let own = self.memories.get(policy)?;
@@ -37,13 +36,13 @@ impl Recogniser {
         twin.filter(|_| examiner.knows(own))
     }
 
-    /// Whether `twin` earned in the group of `policy` what it earns at home, and about what
-    /// `policy` earns there, judged by episodes in which it acted itself; what was found is
-    /// remembered. If it did, let `policy` act once more, and [`Recogniser::merge`] them: the group
-    /// may have changed before `twin` acted.
+    /// Returns `true` if `twin`, which acted in these episodes of the group of `policy`, earned
+    /// about as much as in its own group and as `policy` does. Then let `policy` act once more,
+    /// since the group may have changed before `twin` acted, and call [`Recogniser::merge`]. Two
+    /// policies that differ are not proposed again.
     ///
     /// # Errors
-    /// Too few episodes, no such policies, or points that cannot be compared.
+    /// Too few episodes, unknown policies, or episodes that cannot be compared.
     pub fn compare<R: Rng + ?Sized>(
         &mut self,
         policy: usize,
@@ -54,7 +53,7 @@ impl Recogniser {
         self.check_policy(policy)?;
         let examiner = Examiner(self.settings());
         let opinion = self.opinion_of(twin, accounts, rng)?;
-        // nor may the one that is at home earn much more there
+        // a policy that clearly earns more in its own group must keep it
         let lags = self.lost(policy, accounts) >= self.settings().min_loss;
         let is_twin = !lags && !opinion.is_refused() && examiner.is_proven(&opinion);
         if !is_twin {
@@ -63,18 +62,19 @@ impl Recogniser {
         Ok(is_twin)
     }
 
-    /// Makes `twin` the heir of `policy`, in whose group [`Recogniser::compare`] found by `heard`
-    /// that it serves, if `policy` serves still in the episodes `again`, in which it acted itself.
-    /// Else they may be compared again. It is `twin` that goes on, since nobody heard `policy` at
-    /// the home of `twin`; but where `policy` earns clearly more, `policy` goes on and is the heir.
+    /// Merges `policy` into `twin`, which [`Recogniser::compare`] accepted by the episodes `heard`,
+    /// if `policy` still serves its group in the episodes `again`, in which it acted itself. If it
+    /// earns clearly more there, `twin` is merged into `policy` instead. Returns `None` if nothing
+    /// was merged; the two may then be compared again.
     ///
     /// # Errors
-    /// Those of [`Recogniser::compare`].
+    /// Errors of [`Recogniser::compare`].
     pub fn merge<R: Rng + ?Sized>(
         &mut self,
         policy: usize,
         twin: usize,
-        (heard, again): (&[Account], &[Account]),
+        heard: &[Account],
+        again: &[Account],
         rng: &mut R,
     ) -> Result<Option<Merge>, EvidenceError> {
         self.check_policy(policy)?;
@@ -86,6 +86,7 @@ impl Recogniser {
         if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
             return Ok(None);
         }
+        // `twin` has served in both groups, `policy` never acted in the group of `twin`
         let lost = self.lost(policy, heard);
         let (kept, gone) =
             if Examiner(self.settings()).is_loss(lost) { (policy, twin) } else { (twin, policy) };
@@ -95,25 +96,25 @@ impl Recogniser {
         Ok(Some(Merge { kept, gone }))
     }
 
-    /// The share of what `policy` has learnt to earn that these episodes did not pay.
+    /// Returns the share of the gain of `policy` that these episodes did not earn.
     fn lost(&self, policy: usize, accounts: &[Account]) -> f64 {
         let accounts: Vec<&Account> = accounts.iter().collect();
         self.memories[policy].lost(&accounts)
     }
 
-    /// For each policy the one that acts for its group, too, since the two were merged.
+    /// Returns for each policy the one that it was merged into, if any.
     pub fn heirs(&self) -> Vec<Option<usize>> {
         self.memories.iter().map(|memory| memory.heir).collect()
     }
 
-    /// Takes a policy that is about to learn for one that is asked; it was not what its heir is.
+    /// Undoes the merge of a policy that is about to train on a group of its own.
     pub(crate) fn revive(&mut self, policy: usize) {
         if let Some(heir) = self.memories[policy].heir.take() {
             self.part(policy, heir);
         }
     }
 
-    /// What speaks for and against a policy that acted in these episodes itself.
+    /// Tests a policy by episodes in which it acted itself.
     fn opinion_of<R: Rng + ?Sized>(
         &self,
         policy: usize,
@@ -127,7 +128,7 @@ impl Recogniser {
         examiner.opine(memory, &accounts, Role::Returns, Look::Second, &mut own)
     }
 
-    /// Remembers that two policies serve different groups, as far as is known.
+    /// Records that two policies serve different groups.
     fn part(&mut self, policy: usize, twin: usize) {
         self.memories[policy].apart.push(twin);
         self.memories[twin].apart.push(policy);

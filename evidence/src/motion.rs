@@ -1,22 +1,25 @@
-//! How vectors answer to actions: least squares over one episode, invariant under D2.
+//! Linear response of vectors to actions: least squares over one episode, invariant under D2.
 
 use symmetry::Irrep;
 
-/// Added to the diagonal, as a share of its mean: what an action that never varies does not show
-/// counts as no answer.
+/// Ridge added to the Gram matrix, as a share of its mean diagonal: an action that never varies
+/// gets no response.
 const RIDGE: f64 = 1e-6;
 
-/// Fits `vector[t + 1] - vector[t] = M action[t]` over an episode and returns the entries of M
-/// `[D, A]`: as they are where component and action have one irrep, so that no flip changes their
-/// sign, and without their sign elsewhere.
+/// Fits `vector[t + 1] - vector[t] = M action[t]` over an episode and returns `M`, `[D, A]`.
+/// Entries that change sign under a flip, whose component and action have different irreps, are
+/// absolute values.
 ///
-/// Actions are clipped to `[-1, 1]`, as environments clip them: else what they seem to do would
-/// depend on how far a policy explores.
+/// Actions are clipped to `[-1, 1]`, as environments clip them; otherwise their measured effect
+/// would depend on how far a policy explores.
 ///
-/// `vectors` `[T + 1, D]`, `actions` `[T, A]`. Mirror images of an episode give the same bits.
+/// `vectors` are `[T + 1, D]` with the irreps `components`, `actions` `[T, A]` with the irreps
+/// `directions`. Mirror images of an episode give the same bits.
 pub(crate) fn motion(
-    (vectors, components): (&[f32], &[Irrep]),
-    (actions, directions): (&[f32], &[Irrep]),
+    vectors: &[f32],
+    components: &[Irrep],
+    actions: &[f32],
+    directions: &[Irrep],
 ) -> Vec<f32> {
     let (d, a) = (components.len(), directions.len());
     let mut gram = vec![0.0; a * a];
@@ -49,12 +52,13 @@ pub(crate) fn motion(
     entries.map(entry).collect()
 }
 
-/// Which way pays: the answer of rewards to actions over an episode, `[A]` without signs and of
-/// length 1; zeros where nothing answers.
+/// Returns the direction of actions in which the reward increases, from rewards `[T]` and actions
+/// `[T, A]`: absolute values `[A]` of length 1, or zeros if the reward does not depend on actions.
 pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
-    // a reward is what its own action led to
+    // reward[t] follows action[t], so the change from reward[t] to reward[t + 1] is due to
+    // action[t + 1]
     let later = actions.get(directions.len()..).unwrap_or(&[]);
-    let found = motion((rewards, &[Irrep::Trivial]), (later, directions));
+    let found = motion(rewards, &[Irrep::Trivial], later, directions);
     let squares: f64 = found.iter().map(|&m| f64::from(m).powi(2)).sum();
     let length = squares.sqrt().max(f64::MIN_POSITIVE);
     found.iter().map(|&m| (f64::from(m.abs()) / length) as f32).collect()
@@ -101,7 +105,7 @@ mod tests {
     #[test]
     fn finds_what_moved_the_hand() {
         let (vectors, actions) = course();
-        let found = motion((&vectors, &IRREPS), (&actions, &IRREPS));
+        let found = motion(&vectors, &IRREPS, &actions, &IRREPS);
         for (got, expected) in found.iter().zip([0.5, 0.25, 0.0, 0.125]) {
             assert!((got - expected).abs() < 2e-3, "{found:?}");
         }
@@ -110,14 +114,14 @@ mod tests {
     #[test]
     fn mirror_images_give_the_same_bits() {
         let (vectors, actions) = course();
-        let found = motion((&vectors, &IRREPS), (&actions, &IRREPS));
+        let found = motion(&vectors, &IRREPS, &actions, &IRREPS);
         for g in D2::ALL {
             let mirrored = |values: &[f32]| -> Vec<f32> {
                 let signs = IRREPS.map(|irrep| f32::from(irrep.sign(g)));
                 values.iter().zip(signs.iter().cycle()).map(|(v, s)| v * s).collect()
             };
             let (v, a) = (mirrored(&vectors), mirrored(&actions));
-            assert_eq!(motion((&v, &IRREPS), (&a, &IRREPS)), found);
+            assert_eq!(motion(&v, &IRREPS, &a, &IRREPS), found);
         }
     }
 
@@ -142,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_hand_that_never_acts_gives_zeros() {
-        let found = motion((&[0.5; 6], &IRREPS), (&[0.0; 4], &IRREPS));
+        let found = motion(&[0.5; 6], &IRREPS, &[0.0; 4], &IRREPS);
         assert_eq!(found, [0.0; 4]);
     }
 }

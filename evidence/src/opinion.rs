@@ -1,4 +1,4 @@
-//! What speaks for and against one policy: the sources of evidence and their test.
+//! Evidence for and against one policy: its sources and their test.
 
 use std::fmt;
 
@@ -11,11 +11,10 @@ use crate::account::Account;
 use crate::error::EvidenceError;
 use crate::settings::RecogniserSettings;
 
-/// Standard deviations of looks that weigh as much as a motion that is another altogether, where
-/// policies are ranked.
+/// Standard deviations that a change of motion by 100 % counts as when policies are ranked.
 const MOTION_WEIGHT: f64 = 10.0;
 
-/// A source of evidence.
+/// Source of evidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Picture,
@@ -26,12 +25,12 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// What is there before anybody acts.
+    /// Sources that do not depend on actions.
     pub(crate) const LOOKS: [Self; 2] = [Self::Picture, Self::Vector];
     pub(crate) const ALL: [Self; 5] =
         [Self::Picture, Self::Vector, Self::Motion, Self::Slope, Self::Earnings];
 
-    /// Whether it is there before anybody acts.
+    /// Returns `true` for sources that do not depend on actions.
     pub(crate) fn is_look(self) -> bool {
         matches!(self, Self::Picture | Self::Vector)
     }
@@ -57,44 +56,45 @@ impl Kind {
     }
 }
 
-/// How many rollouts a decision may rest on.
+/// Stage of a decision, by the number of rollouts that it rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// One: a doubt asks for another one.
+    /// One rollout: a doubt asks for another one.
     First,
-    /// Two, or one that the policy in question collected itself: the decision is for good.
+    /// Two rollouts, or one that the tested policy collected itself: the decision is final.
     Second,
 }
 
-/// What a policy had to do with the episodes at hand.
+/// Relation of a policy to the tested episodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Role {
-    /// Nothing: another one acted.
+    /// Another policy acted.
     Stranger,
-    /// It acted, and goes on from where it learnt last.
+    /// The policy acted and continues the task that it trained on last.
     Stays,
-    /// It acted after it had been away: its group may have drifted meanwhile.
+    /// The policy acted after a time without training: its group may have drifted meanwhile.
     Returns,
-    /// The same, though looks spoke against it: it must show that it serves, as far as it has
-    /// learnt.
+    /// The policy acted although pictures or vectors rejected it: its returns must show that it
+    /// serves the group, as far as it has a gain.
     Excused,
 }
 
-/// What speaks for and against one policy.
+/// Evidence for and against one policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
     pub(crate) kinds: Vec<Kind>,
     pub(crate) test: Option<JointTest>,
-    /// By how much motion changed, as a share, and which share of the earnings was lost.
+    /// Relative change of motion.
     pub(crate) changed: f64,
-    /// By how much the way that pays changed.
+    /// Relative change of slope.
     pub(crate) turned: f64,
+    /// Share of the policy's gain that these episodes did not earn.
     pub(crate) lost: f64,
-    /// The standard error of that share.
+    /// Standard error of `lost`.
     pub(crate) lost_error: f64,
-    /// What the policy has learnt to earn, in standard deviations of what it earns.
+    /// Gain in the policy's return since its first rollout, in standard deviations.
     pub(crate) learnt: f64,
-    /// How much more these episodes earned than its first ones did, in their standard deviations.
+    /// Gain of these episodes over the policy's first rollout, in standard deviations.
     pub(crate) gained: f64,
     pub(crate) role: Role,
     pub(crate) verdict: Verdict,
@@ -103,13 +103,13 @@ pub struct Opinion {
 }
 
 impl Opinion {
-    /// The test of all sources; none where the policy remembers too little.
+    /// Returns the test of all sources; `None` if the policy remembers too few episodes.
     pub fn test(&self) -> Option<&JointTest> {
         self.test.as_ref()
     }
 
-    /// The same in the words of the crate `cluster`: the distance of the first source that says
-    /// something, and the test of the largest score.
+    /// Converts to the evidence type of the crate `cluster`, with the distance of the first source
+    /// that was tested and the test of the largest score.
     pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
         let distance = self.sources().next().map_or(0.0, |(_, source)| source.distance);
         let judgement = match &self.test {
@@ -134,19 +134,19 @@ impl Opinion {
         Evidence { distance, judgement, verdict: self.verdict }
     }
 
-    /// The outcome.
+    /// Returns the outcome.
     pub fn verdict(&self) -> Verdict {
         self.verdict
     }
 
-    /// The smallest p-value by the fitted tail, adjusted for the number of sources; 1 where nothing
-    /// was tested.
+    /// Returns the smallest p-value by the fitted tail, adjusted for the number of sources; 1 if
+    /// nothing was tested.
     pub fn tail_p_value(&self) -> f64 {
         let tests = self.test.iter().flat_map(|test| test.sources.iter().flatten());
         tests.map(|source| source.tail_p_value).fold(1.0, f64::min)
     }
 
-    /// By how much motion changed, as a share; zero where it is not known.
+    /// Returns the relative change of motion; 0 if it is unknown.
     pub fn changed(&self) -> f64 {
         self.changed
     }
@@ -155,8 +155,8 @@ impl Opinion {
         self.verdict == Verdict::Refused
     }
 
-    /// The largest score of what is seen at the beginning of episodes. Policies that were not
-    /// tested come last.
+    /// Returns the largest score of pictures and vectors; infinity for a policy that was not
+    /// tested, so that it ranks last.
     pub(crate) fn look_score(&self) -> f64 {
         if self.test.is_none() {
             return f64::INFINITY;
@@ -166,29 +166,30 @@ impl Opinion {
         scores.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The largest ratio of a distance of looks to what chance makes of it.
+    /// Returns the largest ratio of the distance of pictures or vectors to that of chance; 0 if
+    /// neither was tested.
     pub fn look_ratio(&self) -> f64 {
         let looks = self.sources().filter(|(kind, _)| kind.is_look());
         looks.map(|(_, source)| source.ratio()).fold(0.0, f64::max)
     }
 
-    /// How badly the policy fits: by looks, and among those that look alike by motion, which hardly
-    /// depends on who acts.
+    /// Returns an outlier score, by which policies are ranked: pictures and vectors, and for
+    /// policies that they do not separate also motion, which hardly depends on who acts.
     pub(crate) fn misfit(&self) -> f64 {
         self.look_score() + MOTION_WEIGHT * self.changed
     }
 
-    /// Whether what is seen at the beginning of episodes speaks against the policy at this level.
+    /// Returns `true` if pictures or vectors reject the policy at this level.
     pub(crate) fn looks_doubtful(&self, level: f64) -> bool {
         self.sources().any(|(kind, source)| kind.is_look() && is_doubtful(source, level))
     }
 
-    /// The sources that say something.
+    /// Returns the sources with a result; one whose pooled points are all equal has none.
     pub(crate) fn sources(&self) -> impl Iterator<Item = (Kind, &SourceTest)> {
         self.test.iter().flat_map(|test| self.sources_of(test))
     }
 
-    /// The same in a test that is not finished.
+    /// Returns the sources with a result in a test that may still run.
     pub(crate) fn sources_of<'a>(
         &'a self,
         test: &'a JointTest,
@@ -198,7 +199,7 @@ impl Opinion {
     }
 }
 
-/// What decides, in one line.
+/// Prints the outcome and its reasons in one line.
 impl fmt::Display for Opinion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}", self.verdict)?;
@@ -215,17 +216,17 @@ impl fmt::Display for Opinion {
     }
 }
 
-/// A difference ends a test once its p-value by the tail is this share of the level.
+/// Share of the level at which a p-value by the fitted tail is certain enough to end a test early.
 pub(crate) const SURE: f64 = 1e-3;
 
-/// Whether a source shows a difference at this level: by its exact p-value, or surely by its tail,
-/// where the test ended before exact p-values were fine enough.
+/// Returns `true` if a source shows a difference at this level: by its exact p-value, or with
+/// certainty by its tail, if the test ended before exact p-values were fine enough.
 pub(crate) fn is_doubtful(source: &SourceTest, level: f64) -> bool {
     source.p_value <= level || source.tail_p_value <= SURE * level
 }
 
-/// By how much the means of two lists differ, as a share of the second one's; zero where it
-/// is not known.
+/// Returns the distance between the mean points of two lists, relative to the norm of the second
+/// one; 0 if either is unknown.
 pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account], kind: Kind) -> f64 {
     match (mean_of(accounts, kind), mean_of(remembered, kind)) {
         (Some(now), Some(home)) if now.len() == home.len() => {
@@ -253,22 +254,22 @@ pub(crate) fn mean_earned<'a>(accounts: impl Iterator<Item = &'a Account>) -> Op
     (!earned.is_empty()).then(|| earned.iter().sum::<f64>() / earned.len() as f64)
 }
 
-/// The accounts of whole episodes: every source needs the same ones. None where they are fewer than
-/// `least` or than half, so that looks alone, of all accounts, say more.
+/// Returns the summaries of whole episodes, since all sources need the same episodes; `None` if
+/// they are fewer than `least` or than half, so that pictures and vectors of all episodes say more.
 pub(crate) fn whole<'a>(accounts: &[&'a Account], least: usize) -> Option<Vec<&'a Account>> {
     let is_whole = |account: &&&Account| account.motion.is_some() && account.earned.is_some();
     let whole: Vec<&Account> = accounts.iter().filter(is_whole).copied().collect();
     (whole.len() >= least && 2 * whole.len() >= accounts.len()).then_some(whole)
 }
 
-/// The points of one source.
+/// Returns the points of one source as frames of one-frame episodes.
 pub(crate) fn frames(accounts: &[&Account], kind: Kind) -> Result<Frames, EvidenceError> {
     let points: Vec<&[f32]> = accounts.iter().filter_map(|a| kind.point(a)).collect();
     let dim = points.first().map_or(0, |point| point.len());
     Ok(Frames::new(points.concat(), 1, dim)?)
 }
 
-/// What each kind says of a rollout, and of what is remembered.
+/// Returns the two clouds of each source: the rollout's points and the remembered ones.
 pub(crate) fn sources(
     kinds: &[Kind],
     rollout: &[&Account],
@@ -277,6 +278,7 @@ pub(crate) fn sources(
     let source = |&kind: &Kind| {
         let (rollout, buffer) = (frames(rollout, kind)?, frames(remembered, kind)?);
         let side = match kind {
+            // a policy that earns more than it remembers serves the group all the same
             Kind::Earnings => Side::Less,
             _ => Side::Both,
         };

@@ -1,29 +1,29 @@
-//! From p-values to the probability of each policy.
+//! Conversion of p-values into a probability for each policy.
 
-/// How likely it is that each policy's group is at hand, and that none is.
+/// Probability of each policy's group, and of a group that no policy knows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
-    /// One item a policy, in their order.
+    /// Probability of each policy, in their order.
     pub policies: Vec<f64>,
-    /// The probability of a group that no policy knows.
+    /// Probability of a group that no policy knows.
     pub none: f64,
-    /// How badly each fits, where probabilities are equal.
+    /// Outlier score of each policy, which ranks equal probabilities.
     misfits: Vec<f64>,
 }
 
-/// What is known of one policy's group.
+/// Evidence about one policy that its probability depends on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Weighed {
-    /// The p-value; none where the policy remembers too little to be tested.
+    /// Tail p-value; `None` if the policy was merged or remembers too few episodes to be tested.
     pub(crate) p_value: Option<f64>,
-    /// Whether a difference may be drift.
+    /// `true` if no source shows a difference larger than drift.
     pub(crate) may_be_drift: bool,
     pub(crate) misfit: f64,
 }
 
-/// How much "none of these" weighs beside a policy that nothing speaks against.
+/// Weight of "none of these", relative to 1 for a policy without evidence against it.
 const NONE: f64 = 0.05;
-/// What a policy weighs at least whose difference may be drift.
+/// Least weight of a policy whose difference may be drift.
 const ACCEPTED: f64 = 0.1;
 
 impl Probabilities {
@@ -37,8 +37,8 @@ impl Probabilities {
         }
     }
 
-    /// The likeliest policy; none where that is likelier. Of equals it is the one that fits best,
-    /// and of those that fit equally the first.
+    /// Returns the likeliest policy; `None` if "none of these" is likelier. Among equals the best
+    /// fit wins, then the first.
     pub fn likeliest(&self) -> Option<usize> {
         let policies = self.policies.iter().zip(&self.misfits).enumerate();
         let best = policies.min_by(|(_, (p, misfit)), (_, (q, other))| {
@@ -48,10 +48,11 @@ impl Probabilities {
     }
 }
 
-/// The bound `-e p ln p` on the Bayes factor in favour of a null hypothesis whose p-value is p:
+/// Returns the bound `-e p ln p` on the Bayes factor in favour of a null hypothesis with p-value p:
 /// Sellke, Bayarri and Berger, "Calibration of p values for testing precise null hypotheses", The
 /// American Statistician 55 (2001), equation 2.
 fn bayes_factor(p: f64) -> f64 {
+    // the bound holds for p < 1/e, where it reaches 1
     if p < (-1.0_f64).exp() {
         -std::f64::consts::E * p * p.max(f64::MIN_POSITIVE).ln()
     } else {

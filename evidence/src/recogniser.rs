@@ -1,4 +1,4 @@
-//! Whose task new episodes show: the accounts of each policy, and decisions by them.
+//! Recogniser: the summaries of each policy's episodes, and decisions on whose task new ones show.
 
 use cluster::{Decision, Verdict, change_places, change_test};
 use rand::{Rng, RngExt, SeedableRng};
@@ -14,53 +14,55 @@ use crate::opinion::{Kind, Look, Opinion, Role, frames, whole};
 use crate::probability::{Probabilities, Weighed};
 use crate::settings::RecogniserSettings;
 
-/// A decision and its reasons.
+/// Decision and its reasons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// Whose task the episodes show.
+    /// Policy whose task the episodes show.
     pub decision: Decision,
-    /// One item a policy.
+    /// Evidence for each policy, in their order.
     pub opinions: Vec<Opinion>,
-    /// Where the group changed, if it did: episodes that began before this number of decisions
-    /// belong to what ran before, and had no part in the decision.
+    /// Changepoint, in decisions, if the group changed: episodes that began before it belong to the
+    /// earlier group. [`Recogniser::assign`] judges the later episodes, [`Recogniser::review`] the
+    /// earlier ones.
     pub cut: Option<usize>,
-    /// Policies that are out of question in this matter from here on.
+    /// Policies that are rejected for this task from here on.
     pub refused: Vec<usize>,
-    /// Whether looks alone do not say that it is the policy named: it is worth while to let it act
-    /// for some episodes before it acts for a rollout.
+    /// `true` if pictures and vectors alone do not single out the named policy, so that it should
+    /// act for some episodes before it acts for a whole rollout.
     pub is_contested: bool,
-    /// Whether what was seen before the policy named acted speaks against it: it looks another, or
-    /// has an heir, and must show that it serves, as far as it has learnt.
+    /// `true` if the evidence from before the named policy acted rejects it, because pictures or
+    /// vectors differ or it was merged: its returns must show that it serves the group.
     pub is_unproven: bool,
 }
 
 impl Finding {
-    /// Returns the policies that nothing speaks against.
+    /// Returns the policies that the evidence accepts.
     pub fn accepted(&self) -> Vec<usize> {
         let policies = 0..self.opinions.len();
         policies.filter(|&policy| self.opinions[policy].verdict() == Verdict::Accepted).collect()
     }
 }
 
-/// Who acted, and who is out of question.
+/// Context of a decision: the policy that acted, and the rejected ones.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Situation<'a> {
-    /// The policy that acted in the episodes at hand.
+    /// Policy that acted in the episodes.
     pub collector: usize,
-    /// Policies that were refused before in the same matter.
+    /// Policies that were rejected for the same task before.
     pub refused: &'a [usize],
-    /// As the finding said that proposed the one that acted ([`Finding::is_unproven`]).
+    /// [`Finding::is_unproven`] of the decision that proposed the acting policy.
     pub is_unproven: bool,
 }
 
 impl Situation<'_> {
-    /// Nobody was refused, and nobody proposed the policy that acted.
+    /// Creates the context of a policy that was not proposed before, with no rejected policies.
     fn of(collector: usize) -> Self {
         Self { collector, ..Self::default() }
     }
 }
 
-/// Remembers what each policy learnt on, and decides whose task new episodes show.
+/// Recogniser of groups: remembers the episodes that each policy trained on, and decides whose task
+/// new episodes show.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recogniser {
     settings: RecogniserSettings,
@@ -68,7 +70,7 @@ pub struct Recogniser {
 }
 
 impl Recogniser {
-    /// Knows no policy yet.
+    /// Creates a recogniser without policies.
     ///
     /// # Errors
     /// A setting outside its range.
@@ -77,24 +79,23 @@ impl Recogniser {
         Ok(Self { settings, memories: Vec::new() })
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub fn settings(&self) -> &RecogniserSettings {
         &self.settings
     }
 
-    /// The number of policies that learnt anything.
+    /// Returns the number of policies that trained on any episode.
     pub fn policies(&self) -> usize {
         self.memories.len()
     }
 
-    /// Tells that `policy` learns from episodes of its own; the next new policy has the number of
-    /// those that are known. One that was merged is asked again from here on. What shows another
-    /// group than the first of these episodes is not remembered: returns the number of decisions
-    /// before the first episode that is left out, if one is.
+    /// Remembers that `policy` trains on these episodes, in which it acted. A new policy has the
+    /// index [`policies`](Self::policies). A merge of `policy` is undone. Episodes after a
+    /// changepoint are left out: returns the decisions before the first of them, if there is one.
     ///
     /// # Errors
-    /// A number beyond that, no episode, numbers that are not finite, or lists of other lengths
-    /// than those that are remembered. Nothing is learnt then.
+    /// A larger index, no episode, numbers that are not finite, or lists whose length differs from
+    /// the remembered ones. Nothing is remembered then.
     pub fn learn<R: Rng + ?Sized>(
         &mut self,
         policy: usize,
@@ -126,8 +127,8 @@ impl Recogniser {
         Ok(end)
     }
 
-    /// Whether what a policy remembers, if it is known, looks no more like that on which it is
-    /// about to learn: its group drifted while it was away.
+    /// Returns `true` if a policy's memory no longer matches the pictures or vectors that it is
+    /// about to train on, because its group drifted while it was away.
     fn is_outdated<R: Rng + ?Sized>(
         &self,
         policy: usize,
@@ -139,20 +140,20 @@ impl Recogniser {
             return Ok(false);
         }
         let mut memory = self.memories.get(policy).cloned().unwrap_or_default();
-        // it is about to have none
+        // training is about to undo a merge, which would otherwise count as a rejection
         memory.heir = None;
         let (examiner, role) = (Examiner(&self.settings), Role::Stranger);
         let opinion = examiner.opine(&memory, accounts, role, Look::Second, &mut own)?;
         Ok(opinion.is_refused())
     }
 
-    /// Decides on one rollout of `collector`, or for good on two ([`Look`]). `Existing` of another
-    /// policy asks for a rollout of that one and for [`Recogniser::review`]; `Undecided`, of a
-    /// first look alone, asks for one more of the same policy and for a second look at both. Of
-    /// episodes that show two groups, the later group counts.
+    /// Decides on one rollout of `collector`, or finally on two ([`Look`]). `Existing` with another
+    /// policy asks for a rollout of that policy and for [`Recogniser::review`]; `Undecided`, only
+    /// at a first look, asks for one more rollout of the same policy and for a second look at both.
+    /// After a changepoint, only the later episodes count.
     ///
     /// # Errors
-    /// Too few episodes, no such collector, or points that cannot be compared.
+    /// Too few episodes, or episodes that cannot be compared.
     pub fn assign<R: Rng + ?Sized>(
         &self,
         accounts: &[Account],
@@ -171,21 +172,22 @@ impl Recogniser {
         Ok(Finding { cut: cut.map(|_| later[0].began), ..finding })
     }
 
-    /// One first look.
+    /// Decides on one rollout.
     fn look<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
         situation: Situation,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        let opinions = self.opinions(accounts, situation, (Look::First, Role::Stays), rng)?;
+        let opinions = self.opinions(accounts, situation, Look::First, Role::Stays, rng)?;
         let choice = Choice::new(&opinions, situation.collector);
         let rivals = choice.rivals();
         let alike = choice.is_alike(self.settings.doubt);
         let is_sure = |own| Examiner(&self.settings).surely_refuses(own);
         let sure = choice.own().is_some_and(is_sure);
-        // what happened under a policy cannot speak for others: they are tried at once where
-        // it is beyond doubt, and else a second look is cheaper
+        // motion and returns under this policy are no evidence about others, so trying another one
+        // costs a rollout: it pays off if this policy is surely wrong or its pictures differ; in
+        // other cases a second look at this policy is cheaper
         let rival = rivals.first().copied().filter(|_| sure || !alike);
         let named = choice.kept().or(rival);
         Ok(Finding {
@@ -198,12 +200,12 @@ impl Recogniser {
         })
     }
 
-    /// Decides on a rollout of `situation.collector`, which an earlier decision proposed: what it
-    /// does itself in the task at hand speaks for or against it, too. Of a rollout that shows two
-    /// groups the earlier one counts, for which the policy was proposed.
+    /// Decides on a rollout of `situation.collector`, which an earlier decision proposed. Its own
+    /// motion and returns are compared, too. If it is rejected and there is a changepoint, only the
+    /// earlier episodes count, for whose group the policy was proposed.
     ///
     /// # Errors
-    /// Those of [`Recogniser::assign`].
+    /// Errors of [`Recogniser::assign`].
     pub fn review<R: Rng + ?Sized>(
         &self,
         accounts: &[Account],
@@ -223,16 +225,17 @@ impl Recogniser {
         if finding.decision == keep {
             finding.is_unproven = situation.is_unproven
         } else {
-            // one that has been tried is not tried again
+            // no policy is tried twice for one task, or trials might never end
             finding.refused.push(situation.collector)
         }
         Ok(finding)
     }
 
-    /// How likely each policy is, for episodes in which nobody in particular acted; one is enough.
+    /// Returns the probability of each policy, from pictures and vectors of at least one episode,
+    /// whichever policy acted.
     ///
     /// # Errors
-    /// No episode, or points that cannot be compared.
+    /// No episode, or episodes that cannot be compared.
     pub fn recognise<R: Rng + ?Sized>(
         &self,
         accounts: &[Account],
@@ -241,9 +244,10 @@ impl Recogniser {
         if accounts.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
+        // an index beyond all policies: none of them acted
         let situation = Situation::of(self.memories.len());
         let accounts: Vec<&Account> = accounts.iter().collect();
-        let opinions = self.opinions(&accounts, situation, (Look::Second, Role::Stranger), rng)?;
+        let opinions = self.opinions(&accounts, situation, Look::Second, Role::Stranger, rng)?;
         let examiner = Examiner(&self.settings);
         let weighed = opinions.iter().zip(&self.memories);
         let weighed = weighed.map(|(opinion, memory)| Weighed {
@@ -254,18 +258,19 @@ impl Recogniser {
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
     }
 
-    /// Whether a policy may be meant that looks another, or has an heir: it was away.
+    /// Returns `true` if a policy may be proposed although pictures or vectors reject it or it was
+    /// merged: it did not act, and was not tried before.
     fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
         policy != situation.collector && !situation.refused.contains(&policy)
     }
 
-    /// Refuses a policy that was never told of.
+    /// Checks that a policy index is known.
     pub(crate) fn check_policy(&self, policy: usize) -> Result<(), EvidenceError> {
         let policies = self.memories.len();
         if policy < policies { Ok(()) } else { Err(EvidenceError::NoPolicy { policy, policies }) }
     }
 
-    /// The accounts in the order in which their episodes began.
+    /// Sorts summaries by time, after checking that they are enough for a test.
     pub(crate) fn in_order<'a>(
         &self,
         accounts: &'a [Account],
@@ -277,15 +282,16 @@ impl Recogniser {
         Ok(sorted(accounts))
     }
 
-    /// What each policy says, in its role.
+    /// Tests all policies in parallel, the collector in the given role and the others as strangers.
     fn opinions<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
         situation: Situation,
-        (look, role): (Look, Role),
+        look: Look,
+        role: Role,
         rng: &mut R,
     ) -> Result<Vec<Opinion>, EvidenceError> {
-        // each policy has a generator of its own, so that threads change nothing
+        // each policy has its own generator, so the result does not depend on threads
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
         let examiner = Examiner(&self.settings);
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
@@ -301,7 +307,7 @@ impl Recogniser {
         asked.collect()
     }
 
-    /// One second look.
+    /// Decides finally, on two rollouts or on a trial.
     fn decide<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
@@ -309,18 +315,18 @@ impl Recogniser {
         role: Role,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        let opinions = self.opinions(accounts, situation, (Look::Second, role), rng)?;
+        let opinions = self.opinions(accounts, situation, Look::Second, role, rng)?;
         let choice = Choice::new(&opinions, situation.collector);
         let rivals = choice.rivals();
         let named = choice.kept().or_else(|| rivals.first().copied());
         let examiner = Examiner(&self.settings);
-        let most = (examiner.drifted(), examiner.farthest());
+        let (most, farthest) = (examiner.drifted(), examiner.farthest());
         let may_have = |policy| self.may_have_drifted(policy, situation);
         let can_show = |policy: usize| examiner.knows(&self.memories[policy]);
         let are_kin = |a: usize, b: usize| {
             self.memories[a].heir == Some(b) || self.memories[b].heir == Some(a)
         };
-        let named = named.or_else(|| choice.drifted(most, may_have, can_show, are_kin));
+        let named = named.or_else(|| choice.drifted(most, farthest, may_have, can_show, are_kin));
         Ok(Finding {
             decision: named.map_or(Decision::New, Decision::Existing),
             cut: None,
@@ -331,8 +337,8 @@ impl Recogniser {
         })
     }
 
-    /// The policies that are out of question for good: the refused ones, but for the one named. One
-    /// that has an heir must have been tried.
+    /// Returns the policies that are rejected for good: all rejected ones except the named one, and
+    /// except merged ones that were not tried.
     fn refused(
         &self,
         opinions: &[Opinion],
@@ -347,20 +353,21 @@ impl Recogniser {
     }
 }
 
-/// Accounts in the order in which their episodes began.
+/// Sorts summaries by the time at which their episodes began.
 fn sorted(accounts: &[Account]) -> Vec<&Account> {
     let mut accounts: Vec<&Account> = accounts.iter().collect();
     accounts.sort_by_key(|account| account.began);
     accounts
 }
 
-/// Random orders of a test, for each random split of a first look: they cost next to nothing.
+/// Random orders of a changepoint test for each random split of a first look.
+// Energy distances of an order are cheap: one pass over the pairs of episodes (`change_test`).
 const ORDERS: usize = 4;
 
-/// The number of accounts, in the order in which their episodes began, that show another group than
-/// the rest; none where one group explains all. Episodes that began together stay together.
+/// Returns the number of summaries, sorted by time, before a changepoint; `None` if there is none.
+/// Episodes that began together stay together.
 ///
-/// Bounded in time: only the latest accounts are looked at, twice as many as a policy remembers.
+/// Only the latest summaries are tested, twice as many as a policy remembers, to bound the time.
 fn find_cut<R: Rng + ?Sized>(
     accounts: &[&Account],
     settings: &RecogniserSettings,

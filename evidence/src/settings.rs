@@ -12,27 +12,27 @@ use crate::error::EvidenceError;
 pub struct RecogniserSettings {
     /// Random filters that describe a picture, at least 1.
     pub filters: usize,
-    /// Episodes remembered for each policy, the latest on which it learnt; at least `min_episodes`.
+    /// Episodes remembered for each policy, the latest of its training; at least `min_episodes`.
     pub memory: usize,
     /// Episodes that a rollout must show, and a policy remember, to be tested; at least 4.
     pub min_episodes: usize,
     /// Level of the first look, in `(0, 1)`: the share of rollouts of a known group that are
-    /// doubted, over all sources together. Compared with the exact p-value.
+    /// doubted, over all sources together. It is compared with the exact p-value.
     pub doubt: f64,
-    /// Level of a refusal, in `(0, doubt]`: the nominal rate of false alarms over all sources
-    /// together. Compared with the tail's p-value.
+    /// Level of a rejection, in `(0, doubt]`: the nominal rate of false alarms over all sources
+    /// together. It is compared with the fitted tail's p-value.
     pub level: f64,
-    /// Level in `(0, 1)`, at least `1 / (1 + permutations)`, at which a rollout is taken to show
-    /// two groups, over all places where it may be cut.
+    /// Level of the changepoint test, over all places where a rollout may be cut, in `(0, 1)` and
+    /// at least `1 / (1 + permutations)`.
     pub cut: f64,
     /// Least ratio of a picture's or a vector's distance to its mean over random splits for a
-    /// refusal, at least 1: less counts as drift. A policy that was away is excused up to 2.5 times
-    /// that excess over 1, or 4 times.
+    /// rejection, at least 1: less counts as drift. The excess over 1 is 2.5 times as large
+    /// for a policy that was away, and 4 times if all others are far.
     pub min_ratio: f64,
-    /// Least change of how vectors answer to actions, or of the way that pays, as a share, for
-    /// motion or slope to count; above 0. Their distance must be twice what chance gives, too.
+    /// Least relative change of motion or slope for it to count, above 0. The distance must also be
+    /// at least twice that of chance.
     pub min_motion: f64,
-    /// Least share of what a policy has learnt to earn that must be lost for earnings to count, in
+    /// Least share of a policy's gain in return that must be lost for earnings to count, in
     /// `(0, 1]`.
     pub min_loss: f64,
     /// Random splits of the first look, at least 20; the second one takes three times as many.
@@ -117,7 +117,7 @@ impl RecogniserSettings {
     }
 }
 
-/// One range, and whether a value lies in it.
+/// Range of a setting, and `holds` if the value lies in it.
 struct Check {
     name: &'static str,
     value: f64,

@@ -1,4 +1,4 @@
-//! The memory of a recogniser as a value that a file can hold.
+//! Stored state of a recogniser.
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -7,7 +7,7 @@ use crate::error::EvidenceError;
 use crate::memory::{Memory, check, check_heirs, known};
 use crate::recogniser::Recogniser;
 
-/// Version that is written, and the only one that is read.
+/// Format that is written, and the only one that is read.
 const VERSION: u32 = 2;
 
 #[derive(Serialize)]
@@ -24,7 +24,7 @@ struct State {
     policies: Vec<Memory>,
 }
 
-/// Refuses another version before the policies are read, whose fields may be others.
+/// Rejects another format before the policies are read, whose fields may differ.
 fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
     let (got, expected) = (u32::deserialize(deserializer)?, VERSION);
     if got == expected {
@@ -34,21 +34,21 @@ fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
 }
 
 impl Recogniser {
-    /// The state as a value that [`Recogniser::restore`] takes.
+    /// Serialises the memories of all policies for [`Recogniser::restore`].
     ///
     /// # Errors
-    /// A serialiser's.
+    /// Errors of the serialiser.
     pub fn state<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let (format, policies) = (VERSION, &self.memories[..]);
         Saved { format, policies }.serialize(serializer)
     }
 
-    /// Takes a state back.
+    /// Replaces the memories of all policies by a stored state.
     ///
     /// # Errors
-    /// A deserialiser's, a state of another version or with unknown fields, numbers that are not
-    /// finite, lists of other lengths, named policies that are none, heirs in a circle, or a policy
-    /// without accounts or with more than `memory`. Nothing is taken back then.
+    /// Errors of the deserialiser, a state of another format or with unknown fields, numbers that
+    /// are not finite, lists of different lengths, unknown policy indices, merges in a circle, or a
+    /// policy without episodes or with more than `memory`. Nothing is replaced then.
     pub fn restore<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
         let memories = State::deserialize(state)?.policies;
         let (most, policies) = (self.settings().memory, memories.len());

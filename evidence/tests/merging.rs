@@ -25,7 +25,7 @@ fn policies_that_serve_one_group_are_merged() {
     assert!(!recogniser.compare(0, 1, &of_other, &mut rng()).unwrap());
     assert_eq!(recogniser.twin(0, &finding.accepted()), Some(2));
     assert!(recogniser.compare(0, 2, &seen[..5], &mut rng()).unwrap());
-    let merge = recogniser.merge(0, 2, (&seen[..5], &seen[5..]), &mut rng()).unwrap().unwrap();
+    let merge = recogniser.merge(0, 2, &seen[..5], &seen[5..], &mut rng()).unwrap().unwrap();
     assert_eq!((merge.kept, merge.gone), (2, 0), "policy 2 was heard");
     assert_eq!(recogniser.heirs(), [Some(2), None, None]);
     let finding = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
@@ -52,8 +52,7 @@ fn merged(more: f32) -> (Recogniser, Merge) {
     let seen = rollout(kind, 1000, 0, 0);
     assert!(recogniser.compare(0, 1, &seen[..5], &mut rng()).unwrap());
     let again = richer(seen[5..].to_vec());
-    let both = (&seen[..5], &again[..]);
-    let merge = recogniser.merge(0, 1, both, &mut rng()).unwrap();
+    let merge = recogniser.merge(0, 1, &seen[..5], &again, &mut rng()).unwrap();
     (recogniser, merge.unwrap())
 }
 

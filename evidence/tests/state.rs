@@ -146,8 +146,7 @@ fn an_error_leaves_everything_as_it_was() {
     }
     let mut learning = recogniser.clone();
     assert!(learning.compare(0, 0, &seen, &mut rng()).is_err());
-    let heard = (&seen[..5], &seen[..]);
-    assert!(learning.merge(0, 1, heard, &mut rng()).is_err());
+    assert!(learning.merge(0, 1, &seen[..5], &seen, &mut rng()).is_err());
     assert_eq!(learning, recogniser);
     for extreme in [f32::MAX, f32::MIN_POSITIVE] {
         let mut seen = rollout(Kind::Appearance, 1000, 0, 0);

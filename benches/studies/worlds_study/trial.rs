@@ -239,8 +239,7 @@ impl Trial {
         self.current = policy;
         if is_twin {
             let again = self.roll_out(1)?;
-            let both = (&heard[..], &again[..]);
-            let merge = self.recogniser.merge(policy, twin, both, &mut self.rng)?;
+            let merge = self.recogniser.merge(policy, twin, &heard, &again, &mut self.rng)?;
             self.current = merge.map_or(policy, |merge| merge.kept);
         }
         Ok(())

@@ -135,8 +135,9 @@ impl Grouping for Evident {
                 }
                 [first, again, ..] => {
                     let twin = first.collector;
-                    let both = (&*self.accounts(first, twin)?, &*self.accounts(again, policy)?);
-                    self.recogniser.merge(policy, twin, both, rng)?;
+                    let heard = self.accounts(first, twin)?;
+                    let again = self.accounts(again, policy)?;
+                    self.recogniser.merge(policy, twin, &heard, &again, rng)?;
                 }
                 [] => {}
             },
