@@ -1,4 +1,4 @@
-//! One episode of one environment, in one frame of reference; mirrored where it is shown.
+//! Episode of one environment, simulated in one frame of reference and mirrored when it is shown.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -8,12 +8,14 @@ use crate::group::Group;
 use crate::picture::{Picture, SIDE};
 use crate::world::Scene;
 
-/// Farthest that the hand goes from the middle.
+/// Largest absolute coordinate of the hand, in units of half the picture's side.
+// Below 1, so that the hand's centre stays in the picture.
 const REACH: f32 = 0.95;
-/// Farthest from full pay that counts as success.
+/// Largest distance from full reward that counts as success.
+// The reward there is exp(-10 * 0.06), about 0.55.
 const NEAR: f32 = 0.06;
 
-/// The hand, the object and the camera of one environment.
+/// State of one environment: hand, object and camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Episode {
     group: Group,
@@ -36,6 +38,7 @@ impl Episode {
         variant: Option<D2>,
         mut rng: ChaCha8Rng,
     ) -> Self {
+        // drawn even if the caller chose a variant, so that the rest of the episode stays the same
         let drawn = D2::from_bits(rng.random_range(0..4));
         let [from, to] = scene.places;
         let object = [0; 2].map(|_| rng.random_range(from..=to));
@@ -55,8 +58,8 @@ impl Episode {
         }
     }
 
-    /// Moves the hand by the action as it is given in the variant shown; returns the pay, and
-    /// whether it is nearly full.
+    /// Moves the hand by an action, which is given in the variant shown. Returns the reward and
+    /// whether the step counts as success.
     pub fn step(&mut self, action: [f32; 2]) -> (f32, bool) {
         let action = mirrored(self.variant, action).map(|a| a.clamp(-1.0, 1.0));
         let motion = self.group.motion.forward(action);
@@ -69,14 +72,15 @@ impl Episode {
         (pay.at(place), pay.distance(place) <= NEAR)
     }
 
-    /// The action of one who takes this for a task of `group`.
+    /// Returns the action of an expert that takes this for a task of `group`, in the variant shown.
     pub fn expert(&self, group: &Group) -> [f32; 2] {
         let action = group.motion.inverse(group.pay.way(self.place()));
+        // actions are scaled as a whole, since clipping each component would change the direction
         let most = action[0].abs().max(action[1].abs()).max(1.0);
         mirrored(self.variant, action.map(|a| a / most))
     }
 
-    /// Writes the picture `[48, 48, 6]` and the hand's place.
+    /// Writes the picture `[48, 48, 6]` and the hand's position (x, y), both in the variant shown.
     pub fn show(&self, image: &mut [u8], vector: &mut [f32]) {
         for (at, pixel) in image.chunks_exact_mut(6).enumerate() {
             // every variant is its own inverse, so the source is where the pixel goes
@@ -88,7 +92,7 @@ impl Episode {
         vector.copy_from_slice(&mirrored(self.variant, self.hand));
     }
 
-    /// The hand's place from the object.
+    /// Returns the hand's position relative to the object.
     fn place(&self) -> [f32; 2] {
         [self.hand[0] - self.object[0], self.hand[1] - self.object[1]]
     }

@@ -1,83 +1,83 @@
-//! What the tasks of one group have in common.
+//! Properties that all tasks of one group share.
 
 use crate::look::Look;
 
-/// One group of tasks: all variants of D2 and all placements of one object.
+/// Group of tasks: all variants of D2 and all placements of one object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Group {
-    /// How its object looks at the beginning of the stream.
+    /// Appearance of the object at the beginning of the stream.
     pub look: Look,
-    /// What it pays.
+    /// Reward function.
     pub pay: Pay,
-    /// How the hand moves.
+    /// Dynamics of the hand.
     pub motion: Motion,
-    /// How far each colour strays from the beginning of the stream, in 0..=255, once in a thousand
-    /// rounds there and back; zero where nothing
-    /// drifts.
+    /// Amplitude of each colour's drift, a sine with a period of 1000 rounds, in 0..=255; zero
+    /// without drift.
     pub drift: [f32; 3],
 }
 
-/// What a group pays at a step: `exp(-decay d)`, where d is the distance of the hand from a circle
-/// around a target.
+/// Reward of a step: `exp(-10 d)`, where d is the distance of the hand from a circle around a
+/// target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pay {
-    /// From the object to the target, in units of half the picture's side.
+    /// Vector from the object to the target, in units of half the picture's side.
     pub offset: [f32; 2],
-    /// Radius of the circle; zero pays at the target itself.
+    /// Radius of the circle; with zero the target itself has the full reward.
     pub radius: f32,
 }
 
-/// How fast pay falls with distance.
+/// Decay rate of the reward with distance, per half of the picture's side.
 const DECAY: f32 = 10.0;
 
 impl Pay {
-    /// The pay for a hand at this place relative to the object, in (0, 1].
+    /// Returns the reward, in (0, 1], for a hand at this position relative to the object.
     pub fn at(&self, [x, y]: [f32; 2]) -> f32 {
         (-DECAY * self.distance([x, y])).exp()
     }
 
-    /// How far from full pay such a hand is.
+    /// Returns the distance of such a hand from full reward.
     pub fn distance(&self, [x, y]: [f32; 2]) -> f32 {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }
 
-    /// The way to the nearest place of full pay.
+    /// Returns the vector to the nearest position of full reward.
     pub(crate) fn way(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (dx, dy) = (self.offset[0] - x, self.offset[1] - y);
+        // no division by zero for a hand at the target
         let distance = dx.hypot(dy).max(1e-6);
         let share = 1.0 - self.radius / distance;
         [dx * share, dy * share]
     }
 }
 
-/// How an action in `[-1, 1]^2` moves the hand.
+/// Dynamics of the hand: the displacement that an action in `[-1, 1]^2` causes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
-    /// Way at full action, in units of half the picture's side.
+    /// Displacement at full action, in units of half the picture's side; reversed if negative.
     pub gain: f32,
-    /// Angle between action and motion (radians).
+    /// Angle from action to displacement, in radians.
     pub turn: f32,
 }
 
 impl Motion {
-    /// The hand's motion under an action.
+    /// Returns the hand's displacement under an action.
     pub(crate) fn forward(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (sin, cos) = self.turn.sin_cos();
         [self.gain * (cos * x - sin * y), self.gain * (sin * x + cos * y)]
     }
 
-    /// The action that moves the hand so.
+    /// Returns the action that causes this displacement.
     pub(crate) fn inverse(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (sin, cos) = self.turn.sin_cos();
         [(cos * x + sin * y) / self.gain, (cos * y - sin * x) / self.gain]
     }
 }
 
-/// Rounds in which a drifting colour strays and returns.
+/// Period of the drift of colours, in rounds.
 const PERIOD: f32 = 1000.0;
 
 impl Group {
-    /// How the object looks after `rounds` rounds of the stream.
+    /// Returns the appearance of the object after `rounds` rounds of the stream.
     pub(crate) fn look_after(&self, rounds: usize) -> Look {
         let share = (std::f32::consts::TAU * rounds as f32 / PERIOD).sin();
         let mut look = self.look;

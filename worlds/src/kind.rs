@@ -1,4 +1,4 @@
-//! In what the groups of a world differ: the registry of kinds.
+//! Kinds of worlds, by the property in which their groups differ.
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -7,27 +7,27 @@ use rand_chacha::ChaCha8Rng;
 use crate::group::{Group, Motion, Pay};
 use crate::look::{Look, Shape, Texture};
 
-/// In what the groups of a world differ.
+/// Property in which the groups of a world differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
-    /// Everything: colours, shapes, sizes, textures, numbers, and where targets lie.
+    /// Colour, shape, size, texture and number of copies; positions of targets differ as well.
     Appearance,
-    /// Shapes, of one colour and size; and where targets lie.
+    /// Shape, with one colour and size; positions of targets differ as well.
     Shape,
-    /// Where the target lies from an object that always looks the same.
+    /// Position of the target relative to an object that looks the same in all groups.
     Target,
-    /// What is paid around one and the same target.
+    /// Reward around a common target: the radius of the circle of full reward.
     Reward,
-    /// How the hand moves.
+    /// Dynamics of the hand.
     Dynamics,
-    /// Nothing: one group under several names.
+    /// No property: one group under several indices.
     Identical,
-    /// What [`Kind::Appearance`] has, and colours stray slowly.
+    /// Properties of [`Kind::Appearance`], with colours that drift slowly.
     Drift,
 }
 
 impl Kind {
-    /// All kinds.
+    /// All kinds of worlds.
     pub const ALL: [Self; 7] = [
         Self::Appearance,
         Self::Shape,
@@ -38,7 +38,7 @@ impl Kind {
         Self::Drift,
     ];
 
-    /// Its name in tables.
+    /// Returns the name in tables.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Appearance => "appearance",
@@ -51,7 +51,7 @@ impl Kind {
         }
     }
 
-    /// How many groups a world of this kind has where nobody says.
+    /// Returns the default number of groups, which is drawn for most kinds.
     pub(crate) fn number(self, rng: &mut ChaCha8Rng) -> usize {
         match self {
             Self::Appearance | Self::Shape => 8,
@@ -62,10 +62,11 @@ impl Kind {
         }
     }
 
-    /// How many groups a world of this kind can tell apart: what it draws from is finite.
+    /// Returns the largest number of groups.
     pub(crate) const fn most(self) -> usize {
         match self {
             Self::Appearance | Self::Identical | Self::Drift => 16,
+            // sizes of the lists that groups are drawn from without repetition
             Self::Shape | Self::Target => 8,
             Self::Reward => 4,
             Self::Dynamics => 5,
@@ -94,10 +95,10 @@ impl Kind {
     }
 }
 
-/// Most that a colour strays, in 0..=255.
+/// Largest amplitude of a colour's drift, in 0..=255: about a tenth of the range.
 const STRAY: f32 = 25.0;
 
-/// Colours that groups are drawn from.
+/// Colours of objects.
 const COLOURS: [[f32; 3]; 8] = [
     [210.0, 50.0, 45.0],
     [50.0, 165.0, 65.0],
@@ -109,15 +110,18 @@ const COLOURS: [[f32; 3]; 8] = [
     [40.0, 40.0, 45.0],
 ];
 
-/// Sizes that groups are drawn from.
+/// Sizes of objects, as half of their extent, in units of half the picture's side.
 const SIZES: [f32; 2] = [0.12, 0.18];
 
+/// Dynamics of all kinds but [`Kind::Dynamics`].
 const ORDINARY: Motion = Motion { gain: 0.08, turn: 0.0 };
 
+/// Dynamics of [`Kind::Dynamics`]: ordinary, half the speed, reversed, and turned to either side.
 const MOTIONS: [Motion; 5] = [
     ORDINARY,
     Motion { gain: 0.04, ..ORDINARY },
     Motion { gain: -0.08, ..ORDINARY },
+    // about a right angle: an expert of the ordinary group makes no progress
     Motion { turn: 1.6, ..ORDINARY },
     Motion { turn: -1.6, ..ORDINARY },
 ];
@@ -143,7 +147,7 @@ fn group(look: Look, rng: &mut ChaCha8Rng) -> Group {
     }
 }
 
-/// Groups no two of which look alike; they differ in one property or in several.
+/// Draws groups with distinct appearances, which differ in at least one property.
 fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::with_capacity(number);
     while groups.len() < number {
@@ -164,7 +168,8 @@ fn shapes(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
     looks.map(|look| group(look, rng)).collect()
 }
 
-/// Groups of one look that differ in one property, drawn from `values`.
+/// Draws groups with one appearance that differ in one property, whose values come from `values`
+/// without repetition.
 fn vary<T: Copy>(
     number: usize,
     rng: &mut ChaCha8Rng,
@@ -182,7 +187,7 @@ fn vary<T: Copy>(
     different.collect()
 }
 
-/// Eight targets around the object.
+/// Returns eight targets around the object.
 fn targets() -> [Pay; 8] {
     std::array::from_fn(|i| {
         let (sin, cos) = (i as f32 * std::f32::consts::TAU / 8.0).sin_cos();
@@ -190,7 +195,7 @@ fn targets() -> [Pay; 8] {
     })
 }
 
-/// Four circles around the object.
+/// Returns four circles around the object, the first of radius zero.
 fn rings() -> [Pay; 4] {
     [0.0, 0.25, 0.5, 0.75].map(|radius| Pay { offset: [0.0, 0.0], radius })
 }

@@ -1,18 +1,18 @@
-//! Draws small pictured worlds from a seed, in which groups of tasks differ in chosen ways.
+//! Small image-based worlds, drawn from a seed, in which groups of tasks differ in one property.
 //!
-//! A learner that assigns tasks to policies by itself should be tried in worlds that nobody tuned
-//! it for. This crate draws such worlds: a hand moves on a plane, seen from above; somewhere lies
-//! an object, and the hand earns by where it stays relative to the object. A *group* says how
-//! objects look, what is paid, and how the hand moves. A [`Kind`] says in what the groups of a
+//! A learner that assigns tasks to policies by itself should be tested in worlds that it was not
+//! tuned for. This crate draws such worlds: a hand moves on a plane, seen from above, and the
+//! reward depends on its position relative to an object. A *group* fixes the object's appearance,
+//! the reward and the dynamics of the hand. A [`Kind`] is the property in which the groups of a
 //! world differ. No simulator is needed, and a step takes microseconds.
 //!
 //! - [`World::draw`] draws groups and their surroundings: clutter, light, camera noise, placements.
 //! - [`Stream`] shows the groups one after another, as an [`rl::VectorEnv`] of pictures
 //!   `[48, 48, 6]`.
-//! - [`Stream::expert`] solves any group, and can be asked to act for the wrong one.
+//! - [`Stream::expert`] solves any group, and can also act as if in the wrong one.
 //!
-//! Every episode shows one of the four variants of D2. Everything happens in one frame of
-//! reference and is mirrored last, so variants are mirror images of each other to the bit.
+//! Every episode shows one of the four variants of D2. Simulation uses one frame of reference and
+//! mirrors the result, so variants are mirror images of each other to the bit.
 //!
 //! ```
 //! use rl::{Observations, VectorEnv};

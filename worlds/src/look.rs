@@ -1,21 +1,21 @@
-//! How an object looks.
+//! Appearance of objects.
 
-/// How an object looks. Two objects of one look differ in their place only.
+/// Appearance of an object: two objects with equal values differ only in their position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
     /// Red, green and blue in 0..=255.
     pub colour: [f32; 3],
-    /// Outline.
+    /// Outline of each copy.
     pub shape: Shape,
-    /// Half of its extent, in units of half the picture's side.
+    /// Half of the extent of a copy, in units of half the picture's side.
     pub size: f32,
-    /// Pattern.
+    /// Pattern of each copy.
     pub texture: Texture,
-    /// Copies that lie together, 1 to 3.
+    /// Number of copies side by side, 1 to 3.
     pub number: usize,
 }
 
-/// The outline of an object, inside the square `[-1, 1]^2`.
+/// Outline of an object, inside the square `[-1, 1]^2`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shape {
     /// A disc.
@@ -49,7 +49,7 @@ impl Shape {
         Self::Ell,
     ];
 
-    /// Whether the outline holds the point (u, v).
+    /// Returns `true` if the point (u, v) is inside the outline.
     pub fn holds(self, u: f32, v: f32) -> bool {
         let (squared, inside) = (u * u + v * v, u.abs() <= 1.0 && v.abs() <= 1.0);
         match self {
@@ -65,7 +65,7 @@ impl Shape {
     }
 }
 
-/// The pattern of an object: parts of it are darker.
+/// Pattern of an object: parts of it are darker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Texture {
     /// One colour.
@@ -80,7 +80,7 @@ impl Texture {
     /// All patterns.
     pub const ALL: [Self; 3] = [Self::Plain, Self::Stripes, Self::Checks];
 
-    /// The share of the colour's brightness at the point (u, v) of `[-1, 1]^2`.
+    /// Returns the factor on the colour at (u, v) in `[-1, 1]^2`: 1, or 0.35 in dark parts.
     pub fn brightness(self, u: f32, v: f32) -> f32 {
         let dark = match self {
             Self::Plain => false,
@@ -92,8 +92,9 @@ impl Texture {
 }
 
 impl Look {
-    /// Where the copies lie, relative to the middle of the first one.
+    /// Returns the centres of the copies, relative to the centre of the first one.
     pub(crate) fn copies(&self) -> impl Iterator<Item = [f32; 2]> {
+        // a copy is 2 sizes wide, so a gap of 0.3 sizes remains
         let apart = 2.3 * self.size;
         let places = [[0.0, 0.0], [apart, 0.0], [0.0, apart]];
         places.into_iter().take(self.number)

@@ -1,4 +1,4 @@
-//! Pictures from above, in one frame of reference.
+//! Rendering of pictures from above, in one frame of reference.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -6,11 +6,12 @@ use rand_chacha::ChaCha8Rng;
 use crate::look::{Look, Shape, Texture};
 use crate::world::Scene;
 
-/// Pixels of a side.
+/// Width and height of a picture in pixels.
 pub(crate) const SIDE: usize = 48;
-/// Points of a side of each pixel that are looked at.
+/// Sample points per side of a pixel, for anti-aliasing.
 const SAMPLES: usize = 2;
 
+/// Appearance of the hand, in a colour that no object has.
 const HAND: Look = Look {
     colour: [250.0, 120.0, 20.0],
     shape: Shape::Disc,
@@ -19,12 +20,12 @@ const HAND: Look = Look {
     number: 1,
 };
 
-/// A picture `[48, 48, 3]` of order 255; row 0 is the largest y, column 0 the smallest x.
+/// Picture `[48, 48, 3]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
 #[derive(Clone, Debug)]
 pub(crate) struct Picture(Vec<f32>);
 
 impl Picture {
-    /// The ground with clutter and an object, all in the light of one episode.
+    /// Paints the ground with clutter and an object, in the light of one episode.
     pub fn still(scene: &Scene, look: &Look, object: [f32; 2], rng: &mut ChaCha8Rng) -> Self {
         let mut picture = Self(vec![scene.ground; SIDE * SIDE * 3]);
         for _ in 0..scene.clutter {
@@ -39,15 +40,16 @@ impl Picture {
         picture
     }
 
-    /// The same with the hand in it.
+    /// Returns a copy of the picture with the hand painted over it.
     pub fn with_hand(&self, hand: [f32; 2]) -> Self {
         let mut picture = self.clone();
         picture.paint(&HAND, hand);
         picture
     }
 
-    /// What a camera sees, `[48, 48, 3]`: each value is wrong by at most `noise`.
+    /// Returns the camera picture `[48, 48, 3]`, with uniform noise of at most `noise`.
     pub fn taken(&self, noise: f32, rng: &mut ChaCha8Rng) -> Vec<u8> {
+        // one random byte for each value: the noise has 256 levels
         let mut grain = vec![0; self.0.len()];
         rng.fill(&mut grain[..]);
         let values = self.0.iter().zip(grain);
@@ -56,7 +58,7 @@ impl Picture {
             .collect()
     }
 
-    /// Paints one copy of an object; pixels that it covers in part are mixed.
+    /// Paints one copy of an object; pixels that it covers in part are blended.
     fn paint(&mut self, look: &Look, [x, y]: [f32; 2]) {
         for row in pixels(-(y + look.size), -(y - look.size)) {
             for col in pixels(x - look.size, x + look.size) {
@@ -70,13 +72,14 @@ impl Picture {
     }
 }
 
-/// The pixels of a side between two places in `[-1, 1]`.
+/// Returns the range of pixel indices between two coordinates in `[-1, 1]`.
 fn pixels(from: f32, to: f32) -> std::ops::Range<usize> {
     let pixel = |place: f32| (place + 1.0) * SIDE as f32 / 2.0;
     pixel(from).floor().max(0.0) as usize..(pixel(to).ceil().max(0.0) as usize).min(SIDE)
 }
 
-/// Which share of a pixel an object covers, and the same weighted with its brightness.
+/// Returns the share of a pixel that an object covers, and that share weighted by the brightness of
+/// the object's texture.
 fn cover(look: &Look, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
     let place = |pixel: usize, sample: usize| {
         let offset = (sample as f32 + 0.5) / SAMPLES as f32;
@@ -95,7 +98,7 @@ fn cover(look: &Look, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
     (share / all, brightness / all)
 }
 
-/// A piece of clutter.
+/// Draws the appearance of a piece of clutter: greyish and smaller than any object.
 fn litter(rng: &mut ChaCha8Rng) -> Look {
     let grey = rng.random_range(60.0..190.0);
     Look {

@@ -1,4 +1,4 @@
-//! A stream of groups as a vectorised environment.
+//! Stream of groups as a vectorised environment.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -9,57 +9,57 @@ use crate::episode::Episode;
 use crate::picture::SIDE;
 use crate::world::World;
 
-/// Decisions of an episode, where nobody says.
+/// Default number of decisions of an episode.
 pub const HORIZON: usize = 50;
 
-/// A group, and for how many rounds of episodes it stays: all environments begin and end their
-/// episodes together, and one such round is the least that a group can stay.
+/// Visit to one group for a number of rounds. In a round each environment runs one episode; all
+/// begin and end together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Visit {
     /// Index of the group.
     pub group: usize,
-    /// Episodes of each environment.
+    /// Number of episodes of each environment.
     pub rounds: usize,
 }
 
-/// Why a stream cannot be made, or cannot step.
+/// Errors of creating or stepping a stream.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorldError {
-    /// A stream with nothing in it.
+    /// Stream without visits or without environments.
     #[error("{what} is 0, expected at least 1")]
     Zero {
-        /// What is missing.
+        /// Name of the number that is 0.
         what: &'static str,
     },
-    /// A visit of a group that the world does not have.
+    /// Visit of a group that the world does not have.
     #[error("visit {visit} is of group {group}, expected one of the world's {groups}")]
     NoGroup {
         /// Index of the visit.
         visit: usize,
-        /// The group asked for.
+        /// Index of the requested group.
         group: usize,
-        /// How many there are.
+        /// Number of groups of the world.
         groups: usize,
     },
-    /// Actions that are not two numbers for each environment.
+    /// List of actions that does not hold two numbers for each environment.
     #[error("got {got} actions, expected {expected}: two for each environment")]
     Actions {
-        /// The number of values given.
+        /// Number of values given.
         got: usize,
-        /// The number of values expected.
+        /// Number of values expected.
         expected: usize,
     },
-    /// A step before the first reset.
+    /// Step before the first reset.
     #[error("the environments were never reset: call `reset` before `step`")]
     NotReset,
 }
 
-/// The visits of groups of a world, one after another; the last group stays for good.
+/// Vectorised environment that visits groups of a world one after another; the last group stays.
 ///
 /// Pictures are `[48, 48, 6]`: the present one and the episode's first. The vector is the hand's
-/// place (x, y) in `[-0.95, 0.95]`, actions are (x, y) in `[-1, 1]` and are clipped. What is shown
-/// depends on the world and on the number of rounds so far, and on nothing else.
+/// position (x, y) in `[-0.95, 0.95]`, actions are (x, y) in `[-1, 1]` and are clipped. Episodes
+/// are drawn from the world's seed and the number of the round, whatever happened before.
 #[derive(Clone, Debug)]
 pub struct Stream {
     world: World,
@@ -73,7 +73,7 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Shows `visits` in `num_envs` environments.
+    /// Creates a stream of `visits` in `num_envs` environments.
     ///
     /// # Errors
     /// No visit, no environment, or a group that the world does not have.
@@ -106,31 +106,31 @@ impl Stream {
         })
     }
 
-    /// The same with one variant of D2 in every episode.
+    /// Fixes the variant of D2 of every episode, which is otherwise drawn.
     #[must_use]
     pub fn with_variant(mut self, variant: D2) -> Self {
         self.variant = Some(variant);
         self
     }
 
-    /// The same with episodes of `horizon` decisions, at least 1.
+    /// Sets the length of episodes in decisions, at least 1.
     #[must_use]
     pub fn with_horizon(mut self, horizon: usize) -> Self {
         self.horizon = horizon.max(1);
         self
     }
 
-    /// The world.
+    /// Returns the world.
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// Rounds of episodes that ended so far.
+    /// Returns the number of rounds that ended so far.
     pub fn rounds(&self) -> usize {
         self.round
     }
 
-    /// The group of the round of this number.
+    /// Returns the index of the group that is visited in this round.
     pub fn group_at(&self, round: usize) -> usize {
         let mut end = 0;
         let visit = self.visits.iter().find(|visit| {
@@ -140,10 +140,10 @@ impl Stream {
         visit.or(self.visits.last()).map_or(0, |visit| visit.group)
     }
 
-    /// The action of an expert in environment `env` who takes its task for one of `group`.
+    /// Returns the action of an expert in environment `env` that takes its task for one of `group`.
     ///
     /// # Panics
-    /// When there is no such environment or group, or before the first reset.
+    /// If there is no such environment or group, or before the first reset.
     pub fn expert(&self, env: usize, group: usize) -> [f32; 2] {
         self.episodes[env].expert(&self.world.groups[group])
     }
@@ -155,6 +155,7 @@ impl Stream {
         let group = &world.groups[self.group_at(round)];
         let episodes = (0..self.spec.num_envs).map(|env| {
             let mut rng = ChaCha8Rng::seed_from_u64(world.seed);
+            // stream 0 drew the world itself
             rng.set_stream(1 + (round * self.spec.num_envs + env) as u64);
             Episode::begin(&world.scene, group, round, self.variant, rng)
         });
@@ -179,7 +180,7 @@ impl VectorEnv for Stream {
         Some(self.horizon)
     }
 
-    /// Begins episodes; those that run are broken off and count as a round.
+    /// Begins an episode in every environment; running ones are broken off and count as a round.
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         if self.step > 0 {
             self.round += 1;

@@ -6,45 +6,45 @@ use rand_chacha::ChaCha8Rng;
 use crate::group::Group;
 use crate::kind::Kind;
 
-/// What surrounds the object of every group.
+/// Surroundings of the object, which all groups of a world share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scene {
-    /// Grey of the ground, in 0..=255.
+    /// Grey value of the ground, in 0..=255.
     pub ground: f32,
-    /// Small grey things that lie elsewhere in every episode.
+    /// Number of small grey objects, at new positions in every episode.
     pub clutter: usize,
-    /// How much brighter or darker episodes are, as a share.
+    /// Largest relative deviation of an episode's brightness.
     pub light: f32,
-    /// Most that the camera adds to a value or takes from it, in 0..=255.
+    /// Amplitude of the uniform camera noise, in 0..=255.
     pub noise: f32,
-    /// Where objects lie: from and to this far from the middle, in x and in y, in units of half the
-    /// picture's side.
+    /// Range of both coordinates of an object, from the centre of the picture, in units of half its
+    /// side.
     pub places: [f32; 2],
 }
 
-/// Groups of tasks in one scene.
+/// World: groups of tasks in one scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct World {
-    /// In what the groups differ.
+    /// Property in which the groups differ.
     pub kind: Kind,
-    /// What the world was drawn from; episodes are drawn from it, too.
+    /// Seed of the world and of all episodes in it.
     pub seed: u64,
-    /// The groups.
+    /// Groups of tasks.
     pub groups: Vec<Group>,
-    /// What surrounds them.
+    /// Surroundings of all groups.
     pub scene: Scene,
 }
 
 impl World {
-    /// Draws a world with as many groups as the kind likes.
+    /// Draws a world with the kind's default number of groups.
     pub fn draw(kind: Kind, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let number = kind.number(&mut rng);
         Self::with_rng(kind, seed, number, rng)
     }
 
-    /// Draws a world with `number` groups, or as many as the kind can make differ: from 4 for
-    /// [`Kind::Reward`] to 16.
+    /// Draws a world with `number` groups, limited to 1 and to the kind's largest number, from 4
+    /// for [`Kind::Reward`] to 16.
     pub fn with_groups(kind: Kind, seed: u64, number: usize) -> Self {
         let rng = ChaCha8Rng::seed_from_u64(seed);
         Self::with_rng(kind, seed, number.clamp(1, kind.most()), rng)
@@ -56,7 +56,7 @@ impl World {
         Self { kind, seed, groups, scene }
     }
 
-    /// The number of policies that the world asks for: groups of one and the same task count once.
+    /// Returns the number of policies that the world requires: equal groups count once.
     pub fn distinct(&self) -> usize {
         match self.kind {
             Kind::Identical => 1,
@@ -64,7 +64,7 @@ impl World {
         }
     }
 
-    /// The group that stands for `group`: equal groups have one in common.
+    /// Returns the first of the groups that are equal to `group`.
     pub fn representative(&self, group: usize) -> usize {
         match self.kind {
             Kind::Identical => 0,
@@ -74,8 +74,9 @@ impl World {
 }
 
 impl Scene {
-    /// Appearance worlds have wide placements; others draw their width.
+    /// Draws surroundings; positions range widely for [`Kind::Appearance`] only.
     fn draw(kind: Kind, rng: &mut ChaCha8Rng) -> Self {
+        // appearance worlds have the widest range, 0.2 to 0.7; others draw a width from 0.05 to 0.5
         let wide = kind == Kind::Appearance;
         let width = if wide { 0.5 } else { rng.random_range(0.05..0.5) };
         let from = 0.2 + rng.random_range(0.0..=1.0) * (0.5 - width);
