@@ -10,46 +10,46 @@ use crate::permutation::{PermutationTest, permutation_test};
 use crate::settings::{AssignerSettings, Calibrated, Rule};
 use crate::wasserstein::wasserstein1;
 
-/// Which policy takes the rollout.
+/// Policy that a rollout is assigned to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
-    /// The candidate of this index.
+    /// Candidate of this index.
     Existing(usize),
-    /// No candidate fits: the rollout seeds a policy of its own.
+    /// New policy, since no candidate fits.
     New,
-    /// No candidate fits, but one rollout is too little to open a policy on: collect one more of
-    /// the same unknown task, and let [`Assigner::settle`] judge the episodes of both.
+    /// No policy yet: no candidate fits, but one rollout is too little to create a policy. Collect
+    /// one more of the same unknown task, and pass the episodes of both to [`Assigner::settle`].
     Undecided,
 }
 
-/// What a look at a rollout says about one candidate.
+/// Outcome of the comparison of a rollout with one candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The rollout may belong to the candidate's group.
+    /// Possible member of the candidate's group.
     Accepted,
-    /// It seems not to; the second look will tell.
+    /// Probably no member; a second look decides.
     Doubted,
-    /// It does not.
+    /// No member of the candidate's group.
     Refused,
 }
 
-/// How the distance of a candidate was judged.
+/// Criterion that the distance of a candidate was compared with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Judgement {
-    /// Against a fixed threshold.
+    /// Fixed threshold.
     Threshold {
-        /// Largest distance that is accepted, in the features' unit.
+        /// Largest accepted distance, in the features' unit.
         limit: f64,
     },
-    /// Against random splits of the pooled episodes.
+    /// Permutation test: random splits of the pooled episodes.
     Tested {
-        /// The test.
+        /// Result of the test.
         test: PermutationTest,
-        /// Largest p-value that is not accepted.
+        /// Largest rejected p-value.
         limit: f64,
     },
-    /// Not at all: the buffer holds too few episodes for a test. Such a candidate is accepted,
-    /// since nothing speaks against it, but only taken if no tested candidate is accepted.
+    /// No test, since the buffer holds too few episodes. Such a candidate is accepted for lack of
+    /// evidence against it, but only taken if no tested candidate is accepted.
     BufferTooSmall {
         /// Episodes in the buffer.
         episodes: usize,
@@ -58,20 +58,20 @@ pub enum Judgement {
     },
 }
 
-/// What speaks for and against one candidate.
+/// Evidence for and against one candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// `W1` between rollout and buffer (under [`Judgement::Tested`]: the sampled episodes), in the
-    /// features' unit.
+    /// `W1` between rollout and buffer, in the features' unit; of the sampled episodes under
+    /// [`Judgement::Tested`].
     pub distance: f64,
-    /// How the distance was judged.
+    /// Criterion that the distance was compared with.
     pub judgement: Judgement,
-    /// The outcome.
+    /// Outcome of the comparison.
     pub verdict: Verdict,
 }
 
 impl Evidence {
-    /// Returns the test, where one was made.
+    /// Returns the test, if there was one.
     pub fn test(&self) -> Option<&PermutationTest> {
         match &self.judgement {
             Judgement::Tested { test, .. } => Some(test),
@@ -79,12 +79,12 @@ impl Evidence {
         }
     }
 
-    /// Returns the score in standard deviations, where a test was made.
+    /// Returns the score in standard deviations, if there was a test.
     pub fn score(&self) -> Option<f64> {
         self.test().map(|test| test.score)
     }
 
-    /// Sorts candidates: tested ones by score, then the others by distance.
+    /// Returns the sort key of a candidate: tested ones by score, then the others by distance.
     fn rank(&self) -> (bool, f64) {
         match self.score() {
             Some(score) => (false, score),
@@ -93,23 +93,24 @@ impl Evidence {
     }
 }
 
-/// A decision and its evidence, one item a candidate, in the candidates' order.
+/// Decision and its evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
-    /// Which policy takes the rollout.
+    /// Policy that the rollout is assigned to.
     pub decision: Decision,
-    /// Evidence for each candidate.
+    /// Evidence for each candidate, in their order.
     pub evidence: Vec<Evidence>,
 }
 
 impl Assignment {
-    /// Returns the index of the candidate that fits best, accepted or not; none without candidates.
+    /// Returns the index of the candidate that fits best, accepted or not; `None` without
+    /// candidates.
     pub fn nearest(&self) -> Option<usize> {
         best(&self.evidence, |_| true)
     }
 
-    /// Returns the two tested candidates that fit best, accepted or not, the better one first; none
-    /// where fewer were tested.
+    /// Returns the two tested candidates that fit best, accepted or not, the better one first;
+    /// `None` if fewer were tested.
     pub fn rivals(&self) -> Option<[usize; 2]> {
         let tested = |e: &Evidence| e.test().is_some();
         let first = best(&self.evidence, tested)?;
@@ -127,7 +128,7 @@ pub struct Assigner {
     settings: AssignerSettings,
 }
 
-/// How many rollouts the decision may rest on.
+/// Stage of a decision: one rollout, or finally two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Look {
     First,
@@ -135,7 +136,7 @@ enum Look {
 }
 
 impl Assigner {
-    /// Takes checked settings.
+    /// Creates an assigner after checking its settings.
     ///
     /// # Errors
     /// A setting outside its range.
@@ -167,8 +168,8 @@ impl Assigner {
     }
 
     /// Decides as [`assign`](Self::assign) does, on rollouts of any number of episodes: one is
-    /// enough to name the candidate that fits best. The fewer there are, the less can speak against
-    /// a candidate.
+    /// enough to name the candidate that fits best. The fewer there are, the less evidence
+    /// can reject a candidate.
     ///
     /// # Errors
     /// Clouds that cannot be compared.
@@ -180,24 +181,25 @@ impl Assigner {
     /// of the candidates hold the episodes of the first rollout and of one more.
     ///
     /// # Errors
-    /// Those of [`assign`](Self::assign).
+    /// Errors of [`assign`](Self::assign).
     pub fn settle(&self, candidates: &[Candidate], rng: &mut impl Rng) -> Result<Assignment> {
         self.check_rollouts(candidates)?;
         self.look(Look::Second, candidates, rng)
     }
 
-    /// When the later group began, if the rollouts of the candidates show two: the `began` of its
-    /// first episode, which is when each episode of the rollout began, in any unit. The episodes
-    /// before it ([`Frames::select`](crate::Frames::select)) are best left out of a decision:
-    /// together they would look like a third group.
+    /// Returns the changepoint if the candidates' rollouts show two groups: the time at which the
+    /// first episode of the later group began. `began` holds the times of all episodes of the
+    /// rollout, in any unit. Leave earlier episodes out of a decision
+    /// ([`Frames::select`](crate::Frames::select)): both groups together would look like a third.
     ///
     /// All candidates' features are tested together for a change at any place that leaves
     /// `min_episodes` on either side ([`change_test`]), at the level `doubt`, with the permutations
-    /// of a second look. Only the latest episodes are looked at, as many as a second look takes.
-    /// [`Rule::Fixed`] knows no tests and finds nothing.
+    /// of a second look. Only the latest episodes are tested, as many as a second look takes.
+    /// [`Rule::Fixed`] has no tests and never finds a changepoint.
     ///
     /// # Errors
-    /// Another number of episodes than `began` has, or clouds that cannot be compared.
+    /// A number of episodes that differs from the length of `began`, or clouds that cannot be
+    /// compared.
     pub fn cut<R: Rng + ?Sized>(
         &self,
         candidates: &[Candidate],
@@ -226,7 +228,7 @@ impl Assigner {
         Ok((test.p_value <= settings.doubt).then_some(times[test.cut]))
     }
 
-    /// Refuses rollouts that are too small for the rule's error rates.
+    /// Rejects rollouts that are too small for the rule's error rates.
     fn check_rollouts(&self, candidates: &[Candidate]) -> Result<()> {
         let Rule::Calibrated(settings) = &self.settings.rule else {
             return Ok(());
@@ -292,12 +294,13 @@ fn judge_calibrated<R: Rng + ?Sized>(
     Ok(weigh(test, settings, look))
 }
 
-/// The first look trusts the exact p-value alone. The level of the second is finer than the number
-/// of splits resolves, hence the tail; and what is significant may still be no more than drift.
+/// Compares a test with the level of its look.
 fn weigh(test: PermutationTest, settings: &Calibrated, look: Look) -> Evidence {
     let (limit, verdict) = match look {
         Look::First if test.p_value <= settings.doubt => (settings.doubt, Verdict::Doubted),
         Look::First => (settings.doubt, Verdict::Accepted),
+        // this level is finer than the number of splits resolves, hence the fitted tail; and a
+        // significant difference may still be drift, hence the ratio
         Look::Second => (settings.level, settle(&test, settings)),
     };
     Evidence { distance: test.distance, judgement: Judgement::Tested { test, limit }, verdict }
@@ -321,7 +324,7 @@ fn decide(evidence: &[Evidence]) -> Decision {
     }
 }
 
-/// The index of the best candidate among those that `eligible` lets pass; the first of equals.
+/// Returns the index of the best candidate among the `eligible` ones; the first of equals.
 fn best(evidence: &[Evidence], eligible: impl Fn(&Evidence) -> bool) -> Option<usize> {
     let eligible = evidence.iter().enumerate().filter(|(_, e)| eligible(e));
     let best = eligible.min_by(|(_, a), (_, b)| {

@@ -1,4 +1,4 @@
-//! Where a sequence of episodes changes: energy distances of all cuts under one permutation test.
+//! Changepoint test: energy distances of all cuts of a sequence under one permutation test.
 
 use rand::Rng;
 use rand::seq::SliceRandom;
@@ -10,18 +10,19 @@ use crate::frames::Frames;
 use crate::joint::shared;
 use crate::permutation::ROUNDING;
 
-/// The largest distance of a source in whole units: sums over a million pairs fit into the 53 bits
-/// of an `f64`'s significand.
+/// Largest distance of a source in integer units.
+// 20 bits of a distance and 20 of the number of pairs, so sums over a million pairs fit into the
+// 53 bits of an `f64`'s significand.
 const UNITS: f64 = (1_u32 << 20) as f64;
-/// Scores that differ by less are equal.
+/// Largest difference of scores that count as equal.
 const EQUAL: f64 = 1e-9;
 
-/// Where a sequence of episodes changes, if it does.
+/// Likeliest changepoint of a sequence of episodes, with its significance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChangeTest {
-    /// Episodes before the likeliest change.
+    /// Number of episodes before the likeliest changepoint.
     pub cut: usize,
-    /// The p-value of "nothing changes", over all cuts and sources together; exact as that of a
+    /// Exact p-value of "nothing changes", over all cuts and sources together, as in a
     /// [`JointTest`](crate::JointTest).
     pub p_value: f64,
 }
@@ -60,16 +61,16 @@ pub fn change_test<R: Rng + ?Sized>(
     Ok(judge(&scans, cuts, permutations))
 }
 
-/// Where a sequence of episodes may be cut: numbers of episodes before the change, at least `least`
-/// on either side. `began` says when each episode began, in their order; those that began together
-/// stay together.
+/// Returns the cuts that a changepoint test may consider: numbers of episodes before the change,
+/// with at least `least` on either side. `began` holds the times at which episodes began, in order;
+/// episodes that began together stay together.
 pub fn change_places(began: &[usize], least: usize) -> Vec<usize> {
     let least = least.max(1);
     let last = (began.len() + 1).saturating_sub(least);
     (least..last).filter(|&at| began[at] != began[at - 1]).collect()
 }
 
-/// The number of episodes, which all sources must share.
+/// Returns the number of episodes, which all sources must share.
 fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
     let (all, _) = shared(sources.iter().map(|source| (source.episodes(), 0)))?;
     if cuts.is_empty() {
@@ -81,16 +82,16 @@ fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
     Ok(all)
 }
 
-/// Whole distances `[episodes, episodes]` of one source.
+/// Integer distances `[episodes, episodes]` of one source.
 struct Pairs {
     all: Vec<u64>,
     episodes: usize,
-    /// Sum of each row.
+    /// Sum of each row of `all`.
     rows: Vec<u64>,
 }
 
 impl Pairs {
-    /// Nothing where all points are equal.
+    /// Computes the distances; `None` if all points are equal.
     fn new(frames: &Frames) -> Result<Option<Self>> {
         let features = frames.features();
         let mut costs = EuclideanCosts::new();
@@ -122,12 +123,12 @@ impl Pairs {
     }
 }
 
-/// One source's distances at all cuts: those of the episodes as they came first, then those of
-/// random orders.
+/// Distances of one source at all cuts: first those of the observed order, then those of random
+/// orders.
 struct Scan {
     pairs: Pairs,
     cuts: Vec<usize>,
-    /// `[orders, cuts]`.
+    /// Energy distances `[orders, cuts]`.
     measured: Vec<f64>,
     sums: Vec<u64>,
 }
@@ -160,8 +161,8 @@ impl Scan {
         }
     }
 
-    /// Standardised distances `[orders, cuts]`, with moments of each cut over all orders, the one
-    /// at hand included: so the test is exact.
+    /// Returns standardised distances `[orders, cuts]`. The moments of each cut are taken over all
+    /// orders, including the observed one, which makes the test exact.
     fn scores(&self) -> Vec<f64> {
         let width = self.cuts.len();
         let orders = (self.measured.len() / width) as f64;

@@ -1,27 +1,28 @@
-//! Which of two clouds a rollout is nearer to.
+//! Comparison of a rollout with two clouds by energy distances.
 
 use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanCosts;
 use crate::frames::Frames;
 
-/// A rollout and two buffers, all in one feature space.
+/// Rollout and two buffers in one feature space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contest {
-    /// The rollout.
+    /// Frames of the rollout.
     pub rollout: Frames,
-    /// The buffers that it may belong to.
+    /// Buffers that the rollout may belong to.
     pub rivals: [Frames; 2],
 }
 
-/// How much nearer the rollout is to the first of two rivals than to the second: above 0 for the
-/// first, below for the second. Each contest shows the same rivals in another feature space.
+/// Returns the margin by which the rollout is nearer to the first of two rivals than to the second:
+/// above 0 for the first, below for the second. Each contest holds the same rivals in another
+/// feature space; margins are summed over the spaces.
 ///
-/// In each space, the difference of the energy distances `2 E|X - Y| - E|X - X'| - E|Y - Y'|`
+/// In each space, it is the difference of the energy distances `2 E|X - Y| - E|X - X'| - E|Y - Y'|`
 /// (Szekely and Rizzo, "Energy statistics: a class of statistics based on distances", Journal of
 /// Statistical Planning and Inference 143 (2013)) over the mean distance within and between the
-/// rivals. So a wide cloud has no advantage and no disadvantage, not even where the rollout is a
-/// single frame, and the scale of a space does not count. Distances within a rival are those
-/// between different episodes, so that neither does the number of its episodes.
+/// rivals. So a wide cloud has no advantage or disadvantage, even if the rollout is a single frame,
+/// and the scale of a space does not count. Distances within a rival are taken between different
+/// episodes only, so the number of its episodes does not count either.
 ///
 /// # Errors
 /// No contest, or frames of one contest that cannot be compared.
@@ -37,13 +38,13 @@ impl Contest {
         let (x, [y, z]) = (&self.rollout, &self.rivals);
         let (within_y, within_z) = (within(y)?, within(z)?);
         let scale = (within_y + within_z + 2.0 * between(y, z)?) / 4.0;
-        // E|X - X'| is the same for both
+        // E|X - X'| is equal for both rivals and cancels
         let lead = 2.0 * (between(x, z)? - between(x, y)?) + within_y - within_z;
         Ok(if scale > 0.0 { lead / scale } else { 0.0 })
     }
 }
 
-/// The mean distance of two clouds' frames.
+/// Returns the mean distance between the frames of two clouds.
 fn between(x: &Frames, y: &Frames) -> Result<f64> {
     x.check_alike(y)?;
     let mut costs = EuclideanCosts::new();
@@ -51,7 +52,7 @@ fn between(x: &Frames, y: &Frames) -> Result<f64> {
     Ok(distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
-/// The mean distance of frames of different episodes; 0 for a single episode.
+/// Returns the mean distance between frames of different episodes; 0 for a single episode.
 fn within(x: &Frames) -> Result<f64> {
     let mut costs = EuclideanCosts::new();
     let distances = costs.compute(x.features(), x.features(), x.dim())?;

@@ -51,7 +51,7 @@ impl Frames {
         &self.features[index * self.episode_len()..][..self.episode_len()]
     }
 
-    /// Returns the episodes of both, those of `self` first: what [`Assigner::settle`] is to judge.
+    /// Returns the episodes of both, those of `self` first, for [`Assigner::settle`].
     ///
     /// # Errors
     /// Another number of features, or of frames an episode.
@@ -75,7 +75,7 @@ impl Frames {
         Self::new(features.into_iter().copied().collect(), self.frames_per_episode, self.dim)
     }
 
-    /// Refuses frames of another size.
+    /// Rejects frames of another size.
     pub(crate) fn check_alike(&self, other: &Self) -> Result<()> {
         let mut sizes = self.sizes(other).into_iter();
         match sizes.find(|(_, first, second)| first != second) {
@@ -86,7 +86,7 @@ impl Frames {
         }
     }
 
-    /// The sizes that comparable frames share: name, ours, theirs.
+    /// Returns the sizes that comparable frames share: name, value of `self`, value of `other`.
     fn sizes(&self, other: &Self) -> [(&'static str, usize, usize); 2] {
         let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);
         [("dim", self.dim, other.dim), ("frames_per_episode", ours, theirs)]
@@ -97,13 +97,12 @@ impl Frames {
     }
 }
 
-/// What one policy of the collection sees: its own data buffer and the new rollout, through its own
-/// extractor.
+/// Buffer of one policy and the new rollout, both as features of that policy's extractor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// The policy's buffer `B_j`.
+    /// Frames of the policy's buffer `B_j`.
     pub buffer: Frames,
-    /// The rollout buffer `O`.
+    /// Frames of the rollout, `O`.
     pub rollout: Frames,
 }
 

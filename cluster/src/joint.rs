@@ -1,4 +1,4 @@
-//! One permutation test of several sources of evidence at once.
+//! Joint permutation test of several sources of evidence.
 
 use std::ops::RangeInclusive;
 
@@ -10,38 +10,39 @@ use crate::error::{ClusterError, Result};
 use crate::frames::{Candidate, Frames};
 use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, tail};
 
-/// One source of evidence: what it says of each episode of a rollout, and of those of a buffer.
+/// Source of evidence: its points for the episodes of a rollout and of a buffer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
-    /// The two clouds.
+    /// Clouds of the rollout and the buffer.
     pub clouds: Candidate,
-    /// Which differences count.
+    /// Direction of differences that count.
     pub side: Side,
 }
 
-/// Which differences between two clouds count.
+/// Direction of differences between two clouds that count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// All.
+    /// All differences.
     Both,
-    /// Only a rollout whose values are smaller on average, over all dimensions; else the distance
-    /// is taken for zero.
+    /// Only a rollout with a smaller mean value over all dimensions; otherwise the distance is
+    /// zero.
     Less,
 }
 
-/// What one source says under a [`JointTest`]. All values are finite.
+/// Result of one source in a [`JointTest`]. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceTest {
     /// `W1` between both sides in the source's own unit; zero on the side that does not count.
     pub distance: f64,
-    /// Its mean over random splits.
+    /// Mean distance over random splits.
     pub mean: f64,
     /// `(distance - mean) / sd`, with moments over random splits.
     pub score: f64,
-    /// Share of splits, the one at hand included, whose largest score over all sources is at least
-    /// this source's score: its p-value, adjusted for the number of sources.
+    /// Share of splits, including the observed one, whose largest score over all sources is at
+    /// least this source's score: its p-value, adjusted for the number of sources.
     pub p_value: f64,
-    /// The same from the Pearson type III distribution of the largest scores' moments.
+    /// Adjusted p-value by the Pearson type III distribution with the moments of the largest
+    /// scores.
     pub tail_p_value: f64,
 }
 
@@ -52,20 +53,20 @@ impl SourceTest {
     }
 }
 
-/// The test of "rollout and buffer have one distribution", by all sources together.
+/// Result of testing "rollout and buffer have one distribution" with all sources together.
 ///
 /// Whole episodes are permuted, in all sources alike, so the largest standardised distance has a
 /// null distribution that takes the sources' dependence and their number into account: the "max T"
 /// of Westfall and Young, "Resampling-based multiple testing" (1993), algorithm 2.8.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointTest {
-    /// One item a source; none where all pooled points are equal, so that it says nothing.
+    /// Result of each source; `None` for one whose pooled points are all equal.
     pub sources: Vec<Option<SourceTest>>,
-    /// The largest score over the sources, under random splits.
+    /// Distribution of the largest score over the sources, under random splits.
     pub null: NullDistribution,
-    /// The largest score, standardised by `null`.
+    /// Largest score of the observed split, standardised by `null`.
     pub score: f64,
-    /// The smallest p-value of a source, at most 1. Exact: for exchangeable episodes it is at most
+    /// Smallest p-value of a source, at most 1. Exact: for exchangeable episodes it is at most
     /// `a` with probability at most `a`, whatever the sources and their number.
     pub p_value: f64,
 }
@@ -83,15 +84,15 @@ pub fn joint_test<R: Rng + ?Sized>(
     joint_test_until(sources, &[permutations], |_| false, rng)
 }
 
-/// The same with more and more random splits, as many in all as `stages` say one after another,
-/// until an outcome is `decided`; the last stage decides in any case.
+/// Runs the test in stages until an outcome is `decided`. `stages` are total numbers of random
+/// splits, ascending; the last stage ends the test in any case.
 ///
-/// Where `decided` only ever stops tests that are not going to be significant, as Besag and
+/// If `decided` only stops tests that are not going to be significant, as Besag and
 /// Clifford do in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no
-/// more frequent: each of them is one of the whole test, too.
+/// more frequent: each of them is also one of the complete test.
 ///
 /// # Errors
-/// Those of [`joint_test`].
+/// Errors of [`joint_test`], and an empty list of stages.
 pub fn joint_test_until<R: Rng + ?Sized>(
     sources: &[Source],
     stages: &[usize],
@@ -129,7 +130,7 @@ fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<()> {
     pools.try_for_each(|pool| pool.measure(order))
 }
 
-/// The numbers of episodes on both sides, which all sources must share.
+/// Returns the numbers of episodes on both sides, which all sources must share.
 fn episodes(sources: &[Source]) -> Result<(usize, usize)> {
     let mut clouds = sources.iter().map(|source| &source.clouds).enumerate();
     clouds.try_for_each(|(index, clouds)| clouds.check(index))?;
@@ -139,7 +140,7 @@ fn episodes(sources: &[Source]) -> Result<(usize, usize)> {
     }))
 }
 
-/// The numbers of episodes of the first source, which are those of all of them.
+/// Returns the numbers of episodes of the first source, after checking that all sources share them.
 pub(crate) fn shared(
     counts: impl Iterator<Item = (usize, usize)> + Clone,
 ) -> Result<(usize, usize)> {
@@ -153,18 +154,18 @@ pub(crate) fn shared(
     }
 }
 
-/// One source's distances: those of the episodes as they came first, then those of random splits.
+/// Distances of one source: first that of the observed split, then those of random splits.
 struct Pool {
     distances: PooledDistances,
-    /// Episodes of the first side.
+    /// Number of episodes of the first side.
     split: usize,
-    /// The mean of each episode, where only one side counts.
+    /// Sum of the values of each episode under [`Side::Less`]; `None` under [`Side::Both`].
     means: Option<Vec<f64>>,
     measured: Vec<f64>,
 }
 
 impl Pool {
-    /// For the features of all episodes, in the sizes of `like`; nothing where all points are
+    /// Pools the features of all episodes, with the sizes of `like`; `None` if all points are
     /// equal.
     fn new(features: &[f32], like: &Frames, side: Side, split: usize) -> Result<Option<Self>> {
         let distances = PooledDistances::new(features, like)?;
@@ -178,7 +179,7 @@ impl Pool {
         }))
     }
 
-    /// Measures the two sides of the episodes in this order.
+    /// Appends the distance between the two sides of the episodes in this order.
     fn measure(&mut self, order: &[usize]) -> Result<()> {
         let distance =
             if self.counts(order) { self.distances.between(order, self.split)? } else { 0.0 };
@@ -186,7 +187,7 @@ impl Pool {
         Ok(())
     }
 
-    /// Whether the difference between the two sides counts.
+    /// Returns `true` if the difference between the two sides counts.
     fn counts(&self, order: &[usize]) -> bool {
         let (first, second) = order.split_at(self.split);
         self.means.as_ref().is_none_or(|means| {
@@ -196,8 +197,8 @@ impl Pool {
         })
     }
 
-    /// Mean and spread of the distances from the one of this index on; a spread is at least what
-    /// rounding makes of it.
+    /// Returns mean and standard deviation of the distances from this index on; the deviation is at
+    /// least the rounding error.
     fn moments(&self, from: usize) -> (f64, f64) {
         let values = &self.measured[from..];
         let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -212,17 +213,17 @@ impl Pool {
     }
 }
 
-/// Scores that differ by less are equal.
+/// Largest difference of scores that count as equal.
 const EQUAL: f64 = 1e-9;
 
-/// The scores of every source that says something, with moments of its distances from the one of
-/// index `from` on.
+/// Returns the scores of every source with a result, with moments of its distances from index
+/// `from` on.
 fn scores(pools: &[Option<Pool>], from: usize) -> Vec<Option<Vec<f64>>> {
     let pools = pools.iter().map(Option::as_ref);
     pools.map(|pool| Some(pool?.scores(from))).collect()
 }
 
-/// The largest score of every split over all sources; 0 where none says anything.
+/// Returns the largest score of every split over all sources; 0 if no source has a result.
 fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64> {
     let largest = |split: usize| {
         let scores = scores.iter().flatten().map(|scores| scores[split]);
@@ -232,8 +233,8 @@ fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64
 }
 
 fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
-    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
-    // where the one at hand does not count
+    // with moments over all splits, including the observed one, the test is exact; the tail is
+    // wider, since the observed split does not count in it
     let (exact, outer) = (scores(pools, 0), scores(pools, 1));
     let reached = maxima(&exact, 0..=permutations);
     let null = describe(maxima(&outer, 1..=permutations), ROUNDING);

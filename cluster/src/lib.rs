@@ -1,7 +1,7 @@
 //! Exact 1-Wasserstein distances between point clouds, and the assignment of new points to known
 //! groups by these distances.
 //!
-//! The crate works on points alone: it knows no task, network or policy. It has three parts.
+//! The crate works on points alone, without tasks, networks or policies. It has three parts.
 //!
 //! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
 //!   equal weights. [`Wasserstein`] takes any weights and reuses its memory. [`transport()`] and
@@ -30,7 +30,7 @@
 //! ```
 //!
 //! and therefore depends neither on the scale of a network's features nor on the spread of its
-//! group. Where no group fits, it asks for one more rollout; see [`Calibrated`].
+//! group. If no group fits, it asks for one more rollout; see [`Calibrated`].
 //!
 //! # Example
 //!
@@ -54,7 +54,7 @@
 //! assert_eq!(assignment.decision, Decision::Existing(1));
 //! assert!(assignment.evidence[0].score() > assignment.evidence[1].score());
 //!
-//! // a policy is never opened on one rollout: collect another one, and have both judged
+//! // a policy is never created from one rollout: collect another one, and test both together
 //! let first = assigner.assign(&[far.clone()], &mut rng)?;
 //! assert_eq!(first.decision, Decision::Undecided);
 //! let both = Candidate { rollout: rollout.joined(&another)?, ..far };

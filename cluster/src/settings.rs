@@ -6,18 +6,18 @@ use crate::check::{at_least, within};
 use crate::error::Result;
 use crate::permutation::TestSize;
 
-/// How the assigner decides whether a rollout belongs to a policy's group.
+/// Rule by which the assigner decides if a rollout belongs to a policy's group.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Rule {
-    /// The paper's rule: `W1(O, B_j) <= threshold`, nearest policy first. Depends on the scale of
-    /// the features.
+    /// The paper's rule: `W1(O, B_j) <= threshold`, nearest policy first. It depends on the
+    /// scale of the features.
     Fixed {
         /// Largest distance within a group (`d_epsilon`), in the features' unit.
         threshold: f64,
     },
     /// A two-sample permutation test by whole episodes, with a second look before a new policy.
-    /// Does not depend on the scale of the features.
+    /// Independent of the scale of the features.
     Calibrated(Calibrated),
 }
 
@@ -34,18 +34,19 @@ impl Default for Rule {
 
 /// Settings of the calibrated rule.
 ///
-/// The first look at a rollout accepts or doubts a group, the second one accepts or refuses it.
-/// Where the values come from is told in the crate's README.
+/// The first look at a rollout accepts or doubts a group, the second one accepts or rejects it. The
+/// crate's README explains the default values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Calibrated {
     /// Level of the first look, in `(0, 1)`: share of rollouts of a known group that ask for a
-    /// second rollout. Compared with the exact p-value.
+    /// second rollout. It is compared with the exact p-value.
     pub doubt: f64,
-    /// Level of the second look, in `(0, doubt]`: the nominal rate of false alarms, which open a
-    /// superfluous policy, among rollouts of a known group. Compared with the tail's p-value.
+    /// Level of the second look, in `(0, doubt]`: the nominal rate of false alarms, which create a
+    /// superfluous policy, among rollouts of a known group. It is compared with the p-value of the
+    /// fitted tail.
     pub level: f64,
-    /// Least ratio of `W1` to its mean over random splits for a refusal at the second look, at
+    /// Least ratio of `W1` to its mean over random splits for a rejection at the second look, at
     /// least 1: less counts as drift, however significant it is. Take 1 for features that vary in
     /// many directions, where all distances are alike.
     pub min_ratio: f64,
@@ -53,7 +54,7 @@ pub struct Calibrated {
     /// p-value of `doubt`: `1 / (1 + permutations) <= doubt`. The second look, which is rare and
     /// final, takes four times as many.
     pub permutations: usize,
-    /// Episodes that each side must hold for the test to mean something, at least 4.
+    /// Least number of episodes of each side for a meaningful test, at least 4.
     pub min_episodes: usize,
     /// Episodes of each rollout that enter the test; more are sampled down. The second look pools
     /// two rollouts and takes twice as many.
@@ -82,7 +83,7 @@ impl Default for Calibrated {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AssignerSettings {
-    /// The rule that accepts or refuses a group.
+    /// Rule that accepts or rejects a group.
     pub rule: Rule,
 }
 

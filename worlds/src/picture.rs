@@ -20,7 +20,7 @@ const HAND: Look = Look {
     number: 1,
 };
 
-/// Picture `[48, 48, 3]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
+/// Picture `[48, 48, 3]`, not yet clipped to 0..=255; row 0 is the largest y, column 0 the least x.
 #[derive(Clone, Debug)]
 pub(crate) struct Picture(Vec<f32>);
 
