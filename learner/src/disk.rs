@@ -1,5 +1,5 @@
-//! What a run asks of the file system: few operations, so that tests can fail any of them and
-//! replay a power cut between any two.
+//! File operations of a run: few, so that tests can fail any of them and replay a power cut between
+//! any two.
 
 use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};
@@ -10,9 +10,9 @@ use std::sync::LazyLock;
 
 use crate::error::LearnerError;
 
-/// The operations by which a run changes its folder.
+/// Operations by which a run changes its folder.
 ///
-/// The rules are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append)
+/// The guarantees are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append)
 /// survive a power cut once [`sync`](Disk::sync) was called. Names survive once
 /// [`sync_folder`](Disk::sync_folder) was called on their folder.
 pub trait Disk: Debug + Send + Sync {
@@ -22,19 +22,19 @@ pub trait Disk: Debug + Send + Sync {
     /// Errors of the file system.
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
-    /// Adds bytes to the end of a file, which is created where it does not exist.
+    /// Appends bytes to a file, which is created if it does not exist.
     ///
     /// # Errors
     /// Errors of the file system.
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
-    /// Brings the bytes of a file to the disk.
+    /// Flushes the bytes of a file to the disk.
     ///
     /// # Errors
     /// Errors of the file system.
     fn sync(&self, path: &Path) -> io::Result<()>;
 
-    /// Gives a file another name; a file of that name is replaced.
+    /// Renames a file and replaces an existing file of that name.
     ///
     /// # Errors
     /// Errors of the file system.
@@ -52,14 +52,14 @@ pub trait Disk: Debug + Send + Sync {
     /// Errors of the file system.
     fn create_folder(&self, path: &Path) -> io::Result<()>;
 
-    /// Brings the names in a folder to the disk.
+    /// Flushes the names in a folder to the disk.
     ///
     /// # Errors
     /// Errors of the file system.
     fn sync_folder(&self, path: &Path) -> io::Result<()>;
 }
 
-/// The file system of this machine.
+/// File system of this machine.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalDisk;
 
@@ -94,54 +94,56 @@ impl Disk for LocalDisk {
     }
 }
 
-/// The ending of files that are not whole yet.
+/// File extension of files that are still being written.
 pub const PARTIAL: &str = "partial";
 
-/// Puts a file in the place of `path`: it appears whole or not at all, also after a power cut.
+/// Replaces the file at `path` atomically: it appears whole or not at all, also after a power cut.
 ///
 /// # Errors
 /// [`LearnerError::Write`]; the old file is then still there.
 pub fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), LearnerError> {
     let partial = partial_name(path);
+    // bytes must reach the disk before the new name does, or a power cut could leave an empty file
     let written = disk
         .write(&partial, bytes)
         .and_then(|()| disk.sync(&partial))
         .and_then(|()| disk.rename(&partial, path))
         .and_then(|()| disk.sync_folder(folder_of(path)));
     if written.is_err() {
-        // a full disk needs the room; that this fails, too, is no news
+        // frees the room on a full disk; an error here would only repeat the first one
         let _ = disk.remove(&partial);
     }
     written.map_err(|error| LearnerError::write(path, error))
 }
 
-/// Name of a file that becomes `path` when it is whole. Each process has names of its own, since two
-/// machines may hold the same folder's lock where a file server does not share locks.
+/// Returns the temporary name of a file that becomes `path`. Each process has its own names, since
+/// two machines may hold one folder's lock if a file server does not share locks.
 fn partial_name(path: &Path) -> PathBuf {
     static PROCESS: LazyLock<u64> = LazyLock::new(random_number);
     path.with_added_extension(format!("{:016x}.{PARTIAL}", *PROCESS))
 }
 
-/// Random number from the system, not from any seed.
+/// Returns a random number from the system, independent of all seeds.
 pub fn random_number() -> u64 {
     RandomState::new().build_hasher().finish()
 }
 
-/// Sees whether [`replace`] could write `path`, and leaves everything as it is.
+/// Checks that [`replace`] could write `path`, without changing any file.
 ///
 /// # Errors
 /// [`LearnerError::Write`].
 pub fn try_out(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
     let partial = partial_name(path);
-    let tried = match path.is_dir() {
-        true => Err(std::io::ErrorKind::IsADirectory.into()),
-        false => disk.write(&partial, &[]),
+    let tried = if path.is_dir() {
+        Err(std::io::ErrorKind::IsADirectory.into())
+    } else {
+        disk.write(&partial, &[])
     };
     let tried = tried.and_then(|()| disk.remove(&partial));
     tried.map_err(|error| LearnerError::write(path, error))
 }
 
-/// The folder that a file or a folder is in.
+/// Returns the parent folder of a file or folder.
 pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent,

@@ -1,5 +1,4 @@
-//! Settings by name: `--set covers.ppo.gamma=0.97`, and errors that name the nearest setting there
-//! is.
+//! Settings by name, as in `--set covers.ppo.gamma=0.97`, and errors that propose the nearest name.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -10,12 +9,12 @@ use serde_json::Value;
 
 use crate::error::LearnerError;
 
-/// Where a path is looked up when the experiment itself has no such field.
+/// Field in which a path is looked up if the experiment itself does not have it.
 const LEARNER: &str = "learner";
-/// Characters of the longest name for which a known one is proposed.
+/// Length of the longest name, in characters, for which a known one is proposed.
 const LONGEST: usize = 100;
 
-/// One setting with its new value, as `--set PATH=VALUE` names it.
+/// Setting and its new value, as given by `--set PATH=VALUE`.
 ///
 /// The path follows the fields of `experiment.json`, separated by dots; the elements of a list are
 /// numbered from 0, and a leading `learner.` may be left out. The value is JSON; a word needs no
@@ -41,10 +40,10 @@ impl FromStr for Override {
     }
 }
 
-/// An experiment, or other settings, with these fields set, the last one last.
+/// Returns the settings with these fields changed; of several values for one field the last counts.
 ///
 /// # Errors
-/// [`LearnerError::UnknownSetting`] for a path that leads nowhere, [`LearnerError::WrongSetting`] for
+/// [`LearnerError::UnknownSetting`] for an unknown path, [`LearnerError::WrongSetting`] for
 /// a value of another type.
 pub fn apply<T: Serialize + DeserializeOwned>(
     overrides: &[Override],
@@ -56,7 +55,7 @@ pub fn apply<T: Serialize + DeserializeOwned>(
     let mut tree = tree(&settings)?;
     for change in overrides {
         let path = find(&tree, &change.path)?;
-        // found just now
+        // `find` returned the path, so the pointer exists
         if let Some(place) = tree.pointer_mut(&pointer(&path)) {
             place.clone_from(&change.value);
         }
@@ -64,7 +63,7 @@ pub fn apply<T: Serialize + DeserializeOwned>(
     typed(tree)
 }
 
-/// The path of a setting as the tree has it.
+/// Returns the full path of a setting in the tree.
 fn find(tree: &Value, path: &str) -> Result<String, LearnerError> {
     let ways = [path.to_owned(), format!("{LEARNER}.{path}")];
     let found = ways.into_iter().find(|way| lookup(tree, way).is_some());
@@ -74,7 +73,7 @@ fn find(tree: &Value, path: &str) -> Result<String, LearnerError> {
     })
 }
 
-/// Refuses a checkpoint that was written with other settings than those that are asked for.
+/// Rejects a checkpoint that was written with settings other than `asked`.
 ///
 /// # Errors
 /// [`LearnerError::OtherSettings`] names the fields that differ.
@@ -86,7 +85,7 @@ pub fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<(), Lea
     Err(LearnerError::OtherSettings { path: path.to_owned(), differences })
 }
 
-/// The fields in which two values differ, each with the value in one and in the other.
+/// Returns the fields in which two values differ, with both values of each, as text.
 pub fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, LearnerError> {
     let mut differing = Vec::new();
     compare(&tree(one)?, &tree(other)?, "", &mut differing);
@@ -121,13 +120,14 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, LearnerError> {
 pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, LearnerError> {
     let not_json = |source| LearnerError::NotJson { source };
     serde_json::from_str(text).or_else(|error| {
-        // a tree names paths; what it would forgive, a field that is there twice, stays an error
+        // only errors of a tree name the path; a duplicate field, which a tree accepts, stays an
+        // error of the text
         typed::<T>(serde_json::from_str(text).map_err(not_json)?)?;
         Err(not_json(error))
     })
 }
 
-/// Reads a value; what does not fit is named with its path and the nearest name that fits.
+/// Reads a typed value from JSON; errors name the path and the nearest valid name.
 ///
 /// # Errors
 /// [`LearnerError::UnknownSetting`], [`LearnerError::WrongSetting`].
@@ -148,7 +148,7 @@ pub fn typed<T: DeserializeOwned>(tree: Value) -> Result<T, LearnerError> {
 }
 
 fn tree(settings: &impl Serialize) -> Result<Value, LearnerError> {
-    // by way of text, in which an f32 has as few digits as it needs
+    // as text an f32 has only the digits it needs, while a tree would widen it to an f64
     let text = serde_json::to_string(settings);
     let tree = text.and_then(|text| serde_json::from_str(&text));
     tree.map_err(|error| LearnerError::WrongSetting {
@@ -161,14 +161,14 @@ fn lookup<'a>(tree: &'a Value, path: &str) -> Option<&'a Value> {
     tree.pointer(&pointer(path))
 }
 
-/// The JSON pointer (RFC 6901) of a path of dots.
+/// Returns the JSON pointer (RFC 6901) of a dotted path.
 fn pointer(path: &str) -> String {
     let escaped = path.replace('~', "~0").replace('/', "~1");
     format!("/{}", escaped.replace('.', "/"))
 }
 
-/// The path in the tree that is most like `wanted`: one that ends with it, or else, of those with
-/// as many dots, the nearest by edits.
+/// Returns the path in the tree that is most like `wanted`: one that ends with it, or else the
+/// nearest by edit distance among those with as many dots.
 fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);
@@ -176,15 +176,15 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let all: Vec<&str> =
         all.iter().map(|path| path.strip_prefix("learner.").unwrap_or(path)).collect();
     let ending = format!(".{wanted}");
-    // the learner's come last, and are the likelier ones
+    // the learner's paths come last and are more likely, hence the search from the end
     let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
     let depth = |path: &str| path.matches('.').count();
     let alike = all.into_iter().filter(|path| depth(path) == depth(wanted));
     ends.or_else(|| nearest(alike, wanted)).map(str::to_owned)
 }
 
-/// The name that is nearest by edits, of which a third of its length is allowed, and three in any
-/// case: another word is no help.
+/// Returns the nearest name by edit distance, at most a third of the length of `wanted` or three:
+/// a name further away would not help.
 fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a str> {
     let length = wanted.chars().count();
     if length > LONGEST {
@@ -193,7 +193,7 @@ fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a
     let mut best = None;
     let mut most = (length / 3).max(3);
     for name in names {
-        // as many edits at least: comparing takes time, and most names are of another length
+        // lower bound of the distance, which saves the slow comparison for most names
         let least = name.chars().count().abs_diff(length);
         if least <= most {
             let edits = strsim::osa_distance(name, wanted);

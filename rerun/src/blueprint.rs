@@ -21,9 +21,10 @@ pub(crate) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
     let decision = run.experiment.envs.control.decision_seconds();
     let time = TimePanel::new().with_fps(decision.recip());
     // the stream's rollouts are for stepping through, and episodes for watching
-    let time = match has_stream {
-        true => time.with_timeline(ROLLOUTS).with_play_state(PlayState::Paused),
-        false => time.with_timeline(DECISION),
+    let time = if has_stream {
+        time.with_timeline(ROLLOUTS).with_play_state(PlayState::Paused)
+    } else {
+        time.with_timeline(DECISION)
     };
     Blueprint::new(Tabs::new(stream.into_iter().chain(groups))).with_time_panel(time)
 }

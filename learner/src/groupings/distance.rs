@@ -7,15 +7,15 @@ use crate::error::LearnerError;
 
 use super::grouping::{Candidates, Grouping, GroupingDecision, Needs, Query};
 
-/// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features:
-/// by a calibrated test, or by the paper's threshold.
+/// Grouping that compares the rollout's first frames `O` with every policy's `B`, in that policy's
+/// own features, by a calibrated test or the paper's threshold.
 #[derive(Clone, Copy, Debug)]
 pub struct Distance {
     assigner: Assigner,
 }
 
 impl Distance {
-    /// Takes the rule that accepts or refuses a policy.
+    /// Creates a grouping with the rule that accepts or rejects a policy.
     ///
     /// # Errors
     /// A setting of the rule out of range.
@@ -24,12 +24,12 @@ impl Distance {
         Ok(Self { assigner })
     }
 
-    /// Names the policy of episodes that nothing is learnt from.
+    /// Names the policy of episodes that are not used for training.
     ///
-    /// A frame that is strange to all policies, as those of another camera are, may by chance be
-    /// less strange in the features of a wrong one. So the two that fit best compete in the
-    /// features of both. The test says whether the winner fits. A policy that remembers too little
-    /// for a test is named where all others are doubted.
+    /// A frame unlike all remembered ones, for example of another camera, may by chance be less
+    /// distant in the features of a wrong policy. So the two best fits are compared in the features
+    /// of both, and the test decides if the winner fits. A policy that remembers too few episodes
+    /// for a test is named if all others are doubted.
     fn recognise(
         &self,
         candidates: &mut dyn Candidates,
@@ -79,7 +79,7 @@ impl Grouping for Distance {
         let began = candidates.began();
         let cut = self.assigner.cut(&clouds, &began, rng)?;
         if let Some(cut) = cut {
-            // where the episodes show two groups, the later one decides
+            // the policy acts in the later group from here on, so only that one decides
             let is_later = |&episode: &usize| began[episode] >= cut;
             let later: Vec<usize> = (0..began.len()).filter(is_later).collect();
             for cloud in &mut clouds {

@@ -13,18 +13,17 @@ use super::grouping::{
     Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Trial,
 };
 
-/// Compares accounts of episodes with those on which each policy learnt ([`evidence::Recogniser`]);
-/// a policy that is named in the place of another one must prove itself by acting.
+/// Grouping that compares summaries of episodes with those that each policy trained on
+/// ([`evidence::Recogniser`]). A policy that replaces another one must pass a trial.
 #[derive(Debug)]
 pub struct Evident {
     recogniser: Recogniser,
-    /// Cache of the latest pictures' descriptions, since a decision and the lesson that follows it
-    /// look at the same ones.
+    /// Cache of picture features: a decision and the lesson after it use the same pictures.
     album: Album,
 }
 
 impl Evident {
-    /// Knows no policy yet.
+    /// Creates a grouping without policies.
     ///
     /// # Errors
     /// A setting out of range.
@@ -32,7 +31,8 @@ impl Evident {
         Ok(Self { recogniser: Recogniser::new(settings)?, album: Album::default() })
     }
 
-    /// Returns the accounts of episodes. What another policy did says nothing of `policy`.
+    /// Returns the summaries of episodes, without motion and returns if a policy other than
+    /// `policy` collected them, since those depend on who acts.
     fn accounts(
         &mut self,
         episodes: Episodes<'_>,
@@ -69,7 +69,7 @@ impl Evident {
         }
     }
 
-    /// Weighs fewer episodes than the tests need by probabilities.
+    /// Decides on fewer episodes than the tests need, by the probabilities of the policies.
     fn likeliest(
         &self,
         accounts: &[Account],
@@ -116,8 +116,8 @@ impl Grouping for Evident {
         Ok(self.decision(finding, look))
     }
 
-    /// Two policies that seem to serve one group both act there before they are merged: the one
-    /// that was not at home there, and if it serves, the other one again.
+    /// Remembers a rollout, or merges two policies. Before that both act in the group: first the
+    /// one from another group, and if it serves this one, the policy of this group again.
     fn learn(&mut self, lesson: Lesson<'_>, rng: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         let (mut end, mut probe) = (None, None);
         match lesson {
@@ -146,8 +146,7 @@ impl Grouping for Evident {
     }
 
     fn state(&self) -> Value {
-        // lists of numbers have no value that fails; if one did, `restore` would refuse this text
-        // and show it
+        // numbers always serialise; if they did not, `restore` would reject this text and print it
         let state = self.recogniser.state(serde_json::value::Serializer);
         state.unwrap_or_else(|error| Value::String(format!("accounts were not saved: {error}")))
     }
@@ -157,7 +156,7 @@ impl Grouping for Evident {
         let read = restored.restore(state);
         read.map_err(|error| error.to_string())?;
         let known = restored.policies();
-        // a policy that was opened last may not have learnt anything
+        // a fresh learner has one policy, which has not trained yet
         if known != policies && (known, policies) != (0, 1) {
             return Err(format!("accounts of {known} policies, expected {policies}"));
         }

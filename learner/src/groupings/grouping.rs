@@ -137,7 +137,8 @@ pub struct GroupingDecision {
     pub provisional: bool,
     /// Policies that are out of the question until the next iteration.
     pub rejected: Vec<usize>,
-    /// Policies that the evidence accepts, the named one included, of a grouping that merges policies.
+    /// Policies that the evidence accepts, the named one included, of a grouping that merges
+    /// policies.
     pub accepted: Vec<usize>,
 }
 
