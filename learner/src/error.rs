@@ -66,7 +66,7 @@ pub enum LearnerError {
     NewerFormat {
         /// The checkpoint.
         path: PathBuf,
-        /// Its format.
+        /// Format of the checkpoint.
         format: u32,
         /// The newest format that this version reads.
         known: u32,
@@ -91,7 +91,7 @@ pub enum LearnerError {
     /// A setting that does not exist.
     #[error("there is no setting `{name}`{}", hint(nearest))]
     UnknownSetting {
-        /// Its path.
+        /// Path of the setting.
         name: String,
         /// The setting that is most like it.
         nearest: Option<String>,
@@ -105,7 +105,7 @@ pub enum LearnerError {
     /// A setting of the wrong type.
     #[error("setting `{path}`: {problem}")]
     WrongSetting {
-        /// Its path.
+        /// Path of the setting.
         path: String,
         /// Part that does not fit.
         problem: String,

@@ -1,4 +1,4 @@
-//! The trait of all groupings, what one is asked, and what it answers.
+//! Trait of all groupings, with their queries and answers.
 
 use cluster::{Assignment, Candidate, Contest, Decision, Evidence};
 use evidence::Course;
@@ -8,16 +8,15 @@ use serde_json::Value;
 
 use crate::error::LearnerError;
 
-/// Decides which policy a rollout belongs to (lines 8 to 14 of the paper's Algorithm 1).
+/// Assignment of rollouts to policies (lines 8 to 14 of the paper's Algorithm 1).
 ///
-/// Policy 0 exists from the start and takes the first rollout of all; a grouping is asked from the
-/// second one on.
+/// Policy 0 exists from the start and takes the very first rollout without a query.
 pub trait Grouping: Send {
-    /// Returns the experience that a decision takes.
+    /// Returns the experience that a decision requires.
     fn needs(&self) -> Needs;
 
-    /// Decides which policy the candidates' rollout belongs to. A new policy that it names is
-    /// opened, unless the query is [`Query::Recognition`].
+    /// Decides which policy the candidates' rollout belongs to. After
+    /// [`Decision::New`] a policy is created, unless the query is [`Query::Recognition`].
     ///
     /// # Errors
     /// Frames or episodes that cannot be compared.
@@ -28,7 +27,7 @@ pub trait Grouping: Send {
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError>;
 
-    /// Learns which episodes belong to a policy; unless it is said otherwise, nothing is kept.
+    /// Remembers which episodes belong to a policy. The default remembers nothing.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -36,15 +35,15 @@ pub trait Grouping: Send {
         Ok(Learned::default())
     }
 
-    /// Returns everything that a checkpoint must hold of it: nothing, unless it is said otherwise.
+    /// Returns the state for a checkpoint. The default has none.
     fn state(&self) -> Value {
         Value::Null
     }
 
-    /// Takes back what [`Grouping::state`] returned when there were `policies` policies.
+    /// Restores the result of [`Grouping::state`] from a learner with `policies` policies.
     ///
     /// # Errors
-    /// Problem, in words.
+    /// A description of the problem.
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
         match state {
             Value::Null => Ok(()),
@@ -53,18 +52,18 @@ pub trait Grouping: Send {
     }
 }
 
-/// Experience that a decision of a grouping takes.
+/// Experience that a decision of a grouping requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
-    /// Episodes that a rollout must show, and a policy keep, at least 1.
+    /// Number of episodes that a rollout must show, and a policy keep, at least 1.
     pub episodes: usize,
-    /// Whether it looks at episodes beyond their first frames. [`Episodes::courses`] are collected
-    /// for such groupings alone.
+    /// `true` if the grouping uses whole episodes and not only their first frames.
+    /// [`Episodes::courses`] are only collected if it does.
     pub whole_episodes: bool,
 }
 
 impl Needs {
-    /// Needs nothing but one episode's first frames.
+    /// Least requirement: the first frames of one episode.
     pub const LEAST: Self = Self { episodes: 1, whole_episodes: false };
 }
 
@@ -73,69 +72,68 @@ impl Needs {
 pub enum Query<'a> {
     /// The policy of one rollout. [`Decision::Undecided`] asks for one more.
     Rollout,
-    /// The policy of two rollouts, for good, after the first one left the grouping undecided.
+    /// The final policy of two rollouts, after the first one left the grouping undecided.
     TwoRollouts,
-    /// The policy of episodes that nothing is learnt from. One episode must do.
+    /// The policy of episodes that are not used for training, perhaps only one.
     Recognition,
-    /// Whether the policy that this decision named stays, judged by episodes that it collected
-    /// itself. It is only asked where the decision demands a [`Trial`].
+    /// Confirmation of the policy that this decision named, from episodes that it collected itself.
+    /// This query only follows a decision that demands a [`Trial`].
     Trial(&'a GroupingDecision),
 }
 
-/// Experience that a grouping may look at: the first frames of a rollout and of every policy.
+/// Experience that a grouping can use: the first frames of a rollout and of every policy.
 pub trait Candidates {
     /// Returns for each policy the frames that it keeps and those of the rollout, in its own
-    /// features. Costly: networks embed every frame.
+    /// features. This is slow, since networks embed every frame.
     ///
     /// # Errors
-    /// Those of a network.
+    /// Errors of a network.
     fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError>;
 
     /// Returns two policies' frames, of at most `most` episodes each, and those of the rollout, in
-    /// the features of the one and then of the other, as both are now.
+    /// the present features of the one and then of the other.
     ///
     /// # Errors
-    /// Those of a network.
+    /// Errors of a network.
     fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], LearnerError>;
 
-    /// Returns when each of the rollout's episodes began whose frames these are: decisions of all
+    /// Returns the time at which each episode of the rollout's frames began: decisions of all
     /// environments before it.
     fn began(&self) -> Vec<usize>;
 
-    /// Returns the episodes of the rollout as they ran.
+    /// Returns the whole episodes of the rollout.
     fn episodes(&self) -> Episodes<'_>;
 }
 
 /// Episodes of one rollout or two.
 #[derive(Clone, Copy, Debug)]
 pub struct Episodes<'a> {
-    /// The environments.
+    /// Specification of the environments.
     pub spec: &'a EnvSpec,
-    /// The policy that acted.
+    /// Index of the policy that acted.
     pub collector: usize,
-    /// The episodes, for groupings that need whole ones; one that was not seen to its end is marked
-    /// so.
+    /// Episodes, for groupings that need whole ones; an unfinished one is marked as such.
     pub courses: &'a [Course],
 }
 
-/// Answer of a grouping, with everything that the learner must know of it.
+/// Answer of a grouping to a query.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupingDecision {
     /// The policy that takes the rollout: an existing one, a new one, or undecided.
     pub policy: Decision,
-    /// The policy that fits best, accepted or not; none where nothing was compared.
+    /// The policy that fits best, accepted or not; `None` if nothing was compared.
     pub nearest: Option<usize>,
-    /// Evidence for each policy; empty where nothing was compared.
+    /// Evidence for each policy; empty if nothing was compared.
     pub evidence: Vec<Evidence>,
-    /// Where the rollout shows two groups, the decisions before the later one, which alone was
-    /// judged; of a trial, the earlier one.
+    /// Changepoint, in decisions, if the rollout shows two groups. Only the later group was judged,
+    /// or in a trial only the earlier one.
     pub cut: Option<usize>,
-    /// Proof that the named policy owes once it has taken over.
+    /// Trial of the named policy after it has taken over.
     pub trial: Trial,
-    /// Whether the evidence speaks against the named policy, so that it may not learn before its
+    /// `true` if there is evidence against the named policy, so that it must not train before its
     /// trial.
     pub provisional: bool,
-    /// Policies that are out of the question until the next iteration.
+    /// Policies that are rejected until the next iteration.
     pub rejected: Vec<usize>,
     /// Policies that the evidence accepts, the named one included, of a grouping that merges
     /// policies.
@@ -143,7 +141,7 @@ pub struct GroupingDecision {
 }
 
 impl From<Assignment> for GroupingDecision {
-    /// Takes a decision for good, on the whole rollout.
+    /// Converts a final decision on the whole rollout.
     fn from(assignment: Assignment) -> Self {
         Self {
             nearest: assignment.nearest(),
@@ -154,7 +152,7 @@ impl From<Assignment> for GroupingDecision {
 }
 
 impl GroupingDecision {
-    /// Returns a decision that rests on no evidence.
+    /// Returns a final decision without evidence.
     pub fn of(policy: Decision) -> Self {
         Self {
             policy,
@@ -169,34 +167,34 @@ impl GroupingDecision {
     }
 }
 
-/// Proof that a policy owes which a grouping named in the place of the one that acted.
+/// Trial of a policy that a grouping named in place of the one that acted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Trial {
-    /// None: the decision is for good.
+    /// No trial: the decision is final.
     #[default]
     None,
-    /// The rollout that it collects itself.
+    /// One rollout that the policy collects itself.
     Rollout,
-    /// Several policies may be meant: a few episodes, [`Needs::episodes`] and at least one in each
-    /// environment, and then that rollout.
+    /// A few episodes first, [`Needs::episodes`] and at least one in each environment, since
+    /// several policies may fit; then one rollout.
     Episodes,
 }
 
-/// Episodes that a grouping learns from.
+/// Episodes that a grouping remembers.
 #[derive(Clone, Copy, Debug)]
 pub enum Lesson<'a> {
-    /// `policy` is about to learn from this rollout.
+    /// Rollout that `policy` is about to train on.
     Rollout {
-        /// The policy.
+        /// Index of the policy.
         policy: usize,
         /// [`GroupingDecision::accepted`] of the last decision.
         accepted: &'a [usize],
-        /// The rollout.
+        /// Episodes of the rollout.
         episodes: Episodes<'a>,
     },
-    /// The policies that [`Learned::probe`] asked for acted where `policy` is at home.
+    /// Episodes of the policies that [`Learned::probe`] asked for, in the group of `policy`.
     Probes {
-        /// The policy that learnt.
+        /// Index of the policy that trained.
         policy: usize,
         /// All probes since then, in their order.
         probes: &'a [Episodes<'a>],
@@ -206,14 +204,13 @@ pub enum Lesson<'a> {
 /// Answer of a grouping to a lesson.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Learned {
-    /// Where the end of the rollout shows another group, the decisions before it: what follows is
-    /// not to be learnt from.
+    /// Changepoint, in decisions, if the end of the rollout shows another group; later steps must
+    /// not be used for training.
     pub end: Option<usize>,
-    /// A policy that is to act next for [`Needs::episodes`], since it may serve the same group.
-    /// [`Lesson::Probes`] tells the grouping what came of it.
+    /// Policy that must act next for [`Needs::episodes`], since it may serve the same group. The
+    /// grouping receives its episodes as [`Lesson::Probes`].
     pub probe: Option<usize>,
-    /// For each policy the one that acts for its group since the two were merged; empty for
-    /// groupings that merge no policies.
+    /// Policy that each one was merged into, if any; empty for groupings that merge no policies.
     pub merged_into: Vec<Option<usize>>,
 }
 
@@ -222,13 +219,12 @@ pub struct Learned {
 pub struct Recognised {
     /// The policy that fits best.
     pub policy: usize,
-    /// Whether it may be the right one; otherwise none of the policies is known to fit.
+    /// `true` if the evidence accepts this policy; otherwise none is known to fit.
     pub fits: bool,
 }
 
 impl From<&GroupingDecision> for Recognised {
-    /// Takes the policy that was named; the nearest where none was, or policy 0 where nothing was
-    /// compared.
+    /// Takes the named policy, or else the nearest one, or policy 0 if nothing was compared.
     fn from(decision: &GroupingDecision) -> Self {
         match decision.policy {
             Decision::Existing(policy) => Self { policy, fits: true },
@@ -240,7 +236,7 @@ impl From<&GroupingDecision> for Recognised {
 }
 
 impl Recognised {
-    /// Returns the policy that is taken for the right one.
+    /// Returns the policy if the evidence accepts it.
     pub fn named(self) -> Option<usize> {
         self.fits.then_some(self.policy)
     }

@@ -1,4 +1,4 @@
-//! Groupings that look at nothing: one policy for each label, the upper bound that the paper calls
+//! Groupings without evidence: one policy for each label, the upper bound that the paper calls
 //! COVERS-GT, and one policy for everything.
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,7 +12,7 @@ use crate::error::LearnerError;
 
 use super::grouping::{Candidates, Grouping, GroupingDecision, Learned, Lesson, Needs, Query};
 
-/// Gives every rollout to policy 0: the paper's baselines Equi and CNN.
+/// Grouping that assigns every rollout to policy 0: the paper's baselines Equi and CNN.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Single;
 
@@ -31,13 +31,12 @@ impl Grouping for Single {
     }
 }
 
-/// The name of the group that runs, shared by a run, which writes it, and an oracle, which reads
-/// it.
+/// Ground-truth label of the present group, written by a run and read by an oracle.
 #[derive(Clone, Debug, Default)]
 pub struct Labels(Arc<Mutex<Option<String>>>);
 
 impl Labels {
-    /// Says which group runs from here on.
+    /// Sets the label of the group that runs from here on.
     pub fn set(&self, group: &str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(group.to_owned());
     }
@@ -48,7 +47,7 @@ impl Labels {
     }
 }
 
-/// Opens one policy for each label. The only grouping that receives labels.
+/// Grouping that creates one policy for each label, the only one that receives labels.
 #[derive(Debug)]
 pub struct Oracle {
     labels: Labels,
@@ -57,7 +56,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// Reads the labels that a run writes.
+    /// Creates a grouping that reads the labels written by a run.
     pub(crate) fn new(labels: Labels) -> Self {
         Self { labels, known: Vec::new() }
     }
@@ -80,7 +79,7 @@ impl Grouping for Oracle {
     ) -> Result<GroupingDecision, LearnerError> {
         let label = self.labels.get().ok_or_else(unlabelled)?;
         let policy = self.policy(&label);
-        // labels may change before the new policy learns: what it is opened for is known now
+        // the label may change before the new policy trains, so it is recorded here
         if policy.is_none() && !matches!(query, Query::Recognition) {
             self.known.push(label);
         }
@@ -88,7 +87,7 @@ impl Grouping for Oracle {
         Ok(GroupingDecision::of(decision))
     }
 
-    /// Takes the label of the first rollout of all, about which nobody was asked.
+    /// Records the label of the very first rollout, for which there is no query.
     fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         if self.known.is_empty() {
             self.known.push(self.labels.get().unwrap_or_default());
@@ -102,7 +101,7 @@ impl Grouping for Oracle {
 
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
         let known: Vec<String> = Vec::deserialize(state).map_err(|error| error.to_string())?;
-        // before the first rollout there is a policy, and no label
+        // before the first rollout there is policy 0, but no label yet
         if known.len() != policies && !(known.is_empty() && policies == 1) {
             return Err(format!("{} labels of {policies} policies", known.len()));
         }
@@ -111,7 +110,7 @@ impl Grouping for Oracle {
     }
 }
 
-/// The error of an oracle that nobody told a label.
+/// Returns the error of an oracle without a label.
 pub(super) fn unlabelled() -> LearnerError {
     LearnerError::Setting {
         name: "grouping",

@@ -78,6 +78,7 @@ impl<S: CollectionSettings> Collection<S> {
             generators: Generators::new(common.seed),
             settings,
         };
+        // policy 0 takes the first rollout, for which there is nothing to compare
         collection.open_policy(None)?;
         Ok(collection)
     }
@@ -98,7 +99,7 @@ impl<S: CollectionSettings> Collection<S> {
         Ok(self.policies.len() - 1)
     }
 
-    /// Refuses a policy that does not exist.
+    /// Checks that a policy exists.
     fn check_policy(&self, index: usize) -> Result<usize, LearnerError> {
         if index < self.policies.len() {
             return Ok(index);
@@ -137,7 +138,7 @@ impl<S: CollectionSettings> PolicyEntry<S> {
     }
 }
 
-/// The policies beside the first frames of a rollout.
+/// Policies and the rollout that is assigned to one of them.
 struct CandidateClouds<'a, S: CollectionSettings> {
     policies: &'a mut [PolicyEntry<S>],
     frames: &'a [FirstFrames],
@@ -184,6 +185,7 @@ impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
             let [first, second] = rivals.map(|rival| embed(policy, buffers[rival]));
             Ok(Contest { rollout: embed(policy, self.frames)?, rivals: [first?, second?] })
         };
+        // features of both policies, since those of the wrong one may distort distances
         let [first, second] = rivals.map(&mut contest);
         Ok([first?, second?])
     }
@@ -208,6 +210,7 @@ struct Generators {
 
 impl Generators {
     fn new(seed: u64) -> Self {
+        // streams of one seed are independent; their numbers are part of the reproducible results
         let stream = |index| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(index);

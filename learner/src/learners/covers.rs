@@ -18,7 +18,7 @@ use super::collection::{
 };
 use super::device::LearningDevice;
 
-/// The learner of the paper: a growing collection of policies, trained by PPO.
+/// Learner of the paper: a growing collection of policies, trained by PPO.
 pub type Covers = Collection<CoversSettings>;
 
 /// Settings of [`Covers`].
@@ -39,8 +39,9 @@ pub struct CoversSettings {
     pub first_frames: usize,
     /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
     pub rollout_steps: usize,
-    /// Share of the noise of an action that goes on in the next action, in [0, 1): the correlation of
-    /// the two ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
+    /// Share of the noise of an action that goes on in the next action, in [0, 1): the correlation
+    /// of the two
+    /// ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
     pub noise_correlation: f32,
     /// Episodes of first frames kept per policy, a uniform sample; without a number all of them, as
     /// the paper's `B`, at the price of memory and of transport problems that grow with the stream.
@@ -51,7 +52,7 @@ pub struct CoversSettings {
     pub new_policy: NewPolicy,
     /// Seed of everything that the learner draws.
     pub seed: u64,
-    /// Device on which policies learn: not in a file.
+    /// Device that policies train on, which is not stored.
     #[serde(skip)]
     pub device: LearningDevice,
 }
@@ -92,7 +93,7 @@ impl CoversSettings {
         }
     }
 
-    /// Makes the update of `policy` on the device where policies learn.
+    /// Creates the update of `policy` on the chosen device.
     fn ppo(&self, policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
         match &self.device {
             LearningDevice::Processor => Ppo::new(self.ppo.clone(), policy),
@@ -138,7 +139,7 @@ impl CollectionSettings for CoversSettings {
     }
 }
 
-/// Learns from one rollout after the other and keeps none.
+/// Training by PPO, on one rollout at a time.
 pub struct PpoTraining {
     ppo: Ppo,
 }

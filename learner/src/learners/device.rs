@@ -1,4 +1,4 @@
-//! Where policies learn.
+//! Devices that policies train on.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,9 +7,9 @@ use crate::error::LearnerError;
 
 /// Device that the updates of policies run on.
 ///
-/// It is in no settings and in no checkpoint, so a run may go on elsewhere; a run's provenance
-/// names the GPU. Sums are rounded in another way there, so the same bits come only where nothing
-/// changes.
+/// No settings file or checkpoint contains the device, so a run can continue on another one; its
+/// provenance names the GPU. Devices round sums differently, so results are bit-identical on one
+/// device only.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum LearningDevice {
     /// On the processor.
@@ -21,7 +21,7 @@ pub enum LearningDevice {
 }
 
 impl LearningDevice {
-    /// The GPU's name, if it is one.
+    /// Returns the name of the GPU; `None` on the processor.
     pub fn gpu(&self) -> Option<&str> {
         match self {
             Self::Processor => None,
@@ -31,7 +31,7 @@ impl LearningDevice {
     }
 }
 
-/// Choice of the device that policies learn on.
+/// Choice of the device that policies train on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// On the processor.
@@ -48,7 +48,7 @@ impl DeviceChoice {
     /// All choices.
     pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::Auto];
 
-    /// Name of the choice, as in `--device gpu`.
+    /// Returns the name of the choice, as in `--device gpu`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -57,7 +57,7 @@ impl DeviceChoice {
         }
     }
 
-    /// Opens what was chosen, for a learner whose updates can run on a GPU.
+    /// Opens the chosen device, for a learner whose updates can run on a GPU.
     ///
     /// # Errors
     /// [`LearnerError::Setting`] for a GPU where the program was built without the feature `wgpu`;

@@ -11,7 +11,7 @@ use crate::disk::{LocalDisk, replace};
 use crate::error::LearnerError;
 use crate::groupings::Recognised;
 
-/// Learns from a stream of tasks. No method has a place for a task's label.
+/// Learner on a stream of tasks. No method takes a task's label.
 pub trait Learner: Send {
     /// Collects experience in `env`, whose episodes begin anew, and learns from it.
     ///
@@ -45,8 +45,8 @@ pub trait Learner: Send {
         rounds: usize,
     ) -> Result<Performance, LearnerError>;
 
-    /// Returns all numbers of policy `index` that [`Learner::perform`] depends on, so that one which
-    /// has not changed need not perform again. None where a learner does not say.
+    /// Returns all numbers of policy `index` that [`Learner::perform`] depends on, so that one
+    /// which has not changed need not perform again. The default is `None`.
     fn parameters(&self, _index: usize) -> Option<&[f32]> {
         None
     }
@@ -54,9 +54,9 @@ pub trait Learner: Send {
     /// Returns policy `index` in ordinary layers, and its answers to `observations`.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotExportable`] for one
-    /// that other programs have no layers for, [`LearnerError::Unexportable`] for learners that
-    /// write none.
+    /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotExportable`]
+    /// for one that other programs have no layers for, [`LearnerError::Unexportable`] for learners
+    /// that write none.
     fn export(
         &mut self,
         _index: usize,
@@ -68,8 +68,8 @@ pub trait Learner: Send {
     /// Returns the number of policies, at least 1.
     fn policies(&self) -> usize;
 
-    /// Returns the bytes of a file that holds the learner and a note of the caller's; equal learners give
-    /// equal bytes. `path` is where they will be written, for errors to name.
+    /// Returns the bytes of a file that holds the learner and a note of the caller's; equal
+    /// learners give equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
     /// [`LearnerError::NotFinite`] for a learner with a number that is not finite;
@@ -91,26 +91,26 @@ pub trait Learner: Send {
 pub struct Performance {
     /// Returns and successes of the episodes.
     pub stats: RolloutStats,
-    /// Outputs of the units of the policy's network along the way; none seen where a learner has no
-    /// such units.
+    /// Activity of the units of the policy's network during the episodes; empty for a learner
+    /// without such units.
     pub activity: UnitActivity,
 }
 
 /// Report of one call of [`Learner::learn`].
 #[derive(Clone, Debug, Default)]
 pub struct Iteration {
-    /// Index of the policy that learnt.
+    /// Index of the policy that trained.
     pub policy: usize,
-    /// `true` where that policy was created in this iteration.
+    /// `true` if that policy was created in this iteration.
     pub created: bool,
     /// Evidence of the grouping, one item for each policy that was compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
-    /// Evidence of the first look, where it left the grouping undecided and one more rollout was
-    /// collected: `evidence` is that of both.
+    /// Evidence of the first rollout, if it left the grouping undecided and one more was collected;
+    /// `evidence` then rests on both.
     pub first_look: Option<Vec<Evidence>>,
-    /// For each policy the one that acts for its group since the two were merged; empty for
-    /// learners and groupings that merge no policies.
+    /// Policy that each one was merged into, if any; empty for learners and groupings that merge no
+    /// policies.
     pub merged_into: Vec<Option<usize>>,
     /// Decisions taken, discarded ones included.
     pub decisions: usize,
@@ -151,7 +151,7 @@ pub enum Extent {
 pub enum Metric {
     /// A number.
     Number(f64),
-    /// One number for each policy, in their order; none where there was nothing to measure.
+    /// One number for each policy, in their order; `None` if there was nothing to measure.
     PerPolicy(Vec<Option<f64>>),
 }
 

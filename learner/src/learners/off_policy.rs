@@ -35,7 +35,7 @@ pub type OffPolicy = Collection<OffPolicySettings>;
 pub struct OffPolicySettings {
     /// Sizes of each policy's network.
     pub network: NetworkSettings,
-    /// A memory of the last steps of an episode, for the actor and the critics; none if it is null.
+    /// Memory of the last steps of an episode, for the actor and the critics; no memory if null.
     pub context: Option<ContextSettings>,
     /// The policy update.
     pub sac: SacSettings,
@@ -66,9 +66,9 @@ pub struct OffPolicySettings {
 }
 
 impl OffPolicySettings {
-    /// Returns CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary policy and
-    /// one replay of 200,000 steps, the newest of which are drawn more often. The paper does not
-    /// say which those are, nor how often.
+    /// Returns CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary
+    /// policy and one replay of 200,000 steps, the newest of which are drawn more often. The paper
+    /// does not say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
             network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
@@ -80,7 +80,7 @@ impl OffPolicySettings {
             },
             capacity: 200_000,
             warm_up: 1000,
-            // the picture at the beginning of the episode
+            // three channels for the first picture of the episode
             still_channels: 3,
             newest_steps: 10_000,
             grouping: GroupingSettings::Single,
@@ -99,8 +99,8 @@ impl OffPolicySettings {
         settings
     }
 
-    /// Returns 3RL as COVERS compares with it: CLEAR with a context of the last five steps. Windows are
-    /// longer, since their steps share the observations that contexts read.
+    /// Returns 3RL as COVERS compares with it: CLEAR with a context of the last five steps. Windows
+    /// are longer, since their steps share the observations that contexts read.
     pub fn three_rl() -> Self {
         let clear = Self::clear();
         Self {
@@ -110,8 +110,8 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns equivariant policies under COVERS's grouping, each with a replay of its own that is moved by
-    /// random group elements.
+    /// Returns equivariant policies under COVERS's grouping, each with a replay of its own that is
+    /// moved by random group elements.
     pub fn equi_sac() -> Self {
         let clear = Self::clear();
         Self {
@@ -136,7 +136,7 @@ impl OffPolicySettings {
         ReplaySettings {
             capacity: self.capacity,
             steps: self.rollout_steps / spec.num_envs.max(1),
-            // a staged rollout warms up, before it is known whose it is
+            // a staged rollout does the warm-up, before it is assigned to a policy
             warm_up: 0,
             still_channels: self.still_channels,
         }
@@ -191,7 +191,7 @@ impl CollectionSettings for OffPolicySettings {
     }
 }
 
-/// Keeps the latest steps of one policy's rollouts in a replay and learns from those.
+/// Training by soft actor-critic from a replay of the latest steps of one policy's rollouts.
 pub struct SacTraining {
     sac: Sac,
     replay: Replay,
@@ -210,7 +210,7 @@ impl Training for SacTraining {
         rollout.warm_up(self.warm_up.saturating_sub(recorded));
     }
 
-    /// A replay takes steps of any policy as they are.
+    /// Does nothing: a replay takes steps of any policy unchanged.
     fn take_over(_: &mut SacPolicy, _: &mut StagedRollout) -> Result<(), RlError> {
         Ok(())
     }

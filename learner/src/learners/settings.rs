@@ -102,7 +102,7 @@ impl LearnerSettings {
         each!(self, settings => settings.network.group = group);
     }
 
-    /// Chooses where policies learn.
+    /// Sets the device that policies train on.
     ///
     /// # Errors
     /// Those of [`DeviceChoice::open`], and a GPU for learners whose updates run on the processor
@@ -135,13 +135,12 @@ impl LearnerSettings {
         }
     }
 
-    /// Tests whether it may keep more than one policy.
+    /// Returns `true` if the learner may keep more than one policy.
     pub fn tells_groups_apart(&self) -> bool {
         self.common().grouping != GroupingSettings::Single
     }
 
-    /// Returns why it makes no sense to ask it which policy a group belongs to, where that makes
-    /// none.
+    /// Returns the reason why the learner cannot name the policy of a group; `None` if it can.
     pub fn cannot_be_asked(&self) -> Option<&'static str> {
         match self.common().grouping {
             GroupingSettings::Single => Some("there is one policy for everything"),
@@ -150,7 +149,8 @@ impl LearnerSettings {
         }
     }
 
-    /// Returns the distance above which a rollout is of another group, where the grouping has one for good.
+    /// Returns the distance above which a rollout is of another group, where the grouping has one
+    /// for good.
     pub fn fixed_threshold(&self) -> Option<f64> {
         match self.common().grouping {
             GroupingSettings::Threshold { threshold } => Some(threshold),
@@ -158,7 +158,7 @@ impl LearnerSettings {
         }
     }
 
-    /// Tests whether the distances of a rollout are of one unit with those of its permutations.
+    /// Returns `true` if distances of a rollout and of its permutations have one unit.
     pub fn permutes_distances(&self) -> bool {
         !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }

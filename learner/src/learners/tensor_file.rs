@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::LearnerError;
 
-/// The format of files, counted up with every change that older versions could not read.
+/// Format of files, which increases with every change that older versions could not read.
 pub(super) const FORMAT: u32 = 5;
 /// The key of the header.
 const KEY: &str = "covers";
@@ -62,7 +62,7 @@ impl Tensor {
         }
     }
 
-    /// Refuses numbers that are not finite.
+    /// Rejects numbers that are not finite.
     fn check(&self, path: &Path) -> Result<(), LearnerError> {
         if self.dtype != Dtype::F32 {
             return Ok(());
@@ -89,7 +89,8 @@ impl Tensor {
 /// Returns the bytes of a file with a header and arrays. Equal contents give equal bytes.
 ///
 /// # Errors
-/// [`LearnerError::NotFinite`], [`LearnerError::Write`] for the file at `path`, which is not touched.
+/// [`LearnerError::NotFinite`], [`LearnerError::Write`] for the file at `path`, which is not
+/// touched.
 pub(super) fn encode(
     path: &Path,
     header: &impl Serialize,
@@ -102,7 +103,7 @@ pub(super) fn encode(
     seal(bytes).map_err(|error| LearnerError::write(path, error))
 }
 
-/// There is one key of metadata, since the order of several could vary.
+/// Returns the bytes of a file whose checksum is still zero.
 fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorError> {
     let space = Tensor::bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
     let mut views = Vec::with_capacity(tensors.len() + 1);
@@ -110,11 +111,12 @@ fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorEr
         let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes)?;
         views.push((&tensor.name, view));
     }
+    // a single key, since the order of several could vary and with it the bytes of the file
     let metadata = [(KEY.to_owned(), header)].into_iter().collect();
     safetensors::serialize(views, Some(metadata))
 }
 
-/// Fills the space of the checksum in.
+/// Writes the checksum into its place.
 fn seal(mut bytes: Vec<u8>) -> Result<Vec<u8>, SafeTensorError> {
     let (length, metadata) = SafeTensors::read_metadata(&bytes)?;
     let Some(range) = checksum_range(length, &metadata) else {
@@ -132,8 +134,8 @@ fn checksum_range(length: usize, metadata: &Metadata) -> Option<Range<usize>> {
     (to - from == 4).then_some(start + from..start + to)
 }
 
-/// The CRC-32 (IEEE 802.3) of the whole file, with zeros in the place of the checksum itself: it
-/// tells of every flipped bit and of every run of up to 32 damaged ones.
+/// Returns the CRC-32 (IEEE 802.3) of the whole file, with zeros in place of the checksum itself.
+/// It detects every flipped bit and every burst of up to 32 damaged bits.
 fn checksum(bytes: &[u8], place: Range<usize>) -> u32 {
     let mut hasher = crc32fast::Hasher::new();
     hasher.update(&bytes[..place.start]);
@@ -180,8 +182,7 @@ pub struct TensorFile<'a> {
 }
 
 impl<'a> TensorFile<'a> {
-    /// Opens the bytes of the file at `path`. No byte is believed before the checksum was found to
-    /// be right.
+    /// Opens the bytes of the file at `path`, after verifying the checksum.
     pub fn open<H: DeserializeOwned>(
         path: &'a Path,
         bytes: &'a [u8],
@@ -194,6 +195,7 @@ impl<'a> TensorFile<'a> {
             .ok_or_else(|| LearnerError::damaged(path, format!("there is no metadata `{KEY}`")))?;
         let read_json = |error| LearnerError::read(path, error);
         let Format { format } = serde_json::from_str(header).map_err(read_json)?;
+        // the format is read alone first: headers of other formats may have other fields
         check_format(path, format)?;
         let Envelope { header, .. } = serde_json::from_str(header).map_err(read_json)?;
         let file = SafeTensors::deserialize(bytes).map_err(read)?;

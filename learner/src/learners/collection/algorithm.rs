@@ -23,8 +23,8 @@ use super::episodes::{FirstFrames, Observed, courses, first_frames};
 use super::settings::{CollectionSettings, NewPolicy, RolloutOf, Training};
 use super::{CandidateClouds, Collection, PolicyEntry};
 
-/// Decisions of an episode from one look at the units of a network to the next: a look costs about
-/// as much as a decision with its picture.
+/// Interval between measurements of a network's units, in decisions of an episode.
+// One measurement costs about as much as a decision with its picture.
 const BETWEEN_LOOKS: usize = 10;
 
 impl<S: CollectionSettings> Learner for Collection<S> {
@@ -65,7 +65,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         Ok(iteration)
     }
 
-    /// Looks at the first frames of the episodes that are asked for, or of as many as the grouping
+    /// Collects the first frames of the requested number of episodes, or of as many as the grouping
     /// needs, at least one in each environment.
     fn recognise(
         &mut self,
@@ -142,7 +142,7 @@ impl<S: CollectionSettings> Collection<S> {
         Ok(())
     }
 
-    /// Refuses rollouts that end before an episode does: nothing would be learnt of late states.
+    /// Rejects rollouts shorter than an episode, which would never reach its late states.
     fn check_horizon(&self, env: &dyn VectorEnv) -> Result<(), RlError> {
         let steps = self.rollout.steps();
         match env.horizon() {
@@ -172,7 +172,7 @@ impl<S: CollectionSettings> Collection<S> {
         if self.grouping.needs().whole_episodes { courses(rollout, before) } else { Vec::new() }
     }
 
-    /// Refuses a rollout that shows too few first frames to be assigned.
+    /// Rejects a rollout with too few first frames to be assigned.
     fn check_episodes(&self, got: usize) -> Result<(), LearnerError> {
         let needed = self.grouping.needs().episodes;
         if got >= needed {
@@ -245,7 +245,7 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Improves the current policy with the rollout (line 15); returns what is logged.
+    /// Updates the current policy with the rollout (line 15); returns the values to log.
     fn update(&mut self, seconds: &mut Seconds) -> Result<Vec<(String, f64)>, LearnerError> {
         let clock = Instant::now();
         let PolicyEntry { policy, training, .. } = &mut self.policies[self.current];
@@ -255,8 +255,8 @@ impl<S: CollectionSettings> Collection<S> {
         Ok(logged)
     }
 
-    /// Collects new episodes that nothing is learnt from: exactly this many, or at least as many as
-    /// the grouping needs.
+    /// Collects new episodes that are not used for training: exactly this many, or at least as many
+    /// as the grouping needs.
     fn watch(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -271,6 +271,7 @@ impl<S: CollectionSettings> Collection<S> {
             let mut state = RolloutState::reset(env, policy)?;
             collect(env, policy, &mut rollout, &mut state, rng)?;
             let seen = self.observe_in(&rollout, 0);
+            // no episode is long enough: without this error the loop would never end
             if seen.frames.is_empty() {
                 self.check_episodes(0)?;
             }

@@ -1,4 +1,5 @@
-//! The learner as one file: everything that its next rollout depends on, and a note of the caller's.
+//! The learner as one file: everything that its next rollout depends on, and a note of the
+//! caller's.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -20,8 +21,8 @@ use super::episodes::FirstFrames;
 use super::settings::{CollectionSettings, Training};
 use super::{Collection, Generators, PolicyEntry};
 
-/// The array of the note. The header of a safetensors file has at most 100 MB, and a note grows
-/// with its run.
+/// Name of the array that holds the note.
+// Not in the header: that of a safetensors file has at most 100 MB, and a note grows with its run.
 const NOTE: &str = "note";
 
 fn note_tensor(note: &str) -> Tensor {
@@ -35,7 +36,7 @@ fn note_tensor(note: &str) -> Tensor {
 /// [`LearnerError::Read`], [`LearnerError::NewerFormat`].
 pub fn read_note(path: &Path) -> Result<String, LearnerError> {
     let bytes = std::fs::read(path).map_err(|error| LearnerError::read(path, error))?;
-    let (_, file): (IgnoredAny, _) = TensorFile::open(path, &bytes)?;
+    let (_, file) = TensorFile::open::<IgnoredAny>(path, &bytes)?;
     file.text(NOTE)
 }
 
@@ -56,7 +57,7 @@ struct Header<'a, S: Clone> {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct EntryHeader {
-    /// Counters of the policy update by name; none where its state was left out.
+    /// Counters of the policy update by name; `None` if its state was left out.
     counters: Option<BTreeMap<String, u64>>,
     /// Episodes offered to the buffer so far.
     seen: u64,
@@ -85,7 +86,7 @@ impl<S: CollectionSettings> Collection<S> {
         encode(path, &header, &tensors)
     }
 
-    /// Refuses to keep so few frames that a copy could not recognise anything.
+    /// Rejects an extent with too few frames for a copy to recognise groups.
     fn check_extent(&self, extent: Extent) -> Result<(), LearnerError> {
         match extent {
             Extent::Policies { episodes } if episodes < self.grouping.needs().episodes => {
@@ -103,8 +104,9 @@ impl<S: CollectionSettings> Collection<S> {
     /// learnt in, with the grouping that the settings name; returns the note, too.
     ///
     /// # Errors
-    /// [`LearnerError::Read`] for a file that is missing, damaged, or belongs to other environments;
-    /// a grouping that needs labels, or one that does not take the saved state of another.
+    /// [`LearnerError::Read`] for a file that is missing, damaged, or belongs to other
+    /// environments; a grouping that needs labels, or one that does not take the saved state of
+    /// another.
     pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), LearnerError> {
         let grouping = |settings: &S| settings.common().grouping.build();
         Checkpoint::read(path)?.open(None, spec, true, grouping)
@@ -144,7 +146,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 }
 
-/// The bytes of a file.
+/// Bytes of a checkpoint and their path, for error messages.
 struct Checkpoint<'a> {
     path: &'a Path,
     bytes: Vec<u8>,
@@ -175,7 +177,7 @@ impl<'a> Checkpoint<'a> {
             header.settings = Cow::Owned(settings.clone());
         }
         let mut grouping = grouping(&header.settings)?;
-        // sizes are read by what the settings say, so those come first
+        // the settings determine the sizes of arrays, so they are checked first
         let common = header.settings.common();
         common
             .steps_per_env(spec, grouping.needs().episodes)
@@ -305,6 +307,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         let (spec, k) = (self.spec, self.settings.common().first_frames);
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
+        // a buffer without episodes is written with zero frames
         let frames = if count == 0 { 0 } else { k };
         self.check_shape(images, &shape, &[&[count, frames], spec.image.as_slice()].concat())?;
         let (shape, numbers) = self.file.floats(vectors)?;

@@ -9,9 +9,10 @@ use rl::{EnvSpec, Features, Observations, Outcome, RlError, RolloutBuffer};
 
 use crate::error::LearnerError;
 
-/// The first observations of one episode.
+/// First observations of one episode.
 pub(super) struct FirstFrames {
-    /// Decisions of all environments before it, since the look began that it is of.
+    /// Decisions of all environments between the start of the assignment's first rollout and the
+    /// episode.
     began: usize,
     count: usize,
     observations: Observations,
@@ -23,7 +24,8 @@ impl FirstFrames {
         Self { began: 0, count, observations }
     }
 
-    /// Returns the decisions of all environments before it, since the look began that it is of.
+    /// Returns the decisions of all environments between the start of the assignment's first
+    /// rollout and the episode.
     pub(super) fn began(&self) -> usize {
         self.began
     }
@@ -39,25 +41,26 @@ impl FirstFrames {
     }
 }
 
-/// Experience of one look at a task.
+/// Experience that one assignment uses: one rollout or two.
 #[derive(Default)]
 pub(super) struct Observed {
-    /// The first frames of its episodes: the paper's `O`.
+    /// First frames of the episodes: the paper's `O`.
     pub frames: Vec<FirstFrames>,
-    /// The episodes as they ran; none where the grouping does not need whole ones.
+    /// Whole episodes; empty if the grouping does not need them.
     pub courses: Vec<Course>,
 }
 
 impl Observed {
-    /// Adds a later part of the same look.
+    /// Appends a later rollout.
     pub fn extend(&mut self, later: Self) {
         self.frames.extend(later.frames);
         self.courses.extend(later.courses);
     }
 
-    /// Leaves out frames of episodes that began before a cut, which are of the group before. All
-    /// stay where no later one showed enough observations.
+    /// Removes frames of episodes that began before a changepoint, which belong to the earlier
+    /// group. Without later frames all stay.
     pub fn keep_later(&mut self, cut: Option<usize>) {
+        // `None` is less than any `Some`, so without a changepoint all frames are later
         let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
         if self.frames.iter().any(is_later) {
             self.frames.retain(is_later);
@@ -195,8 +198,8 @@ pub(super) fn courses<R: Rollout>(rollout: &R, before: usize) -> Vec<Course> {
     courses
 }
 
-/// Returns the invariant features of episodes, as `policy` sees them now: features drift while a policy
-/// learns, so frames are embedded afresh.
+/// Returns the invariant features of episodes, as `policy` sees them now: features drift while a
+/// policy learns, so frames are embedded afresh.
 pub(super) fn embed<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],

@@ -43,12 +43,12 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Sees to it that the current policy, which `decision` named, may learn from the rollout of
-    /// `collector`, or collects one with it: the paper does not say that a rollout of another
-    /// policy is off-policy. Returns the policy that collected the rollout.
+    /// Prepares the rollout of `collector` for training the current policy, which `decision` named,
+    /// or collects a new one with it, since a rollout of another policy is off-policy. Returns the
+    /// policy that collected the rollout.
     ///
-    /// Where the decision demands a trial, the grouping judges each rollout and may name other
-    /// policies, which then collect theirs.
+    /// If the decision demands a trial, the grouping judges each new rollout and may name other
+    /// policies, which then collect their own.
     pub(super) fn hand_over(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -64,6 +64,7 @@ impl<S: CollectionSettings> Collection<S> {
             S::Training::take_over(policy, &mut self.rollout)?;
             return Ok(collector);
         }
+        // ends because a grouping names no rejected policy again, and a new one needs no trial
         loop {
             self.keep_if_cut(decision, 0);
             if decision.trial == Trial::Episodes
@@ -85,8 +86,8 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Tests whether the policy that was named may learn from a rollout of another one: a rollout
-    /// of two groups is nobody's, and a provisional policy must act before it learns.
+    /// Returns `true` if the named policy may train on a rollout of another one. A rollout of two
+    /// groups is discarded, and a provisional policy must act before it trains.
     fn may_reuse(&self, decision: &GroupingDecision) -> bool {
         self.settings.common().handover == Handover::Reuse
             && decision.cut.is_none()
@@ -113,7 +114,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Lets the current policy act for as many episodes as the grouping needs, at least one in each
-    /// environment. None where that takes no less than a rollout, or nobody knows how long.
+    /// environment. Returns `None` if that takes as long as a rollout or the horizon is unknown.
     fn probe(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -157,9 +158,9 @@ impl<S: CollectionSettings> Collection<S> {
         Ok(learned)
     }
 
-    /// Lets policies act that may serve the group of the current one, too, until the grouping knows
-    /// whether to merge them. One of two goes on for both, with its parameters, its optimiser and
-    /// its number.
+    /// Lets policies act that may also serve the group of the current one, until the grouping has
+    /// decided on a merge. One of the two continues for both, with its parameters, optimiser and
+    /// index.
     pub(super) fn merge_duplicates(
         &mut self,
         env: &mut dyn VectorEnv,

@@ -167,8 +167,8 @@ impl CommonSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Handover {
-    /// Its first frames feed the buffer; the assigned policy collects a rollout of its own to learn
-    /// from. Both count as decisions.
+    /// New rollout of the assigned policy, which trains on that; the first frames of the old one go
+    /// into its buffer. Both count as decisions.
     #[default]
     CollectAgain,
     /// The assigned policy learns from it, with its own log-probabilities and values

@@ -1,10 +1,11 @@
-//! The pictures of a replay in a checkpoint: without loss, and much smaller.
+//! Lossless compression of a replay's pictures in a checkpoint.
 //!
 //! Most pixels of a table stay as they are from one picture to the next. So every picture is
 //! written as its difference from the one before it, the first one as differences of neighbouring
 //! pixels, and runs of zeros as their lengths.
 
-/// Zeros that end a run of other bytes: a shorter gap costs less than two more lengths.
+/// Zeros that end a run of other bytes.
+// A shorter gap costs less than the two lengths of another run.
 const GAP: [u8; 4] = [0; 4];
 
 /// Sizes of the pictures of an episode.
