@@ -13,9 +13,9 @@ pub enum LearnerError {
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// The value given.
+        /// Rejected value.
         value: String,
-        /// Values that would be accepted.
+        /// Valid values, in words.
         expected: &'static str,
     },
     /// A rollout that shows too few episodes to be assigned to a policy.
@@ -24,11 +24,11 @@ pub enum LearnerError {
          use more environments, longer rollouts, or fewer first frames"
     )]
     TooFewEpisodes {
-        /// Episodes that showed all of their first frames.
+        /// Number of episodes with all of their first frames.
         got: usize,
         /// Episodes that the assigner needs.
         needed: usize,
-        /// Frames looked at in each.
+        /// Number of first frames of each episode.
         first_frames: usize,
     },
     /// Policies and their updates.
@@ -48,8 +48,8 @@ pub enum LearnerError {
         /// The reason.
         source: BoxError,
     },
-    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what
-    /// learning on takes.
+    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which lacks the
+    /// state for further training.
     #[error(
         "{} holds policies only, as `covers pack` leaves them, and cannot be resumed: \
          resume the run's own folder; `covers eval` takes either", path.display()

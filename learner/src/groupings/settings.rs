@@ -1,4 +1,4 @@
-//! The registry of groupings: settings that name one.
+//! Registry of groupings: settings that name one.
 
 use cluster::{Calibrated, Rule};
 use evidence::RecogniserSettings;
@@ -11,12 +11,12 @@ use super::evidence::Evident;
 use super::grouping::Grouping;
 use super::oracle::{Labels, Oracle, Single, unlabelled};
 
-/// Choice of a grouping: which policy a rollout belongs to.
+/// Choice of a grouping, which assigns rollouts to policies.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroupingSettings {
     /// A two-sample permutation test of 1-Wasserstein distances, with a second look before a policy
-    /// is opened.
+    /// is created.
     Calibrated(Calibrated),
     /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
     Threshold {
@@ -42,10 +42,10 @@ impl GroupingSettings {
     /// The paper's rule with its threshold, `d_epsilon = 1.0`.
     pub const PAPER: Self = Self::Threshold { threshold: 1.0 };
 
-    /// The grouping, for a learner that no run trains.
+    /// Creates the grouping for a learner outside a run.
     ///
     /// # Errors
-    /// A setting out of range, and [`GroupingSettings::Oracle`], which has nobody to ask.
+    /// A setting out of range, and [`GroupingSettings::Oracle`], since only runs have labels.
     pub fn build(&self) -> Result<Box<dyn Grouping>, LearnerError> {
         match self {
             Self::Oracle => Err(unlabelled()),
@@ -53,7 +53,7 @@ impl GroupingSettings {
         }
     }
 
-    /// The grouping, for a run that writes `labels`.
+    /// Creates the grouping for a run that writes `labels`.
     pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, LearnerError> {
         Ok(match *self {
             Self::Calibrated(calibrated) => Box::new(Distance::new(Rule::Calibrated(calibrated))?),

@@ -26,7 +26,7 @@ use super::learner::Iteration;
 use episodes::{FirstFrames, Observed, embed};
 use settings::{PolicyOf, RolloutOf};
 
-/// The learner: a growing collection of policies. It has no place for a task label.
+/// Learner with a growing collection of policies. It never receives a task label.
 pub struct Collection<S: CollectionSettings> {
     settings: S,
     spec: EnvSpec,
@@ -48,7 +48,8 @@ struct PolicyEntry<S: CollectionSettings> {
 }
 
 impl<S: CollectionSettings> Collection<S> {
-    /// Makes a learner with one random policy, no frames, and the grouping that the settings name.
+    /// Creates a learner with one random policy, no frames, and the grouping that the settings
+    /// name.
     ///
     /// # Errors
     /// A setting out of range, a grouping that needs labels, or an image size that the network
@@ -58,7 +59,7 @@ impl<S: CollectionSettings> Collection<S> {
         Self::with_grouping(settings, spec, grouping)
     }
 
-    /// Makes such a learner with a grouping of the caller's.
+    /// Creates a learner with one random policy, no frames, and the caller's grouping.
     ///
     /// # Errors
     /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
@@ -120,7 +121,7 @@ impl<S: CollectionSettings> Collection<S> {
 }
 
 impl<S: CollectionSettings> PolicyEntry<S> {
-    /// Fills `rollout` with fresh episodes of this policy and books them in `iteration`.
+    /// Fills `rollout` with new episodes of this policy and counts them in `iteration`.
     fn act(
         &mut self,
         env: &mut dyn VectorEnv,

@@ -1,8 +1,7 @@
 //! COVERS: a collection of policies that are trained by PPO.
 //!
-//! With other networks and groupings the same learner is each of the paper's PPO baselines. Where
-//! the paper leaves a gap or this project departs from it, the paper's reading is a value of a
-//! setting, too.
+//! With other networks and groupings this learner is each of the paper's PPO baselines. If the
+//! paper leaves a gap or this project departs from it, a setting also has the paper's value.
 
 use rand_chacha::ChaCha8Rng;
 use rl::{

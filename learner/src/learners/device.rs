@@ -60,8 +60,8 @@ impl DeviceChoice {
     /// Opens the chosen device, for a learner whose updates can run on a GPU.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a GPU where the program was built without the feature `wgpu`;
-    /// [`RlError::Gpu`](rl::RlError) where there is none.
+    /// [`LearnerError::Setting`] for a GPU if the program was built without the feature `wgpu`;
+    /// [`RlError::Gpu`](rl::RlError) if there is no GPU.
     pub fn open(self) -> Result<LearningDevice, LearnerError> {
         match self {
             Self::Cpu => Ok(LearningDevice::Processor),
@@ -106,7 +106,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
     })
 }
 
-/// Returns `true` where the first adapter is a GPU.
+/// Returns `true` if the first adapter is a GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
     let adapters = rl::gpu::adapters();

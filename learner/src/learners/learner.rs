@@ -16,7 +16,7 @@ pub trait Learner: Send {
     /// Collects experience in `env`, whose episodes begin anew, and learns from it.
     ///
     /// # Errors
-    /// Those of the environment, a policy or a grouping.
+    /// Errors of the environment, a policy or a grouping.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError>;
 
     /// Finds the policy for what `env` runs from the first frames of this many episodes, or,
@@ -25,7 +25,7 @@ pub trait Learner: Send {
     /// All draws come from `rng`, so that looking does not change what is learnt next.
     ///
     /// # Errors
-    /// Those of the environment, a policy or a grouping.
+    /// Errors of the environment, a policy or a grouping.
     fn recognise(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -80,7 +80,7 @@ pub trait Learner: Send {
     /// [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
     ///
     /// # Errors
-    /// As [`encode`](Learner::encode), and [`LearnerError::Write`].
+    /// Errors of [`encode`](Learner::encode), and [`LearnerError::Write`].
     fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), LearnerError> {
         replace(&LocalDisk, path, &self.encode(path, extent, note)?)
     }

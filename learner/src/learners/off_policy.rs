@@ -39,19 +39,18 @@ pub struct OffPolicySettings {
     pub context: Option<ContextSettings>,
     /// The policy update.
     pub sac: SacSettings,
-    /// Steps that each policy's replay holds at most.
+    /// Largest number of steps in each policy's replay.
     pub capacity: usize,
-    /// Decisions of each policy whose actions are drawn uniformly, until its replay holds as many.
+    /// Decisions of each policy with uniformly drawn actions, until its replay holds as many.
     pub warm_up: u64,
-    /// Number of channels, the last ones of a picture, that stand still during an episode. The
-    /// replay stores them once for each episode.
+    /// Number of last channels of a picture that do not change during an episode. The replay stores
+    /// them once for each episode.
     pub still_channels: usize,
-    /// The newest experience is that of the last so many steps of a replay;
-    /// [`SacSettings::newest_share`] of every minibatch is drawn from it. No boundary of a task is
-    /// needed.
+    /// Number of last steps of a replay that count as newest; [`SacSettings::newest_share`] of
+    /// every minibatch is drawn from them. Task switches need not be known.
     pub newest_steps: u64,
-    /// Choice of the policy that a rollout belongs to. Whichever policy collected it, it is good
-    /// enough for the replay of the one that it belongs to, unless it shows two groups.
+    /// Choice of the policy that a rollout belongs to. Its replay takes rollouts of any policy,
+    /// unless they show two groups.
     pub grouping: GroupingSettings,
     /// Frames at the start of each episode that assignment looks at.
     pub first_frames: usize,

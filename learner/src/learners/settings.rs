@@ -1,4 +1,4 @@
-//! The registry of learners: settings that name one.
+//! Registry of learners: settings that name one.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use super::device::{DeviceChoice, LearningDevice};
 use super::learner::Learner;
 use super::off_policy::OffPolicySettings;
 
-/// A learner from a file, and the file's note.
+/// Learner from a file, and the file's note.
 type Loaded = Result<(Box<dyn Learner>, String), LearnerError>;
 
 /// Evaluates an expression for the settings, of whichever learner they are.
@@ -46,7 +46,8 @@ impl Default for LearnerSettings {
 }
 
 impl LearnerSettings {
-    /// Makes a fresh learner. A grouping that needs labels reads `labels`, which only a run writes.
+    /// Creates a fresh learner. A grouping that needs labels reads `labels`, which only a run
+    /// writes.
     ///
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
@@ -58,7 +59,7 @@ impl LearnerSettings {
         })
     }
 
-    /// Reads what [`Learner::save`] wrote, for acting and recognising; returns the note, too.
+    /// Reads a learner that [`Learner::save`] wrote, for acting and recognition, and its note.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, of a learner of other settings,
@@ -67,10 +68,10 @@ impl LearnerSettings {
         self.read(path, spec, labels, false)
     }
 
-    /// Reads the same file for a copy that learns on to the same bits.
+    /// Reads a learner that [`Learner::save`] wrote, for further training with the same bits.
     ///
     /// # Errors
-    /// Those of [`LearnerSettings::load`], and [`LearnerError::PoliciesOnly`] for a file of
+    /// Errors of [`LearnerSettings::load`], and [`LearnerError::PoliciesOnly`] for a file of
     /// [`Extent::Policies`](super::Extent::Policies).
     pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, true)
@@ -105,7 +106,7 @@ impl LearnerSettings {
     /// Sets the device that policies train on.
     ///
     /// # Errors
-    /// Those of [`DeviceChoice::open`], and a GPU for learners whose updates run on the processor
+    /// Errors of [`DeviceChoice::open`], and a GPU for learners whose updates run on the processor
     /// alone: those with replays, and those with a symmetry loss.
     pub fn set_device(&mut self, choice: DeviceChoice) -> Result<(), LearnerError> {
         let expected = match self {
@@ -127,7 +128,7 @@ impl LearnerSettings {
         }
     }
 
-    /// Returns the GPU that policies learn on, if they do.
+    /// Returns the name of the GPU that policies train on; `None` on the processor.
     pub fn gpu(&self) -> Option<&str> {
         match self {
             Self::Covers(settings) => settings.device.gpu(),
@@ -149,8 +150,7 @@ impl LearnerSettings {
         }
     }
 
-    /// Returns the distance above which a rollout is of another group, where the grouping has one
-    /// for good.
+    /// Returns the fixed distance above which a rollout belongs to another group, if there is one.
     pub fn fixed_threshold(&self) -> Option<f64> {
         match self.common().grouping {
             GroupingSettings::Threshold { threshold } => Some(threshold),

@@ -100,8 +100,8 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Reads what [`Learner::save`](crate::Learner::save) wrote, for environments like those it
-    /// learnt in, with the grouping that the settings name; returns the note, too.
+    /// Reads a learner that [`Learner::save`](crate::Learner::save) wrote, and its note. `spec`
+    /// must match its environments; the grouping is the one that the settings name.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, or belongs to other
@@ -112,10 +112,11 @@ impl<S: CollectionSettings> Collection<S> {
         Checkpoint::read(path)?.open(None, spec, true, grouping)
     }
 
-    /// Reads such a file with a grouping of the caller's.
+    /// Reads a learner that [`Learner::save`](crate::Learner::save) wrote, with the caller's
+    /// grouping.
     ///
     /// # Errors
-    /// Those of [`Collection::load`].
+    /// Errors of [`Collection::load`].
     pub fn load_with_grouping(
         path: &Path,
         spec: &EnvSpec,
@@ -124,9 +125,9 @@ impl<S: CollectionSettings> Collection<S> {
         Checkpoint::read(path)?.open(None, spec, true, |_| Ok(grouping))
     }
 
-    /// Reads such a file in a run of these settings that writes `labels`. A `whole` learner learns
-    /// on to the same bits: a file of [`Extent::Policies`] is refused. Another one acts and
-    /// recognises, and has a fresh training.
+    /// Reads a learner for a run with these settings that writes `labels`. With `whole`, further
+    /// training gives the same bits, and a file of [`Extent::Policies`] is rejected; without, the
+    /// learner can act and recognise groups, and its training state is fresh.
     pub(in crate::learners) fn read(
         path: &Path,
         spec: &EnvSpec,
@@ -162,9 +163,9 @@ impl<'a> Checkpoint<'a> {
         Ok(TensorFile::open(self.path, &self.bytes)?.0)
     }
 
-    /// Makes the learner and the note, with the state of its training where it is wanted and there.
-    /// `settings` equal those of the file, and say more where a file does not hold a field. Contents
-    /// that do not fit are an error that names the file.
+    /// Creates the learner and returns it with the note. If `training` is set and the file has it,
+    /// the state of the training is restored. `settings` must equal those of the file, and also
+    /// hold the fields that are not stored. An error names the file.
     fn open<S: CollectionSettings>(
         self,
         settings: Option<&S>,

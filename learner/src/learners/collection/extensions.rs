@@ -35,8 +35,8 @@ impl<S: CollectionSettings> Collection<S> {
         Ok(decision)
     }
 
-    /// Leaves the latest `collections` for a replay, which would take all of them, where a decision
-    /// found two groups in them.
+    /// Discards all but the latest `collections` if a decision found two groups in them, since a
+    /// replay would otherwise take them all.
     fn keep_if_cut(&mut self, decision: &GroupingDecision, collections: usize) {
         if decision.cut.is_some() {
             self.rollout.keep(collections);

@@ -1,4 +1,4 @@
-//! Settings of every collection of policies, and the seam to the training of one policy.
+//! Settings of every collection of policies, and the trait for the training of one policy.
 
 use rand_chacha::ChaCha8Rng;
 use rl::{AlgorithmState, EnvSpec, Experience, ExportPolicy, Features, MeasureActivity, RlError};
@@ -21,28 +21,28 @@ pub trait CollectionSettings:
     /// Returns the settings that do not depend on the training.
     fn common(&self) -> CommonSettings;
 
-    /// Makes a random policy.
+    /// Creates a random policy.
     ///
     /// # Errors
     /// Images that the network cannot take, or a setting out of range.
     fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
 
-    /// Makes the policy of these parameters.
+    /// Creates a policy with these parameters.
     ///
     /// # Errors
-    /// As [`CollectionSettings::policy`], and parameters that are not the network's.
+    /// Errors of [`CollectionSettings::policy`], and parameters that are not the network's.
     fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<PolicyOf<Self>, RlError>;
 
     /// Returns all parameters of a policy.
     fn params(policy: &PolicyOf<Self>) -> &[f32];
 
-    /// Makes room for rollouts of `steps` steps of every environment.
+    /// Creates storage for rollouts of `steps` steps in every environment.
     ///
     /// # Errors
     /// Sizes of zero, or more memory than there is.
     fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
 
-    /// Makes a fresh training of `policy`.
+    /// Creates the initial training state of `policy`.
     ///
     /// # Errors
     /// A setting out of range.
@@ -56,24 +56,24 @@ pub type RolloutOf<S> = <<S as CollectionSettings>::Training as Training>::Rollo
 
 /// Training of one policy of a collection: an algorithm with its state.
 pub trait Training: Sized + Send + 'static {
-    /// The policy that is trained.
+    /// Policy that is trained.
     type Policy: MeasureActivity + Features + ExportPolicy + Clone + Send;
-    /// Room for a rollout until it is known whose it is.
+    /// Storage of a rollout until it is assigned to a policy.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
-    /// Prepares `rollout` for being collected with this policy.
+    /// Prepares `rollout` for a collection with this policy.
     fn prepare(&self, _rollout: &mut Self::Rollout) {}
 
-    /// Lets `policy` take a rollout that another one collected.
+    /// Prepares a rollout that another policy collected for training `policy`.
     ///
     /// # Errors
-    /// Those of the policy.
+    /// Errors of the policy.
     fn take_over(policy: &mut Self::Policy, rollout: &mut Self::Rollout) -> Result<(), RlError>;
 
-    /// Improves `policy` by the rollouts since the last call; returns what is logged.
+    /// Trains `policy` on the rollouts since the last call; returns the values to log.
     ///
     /// # Errors
-    /// Those of the algorithm.
+    /// Errors of the algorithm.
     fn learn(
         &mut self,
         policy: &mut Self::Policy,
@@ -84,7 +84,7 @@ pub trait Training: Sized + Send + 'static {
     /// Returns the state of the algorithm.
     fn state(&self) -> AlgorithmState<'_>;
 
-    /// Goes on from a state that [`Training::state`] gave.
+    /// Restores a state that [`Training::state`] returned.
     ///
     /// # Errors
     /// A state of another algorithm or network.
@@ -96,7 +96,7 @@ pub trait Training: Sized + Send + 'static {
         Vec::new()
     }
 
-    /// Takes back the arrays that [`Training::memory`] gave.
+    /// Restores the arrays that [`Training::memory`] returned.
     ///
     /// # Errors
     /// Arrays that are missing or do not fit.
@@ -116,7 +116,7 @@ pub struct CommonSettings {
     pub rollout_steps: usize,
     /// Episodes of first frames kept per policy; without a number all of them.
     pub buffer_episodes: Option<usize>,
-    /// Use of a rollout that changes hands.
+    /// Use of a rollout that is assigned to another policy than the one that collected it.
     pub handover: Handover,
     /// Start of a new policy.
     pub new_policy: NewPolicy,
@@ -125,13 +125,13 @@ pub struct CommonSettings {
 }
 
 impl CommonSettings {
-    /// Returns the episodes that a buffer holds at most.
+    /// Returns the largest number of episodes in a buffer.
     pub(super) fn buffer_capacity(&self) -> usize {
         self.buffer_episodes.unwrap_or(usize::MAX)
     }
 
-    /// Returns the decisions of each environment in a rollout, once the settings are found to fit
-    /// the environments and each other. A policy must keep `min_episodes` for the grouping.
+    /// Returns the decisions of each environment in a rollout, after checking that the settings fit
+    /// the environments and each other. A buffer must hold `min_episodes` for the grouping.
     pub(super) fn steps_per_env(
         &self,
         spec: &EnvSpec,

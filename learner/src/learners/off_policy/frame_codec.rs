@@ -1,7 +1,7 @@
 //! Lossless compression of a replay's pictures in a checkpoint.
 //!
-//! Most pixels of a table stay as they are from one picture to the next. So every picture is
-//! written as its difference from the one before it, the first one as differences of neighbouring
+//! Most pixels of a table do not change from one picture to the next. So every picture is written
+//! as its difference (xor) from the one before it, the first one as differences of neighbouring
 //! pixels, and runs of zeros as their lengths.
 
 /// Zeros that end a run of other bytes.
@@ -18,11 +18,11 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Appends the packed pictures to `out`. They are not needed afterwards: `pictures` holds
-    /// differences then.
+    /// Appends the packed pictures to `out`, and overwrites `pictures` with differences.
     pub fn pack(self, pictures: &mut [u8], out: &mut Vec<u8>) {
         let (first, _) = pictures.split_at_mut(self.len.min(pictures.len()));
         let first = first.len();
+        // from the last picture to the first, so that the one before is not yet overwritten
         for start in (first..pictures.len()).step_by(self.len.max(1)).rev() {
             let (before, own) = pictures.split_at_mut(start);
             differ(own, &before[start - self.len..]);
@@ -33,8 +33,7 @@ impl Frames {
         shorten(pictures, out);
     }
 
-    /// Fills `pictures` from the front of `packed`; returns the rest, or nothing where it does not
-    /// fit.
+    /// Fills `pictures` from the front of `packed` and returns the rest; `None` if it does not fit.
     pub fn unpack<'a>(self, packed: &'a [u8], pictures: &mut [u8]) -> Option<&'a [u8]> {
         let rest = lengthen(packed, pictures)?;
         let first = self.len.min(pictures.len());
@@ -55,7 +54,7 @@ fn differ(picture: &mut [u8], other: &[u8]) {
     pairs.for_each(|(own, other)| *own ^= other);
 }
 
-/// Writes runs as the number of zeros, the number of other bytes, and those.
+/// Writes runs as the number of zeros, the number of other bytes, and the latter.
 fn shorten(mut bytes: &[u8], out: &mut Vec<u8>) {
     while !bytes.is_empty() {
         let (zeros, rest) = bytes.split_at(leading_zeros(bytes));
@@ -69,6 +68,7 @@ fn shorten(mut bytes: &[u8], out: &mut Vec<u8>) {
 }
 
 fn leading_zeros(bytes: &[u8]) -> usize {
+    // blocks of zeros are skipped as a whole, which is faster than byte by byte
     const BLOCK: usize = 64;
     let blocks = bytes.chunks_exact(BLOCK);
     let blocks = blocks.take_while(|block| block.iter().fold(0, |all, byte| all | byte) == 0);
@@ -85,7 +85,7 @@ fn lengthen<'a>(mut packed: &'a [u8], mut out: &mut [u8]) -> Option<&'a [u8]> {
         let (from, behind) = packed.split_at_checked(other)?;
         to_zeros.fill(0);
         to_other.copy_from_slice(from);
-        // no length of zero can be repeated for ever: both would be
+        // two zero lengths make no progress, so a damaged file could repeat them for ever
         if zeros + other == 0 {
             return None;
         }
@@ -94,7 +94,8 @@ fn lengthen<'a>(mut packed: &'a [u8], mut out: &mut [u8]) -> Option<&'a [u8]> {
     Some(packed)
 }
 
-/// Seven bits in each byte, the lowest first; the highest bit says that more follow.
+/// Writes a length as LEB128: seven bits in each byte, the lowest first; the highest bit marks that
+/// more follow.
 fn write_length(mut length: usize, out: &mut Vec<u8>) {
     while length >= 0x80 {
         out.push(length as u8 | 0x80);

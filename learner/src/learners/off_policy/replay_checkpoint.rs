@@ -1,4 +1,4 @@
-//! A replay in a checkpoint.
+//! Replays in checkpoints.
 
 use rl::{EpisodeState, Outcome, Replay, ReplayState};
 
@@ -7,14 +7,14 @@ use crate::learners::tensor_file::{Tensor, TensorFile};
 
 use super::frame_codec::Frames;
 
-/// Stands for an environment without a running episode.
+/// Index of the running episode of an environment that has none.
 const NONE: u64 = u64::MAX;
-/// More observations than the contexts of running episodes take.
+/// Upper bound of the observations that contexts of running episodes need.
 const CONTEXTS: usize = 100_000;
-/// Numbers that are written of every episode.
+/// Number of scalars that are written for every episode.
 const FIELDS: usize = 4;
 
-/// Everything that a replay holds.
+/// Returns the contents of a replay as arrays whose names begin with `prefix`.
 pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
     let state = replay.save();
     let name = |what: &str| format!("{prefix}replay.{what}");
@@ -77,12 +77,13 @@ impl Sizes {
     }
 }
 
-/// The pictures of all episodes: what stands still comes first and serves as the picture before the
-/// first one.
+/// Packs the pictures of all episodes.
 fn pack(replay: &Replay, state: &ReplayState<'_>) -> Vec<u8> {
     let frames = Sizes::new(replay).frames;
     let (mut packed, mut pictures) = (Vec::new(), Vec::new());
     for episode in &state.episodes {
+        // still channels first: they have the size of a picture if half of the channels are still,
+        // and then serve as the picture before the first one
         pictures.clear();
         pictures.extend_from_slice(episode.still);
         pictures.extend_from_slice(episode.moving);
@@ -91,7 +92,7 @@ fn pack(replay: &Replay, state: &ReplayState<'_>) -> Vec<u8> {
     packed
 }
 
-/// Reads what [`tensors`] wrote of a replay with the settings of `fresh`.
+/// Reads a replay with the settings of `fresh` that [`tensors`] wrote.
 ///
 /// # Errors
 /// [`LearnerError::Read`] for arrays that are missing or do not fit.
@@ -110,7 +111,7 @@ pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Repla
     let order =
         order.iter().map(|&[episode, step]| Ok([small("order", episode)?, small("order", step)?]));
     let sizes = Sizes::new(fresh);
-    // every episode has one more observation than steps, and some that its contexts reach back to
+    // an episode has one more observation than steps, at most twice as many, and those of contexts
     let most_frames = 2 * fresh.settings().capacity + CONTEXTS;
     let episodes = Episodes::read(file, &name, &sizes, most_frames)?;
     let state = ReplayState {
@@ -124,7 +125,7 @@ pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Repla
     restored.map_err(|error| file.damaged(format!("`{}`: {error}", name("episodes"))))
 }
 
-/// The arrays of all episodes, one after the other.
+/// Arrays of all episodes, one after the other.
 struct Episodes<'a> {
     sizes: &'a Sizes,
     rows: Vec<Row>,
@@ -158,23 +159,23 @@ impl Row {
         })
     }
 
-    /// Observations that are kept.
+    /// Returns the number of stored observations.
     fn frames(&self) -> usize {
         if self.is_there { self.steps + 1 } else { 0 }
     }
 
-    /// Bytes of what stands still.
+    /// Returns the number of bytes of still channels.
     fn still(&self, sizes: &Sizes) -> usize {
         if self.is_there { sizes.still } else { 0 }
     }
 
-    /// Bytes of what stands still and of what moves.
+    /// Returns the number of bytes of all channels.
     fn pictures(&self, sizes: &Sizes) -> usize {
         self.still(sizes) + self.frames() * sizes.frames.len
     }
 }
 
-/// The rows of episodes with this many steps in all.
+/// Reads the scalars of episodes; `None` if they do not have this many steps in total.
 fn rows(numbers: &[u64], steps: usize) -> Option<Vec<Row>> {
     let (numbers, _) = numbers.as_chunks::<FIELDS>();
     let rows: Vec<Row> = numbers.iter().copied().map(Row::new).collect::<Option<_>>()?;
@@ -198,7 +199,7 @@ impl<'a> Episodes<'a> {
         let rows = rows(&file.integers(&name("episodes"))?, rewards.len());
         let rows = rows.ok_or_else(|| damaged("episodes"))?;
         let vectors = floats("vectors")?;
-        // before pictures are unpacked, a few bytes of which may stand for many
+        // checked before pictures are unpacked, since a few damaged bytes could claim all memory
         let frames: usize = rows.iter().map(Row::frames).sum();
         if frames > most_frames || vectors.len() != frames.saturating_mul(sizes.vector) {
             return Err(damaged("vectors"));

@@ -1,17 +1,17 @@
-//! A rollout that waits for the replay it belongs to.
+//! Rollout that is stored until it is assigned to a replay.
 
 use rl::{Actor, EnvSpec, Experience, Observations, Replay, RlError, SacPolicy, Transition};
 
 use crate::learners::collection::{Rollout, StepView};
 
-/// The collections since the last [`StagedRollout::commit_to`], each of which begins with a reset.
+/// Collections since the last [`StagedRollout::commit_to`], each of which begins with a reset.
 pub struct StagedRollout {
     spec: EnvSpec,
     steps: usize,
     /// Decisions at the beginning whose actions are drawn uniformly.
     uniform: u64,
     collections: Vec<Vec<Step>>,
-    /// Of the step that is being collected, `[N, A]`.
+    /// Actions of the step that is being collected, `[N, A]`.
     actions: Vec<f32>,
 }
 
@@ -23,7 +23,7 @@ struct Step {
 }
 
 impl StagedRollout {
-    /// Makes room for collections of `steps` steps of every environment.
+    /// Creates an empty rollout for collections of `steps` steps in every environment.
     pub fn new(spec: &EnvSpec, steps: usize) -> Self {
         Self { spec: spec.clone(), steps, uniform: 0, collections: Vec::new(), actions: Vec::new() }
     }
@@ -33,9 +33,10 @@ impl StagedRollout {
         self.uniform = decisions;
     }
 
-    /// Hands everything over to `replay`.
+    /// Moves all collections into `replay`.
     pub fn commit_to(&mut self, replay: &mut Replay) -> Result<(), RlError> {
         for steps in self.collections.drain(..) {
+            // each collection began with a reset, which ends the running episodes of the replay
             replay.cut();
             Experience::<SacPolicy>::begin(replay, &self.spec)?;
             for step in steps {
