@@ -115,7 +115,7 @@ impl Deployment {
             fits: played.score.fits,
             actions: played.actions,
             latencies: played.latencies,
-            blocked: dry.into_blocked(),
+            blocked: dry.into_blocked_commands(),
         })
     }
 

@@ -115,7 +115,7 @@ impl<'a> DryRunRig<'a> {
     }
 
     /// Returns the blocked commands.
-    pub fn into_blocked(self) -> Vec<BlockedCommand> {
+    pub fn into_blocked_commands(self) -> Vec<BlockedCommand> {
         self.blocked
     }
 

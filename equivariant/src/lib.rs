@@ -94,7 +94,7 @@ pub use real::Real;
 pub use scratch::{BackwardPass, Scratch};
 pub use shape::Shape;
 pub use simd::lanes::InstructionSet;
-pub use simd::lines::level;
+pub use simd::lines::pixel_value;
 pub use steerable::dense::{Dense, Projection};
 pub use steerable::hadamard::hadamard;
 pub use symmetry::{FieldType, Group};

@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use equivariant::{
     FieldNorm, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential,
-    Shape, Signature, Statistics, level,
+    Shape, Signature, Statistics, pixel_value,
 };
 use symmetry::Group;
 
@@ -71,7 +71,7 @@ fn of_bytes<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] 
 fn of_levels<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] {
     let samples = pictures.len() / network.in_shape().len();
     let (params, mut scratch) = (params(network, 1), scratch(network, samples));
-    let x: Vec<T> = pictures.iter().map(|&byte| level(byte)).collect();
+    let x: Vec<T> = pictures.iter().map(|&byte| pixel_value(byte)).collect();
     let mut y = unwritten(samples * network.out_shape().len());
     network.forward(&params, &x, &mut y, &mut scratch);
     let dy = normal::<T>(y.len(), 3);
@@ -129,9 +129,9 @@ fn two_threads_give_the_bits_of_one() {
 
 #[test]
 fn levels_are_centred_and_reach_half() {
-    assert_eq!((level::<f64>(0), level::<f64>(255)), (-0.5, 0.5));
-    assert_eq!((level::<f32>(0), level::<f32>(255)), (-0.5, 0.5));
-    assert!((0..255).all(|byte| level::<f32>(byte) < level(byte + 1)));
+    assert_eq!((pixel_value::<f64>(0), pixel_value::<f64>(255)), (-0.5, 0.5));
+    assert_eq!((pixel_value::<f32>(0), pixel_value::<f32>(255)), (-0.5, 0.5));
+    assert!((0..255).all(|byte| pixel_value::<f32>(byte) < pixel_value(byte + 1)));
 }
 
 /// Returns the message of a panic.

@@ -276,7 +276,7 @@ impl Run {
         let seconds = clock.elapsed().as_secs_f64();
         let stats = &mut self.stats;
         if stream.spans_switch() {
-            stats.record_spanning(iteration.policy);
+            stats.record_task_switch(iteration.policy);
         } else {
             stats.record(group.name(), returns, iteration.policy);
         }

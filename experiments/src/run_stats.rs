@@ -67,7 +67,7 @@ impl RunStats {
                 }
             }
             if row.spans_switch {
-                stats.record_spanning(row.policy);
+                stats.record_task_switch(row.policy);
             } else {
                 stats.record(&row.group, left.contains(&row.group.as_str()), row.policy);
             }
@@ -102,7 +102,7 @@ impl RunStats {
     }
 
     /// Records one rollout that spans a task switch.
-    pub(crate) fn record_spanning(&mut self, policy: usize) {
+    pub(crate) fn record_task_switch(&mut self, policy: usize) {
         self.open(policy);
         self.rollouts += 1;
         self.spanning_switch += 1;
@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn rollouts_of_two_groups_are_counted_and_neither_right_nor_wrong() {
         let mut stats = stats(&[(B, false, 0)]);
-        stats.record_spanning(1);
+        stats.record_task_switch(1);
         assert_eq!((stats.rollouts, stats.spanning_switch), (2, 1));
         assert_eq!(accuracies(&stats), [Some(1.0), None]);
         // the policy belongs to the group of its first rollout of one group
@@ -269,7 +269,7 @@ mod tests {
         let mut stats = stats(&[(B, false, 1), (B, false, 0), (D, false, 0)]);
         assert_eq!(own(&stats), [Some(0), Some(0)], "of equals the first");
         stats.record(B, true, 1);
-        stats.record_spanning(2);
+        stats.record_task_switch(2);
         assert_eq!(own(&stats), [Some(1), Some(0)]);
         stats.record_merges(&[Some(2), None, None]);
         assert_eq!(own(&stats), [Some(1), Some(2)]);

@@ -34,7 +34,7 @@ impl Comparison {
         Self {
             difference: one.of(mean) - other.of(mean),
             interval: one.difference(other),
-            improvement: one.improvement(other),
+            improvement: one.probability_of_improvement(other),
         }
     }
 

@@ -85,7 +85,7 @@ impl Scores {
     /// Returns the probability that a run of this method scores above a run of the other in the
     /// same group, averaged over groups, and its 95 % interval by a bootstrap over whole runs.
     /// Equal scores count one half.
-    pub fn improvement(&self, other: &Self) -> (f64, Option<Interval>) {
+    pub fn probability_of_improvement(&self, other: &Self) -> (f64, Option<Interval>) {
         let interval = pair_interval(self, other, probability);
         (probability(self, other), interval)
     }
@@ -193,7 +193,7 @@ mod tests {
         let (one, two) = (Scores(vec![vec![1.0]]), Scores(vec![vec![1.0, 0.5]]));
         assert_eq!(one.interval(iqm), None);
         assert_eq!(two.difference(&one), None);
-        assert_eq!(two.improvement(&one).1, None);
+        assert_eq!(two.probability_of_improvement(&one).1, None);
     }
 
     #[test]
@@ -201,9 +201,9 @@ mod tests {
         let one = Scores(vec![vec![1.0, 0.5], vec![0.0, 0.0]]);
         let other = Scores(vec![vec![0.5, 0.0], vec![0.0, 1.0]]);
         // group one: 1 above both, 0.5 equal and above: 3.5 of 4; group two: 2 halves of 4
-        let (share, interval) = one.improvement(&other);
+        let (share, interval) = one.probability_of_improvement(&other);
         assert_eq!(share, (3.5 / 4.0 + 1.0 / 4.0) / 2.0);
-        let (back, _) = other.improvement(&one);
+        let (back, _) = other.probability_of_improvement(&one);
         assert_eq!(share + back, 1.0);
         let interval = interval.unwrap();
         assert!(interval.low < share && share < interval.high);

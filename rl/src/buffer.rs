@@ -37,7 +37,7 @@ pub struct RolloutBuffer {
     noise: ActionNoise,
     /// Decisions of the step that is being collected, `[N]`.
     step_decisions: Decisions,
-    /// Values of its final observations, `[N]`.
+    /// Values of the final observations of the step that is being collected, `[N]`.
     step_final_values: Vec<f32>,
 }
 

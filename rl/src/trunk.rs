@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use equivariant::{
     Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Scratch, Sequential, Shape,
-    Signature, level, unit_sums,
+    Signature, pixel_value, unit_sums,
 };
 use rand::Rng;
 use symmetry::irrep_order;
@@ -432,7 +432,7 @@ impl<T: Scalar> EncoderBuffers<T> {
     /// Returns the sum of each unit's outputs over the first n images, one list for each ReLU.
     pub fn unit_sums(&self, encoder: &Sequential<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
         let pictures = &self.pictures[..n * encoder.in_shape().len()];
-        let x: Vec<T> = pictures.iter().map(|&byte| level(byte)).collect();
+        let x: Vec<T> = pictures.iter().map(|&byte| pixel_value(byte)).collect();
         unit_sums(encoder, params, &x)
     }
 

@@ -26,8 +26,8 @@ const FINGER: &str = "finger_l";
 const OPEN: f64 = 0.023;
 /// Finger joint's closed position (metres).
 const CLOSED: f64 = 0.0425;
-/// Distance from a finger's link, at the inner face of its pad, outwards to the claw point of tasks
-/// (metres). Open claws are then 0.1 m apart.
+/// Distance (metres) between the inner face of a finger's pad and the claw's tip that tasks measure
+/// from, outwards. Open claws are then 0.1 m apart.
 const CLAW: f64 = 0.0305;
 /// Distance from the middle of a pad to its lower end (metres).
 const TIP: f64 = 0.01875;

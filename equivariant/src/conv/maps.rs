@@ -12,7 +12,7 @@ pub(crate) enum Input<'a, T> {
     /// Numbers `[N, H, W, C]` with irrep-major channels.
     Channels(&'a [T]),
     /// Images `[N, H, W, C]` of trivial channels as bytes, which stand for their
-    /// [`level`](crate::level)s.
+    /// [`pixel_value`](crate::pixel_value)s.
     Bytes(&'a [u8]),
     /// Images staged for this convolution.
     Staged(&'a [T]),

@@ -88,11 +88,11 @@ impl Channels {
     /// Adds an output map with the function `store_NAME(pixel, field, v)`.
     pub fn write(&self, step: Step, name: &str, slot: Slot) -> Step {
         let step = step.write(name, "f32", slot);
-        self.storer(step, name, name)
+        self.add_store_function(step, name, name)
     }
 
     /// Adds the function `store_NAME(pixel, field, v)` for a buffer that the kernel has already.
-    pub fn storer(&self, step: Step, buffer: &str, name: &str) -> Step {
+    pub fn add_store_function(&self, step: Step, buffer: &str, name: &str) -> Step {
         let body = self.each(|lane, at| format!("{buffer}[{at}] = v{lane};"));
         let head = format!("fn store_{name}(pixel: u32, field: u32, v: Field) {{");
         step.text(&format!("{head} {body} }}"))

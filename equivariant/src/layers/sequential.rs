@@ -120,7 +120,7 @@ impl<T: Scalar> Sequential<T> {
     }
 
     /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with the same bits as on
-    /// their [`level`](crate::level)s.
+    /// their [`pixel_value`](crate::pixel_value)s.
     ///
     /// Bytes are converted where they are read, so the levels are never stored.
     ///

@@ -195,7 +195,7 @@ const BYTE_OFFSET: f64 = 0.5;
 
 /// Returns the number that a byte of an image stands for, in [-0.5, 0.5].
 #[inline(always)]
-pub fn level<T: Real>(byte: u8) -> T {
+pub fn pixel_value<T: Real>(byte: u8) -> T {
     T::from_f64(f64::from(byte)) * T::from_f64(BYTE_SCALE) - T::from_f64(BYTE_OFFSET)
 }
 
@@ -220,12 +220,12 @@ impl<T: Real> Pixel<T> for T {
     }
 }
 
-/// Conversion of bytes to their [`level`]s, with the same rounding one by one and sixteen at a
+/// Conversion of bytes to their [`pixel_value`]s, with the same rounding one by one and sixteen at a
 /// time.
 impl<T: Real> Pixel<T> for u8 {
     #[inline(always)]
     fn number(self) -> T {
-        level(self)
+        pixel_value(self)
     }
 
     #[inline(always)]

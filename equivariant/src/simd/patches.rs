@@ -207,12 +207,12 @@ impl Patches {
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Returns the start of the window of every output pixel in a staged image.
+    /// Returns where the window of every output pixel starts in a padded copy of the image.
     pub fn windows(&self) -> &[usize] {
         &self.windows
     }
 
-    /// Returns the index of every pixel of the image in a staged image.
+    /// Returns where every pixel of the image lies in a padded copy of it.
     pub fn pixels(&self) -> &[usize] {
         &self.pixels
     }

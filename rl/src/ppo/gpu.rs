@@ -259,7 +259,7 @@ struct Slots {
     observed: DeviceObservations,
     /// Action (irrep-major), log-probability and return of each decision of the rollout.
     decisions: Slot,
-    /// State of the update, then one row for each minibatch.
+    /// Buffer of statistics: the state of the update, then one row for each minibatch.
     log: Slot,
 }
 

@@ -2,8 +2,8 @@
 
 use crate::env::{EnvSpec, Outcome};
 
-/// Number of dropped steps that are kept as the history of an episode's held steps; more than the
-/// 64 steps that a context may read.
+/// Steps that an episode keeps as history after they left the replay buffer; more than the 64 steps
+/// that a recurrent context may read.
 const HISTORY: usize = 256;
 
 /// Lengths of the arrays of one step.

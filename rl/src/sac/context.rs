@@ -8,8 +8,8 @@ use crate::env::EnvSpec;
 use crate::error::{RlError, require};
 use crate::sac::settings::ContextSettings;
 
-/// Input of a head: the fields h of the observation, with a context concatenated with the state of
-/// a GRU over the last steps of the episode. A step's item is [h, action, reward].
+/// Computes the input of a head: the observation's fields h, followed by the state of a GRU over
+/// the last steps of the episode if there is a context. A step's item is [h, action, reward].
 pub(crate) struct ContextReader {
     fields: FieldType,
     context: Option<Context>,

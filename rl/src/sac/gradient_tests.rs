@@ -85,7 +85,7 @@ impl Case {
         (sums, gradient, w.output)
     }
 
-    /// Returns sums, gradient and output in two chunks, the last of which has two steps.
+    /// Returns the sums, the gradient and the output of a minibatch that is computed in two chunks.
     fn run(&self, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
         let (sums, gradient, output) = self.run_in(3, replay);
         (sums, gradient, output[..2 * 2 * A].to_vec())

@@ -19,7 +19,7 @@ use experiments::{LatestFrame, Run, RunError, StopSignal};
 
 use super::RunSnapshot;
 use super::draw::{Shown, draw};
-use super::terminal::{Screen, broken};
+use super::terminal::{Screen, terminal_error};
 
 /// Polling interval of keys, signals and tables.
 const TICK: Duration = Duration::from_millis(200);
@@ -230,8 +230,8 @@ impl QuitListener {
         if signal != 0 {
             return Ok(Some((SIGNALLED + signal) as u8));
         }
-        if waited.map_err(broken)?
-            && let Event::Key(key) = event::read().map_err(broken)?
+        if waited.map_err(terminal_error)?
+            && let Event::Key(key) = event::read().map_err(terminal_error)?
         {
             return Ok(code_of(key));
         }

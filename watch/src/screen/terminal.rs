@@ -34,14 +34,14 @@ impl Screen {
     /// # Errors
     /// [`RunError::Write`] if standard output is not a terminal.
     pub fn open() -> Result<Self, RunError> {
-        let terminal = Terminal::new(CrosstermBackend::new(stdout())).map_err(broken)?;
-        enable_raw_mode().map_err(broken)?;
+        let terminal = Terminal::new(CrosstermBackend::new(stdout())).map_err(terminal_error)?;
+        enable_raw_mode().map_err(terminal_error)?;
         let messages = Arc::new(Mutex::new(Some(Vec::new())));
         keep(Arc::clone(&messages));
         // before the next call, which may fail: from here on, dropping the value restores the
         // terminal
         let screen = Self { terminal: ManuallyDrop::new(terminal), messages };
-        execute!(stdout(), EnterAlternateScreen).map_err(broken)?;
+        execute!(stdout(), EnterAlternateScreen).map_err(terminal_error)?;
         Ok(screen)
     }
 
@@ -50,7 +50,7 @@ impl Screen {
     /// # Errors
     /// [`RunError::Write`] if the terminal is gone.
     pub fn draw(&mut self, draw: impl FnOnce(&mut Frame)) -> Result<(), RunError> {
-        self.terminal.draw(draw).map_err(broken)?;
+        self.terminal.draw(draw).map_err(terminal_error)?;
         Ok(())
     }
 }
@@ -67,7 +67,7 @@ impl Drop for Screen {
 }
 
 /// Converts an error of the terminal.
-pub fn broken(error: io::Error) -> RunError {
+pub fn terminal_error(error: io::Error) -> RunError {
     RunError::write(Path::new("the terminal"), error)
 }
 

@@ -29,7 +29,7 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
     let step = keypoints
         .iter()
         .zip(["y_x", "y_y"])
-        .fold(step, |step, (to, name)| to.storer(step, "y", name));
+        .fold(step, |step, (to, name)| to.add_store_function(step, "y", name));
     let forward = step.text(include_str!("../wgsl/soft_argmax.wgsl"));
     let backward = gradients(x, y).map(|[dx, dy]| {
         let step = common(each_field("soft-argmax backward", &channels, x.shape.pixels()));
