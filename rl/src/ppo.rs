@@ -1,6 +1,8 @@
 //! Proximal policy optimisation: one update of a policy from one rollout.
 //!
-//! Names and order follow CleanRL's `ppo_continuous_action.py` where both compute the same.
+//! Names and order follow CleanRL's `ppo_continuous_action.py` where both compute the same. The
+//! rollout comes with bootstrapped values; `gae.rs` computes advantages, `ppo/minibatch.rs` the
+//! forward and backward pass of a minibatch, and `ppo/settings.rs` has all numbers.
 
 #[cfg(feature = "wgpu")]
 mod gpu;

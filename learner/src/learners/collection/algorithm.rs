@@ -2,7 +2,14 @@
 //!
 //! Liu, Xu, Huang, Zhang, Liu, Oguchi, Zhao, "Continual Vision-based Reinforcement Learning with
 //! Group Symmetries", CoRL 2023. Where the paper leaves a gap, the setting that closes it says so.
-//! Steps that the paper does not have are in `extensions.rs`.
+//! Steps that the paper does not have are in `extensions.rs`, and each says when it takes place.
+//!
+//! A run calls [`Learner::learn`] once per iteration (`experiments/src/run.rs`); the environment
+//! changes the task group by itself. The assignment of lines 8 to 10 is a [`crate::Grouping`]: by
+//! default (`groupings/distance.rs`) W1 of the features that each policy's own network computes of
+//! the first frames, with a permutation test in the place of the paper's threshold; it is
+//! undecided if a test rejects a policy after one rollout only. The methods below `learn` serve
+//! evaluations.
 
 use std::path::Path;
 use std::time::Instant;
@@ -54,7 +61,8 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         let actor = self.hand_over(env, collector, &mut decision, &mut iteration)?;
         let learned = self.teach_grouping(actor, &decision, &mut iteration.seconds)?;
 
-        // Lines 15 and 16: update the current policy with D, which the next rollout overwrites.
+        // Lines 15 and 16: update the current policy with D, which the next rollout overwrites:
+        // `Ppo::update` (rl/src/ppo.rs) through `PpoTraining`, or soft actor-critic.
         // Extension: policies that turn out to serve one group are merged.
         let update = self.update(&mut iteration.seconds)?;
         iteration.policy = self.current;
