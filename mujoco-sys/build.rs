@@ -13,7 +13,7 @@ const PREPARED: &str = include_str!("docs_rs.in");
 /// The MuJoCo release that this workspace is written for, as `mj_version()` reports it.
 const SUPPORTED_VERSION: u32 = 222;
 
-/// What a user can do about a missing header or compiler library.
+/// Advice on a missing header or compiler library.
 const REMEDY: &str = "Install MuJoCo 2.2.2 and libclang. On Debian 12:\n\n    \
      apt-get install libmujoco-dev libclang-dev\n\n\
      Elsewhere, point BINDGEN_EXTRA_CLANG_ARGS at the headers (-I<folder holding mujoco/>) \

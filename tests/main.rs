@@ -28,6 +28,7 @@ mod terminal;
 mod unsafe_code;
 mod variants;
 mod watch;
+mod words;
 
 #[path = "../fuzz/src/targets/mod.rs"]
 mod targets;
