@@ -140,7 +140,7 @@ fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
     fs::write(&path, &newer).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(
-        matches!(error, RunError::Learner(LearnerError::NewerFormat { format: 5, .. })),
+        matches!(error, RunError::Learner(LearnerError::NewerFormat { format: 6, .. })),
         "{error}"
     );
     assert_eq!(fs::read(&path).unwrap(), newer);
