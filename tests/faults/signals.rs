@@ -75,10 +75,6 @@ fn stop_after(moment: &str, mut process: Process, signal: &str) -> String {
 /// A folder, and a short run of COVERS that is changed by `adapt`.
 fn prepared(name: &str, adapt: impl FnOnce(&mut Experiment)) -> (Scratch, Experiment) {
     let mut experiment = tiny(Method::Covers);
-    // a busy machine must deliver the signal before the run ends
-    for group in &mut experiment.schedule.groups {
-        group.decisions *= 4;
-    }
     adapt(&mut experiment);
     (Scratch::new(name), experiment)
 }

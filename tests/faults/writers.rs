@@ -234,13 +234,20 @@ fn the_machines_clock_is_read_in_one_place_alone() {
     for folder in [
         "src",
         "cluster/src",
+        "deploy/src",
         "envs/src",
         "equivariant/src",
         "evidence/src",
+        "experiments/src",
         "inpainting/src",
+        "learner/src",
         "mujoco/src",
+        "render/src",
+        "report/src",
         "rl/src",
+        "robots/src",
         "symmetry/src",
+        "watch/src",
         "worlds/src",
     ] {
         sources(&root.join(folder), &mut found);
