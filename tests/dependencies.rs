@@ -77,7 +77,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 19] = [
     ),
     (
         "experiments",
-        &["cluster", "envs", "evidence", "inpainting", "learner", "rl", "robots", "symmetry"],
+        &["cluster", "envs", "evidence", "learner", "rl", "symmetry"],
         &[],
     ),
     ("render", &["envs", "experiments", "learner", "rl", "symmetry"], &[]),
@@ -111,7 +111,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 19] = [
             "symmetry",
             "watch",
         ],
-        &["cluster", "equivariant", "inpainting", "robots"],
+        &["cluster", "equivariant"],
     ),
 ];
 

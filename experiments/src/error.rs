@@ -192,7 +192,7 @@ impl RunError {
 
     /// Returns a [`RunError::Read`] for a file that can be read but has invalid contents.
     pub fn damaged(path: &Path, problem: String) -> Self {
-        Self::read(path, Damaged(problem))
+        LearnerError::damaged(path, problem).into()
     }
 
     /// Returns a [`RunError::Write`] for `path`, or [`RunError::TakenOver`] if that is the cause.
@@ -228,8 +228,3 @@ fn taken_over(holder: Option<&str>) -> String {
         None => "was moved, or its file `owner` was removed, while this process was working".into(),
     }
 }
-
-/// Description of invalid contents of a file.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Damaged(String);
