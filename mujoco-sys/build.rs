@@ -21,6 +21,7 @@ const REMEDY: &str = "Install MuJoCo 2.2.2 and libclang. On Debian 12:\n\n    \
 
 fn main() -> ExitCode {
     println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-env-changed=DOCS_RS");
     println!("cargo::rustc-link-lib=mujoco");
     match generate() {
         Ok(()) => ExitCode::SUCCESS,

@@ -75,11 +75,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 19] = [
             "worlds",
         ],
     ),
-    (
-        "experiments",
-        &["cluster", "envs", "evidence", "learner", "rl", "symmetry"],
-        &[],
-    ),
+    ("experiments", &["cluster", "envs", "evidence", "learner", "rl", "symmetry"], &[]),
     ("render", &["envs", "experiments", "learner", "rl", "symmetry"], &[]),
     ("report", &["envs", "experiments", "learner", "render", "symmetry"], &[]),
     ("watch", &["envs", "experiments", "symmetry"], &[]),
