@@ -11,11 +11,16 @@ fn main() {
     if git(&["rev-parse", "--show-prefix"]).as_deref() != Some(FOLDER) {
         return;
     }
-    // any tracked crate can make the sources differ from the commit, so all of them are watched
+    // Watched are the sources of every tracked crate, and no folder that builds write to. Changes
+    // elsewhere show in COVERS_CLEAN at the next rebuild.
     let tracked = git(&["ls-tree", "--name-only", "HEAD", "../"]).unwrap_or_default();
-    let crates = tracked.lines().filter(|entry| Path::new(entry).join("Cargo.toml").exists());
-    for path in crates.chain(["../src", "../Cargo.toml", "../Cargo.lock"]) {
-        println!("cargo::rerun-if-changed={path}");
+    for folder in tracked.lines().chain([".."]).map(Path::new) {
+        for name in ["src", "Cargo.toml", "build.rs"] {
+            let path = folder.join(name);
+            if folder.join("Cargo.toml").exists() && path.exists() {
+                println!("cargo::rerun-if-changed={}", path.display());
+            }
+        }
     }
     for name in ["HEAD", "logs/HEAD"] {
         if let Some(path) = git(&["rev-parse", "--git-path", name]) {

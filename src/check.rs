@@ -28,7 +28,7 @@ pub use parity::{ParityRow, parity};
 /// Subcommands of `covers check`.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Check {
-    /// Check that scripted experts solve all 16 variants.
+    /// Checks that scripted experts solve all 16 variants.
     #[command(after_help = "Example: covers check experts --embodiment hand --seeds 10")]
     Experts {
         /// Embodiment: `sawyer`, `hand` or `kinova_gen3` (default: the first two).
@@ -41,9 +41,9 @@ pub enum Check {
         #[arg(long)]
         json: bool,
     },
-    /// Check that the mask of a robot hides its arm where the camera shows it.
+    /// Checks that the mask of a robot hides its arm where the camera shows it.
     Mask(MaskOptions),
-    /// Compare recordings of Meta-World with this simulation: rewards, single steps, replay.
+    /// Compares recordings of Meta-World with this simulation: rewards, single steps, replay.
     #[command(after_help = "Example: covers check parity tests/recordings")]
     Parity {
         /// Folder of recordings named ENGINE_TASK_POLICY.npz.
@@ -52,7 +52,7 @@ pub enum Check {
         #[arg(long)]
         json: bool,
     },
-    /// Compare variants with their unflipped counterparts, open loop and closed loop.
+    /// Compares variants with their unflipped counterparts, open loop and closed loop.
     #[command(after_help = "Example: covers check symmetry --embodiment hand")]
     Symmetry {
         /// Embodiment: `sawyer`, `hand` or `kinova_gen3`.

@@ -7,8 +7,8 @@
 //! variants that it never trained on.
 //!
 //! - [`Learner`]: algorithm that a run trains. [`Covers`] is Algorithm 1 of the paper;
-//!   [`OffPolicy`] has replay buffers, and covers CLEAR and 3RL. Both train on any
-//!   [`rl::VectorEnv`].
+//!   [`OffPolicy`] does the same with replay buffers; CLEAR and 3RL are settings of it. Both train
+//!   on any [`rl::VectorEnv`].
 //! - [`Grouping`]: rule that assigns rollouts to policies.
 //! - [`Stream`]: task groups on MuJoCo as a [`rl::VectorEnv`].
 //! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows. It can be

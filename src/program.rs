@@ -27,7 +27,7 @@ Examples:
 
 Exit codes:
   0    success: the command finished, and all checks passed
-  1    an error, printed on standard error; a failed check; a problem that `covers doctor` found
+  1    an error, printed on standard error; a failed check; a part that `covers doctor` finds BAD
   2    invalid options
   3    a run stopped early by a signal or a closed output; `covers resume` continues it
   128 plus the number of a signal that ended the program at once (130 for Ctrl-C, 143 for SIGTERM)";

@@ -14,12 +14,12 @@ const POINTERS: [&str; 10] =
 /// Largest share of first lines that may begin with one of these words.
 const MAX_SHARE: f64 = 0.01;
 
-/// Returns the first lines of the documentation of a file's code, tests left out.
+/// Returns the first lines of the documentation of a file, its test module left out.
 fn first_lines(text: &str) -> Vec<&str> {
     let mut first = Vec::new();
     let mut inside = false;
-    let code = text.lines().map(str::trim).take_while(|line| !line.starts_with("#[cfg(test)]"));
-    for line in code {
+    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+    for line in code.lines().map(str::trim) {
         let words = line.strip_prefix("///").or_else(|| line.strip_prefix("//!"));
         if let Some(words) = words.filter(|_| !inside) {
             first.push(words.trim());
@@ -59,7 +59,7 @@ fn documentation_begins_with_verbs_and_nouns() {
 #[test]
 fn questions_and_pointers_are_found() {
     let text = "//! What it is.\n\n/// Whether it is.\n/// More.\nfn a() {}\n/// Returns 1.\nfn b() {}\n\
-        /// As above.\nfn c() {}\n#[cfg(test)]\n/// How it is.\n";
+        /// As above.\nfn c() {}\n#[cfg(test)]\nmod tests {\n/// How it is.\n";
     let lines = first_lines(text);
     assert_eq!(lines, ["What it is.", "Whether it is.", "Returns 1.", "As above."]);
     assert_eq!(lines.iter().filter(|line| begins(line, &QUESTIONS)).count(), 2);

@@ -128,7 +128,7 @@ pub struct Assigner {
     settings: AssignerSettings,
 }
 
-/// Stage of a decision: one rollout, or finally two.
+/// Look at a group: the first has one rollout, the second has two and is final.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Look {
     First,

@@ -160,7 +160,7 @@ struct Pool {
     /// Number of episodes of the first side.
     split: usize,
     /// Sum of the values of each episode under [`Side::Less`]; `None` under [`Side::Both`].
-    means: Option<Vec<f64>>,
+    sums: Option<Vec<f64>>,
     measured: Vec<f64>,
 }
 
@@ -170,11 +170,11 @@ impl Pool {
     fn new(features: &[f32], like: &Frames, side: Side, split: usize) -> Result<Option<Self>> {
         let distances = PooledDistances::new(features, like)?;
         let each = like.frames_per_episode() * like.dim();
-        let mean = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
+        let sum = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
         Ok((distances.largest() > 0.0).then(|| Self {
             distances,
             split,
-            means: (side == Side::Less).then(|| features.chunks(each).map(mean).collect()),
+            sums: (side == Side::Less).then(|| features.chunks(each).map(sum).collect()),
             measured: Vec::new(),
         }))
     }
@@ -190,9 +190,9 @@ impl Pool {
     /// Returns `true` if the difference between the two sides counts.
     fn counts(&self, order: &[usize]) -> bool {
         let (first, second) = order.split_at(self.split);
-        self.means.as_ref().is_none_or(|means| {
+        self.sums.as_ref().is_none_or(|sums| {
             let mean =
-                |side: &[usize]| side.iter().map(|&e| means[e]).sum::<f64>() / side.len() as f64;
+                |side: &[usize]| side.iter().map(|&e| sums[e]).sum::<f64>() / side.len() as f64;
             mean(first) < mean(second)
         })
     }

@@ -60,7 +60,7 @@ pub struct Wasserstein {
 }
 
 impl Wasserstein {
-    /// Creates a workspace without memory.
+    /// Creates a workspace that has allocated nothing yet.
     pub fn new() -> Self {
         Self::default()
     }
@@ -69,7 +69,7 @@ impl Wasserstein {
     /// own; faster with the larger cloud as `x`.
     ///
     /// # Errors
-    /// Those of [`wasserstein1`], weights that are no distribution, and numbers of weights other
+    /// Errors of [`wasserstein1`], weights that are no distribution, and numbers of weights other
     /// than `n` and `m`.
     pub fn solve(&mut self, x: Cloud, y: Cloud, dim: usize) -> Result<&TransportPlan> {
         let costs = costs(&mut self.costs, x, y, dim)?;
@@ -80,7 +80,7 @@ impl Wasserstein {
     /// faster if a cloud has grown by a few points.
     ///
     /// # Errors
-    /// Those of [`solve`](Self::solve).
+    /// Errors of [`solve`](Self::solve).
     pub fn solve_again(&mut self, x: Cloud, y: Cloud, dim: usize) -> Result<&TransportPlan> {
         let costs = costs(&mut self.costs, x, y, dim)?;
         self.solver.solve_again(costs, x.1, y.1)

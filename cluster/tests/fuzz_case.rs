@@ -32,10 +32,14 @@ pub enum Outcome {
 pub fn run(seed: u64) -> Result<Outcome, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
-    let mut solve = |rng: &mut ChaCha8Rng, with_points| match with_points {
-        true => clouds(rng, &mut workspace),
-        false if rng.random_ratio(1, 4) => forbidden_pairs(rng, &mut solver),
-        false => matrix(rng, &mut solver),
+    let mut solve = |rng: &mut ChaCha8Rng, with_points| {
+        if with_points {
+            clouds(rng, &mut workspace)
+        } else if rng.random_ratio(1, 4) {
+            forbidden_pairs(rng, &mut solver)
+        } else {
+            matrix(rng, &mut solver)
+        }
     };
     let with_points = rng.random_ratio(1, 3);
     if rng.random() {

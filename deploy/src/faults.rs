@@ -18,16 +18,16 @@ pub enum Fault {
     PictureLatency,
     /// Delay from a command to its effect (ms, a multiple of the control step of 12.5 ms).
     CommandLatency,
-    /// Range of the exposure's drift (%).
+    /// Standard deviation of the exposure's drift (%).
     ExposureDrift,
-    /// Range of the drift of the gains of red and blue (%).
+    /// Standard deviation of the drift of the gains of red and blue (%).
     BalanceDrift,
     /// Margin of the mask around the arm (mm).
     MaskGrowth,
 }
 
 impl Fault {
-    /// All faults, in the order of docs/results/kinova.md.
+    /// All faults.
     pub const ALL: [Self; 7] = [
         Self::PositionError,
         Self::AngleError,
@@ -122,7 +122,7 @@ impl FromStr for FaultSweep {
         let amounts = amounts.map_err(|_| refused(FORM))?;
         let from_zero = amounts.iter().all(|amount| *amount >= 0.0 && amount.is_finite());
         let rising = amounts.windows(2).all(|pair| pair[0] < pair[1]);
-        // NaN fails the comparisons, too; a sweep of 0 alone would show no fault
+        // a sweep of 0 alone would show no fault
         if from_zero && rising && amounts.last() > Some(&0.0) {
             return Ok(Self { fault, amounts });
         }

@@ -260,8 +260,8 @@ impl ExtraView {
         }
     }
 
-    /// Returns the number of last channels that are constant during an episode, and need to be stored
-    /// once: 3 or 0.
+    /// Returns the number of last channels that are constant during an episode, and need to be
+    /// stored once: 3 or 0.
     pub const fn still_channels(self) -> usize {
         match self {
             Self::First => RGB,

@@ -54,7 +54,8 @@ impl Homography {
 mod tests {
     use super::*;
 
-    /// Where `camera`, moved and turned, has a point of the table: the slow way, by projection.
+    /// Projects a point of the table into the picture of `camera`, moved and turned, without the
+    /// homography.
     fn projected(camera: &Camera, position: DVec3, turn: DVec3, point: DVec3) -> [f64; 2] {
         let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
         let eye = position + camera.height * DVec3::Z;

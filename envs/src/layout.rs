@@ -31,7 +31,7 @@ pub(crate) struct Settling {
     pub hand_target: DVec3,
     /// Joint positions other than zero.
     pub joint_positions: JointPositions,
-    /// Physics steps before episodes may start.
+    /// Physics steps before episodes may start, if a weld moves the hand.
     pub steps: usize,
 }
 

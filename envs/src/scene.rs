@@ -169,12 +169,14 @@ impl SceneKey {
     /// Describes the key for an error message. If `other` has equal names but another definition
     /// behind one, it says so.
     pub(crate) fn describe(&self, other: &Self) -> String {
-        let [task, spec] = [0, 1].map(|of| self.instance_ids[of] != other.instance_ids[of]);
+        let [other_task, other_embodiment] =
+            [0, 1].map(|of| self.instance_ids[of] != other.instance_ids[of]);
         let remark = |differs, what| {
             if differs { format!(" (another {what} of that name)") } else { String::new() }
         };
-        let of_task = remark(self.group == other.group && task, "task");
-        let of_embodiment = remark(self.embodiment == other.embodiment && spec, "embodiment");
+        let of_task = remark(self.group == other.group && other_task, "task");
+        let is_other = self.embodiment == other.embodiment && other_embodiment;
+        let of_embodiment = remark(is_other, "embodiment");
         let Self { layout, embodiment, group, control, .. } = self;
         format!("{group}{of_task} with {embodiment}{of_embodiment}, {layout}, {control:?}")
     }
@@ -210,9 +212,10 @@ fn compile(
     camera: &Camera,
 ) -> Result<Model, EnvError> {
     let addition = layout.meta_world(group)?.and_then(|spec| spec.addition);
-    let spec = embodiment.spec().parts()?;
+    let embodiment_parts = embodiment.spec().parts()?;
     let meta_world_mjcf = layout.meta_world_mjcf(embodiment.spec());
-    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, (EMBODIMENT, meta_world_mjcf.unwrap_or(&spec.mjcf))];
+    let mut parts: Vec<Mjcf<'_>> =
+        vec![ARENA, (EMBODIMENT, meta_world_mjcf.unwrap_or(&embodiment_parts.mjcf))];
     parts.extend(group.task().parts().mjcf.map(|text| (TASK, text)));
     parts.extend(addition.map(|text| (ADDITION, text)));
     let include = |(name, _): &Mjcf<'_>| format!("<include file=\"{name}\"/>");
@@ -220,7 +223,7 @@ fn compile(
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // the files that the parts above include by name
-    parts.extend(spec.included.iter().map(|(name, text)| (*name, &text[..])));
+    parts.extend(embodiment_parts.included.iter().map(|(name, text)| (*name, &text[..])));
     parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> =
         parts.iter().map(|&(name, text)| (name, text.as_bytes())).collect();

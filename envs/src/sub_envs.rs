@@ -44,9 +44,9 @@ pub(crate) struct SubEnvs {
     renderers: BTreeMap<TaskGroup, SceneRenderer>,
     /// Simulations of the current group, one per slot.
     tables: Vec<TableTop>,
-    /// Simulations of earlier groups, kept for their return. Freeing them left gaps of almost equal
-    /// sizes, several megabytes each: memory grew with every group, and rose and fell with every
-    /// switch.
+    /// Simulations of earlier groups, kept for their return. Freeing blocks of
+    /// several megabytes and almost equal sizes fragments the heap: memory would grow with every
+    /// group.
     parked: BTreeMap<TaskGroup, Vec<TableTop>>,
     elements: Vec<D2>,
     picture: Vec<u8>,

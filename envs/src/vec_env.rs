@@ -174,8 +174,9 @@ impl VecEnv {
     /// last observation.
     ///
     /// # Errors
-    /// Those of [`VecEnv::step`]; [`EnvError::NotReset`] only if a command other than
-    /// [`EnvCommand::Reset`] is given without a running episode.
+    /// Errors of [`VecEnv::step`]; [`EnvError::NotReset`] for commands other than `Reset` before the
+    /// first reset, or after the tasks changed or a call failed. One environment without a running
+    /// episode is a [`Failure`] of that environment.
     pub fn advance(
         &mut self,
         actions: &[f32],

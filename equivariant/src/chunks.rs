@@ -103,13 +103,12 @@ impl<T: Real, W: Send> Chunks<T, W> {
         gradient: &mut [T],
         f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
     ) -> Vec<S> {
-        // Waves bound the memory for gradients, and adding wave after wave keeps the order of the
-        // chunks.
         assert_eq!(gradient.len(), self.num_params, "wrong number of parameters");
         let count = self.prepare(num_samples);
         let mut buffers = std::mem::take(&mut self.gradients);
         buffers.resize_with(buffers.len().max(count.min(WAVE)), || vec![T::ZERO; self.num_params]);
         let mut results = Vec::with_capacity(count);
+        // waves bound the memory of gradients, and adding one after another keeps the chunks' order
         for first in (0..count).step_by(WAVE) {
             let wave = first..count.min(first + WAVE);
             let buffers = &mut buffers[..wave.len()];

@@ -3,7 +3,7 @@
 mod average_pool;
 mod check;
 mod concat;
-mod field_norm;
+pub(crate) mod field_norm;
 mod group_pool;
 mod gru;
 mod interchange;

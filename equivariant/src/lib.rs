@@ -13,7 +13,7 @@
 //!   [`Scratch`] that it filled. All buffers belong to the caller, so a training step allocates
 //!   nothing after the first.
 //! - Slices of wrong lengths panic with the layer, the slice, its length and the expected one;
-//!   constructors return a [`LayerError`].
+//!   constructors return a [`LayerError`] for layers that cannot be built.
 //! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current rayon
 //!   pool, with the same bits for any number of threads. Large convolutions of a single image use
 //!   two threads of the pool that they run in.

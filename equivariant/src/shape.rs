@@ -8,8 +8,7 @@ use symmetry::{D2, FieldType, Irrep};
 use crate::real::Real;
 
 /// Maximum number of values of a sample and of parameters of a layer. The product of two such
-/// numbers, for example of the values of as many samples, is 2^62 and fits into a `usize` of 64
-/// bits.
+/// numbers, for example of samples and values of each, is 2^62 and fits into a `usize` of 64 bits.
 pub(crate) const MAX_VALUES: usize = 1 << 31;
 
 /// Shape of one sample: `[height, width, fields.dim()]`, channels last.
@@ -66,7 +65,7 @@ impl Shape {
 
     /// Iterates over the samples of a slice.
     pub(crate) fn each<'a, T>(&self, values: &'a [T]) -> ChunksExact<'a, T> {
-        // chunks of length 0 would panic, and this also runs on shapes that layers reject
+        // chunks of length 0 would panic
         values.chunks_exact(self.len().max(1))
     }
 

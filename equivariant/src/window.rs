@@ -14,7 +14,7 @@ pub struct Kernel {
     pub size: usize,
     /// Distance between neighbouring windows.
     pub stride: usize,
-    /// Zero pixels added on each side of the image.
+    /// Pixels of padding on each side of the image: zeros, or nothing for a maximum.
     pub padding: usize,
 }
 

@@ -143,7 +143,8 @@ impl Examiner<'_> {
         1.0 + FARTHEST * (self.0.min_ratio - 1.0)
     }
 
-    /// Returns the factor on the level of a source: it rises from 1 to 31 with lost earnings.
+    /// Returns the factor on the level of a source: for earnings it rises from 1 to 31 with the
+    /// lost share, for other sources it is 1.
     fn weight(self, opinion: &Opinion, kind: Kind) -> f64 {
         let least = self.0.min_loss;
         let share = (opinion.lost - least) / (1.0 - least).max(f64::MIN_POSITIVE);

@@ -71,8 +71,8 @@ impl Filters {
         2 * self.count
     }
 
-    /// Returns the features of a picture `[H, W, C]`: the mean responses of all filters, then the
-    /// largest ones, scaled to length 1.
+    /// Returns the features of a picture `[H, W, C]`: the mean responses of all filters, times
+    /// 10, then the largest ones, all scaled to length 1.
     ///
     /// # Errors
     /// A picture of another size.

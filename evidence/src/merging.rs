@@ -21,8 +21,9 @@ pub struct Merge {
 
 impl Recogniser {
     /// Returns a policy that may serve the same group as `policy`: one that the last decision
-    /// `accepted`, if both have a gain and the two were not found to differ before. Let it act for
-    /// some episodes of that group, then call [`Recogniser::compare`].
+    /// `accepted`, if the gain of `policy` is large enough for a proof, the other one has a gain and
+    /// was not merged, and the two were not found to differ before. Let it act for some episodes
+    /// of that group, then call [`Recogniser::compare`].
     pub fn twin(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
         let examiner = Examiner(self.settings());
         let own = self.memories.get(policy)?;
@@ -63,8 +64,9 @@ impl Recogniser {
     }
 
     /// Merges `policy` into `twin`, which [`Recogniser::compare`] accepted by the episodes `heard`,
-    /// if `policy` still serves its group in the episodes `again`, in which it acted itself. If it
-    /// earns clearly more there, `twin` is merged into `policy` instead. Returns `None` if nothing
+    /// if `policy` still serves its group in the episodes `again`, in which it acted itself. If
+    /// `policy` earned clearly more in its own group than `twin` did in `heard`, `twin` is merged
+    /// into `policy` instead. Returns `None` if nothing
     /// was merged; the two may then be compared again.
     ///
     /// # Errors

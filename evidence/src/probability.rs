@@ -16,7 +16,7 @@ pub struct Probabilities {
 pub(crate) struct Weighed {
     /// Tail p-value; `None` if the policy was merged or remembers too few episodes to be tested.
     pub(crate) p_value: Option<f64>,
-    /// `true` if no source shows a difference larger than drift.
+    /// `true` if no source shows a significant difference larger than drift.
     pub(crate) may_be_drift: bool,
     pub(crate) misfit: f64,
 }

@@ -35,7 +35,7 @@ pub(crate) fn save(
 ) -> Result<(), RunError> {
     replace(disk, &path(folder, rollouts), bytes)?;
     let mut checkpoints = list(folder)?;
-    // counted here, a checkpoint with a higher number could push out the one just written
+    // if checkpoints with higher numbers counted, they could push out the one just written
     checkpoints.retain(|(number, _)| *number <= rollouts);
     for (_, old) in checkpoints.iter().skip(keep) {
         let removed = disk.remove(old);

@@ -179,8 +179,8 @@ impl VectorEnv for ClockedStream {
     }
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
-        // a reset right after the clock's own must not draw other episodes, since learners that
-        // reset and learners that do not see the same stream
+        // a reset right after the clock's own must not draw other episodes, so that learners see
+        // the same stream whether they reset or not
         if self.is_begun {
             out.clone_from(&self.begun);
             return Ok(());

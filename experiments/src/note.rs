@@ -81,8 +81,7 @@ impl SavedRun {
         }
     }
 
-    /// Recomputes the statistics that checkpoints leave out from the saved tables, and upgrades
-    /// tables of older versions.
+    /// Recomputes the statistics that checkpoints leave out from the saved tables.
     ///
     /// # Errors
     /// [`RunError::Read`] for rows without group or policy.
@@ -90,7 +89,7 @@ impl SavedRun {
         let RunState { stats, tables, .. } = &mut self.state;
         let wrong = |error| RunError::damaged(path, format!("the rows of the run: {error}"));
         stats.served = tables.served().map_err(wrong)?;
-        tables.upgrade().map_err(wrong)
+        Ok(())
     }
 
     fn check(&self) -> Result<(), &'static str> {

@@ -27,7 +27,7 @@ pub struct Progress {
     /// Report of the learner.
     pub iteration: Iteration,
     /// Warning about rewards that are too large or too small to train on; each kind is given once
-    /// per process.
+    /// after each start or resumption.
     pub warning: Option<RewardWarning>,
     /// Factor from a return to the paper's scale, on which a perfect episode earns 500.
     pub reward_scale: f64,
@@ -91,7 +91,7 @@ pub struct Summary {
     #[serde(rename = "straddled")]
     pub spanning_switch: usize,
     /// Share of rollouts assigned to the policy of their group, in `[0, 1]`
-    /// ([`RunStats::right`](crate::RunStats)); `None` if all rollouts span a task switch.
+    /// ([`RunStats::right`](crate::RunStats::right)); `None` if all rollouts span a task switch.
     pub assignment_accuracy: Option<f64>,
     /// Assignment accuracy over rollouts of groups that were visited before; `None` without any.
     pub return_accuracy: Option<f64>,

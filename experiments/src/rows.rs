@@ -1,13 +1,9 @@
 //! Copies of a run's tables in checkpoints.
 
-use csv::{Reader, StringRecord, Writer};
+use csv::{Reader, StringRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::run_stats::{Served, count_served};
-
-/// Columns of `evaluation.csv` that older versions do not write.
-pub(crate) const OWN_POLICY_COLUMNS: [&str; 4] =
-    ["own_policy", "own_success", "own_success_at_end", "own_reward"];
 
 /// Contents of the tables at a checkpoint, from which lost or damaged files are restored.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -47,23 +43,6 @@ impl TableSnapshots {
         Ok(served)
     }
 
-    /// Adds empty columns of groups' own policies to scores of an older version.
-    pub fn upgrade(&mut self) -> Result<(), csv::Error> {
-        let mut reader = Reader::from_reader(self.scores.as_bytes());
-        let names = reader.headers()?.clone();
-        if names.is_empty() || names.iter().any(|name| OWN_POLICY_COLUMNS.contains(&name)) {
-            return Ok(());
-        }
-        let mut writer = Writer::from_writer(Vec::new());
-        writer.write_record(names.iter().chain(OWN_POLICY_COLUMNS))?;
-        for row in reader.records() {
-            writer.write_record(row?.iter().chain([""; OWN_POLICY_COLUMNS.len()]))?;
-        }
-        let bytes = writer.into_inner().map_err(|error| error.into_error())?;
-        self.scores = String::from_utf8_lossy(&bytes).into_owned();
-        Ok(())
-    }
-
     /// Returns the number of rollouts; `None` if the metrics or the scores are no valid CSV.
     pub fn rollouts(&self) -> Option<usize> {
         count(&self.scores).and(count(&self.metrics))
@@ -99,20 +78,5 @@ mod tests {
         let metrics = "rollout,group\n0,a\n".to_owned();
         let nameless = TableSnapshots { metrics, ..TableSnapshots::default() };
         assert!(nameless.served().is_err());
-    }
-
-    #[test]
-    fn scores_of_an_older_version_get_the_new_columns_once() {
-        let scores = "rollouts,reward\n0,1.5\n".to_owned();
-        let mut rows = TableSnapshots { scores, ..TableSnapshots::default() };
-        let expected = "rollouts,reward,own_policy,own_success,own_success_at_end,own_reward\n\
-            0,1.5,,,,\n";
-        for _ in 0..2 {
-            rows.upgrade().unwrap();
-            assert_eq!(rows.scores, expected);
-        }
-        let mut none = TableSnapshots::default();
-        none.upgrade().unwrap();
-        assert!(none.scores.is_empty());
     }
 }

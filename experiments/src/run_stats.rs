@@ -21,8 +21,8 @@ pub struct RunStats {
     /// switch; `None` before such a rollout.
     pub opened_for: Vec<Option<String>>,
     /// For each policy, the one that it was merged into, as of the last iteration
-    /// ([`learner::Iteration::merged_into`]). All counts credit a merged policy's rollouts to the
-    /// policy that acts for it.
+    /// ([`learner::Iteration::merged_into`]). `right` and own policies count a merged policy as the
+    /// one that acts for it.
     #[serde(default, rename = "heirs")]
     pub merged_into: Vec<Option<usize>>,
     /// Rollouts by group and policy. Checkpoints leave them out, since the rows of `metrics.csv` in
@@ -123,7 +123,8 @@ impl RunStats {
         self.served.iter().filter_map(own).collect()
     }
 
-    /// Returns the policy that acts for a group; `None` if it was created for an earlier group.
+    /// Returns the policy that acts for a group; `None` without one, or if it also acts for an
+    /// earlier group.
     fn policy_of(&self, group: &str) -> Option<usize> {
         let is_own = |opened: &Option<String>| opened.as_deref() == Some(group);
         let first = self.opened_for.iter().position(is_own)?;

@@ -8,7 +8,7 @@ use symmetry::D2;
 
 use crate::error::RunError;
 
-/// Largest number of decisions of a stream, about a thousand times as many as presets have.
+/// Largest number of decisions of a stream, more than a thousand times as many as presets have.
 pub const MAX_DECISIONS: usize = 288_000_000;
 
 /// Plan of the stream, which the learner does not see.

@@ -1,4 +1,4 @@
-//! Contact sheet: the first image of every variant, as the learner sees it in evaluations.
+//! Contact sheet: the first image of every variant, as evaluations show it, without close-ups.
 
 use std::sync::Arc;
 

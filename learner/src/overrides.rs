@@ -183,8 +183,8 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     ends.or_else(|| nearest(alike, wanted)).map(str::to_owned)
 }
 
-/// Returns the nearest name by edit distance, at most a third of the length of `wanted` or three:
-/// a name further away would not help.
+/// Returns the nearest name by edit distance, up to three or a third of the length of `wanted`,
+/// whichever is more: a name further away would not help.
 fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a str> {
     let length = wanted.chars().count();
     if length > LONGEST {

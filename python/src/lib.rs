@@ -7,7 +7,7 @@ mod task;
 
 use std::sync::{Mutex, PoisonError};
 
-use envs::{Camera, Embodiment, EnvError, Failure, Layout, ObservationsMut, StepMut, EnvCommand};
+use envs::{Camera, Embodiment, EnvCommand, EnvError, Failure, Layout, ObservationsMut, StepMut};
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
 use numpy::{PyReadwriteArray, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray4};
@@ -214,7 +214,8 @@ impl Core {
 
 fn find_turn(turn: u8) -> PyResult<EnvCommand> {
     // the order is that of the codes in `covers_envs/vector.py`
-    let turns = [EnvCommand::Step, EnvCommand::StepNoAutoReset, EnvCommand::Reset, EnvCommand::Rest];
+    let turns =
+        [EnvCommand::Step, EnvCommand::StepNoAutoReset, EnvCommand::Reset, EnvCommand::Rest];
     let found = turns.get(usize::from(turn)).copied();
     found.ok_or_else(|| value_error(format!("turn {turn}, expected 0 to 3")))
 }

@@ -10,7 +10,8 @@ pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
 }
 
 /// Returns the policy that belongs to a group: the one that served the group in most of its
-/// rollouts, the first of equals. `None` if it served another group in more rollouts.
+/// rollouts, the first of equals. `None` if it served another group in more rollouts, or
+/// if no policy served the group.
 ///
 /// Merged policies count as one. Rollouts within which the group changed are left out.
 pub fn matched_policy(rollouts: &[RolloutRow], group: &str) -> Option<usize> {

@@ -11,7 +11,7 @@ use super::table::Table;
 use super::{efficiency, paper, per_visit, recognition};
 use experiments::RunData;
 
-/// The remark that stands beside the paper's metrics.
+/// Footnote of the paper's numbers.
 const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
     built for exact symmetry, so success rates do not compare one to one";
 
@@ -116,7 +116,7 @@ fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [S
     [cell(score), cell(count)]
 }
 
-/// Columns of the table "Over seeds".
+/// Columns of the table `seeds`.
 const OVER_SEEDS: [&str; 14] = [
     "method",
     "seeds",
@@ -289,6 +289,6 @@ fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
 }
 
 fn share(rollouts: impl Iterator<Item = [usize; 2]>) -> String {
-    let [all, straddled] = rollouts.fold([0, 0], |sum, run| [sum[0] + run[0], sum[1] + run[1]]);
-    format!("{straddled} of {all}")
+    let [all, spanning] = rollouts.fold([0, 0], |sum, run| [sum[0] + run[0], sum[1] + run[1]]);
+    format!("{spanning} of {all}")
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::algorithm::AlgorithmState;
 use crate::error::assert_len;
 
-/// Checkpoint name of the running mean of the gradient.
+// checkpoint names of the optimiser's state
 const FIRST_MOMENT: &str = "adam.first";
 pub(crate) const SECOND_MOMENT: &str = "adam.second";
 const STEPS: &str = "adam.steps";
@@ -113,7 +113,7 @@ impl Adam {
     }
 }
 
-/// Returns 1 - beta^t, in f64 so that it does not vanish for a beta near 1.
+/// Returns 1 - beta^t, in f64, since the subtraction cancels digits for a beta near 1.
 pub(crate) fn bias_correction(beta: f32, steps: u64) -> f32 {
     (1.0 - f64::from(beta).powf(steps as f64)) as f32
 }

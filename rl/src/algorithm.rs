@@ -25,8 +25,8 @@ pub trait Algorithm {
     /// # Errors
     /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for experience or a policy of another
     /// environment or network. [`RlError::NotFinite`] when a quantity diverges; `policy` then has
-    /// the parameters from before the offending step. The exception are parameters that a step
-    /// itself made infinite, which takes learning rates near the limit of f32: they stay infinite.
+    /// the parameters from before the offending step. An exception is a step that itself
+    /// makes parameters infinite, at learning rates near the limit of f32: they stay infinite.
     fn update(
         &mut self,
         policy: &mut Self::Policy,

@@ -87,7 +87,7 @@ pub enum RlError {
     },
     /// An array too large for this machine's memory.
     #[error(
-        "{what} of these settings would take {:.1} GiB, more memory than this machine has; ask \
+        "{what} of these settings would take {:.1} GiB, more memory than is available; ask \
          for fewer or smaller ones",
         bytes / GIB
     )]

@@ -110,8 +110,8 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the network for 128 x 128 pixels of D. Wang et al.'s SO(2)-equivariant agents with n
-    /// = 64, see [`Encoder::Pooled`], and the paper's critic.
+    /// Returns the network for 128 x 128 pixels of D. Wang et al.'s SO(2)-equivariant agents
+    /// with n = 64, see [`Encoder::Pooled`], and the paper's critic.
     pub fn so2_128() -> Self {
         Self {
             encoder: Encoder::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },

@@ -2,7 +2,7 @@
 //!
 //! Names and order follow CleanRL's `ppo_continuous_action.py` where both compute the same. The
 //! rollout comes with bootstrapped values; `gae.rs` computes advantages, `ppo/minibatch.rs` the
-//! forward and backward pass of a minibatch, and `ppo/settings.rs` has all numbers.
+//! forward and backward pass of a minibatch, and `ppo/settings.rs` has the hyper-parameters.
 
 #[cfg(feature = "wgpu")]
 mod gpu;

@@ -31,7 +31,7 @@ use crate::sac::policy::SacPolicy;
 use crate::sac::settings::{SacSettings, Temperature};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
 
-/// Checkpoint name of the target critics' parameters.
+// checkpoint names of the state beside the policy's own
 const TARGETS: &str = "targets";
 const TEMPERATURE: &str = "temperature.log";
 const TEMPERATURE_FIRST: &str = "temperature.first";

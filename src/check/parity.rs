@@ -20,8 +20,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
-use super::recording::largest;
-use super::recording::{CENTRE, Recording, centred, files};
+use super::recording::{CENTRE, Recording, centred, files, largest};
 use super::recording_error::RecordingError;
 use experiments::RunError;
 

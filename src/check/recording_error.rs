@@ -63,7 +63,7 @@ pub enum RecordingError {
         expected: Vec<usize>,
     },
     /// Array with an infinity or a NaN.
-    #[error("the array `{name}` is not finite at {index} of its values in row-major order")]
+    #[error("the array `{name}` has a value that is not finite at index {index} (row-major order)")]
     NotFinite {
         /// Name of the array.
         name: &'static str,

@@ -81,7 +81,7 @@ const DECISIONS: usize = 8;
 ///
 /// # Errors
 /// Errors of the environments.
-pub(super) fn observations(run: &Experiment) -> Result<Observations, RunError> {
+fn observations(run: &Experiment) -> Result<Observations, RunError> {
     let groups = run.schedule.resolve(&TaskRegistry::standard())?;
     let settings = VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.clean() };
     let mut stream = Stream::new(settings, &groups)?;

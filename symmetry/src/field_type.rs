@@ -131,7 +131,7 @@ impl FieldType {
 
     /// Returns the number of regular fields. `None` if the type has other fields, too.
     ///
-    /// Every type of C1 does, since its regular representation is the trivial one.
+    /// Every type of C1 consists of regular fields: its regular representation is the trivial one.
     pub fn regular_fields(&self) -> Option<usize> {
         let n = self.multiplicity(Irrep::Trivial);
         let irreps = self.group.irreps();

@@ -11,7 +11,8 @@ pub struct Group {
     pub pay: Pay,
     /// Dynamics of the hand.
     pub motion: Motion,
-    /// Amplitude of each colour's drift, a sine with a period of 1000 rounds, in 0..=255; zero
+    /// Signed amplitude of each colour's drift, a sine with a period of 1000 rounds, in units of a
+    /// byte; zero
     /// without drift.
     pub drift: [f32; 3],
 }

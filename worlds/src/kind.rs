@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::group::{Group, Motion, Pay};
 use crate::look::{Look, Shape, Texture};
 
-/// Property in which the groups of a world differ.
+/// Properties in which the groups of a world differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// Colour, shape, size, texture and number of copies; positions of targets differ as well.

@@ -1,10 +1,11 @@
-//! Small image-based worlds, drawn from a seed, in which groups of tasks differ in one property.
+//! Small image-based worlds, drawn from a seed, in which groups of tasks differ in
+//! chosen properties.
 //!
 //! A learner that assigns tasks to policies by itself should be tested in worlds that it was not
 //! tuned for. This crate draws such worlds: a hand moves on a plane, seen from above, and the
 //! reward depends on its position relative to an object. A *group* fixes the object's appearance,
-//! the reward and the dynamics of the hand. A [`Kind`] is the property in which the groups of a
-//! world differ. No simulator is needed, and a step takes microseconds.
+//! the reward and the dynamics of the hand. A [`Kind`] names the properties in which the groups of
+//! a world differ. No simulator is needed, and a step takes microseconds.
 //!
 //! - [`World::draw`] draws groups and their surroundings: clutter, light, camera noise, placements.
 //! - [`Stream`] shows the groups one after another, as an [`rl::VectorEnv`] of pictures

@@ -25,7 +25,7 @@ pub struct Scene {
 /// World: groups of tasks in one scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct World {
-    /// Property in which the groups differ.
+    /// Properties in which the groups differ.
     pub kind: Kind,
     /// Seed of the world and of all episodes in it.
     pub seed: u64,
@@ -43,8 +43,8 @@ impl World {
         Self::with_rng(kind, seed, number, rng)
     }
 
-    /// Draws a world with `number` groups, limited to 1 and to the kind's largest number, from 4
-    /// for [`Kind::Reward`] to 16.
+    /// Draws a world with `number` groups, at least 1 and at most the kind's largest number, which
+    /// is 4 for [`Kind::Reward`] and up to 16 for others.
     pub fn with_groups(kind: Kind, seed: u64, number: usize) -> Self {
         let rng = ChaCha8Rng::seed_from_u64(seed);
         Self::with_rng(kind, seed, number.clamp(1, kind.most()), rng)

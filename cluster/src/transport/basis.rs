@@ -175,7 +175,7 @@ impl Basis {
         let (below_sink, from_sink) = self.narrowest(sink, top, false);
         // at most one end is the top, and the arc above the other one shrinks: the flow is bounded
         let flow = from_source.min(from_sink);
-        // flows change before the tree does: both need the parents along the old cycle
+        // flows change before the tree does, since `send` follows the parents along the old cycle
         self.send(source, top, flow, true);
         self.send(sink, top, flow, false);
         if from_source <= from_sink {

@@ -53,7 +53,7 @@ pub(crate) struct Scratch {
 /// potentials would otherwise vanish in them.
 ///
 /// # Errors
-/// Those of [`transport`](crate::transport()) about weights and costs, and the first fact that does
+/// Errors of [`transport`](crate::transport()) about weights and costs, and the first fact that does
 /// not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN anywhere is a
 /// failure, never a pass.
 pub fn certify(
@@ -225,7 +225,7 @@ fn check_gap(
     Ok(gaps.into_iter().fold(0.0, |top, gap| top.max(gap.abs())))
 }
 
-/// Returns the cost of the entries of a plan, and the share of it that comes from their slacks.
+/// Returns the cost of the entries of a plan, and the sum of their slacks times their masses.
 /// With exact marginals the latter is the duality gap, without the rounding in sums of potentials.
 fn priced(cost: &[f64], plan: &TransportPlan) -> (f64, f64) {
     let (mut primal, mut open) = (Sum::default(), 0.0);

@@ -156,7 +156,7 @@ pub struct Certificate {
     /// Largest `u_i + v_j - c_ij` over all pairs, or zero, in the costs' unit.
     pub violation: f64,
     /// Cost of the plan less the value of the potentials, in magnitude, or the sum of the entries'
-    /// slacks if that is more, in the costs' unit.
+    /// slacks times their masses if that is more, in the costs' unit.
     pub gap: f64,
 }
 

@@ -64,7 +64,7 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// Creates a solver without memory.
+    /// Creates a solver that has allocated nothing yet.
     pub fn new() -> Self {
         Self::default()
     }
@@ -72,7 +72,7 @@ impl Solver {
     /// Solves a problem as [`transport`] does. The plan is kept until the next problem.
     ///
     /// # Errors
-    /// Those of [`transport`].
+    /// Errors of [`transport`].
     pub fn solve(
         &mut self,
         cost: &[f64],
@@ -94,7 +94,7 @@ impl Solver {
     /// Without a last problem this is [`solve`](Self::solve).
     ///
     /// # Errors
-    /// Those of [`transport`].
+    /// Errors of [`transport`].
     pub fn solve_again(
         &mut self,
         cost: &[f64],

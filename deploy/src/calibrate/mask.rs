@@ -157,7 +157,7 @@ impl MaskCheck {
     }
 }
 
-/// Removes single pixels, which are noise: keeps those with a majority of their neighbourhood.
+/// Majority filter over 3 x 3 pixels: removes single pixels, which are noise, and fills small holes.
 fn smoothed(differs: &[bool], width: usize) -> Vec<bool> {
     let height = differs.len() / width;
     let around = |place: usize, count: usize| place.saturating_sub(1)..(place + 2).min(count);

@@ -26,8 +26,8 @@ const FINGER: &str = "finger_l";
 const OPEN: f64 = 0.023;
 /// Finger joint's closed position (metres).
 const CLOSED: f64 = 0.0425;
-/// Distance (metres) between the inner face of a finger's pad and the claw's tip that tasks measure
-/// from, outwards. Open claws are then 0.1 m apart.
+/// Distance (metres) from the inner face of a finger's pad outwards to the point that tasks treat
+/// as the claw. Open claws are then 0.1 m apart.
 const CLAW: f64 = 0.0305;
 /// Distance from the middle of a pad to its lower end (metres).
 const TIP: f64 = 0.01875;
@@ -36,7 +36,7 @@ const TIP: f64 = 0.01875;
 const LEAD: f64 = 0.034;
 /// Acceleration of the hand (m/s^2): what the arm's hard limit of 4.94 rad/s^2 for its first four
 /// joints allows at 0.4 m from an axis. With the driver's default of 0.4 m/s^2 the hand needs 13 cm
-/// to stop from full speed, and overshoots its targets.
+/// to stop from the speed of a full action (0.32 m/s), and overshoots its targets.
 const ACCELERATION: f64 = 2.0;
 
 impl KinovaGen3 {

@@ -60,7 +60,7 @@ impl Task for ButtonPress {
 
     /// Goes in front of the cap, well clear of it, then straight through.
     fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
-        // the fingertips shall meet the cap, while commands move the hand
+        // commands move the hand, so the aim is offset by the distance of the fingertips from it
         let aim = now.object + (now.hand - now.tcp);
         let off_axis = (now.hand.x - aim.x).abs().max((now.hand.z - aim.z).abs());
         let hand = if off_axis > 0.02 {

@@ -22,10 +22,11 @@ const GOAL_Z: std::ops::Range<f64> = 0.08..0.25;
 
 const META_WORLD_GOAL_Y: std::ops::Range<f64> = 0.2..0.3;
 const META_WORLD_GOAL_Z: std::ops::Range<f64> = 0.05..0.3;
-/// Smallest distance of Meta-World's loose cylinder from the goal, and its height and range
-/// (metres).
+/// Smallest distance of Meta-World's loose cylinder from the goal (metres).
 const MIN_DISTANCE: f64 = 0.15;
+/// Height of the loose cylinder (metres).
 const DECOY_Z: f64 = 0.02;
+/// Range of the loose cylinder along y (metres).
 const DECOY_Y: std::ops::Range<f64> = 0.0..0.1;
 
 impl Task for GoalReach {

@@ -12,7 +12,7 @@ use crate::simd::patches::Patches;
 use crate::simd::tiles::{ROWS, forward};
 
 /// Maximum number of rows of a pass that reads parameters in place. With more rows it pays to copy
-/// them to aligned memory first.
+/// the parameters to aligned memory first.
 const MAX_ROWS_IN_PLACE: usize = 2 * ROWS;
 
 /// Returns the number of values of scratch, also for two halves of a single image; `staged` is

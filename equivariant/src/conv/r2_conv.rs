@@ -13,7 +13,7 @@ use crate::steerable::taps::Taps;
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
-/// Minimum number of output pixels to stage at once: small images are staged together up to it.
+/// Maximum number of output pixels of images that are staged together; a larger one is alone.
 const STAGED_OUTPUT_PIXELS: usize = 64;
 
 /// Convolution that commutes with the group of its types, with a bias on the trivial irrep.

@@ -40,7 +40,7 @@ pub struct Tensor {
     pub gradient: Option<Slot>,
 }
 
-/// Working buffers that all kernels share: none of them relies on earlier contents.
+/// Working buffers that layers use one after another: no layer relies on another's contents.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shared {
     /// Gradient with respect to folded patches.

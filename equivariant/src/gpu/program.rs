@@ -15,7 +15,7 @@ const BATCH_BYTES: u64 = 32;
 pub struct Batch {
     /// Number of samples.
     pub samples: usize,
-    /// Index of the first sample in the data set of the program.
+    /// Index of the first sample in the order that the program draws from.
     pub start: usize,
     /// Index of the batch in the sequence of batches.
     pub index: usize,

@@ -16,7 +16,7 @@ use crate::shape::Shape;
 
 /// Constant added to every variance against division by zero, the default of PyTorch's
 /// normalisations.
-const EPSILON: f64 = 1e-5;
+pub(crate) const EPSILON: f64 = 1e-5;
 /// Number of fields that are processed together, so that their sums live on the stack.
 const BLOCK: usize = 8;
 

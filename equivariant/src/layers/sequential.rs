@@ -122,7 +122,7 @@ impl<T: Scalar> Sequential<T> {
     /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with the same bits as on
     /// their [`pixel_value`](crate::pixel_value)s.
     ///
-    /// Bytes are converted where they are read, so the levels are never stored.
+    /// Bytes are converted where they are read, so the converted image is never stored.
     ///
     /// # Panics
     /// As `forward`, and when the first layer is no [`R2Conv`](crate::R2Conv) of trivial channels.

@@ -2,8 +2,8 @@
 
 use crate::real::{Real, exceeds};
 
-/// Instruction set of convolutions in single precision, in ascending order of width. The default is
-/// the widest that the processor has.
+/// Instruction set of convolutions in single precision; variants are in ascending order of width.
+/// The default is the widest that the processor has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum InstructionSet {
     /// Instructions that every processor has.

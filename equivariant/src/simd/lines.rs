@@ -188,9 +188,9 @@ fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T])
     }
 }
 
-/// Factor of a byte: 255 levels span one unit.
+/// Factor of a byte: 255 steps span one unit.
 const BYTE_SCALE: f64 = 1.0 / 255.0;
-/// Number subtracted after scaling, which centres the levels at zero.
+/// Number subtracted after scaling, which centres the range at zero.
 const BYTE_OFFSET: f64 = 0.5;
 
 /// Returns the number that a byte of an image stands for, in [-0.5, 0.5].

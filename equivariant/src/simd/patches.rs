@@ -207,12 +207,12 @@ impl Patches {
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Returns where the window of every output pixel starts in a padded copy of the image.
+    /// Returns where every output pixel's window starts in an image that is staged with its padding.
     pub fn windows(&self) -> &[usize] {
         &self.windows
     }
 
-    /// Returns where every pixel of the image lies in a padded copy of it.
+    /// Returns where every pixel starts in an image that is staged with its padding.
     pub fn pixels(&self) -> &[usize] {
         &self.pixels
     }

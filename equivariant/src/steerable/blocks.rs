@@ -113,8 +113,8 @@ impl Blocks {
             let dx = StridedMut::new(data, [rows, k], stride);
             let weight = Strided::new(&params[self.weights(b)], [n, k], k);
             T::product(dx, false, self.output(b, dy).view([rows, n]), weight);
-        // inputs that no output uses have a gradient of zero; no inputs, nothing to write
         } else if self.out.multiplicity(b) == 0 {
+            // inputs that no output uses have a gradient of zero
             for row in data.chunks_mut(stride) {
                 row[..self.cols(b)].fill(T::ZERO);
             }

@@ -46,7 +46,7 @@ impl EvaluationCache {
 /// Returns a 64-bit hash of the bits of all parameters.
 fn fingerprint(parameters: &[f32]) -> u64 {
     let mut hasher = DefaultHasher::new();
-    // bits tell 0.0 from -0.0, so that a hit means parameters that are equal to the bit
+    // bits tell 0.0 from -0.0, so that a hit means equal bits, but for one collision in 2^64
     let bits = parameters.iter().map(|parameter| parameter.to_bits());
     bits.for_each(|bits| bits.hash(&mut hasher));
     hasher.finish()

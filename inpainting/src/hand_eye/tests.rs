@@ -274,7 +274,7 @@ fn poses_that_do_not_tell_the_camera_are_refused() {
         assert!(message.contains("turn it about two axes"), "{message}");
         HandEye::solve(&plain(), known, &seen).unwrap();
     }
-    // a plane does tell the camera, less well
+    // a plane determines the camera, less well
     let flat = |(place, turn): (DVec3, DQuat)| (DVec3 { z: 0.1, ..place }, turn);
     let flat: Vec<_> = hands(12).into_iter().map(flat).collect();
     let in_plane = |(place, _): &(DVec3, DQuat)| (*place, DQuat::IDENTITY);

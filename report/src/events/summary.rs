@@ -87,7 +87,7 @@ impl EventFile {
     }
 
     fn append(&mut self, event: Event) {
-        append(&mut self.0, &event.encode_to_vec());
+        append_record(&mut self.0, &event.encode_to_vec());
     }
 
     fn value(&mut self, time: EventTime, value: Value) {
@@ -155,8 +155,9 @@ fn masked(bytes: &[u8]) -> u32 {
     CHECKSUM.checksum(bytes).rotate_right(15).wrapping_add(MASK)
 }
 
-/// Appends a record: its length, the masked checksum of the length, its bytes, and theirs.
-pub(super) fn append(file: &mut Vec<u8>, bytes: &[u8]) {
+/// Appends a record: its length (u64), the masked checksum of the length (u32), its bytes, and their
+/// masked checksum, all little-endian (tensorflow/core/lib/io/record_writer.h).
+fn append_record(file: &mut Vec<u8>, bytes: &[u8]) {
     let length = (bytes.len() as u64).to_le_bytes();
     file.extend(length);
     file.extend(masked(&length).to_le_bytes());
@@ -173,7 +174,7 @@ mod tests {
     #[test]
     fn a_record_is_framed() {
         let mut file = Vec::new();
-        append(&mut file, &[7; 24]);
+        append_record(&mut file, &[7; 24]);
         assert_eq!(file.len(), 8 + 4 + 24 + 4);
         assert_eq!(file[..12], [24, 0, 0, 0, 0, 0, 0, 0, 0xa3, 0x7f, 0x4b, 0x22]);
         assert_eq!(file[36..], masked(&[7; 24]).to_le_bytes());

@@ -7,11 +7,8 @@ use crate::gpu::kernels::partial::sum;
 use crate::gpu::kernels::product::expression;
 use crate::gpu::plan::{Plan, Shared, Tensor};
 use crate::gpu::step::{Rows, Slot, Step, Work};
+use crate::layers::field_norm::EPSILON;
 use crate::layers::layer::Statistics;
-
-/// Constant added to every variance against division by zero, equal to that of the processor's
-/// layer.
-const EPSILON: f64 = 1e-5;
 
 /// Normalisation with its buffers.
 struct FieldNorm<'a> {

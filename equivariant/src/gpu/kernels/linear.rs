@@ -229,7 +229,7 @@ impl<'a> Linear<'a> {
         vec![step.text(&put("d_folded[r * COLS + c] = v")), self.unfold(plan, folded, dx)]
     }
 
-    /// Returns the kernel that adds the gradient of the folded patches to the input's.
+    /// Returns the kernel that sums the gradients of the folded patches into `dx`.
     fn unfold(&self, plan: &mut Plan, folded: Slot, dx: Slot) -> Step {
         let step = self.windowed("unfold", self.x.shape.pixels());
         let step = sum_over_taps(step, "window_at")

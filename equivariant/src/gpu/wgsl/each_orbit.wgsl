@@ -1,4 +1,4 @@
-// What an orbit of taps sees of an output pixel's window, which `fold` folds by parity.
+// Inputs of an orbit of taps in an output pixel's window, which `fold` folds by parity.
 
 fn run(place: u32, field: u32) {
     let orbit = orbits[place % ORBITS];

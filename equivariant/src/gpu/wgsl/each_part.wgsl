@@ -1,4 +1,4 @@
-// A group of threads for each field of each part of the batch that shares statistics. `run` is told
+// A group of threads for each field of each part of the batch that shares statistics. `run` gets
 // the index of both, `[part, field]`.
 
 @compute @workgroup_size(THREADS)

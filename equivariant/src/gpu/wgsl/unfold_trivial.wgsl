@@ -1,4 +1,4 @@
-// The same for trivial channels, whose folds are one field.
+// Sum over taps for trivial channels, whose folds are one field.
 
 alias Term = f32;
 

@@ -1,4 +1,4 @@
-// Where windows lie: what an output pixel sees, and which windows see an input pixel.
+// Positions of windows: inputs of an output pixel, and windows that contain an input pixel.
 
 struct Orbit {
     // row and column of its first tap

@@ -2,14 +2,15 @@
 //!
 //! Liu, Xu, Huang, Zhang, Liu, Oguchi, Zhao, "Continual Vision-based Reinforcement Learning with
 //! Group Symmetries", CoRL 2023. Where the paper leaves a gap, the setting that closes it says so.
-//! Steps that the paper does not have are in `extensions.rs`, and each says when it takes place.
+//! Steps that the paper does not have are in `extensions.rs`; comments `Extension` in `learn` mark
+//! where they take place.
 //!
 //! A run calls [`Learner::learn`] once per iteration (`experiments/src/run.rs`); the environment
 //! changes the task group by itself. The assignment of lines 8 to 10 is a [`crate::Grouping`]: by
 //! default (`groupings/distance.rs`) W1 of the features that each policy's own network computes of
 //! the first frames, with a permutation test in the place of the paper's threshold; it is
-//! undecided if a test rejects a policy after one rollout only. The methods below `learn` serve
-//! evaluations.
+//! undecided if a test rejects a policy after one rollout only. `recognise` and `perform` serve
+//! evaluations; the second `impl` has the steps of `learn`.
 
 use std::path::Path;
 use std::time::Instant;
@@ -159,8 +160,8 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Takes the first frames of the rollout's episodes, which `before` decisions came before
-    /// (line 6).
+    /// Takes the first frames of the rollout's episodes (line 6); `before` is the number of earlier
+    /// decisions.
     pub(super) fn observe(&self, before: usize) -> Result<Observed, LearnerError> {
         let observed = self.observe_in(&self.rollout, before);
         self.check_episodes(observed.frames.len())?;
@@ -218,8 +219,8 @@ impl<S: CollectionSettings> Collection<S> {
         self.policies[0].buffer.seen() > 0
     }
 
-    /// Makes the assigned policy current, opens it if it is new, and gives it the frames (lines 11
-    /// to 14); returns whether it is new.
+    /// Makes the assigned policy current, creates it if it is new, and gives it the frames (lines
+    /// 11 to 14); returns `true` if it is new.
     pub(super) fn adopt(
         &mut self,
         decision: &GroupingDecision,

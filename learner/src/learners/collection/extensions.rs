@@ -135,7 +135,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Shows the grouping the rollout of `collector`, which the current policy is about to learn
-    /// from, and forgets what shows another group at its end.
+    /// from, and drops its steps after a changepoint.
     pub(super) fn teach_grouping(
         &mut self,
         collector: usize,
