@@ -161,7 +161,7 @@ fn damaged_recordings_are_refused_by_name() {
             let at = bytes.windows(7).position(|w| w == b"(2, 101").unwrap();
             bytes[at..at + 7].copy_from_slice(b"(1, 202");
         }),
-        ("nan", "`qvel` is not finite at 4", |bytes| {
+        ("nan", "`qvel` has a value that is not finite at index 4", |bytes| {
             add(bytes, 4, f64::NAN);
         }),
     ];

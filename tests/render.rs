@@ -91,7 +91,7 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
     let below_a_file = there.join("film.gif");
     for (run, out, more, expected) in [
         (&run, &film, &["--group", "button-pres"][..], "button-press"),
-        (&run, &film, &["--group", "drawer-close"], "that the run has learnt"),
+        (&run, &film, &["--group", "drawer-close"], "a group of the run's schedule"),
         (&scratch.0, &film, &[], "holds no run"),
         (&run, &there, &[], "exists already"),
         (&run, &below_a_file, &[], "cannot write"),

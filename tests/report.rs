@@ -362,8 +362,7 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     };
     // of an earlier report
     fs::create_dir_all(&folder).unwrap();
-    let stale =
-        ["recognition.csv", "recognition.tex", "equi-seed0.png"].map(|own| folder.join(own));
+    let stale = ["recognition.csv", "recognition.tex"].map(|own| folder.join(own));
     stale.iter().for_each(|file| fs::write(file, "stale").unwrap());
     let gifs = |page: &str| page.matches("src=\"data:image/gif;base64,R0lGODlh").count();
     let (text, page) = html(&[]);
