@@ -89,11 +89,12 @@ impl Case<'_> {
         group.sample_size(10);
         group.throughput(Throughput::Elements(samples as u64));
         group.bench_function(name, |b| {
-            let update = |fresh: Result<(A, A::Policy), RlError>| {
-                let mut rng = ChaCha8Rng::seed_from_u64(2);
-                let stats = fresh
-                    .and_then(|(mut a, mut policy)| a.update(&mut policy, experience, &mut rng));
-                assert!(stats.is_ok());
+            let update = |prepared: Result<(A, A::Policy), RlError>| {
+                let mut update_rng = ChaCha8Rng::seed_from_u64(2);
+                let result = prepared.and_then(|(mut a, mut fresh_policy)| {
+                    a.update(&mut fresh_policy, experience, &mut update_rng)
+                });
+                assert!(result.is_ok());
             };
             b.iter_batched(&fresh, update, BatchSize::PerIteration);
         });

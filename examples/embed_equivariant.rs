@@ -54,12 +54,12 @@ fn train(net: &Sequential<f32>, data: &Data, steps: usize) -> Vec<f32> {
     let mut chunks = Chunks::new(params.len(), CHUNK, buffers);
     for _ in 0..steps {
         velocity.iter_mut().for_each(|v| *v *= 0.9);
-        chunks.accumulate(samples, &mut velocity, |range, (y, scratch), gradient| {
+        chunks.accumulate(samples, &mut velocity, |range, (y, own_scratch), gradient| {
             let x = &data.pictures[range.start * PIXELS..range.end * PIXELS];
             let y = &mut y[..range.len() * CLASSES];
-            net.forward(&params, x, y, scratch);
+            net.forward(&params, x, y, own_scratch);
             let dy = cross_entropy(y, &data.labels[range]);
-            net.backward(&params, x, y, &dy, None, gradient, scratch);
+            net.backward(&params, x, y, &dy, None, gradient, own_scratch);
         });
         for (p, v) in params.iter_mut().zip(&velocity) {
             *p -= 0.05 / samples as f32 * v;

@@ -142,7 +142,7 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
     };
     let experiment = budget.experiment(Method::Covers);
     let rollout = experiment.learner.rollout_steps();
-    let others = TaskGroup::STANDARD.map(|group| (group, others * rollout));
+    let others = TaskGroup::STANDARD.map(|other| (other, others * rollout));
     let visits = [others.as_slice(), &[(group, own * rollout)]].concat();
     Experiment { schedule: Schedule::shuffled(cycles, &visits), ..experiment }
 }

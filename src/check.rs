@@ -95,8 +95,8 @@ fn check_experts(
 ) -> Result<bool, RunError> {
     let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
     let mut rows = Vec::new();
-    for embodiment in embodiments {
-        rows.extend(of_variants(embodiment, &D2::ALL, |scene, element| {
+    for each in embodiments {
+        rows.extend(of_variants(each, &D2::ALL, |scene, element| {
             experts(scene, element, Control::default(), seeds)
         })?);
     }

@@ -204,7 +204,7 @@ fn the_disk(runs: &Path) -> Finding {
 /// A path that is no folder, or one that this process may not write to.
 fn free_disk(folder: &Path) -> std::io::Result<u64> {
     let absolute = std::path::absolute(folder)?;
-    let existing = absolute.ancestors().find(|folder| folder.exists()).unwrap_or(&absolute);
+    let existing = absolute.ancestors().find(|parent| parent.exists()).unwrap_or(&absolute);
     if !existing.is_dir() {
         return Err(std::io::ErrorKind::NotADirectory.into());
     }

@@ -188,9 +188,12 @@ mod tests {
         }
         for words in commands(&Program::command(), &[]) {
             let words: Vec<&str> = words.iter().map(String::as_str).collect();
-            let page = printed(&[&["man"], &words[..]].concat()).unwrap();
+            let command_page = printed(&[&["man"], &words[..]].concat()).unwrap();
             let title = format!(".TH covers-{} 1", words.join("-"));
-            assert!(page.contains(&title) && page.contains("Example"), "{title}: {page}");
+            assert!(
+                command_page.contains(&title) && command_page.contains("Example"),
+                "{title}: {command_page}"
+            );
         }
         let unknown = printed(&["man", "fly"]).unwrap_err().to_string();
         assert!(unknown.contains("`command` is fly"), "{unknown}");

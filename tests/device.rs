@@ -74,9 +74,9 @@ mod gpu {
         let mut losses = 0;
         for ((name, expected), (_, got)) in here.0.iter().zip(&there.0) {
             let numbers = [expected, got].map(|text| text.parse::<f64>());
-            if let [Ok(expected), Ok(got)] = numbers {
-                let allowed = 1e-3 * expected.abs().max(0.1);
-                assert!((expected - got).abs() <= allowed, "{name}: {expected} {got}");
+            if let [Ok(wanted), Ok(found)] = numbers {
+                let allowed = 1e-3 * wanted.abs().max(0.1);
+                assert!((wanted - found).abs() <= allowed, "{name}: {wanted} {found}");
                 losses += usize::from(name.contains("loss"));
             }
         }
@@ -89,8 +89,8 @@ mod gpu {
         run.save().unwrap();
         drop(run);
         let (again, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
-        let mut run = Run::resume_with(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
-        run.advance().unwrap();
+        let mut resumed = Run::resume_with(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
+        resumed.advance().unwrap();
         let gpus = Provenance::read(folder).unwrap().into_iter().map(|line| line.gpu);
         let gpus: Vec<bool> = gpus.map(|gpu| gpu.is_some()).collect();
         assert_eq!(gpus, [true, false, true]);

@@ -24,11 +24,11 @@ struct Options {
 
 fn export(run: &Path, policy: &str, out: &Path) -> Result<String, CoversError> {
     let (run, to) = (run.display().to_string(), out.display().to_string());
-    let mut out = Vec::new();
+    let mut printed = Vec::new();
     let arguments = ["export", &run, "--policy", policy, "--out", &to];
     let options = Options::try_parse_from(arguments).unwrap().export;
-    options.run(&mut out)?;
-    Ok(String::from_utf8(out).unwrap())
+    options.run(&mut printed)?;
+    Ok(String::from_utf8(printed).unwrap())
 }
 
 /// The arrays of a safetensors file.
@@ -64,12 +64,12 @@ fn difference(folder: &Path) -> f64 {
     assert_eq!(names, expected);
     let mut largest: f64 = 0.0;
     for (name, tensor) in &outputs {
-        let golden = named(name).unwrap();
-        assert_eq!(tensor.shape, golden.shape, "{name}");
-        assert!(golden.values.iter().any(|&value| value != 0.0), "{name}");
-        for (got, expected) in tensor.values.iter().zip(&golden.values) {
-            assert!(got.is_finite() && expected.is_finite(), "{name}");
-            largest = largest.max((got - expected).abs() / expected.abs().max(1.0));
+        let kept = named(name).unwrap();
+        assert_eq!(tensor.shape, kept.shape, "{name}");
+        assert!(kept.values.iter().any(|&value| value != 0.0), "{name}");
+        for (got, wanted) in tensor.values.iter().zip(&kept.values) {
+            assert!(got.is_finite() && wanted.is_finite(), "{name}");
+            largest = largest.max((got - wanted).abs() / wanted.abs().max(1.0));
         }
     }
     largest
@@ -212,6 +212,6 @@ fn what_cannot_be_exported_is_refused_with_the_reason() {
     let scratch = Scratch::new("export-refused");
     let error = export(&scratch.pack(&covers), "0", &scratch.0).unwrap_err();
     assert!(error.to_string().contains("exists already"));
-    let error = export(&scratch.0, "0", &scratch.0.join("new")).unwrap_err();
-    assert!(error.to_string().contains("holds no run"));
+    let no_run = export(&scratch.0, "0", &scratch.0.join("new")).unwrap_err();
+    assert!(no_run.to_string().contains("holds no run"));
 }

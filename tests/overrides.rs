@@ -65,6 +65,6 @@ fn the_last_value_of_a_setting_counts() {
 fn values_of_other_types_are_refused_with_their_path() {
     let message = set(&["covers.ppo.gamma=much"]).unwrap_err().to_string();
     assert!(message.contains("learner.covers.ppo.gamma"), "{message}");
-    let message = set(&["covers.ppo.gamma"]).unwrap_err().to_string();
-    assert!(message.contains("PATH=VALUE"), "{message}");
+    let missing_value = set(&["covers.ppo.gamma"]).unwrap_err().to_string();
+    assert!(missing_value.contains("PATH=VALUE"), "{missing_value}");
 }

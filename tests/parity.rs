@@ -171,8 +171,8 @@ fn damaged_recordings_are_refused_by_name() {
                 damage(bytes);
             }
         });
-        let text = message(&folder);
-        assert!(text.contains(expected) && text.contains(REACH), "{text}");
+        let refusal = message(&folder);
+        assert!(refusal.contains(expected) && refusal.contains(REACH), "{refusal}");
     }
 }
 
@@ -199,7 +199,7 @@ fn what_is_no_recording_is_refused_by_name() {
     let text = message(&to);
     assert!(text.contains(REACH) && text.contains("not an npz archive"), "{text}");
     fs::rename(to.join(REACH), to.join("mj222_basketball_expert.npz")).unwrap();
-    let text = message(&to);
-    assert!(text.contains("basketball") && text.contains("plate-slide"), "{text}");
+    let swapped = message(&to);
+    assert!(swapped.contains("basketball") && swapped.contains("plate-slide"), "{swapped}");
     assert!(message(&to.join("nowhere")).contains("cannot read"));
 }

@@ -19,8 +19,8 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraView) {
     }
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
-    let learner = &experiment.learner;
-    let loaded = folder.load_with_policies(learner, &spec, &labels);
+    let settings = &experiment.learner;
+    let loaded = folder.load_with_policies(settings, &spec, &labels);
     let (mut learner, own) = loaded.unwrap();
     assert_eq!(own, OwnPolicies::default(), "a pack has no books");
     assert_eq!(learner.policies(), 4);

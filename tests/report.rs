@@ -276,8 +276,8 @@ fn names_do_not_steer_the_terminal() {
     let watched = String::from_utf8(watched).unwrap();
     assert!(watched.contains("goal\\u001b[2J"), "{watched}");
     let refused = error_line(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
-    for text in files.chain([text, watched, refused]) {
-        assert_eq!(steering(&text), None, "{text}");
+    for shown in files.chain([text, watched, refused]) {
+        assert_eq!(steering(&shown), None, "{shown}");
     }
 }
 
@@ -373,13 +373,13 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     assert_eq!(page.matches("<details").count(), 1);
     assert_eq!(page.matches("<details open>").count(), 1);
     assert!(!page.contains("<h2>Each seed</h2>"), "there is no curve");
-    let (text, page) = html(&["--films"]);
-    assert_eq!((gifs(&page), page.matches("src=").count()), (2, 2));
-    assert!(text.contains("\nequi-seed0: 2 films, "), "{text}");
+    let (with_films, film_page) = html(&["--films"]);
+    assert_eq!((gifs(&film_page), film_page.matches("src=").count()), (2, 2));
+    assert!(with_films.contains("\nequi-seed0: 2 films, "), "{with_films}");
     fs::remove_dir_all(scratch.0.join("equi-seed0/checkpoints")).unwrap();
-    let (text, page) = html(&["--films"]);
-    assert!(text.contains("\nequi-seed0: no films"), "{text}");
-    assert_eq!(gifs(&page), 0);
+    let (without, bare_page) = html(&["--films"]);
+    assert!(without.contains("\nequi-seed0: no films"), "{without}");
+    assert_eq!(gifs(&bare_page), 0);
 }
 
 #[test]
@@ -411,13 +411,13 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let mut own = small(Method::Equi, 0);
     own.envs.camera.size = 32;
     scratch.run("equi-seed0", own);
-    let text = scratch.report(&["equi-seed0"], &[]).unwrap();
-    assert!(paper(&text).is_empty(), "{text}");
-    assert!(text.contains("`envs.camera.size` 48 and 32"), "{text}");
+    let own_text = scratch.report(&["equi-seed0"], &[]).unwrap();
+    assert!(paper(&own_text).is_empty(), "{own_text}");
+    assert!(own_text.contains("`envs.camera.size` 48 and 32"), "{own_text}");
     let both = ["covers-seed0", "equi-seed0"];
-    let text = scratch.report(&both, &[]).unwrap();
-    assert!(text.contains("covers (2) against the other methods"), "{text}");
-    Rows::of(&text).find(&["equi (3)"], 5);
+    let both_text = scratch.report(&both, &[]).unwrap();
+    assert!(both_text.contains("covers (2) against the other methods"), "{both_text}");
+    Rows::of(&both_text).find(&["equi (3)"], 5);
 }
 
 #[test]
@@ -430,12 +430,12 @@ fn runs_that_do_not_compare_are_refused() {
     scratch.run("cnn-seed0", other);
     let refusal = scratch.refusal(&["equi-seed0", "equi-seed1"]);
     assert!(refusal.contains("learner.covers.network.group"), "{refusal}");
-    let refusal = scratch.refusal(&["equi-seed0", "cnn-seed0"]);
-    assert!(refusal.contains("schedule.cycles"), "{refusal}");
+    let other_schedule = scratch.refusal(&["equi-seed0", "cnn-seed0"]);
+    assert!(other_schedule.contains("schedule.cycles"), "{other_schedule}");
     fs::create_dir(scratch.0.join("copy")).unwrap();
     let copied = Path::new("copy").join("equi-seed0");
     fs::rename(scratch.0.join("equi-seed1"), scratch.0.join("moved")).unwrap();
     scratch.run("copy/equi-seed0", alone(Method::Equi, 0));
-    let refusal = scratch.refusal(&["equi-seed0", copied.to_str().unwrap()]);
-    assert!(refusal.contains("two runs have seed 0"), "{refusal}");
+    let same_seed = scratch.refusal(&["equi-seed0", copied.to_str().unwrap()]);
+    assert!(same_seed.contains("two runs have seed 0"), "{same_seed}");
 }

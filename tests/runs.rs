@@ -139,12 +139,12 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     for (file, (got, expected)) in files.zip(bytes.iter().zip(&reference)) {
         assert!(got == expected, "{file} differs");
     }
-    let timeless = |summary: &Summary| {
-        let mut summary = summary.clone();
-        summary.seconds = 0.0;
-        summary.decisions_per_second = None;
-        summary.tables.remove("timings.csv").unwrap();
-        summary
+    let timeless = |timed: &Summary| {
+        let mut timed = timed.clone();
+        timed.seconds = 0.0;
+        timed.decisions_per_second = None;
+        timed.tables.remove("timings.csv").unwrap();
+        timed
     };
     assert_eq!(timeless(&again), timeless(&summary));
     // what has ended stays as it is
@@ -265,14 +265,14 @@ fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
     experiment.schedule.groups[1].group = "alias".to_owned();
     experiment.checkpoints.every = 1;
     let folder = || RunFolder::create(&scratch.0, "run").unwrap();
-    let start = |folder| Run::start_with(experiment.clone(), tasks.clone(), folder);
+    let start = |place| Run::start_with(experiment.clone(), tasks.clone(), place);
     let message = Run::start(experiment.clone(), folder()).err().unwrap();
     assert!(message.to_string().contains("alias"), "{message}");
     let (_, reference) = finish(start(folder()).unwrap());
     let path = crash_after(1, start(folder()).unwrap());
     assert!(Run::resume(&path, None).is_err());
-    let folder = RunFolder::open(&path);
-    let run = Run::resume_with(folder, Some(1), DeviceChoice::Cpu, tasks.clone()).unwrap();
+    let crashed = RunFolder::open(&path);
+    let run = Run::resume_with(crashed, Some(1), DeviceChoice::Cpu, tasks.clone()).unwrap();
     let (summary, bytes) = finish(run);
     assert!(bytes == reference);
     assert!(summary.groups.iter().any(|group| group.group.name() == "alias"));
@@ -332,7 +332,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let (folder, packed) = (folder.to_str().unwrap(), packed.to_str().unwrap());
     let said = command(&["pack", folder, packed, "--episodes", "100"]);
     assert!(said.contains("policies in"), "{said}");
-    let size = |folder: &str| fs::metadata(newest(Path::new(folder))).unwrap().len();
+    let size = |at: &str| fs::metadata(newest(Path::new(at))).unwrap().len();
     assert!(size(packed) < size(folder));
     let scores = command(&["eval", folder, "--episodes", "16", "--json"]);
     assert!(scores.contains(r#""group":"drawer-close""#), "{scores}");
@@ -351,8 +351,8 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "7"];
     let message = self::command(&too_few).unwrap_err().to_string();
     assert!(message.contains("`episodes` is 7"), "{message}");
-    let table = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
-    assert_eq!(table.lines().count(), 2 + 3, "{table}");
+    let sawyer = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
+    assert_eq!(sawyer.lines().count(), 2 + 3, "{sawyer}");
 }
 
 #[test]

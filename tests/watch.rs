@@ -83,8 +83,8 @@ fn what_is_no_run_is_refused() {
     assert!(message.contains("nowhere holds no run"), "{message}");
     assert!(refusal(&scratch.0).contains("holds no run"));
     let packed = scratch.pack(&packed::small(Method::Equi));
-    let message = refusal(&packed);
-    assert!(message.contains("has no tables to watch"), "{message}");
+    let packed_message = refusal(&packed);
+    assert!(packed_message.contains("has no tables to watch"), "{packed_message}");
     let text = "rollout,decisions,group,last_group,straddles,policy\n0,500,a,a,false,9\n";
     fs::write(packed.join("metrics.csv"), text).unwrap();
     assert!(refusal(&packed).contains("metrics.csv holds a row that cannot be"));

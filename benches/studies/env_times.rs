@@ -66,21 +66,21 @@ impl Subject {
         let scene = Arc::clone(table.scene());
         let mut tables = vec![table];
         for _ in 1..ENVS {
-            let mut table = TableTop::new(Arc::clone(&scene), CONTROL)?;
-            table.reset(D2::Identity, &mut rng)?;
-            tables.push(table);
+            let mut another = TableTop::new(Arc::clone(&scene), CONTROL)?;
+            another.reset(D2::Identity, &mut rng)?;
+            tables.push(another);
         }
         // as the pools that it is compared with, which have stepped before: the first step touches
         // fresh memory
-        for table in &mut tables {
-            table.step(&action(&mut rng))?;
+        for each in &mut tables {
+            each.step(&action(&mut rng))?;
         }
         let mut turns = (0..ENVS).cycle();
         start.wait();
         rate(|| {
-            let table = &mut tables[turns.next().unwrap_or(0)];
-            if table.step(&action(&mut rng))?.truncated {
-                table.reset(D2::Identity, &mut rng)?;
+            let current = &mut tables[turns.next().unwrap_or(0)];
+            if current.step(&action(&mut rng))?.truncated {
+                current.reset(D2::Identity, &mut rng)?;
             }
             Ok(())
         })

@@ -391,13 +391,13 @@ mod tests {
         for (evidence, decision) in cases {
             assert_eq!(decide(&evidence), decision, "{evidence:?}");
         }
-        let cases = [
+        let other_cases = [
             (vec![small(0.1), far, doubted, near], Some([2, 3])),
             (vec![near, small(0.1), near], Some([0, 2])),
             (vec![small(0.1), near], None),
             (vec![], None),
         ];
-        for (evidence, rivals) in cases {
+        for (evidence, rivals) in other_cases {
             let decision = decide(&evidence);
             let assignment = Assignment { decision, evidence };
             assert_eq!(assignment.rivals(), rivals, "{assignment:?}");

@@ -80,12 +80,14 @@ impl EuclideanCosts {
         let (points, rows) = (BLOCK_ROWS * dim, BLOCK_ROWS * m);
         if n * m * dim > PARALLEL {
             let blocks = costs.par_chunks_mut(rows).zip(x.par_chunks(points));
-            blocks.for_each_init(Centred::default, |block, (costs, x)| {
-                columns.distances(block, x, costs);
+            blocks.for_each_init(Centred::default, |block, (block_costs, block_x)| {
+                columns.distances(block, block_x, block_costs);
             });
         } else {
             let blocks = costs.chunks_mut(rows).zip(x.chunks(points));
-            blocks.for_each(|(costs, x)| columns.distances(&mut self.block, x, costs));
+            blocks.for_each(|(block_costs, block_x)| {
+                columns.distances(&mut self.block, block_x, block_costs)
+            });
         }
         Ok(&self.costs)
     }

@@ -102,8 +102,8 @@ pub fn joint_test_until<R: Rng + ?Sized>(
     positive("splits", stages.iter().copied().min().unwrap_or(1))?;
     let (rollout, buffer) = episodes(sources)?;
     let pools = sources.iter().map(|source| {
-        let Candidate { rollout: o, buffer } = &source.clouds;
-        let features = [o.features(), buffer.features()].concat();
+        let Candidate { rollout: o, buffer: b } = &source.clouds;
+        let features = [o.features(), b.features()].concat();
         Pool::new(&features, o, source.side, rollout)
     });
     let mut pools = pools.collect::<Result<Vec<_>>>()?;
@@ -239,7 +239,7 @@ fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
     let reached = maxima(&exact, 0..=permutations);
     let null = describe(maxima(&outer, 1..=permutations), ROUNDING);
     let standardised = |score: f64| (score - null.mean) / null.sd.max(ROUNDING);
-    let source = |index: usize| {
+    let outcome_of = |index: usize| {
         let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
         let score = outer[index].as_ref()?[0];
         let reaching = reached.iter().filter(|&&m| m >= exact - EQUAL).count();
@@ -251,7 +251,7 @@ fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
             tail_p_value: tail(standardised(score), &null),
         })
     };
-    let sources: Vec<_> = (0..pools.len()).map(source).collect();
+    let sources: Vec<_> = (0..pools.len()).map(outcome_of).collect();
     let p_values = sources.iter().flatten().map(|source| source.p_value);
     JointTest {
         p_value: p_values.fold(1.0, f64::min),
@@ -321,16 +321,16 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let sources = [source(&draw(8, 0.3, &mut rng), &draw(9, 0.0, &mut rng), Side::Both)];
         let run = |stages: &[usize], splits: usize| {
-            let mut rng = ChaCha8Rng::seed_from_u64(7);
+            let mut split_rng = ChaCha8Rng::seed_from_u64(7);
             let decided = |test: &JointTest| test.null.permutations >= splits;
-            joint_test_until(&sources, stages, decided, &mut rng).unwrap()
+            joint_test_until(&sources, stages, decided, &mut split_rng).unwrap()
         };
         let whole = joint_test(&sources, 60, &mut ChaCha8Rng::seed_from_u64(7)).unwrap();
         assert_eq!(run(&[10, 30, 60], 100), whole);
         assert_eq!(run(&[10, 30, 60], 20).null.permutations, 30);
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
-        assert!(joint_test_until(&sources, &[], |_| true, &mut rng).is_err());
-        assert!(joint_test(&sources, 0, &mut rng).is_err());
+        let mut other_rng = ChaCha8Rng::seed_from_u64(7);
+        assert!(joint_test_until(&sources, &[], |_| true, &mut other_rng).is_err());
+        assert!(joint_test(&sources, 0, &mut other_rng).is_err());
     }
 
     /// Tests that stop once nine splits reach the distance at hand: 1000 tests in which nothing

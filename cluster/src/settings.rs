@@ -109,20 +109,20 @@ impl Calibrated {
         let below_1 = level(self.doubt, 1.0 - f64::EPSILON);
         let expected = "a probability above 0 and below 1";
         within("doubt", self.doubt, below_1, expected)?;
-        let expected = "a probability above 0 and at most doubt";
-        within("level", self.level, level(self.level, self.doubt), expected)?;
+        let expected_level = "a probability above 0 and at most doubt";
+        within("level", self.level, level(self.level, self.doubt), expected_level)?;
         let is_ratio = (1.0..f64::INFINITY).contains(&self.min_ratio);
-        let expected = "a finite number, at least 1";
-        within("min_ratio", self.min_ratio, is_ratio, expected)?;
+        let expected_ratio = "a finite number, at least 1";
+        within("min_ratio", self.min_ratio, is_ratio, expected_ratio)?;
         at_least("permutations", self.permutations, 20, "at least 20")?;
         let smallest = 1.0 / (1.0 + self.permutations as f64);
-        let expected = "at least 1 / (1 + permutations), the smallest exact p-value";
-        within("doubt", self.doubt, smallest <= self.doubt, expected)?;
+        let expected_doubt = "at least 1 / (1 + permutations), the smallest exact p-value";
+        within("doubt", self.doubt, smallest <= self.doubt, expected_doubt)?;
         let least = self.min_episodes;
         at_least("min_episodes", least, 4, "at least 4")?;
-        let expected = "at least min_episodes";
-        at_least("rollout_episodes", self.rollout_episodes, least, expected)?;
-        at_least("buffer_episodes", self.buffer_episodes, least, expected)
+        let expected_episodes = "at least min_episodes";
+        at_least("rollout_episodes", self.rollout_episodes, least, expected_episodes)?;
+        at_least("buffer_episodes", self.buffer_episodes, least, expected_episodes)
     }
 
     pub(crate) fn first_look(&self) -> TestSize {

@@ -194,7 +194,7 @@ fn frames_of_one_episode_stay_together() {
     let wrong = Candidate { buffer: torn(&right.buffer), rollout: torn(&right.rollout) };
     let all = Calibrated { rollout_episodes: 40, buffer_episodes: 40, ..Calibrated::default() };
     let assigner = calibrated(all).unwrap();
-    let score = |c, rng: &mut _| assigner.assign(&[c], rng).unwrap().evidence[0].score();
+    let score = |c, draws: &mut _| assigner.assign(&[c], draws).unwrap().evidence[0].score();
     assert!(score(right, &mut rng).unwrap() < 2.5);
     assert!(score(wrong, &mut rng).unwrap() > 4.0);
 }
@@ -282,15 +282,16 @@ fn rollouts_and_candidates_that_cannot_be_compared_are_refused() {
     let narrow = Frames::new(vec![0.0; 40], 2, 2).unwrap();
     let good = candidate(&mut rng, 8, 0.0);
     let odd = Candidate { buffer: narrow, rollout: good.rollout.clone() };
-    let error = Assigner::default().assign(&[good, odd], &mut rng).unwrap_err();
+    let dims_error = Assigner::default().assign(&[good, odd], &mut rng).unwrap_err();
     let expected = "candidate 1: dim is 2 in the buffer and 64 in the rollout, expected the same";
-    assert_eq!(error.to_string(), expected);
+    assert_eq!(dims_error.to_string(), expected);
 
     let few_frames = frames(&mut rng, 8, 0.0);
     let many_frames = Frames::new(vec![0.0; 8 * 3 * DIM], 3, DIM).unwrap();
-    let error = few_frames.joined(&many_frames).unwrap_err().to_string();
-    let expected = "frames_per_episode is 2 in one rollout and 3 in the other, expected the same";
-    assert_eq!(error, expected);
+    let joined_error = few_frames.joined(&many_frames).unwrap_err().to_string();
+    let expected_frames =
+        "frames_per_episode is 2 in one rollout and 3 in the other, expected the same";
+    assert_eq!(joined_error, expected_frames);
 }
 
 /// When each of 20 episodes began: ten environments show one after the other, environment by
@@ -326,7 +327,7 @@ fn rollouts_of_two_groups_are_cut_where_the_second_begins() {
 #[test]
 fn one_group_is_cut_as_seldom_as_it_is_doubted() {
     let mut rng = ChaCha8Rng::seed_from_u64(13);
-    let one = |rng: &mut ChaCha8Rng| [straddling(rng, 0.0)];
+    let one = |draws: &mut ChaCha8Rng| [straddling(draws, 0.0)];
     let cuts = (0..300).filter(|&seed| cut(&one(&mut rng), &two_rounds(), seed).is_some());
     let cuts = cuts.count();
     assert!((1..=16).contains(&cuts), "{cuts} of 6 expected");

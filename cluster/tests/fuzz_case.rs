@@ -32,13 +32,13 @@ pub enum Outcome {
 pub fn run(seed: u64) -> Result<Outcome, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
-    let mut solve = |rng: &mut ChaCha8Rng, with_points| {
+    let mut solve = |draws: &mut ChaCha8Rng, with_points| {
         if with_points {
-            clouds(rng, &mut workspace)
-        } else if rng.random_ratio(1, 4) {
-            forbidden_pairs(rng, &mut solver)
+            clouds(draws, &mut workspace)
+        } else if draws.random_ratio(1, 4) {
+            forbidden_pairs(draws, &mut solver)
         } else {
-            matrix(rng, &mut solver)
+            matrix(draws, &mut solver)
         }
     };
     let with_points = rng.random_ratio(1, 3);

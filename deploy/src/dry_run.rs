@@ -48,8 +48,8 @@ impl DryRunReport {
         let mut text = format!("policy {}, which {fits}\n", self.policy);
         let each = self.blocked.len() / self.actions.len().max(1);
         let commands = self.blocked.chunks(each.max(1));
-        for (number, (action, commands)) in self.actions.iter().zip(commands).enumerate() {
-            text += &decision(number, action, commands);
+        for (number, (action, own)) in self.actions.iter().zip(commands).enumerate() {
+            text += &decision(number, action, own);
         }
         let refused = self.blocked.iter().filter(|one| one.refusal.is_some());
         // writing to a String cannot fail

@@ -144,7 +144,7 @@ impl FromStr for FaultAmount {
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
         let (fault, amount) = named(text)?;
-        let in_range = |amount: &f64| *amount >= 0.0 && amount.is_finite();
+        let in_range = |parsed: &f64| *parsed >= 0.0 && parsed.is_finite();
         let amount = amount.parse().ok().filter(in_range).ok_or_else(|| RunError::Setting {
             name: "fault",
             value: text.to_owned(),

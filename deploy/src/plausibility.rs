@@ -27,11 +27,11 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     require(size == known_size, "size", format!("{size:?} pixels"), || {
         format!("{known_size:?}, the size of the rig's pictures")
     })?;
-    for (of, known) in inside.focal.iter().zip(expected.focal) {
-        let [low, high] = [1.0 - FOCAL, 1.0 + FOCAL].map(|part| part * known);
+    for (of, focal) in inside.focal.iter().zip(expected.focal) {
+        let [low, high] = [1.0 - FOCAL, 1.0 + FOCAL].map(|part| part * focal);
         let value = format!("{of} pixels");
         require((low..=high).contains(of), "focal length", value, || {
-            format!("{low:.0} to {high:.0} pixels, the rig's being {known:.0}")
+            format!("{low:.0} to {high:.0} pixels, the rig's being {focal:.0}")
         })?;
     }
     let most = SHIFT * expected.width as f64;
@@ -40,7 +40,7 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     require(x.hypot(y) <= most, "optical axis", value, || {
         format!("at most {most:.0} pixels from {:?}, the rig's", expected.centre)
     })?;
-    let value = |shift| match shift {
+    let describe = |shift| match shift {
         Shift::Pixels(pixels) => format!("bent by up to {pixels:.0} pixels against the rig's"),
         Shift::Hidden(pixel) => {
             format!("one that shows nothing at pixel {pixel:?}, where the rig's does")
@@ -48,16 +48,16 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     };
     let shift = shift(file, known);
     let holds = matches!(shift, Shift::Pixels(pixels) if pixels <= most);
-    require(holds, "lens", value(shift), || {
+    require(holds, "lens", describe(shift), || {
         format!("at most {most:.0} pixels from where the rig's shows a point")
     })?;
     let [place, angle] = apart(file, known);
-    let value = format!("{:.3} m", file.position());
-    require(place <= LARGEST[0], "position", value, || {
+    let position = format!("{:.3} m", file.position());
+    require(place <= LARGEST[0], "position", position, || {
         format!("at most {} m from {:.3} m, the rig's", LARGEST[0], known.position())
     })?;
-    let value = format!("turned by {angle:.0} degrees against the rig's");
-    require(angle <= LARGEST[1], "rotation", value, || format!("at most {} degrees", LARGEST[1]))
+    let rotation = format!("turned by {angle:.0} degrees against the rig's");
+    require(angle <= LARGEST[1], "rotation", rotation, || format!("at most {} degrees", LARGEST[1]))
 }
 
 /// Returns the distance between two cameras (metres) and the angle between them (degrees).

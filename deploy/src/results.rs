@@ -108,8 +108,8 @@ mod tests {
         let lines = "button-press,flip x,0,1,1,1,0,2\nbutton-press,flip x,1,1,1,0,0,2\n";
         assert!(read("trials.csv").ends_with(lines));
         assert!(read("table.md").contains("| button-press | 2 | 0.50 |"));
-        let refused = create(Fault::AngleError).err().unwrap();
-        assert!(refused.to_string().contains("table.md"), "{refused}");
+        let again = create(Fault::AngleError).err().unwrap();
+        assert!(again.to_string().contains("table.md"), "{again}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -148,8 +148,8 @@ mod tests {
             [(9, 20, [0.258_2, 0.657_9]), (20, 20, [0.838_9, 1.0]), (0, 5, [0.0, 0.434_5])]
         {
             let interval = wilson(successes, trials);
-            for (bound, expected) in interval.into_iter().zip(expected) {
-                assert!((bound - expected).abs() < 5e-4, "{interval:?}");
+            for (bound, limit) in interval.into_iter().zip(expected) {
+                assert!((bound - limit).abs() < 5e-4, "{interval:?}");
             }
         }
         assert_eq!(wilson(0, 0), [0.0, 1.0]);

@@ -128,7 +128,7 @@ impl Rig for DryRig {
 
 /// Returns `true` if the hand moves in the next second.
 fn moves(rig: &mut DryRig) -> bool {
-    let place = |rig: &mut DryRig| rig.robot.robot().control().tip().position;
+    let place = |dry: &mut DryRig| dry.robot.robot().control().tip().position;
     let before = place(rig);
     rig.robot.robot_mut().advance(1.0).unwrap();
     place(rig).distance(before) > 1e-9
@@ -298,14 +298,14 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
-    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut other_rig = SimulatedRig::new(settings, camera).unwrap();
     let mut deployment =
         seeing(VisionSettings { calibration: Some(file), ..VisionSettings::default() });
     for number in [1, 2] {
         let trial = Trial { number, ..TRIAL };
-        deployment.trial(&mut rig, &arm, &trial, None).unwrap();
+        deployment.trial(&mut other_rig, &arm, &trial, None).unwrap();
     }
-    MaskCheck::measure(&deployment, &mut rig, &arm, &poses(&arm)[..1], &TRIAL).unwrap();
+    MaskCheck::measure(&deployment, &mut other_rig, &arm, &poses(&arm)[..1], &TRIAL).unwrap();
 }
 
 /// Checks that the background of a dry run must be a recent picture.

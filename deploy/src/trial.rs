@@ -83,9 +83,9 @@ impl TrialEnv<'_> {
         let started = Instant::now();
         self.observer.shoot(self.rig)?;
         self.latencies.record(Stage::Picture, started.elapsed());
-        let started = Instant::now();
+        let paint_started = Instant::now();
         self.observer.paint(self.arm, &mut picture)?;
-        self.latencies.record(Stage::InPainting, started.elapsed());
+        self.latencies.record(Stage::InPainting, paint_started.elapsed());
         if let Some(strip) = &mut self.strip {
             let perception = self.observer.perception();
             strip.add(self.observer.picture(), perception, &picture);

@@ -56,8 +56,8 @@ impl Control {
         let expected = "a positive multiple of the action repeat";
         require(whole, "horizon", &value, expected)?;
         let positive = self.displacement > 0.0 && self.displacement.is_finite();
-        let expected = "a positive length in metres";
-        require(positive, "displacement", &self.displacement, expected)
+        let expected_displacement = "a positive length in metres";
+        require(positive, "displacement", &self.displacement, expected_displacement)
     }
 }
 

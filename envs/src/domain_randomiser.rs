@@ -91,21 +91,21 @@ impl DomainRandomiser {
     /// Resamples the picture through a homography, with bilinear interpolation; border pixels
     /// extend outwards.
     fn resample(&mut self, view: &Homography, rgb: &[u8]) {
-        for (out, rgb) in self.spare.iter_mut().zip(rgb.chunks_exact(RGB)) {
-            *out = [rgb[0], rgb[1], rgb[2], 0].map(f32::from);
+        for (out, color) in self.spare.iter_mut().zip(rgb.chunks_exact(RGB)) {
+            *out = [color[0], color[1], color[2], 0].map(f32::from);
         }
         let size = self.camera.size;
         let (middle, last) = (size as f32 / 2.0 - 0.5, (size - 1) as f32);
         for (row, out) in self.levels.chunks_exact_mut(size).enumerate() {
-            for (column, out) in out.iter_mut().enumerate() {
+            for (column, target) in out.iter_mut().enumerate() {
                 let [x, y] = view.place([column as f32 - middle, middle - row as f32]);
-                let (row, column) = (middle - y, middle + x);
-                let (top, down) = split(row.clamp(0.0, last), size);
-                let (left, across) = split(column.clamp(0.0, last), size);
+                let (source_row, source_column) = (middle - y, middle + x);
+                let (top, down) = split(source_row.clamp(0.0, last), size);
+                let (left, across) = split(source_column.clamp(0.0, last), size);
                 let start = top * size + left;
                 let (above, below) = (&self.spare[start..][..2], &self.spare[start + size..][..2]);
                 let [above, below] = [above, below].map(|two| interpolate(two[0], two[1], across));
-                *out = interpolate(above, below, down);
+                *target = interpolate(above, below, down);
             }
         }
     }
@@ -116,17 +116,18 @@ impl DomainRandomiser {
         let size = self.camera.size;
         let lines = self.levels.chunks_exact(size);
         for (line, out) in lines.zip(self.spare.chunks_exact_mut(size)) {
-            for (index, out) in out.iter_mut().enumerate() {
+            for (index, target) in out.iter_mut().enumerate() {
                 let (before, behind) = neighbours(index, size);
-                *out = blurred(line[index], [line[before], line[behind]], share);
+                *target = blurred(line[index], [line[before], line[behind]], share);
             }
         }
         let line = |index: usize| &self.spare[index * size..][..size];
         for (index, out) in self.levels.chunks_exact_mut(size).enumerate() {
             let (above, below) = neighbours(index, size);
             let around = line(above).iter().zip(line(below));
-            for (out, (own, (above, below))) in out.iter_mut().zip(line(index).iter().zip(around)) {
-                *out = blurred(*own, [*above, *below], share);
+            for (target, (own, (over, under))) in out.iter_mut().zip(line(index).iter().zip(around))
+            {
+                *target = blurred(*own, [*over, *under], share);
             }
         }
     }
@@ -143,7 +144,7 @@ impl DomainRandomiser {
             let color = normals(rng).map(|off| amounts.patch_color as f32 * off);
             on_ring(offset, [radius, 0.0], self.camera.size, |pixel| {
                 let levels = self.levels[pixel].iter_mut().zip(color);
-                levels.for_each(|(level, color)| *level += color);
+                levels.for_each(|(level, added)| *level += added);
             });
         }
     }

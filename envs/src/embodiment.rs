@@ -183,8 +183,8 @@ mod tests {
         assert!(message.contains("crane_2"), "{message}");
         static OTHER: [Named; 3] = [Named("crane_2"), Named("sawyer"), Named("My Arm")];
         for (other, says) in OTHER.iter().zip(["taken", "taken", "`My Arm`"]) {
-            let message = Embodiment::of(other).register().unwrap_err().to_string();
-            assert!(message.contains(says), "{message}");
+            let refusal = Embodiment::of(other).register().unwrap_err().to_string();
+            assert!(refusal.contains(says), "{refusal}");
         }
     }
 }

@@ -36,7 +36,7 @@ impl Homography {
         let row = rotation.row(2);
         let down = [-row.x / focal, -row.y / focal, row.z];
         Self {
-            rows: [across(0), across(1), down].map(|row| row.map(|number| number as f32)),
+            rows: [across(0), across(1), down].map(|numbers| numbers.map(|number| number as f32)),
             shift: [position.x, position.y].map(|metres| camera.pixels(1e3 * metres) as f32),
         }
     }
@@ -100,7 +100,7 @@ mod tests {
         let moved = camera.pixels(1500.0 * 0.5_f64.to_radians().tan()) as f32;
         assert!((x + moved).abs() < 1e-4 && y == 0.0, "{x} {y} {moved}");
         let high = Homography::new(&camera, 0.15 * DVec3::Z, DVec3::ZERO);
-        let [x, y] = high.place([10.0, -20.0]);
-        assert!((x - 11.0).abs() < 1e-4 && (y + 22.0).abs() < 1e-4, "{x} {y}");
+        let [high_x, high_y] = high.place([10.0, -20.0]);
+        assert!((high_x - 11.0).abs() < 1e-4 && (high_y + 22.0).abs() < 1e-4, "{high_x} {high_y}");
     }
 }

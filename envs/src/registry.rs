@@ -162,8 +162,8 @@ mod tests {
         const NAMES: &[Named] = &BAD;
         for named in NAMES {
             let refused = registry.register(TaskGroup::of(named));
-            let message = refused.unwrap_err().to_string();
-            assert!(message.contains("kebab-case"), "{message}");
+            let refusal = refused.unwrap_err().to_string();
+            assert!(refusal.contains("kebab-case"), "{refusal}");
         }
         assert_eq!(registry, TaskRegistry::standard());
     }

@@ -199,8 +199,8 @@ fn check_parts(parts: &Parts<'_>) -> Result<(), EnvError> {
     require(offset.is_finite(), "object_offset", &offset, expected)?;
     for (joint, position) in parts.start_joints {
         let value = format!("{position} for the joint `{joint}`");
-        let expected = "finite positions";
-        require(position.is_finite(), "start_joints", &value, expected)?;
+        let expected_position = "finite positions";
+        require(position.is_finite(), "start_joints", &value, expected_position)?;
     }
     Ok(())
 }

@@ -296,9 +296,9 @@ mod tests {
             Arc::new(scene.unwrap())
         });
         let mut envs = SubEnvs::new(0..2, settings);
-        let switch = |envs: &mut SubEnvs, scene| {
-            envs.set_tasks(scene, D2::ALL.to_vec()).unwrap();
-            envs.tables.as_ptr()
+        let switch = |sub_envs: &mut SubEnvs, scene| {
+            sub_envs.set_tasks(scene, D2::ALL.to_vec()).unwrap();
+            sub_envs.tables.as_ptr()
         };
         let first = switch(&mut envs, &reach);
         envs.tables[0].reset(D2::Identity, &mut slot_rng(0, 0)).unwrap();

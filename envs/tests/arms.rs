@@ -123,12 +123,12 @@ fn an_arm_stands_where_its_reach_ends_and_comes_back() {
 #[test]
 fn a_saved_episode_of_an_arm_continues_to_the_same_bits() {
     let mut table = started(TaskGroup::PLATE_SLIDE, Embodiment::KINOVA_GEN3);
-    let decide = |table: &mut TableTop, decisions| {
+    let decide = |played: &mut TableTop, decisions| {
         for _ in 0..decisions {
-            let action = table.expert_action().unwrap();
-            table.step(&action).unwrap();
+            let action = played.expert_action().unwrap();
+            played.step(&action).unwrap();
         }
-        table.save().unwrap()
+        played.save().unwrap()
     };
     // under way, and with the puck under a finger
     for decisions in [3, 12] {

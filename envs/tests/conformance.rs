@@ -258,7 +258,7 @@ fn a_flaw_of_the_stock_layout_alone_is_found() {
 fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
     let scene = |group| Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
     let scenes = TaskGroup::STANDARD.map(scene);
-    let of = |scene: &Arc<Scene>| D2::ALL.map(|element| (Arc::clone(scene), element));
+    let of = |shared: &Arc<Scene>| D2::ALL.map(|element| (Arc::clone(shared), element));
     scenes.iter().flat_map(of).collect()
 }
 

@@ -52,8 +52,8 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
         PushBlock { name: "objectless".to_owned(), scene: "<mujocoinclude/>".to_owned() };
     let objectless = TaskGroup::of(Box::leak(Box::new(objectless)));
     let refused = [(generous(), "called `push-block` already"), (objectless, "MuJoCo cannot load")];
-    for (refused, says) in refused {
-        let message = env.set_tasks(refused, &D2::ALL).unwrap_err().to_string();
+    for (task, says) in refused {
+        let message = env.set_tasks(task, &D2::ALL).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
         env.step(&[0.0; ACTION_DIM], batch.step()).unwrap();
     }

@@ -134,7 +134,7 @@ fn remember(last_seen: &mut [u8], raw: &[u8], alone: &[u8]) {
 /// Returns the indices of the pixels in which two pictures differ.
 fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
     let pixels = a.chunks_exact(RGB).zip(b.chunks_exact(RGB)).enumerate();
-    pixels.filter(|(_, (a, b))| a != b).map(|(index, _)| index)
+    pixels.filter(|(_, (p, q))| p != q).map(|(index, _)| index)
 }
 
 /// The picture without the arm is the limit of in-painting: equal pixels, except single ones at the

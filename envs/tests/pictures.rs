@@ -56,7 +56,7 @@ fn mirrored(pictures: &[Vec<u8>], size: usize) -> [Vec<u8>; 4] {
 /// Counts the pixels in which two pictures differ.
 fn differing_pixels(a: &[u8], b: &[u8]) -> usize {
     let pixels = a.chunks(RGB).zip(b.chunks(RGB));
-    pixels.filter(|(a, b)| a != b).count()
+    pixels.filter(|(p, q)| p != q).count()
 }
 
 /// Asserts that at most a few pictures differ, each by an edge.

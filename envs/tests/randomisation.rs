@@ -51,20 +51,22 @@ fn pictures_alone_are_others_and_they_have_the_same_shape() {
     let group = TaskGroup::PLATE_SLIDE;
     let clean = walk(settings(2, None), group, None);
     let random = walk(settings(2, Some(Randomisation::NOMINAL)), group, None);
-    for (clean, random) in clean.iter().zip(&random) {
-        assert_eq!(random.images.len(), clean.images.len());
-        let image = clean.images.len() / N;
-        for (clean, random) in clean.images.chunks(image).zip(random.images.chunks(image)) {
-            let off = clean.iter().zip(random).map(|(a, b)| f64::from(a.abs_diff(*b)));
+    for (clean_batch, random_batch) in clean.iter().zip(&random) {
+        assert_eq!(random_batch.images.len(), clean_batch.images.len());
+        let image = clean_batch.images.len() / N;
+        for (clean_image, random_image) in
+            clean_batch.images.chunks(image).zip(random_batch.images.chunks(image))
+        {
+            let off = clean_image.iter().zip(random_image).map(|(a, b)| f64::from(a.abs_diff(*b)));
             let off = off.sum::<f64>() / image as f64;
             assert!(off > 1.0 && off < 60.0, "{off} levels off on average");
         }
         let same = Batch {
-            images: clean.images.clone(),
-            final_images: clean.final_images.clone(),
-            ..random.clone()
+            images: clean_batch.images.clone(),
+            final_images: clean_batch.final_images.clone(),
+            ..random_batch.clone()
         };
-        assert!(same == *clean, "placements, vectors and rewards stay");
+        assert!(same == *clean_batch, "placements, vectors and rewards stay");
     }
 }
 
@@ -88,7 +90,7 @@ fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another(
     let corners = |batch: &Batch| -> Vec<Vec<u8>> {
         let image = batch.images.len() / N;
         let images = batch.images.chunks(image);
-        images.map(|image| image[..ExtraView::First.channels()].to_vec()).collect()
+        images.map(|pixels| pixels[..ExtraView::First.channels()].to_vec()).collect()
     };
     let mut episodes = vec![corners(&walk[0])];
     for (step, batch) in walk.iter().enumerate().skip(1) {

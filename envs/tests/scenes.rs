@@ -83,8 +83,8 @@ fn the_hand_follows_its_target_as_the_arm_does() {
     };
     let (arm, hand) = (follow(Embodiment::SAWYER), follow(Embodiment::HAND));
     // at 0.32 m/s: 12 mm by the weld's damper and 1 to 5 mm by the damping of what it pulls
-    for (step, (arm, hand)) in arm.iter().zip(&hand).enumerate() {
-        assert!((arm - hand).abs() < 4e-3, "step {step}: {arm} and {hand}");
+    for (step, (arm_at, hand_at)) in arm.iter().zip(&hand).enumerate() {
+        assert!((arm_at - hand_at).abs() < 4e-3, "step {step}: {arm_at} and {hand_at}");
     }
     assert!((0.012..0.020).contains(&hand[39]), "{}", hand[39]);
 }

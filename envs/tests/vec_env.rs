@@ -68,15 +68,15 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
         env.step(&[1.0; N * ACTION_DIM], buffers.step()).unwrap();
     }
     assert!(buffers.truncated.iter().all(|&end| end));
-    for env in 0..N {
-        let row = env * VECTOR_DIM..env * VECTOR_DIM + 3;
+    for index in 0..N {
+        let row = index * VECTOR_DIM..index * VECTOR_DIM + 3;
         assert_eq!(
             buffers.vectors[row.clone()],
             start[row.clone()],
             "a new episode starts at rest"
         );
         let moved = buffers.final_vectors[row.start] - start[row.start];
-        assert!(moved > 0.1, "environment {env} moved {moved} m in its episode");
+        assert!(moved > 0.1, "environment {index} moved {moved} m in its episode");
     }
     // the second half of the channels is the episode's first picture, which is also the current one
     // now
@@ -151,7 +151,7 @@ impl Twin {
             let place = [index / camera.size, index % camera.size];
             let [row, column] =
                 [0, 1].map(|axis| half[0] + middle[axis] + place[axis] as f64 - half[1]);
-            let inside = |place: f64| (0.0..side as f64).contains(&place);
+            let inside = |coordinate: f64| (0.0..side as f64).contains(&coordinate);
             if inside(row) && inside(column) {
                 large[(row as usize * side + column as usize) * RGB..][..RGB].to_vec()
             } else {
@@ -195,30 +195,30 @@ fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
     let group = TaskGroup::BUTTON_PRESS;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
-    let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
+    let mut twins = [0, 1, 2].map(|index| Twin::new(&settings, group, index));
     env.reset(buffers.observations()).unwrap();
-    for (env, twin) in twins.iter_mut().enumerate() {
-        assert_eq!(row(&buffers.observations(), env), twin.begin());
+    for (index, twin) in twins.iter_mut().enumerate() {
+        assert_eq!(row(&buffers.observations(), index), twin.begin());
     }
     for step in 0..14 {
         let actions = action(step);
         env.step(&actions, buffers.step()).unwrap();
-        for (env, twin) in twins.iter_mut().enumerate() {
-            let action = actions[env * ACTION_DIM..][..ACTION_DIM].try_into().unwrap();
+        for (index, twin) in twins.iter_mut().enumerate() {
+            let action = actions[index * ACTION_DIM..][..ACTION_DIM].try_into().unwrap();
             let expected = twin.table.step(action).unwrap();
             twin.large.0.step(action).unwrap();
-            assert_eq!(buffers.rewards[env], expected.reward as f32);
-            assert_eq!(buffers.success[env], expected.success);
-            assert_eq!(buffers.success_at_end[env], expected.success_at_end);
-            assert_eq!(buffers.truncated[env], expected.truncated);
+            assert_eq!(buffers.rewards[index], expected.reward as f32);
+            assert_eq!(buffers.success[index], expected.success);
+            assert_eq!(buffers.success_at_end[index], expected.success_at_end);
+            assert_eq!(buffers.truncated[index], expected.truncated);
             let mut observation = twin.observe();
             if expected.truncated {
                 let last = buffers.step().final_observations;
-                assert_eq!(row(&last, env), observation, "environment {env}");
+                assert_eq!(row(&last, index), observation, "environment {index}");
                 observation = twin.begin();
             }
-            let now = row(&buffers.observations(), env);
-            assert_eq!(now, observation, "environment {env} after step {step}");
+            let now = row(&buffers.observations(), index);
+            assert_eq!(now, observation, "environment {index} after step {step}");
         }
     }
 }
@@ -229,7 +229,7 @@ fn success_at_any_step_and_at_the_end_are_told_apart() {
     let group = TaskGroup::GOAL_REACH;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut batch = Batch::new(&settings);
-    let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
+    let mut twins = [0, 1, 2].map(|index| Twin::new(&settings, group, index));
     env.reset(batch.observations()).unwrap();
     twins.iter_mut().for_each(|twin| drop(twin.begin()));
     let mut apart = 0;
@@ -282,8 +282,8 @@ fn variants_are_drawn_from_the_elements_given() {
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &[D2::FlipX]).unwrap();
     let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
-    let goals = |buffers: &Batch| -> Vec<(bool, bool)> {
-        let rows = buffers.vectors.chunks_exact(VECTOR_DIM);
+    let goals = |batch: &Batch| -> Vec<(bool, bool)> {
+        let rows = batch.vectors.chunks_exact(VECTOR_DIM);
         rows.map(|row| (row[4] < 0.0, row[5] < 0.0)).collect()
     };
     assert!(goals(&buffers).iter().all(|&quadrant| quadrant == (true, false)));

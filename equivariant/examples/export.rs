@@ -24,10 +24,10 @@ fn conv(layers: &mut Layers, shape: Shape, n: usize, kernel: Kernel) -> Result<S
     let fields = shape.fields.group().regular(n);
     let size = [shape.height, shape.width];
     let conv = R2Conv::new(shape.fields, fields, kernel, size)?;
-    let shape = conv.out_shape();
+    let out_shape = conv.out_shape();
     layers.push(Box::new(conv));
-    layers.push(Box::new(Relu::new(shape)?));
-    Ok(shape)
+    layers.push(Box::new(Relu::new(out_shape)?));
+    Ok(out_shape)
 }
 
 /// Creates the network 64 x 64 x 6 -> 8, 16, 32, 32 fields by strided convolutions -> 16 fields,

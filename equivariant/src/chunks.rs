@@ -207,8 +207,8 @@ fn add_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
     let pieces = sum.par_chunks_mut(PIECE).enumerate();
     pieces.for_each(|(i, piece)| {
         for buffer in buffers {
-            for (sum, &value) in piece.iter_mut().zip(&buffer[i * PIECE..]) {
-                *sum += value;
+            for (total, &value) in piece.iter_mut().zip(&buffer[i * PIECE..]) {
+                *total += value;
             }
         }
     });

@@ -106,8 +106,8 @@ pub(crate) fn fill_normal<T: Real>(rng: &mut dyn Rng, std: f64, out: &mut [T]) {
         let angle = TAU * rng.random::<f64>();
         let (sin, cos) = angle.sin_cos();
         let values = [radius * cos, radius * sin];
-        for (out, value) in pair.iter_mut().zip(values) {
-            *out = T::from_f64(value);
+        for (target, value) in pair.iter_mut().zip(values) {
+            *target = T::from_f64(value);
         }
     }
 }

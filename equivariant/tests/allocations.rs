@@ -39,25 +39,26 @@ fn check(net: &Sequential<f32>) {
         Chunks::new(params.len(), CHUNK, move || (vec![0.0; CHUNK * out_len], of_chunk.clone()));
     // the matrix products of `Linear` keep buffers per thread, so every thread must have run once
     rayon::broadcast(|_| {
-        let (mut y, mut gradient) = (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
+        let (mut chunk_y, mut chunk_gradient) =
+            (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
         let (mut scratch, x) = (scratch.clone(), &x[..CHUNK * in_len]);
-        net.forward(&params, x, &mut y, &mut scratch);
-        let dy = y.clone();
-        net.backward(&params, x, &y, &dy, None, &mut gradient, &mut scratch);
+        net.forward(&params, x, &mut chunk_y, &mut scratch);
+        let dy = chunk_y.clone();
+        net.backward(&params, x, &chunk_y, &dy, None, &mut chunk_gradient, &mut scratch);
     });
     let training = allocations(|| {
-        chunks.accumulate(SAMPLES, &mut gradient, |range, (y, scratch), gradient| {
+        chunks.accumulate(SAMPLES, &mut gradient, |range, (chunk_y, chunk_scratch), gradient| {
             let x = &x[range.start * in_len..range.end * in_len];
-            let y = &mut y[..range.len() * out_len];
-            net.forward(&params, x, y, scratch);
-            net.backward(&params, x, y, y, None, gradient, scratch);
+            let chunk_y = &mut chunk_y[..range.len() * out_len];
+            net.forward(&params, x, chunk_y, chunk_scratch);
+            net.backward(&params, x, chunk_y, chunk_y, None, gradient, chunk_scratch);
         });
     });
     assert_eq!(training, 0, "{net}");
     let inference = allocations(|| {
-        chunks.map_rows(&mut y, out_len, |range, (_, scratch), y| {
+        chunks.map_rows(&mut y, out_len, |range, (_, chunk_scratch), y| {
             let x = &x[range.start * in_len..range.end * in_len];
-            net.forward(&params, x, y, scratch);
+            net.forward(&params, x, y, chunk_scratch);
         });
     });
     assert_eq!(inference, 0, "{net}");

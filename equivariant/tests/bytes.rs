@@ -48,7 +48,7 @@ fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
     deep.push(Box::new(FieldNorm::new(out, Statistics::Sample).unwrap()));
     deep.push(Box::new(next()));
     let networks = [first(1), first(2), first(3), deep].into_iter();
-    networks.map(|layers| Sequential::new(layers).unwrap()).collect()
+    networks.map(|stack| Sequential::new(stack).unwrap()).collect()
 }
 
 fn pictures(layer: &impl Signature, samples: usize) -> Vec<u8> {
@@ -173,14 +173,14 @@ fn wrong_lengths_are_refused() {
     let message = refusal(|| network.forward_bytes(&params, short, &mut y, &mut scratch));
     assert!(message.contains("got pictures of"), "{message}");
     let one = &bytes[bytes.len() / 2..];
-    let message = refusal(|| network.forward_bytes(&params, one, &mut y, &mut scratch));
-    assert!(message.contains("got y of"), "{message}");
+    let output_message = refusal(|| network.forward_bytes(&params, one, &mut y, &mut scratch));
+    assert!(output_message.contains("got y of"), "{output_message}");
     network.forward_bytes(&params, &bytes, &mut y, &mut scratch);
     let half = y.len() / 2;
     let mut dparams = params.clone();
-    let message = refusal(|| {
+    let backward_message = refusal(|| {
         let outputs = [&y[..half], &y[..half]];
         network.backward_bytes(&params, one, outputs, &mut dparams, &mut scratch);
     });
-    assert!(message.contains("left for 2 samples"), "{message}");
+    assert!(backward_message.contains("left for 2 samples"), "{backward_message}");
 }

@@ -162,9 +162,9 @@ fn rows_of_inference_arrive_in_order() {
         range.start
     });
     assert_eq!(starts, [0, 2, 4, 6]);
-    for (x, y) in x.chunks(in_len).zip(y.chunks(out_len)) {
-        let alone = forward(&net, &params, x);
-        assert!(largest_deviation(&alone, y) < 1e-5);
+    for (sample, chunked) in x.chunks(in_len).zip(y.chunks(out_len)) {
+        let alone = forward(&net, &params, sample);
+        assert!(largest_deviation(&alone, chunked) < 1e-5);
     }
     assert_eq!(chunks.map(3, |range, _| range), [0..2, 2..3]);
 }

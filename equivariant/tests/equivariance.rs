@@ -152,8 +152,8 @@ fn the_checker_refuses_a_wrong_action_on_pixels() {
 fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
     let shape = Shape::vector(FieldType::new(Group::D2, [0, 4, 0, 0]));
     let relu = |x: &[f32], y: &mut [f32]| {
-        for (y, &x) in y.iter_mut().zip(x) {
-            *y = x.max(0.0);
+        for (out, &value) in y.iter_mut().zip(x) {
+            *out = value.max(0.0);
         }
     };
     assert!(equivariance_error_of(shape, shape, relu, 3, &mut rng(0)) > 0.1);

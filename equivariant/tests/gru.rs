@@ -98,9 +98,9 @@ fn the_unit_commutes_with_every_group() {
             steps,
             Shape::vector(gru.out_type()),
             |x, y| {
-                let steps = [1.0, -0.5, 2.0].map(|by| x.iter().map(move |v| v * by));
-                let x: Vec<f32> = steps.into_iter().flatten().collect();
-                gru.forward(&params, &x, &[3], &mut pass);
+                let scaled = [1.0, -0.5, 2.0].map(|by| x.iter().map(move |v| v * by));
+                let sequence: Vec<f32> = scaled.into_iter().flatten().collect();
+                gru.forward(&params, &sequence, &[3], &mut pass);
                 y.copy_from_slice(pass.out());
             },
             8,
@@ -159,9 +159,9 @@ fn shared_rows_are_rows_of_their_own_added_up() {
         let to = Some(&mut dshared[..]);
         gru.backward(&params, &shared, &d_out, to, &mut dshared_params, &mut pass);
         let mut sums = vec![0.0; shared.len()];
-        for (&row, dx) in reads.iter().zip(dx.chunks_exact(inputs)) {
-            let sum = &mut sums[row * inputs..(row + 1) * inputs];
-            sum.iter_mut().zip(dx).for_each(|(sum, d)| *sum += d);
+        for (&index, gradient) in reads.iter().zip(dx.chunks_exact(inputs)) {
+            let sum = &mut sums[index * inputs..(index + 1) * inputs];
+            sum.iter_mut().zip(gradient).for_each(|(sum, d)| *sum += d);
         }
         assert!(largest_deviation(&dshared, &sums) < 1e-13, "{group}");
         assert!(largest_deviation(&dshared_params, &dparams) < 1e-12, "{group}");

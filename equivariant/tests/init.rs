@@ -107,8 +107,8 @@ fn the_gain_of_a_chain_is_that_of_its_last_layer_with_parameters() {
     let (small, unit) = (draw(0.01), draw(1.0));
     let head = net.params_of(6);
     assert_eq!(small[..head.start], unit[..head.start]);
-    for (small, unit) in small[head.clone()].iter().zip(&unit[head]) {
-        assert!((small - 0.01 * unit).abs() < 1e-12);
+    for (small_weight, unit_weight) in small[head.clone()].iter().zip(&unit[head]) {
+        assert!((small_weight - 0.01 * unit_weight).abs() < 1e-12);
     }
 }
 

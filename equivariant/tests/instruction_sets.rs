@@ -92,14 +92,14 @@ fn all_instruction_sets_of_this_machine_agree() {
             let expected = run(conv, InstructionSet::Portable, with_dx);
             let found: Vec<_> = wider.iter().map(|&&set| run(conv, set, with_dx)).collect();
             let shapes = (conv.in_shape(), conv.out_shape());
-            for (set, found) in wider.iter().zip(&found) {
-                let error = deviation(found, &expected);
+            for (set, output) in wider.iter().zip(&found) {
+                let error = deviation(output, &expected);
                 assert!(error < 1e-5, "{set:?} {shapes:?}: {error}");
-                differ |= *found != expected;
+                differ |= *output != expected;
             }
-            for (sets, found) in wider.windows(2).zip(found.windows(2)) {
+            for (sets, outputs) in wider.windows(2).zip(found.windows(2)) {
                 let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-                assert!(bits(&found[0]) == bits(&found[1]), "{sets:?} {shapes:?}");
+                assert!(bits(&outputs[0]) == bits(&outputs[1]), "{sets:?} {shapes:?}");
             }
         }
     }

@@ -39,8 +39,8 @@ fn fields_have_mean_zero_and_variance_one_over_group_space_and_samples() {
         let sample = FieldNorm::new(shape, Statistics::Sample).unwrap();
         let alone = normalised(&sample, &x);
         for f in 0..9 {
-            for y in alone.chunks(shape.len()).chain([&y[..]]) {
-                let [mean, variance] = regular_moments(group, 9, f, y);
+            for values in alone.chunks(shape.len()).chain([&y[..]]) {
+                let [mean, variance] = regular_moments(group, 9, f, values);
                 assert!(mean.abs() < 1e-12 && (variance - 1.0).abs() < 1e-3, "{group}");
             }
         }
@@ -107,7 +107,7 @@ fn a_batch_may_transform_each_sample_by_another_element() {
         let act = |values: &[f64]| -> Vec<f64> {
             let elements = group.elements().iter().cycle();
             let samples = values.chunks(shape.len()).zip(elements);
-            samples.flat_map(|(x, &g)| shape.act(g, x)).collect()
+            samples.flat_map(|(sample, &g)| shape.act(g, sample)).collect()
         };
         let of_moved = normalised(&norm, &act(&x));
         for (a, b) in of_moved.iter().zip(act(&normalised(&norm, &x))) {

@@ -11,7 +11,7 @@ fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> 
     let (input, output) = (layer.in_shape(), layer.out_shape());
     let (c_in, c_out, k) = (input.fields.dim(), output.fields.dim(), window.size);
     let mut y = vec![0.0; output.len()];
-    for (i, y) in y.iter_mut().enumerate() {
+    for (i, sum) in y.iter_mut().enumerate() {
         let (pixel, out) = (i / c_out, i % c_out);
         let (oy, ox) = (pixel / output.width, pixel % output.width);
         for (j, weight) in kernel[out * c_in * k * k..][..c_in * k * k].iter().enumerate() {
@@ -19,7 +19,7 @@ fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> 
             let row = (oy * window.stride + ty).wrapping_sub(window.padding);
             let col = (ox * window.stride + tx).wrapping_sub(window.padding);
             if row < input.height && col < input.width {
-                *y += weight * x[(row * input.width + col) * c_in + c];
+                *sum += weight * x[(row * input.width + col) * c_in + c];
             }
         }
     }

@@ -39,15 +39,15 @@ fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     let mut scratch = layer.scratch(SAMPLES);
     let (mut y, x) = (vec![0.0; y], vec![0.1; x]);
     layer.forward(&vec![0.1; params], &x, &mut y, &mut scratch);
-    let [params, x, y, dy, dx, dparams, len] = lengths;
+    let [params_len, x_len, y_len, dy, dx, dparams, len] = lengths;
     let (mut dx, mut dparams) = (vec![0.0; dx], vec![0.0; dparams]);
     if len < scratch.len() {
         scratch = Scratch::filled(len, 0.0);
     }
     layer.backward(
-        &vec![0.1; params],
-        &vec![0.1; x],
-        &vec![0.1; y],
+        &vec![0.1; params_len],
+        &vec![0.1; x_len],
+        &vec![0.1; y_len],
         &vec![0.1; dy],
         Some(&mut dx),
         &mut dparams,
@@ -68,8 +68,10 @@ fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
             message.ends_with(&format!("got x of {got} values, expected a multiple of {each}"))
         }
         "scratch" => {
-            let named = format!("got a scratch of {got} values, expected at least {right}");
-            message.contains(&named) || message.contains("got a scratch that forward left for 0")
+            let scratch_message =
+                format!("got a scratch of {got} values, expected at least {right}");
+            message.contains(&scratch_message)
+                || message.contains("got a scratch that forward left for 0")
         }
         _ => message.contains(&named),
     }

@@ -69,7 +69,7 @@ fn rectify(group: Group, fields: FieldType, rows: &[f64]) -> Vec<f64> {
 
 fn close(found: &[f64], expected: &[f64]) {
     assert_eq!(found.len(), expected.len());
-    for (found, expected) in found.iter().zip(expected) {
-        assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+    for (value, reference) in found.iter().zip(expected) {
+        assert!((value - reference).abs() < 1e-12, "{value} {reference}");
     }
 }

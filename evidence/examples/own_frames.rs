@@ -74,10 +74,10 @@ fn halves<R: Rng>(home: &Group, other: &Group, rng: &mut R) -> [Vec<Account>; 2]
     if std::ptr::eq(home, other) {
         return [shuffled, asked];
     }
-    let mut asked = other.accounts.clone();
-    asked.shuffle(rng);
-    asked.truncate(asked.len() / 2);
-    [shuffled, asked]
+    let mut others = other.accounts.clone();
+    others.shuffle(rng);
+    others.truncate(others.len() / 2);
+    [shuffled, others]
 }
 
 /// How often 1, 4 and 20 frames, or all that half of the group has, name their group, with all
@@ -127,8 +127,9 @@ fn read(folder: &Path) -> Answer<Vec<Group>> {
             let (size, pixels) = picture(&file)?;
             let expected = *first.get_or_insert(size);
             if size != expected {
-                let name = file.display();
-                let problem = format!("{name} is {size:?}, expected {expected:?} as the first");
+                let file_name = file.display();
+                let problem =
+                    format!("{file_name} is {size:?}, expected {expected:?} as the first");
                 return Err((problem + " picture: height, width and channels").into());
             }
             let filters = Filters::new(size, RecogniserSettings::default().filters)?;

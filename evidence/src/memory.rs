@@ -57,7 +57,7 @@ impl Memory {
         let (before, late) = all.split_at(all.len() / 2);
         let means = mean_earned(before.iter().copied()).zip(mean_earned(late.iter().copied()));
         match means {
-            Some((before, mean)) if mean - before > IMPROVES * spread(&all) => late.to_vec(),
+            Some((earlier, mean)) if mean - earlier > IMPROVES * spread(&all) => late.to_vec(),
             _ => all,
         }
     }

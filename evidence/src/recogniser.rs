@@ -296,9 +296,9 @@ impl Recogniser {
         let examiner = Examiner(&self.settings);
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
             let role = if policy == situation.collector { role } else { Role::Stranger };
-            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let mut own_rng = ChaCha8Rng::seed_from_u64(seed);
             let memory = &self.memories[policy];
-            let mut opinion = examiner.opine(memory, accounts, role, look, &mut rng)?;
+            let mut opinion = examiner.opine(memory, accounts, role, look, &mut own_rng)?;
             if situation.refused.contains(&policy) {
                 opinion.verdict = Verdict::Refused;
             }
@@ -386,7 +386,7 @@ fn find_cut<R: Rng + ?Sized>(
     let all = kinds.iter().map(|&kind| frames(&seen, kind));
     let all = all.collect::<Result<Vec<_>, _>>()?;
     let test = change_test(&all, &cuts, ORDERS * settings.permutations, rng)?;
-    let began = seen[test.cut].began;
-    let cut = accounts.partition_point(|account| account.began < began);
+    let start = seen[test.cut].began;
+    let cut = accounts.partition_point(|account| account.began < start);
     Ok((test.p_value <= settings.cut).then_some(cut))
 }

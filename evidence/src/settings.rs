@@ -148,10 +148,10 @@ mod tests {
         assert!(message.starts_with("setting `min_loss` is NaN"), "{message}");
         let coarse = RecogniserSettings { permutations: 20, ..settings };
         let unreachable_cut = RecogniserSettings { permutations: 60, ..settings };
-        for (wrong, name) in [(coarse, "`doubt`"), (unreachable_cut, "`cut`")] {
-            let message = wrong.check().unwrap_err().to_string();
-            let says = message.contains(name) && message.contains("smallest exact");
-            assert!(says, "{message}");
+        for (case, name) in [(coarse, "`doubt`"), (unreachable_cut, "`cut`")] {
+            let refusal = case.check().unwrap_err().to_string();
+            let says = refusal.contains(name) && refusal.contains("smallest exact");
+            assert!(says, "{refusal}");
         }
     }
 }

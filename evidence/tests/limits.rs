@@ -84,9 +84,9 @@ fn a_policy_that_strayed_is_asked_where_it_is_by_far_the_nearest() {
             let situation = Situation { collector: 0, refused: &[1], is_unproven: true };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let seen = episodes(20, seen, 1.0, &mut rng);
-            let finding = recogniser.review(&seen, situation, &mut rng).unwrap();
-            assert!(excused.contains(&ratios(&finding)[0]), "{:?}", ratios(&finding));
-            assert_eq!(finding.opinions[0].verdict(), expected);
+            let reviewed = recogniser.review(&seen, situation, &mut rng).unwrap();
+            assert!(excused.contains(&ratios(&reviewed)[0]), "{:?}", ratios(&reviewed));
+            assert_eq!(reviewed.opinions[0].verdict(), expected);
         }
     }
 }

@@ -28,9 +28,9 @@ fn policies_that_serve_one_group_are_merged() {
     let merge = recogniser.merge(0, 2, &seen[..5], &seen[5..], &mut rng()).unwrap().unwrap();
     assert_eq!((merge.kept, merge.gone), (2, 0), "policy 2 was heard");
     assert_eq!(recogniser.heirs(), [Some(2), None, None]);
-    let finding = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
-    assert_eq!(finding.opinions[merge.gone].verdict(), Verdict::Refused);
-    assert_eq!(recogniser.twin(merge.kept, &finding.accepted()), None);
+    let after_merge = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
+    assert_eq!(after_merge.opinions[merge.gone].verdict(), Verdict::Refused);
+    assert_eq!(recogniser.twin(merge.kept, &after_merge.accepted()), None);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
     assert_eq!(found.policies[merge.gone], 0.0);
 }
@@ -65,8 +65,8 @@ fn of_two_policies_the_one_that_was_heard_in_both_groups_goes_on() {
     let seen = rollout(KIND, 1000, 1, 1);
     let finding = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
     assert_eq!(finding.decision, Decision::Existing(1));
-    let (_, merge) = merged(1.25);
-    assert_eq!((merge.kept, merge.gone), (0, 1), "it earns clearly more");
+    let (_, better) = merged(1.25);
+    assert_eq!((better.kept, better.gone), (0, 1), "it earns clearly more");
 }
 
 /// A merge can be mended: before a new policy is opened, the one that has an heir is tried.
@@ -92,7 +92,7 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         assert_eq!(review(&own).decision, Decision::Existing(gone));
         recogniser.learn(gone, &own, &mut rng()).unwrap();
         assert_eq!(recogniser.heirs(), [None, None]);
-        let finding = recogniser.assign(&own, gone, Look::First, &mut rng()).unwrap();
-        assert_eq!(recogniser.twin(gone, &finding.accepted()), None, "merged once");
+        let of_gone = recogniser.assign(&own, gone, Look::First, &mut rng()).unwrap();
+        assert_eq!(recogniser.twin(gone, &of_gone.accepted()), None, "merged once");
     }
 }

@@ -39,8 +39,8 @@ fn what_looks_different_is_told_apart_at_the_first_look() {
         let unknown = rollout(kind, 1000, 3, 0);
         let finding = recogniser.assign(&unknown, 0, Look::First, &mut rng()).unwrap();
         assert_eq!(finding.decision, Decision::Undecided);
-        let finding = recogniser.assign(&unknown, 0, Look::Second, &mut rng()).unwrap();
-        assert_eq!(finding.decision, Decision::New);
+        let second = recogniser.assign(&unknown, 0, Look::Second, &mut rng()).unwrap();
+        assert_eq!(second.decision, Decision::New);
     }
     assert!(undecided <= 1, "{undecided}");
 }

@@ -8,9 +8,8 @@ use crate::common::{knowing, rng, rollout};
 #[test]
 fn memory_is_bounded_and_survives_a_file() {
     let mut recogniser = knowing(Kind::Appearance, 1000, 2);
-    let size = |recogniser: &Recogniser| {
-        recogniser.state(serde_json::value::Serializer).unwrap().to_string().len()
-    };
+    let size =
+        |any: &Recogniser| any.state(serde_json::value::Serializer).unwrap().to_string().len();
     let before = size(&recogniser);
     let seen = rollout(Kind::Appearance, 1000, 0, 0);
     for _ in 0..1000 {
@@ -149,11 +148,11 @@ fn an_error_leaves_everything_as_it_was() {
     assert!(learning.merge(0, 1, &seen[..5], &seen, &mut rng()).is_err());
     assert_eq!(learning, recogniser);
     for extreme in [f32::MAX, f32::MIN_POSITIVE] {
-        let mut seen = rollout(Kind::Appearance, 1000, 0, 0);
-        let pictures = seen.iter_mut().flat_map(|account| &mut account.picture);
+        let mut extremes = rollout(Kind::Appearance, 1000, 0, 0);
+        let pictures = extremes.iter_mut().flat_map(|account| &mut account.picture);
         pictures.enumerate().for_each(|(i, v)| *v = if i % 3 == 0 { extreme } else { -extreme });
-        let mut learning = recogniser.clone();
-        let learnt = learning.learn(1, &seen, &mut rng());
-        assert!(learnt.is_ok() || learning == recogniser, "{learnt:?}");
+        let mut trial = recogniser.clone();
+        let learnt = trial.learn(1, &extremes, &mut rng());
+        assert!(learnt.is_ok() || trial == recogniser, "{learnt:?}");
     }
 }

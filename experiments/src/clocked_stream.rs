@@ -277,10 +277,10 @@ mod tests {
     #[test]
     fn a_turn_straddles_where_it_showed_two_groups_and_not_where_the_next_is_due() {
         let mut world = world(0);
-        let iteration = |world: &mut ClockedStream, steps| {
-            world.begin(0, 0).unwrap();
-            walk(world, steps, usize::MAX);
-            (world.spans_switch(), world.last_shown())
+        let iteration = |stream: &mut ClockedStream, steps| {
+            stream.begin(0, 0).unwrap();
+            walk(stream, steps, usize::MAX);
+            (stream.spans_switch(), stream.last_shown())
         };
         assert_eq!(iteration(&mut world, 10), (false, 0), "the next group is due");
         assert_eq!(world.running, 1);

@@ -195,17 +195,17 @@ impl RunFolder {
         let Some(expected) = summary.tables.get(name) else {
             return Ok(());
         };
-        let path = self.file(name);
-        let found = match std::fs::read(&path) {
+        let table_path = self.file(name);
+        let found = match std::fs::read(&table_path) {
             Ok(table) => checksum(&table),
             Err(error) if error.kind() == ErrorKind::NotFound => "missing".to_owned(),
-            Err(error) => return Err(RunError::read(&path, error)),
+            Err(error) => return Err(RunError::read(&table_path, error)),
         };
         if found == *expected {
             return Ok(());
         }
         let expected = expected.clone();
-        Err(RunError::ChangedTable { path, found, expected })
+        Err(RunError::ChangedTable { path: table_path, found, expected })
     }
 
     /// Renames the timings of a finished run if they were changed. No checkpoint can restore them,

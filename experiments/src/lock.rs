@@ -52,9 +52,9 @@ impl Lock {
             }
         }
         let owner = owner();
-        let path = folder.join(OWNER);
-        let written = fs::write(&path, &owner);
-        written.map_err(|error| RunError::write(&path, error))?;
+        let owner_path = folder.join(OWNER);
+        let written = fs::write(&owner_path, &owner);
+        written.map_err(|error| RunError::write(&owner_path, error))?;
         let folder = folder.to_owned();
         let claim = Claim { folder, owner };
         Ok(Self { _file: file, claim })

@@ -83,8 +83,8 @@ impl Logs {
         let findings = &evaluation.findings;
         let row = |score| score_row(evaluation, score);
         self.scores.write(findings.scores.iter().map(row))?;
-        let row = |dormancy| units_row(evaluation, dormancy);
-        self.units.write(findings.dormancies().iter().map(row))?;
+        let dormancy_row = |dormancy| units_row(evaluation, dormancy);
+        self.units.write(findings.dormancies().iter().map(dormancy_row))?;
         self.recognition.write(findings.recognition.iter().map(recognition_row))
     }
 }
@@ -190,8 +190,8 @@ mod tests {
         };
         let own = PolicyScore { policy: 0, success: 1.0, success_at_end: 0.75, reward: 400.5 };
         let mut writer = csv::Writer::from_writer(Vec::new());
-        for score in [score(None), score(Some(own))] {
-            writer.serialize(score_row(&evaluation, &score)).unwrap();
+        for scored in [score(None), score(Some(own))] {
+            writer.serialize(score_row(&evaluation, &scored)).unwrap();
         }
         let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
         let lines: Vec<&str> = text.lines().collect();

@@ -116,8 +116,8 @@ fn smallest_limit(groups: &str, read: impl Fn(&Path) -> Option<String>) -> Optio
             _ => return Vec::new(),
         };
         let folder = Path::new(root).join(path.trim_start_matches('/'));
-        let folders = folder.ancestors().take_while(|path| path.starts_with(root));
-        folders.map(|folder| folder.join(file)).collect()
+        let folders = folder.ancestors().take_while(|parent| parent.starts_with(root));
+        folders.map(|parent| parent.join(file)).collect()
     });
     // files without a limit hold the word `max`, which does not parse
     let limit = |path: PathBuf| Some((read(&path)?.trim().parse::<u64>().ok()?, path));

@@ -252,8 +252,8 @@ impl Budget {
         };
         let unit = if self == Self::Smoke { rollout } else { 1000 };
         let decisions = visits.map(|visit| visit * unit);
-        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
-        let mut schedule = Schedule::shuffled(cycles, &visits);
+        let group_visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
+        let mut schedule = Schedule::shuffled(cycles, &group_visits);
         if self == Self::ZeroShot {
             for plan in &mut schedule.groups {
                 plan.variants = vec![D2::Identity];

@@ -253,10 +253,12 @@ fn check(
         own.collect::<Vec<f64>>()
     };
     // each rollout creates one policy at most, so the index of its policy cannot exceed its own
-    let sound = |(rollout, row): (usize, &RolloutRow)| {
+    let sound_rollout = |(rollout, row): (usize, &RolloutRow)| {
         row.policy <= rollout && numbers(row).into_iter().all(f64::is_finite)
     };
-    if !rollouts.is_sorted_by_key(|row| row.decisions) || !rollouts.iter().enumerate().all(sound) {
+    if !rollouts.is_sorted_by_key(|row| row.decisions)
+        || !rollouts.iter().enumerate().all(sound_rollout)
+    {
         return Err(unfit(
             "metrics.csv holds a row that cannot be: decisions must not decrease, policies must \
              exist, and numbers must be finite",

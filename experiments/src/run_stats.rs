@@ -166,7 +166,7 @@ impl RunStats {
 /// Returns the policy that acts for the group of `policy`: the end of its chain of merges, or
 /// itself. `merged_into` may have fewer items than there are policies.
 pub fn acting_policy(merged_into: &[Option<usize>], policy: usize) -> usize {
-    let next = |&policy: &usize| merged_into.get(policy).copied().flatten();
+    let next = |&merged: &usize| merged_into.get(merged).copied().flatten();
     // the limit ends cycles, which damaged files may have; no other chain is longer
     let chain = std::iter::successors(Some(policy), next).take(1 + merged_into.len());
     chain.last().unwrap_or(policy)

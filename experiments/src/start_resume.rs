@@ -95,10 +95,10 @@ pub(crate) fn resume(
     experiment.check(&tasks)?;
     memory::check_run(&experiment)?;
     let locked = LockedRun { lock, experiment, tasks, folder };
-    let experiment = &locked.experiment;
-    let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+    let settings = &locked.experiment;
+    let (spec, labels) = (Stream::spec_of(&settings.envs), Labels::default());
     let read = |path: &Path| {
-        let (learner, note) = experiment.learner.resume(path, &spec, &labels)?;
+        let (learner, note) = settings.learner.resume(path, &spec, &labels)?;
         let mut saved = SavedRun::parse(path, &note)?;
         saved.recount(path)?;
         Ok((learner, saved))
@@ -115,10 +115,10 @@ pub(crate) fn resume(
         return begin(locked, false, notice);
     };
     let (learner, saved) = found.value;
-    same(&found.path, &experiment.clone().with_threads(1), &saved.experiment)?;
+    same(&found.path, &settings.clone().with_threads(1), &saved.experiment)?;
     let mut notice = notice(&saved.state, &found.path, &found.problems);
     if !locked.folder.holds_settings() {
-        locked.folder.write_experiment(experiment)?;
+        locked.folder.write_experiment(settings)?;
         notice += "; experiment.json was lost and is written again";
     }
     let (passed_over, state) = (found.passed_over, saved.state);

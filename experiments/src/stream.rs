@@ -182,7 +182,7 @@ pub fn scale(vectors: &mut [f32]) {
 
 fn scale_rows(vectors: &mut [f32], which: &[bool]) {
     let rows = vectors.chunks_exact_mut(envs::VECTOR_DIM).zip(which);
-    rows.filter(|(_, which)| **which).for_each(|(row, _)| scale_row(row));
+    rows.filter(|(_, chosen)| **chosen).for_each(|(row, _)| scale_row(row));
 }
 
 /// Scales one vector (hand x, y, z, aperture, goal x, y, z) to network inputs, in place.

@@ -184,8 +184,8 @@ mod tests {
         let mut table = table("columns");
         let mut resumed = reopen(table.path.clone(), ONE);
         let other = [("rollout", "1"), ("entropy", "2")];
-        for table in [&mut table, &mut resumed] {
-            let message = table.write_named(cells(&other)).unwrap_err().to_string();
+        for each in [&mut table, &mut resumed] {
+            let message = each.write_named(cells(&other)).unwrap_err().to_string();
             assert!(message.contains("entropy") && message.contains("loss"));
         }
         let same = cells(&[("rollout", "1"), ("loss", "2")]);

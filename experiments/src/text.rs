@@ -79,7 +79,7 @@ impl fmt::Display for RolloutLine<'_> {
 /// Formats a number with `digits` decimals; `-` for `None` and for non-finite numbers.
 pub fn number(value: Option<f64>, digits: usize) -> String {
     let finite = value.filter(|value| value.is_finite());
-    finite.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    finite.map_or_else(|| "-".to_owned(), |shown| format!("{shown:.digits$}"))
 }
 
 /// Formats the scores of one evaluation as a table with a line for each group; held-out variants

@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn timings_are_kept_up_to_the_checkpoint() {
         let text = "rollout,total\n0,1.5\n1,2.5\n2,3.5\n";
-        let kept = |text: &str, rollouts| first_rows(text.as_bytes(), rollouts);
+        let kept = |table: &str, rollouts| first_rows(table.as_bytes(), rollouts);
         assert_eq!(kept(text, 2), "rollout,total\n0,1.5\n1,2.5\n");
         assert_eq!(kept(text, 9), text);
         assert_eq!(kept(&text[..text.len() - 1], 9), kept(text, 2));

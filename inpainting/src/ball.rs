@@ -129,9 +129,9 @@ fn spots(amounts: &[f64], least: f64, [width, height]: [usize; 2]) -> Vec<Vec<us
 fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
     let (column, row) = (pixel % width, pixel / width);
     let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
-    let around = rows.flat_map(move |row| {
+    let around = rows.flat_map(move |near_row| {
         let columns = column.saturating_sub(1)..=(column + 1).min(width - 1);
-        columns.map(move |column| row * width + column)
+        columns.map(move |near_column| near_row * width + near_column)
     });
     around.filter(move |&other| other != pixel)
 }
@@ -233,12 +233,12 @@ mod tests {
         }
         let message = find(&[ball, ([80.0, 60.0], 5.0)]).unwrap_err().to_string();
         assert!(message.contains("2 things") && message.contains("[[40, 30], [80, 60]]"));
-        let message = find(&[([2.0, 30.0], 8.0)]).unwrap_err().to_string();
-        assert!(message.contains("no disc"), "{message}");
+        let edge_message = find(&[([2.0, 30.0], 8.0)]).unwrap_err().to_string();
+        assert!(edge_message.contains("no disc"), "{edge_message}");
         // an arm over half of it
         let hidden = behind_an_arm(ball, 30);
-        let message = BALL.find(&hidden, SIZE[0]).unwrap_err().to_string();
-        assert!(message.contains("partly hidden"), "{message}");
+        let hidden_message = BALL.find(&hidden, SIZE[0]).unwrap_err().to_string();
+        assert!(hidden_message.contains("partly hidden"), "{hidden_message}");
     }
 
     /// A ball with a grey arm over it, which ends at a row.

@@ -37,11 +37,12 @@ impl Intrinsics {
         let expected = "at least 1 x 1, and a picture that fits into memory";
         require(holds, "picture size", &size, expected)?;
         let positive = self.focal.iter().all(|f| *f > 0.0 && f.is_finite());
-        let (value, expected) = (format!("{:?}", self.focal), "two positive numbers of pixels");
-        require(positive, "focal length", &value, expected)?;
+        let (value, expected_focal) =
+            (format!("{:?}", self.focal), "two positive numbers of pixels");
+        require(positive, "focal length", &value, expected_focal)?;
         let finite = self.centre.iter().all(|c| c.is_finite());
-        let value = format!("{:?}", self.centre);
-        require(finite, "optical axis", &value, "two finite numbers")
+        let centre = format!("{:?}", self.centre);
+        require(finite, "optical axis", &centre, "two finite numbers")
     }
 }
 

@@ -160,13 +160,13 @@ fn check(
         let BallSighting { pose, position, rotation, pixel } = sighting;
         let value = format!("{position} in pose {pose}");
         require(is_near(*position), "position of the hand", &value, NEAR)?;
-        let value = format!("{rotation} in pose {pose}");
+        let turn = format!("{rotation} in pose {pose}");
         let unit = (rotation.length() - 1.0).abs() < 1e-6;
-        require(unit, "rotation of the hand", &value, "a unit quaternion")?;
-        let value = format!("{pixel:?} in pose {pose}");
+        require(unit, "rotation of the hand", &turn, "a unit quaternion")?;
+        let seen_pixel = format!("{pixel:?} in pose {pose}");
         let finite = is_near(DVec3::new(pixel[0], pixel[1], 0.0));
         let expected = "a column and a row of the picture";
-        require(finite, "pixel of the ball", &value, expected)?;
+        require(finite, "pixel of the ball", &seen_pixel, expected)?;
     }
     Ok(())
 }
@@ -203,7 +203,7 @@ fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
 fn focal(best: &Fit<'_>) -> Option<Focal> {
     let fit = minimised(best.with_free_focal());
     let variance = fit.equations().variances()?[fit.focal_index()];
-    let focal = |fit: &Fit<'_>| fit.calibration().intrinsics.focal[0];
+    let focal = |fitted: &Fit<'_>| fitted.calibration().intrinsics.focal[0];
     let ratio = focal(&fit) / focal(best);
     // the unknown is the logarithm of the focal length
     let sigma = ratio * fit.noise() * variance.sqrt();

@@ -181,8 +181,8 @@ mod tests {
         assert!(inpainter.difference().all(|levels| levels == 10));
         let hidden = first.iter().filter(|&&hidden| hidden).count();
         assert!(hidden > 50 && hidden < pixels / 2, "{hidden}");
-        for (pixel, &hidden) in out.chunks_exact(3).zip(&first) {
-            assert_eq!(pixel, if hidden { [10; 3] } else { [20; 3] });
+        for (pixel, &is_hidden) in out.chunks_exact(3).zip(&first) {
+            assert_eq!(pixel, if is_hidden { [10; 3] } else { [20; 3] });
         }
         inpainter.inpaint(&vec![30; 3 * pixels], &right, DVec3::ZERO, &mut out).unwrap();
         assert_ne!(inpainter.mask(), first);
@@ -210,7 +210,7 @@ mod tests {
         assert_eq!(out[pixel..pixel + 3], MARK.color);
         // a disc of 0.1 m at 1.2 m, through focal lengths of 35 and 33 pixels
         let (area, expected) = (
-            out.chunks_exact(3).filter(|pixel| pixel[2] == 255).count() as f64,
+            out.chunks_exact(3).filter(|rgb| rgb[2] == 255).count() as f64,
             std::f64::consts::PI * (0.1 / 1.2_f64).powi(2) * 35.0 * 33.0,
         );
         assert!((area - expected).abs() < 5.0, "{area} pixels, not {expected}");

@@ -32,8 +32,8 @@ impl Mark {
         let expected = "a length in metres, or 0 for no mark";
         require(drawn, "mark radius", &self.radius, expected)?;
         let inside = (0.0..=self.radius).contains(&self.hole);
-        let expected = "a length in metres from 0 (a disc) to the mark's radius";
-        require(inside, "mark hole", &self.hole, expected)?;
+        let expected_hole = "a length in metres from 0 (a disc) to the mark's radius";
+        require(inside, "mark hole", &self.hole, expected_hole)?;
         require_positive("mark depth", self.depth, "a positive length in metres")
     }
 

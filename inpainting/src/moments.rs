@@ -20,14 +20,14 @@ impl Moments {
         let [_, x, y] = sums(weighed, |[x, y]| [1.0, x, y]);
         let all: f64 = weighed.iter().map(|(weight, _)| weight).sum();
         let middle = [x / all, y / all];
-        let off = |[x, y]: [f64; 2]| [x - middle[0], y - middle[1]];
+        let off = |[px, py]: [f64; 2]| [px - middle[0], py - middle[1]];
         let second = sums(weighed, |place| {
-            let [x, y] = off(place);
-            [x * x, x * y, y * y]
+            let [u, v] = off(place);
+            [u * u, u * v, v * v]
         });
         let third = sums(weighed, |place| {
-            let [x, y] = off(place);
-            [x * x * x, x * x * y, x * y * y, y * y * y]
+            let [u, v] = off(place);
+            [u * u * u, u * u * v, u * v * v, v * v * v]
         });
         Self { middle, second: second.map(|sum| sum / all), third: third.map(|sum| sum / all) }
     }

@@ -208,7 +208,7 @@ mod tests {
 
     fn differing(a: &[u8], b: &[u8]) -> usize {
         let pixels = a.chunks_exact(3).zip(b.chunks_exact(3));
-        pixels.filter(|(a, b)| a != b).count()
+        pixels.filter(|(p, q)| p != q).count()
     }
 
     fn without_mark(settings: PerceptionSettings) -> PerceptionSettings {

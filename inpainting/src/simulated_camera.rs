@@ -315,7 +315,7 @@ mod tests {
             ..small()
         };
         let refused = SimulatedCamera::new(wide, Imperfections::OFF, rng(1000));
-        let message = refused.unwrap_err().to_string();
-        assert!(message.contains("`distortion`"), "{message}");
+        let distortion_message = refused.unwrap_err().to_string();
+        assert!(distortion_message.contains("`distortion`"), "{distortion_message}");
     }
 }

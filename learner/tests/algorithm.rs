@@ -164,8 +164,8 @@ fn a_buffer_grows_up_to_its_bound_or_without() {
     };
     let (bounded, shown) = grown(Some(30));
     assert!(bounded == Some(30) && shown >= 60);
-    let (unbounded, shown) = grown(None);
-    assert_eq!(unbounded, Some(shown));
+    let (unbounded, shown_all) = grown(None);
+    assert_eq!(unbounded, Some(shown_all));
     assert_eq!(after(settings(), &[0]).0.buffered_episodes(1), None, "there is one policy");
 }
 
@@ -273,8 +273,8 @@ fn a_grouping_of_somebody_elses_decides_and_is_saved() {
     covers.save(&path, Extent::Everything, "").unwrap();
     // the settings name another grouping than the one that decided
     assert_refused(Covers::load(&path, env.spec()), "grouping");
-    let script = Scripted::new(&[Decision::Existing(0)]);
-    let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), script).unwrap();
+    let other_script = Scripted::new(&[Decision::Existing(0)]);
+    let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), other_script).unwrap();
     std::fs::remove_file(path).unwrap();
     assert_eq!(twin.learn(&mut env).unwrap().policy, 0);
 }
@@ -336,9 +336,9 @@ fn a_saved_learner_goes_on_alike() {
     assert_eq!((note.as_str(), twin.policies()), ("a note", 2));
     let turns = env.teach(&mut covers, &[0, 1, 1]);
     let again = twin_env.teach(&mut twin, &[0, 1, 1]);
-    for (turn, again) in turns.iter().zip(again) {
-        assert_eq!(turn.metrics, again.metrics);
-        assert_eq!(turn.evidence, again.evidence);
+    for (turn, repeated) in turns.iter().zip(again) {
+        assert_eq!(turn.metrics, repeated.metrics);
+        assert_eq!(turn.evidence, repeated.evidence);
     }
     std::fs::remove_file(path).unwrap();
 }
@@ -395,7 +395,7 @@ fn covers_from_vectors_or_pictures_alone_goes_on_alike() {
         let mut twin_env = env.clone();
         env.teach(&mut learner, &[1]);
         twin_env.teach(&mut twin, &[1]);
-        let bytes = |learner: &Covers| learner.encode(&path, Extent::Everything, "").unwrap();
+        let bytes = |any: &Covers| any.encode(&path, Extent::Everything, "").unwrap();
         assert!(bytes(&learner) == bytes(&twin), "{:?}", env.spec);
     }
     std::fs::remove_file(path).unwrap();

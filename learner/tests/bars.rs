@@ -70,8 +70,8 @@ impl Bars {
         let [image, vector] = [self.spec.image.iter().product(), self.spec.vector.len()];
         for i in 0..self.spec.num_envs {
             let mut bar: Vec<u8> = (0..SIZE * SIZE).map(|_| self.rng.random_range(0..40)).collect();
-            for i in 0..3 {
-                let (row, column) = if self.group == 0 { (i, 1) } else { (1, i) };
+            for offset in 0..3 {
+                let (row, column) = if self.group == 0 { (offset, 1) } else { (1, offset) };
                 bar[row * SIZE + column] = 250;
             }
             let element = D2::ALL[self.rng.random_range(0..4)];

@@ -132,10 +132,10 @@ fn a_saved_learner_goes_on_alike() {
         let mut twin_env = env.clone();
         let turns = env.teach(&mut learner, &[0, 1, 1]);
         let again = twin_env.teach(&mut twin, &[0, 1, 1]);
-        for (turn, again) in turns.iter().zip(again) {
-            assert_eq!(turn.metrics, again.metrics);
+        for (turn, repeated) in turns.iter().zip(again) {
+            assert_eq!(turn.metrics, repeated.metrics);
         }
-        let bytes = |learner: &OffPolicy| learner.encode(&path, Extent::Everything, "").unwrap();
+        let bytes = |any: &OffPolicy| any.encode(&path, Extent::Everything, "").unwrap();
         assert!(bytes(&learner) == bytes(&twin));
     }
     std::fs::remove_file(path).unwrap();
@@ -153,7 +153,7 @@ fn learners_from_vectors_or_pictures_alone_go_on_alike() {
         let mut twin_env = env.clone();
         env.teach(&mut learner, &[1]);
         twin_env.teach(&mut twin, &[1]);
-        let bytes = |learner: &OffPolicy| learner.encode(&path, Extent::Everything, "").unwrap();
+        let bytes = |any: &OffPolicy| any.encode(&path, Extent::Everything, "").unwrap();
         assert!(bytes(&learner) == bytes(&twin), "{:?}", env.spec);
     }
     std::fs::remove_file(path).unwrap();

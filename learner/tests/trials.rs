@@ -183,8 +183,8 @@ fn a_policy_that_is_refused_when_it_is_heard_costs_one_round() {
     };
     let (mut env, mut covers) = learner(script(&[]));
     assert_eq!(turns(&mut covers, &mut env, 3), [(0, 100), (1, 200), (0, 250)]);
-    let (mut env, mut covers) = learner(script(&[0]));
-    assert_eq!(turns(&mut covers, &mut env, 3), [(0, 100), (1, 200), (2, 250)]);
+    let (mut other_env, mut other_covers) = learner(script(&[0]));
+    assert_eq!(turns(&mut other_covers, &mut other_env, 3), [(0, 100), (1, 200), (2, 250)]);
 }
 
 /// Opens policy 1, which serves the group of policy 0.
@@ -204,8 +204,8 @@ fn of_twins_one_goes_on() {
     let expected = [(0, 100), (1, 300), (0, 100)];
     assert_eq!(turns(&mut covers, &mut env, 3), expected);
     // a rollout that lost its end says nothing of how long policies may be heard
-    let (mut env, mut covers) = learner(Script { learns: Some(50), ..twins() });
-    assert_eq!(turns(&mut covers, &mut env, 3), expected);
+    let (mut short_env, mut short_covers) = learner(Script { learns: Some(50), ..twins() });
+    assert_eq!(turns(&mut short_covers, &mut short_env, 3), expected);
 }
 
 /// What a turn tells and logs of policies that were merged in it.
@@ -236,8 +236,8 @@ fn policies_are_heard_as_long_as_a_decision_takes_or_not_at_all() {
     let script = Script { needs: 20, ..twins() };
     let (mut env, mut covers) = learner(script.clone());
     assert_eq!(turns(&mut covers, &mut env, 2), [(0, 100), (1, 200)]);
-    let (mut env, mut covers) = learner_of(150, script);
-    assert_eq!(turns(&mut covers, &mut env, 2), [(0, 150), (1, 500)]);
+    let (mut long_env, mut long_covers) = learner_of(150, script);
+    assert_eq!(turns(&mut long_covers, &mut long_env, 2), [(0, 150), (1, 500)]);
 }
 
 /// Decisions of three turns, and how many the replay holds that learnt, where the first policy goes

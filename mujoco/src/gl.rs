@@ -84,8 +84,8 @@ impl GlContext {
         in_use: Option<&str>,
     ) -> Result<(Self, Previous), ContextError> {
         if let Some(other) = in_use.filter(|&other| other != library) {
-            let in_use = other.into();
-            return Err(ContextError::LibraryInUse { in_use });
+            let loaded = other.into();
+            return Err(ContextError::LibraryInUse { in_use: loaded });
         }
         let context: Box<dyn Context> = match backend {
             Backend::EglSurfaceless => Box::new(EglContext::new(library, Platform::Surfaceless)?),

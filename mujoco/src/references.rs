@@ -62,13 +62,13 @@ impl References {
         let (mut found, mut read) = (Self::default(), vec![false; files.len()]);
         let mut included = VecDeque::from([main.to_owned()]);
         while let Some(name) = included.pop_front() {
-            for ((given, content), read) in files.iter().zip(&mut read) {
-                if is_named(given, &name) && !std::mem::replace(read, true) {
-                    let files = found.add(content).map_err(|message| ModelError::Load {
+            for ((given, content), is_read) in files.iter().zip(&mut read) {
+                if is_named(given, &name) && !std::mem::replace(is_read, true) {
+                    let names = found.add(content).map_err(|message| ModelError::Load {
                         file: (*given).to_owned(),
                         message,
                     })?;
-                    included.extend(files);
+                    included.extend(names);
                 }
             }
         }

@@ -123,7 +123,7 @@ mod tests {
         }
         let error = vfs.add("empty.xml", b"").unwrap_err();
         assert_eq!(error, ModelError::FileSize { name: "empty.xml".into(), size: 0 });
-        let error = vfs.add(&"x".repeat(1000), b"x").unwrap_err();
-        assert!(matches!(error, ModelError::FileName { .. }));
+        let long_name = vfs.add(&"x".repeat(1000), b"x").unwrap_err();
+        assert!(matches!(long_name, ModelError::FileName { .. }));
     }
 }

@@ -156,10 +156,10 @@ fn what_an_error_has_spoilt_is_drawn_again() {
     assert!(is_opengl_error(renderer.render_over(&mut data, &mut backdrop, &mut out)));
     drop(spoilt);
     // the ball has not moved since
-    let out = over(&mut renderer, &mut data, &mut backdrop);
+    let after = over(&mut renderer, &mut data, &mut backdrop);
     let expected = whole(&mut renderer, &mut data);
     assert!(expected.iter().any(|byte| *byte > 0));
-    assert_eq!(out, expected);
+    assert_eq!(after, expected);
 }
 
 #[test]

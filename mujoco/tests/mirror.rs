@@ -104,7 +104,7 @@ fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
 
 /// Counts the pixels in which a channel differs by more than the given levels.
 fn differing(a: &[u8], b: &[u8], levels: u8) -> usize {
-    let far = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > levels);
+    let far = |(p, q): &(&[u8], &[u8])| p.iter().zip(*q).any(|(p, q)| p.abs_diff(*q) > levels);
     a.chunks_exact(3).zip(b.chunks_exact(3)).filter(far).count()
 }
 

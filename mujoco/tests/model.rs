@@ -66,11 +66,14 @@ fn an_unknown_name_lists_the_known_ones() {
         "the model has no body named `tpi`; known: world, target, base, tip"
     );
     // the second geom has no name: it is neither listed nor found
-    let error = model.geom("").unwrap_err();
-    assert_eq!(error.to_string(), "the model has no geom named ``; known: block");
+    let geom_error = model.geom("").unwrap_err();
+    assert_eq!(geom_error.to_string(), "the model has no geom named ``; known: block");
     assert!(model.joint("li\0ft").is_err());
-    let error = model.mocap("tip").unwrap_err();
-    assert_eq!(error, ModelError::NotMocap { name: "tip".into(), known: vec!["target".into()] });
+    let mocap_error = model.mocap("tip").unwrap_err();
+    assert_eq!(
+        mocap_error,
+        ModelError::NotMocap { name: "tip".into(), known: vec!["target".into()] }
+    );
 }
 
 #[test]
@@ -170,8 +173,8 @@ fn geoms_have_shapes_and_axes() {
     let mut data = Data::new(model.into());
     data.forward().unwrap();
     let [x, y, z] = data.geom_axes(capsule);
-    for (axis, expected) in [(x, [0.0, 0.0, -1.0]), (y, [0.0, 1.0, 0.0]), (z, [1.0, 0.0, 0.0])] {
-        let off = axis.iter().zip(expected).map(|(a, b)| (a - b).abs());
-        assert!(off.sum::<f64>() < 1e-12, "{axis:?} is not {expected:?}");
+    for (axis, direction) in [(x, [0.0, 0.0, -1.0]), (y, [0.0, 1.0, 0.0]), (z, [1.0, 0.0, 0.0])] {
+        let off = axis.iter().zip(direction).map(|(a, b)| (a - b).abs());
+        assert!(off.sum::<f64>() < 1e-12, "{axis:?} is not {direction:?}");
     }
 }

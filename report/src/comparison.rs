@@ -70,7 +70,7 @@ mod tests {
         let high = Scores(vec![vec![0.9, 1.0, 0.95], vec![0.8, 0.9, 0.85]]);
         let low = Scores(vec![vec![0.2, 0.1, 0.3], vec![0.4, 0.3, 0.35]]);
         let one = Scores(vec![vec![0.9], vec![0.8]]);
-        let verdict = |one: &Scores, other: &Scores| Comparison::new(one, other).verdict();
+        let verdict = |ours: &Scores, other: &Scores| Comparison::new(ours, other).verdict();
         assert_eq!(verdict(&high, &low), Verdict::Confirmed);
         assert_eq!(verdict(&low, &high), Verdict::Refuted);
         assert_eq!(verdict(&high, &high), Verdict::Undecided);

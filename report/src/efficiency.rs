@@ -36,7 +36,7 @@ impl Efficiency {
         let solved = curve.iter().find(is_solved);
         let decisions = solved.map_or(f64::INFINITY, |(decisions, _)| *decisions);
         let held = curve.iter().rev().take_while(is_solved).last();
-        let lasting = held.map_or(f64::INFINITY, |(decisions, _)| *decisions);
+        let lasting = held.map_or(f64::INFINITY, |(spent, _)| *spent);
         // evaluations while other groups run add no decisions in this one
         curve.dedup_by_key(|(spent, _)| *spent);
         let whole = curve.last()?.0 - curve[0].0;
@@ -61,7 +61,7 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     let rows = &run.rollouts[..rollouts];
     let before = std::iter::once(0).chain(rows.iter().map(|row| row.decisions));
     let own = rows.iter().zip(before).filter(|(row, _)| row.group == group);
-    own.map(|(row, before)| row.decisions - before).sum()
+    own.map(|(row, start)| row.decisions - start).sum()
 }
 
 /// Returns the table of methods for each group, the largest area first; `None` if no run was scored
@@ -129,7 +129,7 @@ fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
 fn reached(decisions: &Scores) -> [String; 3] {
     // quantiles, not means: a seed that never gets there counts as infinite
     let all = decisions.0.concat();
-    let reached = all.iter().filter(|decisions| decisions.is_finite()).count();
+    let reached = all.iter().filter(|one| one.is_finite()).count();
     let (middle, interval) = (decisions.of(median), decisions.interval(median));
     [
         format!("{middle:.0}{}", brackets(interval, 0)),
@@ -147,7 +147,7 @@ mod tests {
     /// Returns a run of rollouts of 100 decisions in these groups, with the success in `a` after
     /// some of them.
     fn run(groups: &[&str], scores: &[(usize, f64)]) -> RunData {
-        let rollouts = groups.iter().zip(1..).map(|(group, number)| RolloutRow {
+        let rollout_rows = groups.iter().zip(1..).map(|(group, number)| RolloutRow {
             decisions: 100 * number,
             group: (*group).to_owned(),
             last_group: (*group).to_owned(),
@@ -165,7 +165,7 @@ mod tests {
             ..ScoreRow::default()
         };
         RunData {
-            rollouts: rollouts.collect(),
+            rollouts: rollout_rows.collect(),
             scores: scores.iter().map(row).collect(),
             ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
         }

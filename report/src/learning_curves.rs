@@ -116,11 +116,11 @@ fn mean_curve(curves: &[Vec<(f64, f64)>]) -> Vec<CurvePoint> {
     spent.sort_by(f64::total_cmp);
     spent.dedup();
     spent.retain(|spent| *spent <= end);
-    let point = |spent: f64| {
-        let seeds = curves.iter().map(|curve| success_at(curve, spent));
+    let point = |decisions: f64| {
+        let seeds = curves.iter().map(|curve| success_at(curve, decisions));
         let seeds = seeds.collect::<Option<Vec<f64>>>()?;
         Some(CurvePoint {
-            spent,
+            spent: decisions,
             mean: mean(&seeds),
             low: seeds.iter().copied().fold(f64::INFINITY, f64::min),
             high: seeds.iter().copied().fold(f64::NEG_INFINITY, f64::max),

@@ -16,8 +16,8 @@ pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
 /// Merged policies count as one. Rollouts within which the group changed are left out.
 pub fn matched_policy(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
     let policies = rollouts.iter().map(|row| row.policy + 1).max()?;
-    let served = |policy, group: &str| {
-        let of_group = rollouts.iter().filter(|row| !row.spans_switch && row.group == group);
+    let served = |policy, name: &str| {
+        let of_group = rollouts.iter().filter(|row| !row.spans_switch && row.group == name);
         of_group.filter(|row| final_policy(rollouts, row.policy) == policy).count()
     };
     // `max_by_key` returns the last of equals: in reversed order, that is the first policy
@@ -62,7 +62,7 @@ mod tests {
     #[test]
     fn an_heir_goes_on_for_the_group_of_its_policy() {
         let mut rows = rollouts(&[("a", 0), ("a", 0), ("b", 1), ("a", 2)]);
-        let of = |rows: &[RolloutRow]| ["a", "b"].map(|group| matched_policy(rows, group));
+        let of = |table: &[RolloutRow]| ["a", "b"].map(|group| matched_policy(table, group));
         rows[2].merged_into = vec![Some(1), None];
         assert_eq!(of(&rows), [Some(0), Some(1)]);
         rows[3].merged_into = vec![Some(2), None, None];

@@ -56,7 +56,7 @@ impl MethodRuns {
     }
 
     fn add(&mut self, run: RunData) -> Result<(), ReportError> {
-        let seed = |run: &RunData| run.experiment.learner.seed();
+        let seed = |any: &RunData| any.experiment.learner.seed();
         let mut others = self.runs.iter();
         let problem = match others.find(|other| seed(other) == seed(&run)) {
             Some(_) => format!("two runs have seed {}", seed(&run)),

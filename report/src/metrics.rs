@@ -101,7 +101,7 @@ impl RunMetrics {
         metric: fn(&GroupMetrics) -> Result<f64, Undefined>,
     ) -> Result<f64, Undefined> {
         let metrics: Vec<_> = self.groups.iter().map(metric).collect();
-        let known: Vec<f64> = metrics.iter().filter_map(|metric| metric.ok()).collect();
+        let known: Vec<f64> = metrics.iter().filter_map(|one| one.ok()).collect();
         match (known.len(), metrics.first()) {
             (0, Some(&Err(reason))) => Err(reason),
             (0, _) => Err(NOT_MET),
@@ -114,7 +114,7 @@ impl GroupMetrics {
     fn new(run: &RunData, group: &str, own: Option<usize>) -> Self {
         let scored = |rollouts, metric| {
             let scored = run.scored(rollouts, group, metric);
-            scored.map(|(_, metric)| metric)
+            scored.map(|(_, figure)| figure)
         };
         let success = |rollouts| scored(rollouts, |row| row.success);
         let end = run.scores.last().map_or(0, |row| row.rollouts);
@@ -317,11 +317,11 @@ mod tests {
         assert!(near(b.own_success, 0.8) && near(b.own_reward, 80.0));
         run.scores[0].own_success = Some(0.95);
         run.scores[0].own_reward = Some(450.0);
-        let metrics = RunMetrics::of(&run);
-        let a = &metrics.groups[0];
-        assert!(near(a.own_success, f64::midpoint(0.95, 0.45)), "{a:?}");
-        assert!(near(a.own_reward, f64::midpoint(450.0, 50.0)), "{a:?}");
-        assert!(near(Ok(a.success), 0.5));
+        let recorded = RunMetrics::of(&run);
+        let recorded_a = &recorded.groups[0];
+        assert!(near(recorded_a.own_success, f64::midpoint(0.95, 0.45)), "{recorded_a:?}");
+        assert!(near(recorded_a.own_reward, f64::midpoint(450.0, 50.0)), "{recorded_a:?}");
+        assert!(near(Ok(recorded_a.success), 0.5));
         run.rollouts[0].group = "c".to_owned();
         assert_eq!(RunMetrics::of(&run).groups[0].mismatches, Err(NEVER_ALONE));
     }

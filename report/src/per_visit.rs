@@ -24,8 +24,8 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     for method in methods {
         let mut row = vec![title(&mut table, method)];
         row.extend(groups.iter().map(|group| {
-            let runs = method.runs.iter().map(|run| success_per_visit(run, group));
-            cell(&mean_over_runs(&runs.collect::<Vec<_>>()))
+            let successes = method.runs.iter().map(|run| success_per_visit(run, group));
+            cell(&mean_over_runs(&successes.collect::<Vec<_>>()))
         }));
         table.rows.push(row);
     }

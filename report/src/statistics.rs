@@ -127,8 +127,8 @@ fn pair_interval(
 
 fn probability(one: &Scores, other: &Scores) -> f64 {
     let groups = one.0.iter().zip(&other.0);
-    let above = groups.map(|(one, other)| {
-        let pairs = one.iter().flat_map(|a| other.iter().map(move |b| (a, b)));
+    let above = groups.map(|(ours, theirs)| {
+        let pairs = ours.iter().flat_map(|a| theirs.iter().map(move |b| (a, b)));
         let worth = pairs
             .map(|(a, b)| f64::midpoint(f64::from(u8::from(a > b)), f64::from(u8::from(a >= b))));
         mean(&worth.collect::<Vec<_>>())
@@ -217,8 +217,8 @@ mod tests {
         let interval = halves.difference(&none).unwrap();
         assert_eq!((interval.low, interval.high), (0.0, 1.0));
         // drawn within each group, as rliable has it, 8 draws rarely agree
-        let interval = halves.interval(mean).unwrap();
-        assert!(interval.low > 0.1 && interval.high < 0.9, "{interval:?}");
+        let grouped = halves.interval(mean).unwrap();
+        assert!(grouped.low > 0.1 && grouped.high < 0.9, "{grouped:?}");
     }
 
     #[test]

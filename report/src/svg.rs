@@ -70,7 +70,7 @@ impl Drawing {
     pub fn panel(&mut self, name: &str, height: f64, bounds: [f64; 2], ticks: &[f64]) {
         self.panel = [self.panel[0] + self.panel[1] + GAP, height];
         self.bounds = bounds;
-        let [top, height] = self.panel;
+        let top = self.panel[0];
         let (width, middle) = (self.length, top + height / 2.0);
         self.add(format_args!(
             "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\

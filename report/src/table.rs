@@ -62,11 +62,11 @@ impl Table {
     /// Returns the table in columns for a terminal, without its caption. Numbers are aligned to the
     /// right.
     pub fn text(&self) -> String {
-        let width = |column: usize| {
+        let column_width = |column: usize| {
             let cells = self.rows.iter().map(|row| &row[column]).chain([&self.header[column]]);
             cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
         };
-        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
+        let widths: Vec<usize> = (0..self.header.len()).map(column_width).collect();
         let line = |cells: &[String]| {
             let padded = cells.iter().zip(&widths).map(|(cell, &width)| {
                 let is_number = cell.parse::<f64>().is_ok();

@@ -65,9 +65,9 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
         is mismatched where that is not the group's own, which served the group in most rollouts.";
     let mut table = Table::new(caption, &header);
     for method in methods {
-        let of = |groups: &[String]| {
-            let success = method.scores(groups, |group| group.success);
-            let reward = method.scores(groups, |group| group.reward).of(mean);
+        let of = |chosen: &[String]| {
+            let success = method.scores(chosen, |group| group.success);
+            let reward = method.scores(chosen, |group| group.reward).of(mean);
             let interval = brackets(success.interval(mean), 2);
             format!("{:.3}{interval} / {reward:.0}", success.of(mean))
         };
@@ -79,12 +79,12 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
         if let Some(paper) = method.preset.method.and_then(paper::row) {
             let mark = table.note(NOT_ONE_TO_ONE);
             let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
-            let of = |group: &String| paper.group(group).map_or_else(dash, cell);
-            let mut row = vec![format!("{} in the paper {mark}", paper.method.name())];
-            row.extend(groups.iter().map(of));
-            row.push(cell(paper.average));
-            row.extend([dash(), dash()]);
-            table.rows.push(row);
+            let paper_cell = |group: &String| paper.group(group).map_or_else(dash, cell);
+            let mut paper_row = vec![format!("{} in the paper {mark}", paper.method.name())];
+            paper_row.extend(groups.iter().map(paper_cell));
+            paper_row.push(cell(paper.average));
+            paper_row.extend([dash(), dash()]);
+            table.rows.push(paper_row);
         }
     }
     table

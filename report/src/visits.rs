@@ -10,7 +10,7 @@ use experiments::RolloutRow;
 pub fn ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
     let over = |index: usize| {
         let row = &rollouts[index];
-        let next = rollouts.get(index + 1).map(|row| row.group.as_str());
+        let next = rollouts.get(index + 1).map(|later| later.group.as_str());
         let first = row.group == group && (row.spans_switch || next != Some(group));
         // the group came within the rollout, and the next rollout has another one
         let last = row.spans_switch && row.last_group == group && next != Some(group);

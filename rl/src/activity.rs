@@ -43,8 +43,8 @@ impl UnitActivity {
             self.clone_from(other);
             return;
         }
-        for (own, other) in self.layers.iter_mut().zip(&other.layers) {
-            own.iter_mut().zip(other).for_each(|(sum, x)| *sum += x);
+        for (own, theirs) in self.layers.iter_mut().zip(&other.layers) {
+            own.iter_mut().zip(theirs).for_each(|(sum, x)| *sum += x);
         }
     }
 
@@ -96,9 +96,9 @@ mod tests {
             let settings = settings(group, strided());
             let policy = ActorCriticPolicy::new(&settings, &spec(), 1).unwrap();
             let (network, params) = (policy.network(), policy.params());
-            let activity = |params: &[f32]| {
+            let activity = |given: &[f32]| {
                 let mut policy = policy.clone();
-                policy.params_mut().copy_from_slice(params);
+                policy.params_mut().copy_from_slice(given);
                 policy.activity(&observations, &()).unwrap()
             };
             // the encoder has 2 and 3 fields, then come those of the vector and of both heads

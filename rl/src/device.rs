@@ -247,11 +247,11 @@ impl DevicePolicy {
         let fronts = [(mean, samples * width), (value, samples)];
         let [means, values] = self.program.read(fronts)?;
         let rows = self.policy.outputs[range.start * (width + 1)..].chunks_exact_mut(width + 1);
-        for ((row, mean), &value) in rows.zip(means.chunks_exact(width)).zip(&values) {
-            for (&i, &mean) in network.action_order.iter().zip(mean) {
-                row[i] = mean.into();
+        for ((row, mean_row), &state_value) in rows.zip(means.chunks_exact(width)).zip(&values) {
+            for (&i, &component) in network.action_order.iter().zip(mean_row) {
+                row[i] = component.into();
             }
-            row[width] = value.into();
+            row[width] = state_value.into();
         }
         Ok(())
     }

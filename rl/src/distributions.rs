@@ -64,10 +64,10 @@ pub(crate) fn raw_log_std(log_std: f64) -> Option<f64> {
 pub(crate) fn sample_tanh(output: &[f64], noise: &[f32], action: &mut [f64]) -> f64 {
     let (means, raws) = output.split_at(action.len());
     let mut log_prob = 0.0;
-    for (i, action) in action.iter_mut().enumerate() {
+    for (i, component) in action.iter_mut().enumerate() {
         let (log_std, noise) = (tanh_log_std(raws[i]).0, f64::from(noise[i]));
         let u = means[i] + log_std.exp() * noise;
-        *action = u.tanh();
+        *component = u.tanh();
         // the Gaussian density of u, whose normalised deviation is the noise, over d tanh(u) / du
         log_prob -= 0.5 * noise * noise + log_std + 0.5 * TAU.ln() + log_slope(u);
     }
@@ -160,11 +160,11 @@ impl ActionNoise {
         let (kept, new) = (self.correlation, (1.0 - self.correlation.powi(2)).sqrt());
         let rows = self.values.chunks_exact_mut(self.width);
         let fresh = self.fresh.chunks_exact(self.width);
-        for ((row, fresh), begun) in rows.zip(fresh).zip(&mut self.begun) {
+        for ((row, drawn), begun) in rows.zip(fresh).zip(&mut self.begun) {
             if std::mem::replace(begun, true) {
-                row.iter_mut().zip(fresh).for_each(|(x, e)| *x = kept * *x + new * e);
+                row.iter_mut().zip(drawn).for_each(|(x, e)| *x = kept * *x + new * e);
             } else {
-                row.copy_from_slice(fresh);
+                row.copy_from_slice(drawn);
             }
         }
         &self.values
@@ -328,10 +328,8 @@ mod tests {
             let mut fresh = [0.0; 2 * ENVS];
             standard_normals(&mut rng, &mut fresh);
             for (i, (x, &e)) in expected.iter_mut().zip(&fresh).enumerate() {
-                *x = match t == 0 || (t == 3 && i < 2) {
-                    true => f64::from(e),
-                    false => 0.6 * *x + 0.8 * f64::from(e),
-                };
+                let begins = t == 0 || (t == 3 && i < 2);
+                *x = if begins { f64::from(e) } else { 0.6 * *x + 0.8 * f64::from(e) };
                 assert!((*x - f64::from(row[i])).abs() < 1e-5, "step {t}, number {i}");
             }
         }

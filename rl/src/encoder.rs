@@ -185,8 +185,8 @@ impl<T: Scalar> Stack<T> {
         let side = POOLED_SIDE * halved(fields.len());
         let fits = self.shape.height == side;
         self.check("pooled", fields.len(), fits, format!("exactly {side} x {side}"))?;
-        for &fields in fields {
-            self.rectified(fields, SAME)?;
+        for &width in fields {
+            self.rectified(width, SAME)?;
             self.pool()?;
         }
         self.rectified(inner[0], SAME)?;

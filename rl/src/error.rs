@@ -410,10 +410,10 @@ pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlEr
 /// Rejects an array whose `sizes`, multiplied to bytes, exceed this machine's memory: allocating it
 /// would abort the program.
 pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), RlError> {
-    let bytes = sizes.iter().try_fold(1_usize, |n, &size| n.checked_mul(size));
+    let total = sizes.iter().try_fold(1_usize, |n, &size| n.checked_mul(size));
     // without the black box, the compiler removes the unused allocation
     let fits = |bytes| black_box(Vec::<u8>::new()).try_reserve_exact(bytes).is_ok();
-    if bytes.is_some_and(fits) {
+    if total.is_some_and(fits) {
         return Ok(());
     }
     let bytes = sizes.iter().map(|&size| size as f64).product();

@@ -217,8 +217,8 @@ impl<T: Scalar> ActorCritic<T> {
         // layers use irrep-major order, the loss the environment's natural order
         let width = self.action_order.len();
         for (mean, y) in w.mean.chunks_exact_mut(width).zip(w.actor.y.chunks_exact(width)).take(n) {
-            for (&i, y) in self.action_order.iter().zip(y) {
-                mean[i] = y.to_f64();
+            for (&i, component) in self.action_order.iter().zip(y) {
+                mean[i] = component.to_f64();
             }
         }
         to_f64(&w.critic.y[..n], &mut w.value);
@@ -288,8 +288,8 @@ impl<T: Scalar> ActorCritic<T> {
         let width = self.action_order.len();
         for (dy, d) in w.actor.dy.chunks_exact_mut(width).zip(w.d_mean.chunks_exact(width)).take(n)
         {
-            for (dy, &i) in dy.iter_mut().zip(&self.action_order) {
-                *dy = T::from_f64(d[i]);
+            for (component, &i) in dy.iter_mut().zip(&self.action_order) {
+                *component = T::from_f64(d[i]);
             }
         }
         for (dy, &d) in w.critic.dy.iter_mut().zip(&w.d_value[..n]) {
@@ -305,8 +305,8 @@ impl<T> HasTrunkPass<T> for Workspace<T> {
 }
 
 fn to_f64<T: Scalar>(from: &[T], to: &mut [f64]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = from.to_f64();
+    for (target, value) in to.iter_mut().zip(from) {
+        *target = value.to_f64();
     }
 }
 

@@ -299,9 +299,9 @@ impl ActorCriticPolicy {
         let width = log_std.len();
         let mut taken = vec![0.0; width];
         for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
-            for (taken, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
+            for (component, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
                 // the executed action, rounded to f32: its density is the one that PPO compares
-                *taken = f64::from(action);
+                *component = f64::from(action);
             }
             decisions.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
             decisions.values[i] = output[width] as f32;

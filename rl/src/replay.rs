@@ -464,10 +464,10 @@ impl ReplaySettings {
         let (capacity, still) = (self.capacity, self.still_channels);
         let allowed = places.contains(&capacity);
         require("capacity", capacity as f32, "1 to 2^32 - 1 steps", allowed)?;
-        let allowed = self.steps > 0;
-        require("steps", self.steps as f32, "at least 1 step", allowed)?;
+        let has_steps = self.steps > 0;
+        require("steps", self.steps as f32, "at least 1 step", has_steps)?;
         let expected = "at most the channels of a picture";
-        let allowed = still <= spec.image[2];
-        require("still_channels", still as f32, expected, allowed)
+        let has_channels = still <= spec.image[2];
+        require("still_channels", still as f32, expected, has_channels)
     }
 }

@@ -142,7 +142,7 @@ pub(crate) fn step(
     transition: &mut Transition,
 ) -> Result<(), RlError> {
     let spec = env.spec();
-    let next = |env: usize| episodes.get(env).map(|episode| episode.length + 1);
+    let next = |index: usize| episodes.get(index).map(|episode| episode.length + 1);
     let expected = spec.num_envs * spec.action.len();
     check_len("actions", "[N, A]", actions.len(), expected)?;
     // before the step: a NaN can break the state of a simulation for good
@@ -298,7 +298,7 @@ pub fn evaluate_with<A: Actor>(
     let mut actions = vec![0.0; spec.num_envs * spec.action.len()];
     let mut left = vec![rounds; spec.num_envs];
     let mut stats = RolloutStats::default();
-    while left.iter().any(|&rounds| rounds > 0) {
+    while left.iter().any(|&open| open > 0) {
         look(actor, &state)?;
         actor.mean_actions(&state.observations, &mut state.memory, &mut actions)?;
         step(env, &state.episodes, &actions, &mut transition)?;

@@ -285,8 +285,8 @@ impl Algorithm for Sac {
             &mut alpha.second_moment,
         ];
         // the layout is that of `save`: without a learned temperature, `zip` ends after the targets
-        for (own, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
-            own.copy_from_slice(saved);
+        for (target, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
+            target.copy_from_slice(saved);
         }
         self.optimiser.restore(state);
         // both optimisers step together

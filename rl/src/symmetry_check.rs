@@ -207,7 +207,7 @@ impl Features {
             }
         }
         let open = sums.into_iter().zip(&running);
-        episodes.extend(open.filter(|(_, e)| e.length > 0).map(|(sums, _)| sums));
+        episodes.extend(open.filter(|(_, e)| e.length > 0).map(|(episode, _)| episode));
         Ok(episodes)
     }
 

@@ -78,12 +78,12 @@ impl<T: Scalar> Trunk<T> {
         let encoder = settings.encoder.layers(group, canvas, settings.top_fields)?;
         let fields = settings.regular(settings.vector_fields);
         let from = (!spec.vector.is_empty()).then(|| FieldType::from_irreps(group, &spec.vector));
-        let layers = |from| Ok::<_, RlError>(Sequential::new(lift(from, fields)?)?);
+        let layers = |input| Ok::<_, RlError>(Sequential::new(lift(input, fields)?)?);
         let vector = from.map(layers).transpose()?;
         let shapes = [&encoder, &vector].map(|part| part.as_ref().map(Signature::out_shape));
         let (joint, concat) = match shapes {
-            [Some(image), Some(vector)] => {
-                let concat = Concat::new(image, vector)?;
+            [Some(image), Some(lifted)] => {
+                let concat = Concat::new(image, lifted)?;
                 (concat.out_shape(), Some(concat))
             }
             [Some(alone), None] | [None, Some(alone)] => (alone, None),
@@ -200,8 +200,8 @@ impl<T: Scalar> Trunk<T> {
         }
         let (image, canvas) = (self.spec.image_len(), self.canvas.iter().product());
         let mut canvases = vec![0; images.len() / image * canvas];
-        for (image, canvas) in images.chunks(image).zip(canvases.chunks_mut(canvas)) {
-            self.centre(image, canvas);
+        for (source, target) in images.chunks(image).zip(canvases.chunks_mut(canvas)) {
+            self.centre(source, target);
         }
         Cow::Owned(canvases)
     }

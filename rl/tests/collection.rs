@@ -81,10 +81,10 @@ fn success_at_the_end_is_that_of_the_last_state() {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let stats = collect(&mut *env, &mut policy(), &mut buffer, &mut state, &mut rng).unwrap();
     let evaluated = evaluate(&mut *env, &mut policy(), 2).unwrap();
-    for stats in [stats, evaluated] {
-        assert_eq!(stats.success_rate(), Some(1.0));
-        assert_eq!(stats.success_at_end_rate(), Some(0.5));
-        assert!(stats.episodes.iter().all(|e| e.success_at_end == (e.env == 1)));
+    for each in [stats, evaluated] {
+        assert_eq!(each.success_rate(), Some(1.0));
+        assert_eq!(each.success_at_end_rate(), Some(0.5));
+        assert!(each.episodes.iter().all(|e| e.success_at_end == (e.env == 1)));
     }
 }
 
@@ -172,10 +172,8 @@ fn the_noise_of_an_episode_goes_on_and_that_of_the_next_begins_afresh() {
     for t in 0..10 {
         for n in 0..2 {
             let (fresh, kept) = (fresh[2 * t + n], kept[2 * t + n]);
-            expected[n] = match begins[n].contains(&t) {
-                true => fresh,
-                false => 0.6 * expected[n] + 0.8 * fresh,
-            };
+            let begun = begins[n].contains(&t);
+            expected[n] = if begun { fresh } else { 0.6 * expected[n] + 0.8 * fresh };
             assert!((kept - expected[n]).abs() < 1e-5, "{n} at {t}: {kept}");
         }
     }

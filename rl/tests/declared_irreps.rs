@@ -109,8 +109,8 @@ impl Toy for Noise {
     fn observe(&self, n: usize, out: &mut Observations) {
         let mut rng = self.0.clone();
         rng.set_word_pos(1000 * n as u128);
-        let heavy = |rng: &mut ChaCha8Rng| (1.0 / rng.random_range(0.001..1.0_f32)).powi(2);
-        let sign = |rng: &mut ChaCha8Rng| if rng.random() { 1.0 } else { -1.0 };
+        let heavy = |draws: &mut ChaCha8Rng| (1.0 / draws.random_range(0.001..1.0_f32)).powi(2);
+        let sign = |draws: &mut ChaCha8Rng| if draws.random() { 1.0 } else { -1.0 };
         let row = &mut out.vectors[3 * n..3 * n + 3];
         row.fill_with(|| sign(&mut rng) * heavy(&mut rng));
     }
@@ -162,6 +162,6 @@ fn first_states_on_one_side_and_too_few_episodes_are_refused() {
     };
     let message = check(10);
     assert!(message.contains("vector component 0 (x) would be 0"), "{message}");
-    let message = check(4);
-    assert!(message.contains("48 episodes"), "{message}");
+    let short_message = check(4);
+    assert!(short_message.contains("48 episodes"), "{short_message}");
 }

@@ -85,8 +85,8 @@ fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy 
         assert!(stats.steps > 0 && stats.grad_norm > 0.0);
     }
     buffer.reevaluate(&mut policy).unwrap();
-    let network = policy.network();
-    for own in [network.encoder(), network.heads()] {
+    let trained = policy.network();
+    for own in [trained.encoder(), trained.heads()] {
         assert!(own.is_empty() || policy.params()[own.clone()] != before[own]);
     }
     policy
@@ -122,9 +122,9 @@ fn ppo_trains_an_equivariant_policy_in_every_space() {
 /// With a context and moved windows; the replay that a state was saved of samples the same steps.
 #[test]
 fn sac_trains_an_equivariant_policy_in_every_space() {
-    let context = Some(ContextSettings { size: 4, length: 3 });
+    let short_context = Some(ContextSettings { size: 4, length: 3 });
     for space in SPACES {
-        for (encoder, context) in encoders().into_iter().zip([None, context]) {
+        for (encoder, context) in encoders().into_iter().zip([None, short_context]) {
             let mut env = env(space);
             let network = network(encoder, Group::D2);
             let mut policy = SacPolicy::new(&network, context, env.spec(), 2).unwrap();
@@ -136,13 +136,13 @@ fn sac_trains_an_equivariant_policy_in_every_space() {
                 ..SacSettings::default()
             };
             let mut sac = Sac::new(settings, &policy).unwrap();
-            let settings = ReplaySettings {
+            let replay_settings = ReplaySettings {
                 capacity: 100,
                 steps: EPISODE + 3,
                 warm_up: 20,
                 still_channels: 0,
             };
-            let mut replay = Replay::new(settings.clone(), env.spec()).unwrap();
+            let mut replay = Replay::new(replay_settings.clone(), env.spec()).unwrap();
             let mut rng = ChaCha8Rng::seed_from_u64(3);
             let mut state = RolloutState::reset(&mut env, &policy).unwrap();
             for _ in 0..2 {
@@ -150,7 +150,7 @@ fn sac_trains_an_equivariant_policy_in_every_space() {
                 assert!(sac.update(&mut policy, &replay, &mut rng).unwrap().steps > 0);
             }
             assert_equivariant(&mut policy, env.spec(), Group::D2);
-            let restored = Replay::restore(settings, env.spec(), &replay.save()).unwrap();
+            let restored = Replay::restore(replay_settings, env.spec(), &replay.save()).unwrap();
             assert_eq!(restored.save(), replay.save());
         }
     }

@@ -76,8 +76,8 @@ fn figures(buffer: &RolloutBuffer) -> [Vec<f32>; 4] {
     [log_probs, values, advantages, returns]
 }
 
-fn largest_difference(a: &RolloutBuffer, b: &RolloutBuffer) -> f32 {
-    let pairs = figures(a).into_iter().zip(figures(b));
+fn largest_difference(one: &RolloutBuffer, other: &RolloutBuffer) -> f32 {
+    let pairs = figures(one).into_iter().zip(figures(other));
     let pairs = pairs.flat_map(|(a, b)| a.into_iter().zip(b));
     largest(pairs.map(|(a, b)| (a - b).abs()))
 }

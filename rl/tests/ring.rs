@@ -98,10 +98,10 @@ proptest! {
 #[test]
 fn a_share_of_a_minibatch_is_the_newest_experience() {
     let (mut episodes, mut replay) = (Episodes::new(&[5, 3]), replay_of(2, 60));
-    let newest = |replay: &Replay, share: f32, from: usize| {
-        let drawn = indices(replay, share, 1);
+    let newest = |any: &Replay, share: f32, from: usize| {
+        let drawn = indices(any, share, 1);
         assert_eq!(drawn.len(), 200);
-        assert!(drawn.iter().all(|&i| i < replay.len()));
+        assert!(drawn.iter().all(|&i| i < any.len()));
         drawn.into_iter().filter(|&i| i >= from).count()
     };
     fill(&mut episodes, &mut replay, 20, &[]);
@@ -181,8 +181,8 @@ fn a_step_that_does_not_follow_is_refused_until_the_episodes_are_cut() {
     // one environment alone leaves its episode
     let (mut now, actions, transition, _) = episodes.step();
     *now.vectors.last_mut().unwrap() += 1.0;
-    let result = replay.push(&now, &actions, &transition);
-    assert!(matches!(result, Err(RlError::Discontinued { env: 1 })));
+    let pushed = replay.push(&now, &actions, &transition);
+    assert!(matches!(pushed, Err(RlError::Discontinued { env: 1 })));
 }
 
 /// Function that spoils a step, and the beginning of the error.
@@ -216,15 +216,15 @@ fn what_cannot_be_right_is_refused_and_changes_nothing() {
 
 #[test]
 fn settings_out_of_range_are_refused_by_name() {
-    let wrong = |spoil: fn(&mut ReplaySettings)| {
+    let spoilt = |spoil: fn(&mut ReplaySettings)| {
         let mut settings = ReplaySettings::default();
         spoil(&mut settings);
         settings
     };
     for (name, wrong) in [
-        ("capacity", wrong(|s| s.capacity = 0)),
-        ("steps", wrong(|s| s.steps = 0)),
-        ("still_channels", wrong(|s| s.still_channels = 4)),
+        ("capacity", spoilt(|s| s.capacity = 0)),
+        ("steps", spoilt(|s| s.steps = 0)),
+        ("still_channels", spoilt(|s| s.still_channels = 4)),
     ] {
         let message = Replay::new(wrong, &spec(1)).unwrap_err().to_string();
         assert!(message.starts_with(name), "{message}");

@@ -62,9 +62,9 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
     let mut run = busy();
     learn(&mut run, 2);
     let mut twin = restored(&run);
-    for run in [&mut run, &mut twin] {
-        run.replay.mark();
-        run.collect().unwrap();
+    for each in [&mut run, &mut twin] {
+        each.replay.mark();
+        each.collect().unwrap();
     }
     assert_eq!(twin.replay.save(), run.replay.save());
     let [stats, twins] = [&mut run, &mut twin]
@@ -144,8 +144,7 @@ fn actions_are_uniform_during_the_warm_up_and_the_policys_afterwards() {
     run.collect().unwrap();
     let actions: Vec<f32> = (0..50).flat_map(|i| run.replay.get(i).action().to_vec()).collect();
     let (warm, own) = actions.split_at(2 * 20);
-    let spread =
-        |actions: &[f32]| actions.iter().map(|a| a * a).sum::<f32>() / actions.len() as f32;
+    let spread = |some: &[f32]| some.iter().map(|a| a * a).sum::<f32>() / some.len() as f32;
     assert!(actions.iter().all(|a| a.abs() <= 1.0));
     assert!((0.2..0.5).contains(&spread(warm)), "a third: {}", spread(warm));
     assert!(spread(own) < 0.01, "{}", spread(own));
@@ -171,15 +170,18 @@ fn a_network_that_diverged_is_reported_and_left_alone() {
     assert!(matches!(error, RlError::NotFinite { what: w, .. } if w == what), "{error}");
     assert!(untouched);
     // a finite loss whose gradient is beyond f32
-    let (error, untouched) = diverged(|run| {
+    let (gradient_error, gradient_untouched) = diverged(|run| {
         let critics = run.policy.network().critics();
         for param in &mut run.policy.params_mut()[critics] {
             *param *= 1e13;
         }
     });
-    let what = "the norm of the gradient";
-    assert!(matches!(error, RlError::NotFinite { what: w, .. } if w == what), "{error}");
-    assert!(untouched);
+    let norm = "the norm of the gradient";
+    assert!(
+        matches!(gradient_error, RlError::NotFinite { what: w, .. } if w == norm),
+        "{gradient_error}"
+    );
+    assert!(gradient_untouched);
 }
 
 #[test]
@@ -191,8 +193,8 @@ fn what_does_not_fit_is_refused() {
     let result = run.sac.update(&mut run.policy, &foreign, &mut run.rng);
     assert!(matches!(result, Err(RlError::SpecMismatch { field: "image" })));
     let mut stranger = SacPolicy::new(&network(strided()), None, run.env.spec(), 0).unwrap();
-    let result = run.sac.update(&mut stranger, &run.replay, &mut run.rng);
-    assert!(matches!(result, Err(RlError::Parameters { .. })));
+    let of_stranger = run.sac.update(&mut stranger, &run.replay, &mut run.rng);
+    assert!(matches!(of_stranger, Err(RlError::Parameters { .. })));
     let short = SacPolicy::with_params(&network(strided()), None, &other, vec![0.0; 3]);
     assert!(matches!(short, Err(RlError::Parameters { got: 3, .. })));
 }
@@ -200,9 +202,9 @@ fn what_does_not_fit_is_refused() {
 /// Acts with the memory of a policy of these settings on this many environments.
 fn act_with(fields: usize, context: Option<ContextSettings>, envs: usize) -> Result<(), RlError> {
     let spec = PointReach::new(ENVS, 1).spec().clone();
-    let policy = |fields, context| {
-        let network = joint(strided(), fields);
-        SacPolicy::new(&network, context, &spec, 2).unwrap()
+    let policy = |width, memory| {
+        let network = joint(strided(), width);
+        SacPolicy::new(&network, memory, &spec, 2).unwrap()
     };
     let mut memory = policy(fields, context).memory(envs);
     let mut out = vec![0.0; 2 * ENVS];

@@ -73,8 +73,8 @@ fn asymmetry(weight: f32) -> (f64, usize) {
     let steps = ppo.update(&mut policy, &buffer, &mut rng).unwrap().steps;
     // what the next update finds before its first step
     let first = PpoSettings { epochs: 1, minibatch: buffer.samples(), ..symmetrised(0.0) };
-    let mut ppo = Ppo::new(first, &policy).unwrap();
-    let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+    let mut single_step = Ppo::new(first, &policy).unwrap();
+    let stats = single_step.update(&mut policy, &buffer, &mut rng).unwrap();
     (stats.symmetry_loss.unwrap(), steps)
 }
 
@@ -259,8 +259,8 @@ fn what_does_not_fit_is_refused() {
     let result = policy.decide(&observations, &mut (), &[0.0; 18], &mut short);
     assert!(matches!(result, Err(RlError::Shape { what: "actions", got: 3, expected: 18, .. })));
     buffer.clear();
-    let result = ppo.update(&mut policy, &buffer, &mut rng);
-    assert!(matches!(result, Err(RlError::BufferNotFinished { got: 0, .. })));
+    let cleared = ppo.update(&mut policy, &buffer, &mut rng);
+    assert!(matches!(cleared, Err(RlError::BufferNotFinished { got: 0, .. })));
     let other = EnvSpec { image: [16, 16, 2], ..buffer.spec().clone() };
     let mut stranger = ActorCriticPolicy::new(&settings(), &other, 0).unwrap();
     assert!(matches!(
@@ -268,8 +268,8 @@ fn what_does_not_fit_is_refused() {
         Err(RlError::Parameters { .. })
     ));
     let foreign = RolloutBuffer::new(&other, 1).unwrap();
-    let result = ppo.update(&mut policy, &foreign, &mut rng);
-    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image" })));
+    let of_foreign = ppo.update(&mut policy, &foreign, &mut rng);
+    assert!(matches!(of_foreign, Err(RlError::SpecMismatch { field: "image" })));
 }
 
 #[test]

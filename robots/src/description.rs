@@ -232,7 +232,7 @@ impl Description {
         let found = self.joints.iter_mut().find(|found| found.name == joint);
         let motion = found.and_then(|found| found.motion.as_mut());
         let free = motion.filter(|motion| motion.is_free());
-        let own = free.and_then(|motion| motion.range.as_mut());
+        let own = free.and_then(|free_motion| free_motion.range.as_mut());
         let refused =
             |what, value, expected| DescriptionError::Number { place, what, value, expected };
         let Some(own) = own else {

@@ -317,12 +317,12 @@ pub struct FollowerRanges {
 
 fn kept_by(other: &Option<String>) -> String {
     let of = other.as_ref();
-    of.map_or_else(String::new, |other| format!(" to keep `{other}` in its range"))
+    of.map_or_else(String::new, |joint| format!(" to keep `{joint}` in its range"))
 }
 
 fn or_of(other: &Option<String>) -> String {
     let of = other.as_ref();
-    of.map_or_else(String::new, |other| format!(" or of `{other}`"))
+    of.map_or_else(String::new, |joint| format!(" or of `{joint}`"))
 }
 
 fn at_limit(joint: &Option<String>) -> String {

@@ -301,7 +301,7 @@ mod tests {
         let b = [1.0, -2.0, 3.0, -4.0, 5.0, -6.0];
         let x = solve(&a, b);
         for (row, expected) in a.iter().zip(b) {
-            let got: f64 = row.iter().zip(x).map(|(a, x)| a * x).sum();
+            let got: f64 = row.iter().zip(x).map(|(coefficient, x)| coefficient * x).sum();
             assert!((got - expected).abs() < 1e-11, "{got} {expected}");
         }
     }

@@ -89,8 +89,8 @@ impl Servo {
         finite(place, "its saturation or damping time", &values)?;
         let (what, expected) = ("its saturation", "1e-6 or more");
         require(saturation >= 1e-6, place, what, saturation, expected)?;
-        let (what, expected) = ("its damping time", "zero or more");
-        require(damping_time >= 0.0, place, what, damping_time, expected)
+        let (damping, expected_damping) = ("its damping time", "zero or more");
+        require(damping_time >= 0.0, place, damping, damping_time, expected_damping)
     }
 
     /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
@@ -255,7 +255,7 @@ impl Description {
     /// Returns the links between `link` and the root that at most one joint separates from it, as
     /// far as both have shapes.
     fn neighbours(&self, link: usize) -> Vec<usize> {
-        let has_shapes = |link: usize| !self.links[link].shapes.is_empty();
+        let has_shapes = |index: usize| !self.links[index].shapes.is_empty();
         let mut found = Vec::new();
         let mut below = link.checked_sub(1).filter(|_| has_shapes(link));
         let mut moves = 0;

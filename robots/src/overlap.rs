@@ -26,7 +26,7 @@ struct Solid {
 
 impl Solid {
     fn new(placed: &PlacedShape, link: &Pose) -> Self {
-        let radius = match placed.shape {
+        let rounding = match placed.shape {
             Shape::Sphere { radius } | Shape::Capsule { radius, .. } => radius,
             Shape::Cylinder { .. } | Shape::Box { .. } => 0.0,
         };
@@ -36,7 +36,7 @@ impl Solid {
             Shape::Cylinder { radius, length } => radius.hypot(0.5 * length),
             Shape::Box { half } => half.length(),
         };
-        Self { shape: placed.shape, pose: *link * placed.pose, radius, reach }
+        Self { shape: placed.shape, pose: *link * placed.pose, radius: rounding, reach }
     }
 
     fn sphere(&self) -> Sphere {

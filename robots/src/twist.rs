@@ -105,9 +105,9 @@ impl TwistLimits {
     ///
     /// A `wanted` above the maximum speed is scaled down and keeps its direction.
     pub fn ramp(&self, present: Twist, wanted: Twist, seconds: f64) -> Twist {
-        let ramp = |present: DVec3, wanted: DVec3, speed: f64, acceleration: f64| {
-            let change = wanted.clamp_length_max(speed) - present;
-            present + change.clamp_length_max(acceleration * seconds)
+        let ramp = |from: DVec3, to: DVec3, speed: f64, acceleration: f64| {
+            let change = to.clamp_length_max(speed) - from;
+            from + change.clamp_length_max(acceleration * seconds)
         };
         Twist {
             linear: ramp(present.linear, wanted.linear, self.speed, self.acceleration),

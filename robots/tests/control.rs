@@ -142,8 +142,8 @@ fn places_out_of_reach_and_targets_that_are_none_are_refused() {
     assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
     let mut bent = gen3::WORK;
     bent[3] = -2.6;
-    let error = chain.solve(&tool_down(0.45, 0.0, 0.1), &bent).unwrap_err();
-    assert!(error.to_string().contains("`joint_4` is at -2.6"), "{error}");
+    let bent_error = chain.solve(&tool_down(0.45, 0.0, 0.1), &bent).unwrap_err();
+    assert!(bent_error.to_string().contains("`joint_4` is at -2.6"), "{bent_error}");
 }
 
 #[test]
@@ -230,8 +230,8 @@ fn whole_turns_of_an_endless_joint_change_nothing() {
     let straight = velocities(0.0);
     for turns in [-2.0, -1.0, 1.0] {
         let turned = velocities(turns * 2.0 * PI);
-        for (straight, turned) in straight.iter().zip(&turned) {
-            assert!((straight - turned).abs() < 1e-9, "{straight} {turned}");
+        for (expected, got) in straight.iter().zip(&turned) {
+            assert!((expected - got).abs() < 1e-9, "{expected} {got}");
         }
     }
 }
@@ -351,8 +351,8 @@ fn a_long_tick_is_many_short_ones() {
     }
     long.tick(0.5).unwrap();
     (0..20).for_each(|_| short.tick(0.025).unwrap());
-    for (long, short) in long.joints().iter().zip(short.joints()) {
-        assert!((long - short).abs() < 1e-12, "{long} {short}");
+    for (one_tick, many_ticks) in long.joints().iter().zip(short.joints()) {
+        assert!((one_tick - many_ticks).abs() < 1e-12, "{one_tick} {many_ticks}");
     }
     let error = long.tick(1e9).unwrap_err().to_string();
     assert!(error.contains("seconds is 1000000000"), "{error}");

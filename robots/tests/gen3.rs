@@ -194,8 +194,8 @@ fn fingers_may_be_kept_half_open() {
         ("thumb", 0.02, 0.04, "has a range"),
     ] {
         let refused = arm().narrowed(joint, [low, high]).unwrap_err().to_string();
-        for says in [says, joint] {
-            assert!(refused.contains(says), "{says}: {refused}");
+        for part in [says, joint] {
+            assert!(refused.contains(part), "{part}: {refused}");
         }
     }
 }

@@ -57,19 +57,19 @@ fn arms_fall_as_mujoco_has_them_fall() {
         let urdf = without(&without(urdf, "<collision>", "</collision>"), "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"1\" velocity=\"1\"");
         let arm = Description::from_urdf(&urdf).unwrap();
-        let ours = arm
+        let rendered = arm
             .to_mjcf(&MjcfSettings::default())
             .unwrap()
             .text
             .replace("\"implicit\"", "\"Euler\"");
-        let models = [model(&urdf, "arm.urdf"), model(&ours, "arm.xml")];
+        let models = [model(&urdf, "arm.urdf"), model(&rendered, "arm.xml")];
         let joints: Vec<&str> = arm.free_joints().map(|(joint, _)| &joint.name[..]).collect();
         let mut generator = ChaCha8Rng::seed_from_u64(1002);
         for _ in 0..20 {
             let positions = drawn(&arm, &mut generator, 0.0);
             let [theirs, ours] = models.each_ref().map(|model| fall(model, &joints, &positions));
-            for (theirs, ours) in theirs.iter().zip(&ours) {
-                assert!((theirs - ours).abs() < 1e-7 * (1.0 + theirs.abs()), "{theirs} {ours}");
+            for (expected, got) in theirs.iter().zip(&ours) {
+                assert!((expected - got).abs() < 1e-7 * (1.0 + expected.abs()), "{expected} {got}");
             }
             assert!(ours.iter().any(|velocity| velocity.abs() > 0.1), "{ours:?}");
         }
@@ -333,8 +333,8 @@ fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
     let pair = ["base", "forearm"].map(str::to_owned);
     assert_eq!(mjcf.excluded, [pair]);
     let exclude = "<exclude body1=\"base\" body2=\"forearm\"/>\n";
-    let drift = |mjcf: &str| {
-        let model = model(mjcf, "arm.xml");
+    let drift = |text: &str| {
+        let model = model(text, "arm.xml");
         let mut data = Data::new(Arc::clone(&model));
         data.qpos_mut().copy_from_slice(&arm.rest());
         data.set_ctrl(&arm.rest()).unwrap();

@@ -74,8 +74,8 @@ fn names_must_be_unique_and_usable() {
     assert!(message.contains("simulated world"), "{message}");
     // a frame without shapes that hangs on another link
     let inside = SIX_JOINT.replace("\"world\"", "\"ground\"").replace("\"tip\"", "\"world\"");
-    let message = Description::from_urdf(&inside).unwrap_err().to_string();
-    assert!(message.contains("simulated world"), "{message}");
+    let inside_message = Description::from_urdf(&inside).unwrap_err().to_string();
+    assert!(inside_message.contains("simulated world"), "{inside_message}");
 }
 
 #[test]
@@ -265,8 +265,8 @@ fn namespaces_and_attributes_are_few() {
     let message = Description::from_urdf(&urdf(1000, 10_000)).unwrap_err().to_string();
     assert!(message.contains("32 namespaces"), "{message}");
     let attributes: String = (0..1001).map(|i| format!(" a{i}='{i}'")).collect();
-    let message = Description::from_urdf(&format!("<robot{attributes}/>")).unwrap_err();
-    assert!(message.to_string().contains("1000 attributes"), "{message}");
+    let attribute_message = Description::from_urdf(&format!("<robot{attributes}/>")).unwrap_err();
+    assert!(attribute_message.to_string().contains("1000 attributes"), "{attribute_message}");
 }
 
 #[test]

@@ -234,9 +234,9 @@ mod tests {
             };
             let jobs: Vec<Job> = (0..3).map(job).collect();
             let sweep = Self { runs, jobs };
-            for job in &sweep.jobs {
-                std::fs::create_dir_all(job.folder(&sweep.runs)).unwrap();
-                sweep.folder(job).write_experiment(&job.experiment).unwrap();
+            for each in &sweep.jobs {
+                std::fs::create_dir_all(each.folder(&sweep.runs)).unwrap();
+                sweep.folder(each).write_experiment(&each.experiment).unwrap();
             }
             sweep
         }

@@ -23,7 +23,7 @@ impl fmt::Display for FieldType {
             .into_iter()
             .chain(rest)
             .filter(|(count, _)| *count > 0)
-            .map(|(count, name)| format!("{count} {name}"))
+            .map(|(count, irrep)| format!("{count} {irrep}"))
             .collect();
         let sum = if terms.is_empty() { "0".to_owned() } else { terms.join(" + ") };
         // D2 is the usual group of a table, so its name is left out

@@ -95,8 +95,8 @@ fn a_run_without_an_intact_checkpoint_says_what_is_wrong_with_each() {
     }
     let empty = scratch.0.join("empty");
     fs::create_dir(&empty).unwrap();
-    let message = resume(&empty).err().unwrap().to_string();
-    assert!(message.contains("holds no run"), "{message}");
+    let empty_message = resume(&empty).err().unwrap().to_string();
+    assert!(empty_message.contains("holds no run"), "{empty_message}");
 }
 
 #[test]

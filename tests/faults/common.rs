@@ -105,8 +105,8 @@ pub fn expected() -> &'static Bytes {
 pub fn interrupted(scratch: &Scratch) -> PathBuf {
     static FILES: OnceLock<Vec<(PathBuf, Vec<u8>)>> = OnceLock::new();
     let files = FILES.get_or_init(|| {
-        let scratch = Scratch::new("interrupted");
-        let run = Run::start(tiny(Method::Covers), scratch.run("run")).unwrap();
+        let inner = Scratch::new("interrupted");
+        let run = Run::start(tiny(Method::Covers), inner.run("run")).unwrap();
         contents(&crash_after(3, run))
     });
     let folder = scratch.run("run").path().to_owned();

@@ -189,7 +189,7 @@ fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     assert!(message.contains("No space left"), "{message}");
     assert_eq!(checkpoints(&folder).len(), 1, "what is not whole is removed");
     drop(run);
-    let run = Run::resume(&folder, None).unwrap();
-    assert_eq!(run.stats().rollouts, 1);
-    assert_same(&finish(run), expected());
+    let resumed = Run::resume(&folder, None).unwrap();
+    assert_eq!(resumed.stats().rollouts, 1);
+    assert_same(&finish(resumed), expected());
 }

@@ -154,8 +154,8 @@ fn a_job_whose_tables_changed_after_its_end_is_not_done() {
     let printed = work();
     assert!(printed.contains("restoring the tables"), "{printed}");
     assert_same(&bytes(&folder), &finished);
-    let printed = work();
-    assert_eq!(printed, "covers-seed1000: done\n");
+    let again = work();
+    assert_eq!(again, "covers-seed1000: done\n");
 }
 
 #[test]

@@ -30,8 +30,8 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
         assert!(message.contains(&process) && message.contains(path), "{message}");
     }
     drop(run);
-    let mut run = Run::resume(folder.path(), None).unwrap();
-    assert!(run.advance().unwrap().is_some(), "the first writer is gone");
+    let mut second = Run::resume(folder.path(), None).unwrap();
+    assert!(second.advance().unwrap().is_some(), "the first writer is gone");
 }
 
 /// All files of a run, byte for byte.
@@ -77,8 +77,8 @@ fn a_folder_of_a_run_that_ended_serves_the_next_one() {
     let (run, _) = begun(&scratch);
     let folder = run.folder().clone();
     drop(run);
-    let run = Run::start(tiny(Method::Covers), folder.overwriting()).unwrap();
-    assert_same(&finish(run), expected());
+    let fresh = Run::start(tiny(Method::Covers), folder.overwriting()).unwrap();
+    assert_same(&finish(fresh), expected());
 }
 
 #[test]
@@ -182,8 +182,8 @@ fn rows_that_are_lost_while_no_process_runs_come_back_from_the_checkpoint() {
     let written = finish(Run::resume(&folder, Some(1)).unwrap());
     assert_same(&written, expected());
     // no checkpoint holds what depends on clocks and processes: these files begin anew
-    let metrics = &written[Path::new("metrics.csv")];
-    assert_eq!(rollouts(&timings(&folder)), rollouts(metrics)[3..]);
+    let rewritten = &written[Path::new("metrics.csv")];
+    assert_eq!(rollouts(&timings(&folder)), rollouts(rewritten)[3..]);
     let log = fs::read_to_string(folder.join("log.txt")).unwrap();
     assert!(log.contains("goes on after 3 rollouts"), "{log}");
 }

@@ -51,13 +51,13 @@ impl WatchOptions {
     }
 
     fn open(&self) -> Result<RunSnapshot, WatchError> {
-        let folder = RunFolder::open(&self.run);
-        if !folder.holds_run() {
+        let opened = RunFolder::open(&self.run);
+        if !opened.holds_run() {
             let folder = self.run.clone();
             return Err(RunError::NoRun { folder }.into());
         }
         // a run that has just begun has no tables yet
-        if !EARLY_FILES.iter().any(|name| folder.file(name).exists()) {
+        if !EARLY_FILES.iter().any(|name| opened.file(name).exists()) {
             let folder = self.run.clone();
             return Err(WatchError::NoTables { folder });
         }

@@ -129,7 +129,7 @@ impl EventFeed {
 
 /// Returns all events of a run: the rollouts, then the evaluations.
 fn events(run: &RunData) -> Vec<(Moment, RunEvent<'_>)> {
-    let rollouts = run.rollouts.iter().enumerate().map(|(rollout, row)| {
+    let rollout_events = run.rollouts.iter().enumerate().map(|(rollout, row)| {
         let event = RunEvent::Rollout {
             rollout,
             row,
@@ -147,7 +147,7 @@ fn events(run: &RunData) -> Vec<(Moment, RunEvent<'_>)> {
         let event = RunEvent::Evaluation { rollouts, decisions, scores };
         whole.then_some(((rollouts, 1), event))
     });
-    rollouts.chain(evaluations).collect()
+    rollout_events.chain(evaluations).collect()
 }
 
 #[cfg(test)]
@@ -247,8 +247,8 @@ mod tests {
             group's own, own policies [goal-reach 0.60]";
         assert!(line.ends_with(expected), "{line}");
         run.scores[2].policy = Some(0);
-        let line = EventFeed::default().new_events(&run)[1].line();
-        assert!(line.ends_with("success [goal-reach 0.50]"), "{line}");
+        let own_line = EventFeed::default().new_events(&run)[1].line();
+        assert!(own_line.ends_with("success [goal-reach 0.50]"), "{own_line}");
     }
 
     #[test]

@@ -29,8 +29,8 @@ impl Progress {
         let recent = &timed[timed.len().saturating_sub(RECENT)..];
         let seconds: f64 = recent.iter().map(|row| row.total).sum();
         let decisions: f64 = recent.iter().map(|row| row.decisions as f64).sum();
-        let rate = |decisions: f64| {
-            let rate = Some(decisions / seconds);
+        let rate = |amount: f64| {
+            let rate = Some(amount / seconds);
             rate.filter(|rate| rate.is_finite() && *rate > 0.0)
         };
         let (schedule, turn) = (&run.experiment.schedule, run.experiment.learner.rollout_steps());
@@ -78,9 +78,9 @@ mod tests {
         // second looks do not bring the end nearer where the stream counts turns
         run.experiment.schedule.clock = Clock::Turns;
         let turn = run.experiment.learner.rollout_steps();
-        let now = Progress::after(&run, 2);
-        assert_eq!((now.done, now.decisions_per_second), (2 * turn, Some(2.0)));
+        let after_turns = Progress::after(&run, 2);
+        assert_eq!((after_turns.done, after_turns.decisions_per_second), (2 * turn, Some(2.0)));
         let left = (stream - 2 * turn) as f64 / (turn as f64 / 50.0);
-        assert!((now.seconds_left.unwrap() / left - 1.0).abs() < 1e-12);
+        assert!((after_turns.seconds_left.unwrap() / left - 1.0).abs() < 1e-12);
     }
 }

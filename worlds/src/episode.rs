@@ -63,8 +63,8 @@ impl Episode {
     pub fn step(&mut self, action: [f32; 2]) -> (f32, bool) {
         let action = mirrored(self.variant, action).map(|a| a.clamp(-1.0, 1.0));
         let motion = self.group.motion.forward(action);
-        for (hand, motion) in self.hand.iter_mut().zip(motion) {
-            *hand = (*hand + motion).clamp(-REACH, REACH);
+        for (hand, shift) in self.hand.iter_mut().zip(motion) {
+            *hand = (*hand + shift).clamp(-REACH, REACH);
         }
         self.now = self.still.with_hand(self.hand).taken(self.noise, &mut self.rng);
         let place = self.place();

@@ -84,8 +84,8 @@ impl Kind {
             Self::Identical => vec![group(look(rng), rng); number],
             Self::Drift => appearance(number, rng),
         };
-        let stray = |group: Group, rng: &mut ChaCha8Rng| Group {
-            drift: [0; 3].map(|_| rng.random_range(-STRAY..STRAY)),
+        let stray = |group: Group, draws: &mut ChaCha8Rng| Group {
+            drift: [0; 3].map(|_| draws.random_range(-STRAY..STRAY)),
             ..group
         };
         match self {

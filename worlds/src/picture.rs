@@ -54,7 +54,7 @@ impl Picture {
         rng.fill(&mut grain[..]);
         let values = self.0.iter().zip(grain);
         values
-            .map(|(value, grain): (_, u8)| (value + noise * (f32::from(grain) / 127.5 - 1.0)) as u8)
+            .map(|(value, speck): (_, u8)| (value + noise * (f32::from(speck) / 127.5 - 1.0)) as u8)
             .collect()
     }
 

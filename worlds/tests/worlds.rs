@@ -96,6 +96,6 @@ fn what_cannot_be_shown_is_refused() {
     assert!(error.to_string().starts_with("visit 1 is of group 9"), "{error}");
     let mut stream = Stream::new(world, visits(&[0], 1), 2).unwrap();
     let mut transition = Transition::new(stream.spec());
-    let error = stream.step(&[0.0; 3], &mut transition).unwrap_err();
-    assert!(error.to_string().starts_with("got 3 actions, expected 4"), "{error}");
+    let step_error = stream.step(&[0.0; 3], &mut transition).unwrap_err();
+    assert!(step_error.to_string().starts_with("got 3 actions, expected 4"), "{step_error}");
 }

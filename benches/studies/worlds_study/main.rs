@@ -86,8 +86,8 @@ fn run_all(kinds: &[Kind], arguments: &Arguments, results: &Results) -> Answer<V
     let next = Mutex::new(worlds);
     let take = || next.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || {
-        let worlds = std::iter::from_fn(take);
-        worlds.map(|(kind, seed)| run(kind, seed, arguments, results)).collect::<Answer<Vec<_>>>()
+        let taken = std::iter::from_fn(take);
+        taken.map(|(kind, seed)| run(kind, seed, arguments, results)).collect::<Answer<Vec<_>>>()
     };
     std::thread::scope(|scope| {
         let threads = 0..rayon::current_num_threads();

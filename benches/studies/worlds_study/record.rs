@@ -104,8 +104,8 @@ impl Results {
         known.retain(|record| record.plan() == own.plan());
         let mut writer = csv::WriterBuilder::new();
         let writer = writer.has_headers(is_new).from_writer(file);
-        let file = Some(Mutex::new(writer));
-        Ok(Self { file, known })
+        let shared = Some(Mutex::new(writer));
+        Ok(Self { file: shared, known })
     }
 
     /// Returns the record of a world, if the file had it when it was opened.
@@ -187,7 +187,7 @@ mod tests {
         let line = row("target", &records.each_ref());
         let start = "| target | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
         assert!(line.starts_with(start), "{line}");
-        let columns = |line: &str| line.matches('|').count();
+        let columns = |text: &str| text.matches('|').count();
         let header: Vec<usize> = HEADER.lines().map(columns).collect();
         assert_eq!(header, [columns(&line); 2]);
     }

@@ -59,7 +59,7 @@ pub struct Outcome {
 impl Outcome {
     /// Returns the policy that a policy was merged into in the end, or itself.
     pub fn now(&self, policy: usize) -> usize {
-        let heir = |&policy: &usize| self.heirs.get(policy).copied().flatten();
+        let heir = |&index: &usize| self.heirs.get(index).copied().flatten();
         let heirs = std::iter::successors(Some(policy), heir);
         heirs.last().unwrap_or(policy)
     }
@@ -299,13 +299,13 @@ impl Trial {
         let spec = self.stream.spec().clone();
         let began = self.stream.rounds() * ENVS * HORIZON;
         let images = self.now.images.chunks(spec.image_len());
-        let course = |image: &[u8]| Course {
+        let begin = |image: &[u8]| Course {
             began,
             image: image.to_vec(),
             is_whole: true,
             ..Course::default()
         };
-        let mut courses: Vec<Course> = images.map(course).collect();
+        let mut courses: Vec<Course> = images.map(begin).collect();
         let mut transition = Transition::new(&spec);
         for _ in 0..HORIZON {
             let actor = &self.policies[self.current];

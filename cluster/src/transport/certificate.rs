@@ -153,10 +153,10 @@ fn check_reduced_costs(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Re
     // with larger potentials, slacks may overflow to NaN, which a minimum ignores
     let moderate = u.iter().chain(v).all(|p| p.abs() <= MAX_POTENTIAL);
     let mut least = 0.0_f64;
-    for (source_index, (row, u)) in cost.chunks_exact(v.len()).zip(u).enumerate() {
-        let slack = least_slack(row, v, *u);
+    for (source_index, (row, potential)) in cost.chunks_exact(v.len()).zip(u).enumerate() {
+        let slack = least_slack(row, v, *potential);
         if !(moderate && slack >= -tolerance) {
-            refuse(source_index, row, v, *u, tolerance)?;
+            refuse(source_index, row, v, *potential, tolerance)?;
         }
         least = least.min(slack);
     }
@@ -186,12 +186,12 @@ fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
     let lower = |a: f64, b: f64| if b < a { b } else { a };
     let mut lanes = [f64::INFINITY; 8];
     let ((costs, cost_rest), (vs, v_rest)) = (row.as_chunks::<8>(), v.as_chunks::<8>());
-    for (c, v) in costs.iter().zip(vs) {
+    for (c, sinks) in costs.iter().zip(vs) {
         for k in 0..8 {
-            lanes[k] = lower(lanes[k], slack(c[k], v[k], u));
+            lanes[k] = lower(lanes[k], slack(c[k], sinks[k], u));
         }
     }
-    let rest = cost_rest.iter().zip(v_rest).map(|(c, v)| slack(*c, *v, u));
+    let rest = cost_rest.iter().zip(v_rest).map(|(c, sink)| slack(*c, *sink, u));
     lanes.into_iter().chain(rest).fold(f64::INFINITY, lower)
 }
 

@@ -164,7 +164,7 @@ fn smoothed(differs: &[bool], width: usize) -> Vec<bool> {
     let says = |index: usize| {
         let (row, column) = (index / width, index % width);
         let rows = around(row, height);
-        let pixels = rows.flat_map(|row| around(column, width).map(move |c| row * width + c));
+        let pixels = rows.flat_map(|r| around(column, width).map(move |c| r * width + c));
         pixels.filter(|&pixel| differs[pixel]).count() >= MAJORITY
     };
     (0..differs.len()).map(says).collect()
@@ -173,15 +173,15 @@ fn smoothed(differs: &[bool], width: usize) -> Vec<bool> {
 fn row(pose: usize, mask: &[bool], arm: &[bool]) -> MaskRow {
     let count = |holds: fn(bool, bool) -> bool| {
         let pairs = mask.iter().zip(arm);
-        pairs.filter(|(mask, arm)| holds(**mask, **arm)).count() as f64
+        pairs.filter(|(masked, shown)| holds(**masked, **shown)).count() as f64
     };
     // a share of no pixels is 0
     let share = |part: f64, all: f64| part / all.max(1.0);
     MaskRow {
         pose,
-        overlap: share(count(|mask, arm| mask && arm), count(|mask, arm| mask || arm)),
-        outside: share(count(|mask, arm| arm && !mask), count(|_, arm| arm)),
-        spare: share(count(|mask, arm| mask && !arm), count(|mask, _| mask)),
+        overlap: share(count(|m, a| m && a), count(|m, a| m || a)),
+        outside: share(count(|m, a| a && !m), count(|_, a| a)),
+        spare: share(count(|m, a| m && !a), count(|m, _| m)),
     }
 }
 

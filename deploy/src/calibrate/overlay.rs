@@ -50,9 +50,9 @@ mod tests {
         assert_eq!(coloured(grey, false, false), grey);
         let [red, _, blue] = coloured(grey, false, true);
         assert!(red > 150 && blue < 60);
-        let [red, _, blue] = coloured(grey, true, false);
-        assert!(red < 80 && blue > 150);
-        let [red, green, _] = coloured(grey, true, true);
-        assert!(red < 60 && green > 130);
+        let [other_red, _, other_blue] = coloured(grey, true, false);
+        assert!(other_red < 80 && other_blue > 150);
+        let [both_red, green, _] = coloured(grey, true, true);
+        assert!(both_red < 60 && green > 130);
     }
 }

@@ -52,8 +52,8 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     std::fs::remove_file(&options.out).unwrap();
     let [place, angle] = apart(&calibrated.before, &truth);
     assert!((place - 30.0).abs() < 1e-6 && (angle - 3.0).abs() < 1e-6);
-    let [place, angle] = apart(&read.unwrap(), &truth);
-    assert!(place < 3.0 && angle < 0.1, "{place} mm, {angle} degrees");
+    let [place_left, angle_left] = apart(&read.unwrap(), &truth);
+    assert!(place_left < 3.0 && angle_left < 0.1, "{place_left} mm, {angle_left} degrees");
     let told: serde_json::Value = serde_json::from_slice(&out).unwrap();
     assert!(told["rms_pixels"].as_f64().unwrap() < 0.2, "{told}");
     let residuals = told["residuals"].as_array().unwrap().len();

@@ -44,16 +44,16 @@ impl Camera {
         let pixels = (factor * factor) as u32;
         let bands = drawn.chunks_exact(line * factor);
         for (band, out) in bands.zip(rgb.chunks_exact_mut(self.size * RGB)) {
-            for (column, out) in out.chunks_exact_mut(RGB).enumerate() {
+            for (column, pixel) in out.chunks_exact_mut(RGB).enumerate() {
                 // half a divisor, so that the integer division rounds
                 let mut sums = [pixels / 2; RGB];
                 for row in band.chunks_exact(line) {
                     let block = &row[column * factor * RGB..][..factor * RGB];
-                    for pixel in block.chunks_exact(RGB) {
-                        (0..RGB).for_each(|channel| sums[channel] += u32::from(pixel[channel]));
+                    for color in block.chunks_exact(RGB) {
+                        (0..RGB).for_each(|channel| sums[channel] += u32::from(color[channel]));
                     }
                 }
-                out.copy_from_slice(&sums.map(|sum| (sum / pixels) as u8));
+                pixel.copy_from_slice(&sums.map(|sum| (sum / pixels) as u8));
             }
         }
     }
@@ -181,8 +181,8 @@ mod tests {
             }
         };
         let rgb = cut(&camera, &drawn, hand);
-        for (pixel, rgb) in rgb.chunks_exact(RGB).enumerate() {
-            assert_eq!(rgb, expected(pixel / SIZE, pixel % SIZE), "{pixel}");
+        for (pixel, color) in rgb.chunks_exact(RGB).enumerate() {
+            assert_eq!(color, expected(pixel / SIZE, pixel % SIZE), "{pixel}");
         }
     }
 

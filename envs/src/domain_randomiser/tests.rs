@@ -131,9 +131,9 @@ fn exposure_and_balance_spread_as_they_should() {
     let (mean, deviation) = moments(drawn.iter().map(|of| of[1]));
     assert!(mean.abs() < 0.005 && (deviation - 0.2).abs() < 0.004, "{mean} {deviation}");
     for other in [0, 2] {
-        let (mean, deviation) = moments(drawn.iter().map(|of| of[other] - of[1]));
-        assert!(mean.abs() < 0.002, "{mean}");
-        assert!((deviation - 0.06).abs() < 0.002, "{deviation}");
+        let (ratio_mean, ratio_deviation) = moments(drawn.iter().map(|of| of[other] - of[1]));
+        assert!(ratio_mean.abs() < 0.002, "{ratio_mean}");
+        assert!((ratio_deviation - 0.06).abs() < 0.002, "{ratio_deviation}");
     }
     state.gains = [0.5, 1.0, 9.0];
     let dim = shown(&mut self::randomiser(OFF), &mut state, &grey(100));
@@ -197,9 +197,9 @@ fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side()
     let (mean, _) = moments(off.clone());
     assert!(mean.abs() < 0.02, "{mean}");
     let (mut sum, mut total) = ([0.0; 2], 0.0);
-    for (index, off) in off.enumerate().filter(|(_, off)| *off != 0.0) {
+    for (index, difference) in off.enumerate().filter(|(_, off)| *off != 0.0) {
         let (row, column) = (index / RGB / SIZE % SIZE, index / RGB % SIZE);
-        let weight = off.abs();
+        let weight = difference.abs();
         let x = column as f64 + 0.5 - SIZE as f64 / 2.0;
         let y = SIZE as f64 / 2.0 - row as f64 - 0.5;
         sum = [sum[0] + weight * x, sum[1] + weight * y];

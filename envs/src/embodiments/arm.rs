@@ -217,9 +217,8 @@ fn finger(robot: &Description, joint: Option<&str>) -> Result<Option<usize>, Env
     let Some(name) = joint else {
         return Ok(None);
     };
-    let found = robot
-        .free_joints()
-        .position(|(joint, motion)| joint.name == name && motion.range.is_some());
+    let found =
+        robot.free_joints().position(|(free, motion)| free.name == name && motion.range.is_some());
     let expected = "a joint of the robot that has limits and follows no other";
     require(found.is_some(), "gripper.joint", &name, expected)?;
     Ok(found)

@@ -232,10 +232,10 @@ fn in_another_process_every_call_is_refused_and_a_drop_joins_no_thread() {
         drop(rig);
         assert!(scene.strong_count() > 0, "the workers go on");
         // in its own process the same drop ends them
-        let mut rig = Rig::new(threads);
-        rig.reset();
-        let scene = Arc::downgrade(&rig.env.scenes[&TaskGroup::DRAWER_CLOSE]);
-        drop(rig);
-        assert_eq!(scene.strong_count(), 0);
+        let mut last_rig = Rig::new(threads);
+        last_rig.reset();
+        let last_scene = Arc::downgrade(&last_rig.env.scenes[&TaskGroup::DRAWER_CLOSE]);
+        drop(last_rig);
+        assert_eq!(last_scene.strong_count(), 0);
     }
 }

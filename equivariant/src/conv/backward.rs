@@ -71,8 +71,8 @@ impl<'a, T: Real> Backward<'a, T> {
 fn unstage<T: Real>(patches: &Patches, staged: &[T], dx: &mut [T], images: usize) {
     let staged = staged.chunks_exact(patches.staged());
     let dx = dx.chunks_exact_mut(patches.image().len());
-    for (staged, dx) in staged.zip(dx).take(images) {
-        patches.unstage(staged, dx);
+    for (staged_image, image_gradient) in staged.zip(dx).take(images) {
+        patches.unstage(staged_image, image_gradient);
     }
 }
 

@@ -151,7 +151,7 @@ impl Chain {
     ) {
         let mut arena = Arena::new(scratch);
         let mut saved = Arena::new(arena.take_flat(self.saved_len(samples)));
-        let scratch = arena.rest();
+        let rest = arena.rest();
         let mut input = x;
         for (i, pair) in self.links.windows(2).enumerate() {
             let own = pair[0].take_saved(samples, &mut saved);
@@ -161,13 +161,13 @@ impl Chain {
             // the convolution writes the pixels only, and the scratch may hold other values in the
             // padding
             images.for_each(|image| patches.clear_border(image));
-            let y = MapsMut::Staged(patches, staged);
-            pair[0].forward(params, samples, input, y, own, scratch);
+            let target = MapsMut::Staged(patches, staged);
+            pair[0].forward(params, samples, input, target, own, rest);
             input = Input::Staged(staged);
         }
         let own = self.last().take_saved(samples, &mut saved);
         let y = MapsMut::Channels(y);
-        self.last().forward(params, samples, input, y, own, scratch);
+        self.last().forward(params, samples, input, y, own, rest);
     }
 
     /// Adds the gradients with respect to the parameters and writes those with respect to the input
@@ -189,16 +189,23 @@ impl Chain {
                 Some(next) => Maps::Staged(&next.conv.patches, output_gradient),
             };
             if let Some(pool) = &link.pool {
-                let dx = &mut input_gradient[..pooled.len()];
-                T::pool_backward(PoolBackward { pool, samples, x: pooled, dy, dx, scratch });
+                let pool_gradient = &mut input_gradient[..pooled.len()];
+                T::pool_backward(PoolBackward {
+                    pool,
+                    samples,
+                    x: pooled,
+                    dy,
+                    dx: pool_gradient,
+                    scratch,
+                });
                 std::mem::swap(&mut output_gradient, &mut input_gradient);
                 dy = Maps::Staged(&pool.patches, output_gradient);
             }
             let (x, dx) = match i {
                 0 => (x, dx.take().map(MapsMut::Channels)),
                 _ => {
-                    let dx = &mut input_gradient[..staged.len()];
-                    (Input::Staged(staged), Some(MapsMut::Staged(patches, dx)))
+                    let staged_gradient = &mut input_gradient[..staged.len()];
+                    (Input::Staged(staged), Some(MapsMut::Staged(patches, staged_gradient)))
                 }
             };
             T::backward(Backward {

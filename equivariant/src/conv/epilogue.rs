@@ -105,8 +105,12 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
         if let MapsMut::Channels(y) = &mut self.to.y {
             let pixels = y[first * self.channels..].chunks_exact_mut(self.channels);
             let own = self.own.chunks_exact(self.width);
-            for (own, y) in own.take(count).zip(pixels) {
-                self.interleaver.deinterleave::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
+            for (own_row, pixel) in own.take(count).zip(pixels) {
+                self.interleaver.deinterleave::<T, G>(
+                    T::from_f64(1.0),
+                    own_row.as_flattened(),
+                    pixel,
+                );
             }
         }
     }

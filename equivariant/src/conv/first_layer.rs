@@ -107,8 +107,8 @@ fn scale<T: Real, L: Lanes<T>>(lanes: L, patches: &Patches, w: &mut [Block<T>]) 
     for orbit in &patches.orbits {
         let groups = orbit.first * LANES / G..(orbit.first + patches.blocks()) * LANES / G;
         let c = lanes.load(&narrow(&orbit.coefficients[0]));
-        for w in &mut w[groups.start * per_group..groups.end * per_group] {
-            lanes.store(w, lanes.mul(lanes.load(w), c));
+        for block in &mut w[groups.start * per_group..groups.end * per_group] {
+            lanes.store(block, lanes.mul(lanes.load(block), c));
         }
     }
 }

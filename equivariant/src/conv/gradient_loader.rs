@@ -129,9 +129,10 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
     fn load_channels(&self, dy: &[T], pixels: &mut [Block<T>], places: &mut [usize]) {
         let channels = dy.chunks_exact(self.channels);
         let pixels = pixels.chunks_exact_mut(self.width);
-        for (r, ((place, to), dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate() {
+        for (r, ((place, to), pixel_dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate()
+        {
             *place = r * self.width;
-            self.interleaver.interleave::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
+            self.interleaver.interleave::<T, G>(T::from_f64(1.0), pixel_dy, to.as_flattened_mut());
         }
     }
 }

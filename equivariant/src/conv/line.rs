@@ -146,9 +146,9 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                     for c in 0..self.channels {
                         let w: [L::V; V] = load_all(lanes, head(&w[c * self.width + first..]));
                         for r in 0..R {
-                            let x = lanes.quad(&left[r][c]);
+                            let input = lanes.quad(&left[r][c]);
                             for v in 0..V {
-                                middle[r][v] = lanes.mul_add(x, w[v], middle[r][v]);
+                                middle[r][v] = lanes.mul_add(input, w[v], middle[r][v]);
                             }
                         }
                     }
@@ -181,17 +181,17 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                 *column = &x[i * self.channels..][..self.channels];
             }
             for c in 0..self.channels {
-                let outer: [L::V; V] = load_all(lanes, head(&outer_w[c * self.width..]));
-                let inner: [L::V; V] = load_all(lanes, head(&inner_w[c * self.width..]));
+                let outer_weights: [L::V; V] = load_all(lanes, head(&outer_w[c * self.width..]));
+                let inner_weights: [L::V; V] = load_all(lanes, head(&inner_w[c * self.width..]));
                 let mut left = [lanes.quad(&columns[0][c]), lanes.quad(&columns[1][c])];
                 for r in 0..R {
                     let right =
                         [lanes.quad(&columns[2 * r + 2][c]), lanes.quad(&columns[2 * r + 3][c])];
                     for v in 0..V {
-                        a[r][v] = lanes.mul_add(left[0], outer[v], a[r][v]);
-                        b[r][v] = lanes.mul_add(right[1], outer[v], b[r][v]);
-                        a[r][v] = lanes.mul_add(left[1], inner[v], a[r][v]);
-                        b[r][v] = lanes.mul_add(right[0], inner[v], b[r][v]);
+                        a[r][v] = lanes.mul_add(left[0], outer_weights[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[1], outer_weights[v], b[r][v]);
+                        a[r][v] = lanes.mul_add(left[1], inner_weights[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[0], inner_weights[v], b[r][v]);
                     }
                     left = right;
                 }

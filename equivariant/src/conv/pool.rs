@@ -142,14 +142,14 @@ fn maxima<T: Real, L: Lanes<T>, const G: usize>(
     y: &mut [Block<T>],
 ) {
     let scale = lanes.splat(T::from_f64(scale));
-    for (c, y) in y.iter_mut().enumerate() {
+    for (c, out) in y.iter_mut().enumerate() {
         let mut best = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[c]));
         for tap in &pool.taps[1..] {
             let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[tap + c]));
             best = lanes.larger(best, v).0;
         }
         let best = unscaled_hadamard::<T, L, G>(lanes, best);
-        lanes.store(y, lanes.mul(best, scale));
+        lanes.store(out, lanes.mul(best, scale));
     }
 }
 
@@ -208,7 +208,7 @@ fn route<T: Real, L: Lanes<T>, const G: usize>(
     dx: &mut [Block<T>],
 ) {
     let scale = lanes.splat(T::from_f64(scale));
-    for (c, dy) in dy.iter().enumerate() {
+    for (c, gradient) in dy.iter().enumerate() {
         let mut won = [0; MAX_WINDOW_PIXELS];
         // the first pixel holds the maximum until a larger one is found
         won[0] = u16::MAX;
@@ -221,9 +221,9 @@ fn route<T: Real, L: Lanes<T>, const G: usize>(
                 won[earlier] &= !won[i];
             }
         }
-        let dy = unscaled_hadamard::<T, L, G>(lanes, lanes.load(dy));
-        for (&tap, &won) in pool.taps.iter().zip(&won) {
-            let d = unscaled_hadamard::<T, L, G>(lanes, lanes.keep(dy, won));
+        let gradient = unscaled_hadamard::<T, L, G>(lanes, lanes.load(gradient));
+        for (&tap, &selected) in pool.taps.iter().zip(&won) {
+            let d = unscaled_hadamard::<T, L, G>(lanes, lanes.keep(gradient, selected));
             lanes.store(&mut dx[tap + c], lanes.mul(d, scale));
         }
     }

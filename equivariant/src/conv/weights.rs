@@ -144,8 +144,8 @@ impl Weights {
                 for field in 0..fields {
                     for (fold, block) in (0..folds).zip(&mut to) {
                         let group = (range.start + fold * patches.blocks() + c) * per_block;
-                        for (q, to) in block.as_chunks_mut::<G>().0.iter_mut().enumerate() {
-                            *to = packed[(group + q) * fields + field];
+                        for (q, value) in block.as_chunks_mut::<G>().0.iter_mut().enumerate() {
+                            *value = packed[(group + q) * fields + field];
                         }
                     }
                 }

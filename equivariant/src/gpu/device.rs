@@ -36,7 +36,8 @@ impl Device {
         let found = raw_adapters();
         let names: Vec<String> = found.iter().map(|adapter| describe(adapter).name).collect();
         let wanted = name.unwrap_or_default().to_lowercase();
-        let index = names.iter().position(|name| name.to_lowercase().contains(&wanted));
+        let index =
+            names.iter().position(|adapter_name| adapter_name.to_lowercase().contains(&wanted));
         let adapter = index.map(|index| &found[index]).ok_or_else(|| GpuError::NoAdapter {
             wanted: name.map_or("at all".to_owned(), |name| format!("named `{name}`")),
             found: names,
@@ -170,10 +171,10 @@ impl fmt::Debug for Device {
 }
 
 /// Records errors of a device. Without these callbacks wgpu panics.
-fn watch(device: &wgpu::Device, adapter: &str) -> Fault {
+fn watch(device: &wgpu::Device, name: &str) -> Fault {
     let fault = Fault::default();
     let (lost, failed) = (fault.clone(), fault.clone());
-    let (of_lost, of_failed) = (adapter.to_owned(), adapter.to_owned());
+    let (of_lost, of_failed) = (name.to_owned(), name.to_owned());
     device.set_device_lost_callback(move |_, reason| {
         let adapter = of_lost.clone();
         note(&lost, GpuError::Lost { adapter, reason });

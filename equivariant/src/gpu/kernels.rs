@@ -28,11 +28,11 @@ impl Plan {
     pub fn layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
         let mut leaves = leaves(layer).into_iter().peekable();
         let mut x = x;
-        while let Some(layer) = leaves.next() {
-            let y = self.tensor(layer.out_shape());
-            let rectified = layer.kind().dense().is_some()
+        while let Some(leaf) = leaves.next() {
+            let y = self.tensor(leaf.out_shape());
+            let rectified = leaf.kind().dense().is_some()
                 && leaves.next_if(|next| rectifies(*next, y.shape)).is_some();
-            add(self, layer, &x, &y, rectified)?;
+            add(self, leaf, &x, &y, rectified)?;
             x = y;
         }
         Ok(x)

@@ -274,8 +274,8 @@ mod tests {
         let y = plan.layer(&conv, x).unwrap();
         let ([forward, backward], params) = (plan.dispatches(), plan.device_params());
         assert!(forward > 0 && backward > 0);
-        let words = |plan: &Plan, slot: Slot| {
-            let Extent { fixed, each } = plan.extents()[slot.0];
+        let words = |planned: &Plan, slot: Slot| {
+            let Extent { fixed, each } = planned.extents()[slot.0];
             fixed + each
         };
         let [dx, dy] = [x, y].map(|map| map.gradient.unwrap());

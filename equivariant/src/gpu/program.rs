@@ -150,14 +150,14 @@ impl Program {
             staged
         });
         self.device.queue.submit([encoder.finish()]);
-        for staged in &staged {
+        for buffer in &staged {
             // `mapped` reports a failed mapping below
-            staged.map_async(wgpu::MapMode::Read, .., |_| ());
+            buffer.map_async(wgpu::MapMode::Read, .., |_| ());
         }
         self.device.wait()?;
         let mut read = [const { Vec::new() }; N];
-        for (read, staged) in read.iter_mut().zip(&staged) {
-            *read = self.device.mapped(staged)?;
+        for (numbers, buffer) in read.iter_mut().zip(&staged) {
+            *numbers = self.device.mapped(buffer)?;
         }
         Ok(read)
     }

@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn only_kernels_that_combine_values_have_operations_on_subgroups() {
         let step = || Step::new("some", 4, Work::fixed_groups(1));
-        let has = |step: Step, subgroups| step.source(subgroups).contains("subgroup");
+        let has = |made: Step, subgroups| made.source(subgroups).contains("subgroup");
         assert!(has(step().sums(), true) && !has(step().sums(), false));
         assert!(!has(step(), true) && !has(step(), false));
     }

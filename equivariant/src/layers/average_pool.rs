@@ -53,11 +53,11 @@ impl Parameterless for AveragePool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         y.fill(T::ZERO);
-        for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
-            for (i, y) in y.chunks_exact_mut(dim).enumerate() {
+        for (map, pooled) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
+            for (i, out) in pooled.chunks_exact_mut(dim).enumerate() {
                 for pixel in self.windows.pixels(i) {
-                    for (y, &x) in y.iter_mut().zip(&x[pixel * dim..]) {
-                        *y += x * weight;
+                    for (sum, &value) in out.iter_mut().zip(&map[pixel * dim..]) {
+                        *sum += value * weight;
                     }
                 }
             }
@@ -67,11 +67,11 @@ impl Parameterless for AveragePool {
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         dx.fill(T::ZERO);
-        for (dy, dx) in self.out_shape().each(dy).zip(self.shape.each_mut(dx)) {
-            for (i, dy) in dy.chunks_exact(dim).enumerate() {
+        for (pooled, map) in self.out_shape().each(dy).zip(self.shape.each_mut(dx)) {
+            for (i, gradient) in pooled.chunks_exact(dim).enumerate() {
                 for pixel in self.windows.pixels(i) {
-                    for (dx, &dy) in dx[pixel * dim..].iter_mut().zip(dy) {
-                        *dx += dy * weight;
+                    for (sum, &value) in map[pixel * dim..].iter_mut().zip(gradient) {
+                        *sum += value * weight;
                     }
                 }
             }

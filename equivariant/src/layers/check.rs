@@ -132,10 +132,10 @@ fn walk<T: Scalar>(
         return y;
     };
     let mut rest = params;
-    layers.iter().fold(x.to_vec(), |x, layer| {
-        let (own, others) = rest.split_at(layer.num_params());
+    layers.iter().fold(x.to_vec(), |x, child| {
+        let (own, others) = rest.split_at(child.num_params());
         rest = others;
-        walk(layer.as_ref(), own, &x, sums)
+        walk(child.as_ref(), own, &x, sums)
     })
 }
 

@@ -105,11 +105,11 @@ impl Concat {
         );
         let samples = got / each;
         let names = ["first", "second"].into_iter().zip(inputs);
-        for ((name, got), shape) in names.zip(self.in_shapes()) {
+        for ((name, len), shape) in names.zip(self.in_shapes()) {
             let expected = samples * shape.len();
             assert!(
-                got == expected,
-                "{self}: got {name} of {got} values, expected {expected} to match {sum}"
+                len == expected,
+                "{self}: got {name} of {len} values, expected {expected} to match {sum}"
             );
         }
     }

@@ -195,13 +195,13 @@ impl FieldNorm {
         let (gains, biases) = params.split_at(self.fields);
         let standards = self.standards(x, first);
         let dim = self.shape.fields.dim();
-        for (x, y) in self.pixels(x).zip(y.chunks_exact_mut(dim)) {
+        for (pixel, out) in self.pixels(x).zip(y.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
-                let values = x[channels.clone()].iter().zip(&mut y[channels]);
-                for (j, (&x, y)) in values.enumerate() {
-                    *y = gains[first + j] * standards[j].apply(a, x);
+                let values = pixel[channels.clone()].iter().zip(&mut out[channels]);
+                for (j, (&value, normalised)) in values.enumerate() {
+                    *normalised = gains[first + j] * standards[j].apply(a, value);
                     if a == 0 && self.centred(first + j) {
-                        *y += biases[first + j];
+                        *normalised += biases[first + j];
                     }
                 }
             }
@@ -219,10 +219,10 @@ impl FieldNorm {
         let mut sums = [[0.0; 2]; BLOCK];
         for (x, dy) in self.pixels(values.x).zip(self.pixels(values.dy)) {
             for (a, channels) in self.channels(first) {
-                let values = x[channels.clone()].iter().zip(&dy[channels]);
-                for (j, (&x, &dy)) in values.enumerate() {
-                    sums[j][0] += (standards[j].apply(a, x) * dy).to_f64();
-                    sums[j][1] += if a == 0 { dy.to_f64() } else { 0.0 };
+                let pairs = x[channels.clone()].iter().zip(&dy[channels]);
+                for (j, (&value, &gradient)) in pairs.enumerate() {
+                    sums[j][0] += (standards[j].apply(a, value) * gradient).to_f64();
+                    sums[j][1] += if a == 0 { gradient.to_f64() } else { 0.0 };
                 }
             }
         }
@@ -284,14 +284,16 @@ impl FieldNorm {
     ) {
         let dim = self.shape.fields.dim();
         let inputs = self.pixels(values.x).zip(self.pixels(values.dy));
-        for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(dim)) {
+        for ((x, dy), gradient) in inputs.zip(dx.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
-                let values = x[channels.clone()].iter().zip(&dy[channels.clone()]);
-                for (j, ((&x, &dy), dx)) in values.zip(&mut dx[channels]).enumerate() {
+                let pairs = x[channels.clone()].iter().zip(&dy[channels.clone()]);
+                for (j, ((&value, &upstream), entry)) in
+                    pairs.zip(&mut gradient[channels]).enumerate()
+                {
                     let [scaled, shifted] = means[j];
-                    let rest = dy - standards[j].apply(a, x) * scaled;
+                    let rest = upstream - standards[j].apply(a, value) * scaled;
                     let rest = if a == 0 { rest - shifted } else { rest };
-                    *dx = params[first + j] * standards[j].inverse * rest;
+                    *entry = params[first + j] * standards[j].inverse * rest;
                 }
             }
         }
@@ -326,9 +328,9 @@ impl<T: Scalar> Layer<T> for FieldNorm {
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let group = self.statistics_len(x.len());
-        for (x, y) in x.chunks(group).zip(y.chunks_mut(group)) {
+        for (inputs, outputs) in x.chunks(group).zip(y.chunks_mut(group)) {
             for first in (0..self.fields).step_by(BLOCK) {
-                self.normalise(params, first, x, y);
+                self.normalise(params, first, inputs, outputs);
             }
         }
     }

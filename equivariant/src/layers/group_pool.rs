@@ -96,10 +96,10 @@ impl Parameterless for GroupMaxPool {
 
 /// Writes the maximum of each of the n fields of every pixel.
 fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
-    for (x, y) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
-        let x = parts::<T, G>(x, n);
+    for (pixel, out) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
+        let pixel = parts::<T, G>(pixel, n);
         for f in 0..n {
-            y[f] = first_maximum(transform::<T, G>(from_fn(|a| x[a][f]))).1;
+            out[f] = first_maximum(transform::<T, G>(from_fn(|a| pixel[a][f]))).1;
         }
     }
 }
@@ -107,16 +107,16 @@ fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
 /// Writes the gradient of each field into the element that holds its maximum.
 fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
     let inputs = x.chunks_exact(G * n).zip(dy.chunks_exact(n));
-    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(G * n)) {
-        let x = parts::<T, G>(x, n);
-        let dx = parts_mut::<T, G>(dx, n);
+    for ((pixel, upstream), gradient) in inputs.zip(dx.chunks_exact_mut(G * n)) {
+        let pixel = parts::<T, G>(pixel, n);
+        let gradient = parts_mut::<T, G>(gradient, n);
         for f in 0..n {
-            let (g, _) = first_maximum(transform::<T, G>(from_fn(|a| x[a][f])));
+            let (g, _) = first_maximum(transform::<T, G>(from_fn(|a| pixel[a][f])));
             let mut values = [T::ZERO; G];
-            values[g] = dy[f];
+            values[g] = upstream[f];
             let values = transform(values);
             for a in 0..G {
-                dx[a][f] = values[a];
+                gradient[a][f] = values[a];
             }
         }
     }
@@ -159,9 +159,9 @@ impl Parameterless for GroupMeanPool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
         let ys = y.chunks_exact_mut(self.0.fields);
-        for (x, y) in x.chunks_exact(dim).zip(ys) {
-            for (y, &x) in y.iter_mut().zip(x) {
-                *y = x * scale;
+        for (pixel, out) in x.chunks_exact(dim).zip(ys) {
+            for (pooled, &value) in out.iter_mut().zip(pixel) {
+                *pooled = value * scale;
             }
         }
     }
@@ -169,10 +169,10 @@ impl Parameterless for GroupMeanPool {
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
         let dys = dy.chunks_exact(self.0.fields);
-        for (dx, dy) in dx.chunks_exact_mut(dim).zip(dys) {
-            let (trivial, rest) = dx.split_at_mut(dy.len());
-            for (dx, &dy) in trivial.iter_mut().zip(dy) {
-                *dx = dy * scale;
+        for (gradient, upstream) in dx.chunks_exact_mut(dim).zip(dys) {
+            let (trivial, rest) = gradient.split_at_mut(upstream.len());
+            for (entry, &value) in trivial.iter_mut().zip(upstream) {
+                *entry = value * scale;
             }
             rest.fill(T::ZERO);
         }

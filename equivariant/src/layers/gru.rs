@@ -248,14 +248,14 @@ impl Gru {
         let gates = pass.gates[3 * rows.start..3 * rows.end].chunks_exact_mut(3 * width);
         let candidates = pass.candidates[rows.clone()].chunks_exact_mut(width);
         let parts = gates.zip(from_state.chunks_exact(3 * width)).zip(candidates);
-        for (((after, before), ((gates, from_state), candidate)), &begin) in
+        for (((next_state, state), ((gate_rows, state_rows), candidate)), &begin) in
             samples.zip(parts).zip(&pass.begins)
         {
             if step < begin {
                 // the sequence has not begun: its state is still the initial one
-                after.fill(T::ZERO);
+                next_state.fill(T::ZERO);
             } else {
-                self.cell(gates, from_state, candidate, before, after);
+                self.cell(gate_rows, state_rows, candidate, state, next_state);
             }
         }
         let next = rows.end..rows.end + rows.len();

@@ -115,9 +115,9 @@ pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, 
     compare(path, lines, &layers)?;
     let file = SafeTensors::deserialize(&bytes).map_err(|source| format_error(path, source))?;
     let mut params = Vec::with_capacity(layer.num_params());
-    for (i, layer) in layers.iter().enumerate() {
-        if layer.num_params() > 0 {
-            params.extend(read(path, &file, format!("{i}.params"), layer.num_params())?);
+    for (i, part) in layers.iter().enumerate() {
+        if part.num_params() > 0 {
+            params.extend(read(path, &file, format!("{i}.params"), part.num_params())?);
         }
     }
     Ok(params)

@@ -273,7 +273,7 @@ impl<T: Scalar, L: Parameterless> Layer<T> for L {
 pub(crate) fn leaves<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
     match layer.kind() {
         LayerKind::Sequential(layers) => {
-            layers.iter().flat_map(|layer| leaves(layer.as_ref())).collect()
+            layers.iter().flat_map(|child| leaves(child.as_ref())).collect()
         }
         _ => vec![layer],
     }

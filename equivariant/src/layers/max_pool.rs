@@ -56,8 +56,8 @@ impl MaxPool {
             y.copy_from_slice(&regular[first * dim..][..dim]);
         }
         for pixel in pixels {
-            for (y, &x) in y.iter_mut().zip(&regular[pixel * dim..]) {
-                *y = if exceeds(x, *y) { x } else { *y };
+            for (largest, &x) in y.iter_mut().zip(&regular[pixel * dim..]) {
+                *largest = if exceeds(x, *largest) { x } else { *largest };
             }
         }
     }
@@ -100,14 +100,14 @@ impl Parameterless for MaxPool {
 
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]) {
         let regular = &mut scratch[..self.shape.len()];
-        for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
-            regular.copy_from_slice(x);
+        for (map, pooled) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
+            regular.copy_from_slice(map);
             self.transform(regular);
-            let pixels = y.chunks_exact_mut(self.shape.fields.dim());
-            for (i, y) in pixels.enumerate() {
-                self.maximum(regular, i, y);
+            let pixels = pooled.chunks_exact_mut(self.shape.fields.dim());
+            for (i, out) in pixels.enumerate() {
+                self.maximum(regular, i, out);
             }
-            self.transform(y);
+            self.transform(pooled);
         }
     }
 
@@ -118,17 +118,17 @@ impl Parameterless for MaxPool {
         // pixel
         let (y, gradient) = pixel[..2 * dim].split_at_mut(dim);
         let inputs = self.shape.each(x).zip(self.out_shape().each(dy));
-        for ((x, dy), dx) in inputs.zip(self.shape.each_mut(dx)) {
-            regular.copy_from_slice(x);
+        for ((map, upstream), map_gradient) in inputs.zip(self.shape.each_mut(dx)) {
+            regular.copy_from_slice(map);
             self.transform(regular);
-            dx.fill(T::ZERO);
-            for (i, dy) in dy.chunks_exact(dim).enumerate() {
+            map_gradient.fill(T::ZERO);
+            for (i, pixel_dy) in upstream.chunks_exact(dim).enumerate() {
                 self.maximum(regular, i, y);
-                gradient.copy_from_slice(dy);
+                gradient.copy_from_slice(pixel_dy);
                 self.transform(gradient);
-                self.route(regular, i, y, gradient, dx);
+                self.route(regular, i, y, gradient, map_gradient);
             }
-            self.transform(dx);
+            self.transform(map_gradient);
         }
     }
 }

@@ -92,14 +92,14 @@ fn backward_fields<T: Scalar, const G: usize>(fields: usize, x: &[T], dy: &[T], 
 #[inline(always)]
 fn forward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
     let width = (G * n).max(1);
-    for (x, y) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)) {
-        let x = parts::<T, G>(x, n);
-        let y = parts_mut::<T, G>(y, n);
+    for (pixel, out) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)) {
+        let pixel = parts::<T, G>(pixel, n);
+        let out = parts_mut::<T, G>(out, n);
         for f in 0..n {
-            let values = transform::<T, G>(from_fn(|a| x[a][f])).map(|v| pass(v, v));
+            let values = transform::<T, G>(from_fn(|a| pixel[a][f])).map(|v| pass(v, v));
             let values = transform(values);
             for a in 0..G {
-                y[a][f] = values[a];
+                out[a][f] = values[a];
             }
         }
     }
@@ -109,15 +109,15 @@ fn forward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
 fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
     let width = (G * n).max(1);
     let inputs = x.chunks_exact(width).zip(dy.chunks_exact(width));
-    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(width)) {
-        let (x, dy) = (parts::<T, G>(x, n), parts::<T, G>(dy, n));
-        let dx = parts_mut::<T, G>(dx, n);
+    for ((pixel, upstream), gradient) in inputs.zip(dx.chunks_exact_mut(width)) {
+        let (pixel, upstream) = (parts::<T, G>(pixel, n), parts::<T, G>(upstream, n));
+        let gradient = parts_mut::<T, G>(gradient, n);
         for f in 0..n {
-            let gates = transform::<T, G>(from_fn(|a| x[a][f]));
-            let values = transform::<T, G>(from_fn(|a| dy[a][f]));
+            let gates = transform::<T, G>(from_fn(|a| pixel[a][f]));
+            let values = transform::<T, G>(from_fn(|a| upstream[a][f]));
             let values = transform::<T, G>(from_fn(|g| pass(gates[g], values[g])));
             for a in 0..G {
-                dx[a][f] = values[a];
+                gradient[a][f] = values[a];
             }
         }
     }

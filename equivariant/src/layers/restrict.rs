@@ -122,9 +122,9 @@ impl Parameterless for Restrict {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         y.fill(T::ZERO);
-        for (x, y) in x.chunks_exact(dim).zip(y.chunks_exact_mut(dim)) {
+        for (pixel, out) in x.chunks_exact(dim).zip(y.chunks_exact_mut(dim)) {
             for Block { to, from, scale } in &self.blocks {
-                add(*scale, &x[from.clone()], &mut y[*to..]);
+                add(*scale, &pixel[from.clone()], &mut out[*to..]);
             }
         }
     }
@@ -133,9 +133,9 @@ impl Parameterless for Restrict {
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         dx.fill(T::ZERO);
-        for (dy, dx) in dy.chunks_exact(dim).zip(dx.chunks_exact_mut(dim)) {
+        for (upstream, gradient) in dy.chunks_exact(dim).zip(dx.chunks_exact_mut(dim)) {
             for Block { to, from, scale } in &self.blocks {
-                add(*scale, &dy[*to..], &mut dx[from.clone()]);
+                add(*scale, &upstream[*to..], &mut gradient[from.clone()]);
             }
         }
     }
@@ -144,8 +144,8 @@ impl Parameterless for Restrict {
 /// Adds `scale` times the values, as many as the shorter slice has.
 fn add<T: Scalar>(scale: f64, from: &[T], to: &mut [T]) {
     let scale = T::from_f64(scale);
-    for (to, &from) in to.iter_mut().zip(from) {
-        *to += scale * from;
+    for (sum, &value) in to.iter_mut().zip(from) {
+        *sum += scale * value;
     }
 }
 
@@ -197,8 +197,8 @@ mod tests {
                 let cosets = cosets(group, sub);
                 let elements = sub.elements().iter();
                 let elements = elements.flat_map(|&h| cosets.iter().map(move |&t| h * t));
-                for (y, g) in y.into_iter().zip(elements) {
-                    assert!((y - values[at(g)]).abs() < 1e-15, "{group} to {sub}");
+                for (got, g) in y.into_iter().zip(elements) {
+                    assert!((got - values[at(g)]).abs() < 1e-15, "{group} to {sub}");
                 }
             }
         }

@@ -51,8 +51,8 @@ fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
             LayerKind::R2Conv(conv) => Some(Chain::new(conv)),
             _ => None,
         };
-        let layers = i..i + 1;
-        stages.push(Stage { layers, fused });
+        let range = i..i + 1;
+        stages.push(Stage { layers: range, fused });
     }
     stages
 }
@@ -185,7 +185,7 @@ impl<T: Scalar> Sequential<T> {
         let mut y = Some(y);
         let mut input = x;
         for (i, (layer, range)) in self.stages().enumerate() {
-            let scratch = if layer.keeps_scratch() {
+            let layer_scratch = if layer.keeps_scratch() {
                 take_whole(&mut parts.kept, layer.scratch_len(samples))
             } else {
                 &mut parts.shared[..layer.scratch_len(samples)]
@@ -197,8 +197,12 @@ impl<T: Scalar> Sequential<T> {
                 None => take_whole(&mut parts.activations, samples * layer.out_shape().len()),
             };
             match (input, &self.stages[i].fused) {
-                (Input::Channels(x), _) => layer.run_forward(&params[range], x, output, scratch),
-                (x, Some(chain)) => chain.forward(&params[range], samples, x, output, scratch),
+                (Input::Channels(channels), _) => {
+                    layer.run_forward(&params[range], channels, output, layer_scratch)
+                }
+                (entry, Some(chain)) => {
+                    chain.forward(&params[range], samples, entry, output, layer_scratch)
+                }
                 (_, None) => unreachable!("bytes are for chains"),
             }
             input = Input::Channels(output);

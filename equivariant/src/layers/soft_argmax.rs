@@ -151,12 +151,12 @@ impl SpatialSoftArgmax {
         let dim = self.shape.fields.dim();
         let inverse = T::from_f64(self.temperature.recip());
         let pixels = map.chunks_exact(dim).zip(dx.chunks_exact_mut(dim));
-        for (i, (p, dx)) in pixels.enumerate() {
+        for (i, (p, out)) in pixels.enumerate() {
             let [x, y] = self.position::<T>(i);
             for c in 0..dim {
                 let along_x = (x - means[c]) * gradients[c];
                 let along_y = (y - means[dim + c]) * gradients[dim + c];
-                dx[c] = p[c] * inverse * (along_x + along_y);
+                out[c] = p[c] * inverse * (along_x + along_y);
             }
         }
     }
@@ -205,16 +205,16 @@ impl Parameterless for SpatialSoftArgmax {
         let (distributions, rows) = scratch.split_at_mut(x.len());
         distributions.copy_from_slice(x);
         let maps = self.shape.each_mut(distributions);
-        for (map, y) in maps.zip(y.chunks_exact_mut(2 * dim)) {
+        for (map, keypoints) in maps.zip(y.chunks_exact_mut(2 * dim)) {
             self.transform_input(map);
             self.softmax(map, &mut rows[..dim]);
             let means = &mut rows[..2 * dim];
             self.means(map, means);
             for (i, &mean) in means.iter().enumerate() {
                 let (place, sign) = self.target(i % dim, i / dim);
-                y[place] = if sign < 0 { -mean } else { mean };
+                keypoints[place] = if sign < 0 { -mean } else { mean };
             }
-            self.transform_output(y);
+            self.transform_output(keypoints);
         }
     }
 
@@ -225,11 +225,13 @@ impl Parameterless for SpatialSoftArgmax {
         let (means, gradients) = rows.split_at_mut(2 * dim);
         let maps = self.shape.each(distributions);
         let (ys, dys) = (y.chunks_exact(2 * dim), dy.chunks_exact(2 * dim));
-        for ((map, (y, dy)), dx) in maps.zip(ys.zip(dys)).zip(self.shape.each_mut(dx)) {
-            self.keypoints(y, spare, means);
-            self.keypoints(dy, spare, gradients);
-            self.gradient(map, means, gradients, dx);
-            self.transform_input(dx);
+        for ((map, (points, upstream)), gradient) in
+            maps.zip(ys.zip(dys)).zip(self.shape.each_mut(dx))
+        {
+            self.keypoints(points, spare, means);
+            self.keypoints(upstream, spare, gradients);
+            self.gradient(map, means, gradients, gradient);
+            self.transform_input(gradient);
         }
     }
 }

@@ -95,8 +95,8 @@ fn take_branch<'a, T: Scalar>(
 }
 
 fn add<T: Scalar>(to: &mut [T], terms: &[T]) {
-    for (to, &term) in to.iter_mut().zip(terms) {
-        *to += term;
+    for (sum, &term) in to.iter_mut().zip(terms) {
+        *sum += term;
     }
 }
 
@@ -249,9 +249,9 @@ mod tests {
         let expected = "Sum: got the branch Relu(1 x 1 x (2 1)), expected one between";
         assert!(message.starts_with(expected), "{message}");
         let widens = Box::new(Linear::new(one, two).unwrap());
-        let message = Sum::<f64>::residual(widens).unwrap_err().to_string();
-        assert!(message.contains("the shape of its input"), "{message}");
-        let message = Sum::<f64>::new(Vec::new()).unwrap_err().to_string();
-        assert!(message.starts_with("Sum: got the number of branches 0"));
+        let residual = Sum::<f64>::residual(widens).unwrap_err().to_string();
+        assert!(residual.contains("the shape of its input"), "{residual}");
+        let empty = Sum::<f64>::new(Vec::new()).unwrap_err().to_string();
+        assert!(empty.starts_with("Sum: got the number of branches 0"));
     }
 }

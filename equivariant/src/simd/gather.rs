@@ -59,15 +59,15 @@ impl Patches {
         let staged: &mut [Block<T>] = staged.as_chunks_mut().0;
         let scale = lanes.splat(T::from_f64(orbit.scale));
         let (taps, parities) = orbit.constants::<N>();
-        for (mut folds, window) in folds.into_iter().zip(windows) {
+        for (mut sums, window) in folds.into_iter().zip(windows) {
             for i in 0..N {
                 let parity = if N == 4 { i } else { parities[i] };
-                folds[i] = swap(lanes, folds[i], parity);
+                sums[i] = swap(lanes, sums[i], parity);
                 if N < 4 {
-                    folds[i] = lanes.mul(folds[i], scale);
+                    sums[i] = lanes.mul(sums[i], scale);
                 }
             }
-            let values = butterfly(lanes, folds);
+            let values = butterfly(lanes, sums);
             let window = &mut staged[window / LANES + c..][..=taps[N - 1]];
             for i in 0..N {
                 let block = &mut window[taps[i]];

@@ -77,11 +77,11 @@ fn interleave_regular<T: Real, const G: usize, const N: usize>(
     channels: &[T],
     groups: &mut [[T; G]],
 ) {
-    for (i, groups) in groups[..n].as_chunks_mut::<N>().0.iter_mut().enumerate() {
+    for (i, block) in groups[..n].as_chunks_mut::<N>().0.iter_mut().enumerate() {
         for a in 0..G {
             let part: &[T; N] = head(&channels[a * n + i * N..]);
             for f in 0..N {
-                groups[f][a] = part[f] * scale;
+                block[f][a] = part[f] * scale;
             }
         }
     }
@@ -95,11 +95,11 @@ fn deinterleave_regular<T: Real, const G: usize, const N: usize>(
     groups: &[[T; G]],
     channels: &mut [T],
 ) {
-    for (i, groups) in groups[..n].as_chunks::<N>().0.iter().enumerate() {
+    for (i, block) in groups[..n].as_chunks::<N>().0.iter().enumerate() {
         for a in 0..G {
             let part = &mut channels[a * n + i * N..][..N];
             for f in 0..N {
-                part[f] = groups[f][a] * scale;
+                part[f] = block[f][a] * scale;
             }
         }
     }

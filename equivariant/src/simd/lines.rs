@@ -172,9 +172,9 @@ fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line
         }
     }
     let rest = line[4 * whole..].as_chunks_mut().0;
-    for ((group, a), b) in rest.iter_mut().zip(&a[whole..]).zip(&b[whole..]) {
-        let (a, b) = (a.number(), b.number());
-        *group = [a + b, a + b, a - b, a - b];
+    for ((group, left), right) in rest.iter_mut().zip(&a[whole..]).zip(&b[whole..]) {
+        let (left, right) = (left.number(), right.number());
+        *group = [left + right, left + right, left - right, left - right];
     }
 }
 

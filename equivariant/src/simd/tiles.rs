@@ -94,24 +94,24 @@ fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: u
     let mut sums = [[lanes.splat(T::ZERO); V]; R];
     let groups = LANES / G;
     let mut ws = tile.w.chunks_exact(groups * tile.width);
-    for x in x {
+    for panel in x {
         let Some(w) = ws.next() else { break };
-        let x: &[Block<T>; R] = head(&x[row..]);
+        let panel: &[Block<T>; R] = head(&panel[row..]);
         for g in 0..groups {
             let w: &[Block<T>; V] = head(&w[g * tile.width + tile.first..]);
             let w = load_all(lanes, w);
             for r in 0..R {
-                let x = lanes.group::<G>(&x[r], g);
+                let panel = lanes.group::<G>(&panel[r], g);
                 for v in 0..V {
-                    sums[r][v] = lanes.mul_add(x, w[v], sums[r][v]);
+                    sums[r][v] = lanes.mul_add(panel, w[v], sums[r][v]);
                 }
             }
         }
     }
-    for (r, sums) in sums.iter().enumerate() {
+    for (r, row_sums) in sums.iter().enumerate() {
         let y = &mut y[(row + r) * tile.width + tile.first..][..V];
-        for (y, &sum) in y.iter_mut().zip(sums) {
-            lanes.store(y, sum);
+        for (out, &sum) in y.iter_mut().zip(row_sums) {
+            lanes.store(out, sum);
         }
     }
 }
@@ -238,16 +238,16 @@ pub(crate) fn input<T: Real, L: Lanes<T>, const G: usize, const R: usize, const 
     let mut sums = [[lanes.splat(T::ZERO); N]; R];
     let groups = LANES / G;
     let mut ws = w.chunks_exact(groups * N);
-    for dy in dy.chunks_exact(rows) {
-        let Some(w) = ws.next() else { break };
-        let dy: &[Block<T>; R] = head(&dy[row..]);
+    for panel in dy.chunks_exact(rows) {
+        let Some(weights) = ws.next() else { break };
+        let panel: &[Block<T>; R] = head(&panel[row..]);
         // An iterator: indexing takes registers that the loop does not have.
-        for (g, w) in w.as_chunks::<N>().0.iter().enumerate() {
-            let w = load_all(lanes, w);
+        for (g, block) in weights.as_chunks::<N>().0.iter().enumerate() {
+            let block = load_all(lanes, block);
             for r in 0..R {
-                let d = lanes.group::<G>(&dy[r], g);
+                let d = lanes.group::<G>(&panel[r], g);
                 for i in 0..N {
-                    sums[r][i] = lanes.mul_add(d, w[i], sums[r][i]);
+                    sums[r][i] = lanes.mul_add(d, block[i], sums[r][i]);
                 }
             }
         }

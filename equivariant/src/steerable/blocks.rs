@@ -110,9 +110,9 @@ impl Blocks {
     pub fn input_gradient<T: Real>(&self, b: Irrep, params: &[T], dy: &[T], dx: ColumnsMut<T>) {
         let ColumnsMut { data, stride } = dx;
         if let Some([rows, k, n]) = self.sizes(b, dy.len()) {
-            let dx = StridedMut::new(data, [rows, k], stride);
+            let target = StridedMut::new(data, [rows, k], stride);
             let weight = Strided::new(&params[self.weights(b)], [n, k], k);
-            T::product(dx, false, self.output(b, dy).view([rows, n]), weight);
+            T::product(target, false, self.output(b, dy).view([rows, n]), weight);
         } else if self.out.multiplicity(b) == 0 {
             // inputs that no output uses have a gradient of zero
             for row in data.chunks_mut(stride) {

@@ -144,10 +144,10 @@ mod tests {
             let order = group.order();
             let mut y = x[..order].to_vec();
             hadamard(group, &mut y);
-            for (&g, y) in group.elements().iter().zip(y) {
+            for (&g, got) in group.elements().iter().zip(y) {
                 let terms = group.irreps().iter().zip(x);
-                let sum: f64 = terms.map(|(a, x)| f64::from(a.sign(g)) * x).sum();
-                assert!((y - sum / (order as f64).sqrt()).abs() < 1e-15);
+                let sum: f64 = terms.map(|(a, value)| f64::from(a.sign(g)) * value).sum();
+                assert!((got - sum / (order as f64).sqrt()).abs() < 1e-15);
             }
         }
     }

@@ -45,7 +45,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
     let mut plan = Plan::new();
     let x = plan.tensor(Shape::vector(types[0]));
     let [first, second] = plan.fork(x);
-    let ends = [first, second].map(|x| plan.layer(&layer, x).unwrap());
+    let ends = [first, second].map(|branch| plan.layer(&layer, branch).unwrap());
     let program = Program::new(device(), &plan, SAMPLES).unwrap();
     assert_eq!(plan.num_params(), 2 * layer.num_params());
     // one layer passes the gradient on, the other its triple
@@ -59,10 +59,10 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
     }
     program.submit(Passes::All, batch());
     let slots = [x, first].map(|x| (x.gradient.unwrap(), SAMPLES * 8));
-    let [sum, first] = program.read(slots).unwrap();
-    assert!(first.iter().any(|&d| d.abs() > 0.1));
-    for (sum, first) in sum.iter().zip(first) {
-        assert!((sum - 4.0 * first).abs() < 1e-5, "{sum} {first}");
+    let [sum, branch_gradient] = program.read(slots).unwrap();
+    assert!(branch_gradient.iter().any(|&d| d.abs() > 0.1));
+    for (whole, part) in sum.iter().zip(branch_gradient) {
+        assert!((whole - 4.0 * part).abs() < 1e-5, "{whole} {part}");
     }
 }
 

@@ -98,10 +98,10 @@ fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32
     let error = deviation(&output, &y);
     assert!(error < TOLERANCE, "{name}: error {error} in the output");
     let gradients = network.backward(&dy).unwrap();
-    let error = deviation(&gradients.input, &dx);
-    assert!(error < TOLERANCE, "{name}: error {error} in the input");
-    let error = deviation(&gradients.params, &dparams);
-    assert!(error < TOLERANCE, "{name}: error {error} in the parameters");
+    let input_error = deviation(&gradients.input, &dx);
+    assert!(input_error < TOLERANCE, "{name}: error {input_error} in the input");
+    let param_error = deviation(&gradients.params, &dparams);
+    assert!(param_error < TOLERANCE, "{name}: error {param_error} in the parameters");
     [output, gradients.input, gradients.params]
 }
 

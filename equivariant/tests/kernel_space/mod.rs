@@ -53,7 +53,7 @@ fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
 /// Returns pairs of types of one group.
 fn types() -> impl Strategy<Value = [FieldType; 2]> {
     let group = proptest::sample::select(&Group::ALL);
-    let of_group = |(group, types): (_, [_; 2])| types.map(|of| FieldType::new(group, of));
+    let of_group = |(chosen, types): (_, [_; 2])| types.map(|of| FieldType::new(chosen, of));
     (group, [multiplicities(), multiplicities()]).prop_map(of_group)
 }
 

@@ -54,8 +54,8 @@ impl Representation {
                 change(&mut v);
                 fields.act(g, &mut v);
                 change(&mut v);
-                for (row, v) in v.into_iter().enumerate() {
-                    matrix[row * dim + column] = v;
+                for (row, value) in v.into_iter().enumerate() {
+                    matrix[row * dim + column] = value;
                 }
             }
             matrix

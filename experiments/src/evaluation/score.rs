@@ -88,18 +88,18 @@ pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
         };
         let own_scores: Option<Vec<(PolicyScore, usize)>> =
             of(group).map(|score| Some((score.own?, score.episodes))).collect();
-        let own_mean = |scores: &[(PolicyScore, usize)], figure: fn(&PolicyScore) -> f64| {
-            let sums = scores.iter().map(|(own, n)| figure(own) * *n as f64);
+        let own_mean = |pairs: &[(PolicyScore, usize)], figure: fn(&PolicyScore) -> f64| {
+            let sums = pairs.iter().map(|(own, n)| figure(own) * *n as f64);
             over_episodes(sums.sum())
         };
         // a mean over some variants would not compare with that of the chosen policies, so one
         // missing score leaves none
-        let own = own_scores.and_then(|scores| {
+        let own = own_scores.and_then(|pairs| {
             Some(PolicyScore {
-                policy: scores.first()?.0.policy,
-                success: own_mean(&scores, |own| own.success),
-                success_at_end: own_mean(&scores, |own| own.success_at_end),
-                reward: own_mean(&scores, |own| own.reward),
+                policy: pairs.first()?.0.policy,
+                success: own_mean(&pairs, |own| own.success),
+                success_at_end: own_mean(&pairs, |own| own.success_at_end),
+                reward: own_mean(&pairs, |own| own.reward),
             })
         });
         let mut policies: Vec<usize> = of(group).map(|score| score.policy).collect();
@@ -145,7 +145,7 @@ mod tests {
             success_at_end: 0.0,
             reward: 400.0 * success,
         };
-        let with = |score: Score, own| Score { own: Some(own), ..score };
+        let with = |score: Score, scored| Score { own: Some(scored), ..score };
         let reach = TaskGroup::GOAL_REACH;
         let right = with(score(reach, 2, 30, 1.0), own(2, 1.0));
         let wrong = with(score(reach, 0, 10, 0.0), own(2, 0.6));
@@ -155,8 +155,8 @@ mod tests {
         let means = group.own.unwrap();
         assert_eq!((means.policy, means.success), (2, 0.9));
         assert!((means.reward - 360.0).abs() < 1e-9, "{means:?}");
-        let [group] = &by_group(&[right, score(reach, 2, 10, 0.0)])[..] else { panic!() };
-        assert_eq!((group.mismatches, group.own), (0, None));
+        let [partial] = &by_group(&[right, score(reach, 2, 10, 0.0)])[..] else { panic!() };
+        assert_eq!((partial.mismatches, partial.own), (0, None));
     }
 
     #[test]

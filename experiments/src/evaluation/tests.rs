@@ -190,15 +190,15 @@ fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
     };
     let (untrained, played) = score(None);
     assert_eq!((untrained.own, played), (None, vec![0]));
-    let (right, played) = score(Some(0));
-    assert_eq!(played, [0], "nothing is played twice");
+    let (right, played_once) = score(Some(0));
+    assert_eq!(played_once, [0], "nothing is played twice");
     let own = right.own.unwrap();
     assert_eq!((own.policy, own.success, own.reward), (0, 0.0, 0.0));
-    let (wrong, played) = score(Some(1));
-    assert_eq!(played, [0, 1]);
-    let own = wrong.own.unwrap();
+    let (wrong, played_both) = score(Some(1));
+    assert_eq!(played_both, [0, 1]);
+    let other_own = wrong.own.unwrap();
     assert!(wrong.is_mismatch() && !right.is_mismatch());
     assert_eq!((wrong.policy, wrong.success), (0, 0.0));
-    assert_eq!((own.policy, own.success, own.success_at_end), (1, 1.0, 0.0));
-    assert!(own.reward > 0.0);
+    assert_eq!((other_own.policy, other_own.success, other_own.success_at_end), (1, 1.0, 0.0));
+    assert!(other_own.reward > 0.0);
 }

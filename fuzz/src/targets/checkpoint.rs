@@ -32,7 +32,7 @@ fn read(input: &[u8]) -> Option<Reading> {
         measured(|| {
             accepted(settings.load(path, &spec, &labels))
                 | accepted(settings.resume(path, &spec, &labels))
-                | others.is_some_and(|settings| by_its_own_settings(&settings, path, &spec))
+                | others.is_some_and(|small| by_its_own_settings(&small, path, &spec))
         })
     })
 }
@@ -67,8 +67,8 @@ fn checkpoints() -> Vec<Vec<u8>> {
 /// Returns files of a learner before its first rollout, after two, and packed.
 fn seeds_of((kind, settings): (usize, &LearnerSettings)) -> Option<Vec<Vec<u8>>> {
     let mut learner = settings.start(clock().spec(), &Labels::default()).ok()?;
-    let save = |learner: &dyn Learner, extent| {
-        let bytes = learner.encode(Path::new("seed"), extent, "{}").ok()?;
+    let save = |any: &dyn Learner, extent| {
+        let bytes = any.encode(Path::new("seed"), extent, "{}").ok()?;
         seed(kind, &bytes)
     };
     let before = save(&*learner, Extent::Everything)?;

@@ -75,9 +75,9 @@ impl Equations {
     /// if an unknown occurs in no equation.
     fn scale(&self) -> Option<Vector> {
         let mut scale = [0.0; UNKNOWNS];
-        for (i, scale) in scale.iter_mut().enumerate().take(self.free) {
-            *scale = self.matrix[i][i].sqrt().recip();
-            if !scale.is_finite() {
+        for (i, factor) in scale.iter_mut().enumerate().take(self.free) {
+            *factor = self.matrix[i][i].sqrt().recip();
+            if !factor.is_finite() {
                 return None;
             }
         }
@@ -142,9 +142,9 @@ mod tests {
                 equations.add(&row, dot(&row, &known, free));
             }
             let solved = equations.solve(0.0).unwrap();
-            for (i, (solved, known)) in solved.into_iter().zip(known).enumerate() {
-                let expected = if i < free { known } else { 0.0 };
-                assert!((solved - expected).abs() < 1e-9, "{free} {i}: {solved}");
+            for (i, (value, wanted)) in solved.into_iter().zip(known).enumerate() {
+                let expected = if i < free { wanted } else { 0.0 };
+                assert!((value - expected).abs() < 1e-9, "{free} {i}: {value}");
             }
         }
     }

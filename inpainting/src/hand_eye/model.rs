@@ -188,7 +188,7 @@ impl<'a> Fit<'a> {
                 pose: sighting.pose,
                 pixels: right.hypot(*down),
                 on_table: match points {
-                    [Some(seen), Some(expected)] => Some(seen.distance(expected)),
+                    [Some(seen), Some(wanted)] => Some(seen.distance(wanted)),
                     _ => None,
                 },
             }

@@ -113,8 +113,8 @@ fn errors_are_as_large_as_the_uncertainty_says() {
             };
             let [position, angle] = apart(&found.calibration, &truth);
             let of = found.uncertainty;
-            let offset = (found.offset - OFFSET) / of.offset.max(DVec3::splat(1e-300));
-            let ratios = [position / of.position, angle / of.angle, offset];
+            let offset_ratio = (found.offset - OFFSET) / of.offset.max(DVec3::splat(1e-300));
+            let ratios = [position / of.position, angle / of.angle, offset_ratio];
             for (sum, ratio) in squares.iter_mut().zip(ratios) {
                 *sum += ratio * ratio;
             }
@@ -250,11 +250,14 @@ fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
     assert!(message.contains("9 poses, expected at least 10"), "{message}");
     let mut seen = exact.clone();
     seen[5].pixel[1] += 40.0;
-    let message = refusal(&plain(), known, &seen);
-    assert!(message.contains("pose 5") && message.contains("at most 4"), "{message}");
+    let outlier_message = refusal(&plain(), known, &seen);
+    assert!(
+        outlier_message.contains("pose 5") && outlier_message.contains("at most 4"),
+        "{outlier_message}"
+    );
     let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, Distortion::NONE);
-    let message = refusal(&away, known, &exact);
-    assert!(message.contains("pose 0"), "{message}");
+    let away_message = refusal(&away, known, &exact);
+    assert!(away_message.contains("pose 0"), "{away_message}");
 }
 
 /// Poses on a line do not determine the rotation about it; a hand that does not turn, or turns
@@ -270,8 +273,8 @@ fn poses_that_do_not_tell_the_camera_are_refused() {
         let turning = |(i, (place, _))| (place, DQuat::from_scaled_axis(0.1 * i as f64 * axis));
         let still: Vec<_> = hands(12).into_iter().enumerate().map(turning).collect();
         let seen = sightings(&plain(), OFFSET, &still);
-        let message = refusal(&plain(), Offset::Unknown, &seen);
-        assert!(message.contains("turn it about two axes"), "{message}");
+        let axis_message = refusal(&plain(), Offset::Unknown, &seen);
+        assert!(axis_message.contains("turn it about two axes"), "{axis_message}");
         HandEye::solve(&plain(), known, &seen).unwrap();
     }
     // a plane determines the camera, less well

@@ -116,8 +116,8 @@ impl PerceptionSettings {
         for (index, value) in out.iter_mut().enumerate() {
             let (pixel, channel) = (index / 3, index % 3);
             let corner = pixel / width * finer * line + pixel % width * finer * 3 + channel;
-            for (i, value) in values.iter_mut().enumerate() {
-                *value = painted[corner + i / finer * line + i % finer * 3];
+            for (i, sample) in values.iter_mut().enumerate() {
+                *sample = painted[corner + i / finer * line + i % finer * 3];
             }
             *value = *values.select_nth_unstable(finer * finer / 2).1;
         }

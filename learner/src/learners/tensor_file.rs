@@ -98,8 +98,8 @@ pub(super) fn encode(
 ) -> Result<Vec<u8>, LearnerError> {
     tensors.iter().try_for_each(|tensor| tensor.check(path))?;
     let envelope = Envelope { format: FORMAT, header };
-    let header = serde_json::to_string(&envelope).map_err(|e| LearnerError::write(path, e))?;
-    let bytes = serialize(tensors, header).map_err(|error| LearnerError::write(path, error))?;
+    let text = serde_json::to_string(&envelope).map_err(|e| LearnerError::write(path, e))?;
+    let bytes = serialize(tensors, text).map_err(|error| LearnerError::write(path, error))?;
     seal(bytes).map_err(|error| LearnerError::write(path, error))
 }
 

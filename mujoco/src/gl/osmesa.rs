@@ -134,10 +134,10 @@ impl Functions {
         Ok(Previous::new(move || {
             // SAFETY: the program had this context current with this buffer a moment ago, and has
             // had no chance to free either.
-            let done = unsafe {
+            let made_current = unsafe {
                 (self.make_current)(context, buffer, kind.cast_unsigned(), width, height)
             };
-            check(done, "OSMesaMakeCurrent")
+            check(made_current, "OSMesaMakeCurrent")
         }))
     }
 }

@@ -279,8 +279,8 @@ impl Graph {
         let squares = plan.buffer(SQUARES, 0);
         let [sums, norm] = norms(&plan, settings, slots, squares);
         let step = optimiser(&plan, settings, slots.log, moments, &outputs);
-        for step in [sums, norm, step] {
-            plan.push_last(step);
+        for last_step in [sums, norm, step] {
+            plan.push_last(last_step);
         }
         Ok(Self { plan, slots, moments })
     }

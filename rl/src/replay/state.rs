@@ -129,18 +129,18 @@ impl ReplayState<'_> {
             len as u64 == held && self.recorded <= u64::from(u32::MAX)
         })?;
         let marked = self.marked as usize;
-        let expected = "a number of steps that were recorded";
-        require("replay.marked", marked, expected, |_| self.marked <= self.recorded)?;
+        let expected_marked = "a number of steps that were recorded";
+        require("replay.marked", marked, expected_marked, |_| self.marked <= self.recorded)?;
         self.check_order()?;
-        let expected = "at least one environment";
-        require("replay.running", self.running.len(), expected, |n| n > 0)?;
+        let expected_running = "at least one environment";
+        require("replay.running", self.running.len(), expected_running, |n| n > 0)?;
         for (env, &running) in self.running.iter().enumerate() {
             let Some(number) = running else { continue };
             let episode = self.episodes.get(number as usize);
             let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.is_empty());
             let alone = !self.running[..env].contains(&running);
-            let expected = "episodes that have not ended, each of one environment";
-            require("replay.running", number as usize, expected, |_| runs && alone)?;
+            let expected_episodes = "episodes that have not ended, each of one environment";
+            require("replay.running", number as usize, expected_episodes, |_| runs && alone)?;
         }
         Ok(())
     }
@@ -156,9 +156,9 @@ impl ReplayState<'_> {
             require("replay.order", step as usize, expected, |_| fits)?;
             next[episode as usize] = Some(step + 1);
         }
-        for (episode, next) in self.episodes.iter().zip(next) {
+        for (episode, following) in self.episodes.iter().zip(next) {
             let end = episode.steps().end;
-            let whole = next.is_none_or(|next| next == end);
+            let whole = following.is_none_or(|following| following == end);
             require("replay.order", end as usize, expected, |_| whole)?;
         }
         Ok(())

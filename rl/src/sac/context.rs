@@ -196,8 +196,8 @@ impl Context {
         let allowed = size > 0 && size.is_multiple_of(group.order());
         let expected = "a multiple of the order of the network's group, at least that";
         require("context.size", size as f32, expected, allowed)?;
-        let allowed = (1..=64).contains(&settings.length);
-        require("context.length", settings.length as f32, "1 to 64", allowed)?;
+        let in_range = (1..=64).contains(&settings.length);
+        require("context.length", settings.length as f32, "1 to 64", in_range)?;
         let mut tail = spec.action.clone();
         tail.push(Irrep::Trivial);
         let shape = Shape::vector(fields);

@@ -144,10 +144,12 @@ fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let case = || Case::new(network(group, strided(), context), 0.9);
     let (sums, gradient, output) = case().run(&replay);
     let (moved_sums, moved_gradient, moved_output) = case().moved(g).run(&replay);
-    let losses = |sums: &SacSums| [sums.critic_loss, sums.actor_loss, sums.value, sums.log_pi];
+    let losses = |case_sums: &SacSums| {
+        [case_sums.critic_loss, case_sums.actor_loss, case_sums.value, case_sums.log_pi]
+    };
     let irreps = &spec().action;
-    let split = |output: &[f64], first: bool| -> Vec<f64> {
-        let rows = output.chunks(2 * A);
+    let split = |both: &[f64], first: bool| -> Vec<f64> {
+        let rows = both.chunks(2 * A);
         rows.flat_map(|row| if first { row[..A].to_vec() } else { row[A..].to_vec() }).collect()
     };
     let signs = irreps.iter().map(|irrep| f64::from(irrep.sign(g))).cycle();
@@ -222,10 +224,10 @@ fn seen(replay: &Replay, step: usize) -> Observations {
     let spec = spec();
     let both = [0, 1].map(|env| replay.get(2 * step + env));
     let mut seen = Observations::new(&spec);
-    for (image, step) in seen.images.chunks_mut(spec.image_len()).zip(both) {
-        step.image(image);
+    for (image, held) in seen.images.chunks_mut(spec.image_len()).zip(both) {
+        held.image(image);
     }
-    seen.vectors = both.map(|step| step.vector()).concat();
+    seen.vectors = both.map(|held| held.vector()).concat();
     seen
 }
 
@@ -262,9 +264,9 @@ fn an_actor_decides_from_the_context_that_it_is_trained_with() {
     let (mut memory, mut means) = (policy.memory(2), vec![0.0; 2 * A]);
     for step in 0..6 {
         let expected = trained(&policy, &replay, step);
-        let error = |means: &[f32]| {
-            let means: Vec<f64> = means.iter().map(|&m| m.into()).collect();
-            distance(&means, &expected)
+        let error = |got: &[f32]| {
+            let got: Vec<f64> = got.iter().map(|&m| m.into()).collect();
+            distance(&got, &expected)
         };
         let observations = seen(&replay, step);
         let mut forgetful = policy.memory(2);

@@ -182,12 +182,19 @@ impl<'a> Batch<'a> {
             let (action, reward) = (self.action(network, step, g), step.reward());
             reader.write(slot, fields_of(slot), &action, reward, &mut w.items);
             next.prepend(slot, slot);
-            for step in earlier_steps(network, step) {
+            for earlier in earlier_steps(network, step) {
                 let source = sources.next().unwrap_or_default();
                 // steps of this chunk have written their own item already, or will
                 if source >= n {
-                    let (action, reward) = (self.action(network, step, g), step.reward());
-                    reader.write(source, fields_of(source), &action, reward, &mut w.items);
+                    let (earlier_action, earlier_reward) =
+                        (self.action(network, earlier, g), earlier.reward());
+                    reader.write(
+                        source,
+                        fields_of(source),
+                        &earlier_action,
+                        earlier_reward,
+                        &mut w.items,
+                    );
                 }
                 now.prepend(slot, source);
                 next.prepend(slot, source);

@@ -155,9 +155,9 @@ impl<T: Scalar> SacNetwork<T> {
     /// Reorders outputs of the actor, `[n, 2 A]`, to natural order.
     pub(super) fn natural_output(&self, from: &[T], to: &mut [f64]) {
         let width = self.output_order.len();
-        for (to, from) in to.chunks_exact_mut(width).zip(from.chunks_exact(width)) {
-            for (&i, y) in self.output_order.iter().zip(from) {
-                to[i] = y.to_f64();
+        for (target, output) in to.chunks_exact_mut(width).zip(from.chunks_exact(width)) {
+            for (&i, y) in self.output_order.iter().zip(output) {
+                target[i] = y.to_f64();
             }
         }
     }

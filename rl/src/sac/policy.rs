@@ -148,10 +148,10 @@ impl Buffers {
         let fields = self.trunk.fields();
         let samples = fields.chunks_exact(network.trunk.out_type().dim());
         let outputs = self.actor.y.chunks_exact(width);
-        for ((to, output), fields) in rows.chunks_exact_mut(row).zip(outputs).zip(samples) {
+        for ((to, output), sample) in rows.chunks_exact_mut(row).zip(outputs).zip(samples) {
             network.natural_output(output, &mut to[..width]);
-            for (to, &from) in to[width..].iter_mut().zip(fields) {
-                *to = from.into();
+            for (entry, &from) in to[width..].iter_mut().zip(sample) {
+                *entry = from.into();
             }
         }
     }
@@ -182,10 +182,10 @@ impl Actor for SacPolicy {
         let width = self.width();
         let mut action = vec![0.0; width];
         let rows = self.outputs.chunks_exact(row);
-        for (output, out) in rows.zip(out.chunks_exact_mut(width)) {
-            // `out` holds the noise, until the action replaces it
-            sample_tanh(&output[..2 * width], out, &mut action);
-            out.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
+        for (output, target) in rows.zip(out.chunks_exact_mut(width)) {
+            // `target` holds the noise, until the action replaces it
+            sample_tanh(&output[..2 * width], target, &mut action);
+            target.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
         }
         Ok(())
     }
@@ -199,8 +199,8 @@ impl Actor for SacPolicy {
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, "mean actions", out.len())?;
         let width = self.width();
-        for (out, output) in out.chunks_exact_mut(width).zip(self.outputs.chunks(row)) {
-            out.iter_mut().zip(output).for_each(|(o, mean)| *o = mean.tanh() as f32);
+        for (target, output) in out.chunks_exact_mut(width).zip(self.outputs.chunks(row)) {
+            target.iter_mut().zip(output).for_each(|(o, mean)| *o = mean.tanh() as f32);
         }
         Ok(())
     }
@@ -335,8 +335,8 @@ impl MeasureActivity for SacPolicy {
         w.decide(&chunk, memory);
         let own = &params[network.trunk.params()];
         let mut sums = network.trunk.unit_sums(own, samples, &w.trunk);
-        let own = &params[network.parts().actor];
-        sums.extend(w.actor.unit_sums(&network.actor, own, samples));
+        let actor = &params[network.parts().actor];
+        sums.extend(w.actor.unit_sums(&network.actor, actor, samples));
         sums.extend(critics(&chunk, &w));
         Ok(UnitActivity::of(sums))
     }
@@ -358,7 +358,7 @@ fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
         .collect();
     let mut x = vec![0.0; n * network.joined.out_shape().len()];
     network.joined.forward(&reader.state, &actions, &mut x);
-    let critic = |own| unit_sums(&network.critic, &params[own], &x);
+    let critic = |range| unit_sums(&network.critic, &params[range], &x);
     parts.twins.into_iter().flat_map(critic).collect()
 }
 
@@ -376,8 +376,8 @@ mod tests {
     #[test]
     fn units_of_actors_with_a_context_and_of_their_critics_count() {
         let observations = observations(SAMPLES);
-        let context = ContextSettings { size: 4, length: 3 };
-        for (group, context) in [(Group::D2, None), (Group::C1, Some(context))] {
+        let short_context = ContextSettings { size: 4, length: 3 };
+        for (group, context) in [(Group::D2, None), (Group::C1, Some(short_context))] {
             let settings = settings(group, strided());
             let policy = SacPolicy::new(&settings, context, &spec(), 1).unwrap();
             let (network, params) = (policy.network(), policy.params());
@@ -386,9 +386,9 @@ mod tests {
             let mut acting = policy.clone();
             acting.mean_actions(&observations, &mut memory, &mut actions).unwrap();
             (0..SAMPLES).for_each(|env| memory.remember(env, &[0.5; 3], 1.0));
-            let activity = |params: &[f32]| {
+            let activity = |given: &[f32]| {
                 let mut policy = policy.clone();
-                policy.params_mut().copy_from_slice(params);
+                policy.params_mut().copy_from_slice(given);
                 policy.activity(&observations, &memory).unwrap()
             };
             assert_eq!(activity(params).units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));

@@ -122,14 +122,14 @@ impl SacSettings {
         require("batch", self.batch as f32, "1 to 65536", allowed)?;
         let whole = self.window > 0 && self.batch.is_multiple_of(self.window);
         require("window", self.window as f32, "a divisor of batch", whole)?;
-        let allowed = (0.0..=MAX_UPDATES_PER_STEP).contains(&self.updates_per_step);
+        let updates_fit = (0.0..=MAX_UPDATES_PER_STEP).contains(&self.updates_per_step);
         let expected = "a number in [0, 1000]";
-        require("updates_per_step", self.updates_per_step, expected, allowed)?;
+        require("updates_per_step", self.updates_per_step, expected, updates_fit)?;
         require_positive("learning_rate", self.learning_rate)?;
         require_positive("adam_epsilon", self.adam_epsilon)?;
         require_positive("max_gradient", self.max_gradient)?;
-        let allowed = self.tau > 0.0 && self.tau <= 1.0;
-        require("tau", self.tau, "a number in (0, 1]", allowed)?;
+        let tau_fits = self.tau > 0.0 && self.tau <= 1.0;
+        require("tau", self.tau, "a number in (0, 1]", tau_fits)?;
         require_share("newest_share", self.newest_share)?;
         require_weight("cloning_weight", self.cloning_weight)?;
         self.temperature.check()

@@ -90,9 +90,9 @@ fn replay() -> Replay {
 
 fn assert_close(what: &str, got: &[f32], expected: &[f64]) {
     assert_eq!(got.len(), expected.len(), "{what}");
-    for (i, (&got, expected)) in got.iter().zip(expected).enumerate() {
-        let error = (f64::from(got) - expected).abs();
-        assert!(error < 1e-5, "{what} {i}: {got} {expected}");
+    for (i, (&value, wanted)) in got.iter().zip(expected).enumerate() {
+        let error = (f64::from(value) - wanted).abs();
+        assert!(error < 1e-5, "{what} {i}: {value} {wanted}");
     }
 }
 

@@ -98,8 +98,8 @@ fn decisions_are_those_of_the_processor() {
             ("log-probabilities", &there.log_probs, &here.log_probs),
             ("values", &there.values, &here.values),
         ];
-        for (what, there, here) in pairs {
-            let error = deviation(there, here);
+        for (what, got, wanted) in pairs {
+            let error = deviation(got, wanted);
             assert!(error < TOLERANCE, "{network:?}: {what} are off by {error}");
         }
     }
@@ -130,7 +130,7 @@ fn moved(g: D2) -> Observations {
     let from = observations();
     let images = from.images.chunks(h * w * c);
     Observations {
-        images: images.flat_map(|image| g.transform_image(image, h, w, c)).collect(),
+        images: images.flat_map(|pixels| g.transform_image(pixels, h, w, c)).collect(),
         vectors: transform_vector(&from.vectors, &vector, g),
     }
 }
@@ -145,8 +145,8 @@ fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
 fn mirrored_observations_get_mirrored_means_and_the_same_values() {
     let [network, plain] =
         [Group::D2, Group::C1].map(|group| NetworkSettings { group, ..networks().swap_remove(0) });
-    let errors = |network: &NetworkSettings, g| {
-        let mut policy = there(network);
+    let errors = |any: &NetworkSettings, g| {
+        let mut policy = there(any);
         let [mean, value] = outputs(&mut policy, &observations());
         let [mean_g, value_g] = outputs(&mut policy, &moved(g));
         let mean = transform_vector(&mean, &spec(1).action, g);
@@ -187,8 +187,8 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
         ("log-probabilities", &made.log_probs, &same.log_probs),
         ("values", &made.values, &same.values),
     ];
-    for (what, made, same) in pairs {
-        let error = deviation(made, same);
+    for (what, got, wanted) in pairs {
+        let error = deviation(got, wanted);
         assert!(error < 10.0 * TOLERANCE, "the {what} are off by {error}");
     }
 
@@ -197,9 +197,9 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
     ppo.update(there.policy_mut(), &buffer, &mut rng).unwrap();
     let mut updated = there.policy().clone();
     let first = first_of(&buffer);
-    let [got, expected, before] =
+    let [got, of_updated, before] =
         [values(&mut there, &first), values(&mut updated, &first), values(&mut here, &first)];
-    let error = deviation(&got, &expected);
+    let error = deviation(&got, &of_updated);
     assert!(error < TOLERANCE, "the values are off by {error}");
     assert!(deviation(&got, &before) > 100.0 * TOLERANCE);
 }
@@ -248,13 +248,13 @@ fn what_does_not_fit_is_refused() {
     let error = DevicePolicy::new(policy(&network), device(), 0).unwrap_err();
     assert!(error.to_string().contains("samples"), "{error}");
     let most = device().adapter().binding_bytes as usize;
-    let error = DevicePolicy::new(policy(&network), device(), most).unwrap_err();
-    assert!(matches!(error, RlError::Gpu(GpuError::Limit { .. })), "{error}");
+    let too_many = DevicePolicy::new(policy(&network), device(), most).unwrap_err();
+    assert!(matches!(too_many, RlError::Gpu(GpuError::Limit { .. })), "{too_many}");
     let mut short = observations();
     short.vectors.pop();
     let mut values = vec![0.0; OBSERVATIONS];
-    let error = there(&network).values(&short, &mut values).unwrap_err();
-    assert!(matches!(error, RlError::Shape { .. }), "{error}");
+    let short_error = there(&network).values(&short, &mut values).unwrap_err();
+    assert!(matches!(short_error, RlError::Shape { .. }), "{short_error}");
 }
 
 #[test]

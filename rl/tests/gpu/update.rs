@@ -84,7 +84,7 @@ fn assert_alike(here: &After, there: &After, what: &str) {
     assert_eq!((there.steps, there.next), (here.steps, here.next), "{what}");
     let (a, b) = (&here.stats, &there.stats);
     assert_eq!((a.steps, a.epochs), (b.steps, b.epochs), "{what}");
-    let close = |a: f64, b: f64| (a - b).abs() < 1e-4 * a.abs().max(0.1);
+    let close = |x: f64, y: f64| (x - y).abs() < 1e-4 * x.abs().max(0.1);
     let pairs = [
         (a.policy_loss, b.policy_loss),
         (a.value_loss, b.value_loss),

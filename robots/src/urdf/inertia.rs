@@ -53,8 +53,8 @@ fn physical(link: &str, tensor: DMat3) -> Result<DMat3, DescriptionError> {
     let second = identity(0.5 * trace) - tensor;
     let reason = "a principal inertia is below 1e-12";
     refuse_unless(is_positive(&(tensor - identity(LEAST_INERTIA))), link, &tensor, reason)?;
-    let reason = "a principal inertia exceeds the sum of the others";
-    refuse_unless(is_positive(&(second + identity(rounding))), link, &tensor, reason)?;
+    let excess = "a principal inertia exceeds the sum of the others";
+    refuse_unless(is_positive(&(second + identity(rounding))), link, &tensor, excess)?;
     let sound = is_positive(&(second - identity(rounding)));
     // a multiple of the identity adds twice as much to two of three as to the third
     Ok(if sound { tensor } else { tensor + identity(4.0 * rounding) })

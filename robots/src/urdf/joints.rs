@@ -91,8 +91,8 @@ fn strength(joint: &urdf_rs::Joint, drive: &Drive) -> Result<[f64; 2], Descripti
     finite(place, what, &[speed, effort])?;
     let follows = matches!(drive, Drive::Follows { .. });
     let expected = "a positive number in `<limit>`";
-    for (what, value) in [("the limit's velocity", speed), ("the limit's effort", effort)] {
-        require(follows || value > 0.0, place, what, value, expected)?;
+    for (limit, value) in [("the limit's velocity", speed), ("the limit's effort", effort)] {
+        require(follows || value > 0.0, place, limit, value, expected)?;
     }
     Ok([speed, effort])
 }

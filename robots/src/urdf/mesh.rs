@@ -105,7 +105,7 @@ fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
     if triangles.len() != count || !rest.is_empty() {
         return None;
     }
-    let number = |bytes: &[u8; 4]| f64::from(f32::from_le_bytes(*bytes));
+    let number = |word: &[u8; 4]| f64::from(f32::from_le_bytes(*word));
     let corners = triangles.iter().flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
     let point = |corner: &[u8; 12]| {
         let [x, y, z] = [0, 1, 2].map(|axis| number(&corner.as_chunks::<4>().0[axis]));

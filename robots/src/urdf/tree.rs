@@ -76,7 +76,7 @@ fn ends(
         found.ok_or_else(|| DescriptionError::UnknownLink {
             link: link.clone(),
             asked: format!("the joint `{}`", joint.name),
-            known: file.links.iter().map(|link| link.name.clone()).collect(),
+            known: file.links.iter().map(|one| one.name.clone()).collect(),
         })
     };
     Ok([find(&joint.parent.link)?, find(&joint.child.link)?])

@@ -52,9 +52,9 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     } else {
         inner.height
     };
-    let rows = [Constraint::Length(height), Constraint::Fill(1)];
-    let [newest, all] = Layout::vertical(rows).areas(inner);
-    frame.render_widget(table, newest);
+    let heights = [Constraint::Length(height), Constraint::Fill(1)];
+    let [top, all] = Layout::vertical(heights).areas(inner);
+    frame.render_widget(table, top);
     if !all.is_empty() {
         draw_ratios(run, frame, all);
     }

@@ -101,7 +101,7 @@ impl<'a> Folds<'a> {
                 for output in 0..out_type.multiplicity(b) {
                     for channel in 0..channels {
                         let weight = first + output * blocks.cols(b) + channel;
-                        let param = self.dense.places.map_or(weight, |places| places[weight]);
+                        let param = self.dense.places.map_or(weight, |moved| moved[weight]);
                         places[param] = ((entry + channel) * cols + output) * self.order + lane;
                     }
                 }

@@ -32,14 +32,16 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
         .fold(step, |step, (to, name)| to.add_store_function(step, "y", name));
     let forward = step.text(include_str!("../wgsl/soft_argmax.wgsl"));
     let backward = gradients(x, y).map(|[dx, dy]| {
-        let step = common(each_field("soft-argmax backward", &channels, x.shape.pixels()));
-        let step = step.read("kept", "Field", kept).read("dy", "f32", dy);
-        let step = keypoints
+        let backward_step = common(each_field("soft-argmax backward", &channels, x.shape.pixels()));
+        let backward_step = backward_step.read("kept", "Field", kept).read("dy", "f32", dy);
+        let backward_step = keypoints
             .iter()
             .zip(["dy_x", "dy_y"])
-            .fold(step, |step, (from, name)| from.loader(step, "dy", name));
-        let step = channels.write(step, "dx", dx);
-        step.text(include_str!("../wgsl/soft_argmax_backward.wgsl"))
+            .fold(backward_step, |backward_step, (from, name)| {
+                from.loader(backward_step, "dy", name)
+            });
+        let backward_step = channels.write(backward_step, "dx", dx);
+        backward_step.text(include_str!("../wgsl/soft_argmax_backward.wgsl"))
     });
     plan.push(vec![forward], backward.into_iter().collect());
 }

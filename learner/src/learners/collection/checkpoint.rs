@@ -142,7 +142,7 @@ impl<S: CollectionSettings> Collection<S> {
             let path = path.to_owned();
             return Err(LearnerError::PoliciesOnly { path });
         }
-        let grouping = |settings: &S| settings.common().grouping.build_with(labels);
+        let grouping = |chosen: &S| chosen.common().grouping.build_with(labels);
         checkpoint.open(Some(settings), spec, whole, grouping)
     }
 }
@@ -235,7 +235,7 @@ impl<S: CollectionSettings> PolicyEntry<S> {
         let mut tensors = vec![flat("params", S::params(&self.policy))];
         if extent == Extent::Everything {
             let state = self.training.state().tensors.into_iter();
-            tensors.extend(state.map(|(name, values)| flat(name, values)));
+            tensors.extend(state.map(|(array, values)| flat(array, values)));
             tensors.extend(self.training.memory(&name("")));
         }
         let episodes = self.kept(extent);
@@ -295,8 +295,8 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
         let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, LearnerError>>()?;
         let state = AlgorithmState {
-            tensors: arrays.iter().map(|(name, a)| (name.as_str(), a.as_slice())).collect(),
-            counters: counters.iter().map(|(name, n)| (name.as_str(), *n)).collect(),
+            tensors: arrays.iter().map(|(array, a)| (array.as_str(), a.as_slice())).collect(),
+            counters: counters.iter().map(|(counter, n)| (counter.as_str(), *n)).collect(),
         };
         let restored = training.restore(&state);
         restored.map_err(|error| self.file.damaged(format!("`{}`: {error}", name("update"))))?;
@@ -304,15 +304,19 @@ impl<S: CollectionSettings> Arrays<'_, S> {
     }
 
     /// Reads the frames that a policy keeps.
-    fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, LearnerError> {
+    fn episodes(
+        &self,
+        image_name: &str,
+        vector_name: &str,
+    ) -> Result<Vec<FirstFrames>, LearnerError> {
         let (spec, k) = (self.spec, self.settings.common().first_frames);
-        let (shape, pixels) = self.file.bytes(images)?;
+        let (shape, pixels) = self.file.bytes(image_name)?;
         let count = shape.first().copied().unwrap_or(0);
         // a buffer without episodes is written with zero frames
         let frames = if count == 0 { 0 } else { k };
-        self.check_shape(images, &shape, &[&[count, frames], spec.image.as_slice()].concat())?;
-        let (shape, numbers) = self.file.floats(vectors)?;
-        self.check_shape(vectors, &shape, &[count, frames, spec.vector.len()])?;
+        self.check_shape(image_name, &shape, &[&[count, frames], spec.image.as_slice()].concat())?;
+        let (vector_shape, numbers) = self.file.floats(vector_name)?;
+        self.check_shape(vector_name, &vector_shape, &[count, frames, spec.vector.len()])?;
         let (image, vector) = (k * spec.image_len(), k * spec.vector.len());
         let episode = |i: usize| {
             let images = pixels[i * image..(i + 1) * image].to_vec();

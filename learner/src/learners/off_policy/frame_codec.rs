@@ -51,7 +51,7 @@ impl Frames {
 /// Replaces a picture by its difference from another one, or the difference by the picture.
 fn differ(picture: &mut [u8], other: &[u8]) {
     let pairs = picture.iter_mut().zip(other);
-    pairs.for_each(|(own, other)| *own ^= other);
+    pairs.for_each(|(own, byte)| *own ^= byte);
 }
 
 /// Writes runs as the number of zeros, the number of other bytes, and the latter.
@@ -167,9 +167,8 @@ mod tests {
         for _ in 0..500 {
             let frames = Frames { len: rng.random_range(0..50), pixel: rng.random_range(1..5) };
             let zeros = rng.random_range(0..10);
-            let mut byte = || match rng.random_range(0..10) < zeros {
-                true => 0,
-                false => rng.random_range(0..=255),
+            let mut byte = || {
+                if rng.random_range(0..10) < zeros { 0 } else { rng.random_range(0..=255) }
             };
             let bytes: Vec<u8> = (0..200).map(|_| byte()).collect();
             let bytes = &bytes[..rng.random_range(0..=200)];
