@@ -120,17 +120,7 @@ impl DeployOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
-        // a fault that is ignored would pass for one that does no harm
-        let single = self.site.rig.fault.iter().map(|of| of.fault);
-        let mut faults = self.sweep.iter().map(|of| of.fault).chain(single);
-        if let Some(fault) = faults.next() {
-            return Err(RunError::Setting {
-                name: "fault",
-                value: fault.name().to_owned(),
-                expected: "none: faults are set in simulated rigs alone",
-            }
-            .into());
-        }
+        self.site.rig.refuse_faults(self.sweep.iter().map(|of| of.fault))?;
         let mut deployment = self.site.deployment(VisionSettings::default())?;
         let results = self.results()?;
         self.act(&mut deployment, rig, arm, results.as_ref(), out)?;

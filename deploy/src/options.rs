@@ -9,7 +9,7 @@ use experiments::{RunError, RunFolder};
 
 use super::calibrate::CalibrationFile;
 use super::deployment::Deployment;
-use super::faults::FaultAmount;
+use super::faults::{Fault, FaultAmount};
 use super::settings::{RigSettings, VisionSettings};
 
 /// Robot that the commands support.
@@ -69,6 +69,23 @@ impl RigOptions {
             settings = fault.set(*amount, settings)?;
         }
         Ok(settings)
+    }
+
+    /// Rejects single faults, and those of a sweep, for a rig that is not simulated: an ignored
+    /// fault would pass for a harmless one.
+    pub(crate) fn refuse_faults(
+        &self,
+        swept: impl IntoIterator<Item = Fault>,
+    ) -> Result<(), DeployError> {
+        let single = self.fault.iter().map(|of| of.fault);
+        single.chain(swept).next().map_or(Ok(()), |fault| {
+            Err(RunError::Setting {
+                name: "fault",
+                value: fault.name().to_owned(),
+                expected: "none: faults are set in simulated rigs alone",
+            }
+            .into())
+        })
     }
 }
 

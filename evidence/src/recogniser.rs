@@ -102,10 +102,7 @@ impl Recogniser {
         accounts: &[Account],
         rng: &mut R,
     ) -> Result<Option<usize>, EvidenceError> {
-        let policies = self.memories.len();
-        if policy != policies {
-            self.check_policy(policy)?;
-        }
+        self.check_actor(policy)?;
         if accounts.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
@@ -115,7 +112,7 @@ impl Recogniser {
         let end = cut.map(|cut| accounts[cut].began);
         accounts.truncate(cut.unwrap_or(accounts.len()));
         let is_outdated = self.is_outdated(policy, &accounts, rng)?;
-        if policy == policies {
+        if policy == self.memories.len() {
             self.memories.push(Memory::default());
         }
         self.revive(policy);
@@ -153,7 +150,8 @@ impl Recogniser {
     /// After a changepoint, only the later episodes count.
     ///
     /// # Errors
-    /// Too few episodes, or episodes that cannot be compared.
+    /// [`EvidenceError::NoPolicy`] for a collector above [`policies`](Self::policies); too few
+    /// episodes, or episodes that cannot be compared.
     pub fn assign<R: Rng + ?Sized>(
         &self,
         accounts: &[Account],
@@ -161,6 +159,7 @@ impl Recogniser {
         look: Look,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
+        self.check_actor(collector)?;
         let accounts = self.in_order(accounts)?;
         let cut = find_cut(&accounts, &self.settings, rng)?;
         let later = &accounts[cut.unwrap_or(0)..];
@@ -212,6 +211,7 @@ impl Recogniser {
         situation: Situation,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
+        self.check_actor(situation.collector)?;
         let accounts = self.in_order(accounts)?;
         let role = if situation.is_unproven { Role::Excused } else { Role::Returns };
         let mut finding = self.decide(&accounts, situation, role, rng)?;
@@ -262,6 +262,11 @@ impl Recogniser {
     /// merged: it did not act, and was not tried before.
     fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
         policy != situation.collector && !situation.refused.contains(&policy)
+    }
+
+    /// Checks that a policy is known, or is the next new one.
+    fn check_actor(&self, policy: usize) -> Result<(), EvidenceError> {
+        if policy == self.memories.len() { Ok(()) } else { self.check_policy(policy) }
     }
 
     /// Checks that a policy index is known.

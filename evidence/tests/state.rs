@@ -1,6 +1,6 @@
 //! What is remembered, and the file that holds it.
 
-use evidence::{Account, Recogniser};
+use evidence::{Account, Look, Recogniser, Situation};
 use worlds::Kind;
 
 use crate::common::{knowing, rng, rollout};
@@ -21,8 +21,14 @@ fn memory_is_bounded_and_survives_a_file() {
     restored.restore(&state).unwrap();
     assert_eq!(restored, recogniser);
     assert!(restored.restore(&serde_json::json!("text")).is_err());
-    let message = restored.learn(7, &seen, &mut rng()).unwrap_err().to_string();
-    assert_eq!(message, "policy 7 was named, 2 are known");
+    let strange = Situation { collector: 7, ..Situation::default() };
+    for error in [
+        restored.learn(7, &seen, &mut rng()).unwrap_err(),
+        restored.assign(&seen, 7, Look::First, &mut rng()).unwrap_err(),
+        restored.review(&seen, strange, &mut rng()).unwrap_err(),
+    ] {
+        assert_eq!(error.to_string(), "policy 7 was named, 2 are known");
+    }
 }
 
 #[test]

@@ -81,7 +81,7 @@ impl CalibrateOptions {
         let RobotKind::KinovaSim = self.rig.robot;
         let mut rig = SimulatedRig::with_ball(settings, Camera::default())?;
         let arm = rig.arm().clone();
-        let calibrated = self.run_on(&mut rig, &arm, out)?;
+        let calibrated = self.calibrate_on(&mut rig, &arm, out)?;
         if self.json {
             return Ok(());
         }
@@ -92,12 +92,22 @@ impl CalibrateOptions {
         Ok(say(out, &simulated)?)
     }
 
-    /// Calibrates the camera of your own rig; `arm` is the model of its robot. Options of faults
-    /// are ignored.
+    /// Calibrates the camera of your own rig; `arm` is the model of its robot. `--faults` has no
+    /// effect.
     ///
     /// # Errors
-    /// As [`CalibrateOptions::run`].
+    /// As [`CalibrateOptions::run`], and `--fault`, which only a simulated rig can set.
     pub fn run_on(
+        &self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<Calibrated, DeployError> {
+        self.rig.refuse_faults([])?;
+        self.calibrate_on(rig, arm, out)
+    }
+
+    pub(super) fn calibrate_on(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,

@@ -51,17 +51,17 @@ impl MaskOptions {
         self.check(&deployment, &mut rig, &arm, out)
     }
 
-    /// Runs the check on your own rig; `arm` is the model of its robot. Options of faults are
-    /// ignored.
+    /// Runs the check on your own rig; `arm` is the model of its robot. `--faults` has no effect.
     ///
     /// # Errors
-    /// As [`MaskOptions::run`].
+    /// As [`MaskOptions::run`], and `--fault`, which only a simulated rig can set.
     pub fn run_on(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, DeployError> {
+        self.site.rig.refuse_faults([])?;
         let deployment = self.site.deployment(VisionSettings::default())?;
         self.check(&deployment, rig, arm, out)
     }

@@ -1,6 +1,6 @@
 //! Tests of errors: options that are rejected before the arm moves, and failures of a calibration.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use clap::Parser;
@@ -71,18 +71,37 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
         assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
         assert!(still(&rig));
     }
+    let mask = mask_options(&["--pictures", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml/m")]);
+    let mut rig = FakeRig::new(&arm());
+    let error = mask.run_on(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
+    assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
+    assert!(still(&rig));
+}
+
+/// Parses options of `covers check mask` with the policies of this repository.
+fn mask_options(arguments: &[&str]) -> MaskOptions {
     #[derive(Parser)]
     struct Line {
         #[command(flatten)]
         options: MaskOptions,
     }
-    let (run, folder) = (root.join("../assets/pretrained-robot"), root.join("Cargo.toml/masks"));
-    let line = [PathBuf::from("mask"), run, PathBuf::from("--pictures"), folder];
-    let mask = Line::try_parse_from(line).unwrap().options;
-    let mut rig = FakeRig::new(&arm());
-    let error = mask.run_on(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
-    assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
-    assert!(still(&rig));
+    let run = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretrained-robot");
+    Line::try_parse_from([&["mask", run], arguments].concat()).unwrap().options
+}
+
+#[test]
+fn a_rig_of_your_own_takes_no_simulated_fault() {
+    let (mut rig, arm, mut out) = (FakeRig::new(&arm()), arm(), Vec::new());
+    let fault = ["--fault", "position-error=30"];
+    let calibration = options(&[&["--out", "no/such/c.json"], &fault[..]].concat());
+    let refused = [
+        calibration.run_on(&mut rig, &arm, &mut out).err(),
+        mask_options(&fault).run_on(&mut rig, &arm, &mut out).err(),
+    ];
+    for error in refused {
+        let message = error.unwrap().to_string();
+        assert!(message.contains("position-error") && message.contains("simulated rigs alone"));
+    }
 }
 
 #[test]

@@ -47,7 +47,7 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let mut rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.truth());
     let mut out = Vec::new();
-    let calibrated = options.run_on(&mut rig, &arm, &mut out).unwrap();
+    let calibrated = options.calibrate_on(&mut rig, &arm, &mut out).unwrap();
     let read = CalibrationFile::read(&options.out);
     std::fs::remove_file(&options.out).unwrap();
     let [place, angle] = apart(&calibrated.before, &truth);

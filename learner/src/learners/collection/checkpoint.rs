@@ -93,7 +93,7 @@ impl<S: CollectionSettings> Collection<S> {
                 Err(LearnerError::Setting {
                     name: "episodes",
                     value: episodes.to_string(),
-                    expected: "at least the min_episodes of the grouping (8 by default)",
+                    expected: "at least the `min_episodes` of the grouping, see `experiment.json`",
                 })
             }
             Extent::Policies { .. } | Extent::Everything => Ok(()),
