@@ -44,7 +44,7 @@ pub enum Encoder {
         /// Fields after each halving, at least 1 each and at least one halving.
         fields: Vec<usize>,
     },
-    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution: D. Wang et al.,
+    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution. From D. Wang et al.,
     /// "SO(2)-equivariant reinforcement learning" (ICLR 2022, appendix on network architecture),
     /// whose caption COVERS repeats.
     ///
@@ -59,9 +59,9 @@ pub enum Encoder {
         inner: [usize; 2],
     },
     /// 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to maps, the expected
-    /// position of each map (spatial soft-argmax, temperature 1) and a linear layer: Levine et al.,
-    /// "End-to-end training of deep visuomotor policies" (JMLR 2016, section 5.1), made equivariant
-    /// by [`SpatialSoftArgmax`].
+    /// position of each map (spatial soft-argmax, temperature 1) and a linear layer. From Levine et
+    /// al., "End-to-end training of deep visuomotor policies" (JMLR 2016, section 5.1), made
+    /// equivariant by [`SpatialSoftArgmax`].
     ///
     /// Sides of images are multiples of 2 to the power of the number of halvings.
     Keypoints {

@@ -67,7 +67,7 @@ pub enum Temperature {
     /// A constant, at least 0.
     Fixed(f32),
     /// A learned value, adjusted so that the entropy of actions is `target` nats for each
-    /// component: Haarnoja et al., "Soft actor-critic algorithms and applications" (arXiv
+    /// component. From Haarnoja et al., "Soft actor-critic algorithms and applications" (arXiv
     /// 1812.05905, section 5).
     Learned {
         /// Initial value, above 0.
