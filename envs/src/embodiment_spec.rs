@@ -49,7 +49,7 @@ pub trait EmbodimentSpec: Any + Send + Sync {
     /// Returns the mechanism by which decisions move the hand.
     ///
     /// # Errors
-    /// Those of [`EmbodimentSpec::parts`].
+    /// Errors of [`EmbodimentSpec::parts`].
     fn actuation(&self) -> Result<Actuation, EnvError> {
         Ok(Actuation::Weld)
     }

@@ -105,7 +105,7 @@ impl Layout {
     /// at `hand_target` (metres).
     ///
     /// # Errors
-    /// Those of [`EmbodimentSpec::initial_joint_positions`].
+    /// Errors of [`EmbodimentSpec::initial_joint_positions`].
     pub(crate) fn settling(
         self,
         hand_target: DVec3,

@@ -72,7 +72,7 @@ impl SceneRenderer {
     /// [`SceneRenderer::render_over`].
     ///
     /// # Errors
-    /// Those of [`SceneRenderer::render`].
+    /// Errors of [`SceneRenderer::render`].
     pub fn draw_backdrop(
         &mut self,
         table: &mut TableTop,
@@ -86,7 +86,7 @@ impl SceneRenderer {
     /// about half the time, and almost for free while no object moves.
     ///
     /// # Errors
-    /// Those of [`SceneRenderer::render`].
+    /// Errors of [`SceneRenderer::render`].
     pub fn render_over(
         &mut self,
         table: &mut TableTop,

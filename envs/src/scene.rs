@@ -83,7 +83,7 @@ impl Scene {
     /// Compiles the scene of `group` in `layout` and simulates it to the start of its episodes.
     ///
     /// # Errors
-    /// Those of [`Scene::new`], and [`EnvError::NoSuchLayout`].
+    /// Errors of [`Scene::new`], and [`EnvError::NoSuchLayout`].
     pub fn in_layout(
         layout: Layout,
         group: TaskGroup,

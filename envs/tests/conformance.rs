@@ -223,7 +223,7 @@ fn a_malformed_name_is_refused() {
 
 /// The rules must also cover a task's settings for Meta-World's layout.
 #[test]
-fn a_flaw_of_the_stock_layout_alone_is_found() {
+fn a_flaw_of_the_metaworld_layout_alone_is_found() {
     struct Stuck(PushBlock);
     impl Task for Stuck {
         fn name(&self) -> &str {

@@ -34,14 +34,14 @@ fn a_snapshot_of_another_scene_is_refused() {
 }
 
 #[test]
-fn the_stock_layout_has_no_mirrored_variants() {
+fn the_metaworld_layout_has_no_mirrored_variants() {
     let mut table = table(Layout::MetaWorld, TaskGroup::PLATE_SLIDE);
     let message = table.reset(D2::FlipX, &mut rng()).unwrap_err().to_string();
     assert!(message.contains("`metaworld` has no variant under flip x"), "{message}");
 }
 
 #[test]
-fn a_task_without_stock_figures_has_no_stock_scene() {
+fn a_task_without_metaworld_figures_has_no_metaworld_scene() {
     let group = TaskGroup::of(Box::leak(Box::new(PushBlock::default())));
     let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
     let refused = Scene::in_layout(layout, group, arm, Camera::default());
@@ -50,7 +50,7 @@ fn a_task_without_stock_figures_has_no_stock_scene() {
 }
 
 #[test]
-fn a_vector_environment_runs_the_stock_layout_and_refuses_mirrored_variants_of_it() {
+fn a_vector_environment_runs_the_metaworld_layout_and_refuses_its_mirrored_variants() {
     let settings = VecEnvSettings {
         num_envs: 2,
         layout: Layout::MetaWorld,

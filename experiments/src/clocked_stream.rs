@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_straddles_where_it_showed_two_groups_and_not_where_the_next_is_due() {
+    fn an_iteration_spans_a_switch_where_it_showed_two_groups_and_not_where_the_next_is_due() {
         let mut world = world(0);
         let iteration = |stream: &mut ClockedStream, steps| {
             stream.begin(0, 0).unwrap();

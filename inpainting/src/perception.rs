@@ -59,7 +59,7 @@ impl Perception {
     /// hides is filled with the empty table.
     ///
     /// # Errors
-    /// Those of [`Perception::look`].
+    /// Errors of [`Perception::look`].
     pub fn begin(&mut self, frame: &[u8], joints: &[DVec3]) -> Result<(), InpaintingError> {
         self.rectification.apply(frame, &mut self.rectified)?;
         let settings = self.inpainter.settings().clone();
@@ -75,7 +75,7 @@ impl Perception {
     /// at `gripper`, which may be a later position.
     ///
     /// # Errors
-    /// Those of [`Inpainter::inpaint`]. The background is unchanged then.
+    /// Errors of [`Inpainter::inpaint`]. The background is unchanged then.
     pub fn look(
         &mut self,
         frame: &[u8],

@@ -308,7 +308,7 @@ fn rollouts_that_end_before_an_episode_does_are_refused() {
 }
 
 #[test]
-fn a_turn_logs_the_same_names_whatever_happens() {
+fn an_iteration_logs_the_same_names_whatever_happens() {
     let (_, turns) = after(settings(), &[0, 1, 0]);
     let names = |turn: &Iteration| -> Vec<String> {
         turn.metrics.iter().map(|(name, _)| name.to_owned()).collect()

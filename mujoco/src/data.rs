@@ -84,7 +84,7 @@ impl Data {
     /// with an extra `forward` may differ in the last bits from a run without.
     ///
     /// # Errors
-    /// Those of [`Data::step`], and [`SimError::NotFinite`] if the state, the control or a
+    /// Errors of [`Data::step`], and [`SimError::NotFinite`] if the state, the control or a
     /// resulting acceleration is not finite. A step also rejects positions and velocities beyond
     /// 1e10; `forward` accepts them, and other derived quantities may then not be finite.
     pub fn forward(&mut self) -> Result<(), SimError> {

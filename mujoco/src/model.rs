@@ -77,7 +77,7 @@ impl Model {
     /// whatever their folder. The disk is never read.
     ///
     /// # Errors
-    /// Those of [`Model::from_xml`]. [`ModelError::NoMainFile`] if `main` is not among `files`;
+    /// Errors of [`Model::from_xml`]. [`ModelError::NoMainFile`] if `main` is not among `files`;
     /// [`ModelError::FileSize`] for an empty or huge file; [`ModelError::FileName`] for a name with
     /// a folder, and for a path inside the XML that would lead out of `files`: an absolute one, or
     /// one in an absolute folder, of a file that is not given.

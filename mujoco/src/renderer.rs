@@ -98,7 +98,7 @@ impl Renderer {
     /// Creates a renderer with the first of `backends` that works.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`].
+    /// Errors of [`Renderer::new`].
     pub fn with_backends(
         model: Arc<Model>,
         width: usize,

@@ -121,18 +121,18 @@ impl Core {
         self.with(py, |env| env.set_tasks(group, &elements))
     }
 
-    /// Advances every environment by its entry of `turns`, `[N]`: 0 steps, 1 steps without
+    /// Advances every environment by its entry of `commands`, `[N]`: 0 steps, 1 steps without
     /// automatic reset, 2 resets, 3 rests. Returns the failures.
     fn advance(
         &self,
         py: Python<'_>,
         actions: PyReadonlyArray2<'_, f32>,
-        turns: PyReadonlyArray1<'_, u8>,
+        commands: PyReadonlyArray1<'_, u8>,
         out: Out<'_>,
     ) -> PyResult<Failures> {
         let actions = actions.as_slice().map_err(value_error)?;
-        let turns = turns.as_array().into_iter().map(|&turn| find_turn(turn));
-        let turns = turns.collect::<PyResult<Vec<EnvCommand>>>()?;
+        let commands = commands.as_array().into_iter().map(|&code| find_command(code));
+        let commands = commands.collect::<PyResult<Vec<EnvCommand>>>()?;
         let (mut images, mut vectors, mut final_images, mut final_vectors, ended) = out;
         let (mut rewards, mut success, mut success_at_end, mut truncated) = ended;
         let out = StepMut {
@@ -149,7 +149,7 @@ impl Core {
             success_at_end: slice(&mut success_at_end)?,
             truncated: slice(&mut truncated)?,
         };
-        self.with(py, |env| Ok(texts(env.advance(actions, &turns, out)?)))
+        self.with(py, |env| Ok(texts(env.advance(actions, &commands, out)?)))
     }
 
     /// Writes the scripted experts' actions for the current states, `[N, 4]`.
@@ -212,12 +212,12 @@ impl Core {
     }
 }
 
-fn find_turn(turn: u8) -> PyResult<EnvCommand> {
+fn find_command(code: u8) -> PyResult<EnvCommand> {
     // the order is that of the codes in `covers_envs/vector.py`
-    let turns =
+    let commands =
         [EnvCommand::Step, EnvCommand::StepNoAutoReset, EnvCommand::Reset, EnvCommand::Rest];
-    let found = turns.get(usize::from(turn)).copied();
-    found.ok_or_else(|| value_error(format!("turn {turn}, expected 0 to 3")))
+    let found = commands.get(usize::from(code)).copied();
+    found.ok_or_else(|| value_error(format!("command {code}, expected 0 to 3")))
 }
 
 fn find_layout(name: &str) -> PyResult<Layout> {

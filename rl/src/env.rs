@@ -57,7 +57,7 @@ impl EnvSpec {
     /// Rejects rollouts of `steps` steps of every environment that do not fit in memory.
     ///
     /// # Errors
-    /// Those of [`EnvSpec::check`], [`RlError::Setting`] for 0 steps, and [`RlError::Memory`] if
+    /// Errors of [`EnvSpec::check`], [`RlError::Setting`] for 0 steps, and [`RlError::Memory`] if
     /// observations and actions exceed the machine's memory.
     pub fn check_rollout(&self, steps: usize) -> Result<(), RlError> {
         self.check()?;

@@ -174,7 +174,7 @@ impl ActorCriticPolicy {
     /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
     ///
     /// # Errors
-    /// Those of [`ActorCritic::new`].
+    /// Errors of [`ActorCritic::new`].
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
@@ -185,7 +185,7 @@ impl ActorCriticPolicy {
     /// [`ActorCriticPolicy::params`] returned them.
     ///
     /// # Errors
-    /// Those of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs
+    /// Errors of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs
     /// and [`RlError::NotFinite`] when one is infinite or not a number.
     pub fn with_params(
         settings: &NetworkSettings,

@@ -53,7 +53,7 @@ impl Ppo {
     /// GPU can alternate.
     ///
     /// # Errors
-    /// Those of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
+    /// Errors of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
     /// [`SymmetryLoss`](crate::SymmetryLoss).
     #[cfg(feature = "wgpu")]
     pub fn on_device(

@@ -285,7 +285,7 @@ pub fn evaluate<A: Actor>(
 /// before every decision.
 ///
 /// # Errors
-/// Those of [`evaluate`], and of `look`.
+/// Errors of [`evaluate`], and of `look`.
 pub fn evaluate_with<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,

@@ -238,7 +238,7 @@ impl Algorithm for Sac {
     /// inputs give the same bits on any number of threads.
     ///
     /// # Errors
-    /// Those of [`Algorithm::update`]; the loss and the gradient are checked for divergence.
+    /// Errors of [`Algorithm::update`]; the loss and the gradient are checked for divergence.
     fn update(
         &mut self,
         policy: &mut SacPolicy,

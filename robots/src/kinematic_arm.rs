@@ -26,7 +26,7 @@ impl KinematicArm {
     /// Advances the arm's time by `seconds`.
     ///
     /// # Errors
-    /// Those of [`CartesianControl::tick`]; the arm stands still then.
+    /// Errors of [`CartesianControl::tick`]; the arm stands still then.
     pub fn advance(&mut self, seconds: f64) -> Result<(), ControlError> {
         let moved = self.control.tick(seconds);
         self.unless_failed(moved)?;

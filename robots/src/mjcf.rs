@@ -133,7 +133,7 @@ impl Description {
     /// The scene must count angles in radians and, with servos, use an implicit integrator.
     ///
     /// # Errors
-    /// Those of [`Description::to_mjcf`].
+    /// Errors of [`Description::to_mjcf`].
     pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let sections = self.sections(settings)?;
         let text = format!("<mujocoinclude>\n{}</mujocoinclude>\n", sections.text);

@@ -60,7 +60,7 @@ impl SimulatedArm {
     /// in the canonical frame.
     ///
     /// # Errors
-    /// Those of [`TableTop::reset_to`].
+    /// Errors of [`TableTop::reset_to`].
     pub fn start(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
         self.sent.clear();
         self.fault = None;

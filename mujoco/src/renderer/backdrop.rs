@@ -44,7 +44,7 @@ impl Renderer {
     /// After an error the backdrop holds no picture.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// Errors of [`Renderer::render`].
     pub fn draw_backdrop(
         &mut self,
         data: &mut Data,
@@ -78,7 +78,7 @@ impl Renderer {
     /// skins, and if the camera or a light has moved.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never
+    /// Errors of [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never
     /// drawn, [`RenderError::OtherRenderer`] for one that another renderer drew.
     pub fn render_over(
         &mut self,

@@ -59,7 +59,7 @@ impl Replay {
     /// Restores a replay buffer from a state that [`Replay::save`] returned.
     ///
     /// # Errors
-    /// Those of [`Replay::new`], [`RlError::Shape`] for arrays of another environment,
+    /// Errors of [`Replay::new`], [`RlError::Shape`] for arrays of another environment,
     /// [`RlError::Damaged`] or [`RlError::NotFinite`] for invalid numbers.
     pub fn restore(
         settings: ReplaySettings,

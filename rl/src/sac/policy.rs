@@ -39,7 +39,7 @@ impl SacPolicy {
     /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
     ///
     /// # Errors
-    /// Those of [`SacNetwork::new`].
+    /// Errors of [`SacNetwork::new`].
     pub fn new(
         settings: &NetworkSettings,
         context: Option<ContextSettings>,
@@ -55,7 +55,7 @@ impl SacPolicy {
     /// returned them.
     ///
     /// # Errors
-    /// Those of [`SacNetwork::new`], [`RlError::Parameters`] when the number of parameters differs
+    /// Errors of [`SacNetwork::new`], [`RlError::Parameters`] when the number of parameters differs
     /// and [`RlError::NotFinite`] when one is infinite or not a number.
     pub fn with_params(
         settings: &NetworkSettings,

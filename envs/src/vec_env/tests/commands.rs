@@ -12,7 +12,7 @@ fn advance(rig: &mut Rig, commands: [EnvCommand; N]) -> Vec<String> {
 }
 
 #[test]
-fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
+fn resets_by_command_give_the_episodes_of_automatic_resets() {
     let (mut now, mut later) = (Rig::new(2), Rig::new(2));
     now.env.reset(now.batch.observations()).unwrap();
     advance(&mut later, [EnvCommand::Reset; N]);
@@ -38,7 +38,7 @@ fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
 }
 
 #[test]
-fn every_environment_has_the_turn_that_it_is_given() {
+fn every_environment_executes_its_own_command() {
     let (mut mixed, mut even) = (Rig::new(2), Rig::new(2));
     for rig in [&mut mixed, &mut even] {
         advance(rig, [EnvCommand::Reset; N]);
