@@ -104,7 +104,7 @@ fn check_experts(
     Ok(rows.iter().all(ExpertRow::passes))
 }
 
-/// Applies `check` to the variants `elements` of the standard groups on all processors, and returns
+/// Applies `check` to the variants `elements` of the standard groups on all CPUs, and returns
 /// the results in the order of groups and elements.
 fn of_variants<R: Send>(
     embodiment: Embodiment,

@@ -124,7 +124,7 @@ pub fn examine(threads: usize, runs: &Path) -> Vec<Finding> {
     if may_draw {
         others.extend([the_pictures(), the_learning(threads)]);
     }
-    [vec![the_processor()], the_gpus(), others].concat()
+    [vec![the_cpu()], the_gpus(), others].concat()
 }
 
 /// Lists the GPU adapters that policies can be updated on; empty without the feature `wgpu`.
@@ -151,14 +151,14 @@ fn the_gpus() -> Vec<Finding> {
     Vec::new()
 }
 
-fn the_processor() -> Finding {
+fn the_cpu() -> Finding {
     let name = processor().unwrap_or_else(|| "unknown".to_owned());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let sets = instructions().join(", ");
     let found = format!("{name}, {cores} threads, instructions: {sets}");
-    let fix = "networks run on portable code, several times slower: use a processor with AVX2";
+    let fix = "networks run on portable code, several times slower: use a CPU with AVX2";
     let fast = sets.contains("avx2") && sets.contains("fma");
-    Finding::good("processor", found).unless(fast, Health::Fair, fix)
+    Finding::good("CPU", found).unless(fast, Health::Fair, fix)
 }
 
 fn the_memory() -> Finding {

@@ -10,7 +10,7 @@ fn on(method: Method, device: DeviceChoice) -> Result<Experiment, String> {
 }
 
 #[test]
-fn learners_with_replays_or_a_symmetry_loss_learn_on_the_processor() {
+fn learners_with_replays_or_a_symmetry_loss_learn_on_the_cpu() {
     for (method, reason) in
         [(Method::Clear, "a learner with replays"), (Method::CnnDrac, "a symmetry loss")]
     {
@@ -65,7 +65,7 @@ mod gpu {
     }
 
     #[test]
-    fn a_run_learns_the_same_on_a_gpu_and_goes_on_on_the_processor() {
+    fn a_run_learns_the_same_on_a_gpu_and_goes_on_on_the_cpu() {
         let scratch = Scratch::new("device");
         let [here, there] = [DeviceChoice::Cpu, DeviceChoice::Gpu].map(|device| {
             let folder = RunFolder::create(&scratch.0, "run").unwrap();

@@ -69,7 +69,7 @@ pub(crate) fn product<T: RealField + Copy>(
 
 /// Executes a few wide instructions, after which the compiler clears the upper register halves.
 ///
-/// The kernels of faer 0.24.4 do not clear them. Until that happens the processor pays for every
+/// The kernels of faer 0.24.4 do not clear them. Until that happens the CPU pays for every
 /// switch between AVX and legacy SSE instructions: C's `expf` takes 175 ns instead of 3, and it
 /// runs right after the products of a recurrent unit. `benches/layers.rs` of the workspace measures
 /// it.

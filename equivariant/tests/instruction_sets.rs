@@ -108,7 +108,7 @@ fn all_instruction_sets_of_this_machine_agree() {
 
 #[test]
 #[cfg(target_arch = "x86_64")]
-fn no_instruction_set_that_the_processor_has_is_left_out() {
+fn no_instruction_set_that_the_cpu_has_is_left_out() {
     use std::arch::is_x86_feature_detected as has;
     assert!(InstructionSet::Portable.is_available());
     let avx2 = has!("avx2") && has!("fma");

@@ -18,13 +18,13 @@ pub fn thread_count() -> RangedI64ValueParser<u16> {
 /// Option for the number of worker threads.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Threads {
-    /// Number of worker threads (default: one per processor); results do not depend on it.
+    /// Number of worker threads (default: one per CPU); results do not depend on it.
     #[arg(long, value_parser = thread_count())]
     pub threads: Option<u16>,
 }
 
 impl Threads {
-    /// Returns the number asked for, or the number of available processors.
+    /// Returns the number asked for, or the number of available CPUs.
     pub fn count(self) -> usize {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(available, usize::from)

@@ -28,9 +28,9 @@ pub struct Provenance {
     pub mujoco: String,
     /// Renderer of images, as OpenGL names it.
     pub renderer: String,
-    /// Name of the processor.
+    /// Name of the CPU.
     pub processor: String,
-    /// Vector instruction sets of the processor that affect speed.
+    /// Vector instruction sets of the CPU that affect speed.
     pub instructions: Vec<String>,
     /// Operating system and architecture.
     pub system: String,
@@ -89,14 +89,14 @@ fn seconds_since_1970(time: SystemTime) -> i64 {
     }
 }
 
-/// Returns the processor's name; `None` if the system does not report it.
+/// Returns the CPU's name; `None` if the system does not report it.
 pub fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Returns the processor's vector instruction sets that affect speed.
+/// Returns the CPU's vector instruction sets that affect speed.
 #[cfg(target_arch = "x86_64")]
 pub fn instructions() -> Vec<String> {
     let sets = [

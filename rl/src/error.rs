@@ -33,7 +33,7 @@ pub enum RlError {
     #[cfg(feature = "wgpu")]
     #[error(
         "the setting `symmetry` asks for a symmetry loss, which a GPU does not compute; train on \
-         the processor, or remove the setting"
+         the CPU, or remove the setting"
     )]
     UnsupportedOnGpu,
     /// A slice whose length does not match its shape.

@@ -21,7 +21,7 @@ pub struct ArrayJob<'a> {
     pub runs: &'a Path,
     /// Number of jobs.
     pub jobs: usize,
-    /// Worker threads of each run; as many processors are requested.
+    /// Worker threads of each run; as many CPUs are requested.
     pub threads: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Times of updates and decisions of policies, on a device and on the processor.
+//! Times of updates and decisions of policies, on a device and on the CPU.
 
 use std::error::Error;
 

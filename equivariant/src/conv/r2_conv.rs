@@ -34,7 +34,7 @@ pub struct R2Conv {
     pub(crate) blocks: Blocks,
     pub(crate) weights: Weights,
     pub(crate) out: Shape,
-    /// Widest instruction set for single precision, if the processor has it.
+    /// Widest instruction set for single precision, if the CPU has it.
     pub(crate) widest: InstructionSet,
 }
 
@@ -69,7 +69,7 @@ impl R2Conv {
             patches,
             blocks,
             out,
-            // an upper bound: `run_f32` falls back to what the processor has
+            // an upper bound: `run_f32` falls back to what the CPU has
             widest: InstructionSet::Avx512,
         })
     }

@@ -7,11 +7,11 @@ use std::fmt;
 pub enum AdapterKind {
     /// GPU with its own memory.
     Discrete,
-    /// GPU that shares the processor's memory.
+    /// GPU that shares the CPU's memory.
     Integrated,
     /// GPU of a virtual machine.
     Virtual,
-    /// Software driver on the processor, for tests.
+    /// Software driver on the CPU, for tests.
     Software,
     /// Unknown kind of hardware.
     Other,

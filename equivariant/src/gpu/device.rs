@@ -119,7 +119,7 @@ impl Device {
         self.allocate("batch", size, usage)
     }
 
-    /// Allocates a buffer of `size` bytes that the processor reads.
+    /// Allocates a buffer of `size` bytes that the CPU reads.
     pub(crate) fn staging(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         self.allocate("staging", size, usage)

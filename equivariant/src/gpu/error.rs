@@ -44,7 +44,7 @@ pub enum GpuError {
     /// A layer without kernels.
     #[error(
         "{layer}: got a layer without GPU kernels, expected one of this crate's; run it on the \
-         processor"
+         CPU"
     )]
     Layer {
         /// Description of the layer.

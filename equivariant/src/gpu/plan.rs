@@ -53,7 +53,7 @@ pub(crate) enum Shared {
 ///
 /// Layers are added one after the other. Parameters are stored in the order of the kernels, with
 /// zeros where a WGSL vector has no parameter; [`placed`](Plan::placed) converts parameters of the
-/// processor to this order and [`unplaced`](Plan::unplaced) converts them back.
+/// CPU to this order and [`unplaced`](Plan::unplaced) converts them back.
 #[derive(Debug)]
 pub struct Plan {
     extents: Vec<Extent>,

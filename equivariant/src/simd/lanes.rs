@@ -1,12 +1,12 @@
-//! Vectors of sixteen numbers, on the instruction set of the processor.
+//! Vectors of sixteen numbers, on the instruction set of the CPU.
 
 use crate::real::{Real, exceeds};
 
 /// Instruction set of convolutions in single precision; variants are in ascending order of width.
-/// The default is the widest that the processor has.
+/// The default is the widest that the CPU has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum InstructionSet {
-    /// Instructions that every processor has.
+    /// Instructions that every CPU has.
     Portable,
     /// AVX2 and FMA, with vectors of 8 numbers.
     Avx2,
@@ -18,7 +18,7 @@ impl InstructionSet {
     /// All instruction sets in ascending order of width.
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
-    /// Returns `true` if this processor has the instruction set.
+    /// Returns `true` if this CPU has the instruction set.
     #[cfg(target_arch = "x86_64")]
     pub fn is_available(self) -> bool {
         match self {
@@ -28,7 +28,7 @@ impl InstructionSet {
         }
     }
 
-    /// Returns `true` if this processor has the instruction set.
+    /// Returns `true` if this CPU has the instruction set.
     #[cfg(not(target_arch = "x86_64"))]
     pub fn is_available(self) -> bool {
         self == Self::Portable
@@ -89,7 +89,7 @@ pub(crate) trait WithLanes<T> {
     fn run<L: Lanes<T>>(self, lanes: L);
 }
 
-/// Runs a computation in single precision on the widest instruction set that the processor has, up
+/// Runs a computation in single precision on the widest instruction set that the CPU has, up
 /// to `widest`.
 pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
     #[cfg(target_arch = "x86_64")]
@@ -138,13 +138,13 @@ fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
     lanes.load(&signs)
 }
 
-/// Portable lanes: arrays, for every processor and both precisions.
+/// Portable lanes: arrays, for every CPU and both precisions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Portable;
 
 impl<T: Real> Lanes<T> for Portable {
     type V = Block<T>;
-    // sixteen registers of four numbers, as every x86-64 processor has
+    // sixteen registers of four numbers, as every x86-64 CPU has
     const REGISTERS: usize = 4;
 
     #[inline(always)]

@@ -13,7 +13,7 @@ fn batch() -> Batch {
 }
 
 #[test]
-fn sums_of_maps_and_their_gradients_are_those_of_the_processor() {
+fn sums_of_maps_and_their_gradients_are_those_of_the_cpu() {
     for group in Group::ALL {
         let concat = concat(group);
         let [a, b] = concat.in_shapes();

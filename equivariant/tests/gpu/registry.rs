@@ -1,4 +1,4 @@
-//! Every layer on the device against the processor's.
+//! Every layer on the device against the CPU's.
 
 use equivariant::gpu::{Device, GpuError, Network};
 use equivariant::{
@@ -11,7 +11,7 @@ use crate::common::{
 use crate::device;
 
 const SAMPLES: usize = 3;
-/// Tolerance relative to the processor's largest value.
+/// Tolerance relative to the CPU's largest value.
 const TOLERANCE: f64 = 1e-4;
 
 type Named = (String, Box<dyn Layer<f32>>);
@@ -61,7 +61,7 @@ fn deviation(got: &[f32], expected: &[f32]) -> f64 {
 }
 
 #[test]
-fn outputs_and_gradients_are_those_of_the_processor() {
+fn outputs_and_gradients_are_those_of_the_cpu() {
     for (name, layer) in layers() {
         assert_alike(device(), &name, layer.as_ref());
     }
@@ -87,7 +87,7 @@ fn they_are_so_without_operations_on_subgroups() {
     assert_eq!((differ, plain.subgroups()), (device().subgroups(), false));
 }
 
-/// Compares outputs and gradients with the processor's and returns them.
+/// Compares outputs and gradients with the CPU's and returns them.
 fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32>; 3] {
     let params = params(layer, 1);
     let x = normal(SAMPLES * layer.in_shape().len(), 2);
@@ -113,17 +113,17 @@ fn equivariance_error_on(layer: &dyn Layer<f32>, params: &[f32]) -> f64 {
 }
 
 #[test]
-fn all_layers_are_as_equivariant_as_on_the_processor() {
+fn all_layers_are_as_equivariant_as_on_the_cpu() {
     for (name, layer) in layers() {
         let layer = layer.as_ref();
         let params = params(layer, 1);
         let here = equivariance_error(layer, &params, 3, &mut rng(5));
         let there = equivariance_error_on(layer, &params);
-        // layers that are exact on the processor are exact here, except for sums over a map in
+        // layers that are exact on the CPU are exact here, except for sums over a map in
         // another order
         let exact = here == 0.0 && !combines(&name);
         let allowed = if exact { 0.0 } else { 1e-5 };
-        assert!(there <= allowed, "{name}: error {there}, and {here} on the processor");
+        assert!(there <= allowed, "{name}: error {there}, and {here} on the CPU");
     }
 }
 

@@ -95,7 +95,7 @@ impl CoversSettings {
     /// Creates the update of `policy` on the chosen device.
     fn ppo(&self, policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
         match &self.device {
-            LearningDevice::Processor => Ppo::new(self.ppo.clone(), policy),
+            LearningDevice::Cpu => Ppo::new(self.ppo.clone(), policy),
             #[cfg(feature = "wgpu")]
             LearningDevice::Gpu(device) => Ppo::on_device(self.ppo.clone(), policy, device),
         }

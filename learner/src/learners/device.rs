@@ -12,19 +12,19 @@ use crate::error::LearnerError;
 /// device only.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum LearningDevice {
-    /// On the processor.
+    /// On the CPU.
     #[default]
-    Processor,
+    Cpu,
     /// On a GPU.
     #[cfg(feature = "wgpu")]
     Gpu(rl::gpu::Device),
 }
 
 impl LearningDevice {
-    /// Returns the name of the GPU; `None` on the processor.
+    /// Returns the name of the GPU; `None` on the CPU.
     pub fn gpu(&self) -> Option<&str> {
         match self {
-            Self::Processor => None,
+            Self::Cpu => None,
             #[cfg(feature = "wgpu")]
             Self::Gpu(device) => Some(&device.adapter().name),
         }
@@ -34,12 +34,12 @@ impl LearningDevice {
 /// Choice of the device that policies train on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// On the processor.
+    /// On the CPU.
     #[default]
     Cpu,
     /// On the first GPU, or on a Vulkan driver that stands in for one.
     Gpu,
-    /// On the first GPU if there is one, else on the processor. A GPU that cannot be opened is an
+    /// On the first GPU if there is one, else on the CPU. A GPU that cannot be opened is an
     /// error.
     Auto,
 }
@@ -64,10 +64,10 @@ impl DeviceChoice {
     /// [`RlError::Gpu`](rl::RlError) if there is no GPU.
     pub fn open(self) -> Result<LearningDevice, LearnerError> {
         match self {
-            Self::Cpu => Ok(LearningDevice::Processor),
+            Self::Cpu => Ok(LearningDevice::Cpu),
             Self::Gpu => first_gpu(),
             Self::Auto if hardware() => first_gpu(),
-            Self::Auto => Ok(LearningDevice::Processor),
+            Self::Auto => Ok(LearningDevice::Cpu),
         }
     }
 }

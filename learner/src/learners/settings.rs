@@ -106,7 +106,7 @@ impl LearnerSettings {
     /// Sets the device that policies train on.
     ///
     /// # Errors
-    /// Errors of [`DeviceChoice::open`], and a GPU for learners whose updates run on the processor
+    /// Errors of [`DeviceChoice::open`], and a GPU for learners whose updates run on the CPU
     /// alone: those with replays, and those with a symmetry loss.
     pub fn set_device(&mut self, choice: DeviceChoice) -> Result<(), LearnerError> {
         let expected = match self {
@@ -115,7 +115,7 @@ impl LearnerSettings {
                 return Ok(());
             }
             Self::Covers(settings) => {
-                settings.device = LearningDevice::Processor;
+                settings.device = LearningDevice::Cpu;
                 "`cpu` or `auto`: a symmetry loss (`covers.ppo.symmetry`) has no updates on a GPU"
             }
             Self::OffPolicy(_) => "`cpu` or `auto`: a learner with replays has no updates on a GPU",
@@ -128,7 +128,7 @@ impl LearnerSettings {
         }
     }
 
-    /// Returns the name of the GPU that policies train on; `None` on the processor.
+    /// Returns the name of the GPU that policies train on; `None` on the CPU.
     pub fn gpu(&self) -> Option<&str> {
         match self {
             Self::Covers(settings) => settings.device.gpu(),

@@ -89,7 +89,7 @@ fn sampled(policy: &mut impl Actor<Memory = ()>) -> Vec<f32> {
 
 /// In two whole batches and one of a single observation.
 #[test]
-fn decisions_are_those_of_the_processor() {
+fn decisions_are_those_of_the_cpu() {
     for network in networks() {
         let here = decisions(&mut policy(&network));
         let there = decisions(&mut there(&network));

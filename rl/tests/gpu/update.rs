@@ -62,10 +62,10 @@ fn after(mut ppo: Ppo, network: &NetworkSettings) -> After {
 }
 
 fn on_both(settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
-    on_processor_and(device(), settings, network)
+    on_cpu_and(device(), settings, network)
 }
 
-fn on_processor_and(
+fn on_cpu_and(
     device: &Device,
     settings: &PpoSettings,
     network: &NetworkSettings,
@@ -97,7 +97,7 @@ fn assert_alike(here: &After, there: &After, what: &str) {
 }
 
 #[test]
-fn ten_steps_are_those_of_the_processor() {
+fn ten_steps_are_those_of_the_cpu() {
     let joint = Critic::Joint { fields: 7 };
     for group in [Group::D2, Group::C1] {
         for critic in [joint, Critic::Pooled { width: 5 }] {
@@ -112,12 +112,12 @@ fn ten_steps_are_those_of_the_processor() {
 #[test]
 fn they_are_so_without_operations_on_subgroups() {
     let plain = device().clone().without_subgroups();
-    let [here, there] = on_processor_and(&plain, &settings(), &network());
+    let [here, there] = on_cpu_and(&plain, &settings(), &network());
     assert_alike(&here, &there, "without subgroups");
 }
 
 #[test]
-fn every_encoder_trains_as_on_the_processor() {
+fn every_encoder_trains_as_on_the_cpu() {
     let encoders = [
         Encoder::Pooled { fields: vec![], inner: [3, 4] },
         Encoder::Keypoints { fields: vec![3], maps: 2 },
@@ -155,7 +155,7 @@ fn the_same_bits_come_twice() {
 }
 
 #[test]
-fn an_update_of_the_processor_follows_one_of_the_device() {
+fn an_update_of_the_cpu_follows_one_of_the_device() {
     let (mut policy, buffer, mut rng) = rollout(&network());
     let mut here = Ppo::new(settings(), &policy).unwrap();
     let mut there = Ppo::on_device(settings(), &policy, device()).unwrap();
@@ -187,7 +187,7 @@ fn a_loss_that_is_not_finite_leaves_the_parameters_before_it() {
 }
 
 #[test]
-fn a_lost_device_is_an_error_and_the_processor_goes_on() {
+fn a_lost_device_is_an_error_and_the_cpu_goes_on() {
     let (mut policy, buffer, mut rng) = rollout(&network());
     let own = Device::open(None).unwrap();
     let mut there = Ppo::on_device(settings(), &policy, &own).unwrap();
