@@ -65,11 +65,7 @@ fn on_both(settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
     on_cpu_and(device(), settings, network)
 }
 
-fn on_cpu_and(
-    device: &Device,
-    settings: &PpoSettings,
-    network: &NetworkSettings,
-) -> [After; 2] {
+fn on_cpu_and(device: &Device, settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
     let policy = rollout(network).0;
     let here = Ppo::new(settings.clone(), &policy).unwrap();
     let there = Ppo::on_device(settings.clone(), &policy, device).unwrap();
