@@ -111,7 +111,7 @@ pub(crate) fn resume(
                 problems: "the run has ended, and its checkpoints were removed".to_owned(),
             });
         }
-        let notice = "there is no checkpoint yet: begun anew".to_owned();
+        let notice = "there is no checkpoint yet: started from the beginning".to_owned();
         return begin(locked, false, notice);
     };
     let (learner, saved) = found.value;
@@ -128,7 +128,7 @@ pub(crate) fn resume(
 /// Returns the message about a resumption: its checkpoint, and the damaged ones that were skipped.
 fn notice(state: &RunState, path: &Path, problems: &[String]) -> String {
     let rollouts = state.stats.rollouts;
-    let mut notice = format!("goes on after {rollouts} rollouts from {}", path.display());
+    let mut notice = format!("continues after {rollouts} rollouts from {}", path.display());
     for problem in problems {
         notice = format!("{notice}; passed over a newer checkpoint: {problem}");
     }

@@ -19,7 +19,7 @@ impl Matrix {
     /// Counts the rollouts of each group that each policy was trained on. Rollouts within which the
     /// group changed are left out.
     pub fn assigned(run: &RunData) -> Self {
-        let mut matrix = Self::new(run, "Rollouts of each group that a policy learnt from.");
+        let mut matrix = Self::new(run, "Rollouts of each group that each policy was trained on.");
         for row in run.rollouts.iter().filter(|row| !row.spans_switch) {
             matrix.count(&row.group, final_policy(&run.rollouts, row.policy), 1);
         }

@@ -12,13 +12,13 @@ pub type Undefined = &'static str;
 const ENDS: Undefined = "the stream ends with the group";
 const NOT_MET: Undefined = "the group did not run";
 const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
-const FIRST: Undefined = "nothing was learnt before the group's first visit";
+const FIRST: Undefined = "there was no training before the group's first visit";
 const NO_RETURN: Undefined = "no group came back";
 const ONE_POLICY: Undefined = "there is one policy for everything";
 const NEVER_ALONE: Undefined = "no rollout was of the group alone, so no policy is its own";
 const UNNAMED: Undefined = "`evaluation.csv` does not name the policies that the learner chose";
 const UNRECORDED: Undefined = "the run did not record the scores of the groups' own policies";
-const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its units";
+const UNSEEN: Undefined = "the run has no `units.csv`, the table of dormant units";
 
 /// Metrics of one run.
 #[derive(Clone, Debug, PartialEq)]

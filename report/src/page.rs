@@ -73,8 +73,9 @@ fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     let drawings: Vec<String> =
         groups.iter().filter_map(|group| learning_curves::of_group(methods, group)).collect();
     if drawings.is_empty() {
-        return "<p>No run was scored while it learnt (<code>evaluation.visit_rounds</code> and \
-            <code>evaluation.every</code> do it).</p>\n"
+        return "<p>No learning curves: the runs were evaluated only at the end. \
+            <code>evaluation.visit_rounds</code> and <code>evaluation.every</code> add \
+            evaluations.</p>\n"
             .to_owned();
     }
     format!(

@@ -215,14 +215,14 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
     table
 }
 
-/// Returns the table of success in each variant. Variants that the learner was never trained on
-/// stand in brackets.
+/// Returns the table of success in each variant. Variants that were not seen in training are in
+/// brackets.
 fn variants(methods: &[MethodRuns], groups: &[String]) -> Table {
     let elements = ["identity", "flip x", "flip y", "half turn"];
     let mut header = vec!["method", "group"];
     header.extend(elements);
-    let caption = "Success in each variant, means over seeds; variants that were never trained on \
-        stand in brackets.";
+    let caption = "Success in each variant, means over seeds; variants that were not seen in \
+        training are in brackets.";
     let mut table = Table::new(caption, &header);
     for method in methods {
         let name = title(&mut table, method);

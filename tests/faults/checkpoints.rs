@@ -111,7 +111,7 @@ fn settings_whose_file_is_lost_come_back_from_a_checkpoint() {
     let run = resume(&path).unwrap();
     let notice = run.notice();
     assert!(
-        notice.contains("goes on after 2 rollouts")
+        notice.contains("continues after 2 rollouts")
             && notice.contains("experiment.json was lost and is written again"),
         "{notice}"
     );
@@ -181,7 +181,7 @@ fn a_run_that_was_killed_before_its_first_checkpoint_begins_anew() {
     experiment.checkpoints.every = 100;
     let folder = crash_after(2, Run::start(experiment.clone(), scratch.run("run")).unwrap());
     let run = resume(&folder).unwrap();
-    assert!(run.notice().contains("begun anew"), "{}", run.notice());
+    assert!(run.notice().contains("started from the beginning"), "{}", run.notice());
     assert_same(&finish(run), &reference(&experiment));
 }
 

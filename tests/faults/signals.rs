@@ -85,7 +85,7 @@ fn goes_on(scratch: &Scratch, expected: &Bytes) {
     let resumed = Process::start(["resume", folder.to_str().unwrap(), "--threads", "1"]);
     // all that it prints, so that it never waits for a reader
     let lines: Vec<String> = resumed.out.lines().map(Result::unwrap).collect();
-    assert!(lines[0].contains("goes on after"), "{}", lines[0]);
+    assert!(lines[0].contains("continues after"), "{}", lines[0]);
     assert_same(&bytes(&folder), expected);
 }
 
@@ -174,7 +174,7 @@ fn a_signal_ends_the_scoring_of_a_finished_run() {
     finish(Run::start(experiment, scratch.run("run")).unwrap());
     let folder = scratch.0.join("run");
     let resumed = Process::start(["resume", folder.to_str().unwrap()]);
-    let said = stop_after("goes on after", resumed, "INT");
+    let said = stop_after("continues after", resumed, "INT");
     assert!(said.contains("covers resume"), "{said}");
     assert!(!folder.join("summary.json").exists());
 }

@@ -127,7 +127,7 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
         }
     }
     assert_same(&bytes(folder.path()), expected());
-    // without a checkpoint there is nothing to restore from, and nothing is begun anew
+    // without a checkpoint there is nothing to restore from, and nothing starts again
     fs::remove_dir_all(folder.checkpoints()).unwrap();
     let metrics = fs::read(folder.path().join("metrics.csv")).unwrap();
     let message = Run::resume(folder.path(), Some(1)).err().unwrap().to_string();
@@ -185,7 +185,7 @@ fn rows_that_are_lost_while_no_process_runs_come_back_from_the_checkpoint() {
     let rewritten = &written[Path::new("metrics.csv")];
     assert_eq!(rollouts(&timings(&folder)), rollouts(rewritten)[3..]);
     let log = fs::read_to_string(folder.join("log.txt")).unwrap();
-    assert!(log.contains("goes on after 3 rollouts"), "{log}");
+    assert!(log.contains("continues after 3 rollouts"), "{log}");
 }
 
 fn timings(folder: &Path) -> Vec<u8> {
