@@ -66,7 +66,7 @@ pub struct Evidence {
     pub distance: f64,
     /// Criterion that the distance was compared with.
     pub judgement: Judgement,
-    /// Outcome of the comparison.
+    /// Outcome of the comparison of the rollout with the candidate.
     pub verdict: Verdict,
 }
 
@@ -93,7 +93,7 @@ impl Evidence {
     }
 }
 
-/// Decision and its evidence.
+/// Decision on a rollout, with the evidence for each candidate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
     /// Policy that the rollout is assigned to.
@@ -145,7 +145,7 @@ impl Assigner {
         Ok(Self { settings })
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the assigner.
     pub fn settings(&self) -> &AssignerSettings {
         &self.settings
     }

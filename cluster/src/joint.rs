@@ -15,7 +15,7 @@ use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, 
 pub struct Source {
     /// Clouds of the rollout and the buffer.
     pub clouds: Candidate,
-    /// Direction of differences that count.
+    /// Direction in which a difference counts against the buffer's group.
     pub side: Side,
 }
 
@@ -34,7 +34,7 @@ pub enum Side {
 pub struct SourceTest {
     /// `W1` between both sides in the source's own unit; zero on the side that does not count.
     pub distance: f64,
-    /// Mean distance over random splits.
+    /// Mean of the distance over random splits of the pooled episodes.
     pub mean: f64,
     /// `(distance - mean) / sd`, with moments over random splits.
     pub score: f64,

@@ -15,21 +15,21 @@ pub(crate) const ROUNDING: f64 = 1e-9;
 /// `W1` over random splits of the pooled episodes, in the features' unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NullDistribution {
-    /// Number of splits.
+    /// Number of random splits of the pooled episodes.
     pub permutations: usize,
-    /// Mean.
+    /// Mean of the distance over random splits.
     pub mean: f64,
-    /// Standard deviation.
+    /// Standard deviation of the distance over random splits.
     pub sd: f64,
     /// Third standardised moment; distances are skewed to the right.
     pub skewness: f64,
-    /// 5 % quantile.
+    /// 5 % quantile of the distance over random splits.
     pub q05: f64,
-    /// Median.
+    /// Median of the distance over random splits.
     pub q50: f64,
-    /// 95 % quantile.
+    /// 95 % quantile of the distance over random splits.
     pub q95: f64,
-    /// Largest value.
+    /// Largest distance of a random split.
     pub max: f64,
 }
 

@@ -88,7 +88,7 @@ pub struct AssignerSettings {
 }
 
 impl AssignerSettings {
-    /// Checks every range.
+    /// Checks the range of every setting.
     ///
     /// # Errors
     /// The first setting outside its range, with its value.

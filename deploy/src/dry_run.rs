@@ -15,7 +15,7 @@ use super::controller::TICK;
 use super::latency::{LatencyProfile, Stage};
 use super::rig::{Rig, SetUp, Trial, Verdict, fresh_picture};
 
-/// Command that was not sent.
+/// Command that a dry run did not send to the robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockedCommand {
     /// Command of the policy's action.
@@ -33,11 +33,11 @@ pub struct DryRunReport {
     pub policy: usize,
     /// `true` if the learner considered the policy to match the task.
     pub fits: bool,
-    /// Actions of the policy.
+    /// Actions of the policy, one for each decision.
     pub actions: Vec<[f32; ACTION_DIM]>,
     /// Blocked commands, the same number for each decision.
     pub blocked: Vec<BlockedCommand>,
-    /// Times of all stages.
+    /// Times that each stage of a decision took.
     pub latencies: LatencyProfile,
 }
 
@@ -114,7 +114,7 @@ impl<'a> DryRunRig<'a> {
         })
     }
 
-    /// Returns the blocked commands.
+    /// Returns the commands that were not sent to the robot.
     pub fn into_blocked_commands(self) -> Vec<BlockedCommand> {
         self.blocked
     }

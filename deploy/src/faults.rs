@@ -27,7 +27,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// All faults.
+    /// All faults of a simulated rig.
     pub const ALL: [Self; 7] = [
         Self::PositionError,
         Self::AngleError,

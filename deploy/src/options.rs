@@ -12,7 +12,7 @@ use super::deployment::Deployment;
 use super::faults::{Fault, FaultAmount};
 use super::settings::{RigSettings, VisionSettings};
 
-/// Robot that the commands support.
+/// Robot that the deployment commands support.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RobotKind {
     /// Simulated Kinova Gen3, with which no policy was trained.

@@ -38,7 +38,7 @@ impl Trial {
 pub struct SetUp {
     /// Picture `[H, W, 3]` of the table with its objects, taken with the arm parked outside of it.
     pub background: Vec<u8>,
-    /// State of the parked arm.
+    /// State of the arm while it is parked outside of the picture.
     pub parked: RobotState,
     /// Goal position of the hand (metres, world); `None` in tasks whose policy does not observe it.
     pub goal: Option<DVec3>,

@@ -23,7 +23,7 @@ pub struct VisionSettings {
 pub struct RigSettings {
     /// Faults of the camera and the arm.
     pub simulation: SimulationSettings,
-    /// Settings of the perception.
+    /// Settings of the perception of the rig's pictures.
     pub vision: VisionSettings,
 }
 

@@ -27,7 +27,7 @@ use super::rig::{Rig, SetUp, Trial, Verdict};
 /// Faults of a simulated rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimulationSettings {
-    /// Faults of the camera.
+    /// Faults of the simulated camera.
     pub imperfections: Imperfections,
     /// Delay from a command to its effect (seconds).
     pub command_latency: f64,

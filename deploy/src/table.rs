@@ -16,7 +16,7 @@ const PAPER: [(&str, f64); 4] =
 /// Half width of a 95 % interval in standard deviations of the normal distribution.
 const DEVIATIONS: f64 = 1.959_963_984_540_054;
 
-/// Result of one trial.
+/// Result of one trial of a policy on a robot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialScore {
     /// Task group that was set up.

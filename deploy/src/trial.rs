@@ -54,11 +54,11 @@ pub(super) struct TrialEnv<'a> {
     pub goal: DVec3,
     /// First picture of the trial `[size, size, 3]`; empty before it.
     pub first: Vec<u8>,
-    /// Observation at the start.
+    /// Observation at the start of the trial.
     pub start: Observations,
     /// Actions of the policy so far.
     pub actions: Vec<[f32; ACTION_DIM]>,
-    /// Times of all stages.
+    /// Times that each stage of a decision took.
     pub latencies: LatencyProfile,
     /// Time of the last observation; `None` before the first.
     pub observed: Option<Instant>,

@@ -36,7 +36,7 @@ pub(crate) struct ServoSettings {
     pub finger: Option<usize>,
     /// Largest distance of the target from the hand (metres).
     pub lead: f64,
-    /// Limits of the hand's motion.
+    /// Maximum speeds and accelerations of the hand.
     pub limits: robots::TwistLimits,
 }
 

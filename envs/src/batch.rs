@@ -21,7 +21,7 @@ pub struct StepMut<'a> {
     pub observations: ObservationsMut<'a>,
     /// Last observations of episodes that ended; only rows with `truncated` are written.
     pub final_observations: ObservationsMut<'a>,
-    /// Rewards `[N]`, in `[0, 1]`.
+    /// Rewards of the environments `[N]`, in `[0, 1]`.
     pub rewards: &'a mut [f32],
     /// `[N]`: `true` if the success condition held at any control step of the decision.
     pub success: &'a mut [bool],
@@ -50,7 +50,7 @@ pub struct Batch {
     pub success: Vec<bool>,
     /// Success at the last control step `[N]`.
     pub success_at_end: Vec<bool>,
-    /// Ends of episodes `[N]`.
+    /// Flags `[N]`: `true` where an episode ended by its time limit.
     pub truncated: Vec<bool>,
 }
 

@@ -11,7 +11,7 @@ mod compose;
 
 pub use compose::Pictures;
 
-/// Colour channels of one picture.
+/// Number of colour channels of one picture.
 pub const RGB: usize = 3;
 /// Largest side of a drawn picture (pixels).
 const MAX_SIDE: usize = 4096;
@@ -40,7 +40,7 @@ pub struct Camera {
     pub half_extent: f64,
     /// Unlit colour of the floor around the table, RGB in `[0, 1]`.
     pub background: [f64; 3],
-    /// Light sources.
+    /// Light sources of the scene.
     pub light: Light,
     /// Mark over the gripper.
     pub mark: Mark,
@@ -72,7 +72,7 @@ pub struct Mark {
     pub radius: f64,
     /// Radius of the hole (metres); 0 for a filled disc.
     pub hole: f64,
-    /// RGB colour.
+    /// RGB colour of the mark.
     pub color: [u8; 3],
 }
 

@@ -46,7 +46,7 @@ impl Control {
         self.horizon.checked_div(self.action_repeat).unwrap_or(0)
     }
 
-    /// Rejects settings out of range.
+    /// Rejects control settings out of range.
     ///
     /// # Errors
     /// [`EnvError::Setting`].

@@ -34,7 +34,7 @@ impl Embodiment {
     /// Embodiments for training, in the order of reports. Every task must pass its conformance
     /// rules with them.
     pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::HAND];
-    /// Embodiments of this crate.
+    /// Embodiments that this crate provides.
     pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
 
     /// Returns the embodiment that `spec` defines.
@@ -50,7 +50,7 @@ impl Embodiment {
         self.0.name()
     }
 
-    /// Returns the definition.
+    /// Returns the definition of the embodiment.
     pub fn spec(self) -> &'static dyn EmbodimentSpec {
         self.0
     }

@@ -51,7 +51,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// Every layout.
+    /// All layouts.
     pub const ALL: [Self; 2] = [Self::Symmetric, Self::MetaWorld];
 
     /// Returns the name as options spell it.

@@ -13,9 +13,9 @@ use crate::tabletop::{ACTION_DIM, Step, VECTOR_DIM};
 /// Failure of one environment, which does not affect the others.
 #[derive(Debug)]
 pub struct Failure {
-    /// Index of the environment.
+    /// Index of the environment that failed.
     pub env: usize,
-    /// Diverged simulation, or panic.
+    /// Error of the environment: a diverged simulation, or a panic.
     pub error: EnvError,
 }
 

@@ -57,7 +57,7 @@ impl TaskRegistry {
         Self { groups: TaskGroup::STANDARD.to_vec() }
     }
 
-    /// Adds a group.
+    /// Adds a task group to the registry.
     ///
     /// # Errors
     /// [`EnvError::TaskName`] for a name that is not in kebab-case, [`EnvError::DuplicateTask`] for
@@ -72,7 +72,7 @@ impl TaskRegistry {
         Ok(())
     }
 
-    /// Returns the group called `name`.
+    /// Returns the task group called `name`.
     ///
     /// # Errors
     /// [`EnvError::UnknownTask`], which lists the known names.

@@ -37,9 +37,9 @@ pub struct Scene {
     pub layout: Layout,
     /// Task group.
     pub group: TaskGroup,
-    /// Embodiment.
+    /// Embodiment in the scene.
     pub embodiment: Embodiment,
-    /// Compiled model.
+    /// Compiled MuJoCo model of the scene.
     pub model: Arc<Model>,
     /// Camera above the centre.
     pub camera: Camera,

@@ -22,7 +22,7 @@ pub struct VecEnvSettings {
     pub threads: usize,
     /// Layout of the scenes; [`Layout::MetaWorld`] goes with [`Control::meta_world`].
     pub layout: Layout,
-    /// Embodiment.
+    /// Embodiment that acts, an arm or a hand alone.
     pub embodiment: Embodiment,
     /// Camera above the table.
     pub camera: Camera,
@@ -64,7 +64,7 @@ impl VecEnvSettings {
         Self { randomisation: None, ..self }
     }
 
-    /// Rejects settings out of range.
+    /// Rejects settings of environments that are out of range.
     ///
     /// # Errors
     /// [`EnvError::Setting`].

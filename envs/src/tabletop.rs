@@ -89,7 +89,7 @@ impl TableTop {
         Ok(Self { scene, control, data, episode: None })
     }
 
-    /// Returns the scene.
+    /// Returns the scene of the environment.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }

@@ -53,7 +53,7 @@ impl_traits_by_name!(TaskGroup);
 /// Variant of a task group: the group, and the symmetry that maps its identity variant to this one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TaskVariant {
-    /// Task group.
+    /// Task group of the variant.
     pub group: TaskGroup,
     /// Element that maps the canonical scene to this one.
     pub element: D2,
@@ -78,7 +78,7 @@ pub struct Placement {
 /// Measurements that the reward depends on, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
-    /// Origin of the hand body.
+    /// Position of the origin of the hand body (metres).
     pub hand: DVec3,
     /// Tool centre point, between the fingertips.
     pub tcp: DVec3,
@@ -91,11 +91,11 @@ pub struct Measurement {
 /// Start of an episode, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EpisodeStart {
-    /// Positions of object and goal.
+    /// Positions of object and goal in the episode.
     pub placement: Placement,
     /// Position of the hand's target; the hand itself rests a few millimetres below it.
     pub hand_target: DVec3,
-    /// Measurements in the start state.
+    /// Measurements of the task in the start state of the episode.
     pub measured: Measurement,
 }
 

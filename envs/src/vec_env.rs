@@ -73,7 +73,7 @@ impl VecEnv {
         Ok(vec_env)
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the environments.
     pub fn settings(&self) -> &VecEnvSettings {
         &self.settings
     }

@@ -42,7 +42,7 @@ impl<T: Real> Scratch<T> {
 }
 
 impl<T> Scratch<T> {
-    /// Returns the number of values.
+    /// Returns the number of values in the scratch.
     pub fn len(&self) -> usize {
         self.len
     }

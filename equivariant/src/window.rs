@@ -10,9 +10,9 @@ use std::fmt;
 /// windows start at the left and at the top, and pixels of the remainder are ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
-    /// Side of the window.
+    /// Side of the window (pixels).
     pub size: usize,
-    /// Distance between neighbouring windows.
+    /// Distance between neighbouring windows (pixels).
     pub stride: usize,
     /// Pixels of padding on each side of the image: zeros, or nothing for a maximum.
     pub padding: usize,

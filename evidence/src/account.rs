@@ -13,13 +13,13 @@ use crate::motion::{motion, slope};
 pub struct Course {
     /// Decisions of all environments before the episode began: its place in time.
     pub began: usize,
-    /// First picture `[H, W, C]`.
+    /// First picture of the episode `[H, W, C]`.
     pub image: Vec<u8>,
     /// Vectors `[T, D]` that the policy acted on.
     pub vectors: Vec<f32>,
-    /// Actions `[T, A]`.
+    /// Actions of the episode `[T, A]`.
     pub actions: Vec<f32>,
-    /// Rewards `[T]`.
+    /// Rewards of the episode `[T]`.
     pub rewards: Vec<f32>,
     /// `true` if the episode was recorded to its end.
     pub is_whole: bool,
@@ -30,7 +30,7 @@ pub struct Course {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
-    /// Decisions before the episode began.
+    /// Decisions of all environments before the episode began: its place in time.
     pub began: usize,
     /// Features of the first picture, computed by [`Filters`].
     pub picture: Vec<f32>,
@@ -42,7 +42,7 @@ pub struct Account {
     /// Direction in action space in which the reward increases: absolute values `[A]`, of length 1,
     /// or zeros if actions do not change it.
     pub slope: Option<Vec<f32>>,
-    /// Undiscounted return.
+    /// Undiscounted return of the episode.
     pub earned: Option<f32>,
 }
 

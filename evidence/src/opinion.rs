@@ -134,7 +134,7 @@ impl Opinion {
         Evidence { distance, judgement, verdict: self.verdict }
     }
 
-    /// Returns the outcome.
+    /// Returns the outcome of the tests of one policy.
     pub fn verdict(&self) -> Verdict {
         self.verdict
     }

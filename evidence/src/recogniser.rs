@@ -14,7 +14,7 @@ use crate::opinion::{Kind, Look, Opinion, Role, frames, whole};
 use crate::probability::{Probabilities, Weighed};
 use crate::settings::RecogniserSettings;
 
-/// Decision and its reasons.
+/// Decision on a rollout, with its reasons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
     /// Policy whose task the episodes show.
@@ -79,7 +79,7 @@ impl Recogniser {
         Ok(Self { settings, memories: Vec::new() })
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the recogniser.
     pub fn settings(&self) -> &RecogniserSettings {
         &self.settings
     }

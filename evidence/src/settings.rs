@@ -57,7 +57,7 @@ impl Default for RecogniserSettings {
 }
 
 impl RecogniserSettings {
-    /// Checks every range.
+    /// Checks the range of every setting.
     ///
     /// # Errors
     /// The first setting outside its range, with its value.

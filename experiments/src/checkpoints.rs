@@ -14,7 +14,7 @@ const EXTENSION: &str = "safetensors";
 /// Newest intact checkpoint, and the newer ones that could not be read.
 #[derive(Debug)]
 pub(crate) struct Found<T> {
-    /// Contents of the checkpoint.
+    /// Contents that were read from the checkpoint.
     pub value: T,
     /// Path of the checkpoint.
     pub path: PathBuf,

@@ -79,7 +79,7 @@ impl ClockedStream {
         })
     }
 
-    /// Returns the environments.
+    /// Returns the environments of the stream.
     pub fn environments(&self) -> &Stream {
         &self.stream
     }

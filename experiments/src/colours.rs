@@ -13,7 +13,7 @@ pub fn colour(number: usize) -> &'static str {
 /// Colour and dash pattern of a line.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Stroke {
-    /// Colour as SVG writes it.
+    /// Colour of the line, as SVG writes it.
     pub colour: &'static str,
     /// Lengths of dashes and gaps in turn (pixels), as SVG's `stroke-dasharray` lists them; empty
     /// for a solid line.

@@ -216,7 +216,7 @@ impl RunError {
     folder.display(), taken_over(holder.as_deref())
 )]
 pub struct TakenOver {
-    /// Folder of the run.
+    /// Folder of the run that another process took over.
     pub folder: PathBuf,
     /// Name of the other process; `None` if the file with its name is gone.
     pub holder: Option<String>,

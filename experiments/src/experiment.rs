@@ -134,7 +134,7 @@ impl Experiment {
         Ok(self)
     }
 
-    /// Sets the embodiment.
+    /// Sets the embodiment of the environments.
     pub fn with_embodiment(mut self, embodiment: Embodiment) -> Self {
         self.envs.embodiment = embodiment;
         self

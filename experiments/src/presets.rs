@@ -55,7 +55,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// All methods.
+    /// All methods that have a preset.
     pub const ALL: [Self; 13] = [
         Self::Covers,
         Self::CoversGt,

@@ -24,7 +24,7 @@ pub struct Progress {
     pub last_group: TaskGroup,
     /// `true` if the group changed within the iteration.
     pub spans_switch: bool,
-    /// Report of the learner.
+    /// Report of the learner on the rollout.
     pub iteration: Iteration,
     /// Warning about rewards that are too large or too small to train on; each kind is given once
     /// after each start or resumption.
@@ -63,7 +63,7 @@ pub struct Evaluation {
     pub findings: Findings,
 }
 
-/// Event of a run.
+/// Event of a run: a rollout or an evaluation.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// Iteration of the learner.

@@ -180,7 +180,7 @@ impl Run {
         &self.notice
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the run.
     pub fn experiment(&self) -> &Experiment {
         &self.experiment
     }
@@ -190,7 +190,7 @@ impl Run {
         &self.folder
     }
 
-    /// Returns the statistics so far.
+    /// Returns the statistics of the run so far.
     pub fn stats(&self) -> &RunStats {
         &self.stats
     }

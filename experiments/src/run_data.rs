@@ -28,7 +28,7 @@ const TOO_MANY: usize = 1 << 32;
 /// Settings and tables of one run.
 #[derive(Clone, Debug)]
 pub struct RunData {
-    /// Name of the folder.
+    /// Name of the run's folder.
     pub name: String,
     /// Processes that worked on the run, oldest first; empty if unknown.
     pub provenance: Vec<Provenance>,

@@ -29,7 +29,7 @@ pub struct RunStats {
     /// the checkpoint hold them.
     #[serde(skip)]
     pub served: Served,
-    /// Rollouts trained on.
+    /// Number of rollouts that policies trained on.
     pub rollouts: usize,
     /// Decisions taken in training.
     pub decisions: usize,

@@ -93,7 +93,7 @@ pub struct ScoreRow {
     /// Index of the policy that the learner chose; `None` if the column is missing.
     #[serde(default)]
     pub policy: Option<usize>,
-    /// Number of episodes.
+    /// Number of episodes that the variant was scored on.
     pub episodes: usize,
     /// Share of episodes that succeeded at any step, in `[0, 1]`.
     pub success: f64,
@@ -142,13 +142,13 @@ pub struct UnitsRow {
 /// Row of `recognition.csv`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecognitionRow {
-    /// Name of the shown group.
+    /// Name of the group whose episodes were shown.
     #[serde(deserialize_with = "name")]
     pub group: String,
     /// Name of the shown variant's element of D2.
     #[serde(deserialize_with = "name")]
     pub element: String,
-    /// Episodes shown each time.
+    /// Number of episodes shown each time the learner was asked.
     pub episodes: usize,
     /// Index of the policy that the learner named; `None` if no policy fitted.
     pub policy: Option<usize>,
@@ -162,7 +162,7 @@ pub struct RecognitionRow {
 pub struct TimingRow {
     /// Index of the rollout, from 0.
     pub rollout: usize,
-    /// Decisions of the rollout.
+    /// Number of decisions of the rollout.
     #[serde(default)]
     pub decisions: usize,
     /// Seconds of the whole iteration.

@@ -9,7 +9,7 @@ use symmetry::D2;
 
 use crate::error::RunError;
 
-/// RGB image.
+/// RGB image of any size.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
     /// Width in pixels.

@@ -41,7 +41,7 @@ impl StopSignal {
         Ok(stop)
     }
 
-    /// Requests the stop.
+    /// Requests that the run stops.
     pub fn request(&self) {
         self.0.store(true, Ordering::SeqCst);
     }

@@ -45,7 +45,7 @@ impl Table {
         Ok(())
     }
 
-    /// Returns the contents.
+    /// Returns the contents of the table's file.
     pub fn text(&self) -> &[u8] {
         &self.text
     }

@@ -5,7 +5,7 @@ use crate::schema::TimingRow;
 /// Sums over the rollouts with known seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Timings {
-    /// Seconds of training.
+    /// Wall-clock seconds of training.
     pub seconds: f64,
     decisions: f64,
 }

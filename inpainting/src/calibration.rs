@@ -16,7 +16,7 @@ pub struct Calibration {
     pub intrinsics: Intrinsics,
     /// Distortion of the lens.
     pub distortion: Distortion,
-    /// Pose of the camera.
+    /// Pose of the camera in the world.
     pub extrinsics: Extrinsics,
 }
 

@@ -46,7 +46,7 @@ pub struct Uncertainty {
 pub struct Focal {
     /// Ratio of the estimated focal length to the given one.
     pub ratio: f64,
-    /// Standard deviation of the ratio.
+    /// Standard deviation of the ratio of focal lengths.
     pub sigma: f64,
 }
 

@@ -45,7 +45,7 @@ impl Imperfections {
         latency: 0.0,
     };
 
-    /// A carefully calibrated RealSense D435.
+    /// Imperfections of a carefully calibrated RealSense D435.
     ///
     /// Tools for hand-eye calibration commonly reach 5 mm and half a degree. The driver states no
     /// distortion, but some is left. The noise at a middle grey is 3 levels of 255. The exposure is
@@ -63,7 +63,7 @@ impl Imperfections {
         latency: 0.06,
     };
 
-    /// Rejects values out of range.
+    /// Rejects imperfections out of range.
     ///
     /// # Errors
     /// [`InpaintingError::Value`].

@@ -11,9 +11,9 @@ use crate::mark::Mark;
 /// Settings of an [`Inpainter`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct InpainterSettings {
-    /// Camera of the pictures.
+    /// Camera that takes the pictures.
     pub camera: PinholeCamera,
-    /// Links of the arm.
+    /// Links of the arm to paint out.
     pub links: Vec<Link>,
     /// Colour correction of each frame to the first background.
     pub correction: ColorCorrection,
@@ -78,7 +78,7 @@ impl Inpainter {
         Ok(())
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the in-painter.
     pub fn settings(&self) -> &InpainterSettings {
         &self.settings
     }

@@ -11,7 +11,7 @@ use crate::camera::PinholeCamera;
 pub struct Link {
     /// Indices of the joints at the ends.
     pub joints: [usize; 2],
-    /// Radius (metres).
+    /// Radius of the capsule (metres).
     pub radius: f64,
 }
 

@@ -15,7 +15,7 @@ pub struct Mark {
     pub radius: f64,
     /// Radius of the hole (metres); zero is a filled disc, more a ring.
     pub hole: f64,
-    /// Colour, RGB.
+    /// RGB colour of the mark.
     pub color: [u8; 3],
     /// Distance from the camera that determines the size (metres): that of the table.
     pub depth: f64,

@@ -91,7 +91,7 @@ impl Perception {
         Ok(())
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the perception.
     pub fn settings(&self) -> &PerceptionSettings {
         &self.settings
     }

@@ -77,7 +77,7 @@ impl SimulatedCamera {
         &self.ideal
     }
 
-    /// Returns the imperfections.
+    /// Returns the imperfections of the camera.
     pub fn imperfections(&self) -> &Imperfections {
         &self.imperfections
     }

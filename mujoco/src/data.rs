@@ -33,7 +33,7 @@ unsafe impl Send for Data {}
 /// Pair of geoms that touch, or are within their collision margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// Geoms of the pair.
+    /// Geoms that touch.
     pub geoms: [GeomId; 2],
     /// Gap between them in metres; negative if they overlap.
     pub distance: f64,

@@ -49,7 +49,7 @@ pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), Deplo
     }
 }
 
-/// Hand at rest.
+/// State of a hand that has come to rest.
 #[derive(Clone, Debug)]
 pub struct RestingHand {
     /// Time since which the hand rests.

@@ -37,12 +37,12 @@ pub struct MaskRow {
 /// Comparison of mask and arm in several poses.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaskCheck {
-    /// Results, one for each pose.
+    /// Comparisons of mask and arm, one for each pose.
     pub rows: Vec<MaskRow>,
     /// Pictures with mask and arm in colours: green for both, red for the arm alone, blue for the
     /// mask alone.
     pub pictures: Vec<Picture>,
-    /// Poses that were skipped.
+    /// Poses of the mask check that were skipped, with the reasons.
     pub left_out: Vec<SkippedPose>,
 }
 
@@ -138,7 +138,7 @@ impl MaskCheck {
         self.pictures.push(overlay(perception, &arm));
     }
 
-    /// Returns the mean overlap.
+    /// Returns the mean overlap of mask and arm over all poses, in [0, 1].
     pub fn overlap(&self) -> f64 {
         let overlaps = self.rows.iter().map(|row| row.overlap);
         overlaps.sum::<f64>() / self.rows.len().max(1) as f64

@@ -19,7 +19,7 @@ pub struct CalibrateSettings {
     pub offset: Offset,
 }
 
-/// Pose that was skipped.
+/// Pose of the hand that was skipped, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SkippedPose {
     /// Number of the pose, counted from 1.
@@ -28,14 +28,14 @@ pub struct SkippedPose {
     pub why: String,
 }
 
-/// Result of a calibration.
+/// Result of a camera calibration with the ball.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibrated {
     /// Calibration that the rig had before.
     pub before: Calibration,
     /// Calibration that was found, with its uncertainty.
     pub found: HandEye,
-    /// Poses that were skipped.
+    /// Poses of the calibration that were skipped, with the reasons.
     pub left_out: Vec<SkippedPose>,
 }
 

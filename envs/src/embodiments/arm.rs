@@ -44,11 +44,11 @@ pub struct ArmSettings {
     /// Joint positions between base and hand (radians, metres) with the hand in the orientation
     /// that it keeps, near the arm's working configurations.
     pub ready: Vec<f64>,
-    /// Gripper.
+    /// Gripper of the arm.
     pub gripper: Gripper,
     /// Limits and inverse kinematics of the hand's motion; [`ControlSettings::horizon`] is ignored.
     pub control: ControlSettings,
-    /// Servos of all joints.
+    /// Servos of the arm's joints.
     pub servo: Servo,
     /// Largest distance of the hand's target from the hand (metres). The target waits for an arm
     /// that is slow or blocked.
@@ -73,7 +73,7 @@ pub struct Gripper {
 /// Reference points of a finger.
 #[derive(Clone, Debug)]
 pub struct Finger {
-    /// Name of the link.
+    /// Name of the finger's link in the URDF.
     pub link: String,
     /// Point that tasks treat as the claw, in the link's frame (metres). Open claws are 0.1 m apart
     /// for tasks; wider counts as open, narrower as closing.
@@ -93,7 +93,7 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Builds the arm.
+    /// Builds an arm from its settings.
     ///
     /// # Errors
     /// [`EnvError::Robot`] for links that the robot does not have, [`EnvError::Control`] for
@@ -116,7 +116,7 @@ impl Arm {
         })
     }
 
-    /// Returns the robot.
+    /// Returns the description of the arm's robot.
     pub fn robot(&self) -> &Description {
         &self.settings.robot
     }
@@ -126,7 +126,7 @@ impl Arm {
         &self.chain
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the arm.
     pub fn settings(&self) -> &ArmSettings {
         &self.settings
     }

@@ -10,7 +10,7 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// Button task.
+/// Task of pressing a button.
 #[derive(Clone, Copy, Debug)]
 pub struct ButtonPress;
 

@@ -10,7 +10,7 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// Drawer task.
+/// Task of pushing a drawer shut.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawerClose;
 

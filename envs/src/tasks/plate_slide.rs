@@ -10,7 +10,7 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// Plate task.
+/// Task of sliding a plate into a cabinet.
 #[derive(Clone, Copy, Debug)]
 pub struct PlateSlide;
 

@@ -144,7 +144,7 @@ impl<'a, T: Real> Arena<'a, T> {
         self.zeros(len / LANES).as_flattened_mut()
     }
 
-    /// Returns the remaining values.
+    /// Returns the values of the arena that have not been taken.
     pub fn rest(self) -> &'a mut [T] {
         self.rest.as_flattened_mut()
     }

@@ -7,7 +7,7 @@ use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::lanes::LANES;
 
-/// Operands of a forward pass.
+/// Operands of a convolution's forward pass.
 pub struct Forward<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
@@ -28,7 +28,7 @@ pub(crate) struct Output<'a, T> {
     pub masks: Option<&'a mut [T]>,
 }
 
-/// Operands of a backward pass.
+/// Operands of a convolution's backward pass.
 pub struct Backward<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,

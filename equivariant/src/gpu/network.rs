@@ -24,7 +24,7 @@ pub struct Network {
     last_samples: usize,
 }
 
-/// Result of a backward pass.
+/// Gradients of a network on a GPU, from one backward pass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gradients {
     /// Gradient with respect to the input, `[N, H, W, C]`.

@@ -32,7 +32,7 @@ impl Extent {
 /// Map of the batch with its gradient.
 #[derive(Clone, Copy, Debug)]
 pub struct Tensor {
-    /// Shape of a sample.
+    /// Shape of one sample of the tensor.
     pub shape: Shape,
     /// Values, `[N, H, W, C]`.
     pub values: Slot,
@@ -81,7 +81,7 @@ impl Default for Plan {
 }
 
 impl Plan {
-    /// Creates an empty plan.
+    /// Creates a plan without kernels.
     pub fn new() -> Plan {
         Plan {
             extents: vec![Extent::default(); 4],

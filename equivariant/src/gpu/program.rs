@@ -72,7 +72,7 @@ impl Program {
         Ok(program)
     }
 
-    /// Returns the device.
+    /// Returns the device that the program runs on.
     pub fn device(&self) -> &Device {
         &self.device
     }

@@ -136,14 +136,14 @@ impl Step {
         }
     }
 
-    /// Adds WGSL text.
+    /// Adds WGSL text to the kernel's source.
     pub fn text(mut self, text: &str) -> Step {
         self.source.push_str(text);
         self.source.push('\n');
         self
     }
 
-    /// Adds constants of type u32.
+    /// Adds named constants of type u32 to the kernel's source.
     pub fn constants<const N: usize>(self, constants: [(&str, usize); N]) -> Step {
         constants
             .into_iter()

@@ -33,7 +33,7 @@ pub struct Sum<T> {
 }
 
 impl<T: Scalar> Sum<T> {
-    /// Creates the sum of layers.
+    /// Creates a layer whose output is the sum of the outputs of `branches`.
     ///
     /// # Errors
     /// When `branches` is empty, or they do not map the same shape to the same shape.

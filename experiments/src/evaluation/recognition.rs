@@ -22,11 +22,11 @@ const EPISODES: u64 = u64::MAX - 1;
 /// Count of one answer of a learner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Recognition {
-    /// Shown task group.
+    /// Task group whose episodes were shown.
     pub group: TaskGroup,
     /// Symmetry element of the shown variant.
     pub element: D2,
-    /// Episodes shown each time.
+    /// Number of episodes shown each time the learner was asked.
     pub episodes: usize,
     /// Index of the policy that the learner named; `None` if no policy fitted.
     pub policy: Option<usize>,

@@ -23,7 +23,7 @@ pub struct Score {
     pub seen: bool,
     /// Index of the policy that the learner chose.
     pub policy: usize,
-    /// Number of episodes.
+    /// Number of episodes that were played.
     pub episodes: usize,
     /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
     pub success: f64,
@@ -58,7 +58,7 @@ impl Score {
 /// Mean results over the variants of one group, weighted by episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GroupScore {
-    /// Task group.
+    /// Task group that the score is of.
     pub group: TaskGroup,
     /// Indices of the policies that the learner chose in any variant, ascending.
     pub policies: Vec<usize>,

@@ -75,7 +75,7 @@ impl<'a> Fit<'a> {
         })
     }
 
-    /// Returns the camera.
+    /// Returns the camera that was fitted.
     pub fn calibration(&self) -> Calibration {
         self.calibration
     }
@@ -247,9 +247,9 @@ pub enum Offset {
 /// Distance of the ball of a pose from its expected position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// Number of the pose.
+    /// Index of the hand's pose.
     pub pose: usize,
-    /// Distance in the picture (pixels).
+    /// Distance between seen and expected ball in the picture (pixels).
     pub pixels: f64,
     /// Distance on the table, the plane z = 0, between the two lines of sight (metres); `None` if
     /// one of them does not meet it.

@@ -24,7 +24,7 @@ pub struct PerceptionSettings {
     pub policy: PinholeCamera,
     /// Number of in-painting pixels along each side of a pixel of the policy: odd, at most 15.
     pub oversampling: usize,
-    /// Links of the arm.
+    /// Links of the arm to paint out.
     pub links: Vec<Link>,
     /// Margin (metres) by which the mask exceeds the links, for errors of calibration, joint
     /// positions and timing.

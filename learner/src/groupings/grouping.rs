@@ -214,10 +214,10 @@ pub struct Learned {
     pub merged_into: Vec<Option<usize>>,
 }
 
-/// The policy that episodes seem to belong to.
+/// Policy that episodes seem to belong to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Recognised {
-    /// The policy that fits best.
+    /// Policy that fits the episodes best.
     pub policy: usize,
     /// `true` if the evidence accepts this policy; otherwise none is known to fit.
     pub fits: bool,

@@ -28,7 +28,7 @@ pub type Covers = Collection<CoversSettings>;
 pub struct CoversSettings {
     /// Sizes of each policy's network.
     pub network: NetworkSettings,
-    /// The policy update.
+    /// Settings of the policy update.
     pub ppo: PpoSettings,
     /// Choice of the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
@@ -47,7 +47,7 @@ pub struct CoversSettings {
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
-    /// Start of a new policy.
+    /// Initialisation of a new policy.
     pub new_policy: NewPolicy,
     /// Seed of everything that the learner draws.
     pub seed: u64,

@@ -45,7 +45,7 @@ pub enum DeviceChoice {
 }
 
 impl DeviceChoice {
-    /// All choices.
+    /// All choices of a device.
     pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::Auto];
 
     /// Returns the name of the choice, as in `--device gpu`.

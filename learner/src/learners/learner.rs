@@ -112,7 +112,7 @@ pub struct Iteration {
     /// Policy that each one was merged into, if any; empty for learners and groupings that merge no
     /// policies.
     pub merged_into: Vec<Option<usize>>,
-    /// Decisions taken, discarded ones included.
+    /// Number of decisions taken, discarded ones included.
     pub decisions: usize,
     /// Returns and successes of the rollout that was learnt from.
     pub rollout: RolloutStats,
@@ -129,7 +129,7 @@ pub struct Seconds {
     pub collection: f64,
     /// The grouping: features, distances and permutations.
     pub assignment: f64,
-    /// The policy update.
+    /// Seconds of the policy update.
     pub update: f64,
 }
 
@@ -175,7 +175,7 @@ impl fmt::Display for Metric {
 pub struct Metrics(Vec<(String, Metric)>);
 
 impl Metrics {
-    /// Adds a number.
+    /// Adds a number under a name.
     pub fn number(&mut self, name: impl Into<String>, value: f64) {
         self.0.push((name.into(), Metric::Number(value)));
     }

@@ -37,7 +37,7 @@ pub struct OffPolicySettings {
     pub network: NetworkSettings,
     /// Memory of the last steps of an episode, for the actor and the critics; no memory if null.
     pub context: Option<ContextSettings>,
-    /// The policy update.
+    /// Settings of the policy update.
     pub sac: SacSettings,
     /// Largest number of steps in each policy's replay.
     pub capacity: usize,

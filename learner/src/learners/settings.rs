@@ -93,7 +93,7 @@ impl LearnerSettings {
         self.common().seed
     }
 
-    /// Changes the seed.
+    /// Changes the seed of the learner.
     pub fn set_seed(&mut self, seed: u64) {
         each!(self, settings => settings.seed = seed);
     }

@@ -24,9 +24,9 @@ pub struct Mirror {
 /// A [`CameraId`] alone converts to a view without a mirror.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CameraView {
-    /// Camera.
+    /// Camera through which the scene is drawn.
     pub camera: CameraId,
-    /// Mirror.
+    /// Mirror in which the scene is drawn.
     pub mirror: Mirror,
 }
 

@@ -52,7 +52,7 @@ impl<'a> Folds<'a> {
         folds
     }
 
-    /// Returns the number of orbits.
+    /// Returns the number of orbits of the window's taps.
     pub fn orbits(&self) -> usize {
         self.orbits.len()
     }

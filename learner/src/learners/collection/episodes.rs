@@ -90,15 +90,15 @@ pub trait Rollout {
     fn keep(&mut self, _collections: usize) {}
 }
 
-/// One step of one environment.
+/// Step of one environment in a rollout.
 pub struct StepView<'a> {
     /// The picture `[H, W, C]` that was acted on.
     pub image: &'a [u8],
     /// The vector `[D]` that was acted on.
     pub vector: &'a [f32],
-    /// The action `[A]`.
+    /// Action of the step `[A]`.
     pub action: &'a [f32],
-    /// The reward of that action.
+    /// Reward of the step's action.
     pub reward: f32,
     /// State of the episode after the step.
     pub outcome: Outcome,

@@ -118,7 +118,7 @@ pub struct CommonSettings {
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that is assigned to another policy than the one that collected it.
     pub handover: Handover,
-    /// Start of a new policy.
+    /// Initialisation of a new policy.
     pub new_policy: NewPolicy,
     /// Seed of everything that the learner draws.
     pub seed: u64,
