@@ -147,7 +147,7 @@ impl LearnerError {
         Self::Read { path, source }
     }
 
-    /// Error of a file that could be read and does not make sense.
+    /// Returns the error of a file that could be read but is inconsistent.
     pub fn damaged(path: &Path, problem: String) -> Self {
         Self::read(path, Damaged(problem))
     }

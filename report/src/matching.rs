@@ -2,8 +2,8 @@
 
 use experiments::{RolloutRow, acting_policy};
 
-/// Returns the policy that stands for `policy` after the last of these rollouts: the one that it
-/// was merged into, or itself.
+/// Returns the policy that acts for `policy` after the last of these rollouts: the one that it was
+/// merged into, or `policy` itself.
 pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
     let last = rollouts.last();
     last.map_or(policy, |row| acting_policy(&row.merged_into, policy))

@@ -36,7 +36,7 @@ impl Pay {
         (-DECAY * self.distance([x, y])).exp()
     }
 
-    /// Returns the distance of such a hand from full reward.
+    /// Returns the distance of a hand at this position from full reward.
     pub fn distance(&self, [x, y]: [f32; 2]) -> f32 {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }

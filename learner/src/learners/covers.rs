@@ -38,12 +38,11 @@ pub struct CoversSettings {
     pub first_frames: usize,
     /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
     pub rollout_steps: usize,
-    /// Share of the noise of an action that goes on in the next action, in [0, 1): the correlation
-    /// of the two
+    /// Correlation of the noise of consecutive actions, in [0, 1)
     /// ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
     pub noise_correlation: f32,
-    /// Episodes of first frames kept per policy, a uniform sample; without a number all of them, as
-    /// the paper's `B`, at the price of memory and of transport problems that grow with the stream.
+    /// Episodes of first frames kept per policy, a uniform sample; `None` keeps all of them, as the
+    /// paper's `B`, but then memory and transport problems grow with the stream.
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,

@@ -114,7 +114,7 @@ pub struct Iteration {
     pub merged_into: Vec<Option<usize>>,
     /// Number of decisions taken, discarded ones included.
     pub decisions: usize,
-    /// Returns and successes of the rollout that was learnt from.
+    /// Returns and successes of the rollout that was trained on.
     pub rollout: RolloutStats,
     /// Values that the learner logs, by name; the same names in every iteration.
     pub metrics: Metrics,

@@ -56,7 +56,7 @@ pub struct OffPolicySettings {
     pub first_frames: usize,
     /// Decisions of one rollout. Gradient steps are taken between rollouts.
     pub rollout_steps: usize,
-    /// Episodes of first frames kept per policy, a uniform sample; without a number all of them.
+    /// Episodes of first frames kept per policy, a uniform sample; `None` keeps all of them.
     pub buffer_episodes: Option<usize>,
     /// Start of a new policy; its replay is empty.
     pub new_policy: NewPolicy,

@@ -114,7 +114,7 @@ pub struct CommonSettings {
     pub first_frames: usize,
     /// Decisions of one rollout.
     pub rollout_steps: usize,
-    /// Episodes of first frames kept per policy; without a number all of them.
+    /// Episodes of first frames kept per policy; `None` keeps all of them.
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that is assigned to another policy than the one that collected it.
     pub handover: Handover,
