@@ -106,10 +106,10 @@ impl Types {
                 rule = quoted(text, "rename_all = \"").unwrap_or(rule);
                 name = quoted(text, "rename = \"").map(str::to_owned).or(name);
                 skipped |= text.contains("serde(skip)");
-            } else if let Some(line) = text.strip_prefix("///") {
-                doc += if line.is_empty() { ". " } else { line };
-            } else if let (Some(owner), Some(member)) = (&owner, text.strip_suffix([',', '{'])) {
-                let (field, of) = (member.trim_start_matches("pub "), text.ends_with('{'));
+            } else if let Some(words) = text.strip_prefix("///") {
+                doc += if words.is_empty() { ". " } else { words };
+            } else if let (Some(owner), Some(declared)) = (&owner, text.strip_suffix([',', '{'])) {
+                let (field, of) = (declared.trim_start_matches("pub "), text.ends_with('{'));
                 let inside = line.starts_with("        ");
                 let (label, kind) = if let Some((field, kind)) = field.split_once(": ") {
                     (field.to_owned(), kind.to_owned())

@@ -97,7 +97,7 @@ fn row(name: &str, scores: &[&TrialScore], paper: Option<f64>) -> Vec<String> {
         format!("{success:.2}"),
         format!("{low:.2} to {high:.2}"),
         format!("{at_end:.2}"),
-        paper.map_or_else(|| "-".to_owned(), |success| format!("{success:.2}")),
+        paper.map_or_else(|| "-".to_owned(), |reported| format!("{reported:.2}")),
         policies(scores),
     ]
 }

@@ -135,7 +135,7 @@ impl Core {
         let commands = commands.collect::<PyResult<Vec<EnvCommand>>>()?;
         let (mut images, mut vectors, mut final_images, mut final_vectors, ended) = out;
         let (mut rewards, mut success, mut success_at_end, mut truncated) = ended;
-        let out = StepMut {
+        let step = StepMut {
             observations: ObservationsMut {
                 images: slice(&mut images)?,
                 vectors: slice(&mut vectors)?,
@@ -149,7 +149,7 @@ impl Core {
             success_at_end: slice(&mut success_at_end)?,
             truncated: slice(&mut truncated)?,
         };
-        self.with(py, |env| Ok(texts(env.advance(actions, &commands, out)?)))
+        self.with(py, |env| Ok(texts(env.advance(actions, &commands, step)?)))
     }
 
     /// Writes the scripted experts' actions for the current states, `[N, 4]`.

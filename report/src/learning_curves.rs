@@ -216,7 +216,7 @@ mod tests {
         assert!(drawn.iter().rposition(is("polygon")).unwrap() < first);
         let widths = svg.split("stroke-width:").skip(1);
         let widths = widths.map(|rest| rest.split('}').next().unwrap().parse::<f64>().unwrap());
-        assert!(widths.is_sorted_by(|narrow, wide| 2.0 * narrow < *wide));
+        assert!(widths.is_sorted_by(|thin, thick| 2.0 * thin < *thick));
     }
 
     #[test]

@@ -165,17 +165,17 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
     vec![
         title,
         method.runs.len().to_string(),
-        range(metrics().map(|metrics| metrics.decisions)),
+        range(metrics().map(|run| run.decisions)),
         with_interval(mean),
         with_interval(iqm),
         format!("{:.3}", at_end.of(mean)),
-        mean_of(|metrics| metrics.mean(|group| group.forgetting)),
-        mean_of(|metrics| metrics.mean(|group| group.transfer)),
-        mean_of(|metrics| metrics.accuracy),
-        mean_of(|metrics| metrics.return_accuracy),
-        range(metrics().map(|metrics| metrics.policies)),
-        share(metrics().map(|metrics| metrics.rollouts)),
-        mean_of(|metrics| metrics.dormant),
+        mean_of(|run| run.mean(|group| group.forgetting)),
+        mean_of(|run| run.mean(|group| group.transfer)),
+        mean_of(|run| run.accuracy),
+        mean_of(|run| run.return_accuracy),
+        range(metrics().map(|run| run.policies)),
+        share(metrics().map(|run| run.rollouts)),
+        mean_of(|run| run.dormant),
         whole(seconds.map(|seconds| mean(&seconds))),
     ]
 }
@@ -209,7 +209,7 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
             format!("{:+.3}{}", comparison.difference, brackets(comparison.interval, 3)),
             format!("{improvement:.2}{}", brackets(interval, 2)),
             comparison.verdict().label().to_owned(),
-            paper.map_or_else(dash, |(own, other)| format!("{:+.2}", own - other)),
+            paper.map_or_else(dash, |(ours, theirs)| format!("{:+.2}", ours - theirs)),
         ]);
     }
     table

@@ -118,9 +118,9 @@ proptest! {
         for array in 2..5 {
             let mut wrong = parts();
             let name = spoil(&mut wrong, array, change);
-            let decisions = &mut wrong.decisions;
-            prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], decisions), name));
-            prop_assert!(names(policy.evaluate_actions(&seen, decisions), name));
+            let spoilt = &mut wrong.decisions;
+            prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], spoilt), name));
+            prop_assert!(names(policy.evaluate_actions(&seen, spoilt), name));
         }
     }
 

@@ -387,11 +387,11 @@ proptest! {
                 prop_assert!(faster <= limits.acceleration * TICK + 1e-12, "{faster}");
                 prop_assert!(commanded || now == Twist::ZERO);
                 let rows = control.chain().joints().iter().zip(control.joints()).zip(&joints);
-                for ((joint, now), before) in rows {
-                    let speed = (now - before).abs() / TICK;
+                for ((joint, position), earlier) in rows {
+                    let speed = (position - earlier).abs() / TICK;
                     prop_assert!(speed <= joint.motion.speed + 1e-9, "{}: {speed}", joint.name);
                     let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
-                    prop_assert!((low..=high).contains(now));
+                    prop_assert!((low..=high).contains(position));
                 }
                 if !moved {
                     break;

@@ -89,7 +89,7 @@ fn assert_alike(here: &After, there: &After, what: &str) {
         (a.clip_fraction, b.clip_fraction),
         (a.grad_norm, b.grad_norm),
     ];
-    assert!(pairs.iter().all(|&(a, b)| close(a, b)), "{what}: {a:?} {b:?}");
+    assert!(pairs.iter().all(|&(x, y)| close(x, y)), "{what}: {a:?} {b:?}");
 }
 
 #[test]

@@ -92,7 +92,7 @@ mod tests {
     #[test]
     fn ranges_are_narrowed_to_what_followers_allow() {
         let whole = [-1.0, 2.0];
-        for (range, own, multiplier, offset, expected) in [
+        for (leader, own, multiplier, offset, expected) in [
             (whole, [-3.0, 3.0], 1.5, 0.0, Some(whole)),
             (whole, [0.0, 1.0], 0.5, 0.25, Some([-0.5, 1.5])),
             (whole, [0.0, 1.0], -0.5, 0.25, Some([-1.0, 0.5])),
@@ -119,7 +119,7 @@ mod tests {
             (ENDLESS, [1.0, 2.0], 0.0, 0.0, None),
             (whole, [-1.0, 1.0], 1e-310, 0.0, Some(whole)),
         ] {
-            let range = narrowed(range, own, multiplier, offset);
+            let range = narrowed(leader, own, multiplier, offset);
             let close = |[a, b]: [[f64; 2]; 2]| {
                 let off = |end: usize| (a[end] - b[end]).abs() <= 1e-12 * b[end].abs();
                 off(0) && off(1)
@@ -130,7 +130,7 @@ mod tests {
             };
             assert!(
                 alike,
-                "{range:?} {own:?} {multiplier} {offset}: {range:?}, expected {expected:?}"
+                "{leader:?} {own:?} {multiplier} {offset}: {range:?}, expected {expected:?}"
             );
         }
     }
