@@ -101,7 +101,7 @@ impl Algorithm for Ppo {
     /// [`PpoSettings::kl_stop`] (Stable-Baselines3, `PPO.train`).
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] for an unfinished rollout, and those of
+    /// [`RlError::BufferNotFinished`] for an unfinished rollout, and errors of
     /// [`Algorithm::update`]; returns, the loss and the gradient are checked for divergence.
     fn update(
         &mut self,

@@ -31,7 +31,7 @@ impl Description {
     /// looked up as `PATH` in the URDF's folder.
     ///
     /// # Errors
-    /// [`DescriptionError::Read`], and those of [`Description::from_urdf`].
+    /// [`DescriptionError::Read`], and errors of [`Description::from_urdf`].
     pub fn read(path: &Path) -> Result<Self, DescriptionError> {
         // the folder of a plain name is the empty path, which is no folder
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
