@@ -284,8 +284,7 @@ mod tests {
         };
         assert_eq!(iteration(&mut world, 10), (false, 0), "the next group is due");
         assert_eq!(world.running, 1);
-        let mut world = self::world(0);
-        assert_eq!(iteration(&mut world, 11), (true, 1));
+        assert_eq!(iteration(&mut self::world(0), 11), (true, 1));
     }
 
     #[test]
