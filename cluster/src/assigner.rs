@@ -30,7 +30,7 @@ pub enum Verdict {
     /// Probably no member; a second look decides.
     Doubted,
     /// No member of the candidate's group.
-    Refused,
+    Rejected,
 }
 
 /// Criterion that the distance of a candidate was compared with.
@@ -267,7 +267,7 @@ fn distance(candidate: &Candidate) -> Result<f64> {
 
 fn judge_fixed(candidate: &Candidate, limit: f64) -> Result<Evidence> {
     let distance = distance(candidate)?;
-    let verdict = if distance <= limit { Verdict::Accepted } else { Verdict::Refused };
+    let verdict = if distance <= limit { Verdict::Accepted } else { Verdict::Rejected };
     Ok(Evidence { distance, judgement: Judgement::Threshold { limit }, verdict })
 }
 
@@ -308,7 +308,7 @@ fn weigh(test: PermutationTest, settings: &Calibrated, look: Look) -> Evidence {
 
 fn settle(test: &PermutationTest, settings: &Calibrated) -> Verdict {
     if test.tail_p_value <= settings.level && test.ratio() >= settings.min_ratio {
-        Verdict::Refused
+        Verdict::Rejected
     } else {
         Verdict::Accepted
     }
@@ -355,13 +355,13 @@ mod tests {
 
     #[test]
     fn each_look_compares_its_own_p_value_with_its_own_level() {
-        use Verdict::{Accepted, Doubted, Refused};
+        use Verdict::{Accepted, Doubted, Rejected};
         let settings = Calibrated::default();
         let cases = [
             (Look::First, 0.021, 0.0, 9.0, Accepted),
             (Look::First, 0.02, 1.0, 0.5, Doubted),
             (Look::Second, 0.0, 1.1e-4, 9.0, Accepted),
-            (Look::Second, 1.0, 1e-4, 1.1, Refused),
+            (Look::Second, 1.0, 1e-4, 1.1, Rejected),
             (Look::Second, 0.0, 1e-9, 1.09, Accepted),
         ];
         for (look, p_value, tail, distance, verdict) in cases {

@@ -227,7 +227,7 @@ pub enum ClusterError {
         /// Size in the rollout.
         rollout: usize,
     },
-    /// Frames of two rollouts that do not go together.
+    /// Frames of two rollouts that differ in a size.
     #[error("{what} is {first} in one rollout and {second} in the other, expected the same")]
     FramesMismatch {
         /// Name of the size that differs.

@@ -96,7 +96,7 @@ fn a_shifted_distribution_is_doubted_and_then_refused() {
             Candidate { rollout: one.rollout.joined(&frames(&mut rng, 20, 0.0)).unwrap(), ..one };
         let second = settle(&[both], seed);
         assert_eq!(second.decision, Decision::New, "{:?}", second.evidence);
-        assert_eq!(second.evidence[0].verdict, Verdict::Refused);
+        assert_eq!(second.evidence[0].verdict, Verdict::Rejected);
     }
 }
 

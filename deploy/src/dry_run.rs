@@ -35,7 +35,8 @@ pub struct DryRunReport {
     pub fits: bool,
     /// Actions of the policy, one for each decision.
     pub actions: Vec<[f32; ACTION_DIM]>,
-    /// Blocked commands, the same number for each decision.
+    /// Commands that the dry run withheld from the robot, in order: all those of the first
+    /// decision, then of the second; the same number for each.
     pub blocked: Vec<BlockedCommand>,
     /// Times that each stage of a decision took.
     pub latencies: LatencyProfile,

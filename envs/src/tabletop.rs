@@ -110,7 +110,7 @@ impl TableTop {
         &mut self.data
     }
 
-    /// Starts an episode of the variant `element` at a placement drawn from `rng`.
+    /// Starts an episode of the task's image under `element`, at a placement drawn from `rng`.
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`], or MuJoCo's error for the state.

@@ -18,7 +18,8 @@ use crate::instance_id::{InstanceId, impl_traits_by_name};
 pub struct TaskGroup(&'static dyn Task);
 
 impl TaskGroup {
-    /// Returns the group of `task`.
+    /// Returns the handle of the task group that `task` defines: its four variants under D2, with
+    /// `task` as the identity variant.
     ///
     /// A reference to a task without fields is `'static` already: `TaskGroup::of(&MyTask)`. A task
     /// that is made at run time must be leaked: `TaskGroup::of(Box::leak(Box::new(task)))`. Make

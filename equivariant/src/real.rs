@@ -31,7 +31,7 @@ pub trait Real:
     /// The number 0.
     const ZERO: Self;
 
-    /// Returns the nearest value of this type.
+    /// Rounds `value` to the nearest value of this type.
     fn from_f64(value: f64) -> Self;
 
     /// Converts the value to double precision.

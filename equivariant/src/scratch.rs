@@ -42,7 +42,7 @@ impl<T: Real> Scratch<T> {
 }
 
 impl<T> Scratch<T> {
-    /// Returns the number of values in the scratch.
+    /// Returns the number of values that this scratch memory holds.
     pub fn len(&self) -> usize {
         self.len
     }

@@ -57,7 +57,7 @@ fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 let picture = test.sources[0];
                 ratio += picture.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
                 score += picture.map_or(0.0, |s| s.score) / REPETITIONS as f64;
-                refused += usize::from(opinion.verdict() == Verdict::Refused);
+                refused += usize::from(opinion.verdict() == Verdict::Rejected);
             }
             let (home, other) = (&home.name, &other.name);
             println!("| {home} | {other} | {ratio:.2} | {score:.1} | {refused} of {REPETITIONS} |");

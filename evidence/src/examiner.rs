@@ -110,7 +110,7 @@ impl Examiner<'_> {
         match (is_against, look) {
             (false, _) => Verdict::Accepted,
             (true, Look::First) => Verdict::Doubted,
-            (true, Look::Second) => Verdict::Refused,
+            (true, Look::Second) => Verdict::Rejected,
         }
     }
 
@@ -227,7 +227,7 @@ fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role
         gained: memory.gained(accounts),
         role,
         verdict: if memory.is_gone() && role == Role::Stranger {
-            Verdict::Refused
+            Verdict::Rejected
         } else {
             Verdict::Accepted
         },

@@ -152,7 +152,7 @@ impl Opinion {
     }
 
     pub(crate) fn is_refused(&self) -> bool {
-        self.verdict == Verdict::Refused
+        self.verdict == Verdict::Rejected
     }
 
     /// Returns the largest score of pictures and vectors; infinity for a policy that was not

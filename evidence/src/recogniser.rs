@@ -305,7 +305,7 @@ impl Recogniser {
             let memory = &self.memories[policy];
             let mut opinion = examiner.opine(memory, accounts, role, look, &mut own_rng)?;
             if situation.refused.contains(&policy) {
-                opinion.verdict = Verdict::Refused;
+                opinion.verdict = Verdict::Rejected;
             }
             Ok(opinion)
         });

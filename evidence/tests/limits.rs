@@ -48,7 +48,7 @@ fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
     assert!(small.changed() > 0.25 && small.tail_p_value() < 1e-6, "{small}");
     assert_eq!(small.verdict(), Verdict::Accepted, "{small}");
     let large = opinion(2.2);
-    assert_eq!(large.verdict(), Verdict::Refused, "{large}");
+    assert_eq!(large.verdict(), Verdict::Rejected, "{large}");
 }
 
 /// Policies know pictures around these numbers; the second one acts in episodes around `seen`.
@@ -72,14 +72,14 @@ fn ratios(finding: &Finding) -> Vec<f64> {
 fn a_policy_that_strayed_is_asked_where_it_is_by_far_the_nearest() {
     for known in [&[0.0, 3.0][..], &[0.0, 3.0, -3.0]] {
         let (recogniser, finding) = stranger(known, 0.45);
-        assert_eq!(finding.opinions[0].verdict(), Verdict::Refused);
+        assert_eq!(finding.opinions[0].verdict(), Verdict::Rejected);
         assert!(ratios(&finding)[0] > 1.5, "{:?}", ratios(&finding));
         let named = finding.decision;
         assert_eq!(named, Decision::Existing(0), "{:?}", ratios(&finding));
         assert!(finding.is_unproven);
         // above what is excused of one that was away and looked alike, and above what is excused
         for (seen, excused, expected) in
-            [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Refused)]
+            [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Rejected)]
         {
             let situation = Situation { collector: 0, refused: &[1], is_unproven: true };
             let mut rng = ChaCha8Rng::seed_from_u64(77);

@@ -29,7 +29,7 @@ fn policies_that_serve_one_group_are_merged() {
     assert_eq!((merge.kept, merge.gone), (2, 0), "policy 2 was heard");
     assert_eq!(recogniser.heirs(), [Some(2), None, None]);
     let after_merge = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
-    assert_eq!(after_merge.opinions[merge.gone].verdict(), Verdict::Refused);
+    assert_eq!(after_merge.opinions[merge.gone].verdict(), Verdict::Rejected);
     assert_eq!(recogniser.twin(merge.kept, &after_merge.accepted()), None);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
     assert_eq!(found.policies[merge.gone], 0.0);

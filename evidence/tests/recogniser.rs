@@ -58,7 +58,7 @@ fn what_looks_alike_is_told_apart_by_what_happens() {
         let (name, accepted) = (kind.name(), Verdict::Accepted);
         assert_eq!(verdict(0, 0), (accepted, Decision::Existing(0)), "{name}");
         assert_eq!(verdict(1, 1), (accepted, Decision::Existing(1)), "{name}");
-        assert_eq!(verdict(1, 0), (Verdict::Refused, Decision::Existing(1)), "{name}");
+        assert_eq!(verdict(1, 0), (Verdict::Rejected, Decision::Existing(1)), "{name}");
     }
 }
 
@@ -83,7 +83,7 @@ fn running_tails_do_not_silence_motion_and_earnings() {
         (sources, finding.opinions[0].verdict())
     };
     assert_eq!(review(0, 15), (5, Verdict::Accepted));
-    assert_eq!(review(1, 15), (5, Verdict::Refused));
+    assert_eq!(review(1, 15), (5, Verdict::Rejected));
     let looks_alone = (2, Verdict::Accepted);
     assert_eq!(review(1, 9), looks_alone, "fewer than half are whole");
 }

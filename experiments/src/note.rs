@@ -58,7 +58,8 @@ impl SavedRun {
         Self::parse(path, &read_note(path)?)
     }
 
-    /// Parses and checks the note of the checkpoint at `path`.
+    /// Parses and checks `note`, the run's state as JSON from the checkpoint at `path`. Reads no
+    /// file; the rollouts in the file's name must agree.
     ///
     /// # Errors
     /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose

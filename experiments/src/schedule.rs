@@ -19,7 +19,7 @@ pub struct Schedule {
     pub groups: Vec<GroupPlan>,
     /// Number of cycles, at least 1.
     pub cycles: usize,
-    /// Order of the visits.
+    /// Order in which the training stream visits the task groups.
     pub order: Order,
     /// Clock that measures the length of visits.
     pub clock: Clock,
@@ -51,7 +51,7 @@ pub struct GroupPlan {
     pub variants: Vec<D2>,
 }
 
-/// Order of the visits.
+/// Order in which the training stream visits the task groups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {

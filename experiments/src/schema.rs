@@ -101,8 +101,9 @@ pub struct ScoreRow {
     pub success_at_end: f64,
     /// Mean return on the paper's scale, in `[0, 500]`.
     pub reward: f64,
-    /// Index of the group's own policy ([`OwnPolicies`](crate::evaluation::OwnPolicies)). All
-    /// `own_` columns are `None` if the group had none yet, and in rows of older versions.
+    /// Index of the task group's own policy among the learner's policies
+    /// ([`OwnPolicies`](crate::evaluation::OwnPolicies)). All `own_` columns are `None` if the
+    /// group had none yet, and in rows of older versions.
     #[serde(default)]
     pub own_policy: Option<usize>,
     /// Success of the group's own policy, in `[0, 1]`.

@@ -53,7 +53,7 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
     let verdicts = |evidence: &[Evidence]| evidence.iter().map(|e| e.verdict).collect::<Vec<_>>();
     let doubted = assigned[2].first_look.as_deref().unwrap();
     assert_eq!(verdicts(doubted), [Verdict::Doubted]);
-    assert_eq!(verdicts(&assigned[2].evidence), [Verdict::Refused]);
+    assert_eq!(verdicts(&assigned[2].evidence), [Verdict::Rejected]);
 }
 
 #[test]

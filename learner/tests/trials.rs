@@ -119,7 +119,7 @@ fn said(decision: Decision, is_provisional: bool) -> GroupingDecision {
     let against = Evidence {
         distance: 1.0,
         judgement: Judgement::Threshold { limit: 0.0 },
-        verdict: Verdict::Refused,
+        verdict: Verdict::Rejected,
     };
     let assignment = Assignment { decision, evidence: vec![against; 2] };
     GroupingDecision {

@@ -207,7 +207,7 @@ impl Data {
     }
 
     /// Returns the orientation of a body's frame in the world, (w, x, y, z) (derived).
-    pub fn body_quat(&self, body: BodyId) -> [f64; 4] {
+    pub fn body_orientation(&self, body: BodyId) -> [f64; 4] {
         self.rows(&XQUAT)[body.index()]
     }
 

@@ -120,7 +120,7 @@ fn derived_quantities_lag_until_forward() {
     assert_eq!(data.body_position(cart)[0], 0.002);
     assert_eq!(data.geom_position(hull)[0], 0.002);
     assert_eq!(data.site_position(tip)[0], 0.1 + 0.002);
-    assert_eq!(data.body_quat(cart), [1.0, 0.0, 0.0, 0.0]);
+    assert_eq!(data.body_orientation(cart), [1.0, 0.0, 0.0, 0.0]);
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn mocap_bodies_are_moved() {
     data.set_mocap_quat(mocap, [0.0, 2.0, 0.0, 0.0]).unwrap();
     data.forward().unwrap();
     assert_eq!(data.body_position(body), [4.0, 5.0, 6.0]);
-    assert_eq!(data.body_quat(body), [0.0, 1.0, 0.0, 0.0]);
+    assert_eq!(data.body_orientation(body), [0.0, 1.0, 0.0, 0.0]);
     assert!(data.set_mocap_position(mocap, [0.0, f64::NAN, 0.0]).is_err());
     let zero = data.set_mocap_quat(mocap, [0.0; 4]);
     assert_eq!(zero, Err(SimError::ZeroQuaternion { value: [0.0; 4] }));

@@ -17,7 +17,7 @@ const SEED: &str = "-seed";
 /// Runs of one method, which differ in their seeds and in the number of threads alone.
 #[derive(Clone, Debug)]
 pub struct MethodRuns {
-    /// Name of the method: that of the runs' folders up to their seeds.
+    /// Name of the method: the name of its runs' folders without `-seed` and what follows.
     pub name: String,
     /// Preset that the settings agree with; all runs share it.
     pub preset: PresetMatch,

@@ -43,7 +43,7 @@ pub enum Shape {
     Cylinder {
         /// Radius.
         radius: f64,
-        /// Length.
+        /// Whole length along z.
         length: f64,
     },
     /// A box.

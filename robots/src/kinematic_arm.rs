@@ -18,7 +18,8 @@ pub struct KinematicArm {
 }
 
 impl KinematicArm {
-    /// Creates an arm at the references of `control`, with open fingers.
+    /// Creates an arm whose joints are at the target positions that `control` holds, with open
+    /// fingers.
     pub fn new(control: CartesianControl) -> Self {
         Self { control, wanted_closing: 0.0, closing: 0.0 }
     }

@@ -89,7 +89,7 @@ fn check_against(model: Model, arm: &Description) {
         for (pose, &body) in arm.poses(&positions).iter().zip(&bodies) {
             let expected = DVec3::from_array(data.body_position(body));
             assert!(pose.position.distance(expected) < 1e-9, "{pose:?} {expected}");
-            let [w, x, y, z] = data.body_quat(body);
+            let [w, x, y, z] = data.body_orientation(body);
             let same = pose.rotation.dot(glam::DQuat::from_xyzw(x, y, z, w)).abs();
             assert!(same > 1.0 - 1e-12, "{same}");
         }

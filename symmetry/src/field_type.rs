@@ -204,7 +204,8 @@ impl Add for FieldType {
     }
 }
 
-/// Sorts the channels of a vector given in its natural order into irrep-major order under `group`.
+/// Returns the permutation that sorts channels with these irreps into irrep-major order under
+/// `group`: entry `i` is the natural index of irrep-major channel `i`.
 ///
 /// `order[i]` is the natural index of irrep-major channel `i`; channels of one irrep keep
 /// their order.

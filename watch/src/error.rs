@@ -8,7 +8,7 @@ use experiments::RunError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WatchError {
-    /// Error of the run's folder or of the terminal.
+    /// Failure to read the run's folder or to use the terminal.
     #[error(transparent)]
     Run(#[from] RunError),
     /// Folder with policies but without tables.

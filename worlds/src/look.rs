@@ -70,7 +70,7 @@ impl Shape {
 pub enum Texture {
     /// One colour.
     Plain,
-    /// Four stripes across y.
+    /// Four stripes parallel to x, dark and bright in turn.
     Stripes,
     /// Two by two fields.
     Checks,

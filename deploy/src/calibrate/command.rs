@@ -79,7 +79,7 @@ impl CalibrateOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
         let settings = self.simulation()?;
         let RobotKind::KinovaSim = self.rig.robot;
-        let mut rig = SimulatedRig::with_ball(settings, Camera::default())?;
+        let mut rig = SimulatedRig::carrying_ball(settings, Camera::default())?;
         let arm = rig.arm().clone();
         let calibrated = self.calibrate_on(&mut rig, &arm, out)?;
         if self.json {

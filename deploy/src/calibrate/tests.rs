@@ -44,7 +44,7 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
     let options = options(&name, faults.to_vec(), true);
     let settings = options.rig.settings().unwrap().simulation;
-    let mut rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
+    let mut rig = SimulatedRig::carrying_ball(settings, Camera::default()).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.truth());
     let mut out = Vec::new();
     let calibrated = options.calibrate_on(&mut rig, &arm, &mut out).unwrap();
@@ -112,7 +112,7 @@ fn a_file_that_deploy_will_refuse_is_told() {
     let name = format!("covers-refused-{}.json", std::process::id());
     let options = options(&name, Vec::new(), false);
     let settings = options.rig.settings().unwrap().simulation;
-    let rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
+    let rig = SimulatedRig::carrying_ball(settings, Camera::default()).unwrap();
     let arm = rig.arm().clone();
     let mut out = Vec::new();
     let calibrated = options.run_on(&mut Misplaced(rig), &arm, &mut out);

@@ -22,7 +22,7 @@ use super::symmetry::symmetry;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Flaw {
-    /// Violated rule.
+    /// Conformance rule that the task group violates in one case.
     #[error("{case}: {rule}: {finding}")]
     Broken {
         /// Variant, embodiment and layout.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Kind of hardware behind an adapter.
+/// Kind of hardware behind a GPU adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AdapterKind {
     /// GPU with its own memory.

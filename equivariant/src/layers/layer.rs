@@ -60,7 +60,8 @@ pub trait Signature: fmt::Display + Send + Sync {
     }
 }
 
-/// Equivariant map between feature maps that owns no weights.
+/// Layer of an equivariant network: a map between feature maps. It stores no parameters; each call
+/// gets them as a slice.
 ///
 /// Slices hold N samples one after the other, `[N, H, W, C]`; N is the length of `x` over
 /// `in_shape().len()`. Callers use [`forward`](Layer::forward), [`backward`](Layer::backward) and

@@ -50,7 +50,7 @@ impl Distance {
         let winner = if second_leads { second } else { first };
         let policy = match assignment.evidence[winner].verdict {
             Verdict::Accepted => Decision::Existing(winner),
-            Verdict::Doubted | Verdict::Refused => Decision::Undecided,
+            Verdict::Doubted | Verdict::Rejected => Decision::Undecided,
         };
         Ok(GroupingDecision { policy, nearest: Some(winner), ..assignment.into() })
     }

@@ -15,8 +15,9 @@ pub trait Grouping: Send {
     /// Returns the experience that a decision requires.
     fn needs(&self) -> Needs;
 
-    /// Decides which policy the candidates' rollout belongs to. After
-    /// [`Decision::New`] a policy is created, unless the query is [`Query::Recognition`].
+    /// Decides which policy the rollout in `candidates` belongs to: an existing one, a new one, or
+    /// none yet. After [`Decision::New`] a policy is created, unless the query is
+    /// [`Query::Recognition`].
     ///
     /// # Errors
     /// Frames or episodes that cannot be compared.
@@ -128,7 +129,7 @@ pub struct GroupingDecision {
     /// Changepoint, in decisions, if the rollout shows two groups. Only the later group was judged,
     /// or in a trial only the earlier one.
     pub cut: Option<usize>,
-    /// Trial of the named policy after it has taken over.
+    /// Trial that the named policy must pass once it acts, before the decision is final.
     pub trial: Trial,
     /// `true` if there is evidence against the named policy, so that it must not train before its
     /// trial.

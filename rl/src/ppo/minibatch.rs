@@ -78,7 +78,8 @@ impl<'a> Update<'a> {
         ]
     }
 
-    /// Returns the minibatch of the decisions at `indices`, with their normalised advantages.
+    /// Returns the minibatch of the decisions at `indices`; `advantages` holds one value for each
+    /// of them, which the caller has normalised.
     pub fn minibatch<'b>(&self, indices: &'b [usize], advantages: &'b [f64]) -> Minibatch<'b>
     where
         'a: 'b,
