@@ -88,13 +88,19 @@ pub enum ClusterError {
         /// Weight given.
         value: f64,
     },
-    /// The weights of one side are no distribution.
-    #[error("the weights of {side} add up to {sum}: expected 1; divide them by their sum")]
-    WeightSum {
-        /// `sources` or `sinks`, or the name of a cloud.
-        side: &'static str,
-        /// Sum of the weights given.
-        sum: f64,
+    /// The weights of a side are no distribution.
+    #[error(
+        "the weights of {} add up to {}, those of {} to {}: expected 1 within {tolerance:e} for \
+         both; divide the weights of each side by their sum",
+        .sides[0], .sums[0], .sides[1], .sums[1]
+    )]
+    WeightSums {
+        /// `sources` and `sinks`, or the names of the clouds.
+        sides: [&'static str; 2],
+        /// Sums of the weights given.
+        sums: [f64; 2],
+        /// Largest difference from one that is accepted.
+        tolerance: f64,
     },
     /// A cloud has another number of weights than of points.
     #[error("{side} has {points} points and {weights} weights: expected a weight for each point")]

@@ -195,7 +195,8 @@ fn mend_row(row: &mut [f64], own: f64, p: &[f32], norms: &[f64], y: &[f32]) {
     }
 }
 
-fn euclidean(p: &[f32], q: &[f32]) -> f64 {
+/// Returns the distance between two points, computed from their differences.
+pub(crate) fn euclidean(p: &[f32], q: &[f32]) -> f64 {
     let squared = |(&a, &b)| {
         let difference = f64::from(a) - f64::from(b);
         difference * difference

@@ -4,9 +4,10 @@
 //! The crate works on points alone, without tasks, networks or policies. It has three parts.
 //!
 //! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
-//!   equal weights. [`Wasserstein`] takes any weights and reuses its memory. [`transport()`] and
-//!   [`Solver`] solve the same problem on a given cost matrix. Each answer carries potentials that
-//!   prove it optimal, and [`certify`] checks the proof before the answer is returned.
+//!   equal weights, and [`wasserstein1_gradient`] its gradient in the points. [`Wasserstein`] takes
+//!   any weights and reuses its memory. [`transport()`] and [`Solver`] solve the same problem on a
+//!   given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
+//!   checks the proof before the answer is returned.
 //! - Assignment. [`Assigner`] compares the first frames of new episodes with the buffer of each
 //!   policy, in that policy's own feature space, and returns the policy whose group they belong to,
 //!   if there is one, with all its evidence.
@@ -93,7 +94,9 @@ pub use transport::{
     COST_TOLERANCE, Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan,
     Weights, certify, transport,
 };
-pub use wasserstein::{Cloud, Wasserstein, wasserstein1};
+pub use wasserstein::{
+    Cloud, Wasserstein, WassersteinGradient, wasserstein1, wasserstein1_gradient,
+};
 
 #[cfg(test)]
 mod fixtures {

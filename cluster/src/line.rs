@@ -29,8 +29,7 @@ const WEIGHT_ROUNDING: u64 = 1 << 8;
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
 pub fn wasserstein1_line(x: &[f32], a: Weights, y: &[f32], b: Weights) -> Result<f64> {
-    check_weights_of("x", a, rows("x", x, 1, "point")?)?;
-    check_weights_of("y", b, rows("y", y, 1, "point")?)?;
+    check_weights_of(a, rows("x", x, 1, "point")?, b, rows("y", y, 1, "point")?)?;
     // weights as integers: what is left of a difference of sums would be multiplied by the
     // distance of a point however far
     let mut balance = Balance::default();

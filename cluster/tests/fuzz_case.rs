@@ -298,7 +298,7 @@ fn side(rng: &mut ChaCha8Rng, points: usize) -> Side {
     if kind < 2 {
         return Side::Uniform(points);
     }
-    let off = 1.0 + rng.random_range(-1e-10..1e-10);
+    let off = 1.0 + rng.random_range(-9e-7..9e-7);
     let sum: f64 = raw.iter().sum();
     Side::Given(raw.iter().map(|w| w / sum * off).collect())
 }
@@ -332,7 +332,7 @@ fn spoil_side(rng: &mut impl Rng, side: &mut Side) {
                 0 => weights[place] = f64::NAN,
                 1 => weights[place] = f64::INFINITY,
                 2 => weights[place] = -f64::MIN_POSITIVE,
-                3 => weights[place] += 1e-8,
+                3 => weights[place] += 1e-5,
                 4 => weights.fill(0.0),
                 _ => weights.push(0.0),
             }
