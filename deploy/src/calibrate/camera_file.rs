@@ -37,8 +37,8 @@ pub(super) fn read_camera(path: &Path) -> Result<(Intrinsics, Distortion), RunEr
 
 /// Reads a camera from YAML, or says what is wrong with it.
 fn parse(text: &str) -> Result<(Intrinsics, Distortion), String> {
-    // `%YAML:1.0`, which OpenCV writes, is no directive of YAML; a printed message ends with `---`
-    let lines = text.trim_start_matches('\u{feff}').trim_end().trim_end_matches("\n---").lines();
+    // `%YAML:1.0`, which OpenCV writes, is no directive of YAML
+    let lines = text.trim_start_matches('\u{feff}').lines();
     let lines: Vec<&str> = lines.filter(|line| !line.starts_with("%YAML")).collect();
     let tree =
         tree(&lines.join("\n")).map_err(|error| format!("it is no YAML of a camera: {error}"))?;
@@ -158,7 +158,7 @@ fn numbers(tree: &Value, names: &[&str]) -> Result<Vec<f64>, String> {
     let list = value.get("data").unwrap_or(value);
     let numbers = list.as_array().and_then(|list| list.iter().map(Value::as_f64).collect());
     let numbers: Vec<f64> =
-        numbers.ok_or_else(|| format!("its `{}` is no {expected}", names[0]))?;
+        numbers.ok_or_else(|| format!("its `{}` is not {expected}", names[0]))?;
     let size = ["rows", "cols"].map(|side| value.get(side).and_then(Value::as_u64));
     match size {
         [Some(rows), Some(cols)] if rows.checked_mul(cols) != Some(numbers.len() as u64) => Err(
@@ -230,11 +230,11 @@ names:
             ("image_height: 480\n", "", "`imageheight`"),
             ("camera_matrix", "matrix", "no `cameramatrix`"),
             ("317.5, 0., 615.", "317.5, 0.1, 615.", "skew"),
-            ("317.5,", "x,", "no list of numbers"),
+            ("317.5,", "x,", "not a list of numbers"),
             ("0.,\n       0., 1. ]", "0. ]", "expected 3 x 3"),
             ("cols: 5", "cols: 4", "has 5 numbers, expected 1 x 4"),
             ("0.1, -0.2, ", "0.1, ", "has 4 numbers, expected 1 x 5"),
-            ("0.3 ]", ".nan ]", "no list of numbers"),
+            ("0.3 ]", ".nan ]", "not a list of numbers"),
             ("flags: 10", "fisheye_model: 1", "`fisheye`"),
             ("flags: 10", "distortion_model: equidistant", "`equidistant`, expected plumb_bob"),
             ("---\n", "---\n}", "no YAML"),
