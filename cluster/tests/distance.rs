@@ -175,9 +175,9 @@ fn the_gradient_agrees_with_central_differences() {
         let gradient = wasserstein1_gradient(&x, &y, dim).unwrap();
         assert_close(gradient.distance, wasserstein1(&x, &y, dim).unwrap());
         for (k, got) in gradient.x.iter().chain(&gradient.y).enumerate() {
-            let value = |step: f32| {
+            let value = |change: f32| {
                 let mut moved = [x.clone(), y.clone()].concat();
-                moved[k] += step;
+                moved[k] += change;
                 wasserstein1(&moved[..n * dim], &moved[n * dim..], dim).unwrap()
             };
             let expected = (value(step) - value(-step)) / f64::from(2.0 * step);

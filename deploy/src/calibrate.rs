@@ -2,6 +2,7 @@
 //! mask.
 
 mod approach;
+mod camera_file;
 mod command;
 mod file;
 mod mask;

@@ -143,7 +143,8 @@ impl DeployOptions {
     ) -> Result<Vec<TrialScore>, DeployError> {
         let groups = self.groups()?;
         if self.dry_run {
-            let report = deployment.dry_run(rig, arm, &self.first(groups[0]))?;
+            let report = deployment.dry_run(rig, arm, &self.first(groups[0]));
+            let report = self.site.camera.named(report)?;
             say(out, report.text().trim_end())?;
             return Ok(Vec::new());
         }
@@ -252,7 +253,8 @@ impl DeployOptions {
             for number in 0..trials {
                 let trial = Trial { variant, number, seed: self.site.rig.seed };
                 let mut strip = video.map(|_| FilmStrip::default());
-                let score = deployment.trial(rig, arm, &trial, strip.as_mut())?;
+                let score = deployment.trial(rig, arm, &trial, strip.as_mut());
+                let score = self.site.camera.named(score)?;
                 if let (Some(folder), Some(strip)) = (video, strip) {
                     self.keep(folder, &trial, &score, &strip)?;
                 }

@@ -106,7 +106,7 @@ impl ActionController {
             let started = Instant::now();
             // a robot may report a refused command when its state is read: count it, and read again
             let state = match rig.state() {
-                Err(ControlError::OutOfReach { .. }) => {
+                Err(ControlError::CannotFollow { .. }) => {
                     self.refused += 1;
                     rig.state()?
                 }
@@ -117,7 +117,7 @@ impl ActionController {
             self.twist = self.limits.ramp(self.twist, command.twist, TICK.as_secs_f64());
             self.reference += TICK.as_secs_f64() * self.twist.linear;
             match rig.command(&command) {
-                Err(ControlError::OutOfReach { .. }) => self.refused += 1,
+                Err(ControlError::CannotFollow { .. }) => self.refused += 1,
                 sent => sent?,
             }
             self.spent += started.elapsed();
@@ -131,7 +131,7 @@ impl ActionController {
     fn record(&mut self, rig: &mut dyn Rig, observer: &mut Observer) -> Result<(), DeployError> {
         match rig.state() {
             Ok(state) => observer.record(rig.now(), state),
-            Err(ControlError::OutOfReach { .. }) => self.refused += 1,
+            Err(ControlError::CannotFollow { .. }) => self.refused += 1,
             Err(other) => return Err(other.into()),
         }
         Ok(())

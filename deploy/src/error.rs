@@ -1,5 +1,6 @@
 //! Errors of this crate.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use experiments::RunError;
@@ -79,6 +80,14 @@ pub enum DeployError {
         pose: usize,
         /// Reason for which it was skipped.
         why: String,
+    },
+    /// Calibration file that does not fit the rig.
+    #[error("`{}`: {source}", .path.display())]
+    CalibrationFile {
+        /// File of the calibration.
+        path: PathBuf,
+        /// Cause.
+        source: Box<DeployError>,
     },
     /// Calibration that cannot be that of the rig's camera.
     #[error(

@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use crate::DeployError;
 use experiments::{RunError, RunFolder};
+use inpainting::InpaintingError::OutOfSight;
 
 use super::calibrate::CalibrationFile;
 use super::deployment::Deployment;
@@ -129,5 +130,16 @@ impl CameraOptions {
     pub fn apply(&self, settings: VisionSettings) -> Result<VisionSettings, DeployError> {
         let read = self.calibration.as_deref().map(CalibrationFile::read);
         Ok(VisionSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
+    }
+
+    /// Names the file in an error that its calibration causes.
+    pub(super) fn named<T>(&self, outcome: Result<T, DeployError>) -> Result<T, DeployError> {
+        use DeployError::{CalibrationFile, Inpainting, OtherCamera};
+        outcome.map_err(|error| match (&self.calibration, error) {
+            (Some(path), source @ (OtherCamera { .. } | Inpainting(OutOfSight { .. }))) => {
+                CalibrationFile { path: path.clone(), source: Box::new(source) }
+            }
+            (_, other) => other,
+        })
     }
 }

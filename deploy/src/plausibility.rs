@@ -141,8 +141,7 @@ mod tests {
     }
 
     fn bent(radial: [f64; 2]) -> Calibration {
-        let distortion = Distortion { radial, tangential: [0.001; 2] };
-        Calibration { distortion, ..known() }
+        Calibration { distortion: Distortion::brown(radial, [0.001; 2]), ..known() }
     }
 
     /// Checks that a correct file is accepted by rigs with the largest allowed error.

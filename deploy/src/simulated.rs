@@ -96,7 +96,10 @@ impl SimulatedRig {
     ///
     /// # Errors
     /// As [`SimulatedRig::new`].
-    pub fn carrying_ball(settings: SimulationSettings, policy: Camera) -> Result<Self, DeployError> {
+    pub fn carrying_ball(
+        settings: SimulationSettings,
+        policy: Camera,
+    ) -> Result<Self, DeployError> {
         let arm = carrying_ball()?;
         Ok(Self::of(settings, policy, arm.clone(), Embodiment::of(arm)))
     }

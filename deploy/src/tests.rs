@@ -251,7 +251,7 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     let mut millimetres = known;
     millimetres.intrinsics.focal = [1.93; 2];
     let mut bent = known;
-    bent.distortion.radial = [0.49; 2];
+    bent.distortion = Distortion::brown([0.49; 2], [0.0; 2]);
     let trial = |calibration: Calibration, rig: &mut dyn Rig| {
         let mut deployment =
             seeing(VisionSettings { calibration: Some(calibration), ..VisionSettings::default() });

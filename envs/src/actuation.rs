@@ -192,7 +192,7 @@ impl ServoController {
         let followed = self.control.command(twist);
         match followed.and_then(|()| self.control.tick(seconds)) {
             // no error: the arm stops at the limit of its reach
-            Err(ControlError::OutOfReach { .. }) => Ok(()),
+            Err(ControlError::CannotFollow { .. }) => Ok(()),
             outcome => Ok(outcome?),
         }
     }

@@ -87,7 +87,7 @@ fn an_arm_that_cannot_follow_says_so_and_stands() {
             advance(&mut arm, 1);
             arm.state().err()
         });
-        assert!(matches!(fault, Some(ControlError::OutOfReach { .. })), "{fault:?}");
+        assert!(matches!(fault, Some(ControlError::CannotFollow { .. })), "{fault:?}");
         advance(&mut arm, 40);
         let stands = arm.state().unwrap().tip.position;
         advance(&mut arm, 40);

@@ -4,8 +4,10 @@ use glam::DVec3;
 
 use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::distortion::Distortion;
-use crate::error::InpaintingError;
+use crate::error::{InpaintingError, require};
 
+/// Largest displacement by a lens, relative to the distance from the optical axis.
+const MAX_SHIFT: f64 = 0.5;
 /// Largest distance (focal lengths) of two directions that count as equal, because of rounding.
 const TOLERANCE: f64 = 1e-6;
 
@@ -21,13 +23,30 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Rejects what [`PinholeCamera::check`] rejects, and distortion coefficients beyond 0.5.
+    /// Rejects what [`PinholeCamera::check`] rejects, and a lens that displaces points at the edges
+    /// of the picture by more than half of their distance from the optical axis.
     ///
     /// # Errors
     /// [`InpaintingError::Value`].
     pub fn check(&self) -> Result<(), InpaintingError> {
         self.pinhole().check()?;
-        self.distortion.check()
+        self.distortion.check()?;
+        let Intrinsics { width, height, focal, centre } = self.intrinsics;
+        let edges = [[0, 0], [0, width], [1, 0], [1, height]].map(|[axis, end]| {
+            let mut point = [0.0; 2];
+            point[axis] = (end as f64 - centre[axis]) / focal[axis];
+            point
+        });
+        // coefficients alone tell nothing: those of a narrow or a rational lens are large
+        let slight = edges.iter().all(|&[x, y]| {
+            let [u, v] = self.distortion.apply([x, y]);
+            (u - x).hypot(v - y) <= MAX_SHIFT * x.hypot(y)
+        });
+        let slight = slight || self.distortion == Distortion::NONE;
+        let value = format!("{:?}", self.distortion);
+        let expected = "a lens that displaces no edge of the picture by more than half of its \
+                        distance from the optical axis";
+        require(slight, "distortion", &value, expected)
     }
 
     /// Returns this camera without distortion.
@@ -90,7 +109,7 @@ pub(crate) mod tests {
 
     use super::*;
 
-    const BENT: Distortion = Distortion { radial: [0.03, -0.03], tangential: [0.001, -0.001] };
+    const BENT: Distortion = Distortion::brown([0.03, -0.03], [0.001, -0.001]);
 
     /// Returns a calibration 1.5 m over the table that looks straight down.
     pub fn overhead() -> Calibration {
@@ -155,7 +174,7 @@ pub(crate) mod tests {
     #[test]
     fn nothing_shows_beyond_a_fold() {
         let camera = Calibration {
-            distortion: Distortion { radial: [-0.5, 0.0], tangential: [0.0; 2] },
+            distortion: Distortion::brown([-0.5, 0.0], [0.0; 2]),
             extrinsics: Extrinsics { rotation: DMat3::IDENTITY, translation: DVec3::ZERO },
             ..overhead()
         };
@@ -167,11 +186,17 @@ pub(crate) mod tests {
 
     #[test]
     fn a_lens_that_is_no_lens_is_refused() {
-        let camera = Calibration {
-            distortion: Distortion { radial: [f64::NAN, 0.0], ..Distortion::NONE },
-            ..overhead()
+        let check = |radial: [f64; 6]| {
+            let distortion = Distortion { radial, ..Distortion::NONE };
+            Calibration { distortion, ..overhead() }.check()
         };
-        let message = camera.check().unwrap_err().to_string();
-        assert!(message.contains("`distortion`") && message.contains("NaN"), "{message}");
+        for (k1, says) in [(f64::NAN, "NaN"), (3.0, "3.0"), (-3.0, "-3.0")] {
+            let message = check([k1, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap_err().to_string();
+            assert!(message.contains("`distortion`") && message.contains(says), "{message}");
+        }
+        // a wide lens, a rational one, and a narrow one with a large k3
+        check([-0.35, 0.15, -0.03, 0.0, 0.0, 0.0]).unwrap();
+        check([8.0, -20.0, 3.0, 8.1, -19.0, 1.0]).unwrap();
+        check([-0.2, 1.5, -6.0, 0.0, 0.0, 0.0]).unwrap();
     }
 }

@@ -1,5 +1,7 @@
 //! Errors of this crate.
 
+use glam::DVec3;
+
 /// Error in settings, inputs or pictures, or of a hand-eye calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -26,8 +28,9 @@ pub enum InpaintingError {
     },
     /// A camera whose picture does not show all of the required area.
     #[error(
-        "the picture of {width} x {height} pixels ends before column and row {place:?}: move the \
-         camera higher or nearer to the middle, or request less of the table"
+        "the camera's picture of {width} x {height} pixels does not show all of the table that is \
+         needed: {}. Check the camera's position, direction and lens in its calibration, move it \
+         higher or nearer to the middle, or request less of the table", shown_at(.place)
     )]
     OutOfSight {
         /// Column and row that are needed; `None` if the lens shows nothing there.
@@ -54,19 +57,40 @@ pub enum InpaintingError {
         /// Number of the pose.
         pose: usize,
     },
-    /// A pose that is inconsistent with the others.
+    /// One pose that is inconsistent with the others.
     #[error(
         "the ball of pose {pose} is seen {pixels:.1} pixels from where the other poses predict it, \
-         expected at most {limit} pixels: check that it did not move in the hand, that no other \
-         object was taken for it, and that intrinsics and joint positions are right"
+         expected at most {limit:.1} pixels: check that it did not move in the hand, and that no \
+         other object was taken for it; with more than ten poses such a one is left out"
     )]
     Misfit {
+        /// Number of the pose.
+        pose: usize,
+        /// Residual of that pose (pixels).
+        pixels: f64,
+        /// Largest residual allowed (pixels).
+        limit: f64,
+    },
+    /// Poses that are inconsistent, whichever one is left out.
+    #[error(
+        "the poses contradict each other, whichever one is left out: the ball of pose {pose} is \
+         {pixels:.1} pixels off, expected at most {limit:.1} for an arm that is accurate to {:.1} \
+         mm (`--arm-accuracy`). {}Check that the ball's offset (`--offset`) is in millimetres and \
+         along the axes of the hand, that poses of the hand are in metres in the world, that \
+         columns and rows of pixels are not swapped, and that the intrinsics are those of this \
+         picture size", 1e3 * accuracy, fits(.fitted)
+    )]
+    Contradiction {
         /// Number of the worst pose.
         pose: usize,
         /// Residual of that pose (pixels).
         pixels: f64,
         /// Largest residual allowed (pixels).
         limit: f64,
+        /// Standard deviation of the ball's position by the arm's joints (metres).
+        accuracy: f64,
+        /// Offset of the ball (metres) with which the poses fit, if the given one is wrong.
+        fitted: Option<DVec3>,
     },
     /// A focal length that the poses contradict.
     #[error(
@@ -120,6 +144,19 @@ pub enum InpaintingError {
         /// Column and row of its visible part (pixels).
         place: [f64; 2],
     },
+}
+
+fn shown_at(place: &Option<[f64; 2]>) -> String {
+    match place {
+        Some([column, row]) => format!("a part would be at column {column:.0}, row {row:.0}"),
+        None => "the lens shows a part nowhere".to_owned(),
+    }
+}
+
+fn fits(offset: &Option<DVec3>) -> String {
+    offset.as_ref().map_or_else(String::new, |&metres| {
+        format!("They fit if the ball is at {:.1} mm in the hand. ", 1e3 * metres)
+    })
 }
 
 /// Rejects a picture `[H, W, 3]` with another number of pixels.

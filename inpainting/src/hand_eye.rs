@@ -9,10 +9,9 @@ use crate::calibration::Calibration;
 use crate::camera::{NEAR, is_near};
 use crate::error::{InpaintingError, require};
 
-use equations::UNKNOWNS;
-use model::{Fit, rotated};
+use model::{Fit, LIMIT_SIGMAS, OUTLINE_ERROR, rotated};
 
-pub use model::{BallSighting, MAX_RESIDUAL, Offset, Residual};
+pub use model::{BallSighting, HandEyeSettings, Offset, Residual};
 
 /// Minimum number of poses of a hand-eye calibration.
 pub const MIN_POSES: usize = 10;
@@ -26,6 +25,9 @@ const DAMPING: [f64; 3] = [1e-3, 1e12, 10.0];
 /// Deviation from which a focal length is rejected: in standard deviations, and relative to the
 /// given one. Both must be exceeded, because small errors of the distortion cause smaller ones.
 const WRONG_FOCAL: [f64; 2] = [3.5, 0.01];
+/// Probability, over all poses, with which noise makes the others fit as much better without one as
+/// without an outlier.
+const OUTLIER: f64 = 1e-4;
 /// Relative decrease of the sum of squares below which a step is the last one.
 const CONVERGED: f64 = 1e-12;
 
@@ -53,15 +55,20 @@ pub struct Focal {
 /// Result of a hand-eye calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandEye {
-    /// Calibrated camera, with the given distortion and intrinsics.
+    /// Calibrated camera, with the given distortion, and with the given focal lengths unless these
+    /// are estimated.
     pub calibration: Calibration,
     /// Position of the ball in the hand's frame (metres).
     pub offset: DVec3,
-    /// Residuals of all poses, in the order given.
+    /// Residuals of the poses, in the order given.
     pub residuals: Vec<Residual>,
-    /// Uncertainty estimated from the residuals, for the given focal lengths.
+    /// Poses that were left out because the others contradict them, the worst first, with their
+    /// residuals: distances from where the others predict the ball.
+    pub left_out: Vec<Residual>,
+    /// Uncertainty estimated from the residuals, for the given focal lengths unless these are
+    /// estimated.
     pub uncertainty: Uncertainty,
-    /// Check of the focal lengths; `None` if the poses do not determine them.
+    /// Focal lengths by the poses; `None` if the poses do not determine them.
     pub focal: Option<Focal>,
     /// Uncertainty that one pixel of noise would cause, which shows how well the poses are spread.
     pub dilution: Uncertainty,
@@ -72,42 +79,59 @@ impl HandEye {
     ///
     /// Minimises the squared distances in the picture by the Levenberg-Marquardt method (Moré 1978,
     /// "The Levenberg-Marquardt algorithm"), from `start` and from `start` rotated by quarter turns
-    /// about the optical axis. Distortion and intrinsics are those of `start`.
+    /// about the optical axis. Distortion and intrinsics are those of `start`; the focal lengths may
+    /// be estimated. While more than [`MIN_POSES`] are left, a pose that the others contradict is
+    /// left out.
     ///
     /// # Errors
     /// [`InpaintingError::TooFewPoses`], [`InpaintingError::Value`] for numbers out of range,
     /// [`InpaintingError::Unseen`] if `start` does not see a hand, [`InpaintingError::Misfit`] for
-    /// a residual of more than [`MAX_RESIDUAL`], [`InpaintingError::Undetermined`] for poses that
-    /// do not determine the camera's pose, and [`InpaintingError::WrongFocal`] for a focal length
-    /// that the poses contradict.
+    /// a pose beyond the noise of [`HandEyeSettings::arm_accuracy`] and
+    /// [`InpaintingError::Contradiction`] for several ones, [`InpaintingError::Undetermined`] for
+    /// poses that do not determine the camera's pose, and [`InpaintingError::WrongFocal`] for given
+    /// focal lengths that the poses contradict.
     pub fn solve(
         start: &Calibration,
-        offset: Offset,
+        settings: impl Into<HandEyeSettings>,
         sightings: &[BallSighting],
     ) -> Result<Self, InpaintingError> {
-        check(start, offset, sightings)?;
-        // a start that is wrong by a quarter turn or more could end in a local minimum
-        let starts = (0..4).map(|quarter| Fit::new(rotated(start, quarter), offset, sightings));
-        let best = starts
-            .flatten()
-            .map(minimised)
-            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
-            .ok_or_else(|| unseen(start, offset, sightings))?;
-        best.check_misfit()?;
-        let dilution = best
-            .equations()
-            .variances()
-            .map(|variances| dilution_of(&variances))
-            .filter(is_tolerable)
-            .ok_or_else(|| undetermined(&best))?;
+        let settings = settings.into();
+        check(start, &settings, sightings)?;
+        let mut kept = sightings.to_vec();
+        let mut outliers = Vec::new();
+        loop {
+            let best = best(start, settings, &kept)?;
+            match outlier(&best) {
+                None => return Self::of(&best, start, &outliers),
+                Some(worst) if kept.len() > MIN_POSES => outliers.push(kept.remove(worst.index)),
+                Some(worst) => return Err(misfit(&best, start, &worst)),
+            }
+        }
+    }
+
+    /// Returns the result of a fit without outliers, unless the poses do not determine it.
+    fn of(
+        best: &Fit<'_>,
+        start: &Calibration,
+        outliers: &[BallSighting],
+    ) -> Result<Self, InpaintingError> {
+        let dilution = dilution_of(best).filter(is_tolerable).ok_or_else(|| undetermined(best))?;
         let noise = best.noise();
-        let focal = focal(&best);
-        focal.map_or(Ok(()), |focal| check_focal(focal, start))?;
+        let focal = focal(best, start);
+        if !best.settings().estimate_focal {
+            focal.map_or(Ok(()), |focal| check_focal(focal, start))?;
+        }
+        let unseen = |pose| Residual { pose, pixels: f64::INFINITY, on_table: None };
+        let left_out = outliers.iter().map(|outlier| {
+            let fit = best.of(std::slice::from_ref(outlier));
+            fit.map_or_else(|| unseen(outlier.pose), |fit| fit.residuals()[0])
+        });
         Ok(Self {
             focal,
             calibration: best.calibration(),
             offset: best.offset(),
             residuals: best.residuals(),
+            left_out: left_out.collect(),
             uncertainty: Uncertainty {
                 position: noise * dilution.position,
                 angle: noise * dilution.angle,
@@ -146,14 +170,17 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
 /// Rejects an invalid start, too few poses, and numbers out of range.
 fn check(
     start: &Calibration,
-    offset: Offset,
+    settings: &HandEyeSettings,
     sightings: &[BallSighting],
 ) -> Result<(), InpaintingError> {
     start.check()?;
+    let accuracy = settings.arm_accuracy;
+    let expected = "at most 0.1 metres and more than none (`--arm-accuracy` is in millimetres)";
+    require((1e-6..=0.1).contains(&accuracy), "accuracy of the arm", &accuracy, expected)?;
     if sightings.len() < MIN_POSES {
         return Err(InpaintingError::TooFewPoses { got: sightings.len(), needed: MIN_POSES });
     }
-    if let Offset::Known(offset) = offset {
+    if let Offset::Known(offset) = settings.offset {
         require(is_near(offset), "offset of the ball", &offset, NEAR)?;
     }
     for sighting in sightings {
@@ -165,10 +192,95 @@ fn check(
         require(unit, "rotation of the hand", &turn, "a unit quaternion")?;
         let seen_pixel = format!("{pixel:?} in pose {pose}");
         let finite = is_near(DVec3::new(pixel[0], pixel[1], 0.0));
-        let expected = "a column and a row of the picture";
-        require(finite, "pixel of the ball", &seen_pixel, expected)?;
+        let a_pixel = "a column and a row of the image";
+        require(finite, "pixel of the ball", &seen_pixel, a_pixel)?;
     }
     Ok(())
+}
+
+/// Returns the best fit of all poses.
+///
+/// # Errors
+/// [`InpaintingError::Unseen`].
+fn best<'a>(
+    start: &Calibration,
+    settings: HandEyeSettings,
+    sightings: &'a [BallSighting],
+) -> Result<Fit<'a>, InpaintingError> {
+    // a start that is wrong by a quarter turn or more could end in a local minimum
+    let starts = (0..4).map(|quarter| Fit::new(rotated(start, quarter), settings, sightings));
+    let fits = starts.flatten().map(minimised);
+    let best = fits.min_by(|a, b| a.cost().total_cmp(&b.cost()));
+    let best = best.ok_or_else(|| unseen(start, settings, sightings))?;
+    // with all else near its value, so that the focal length is no way out of a bad start
+    Ok(if settings.estimate_focal { minimised(best.with_free_focal(true)) } else { best })
+}
+
+/// Pose without which the others fit best.
+struct Worst {
+    /// Index of its sighting.
+    index: usize,
+    /// Distance of its ball from where the others predict it.
+    residual: Residual,
+    /// Largest distance that counts as noise (pixels).
+    limit: f64,
+    /// Sum of the squared residuals of the others (square pixels).
+    cost: f64,
+    /// `true` if the others fit each other.
+    others_fit: bool,
+}
+
+impl Worst {
+    /// Finds it among the sightings of a fit. `None` if the ball would be out of sight.
+    fn of(best: &Fit<'_>) -> Option<Self> {
+        let sightings = best.sightings();
+        let without = (0..sightings.len()).filter_map(|index| {
+            let mut others = sightings.to_vec();
+            let own = [others.remove(index)];
+            let fit = minimised(best.of(&others)?);
+            let (residual, limit) = fit.of(&own)?.limited_residuals().next()?;
+            let (cost, others_fit) = (fit.cost(), fit.is_within_limits());
+            Some(Self { index, residual, limit, cost, others_fit })
+        });
+        without.min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+}
+
+/// Returns the worst pose if the others contradict it: a pose is beyond its limit, or noise would
+/// hardly ever make the others fit as much better without it.
+fn outlier(best: &Fit<'_>) -> Option<Worst> {
+    // what outlines explain needs no search
+    if best.residuals().iter().all(|of| of.pixels < LIMIT_SIGMAS * OUTLINE_ERROR) {
+        return None;
+    }
+    let worst = Worst::of(best)?;
+    let count = best.sightings().len() as f64;
+    // errors of outlines have a part that is no noise, so no fit counts as better than they are
+    let floor = 2.0 * count * OUTLINE_ERROR * OUTLINE_ERROR;
+    // survival function of Fisher's distribution with two degrees of freedom and those of the rest
+    let left = best.degrees_of_freedom() - 2.0;
+    let chance = ((worst.cost + floor) / (best.cost() + floor)).powf(left / 2.0);
+    (count * chance < OUTLIER || !best.is_within_limits()).then_some(worst)
+}
+
+/// Returns the error of poses that do not fit: of one pose if the others fit each other.
+fn misfit(best: &Fit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError {
+    let Residual { pose, pixels, .. } = worst.residual;
+    let limit = worst.limit;
+    if worst.others_fit {
+        return InpaintingError::Misfit { pose, pixels, limit };
+    }
+    let settings = *best.settings();
+    let free = HandEyeSettings { offset: Offset::Unknown, ..settings };
+    let fit = self::best(start, free, best.sightings()).ok();
+    let fit = fit.filter(|fit| settings.offset != Offset::Unknown && fit.is_within_limits());
+    InpaintingError::Contradiction {
+        pose,
+        pixels,
+        limit,
+        accuracy: settings.arm_accuracy,
+        fitted: fit.map(|fit| fit.offset()),
+    }
 }
 
 /// Minimises the cost by the Levenberg-Marquardt method.
@@ -200,11 +312,10 @@ fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
 
 /// Estimates the focal length, by solving again with it among the unknowns. `None` if the poses do
 /// not determine it.
-fn focal(best: &Fit<'_>) -> Option<Focal> {
-    let fit = minimised(best.with_free_focal());
+fn focal(best: &Fit<'_>, start: &Calibration) -> Option<Focal> {
+    let fit = minimised(best.with_free_focal(true));
     let variance = fit.equations().variances()?[fit.focal_index()];
-    let focal = |fitted: &Fit<'_>| fitted.calibration().intrinsics.focal[0];
-    let ratio = focal(&fit) / focal(best);
+    let ratio = fit.calibration().intrinsics.focal[0] / start.intrinsics.focal[0];
     // the unknown is the logarithm of the focal length
     let sigma = ratio * fit.noise() * variance.sqrt();
     Some(Focal { ratio, sigma })
@@ -225,10 +336,14 @@ fn check_focal(focal: Focal, start: &Calibration) -> Result<(), InpaintingError>
     })
 }
 
-/// Splits variances into the standard deviations of angle, position and offset.
-fn dilution_of(variances: &[f64; UNKNOWNS]) -> Uncertainty {
+/// Returns the standard deviations that a pixel of noise causes. `None` if the poses do not
+/// determine all unknowns.
+fn dilution_of(fit: &Fit<'_>) -> Option<Uncertainty> {
+    let mut variances = fit.equations().variances()?;
+    // where the offset is known, the focal length is in its place
+    variances[fit.focal_index()] = 0.0;
     let of = |first: usize| DVec3::from_slice(&variances[first..]).map(f64::sqrt);
-    Uncertainty { angle: of(0), position: of(3), offset: of(6) }
+    Some(Uncertainty { angle: of(0), position: of(3), offset: of(6) })
 }
 
 /// Returns `true` if a dilution is within [`MAX_DILUTION`].
@@ -240,11 +355,13 @@ fn is_tolerable(dilution: &Uncertainty) -> bool {
 
 /// Returns the error of poses that do not determine the camera's pose, with advice.
 fn undetermined(fit: &Fit<'_>) -> InpaintingError {
-    // if a known offset would suffice, the hand turns too little
-    let known = fit.with_known_offset().equations().variances();
-    let would_suffice = known.is_some_and(|variances| is_tolerable(&dilution_of(&variances)));
+    let would_suffice = |other: &Fit<'_>| dilution_of(other).is_some_and(|of| is_tolerable(&of));
     InpaintingError::Undetermined {
-        advice: if would_suffice {
+        advice: if fit.settings().estimate_focal && would_suffice(&fit.with_free_focal(false)) {
+            "they do not separate the focal length from the height: spread them over heights and \
+                 turn the hand further, or give the focal lengths"
+        } else if would_suffice(&fit.with_known_offset().with_free_focal(false)) {
+            // the hand turns too little
             "the hand turns too little to separate the ball's offset from the camera's position: \
                  turn it about two axes, by 10 degrees and more, or measure the offset and give it"
         } else {
@@ -255,9 +372,13 @@ fn undetermined(fit: &Fit<'_>) -> InpaintingError {
 }
 
 /// Returns the error of a start that does not see a hand, with the number of the first such pose.
-fn unseen(start: &Calibration, offset: Offset, sightings: &[BallSighting]) -> InpaintingError {
+fn unseen(
+    start: &Calibration,
+    settings: HandEyeSettings,
+    sightings: &[BallSighting],
+) -> InpaintingError {
     let is_unseen = |sighting: &&BallSighting| {
-        Fit::new(*start, offset, std::slice::from_ref(*sighting)).is_none()
+        Fit::new(*start, settings, std::slice::from_ref(*sighting)).is_none()
     };
     let pose = sightings.iter().find(is_unseen).map(|sighting| sighting.pose);
     InpaintingError::Unseen { pose: pose.unwrap_or_default() }

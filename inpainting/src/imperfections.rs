@@ -51,7 +51,7 @@ impl Imperfections {
     /// distortion, but some is left. The noise at a middle grey is 3 levels of 255. The exposure is
     /// the sensor's default, rounded.
     pub const NOMINAL: Self = Self {
-        distortion: Distortion { radial: [0.01, -0.01], tangential: [0.0005, -0.0005] },
+        distortion: Distortion::brown([0.01, -0.01], [0.0005, -0.0005]),
         position_error: 0.005,
         angle_error: 0.5_f64.to_radians(),
         exposure_drift: 0.1,
@@ -100,7 +100,7 @@ mod tests {
             (|of| of.angle_error = 0.5, "`angle_error` is 0.5"),
             (|of| of.shot_noise = f64::NAN, "`shot_noise` is NaN"),
             (|of| of.drift_time = 0.0, "`drift_time` is 0"),
-            (|of| of.distortion.radial[1] = 2.0, "`distortion`"),
+            (|of| of.distortion.radial[1] = f64::NAN, "`distortion`"),
         ];
         for (change, says) in changes {
             let mut imperfections = Imperfections::NOMINAL;

@@ -25,7 +25,7 @@ pub use color::ColorCorrection;
 pub use distortion::Distortion;
 pub use error::InpaintingError;
 pub use hand_eye::{
-    BallSighting, Focal, HandEye, MAX_RESIDUAL, MIN_POSES, Offset, Residual, Uncertainty,
+    BallSighting, Focal, HandEye, HandEyeSettings, MIN_POSES, Offset, Residual, Uncertainty,
 };
 pub use imperfections::Imperfections;
 pub use inpainter::{Inpainter, InpainterSettings};

@@ -166,7 +166,7 @@ mod tests {
         let rotation = tilt * Extrinsics::overhead(0.0).rotation;
         let position = DVec3::new(0.05, -0.12, 1.8);
         Calibration {
-            distortion: Distortion { radial: [0.03, -0.02], tangential: [0.001, 0.0] },
+            distortion: Distortion::brown([0.03, -0.02], [0.001, 0.0]),
             extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..overhead()
         }

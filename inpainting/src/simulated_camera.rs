@@ -48,7 +48,9 @@ impl SimulatedCamera {
         truth.check()?;
         imperfections.check()?;
         let distortion = truth.distortion + imperfections.distortion;
-        let (ideal, lens) = lens(&Calibration { distortion, ..truth })?;
+        let bent = Calibration { distortion, ..truth };
+        bent.check()?;
+        let (ideal, lens) = lens(&bent)?;
         let Intrinsics { width, height, .. } = truth.intrinsics;
         let calibration = Calibration {
             extrinsics: perturbed(&truth.extrinsics, &imperfections, &mut rng),
@@ -243,7 +245,7 @@ mod tests {
     /// A dot of the ideal picture appears at its distorted position.
     #[test]
     fn the_lens_bends_what_is_seen() {
-        let distortion = Distortion { radial: [0.3, 0.0], tangential: [0.0, 0.02] };
+        let distortion = Distortion::brown([0.3, 0.0], [0.0, 0.02]);
         let mut camera = made(Imperfections { distortion, ..Imperfections::OFF });
         let side = camera.ideal().intrinsics.width;
         let (column, row) = (side / 2 + 20, side / 2 - 14);
@@ -311,7 +313,7 @@ mod tests {
         assert!(message.contains("at least one"), "{message}");
         let wide = Calibration {
             intrinsics: Intrinsics { focal: [20.0; 2], ..small().intrinsics },
-            distortion: Distortion { radial: [-0.4, 0.0], ..Distortion::NONE },
+            distortion: Distortion::brown([-0.4, 0.0], [0.0; 2]),
             ..small()
         };
         let refused = SimulatedCamera::new(wide, Imperfections::OFF, rng(1000));

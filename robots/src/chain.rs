@@ -1,5 +1,7 @@
 //! Serial chain of joints from a robot's base to a tip: forward kinematics and the Jacobian.
 
+use glam::DVec3;
+
 use crate::description::{Description, Drive, Motion, MotionKind, check_length};
 use crate::error::DescriptionError;
 use crate::pose::Pose;
@@ -96,6 +98,35 @@ impl Chain {
             pose = pose * joint.motion.pose(position);
         }
         tip
+    }
+
+    /// Returns a point of the world, and the distance (metres) from it that the last joint's frame
+    /// keeps within in every configuration. The point is on the axis of the first joint, if that
+    /// turns.
+    pub(crate) fn reach(&self) -> (DVec3, f64) {
+        let mut base = self.joints[0].before;
+        let mut links: Vec<DVec3> =
+            self.joints[1..].iter().map(|joint| joint.before.position).collect();
+        if let (Motion { kind: MotionKind::Hinge, axis, .. }, Some(link)) =
+            (self.joints[0].motion, links.first_mut())
+        {
+            // turning about the axis keeps the distance from each of its points
+            let along = link.dot(axis) * axis;
+            base.position = base.point(along);
+            *link -= along;
+        }
+        let slides = self.joints.iter().filter(|of| of.motion.kind == MotionKind::Slide);
+        let travel = slides.map(|of| match of.motion.range {
+            Some([low, high]) => low.abs().max(high.abs()),
+            None => f64::INFINITY,
+        });
+        let reach = links.iter().map(|link| link.length()).sum::<f64>() + travel.sum::<f64>();
+        (base.position, reach)
+    }
+
+    /// Returns the pose of the tip in the frame of the last joint.
+    pub(crate) fn tip_in_last_joint(&self) -> Pose {
+        self.tip
     }
 
     /// Picks the chain's configuration `[len]` from a position vector of the [`Description`].

@@ -7,7 +7,7 @@ use crate::chain::{Chain, ChainJoint};
 use crate::description::{Motion, MotionKind, check_length};
 use crate::error::LARGEST;
 use crate::error::{ControlError, require_finite};
-use crate::ik::{DampedLeastSquares, check_posture, error, out_of_reach, room, step};
+use crate::ik::{DampedLeastSquares, Orientation, check_posture, miss, room, step};
 use crate::pose::Pose;
 use crate::twist::{Twist, TwistLimits};
 
@@ -32,6 +32,9 @@ pub struct ControlSettings {
     /// command is rejected. A [`Watchdog`](crate::Watchdog) with this time-out stops the arm before
     /// that time ends.
     pub horizon: f64,
+    /// Part of the commanded rotation that the tip follows: an arm with fewer than six joints can
+    /// rarely follow all of it. The axis of [`Orientation::Axis`] keeps to its reference.
+    pub orientation: Orientation,
 }
 
 impl Default for ControlSettings {
@@ -44,6 +47,7 @@ impl Default for ControlSettings {
             tolerance: 0.005,
             angular_tolerance: 0.05,
             horizon: 0.2,
+            orientation: Orientation::Full,
         }
     }
 }
@@ -61,7 +65,7 @@ impl ControlSettings {
         for (name, value, range, expected) in self.ranges() {
             check_number(name, value, range.contains(&value), expected)?;
         }
-        Ok(())
+        self.orientation.check()
     }
 
     fn positive(&self) -> [(&'static str, f64); 7] {
@@ -205,7 +209,7 @@ impl CartesianControl {
     /// above the maximum speed is slowed down to it.
     ///
     /// # Errors
-    /// [`ControlError::NotFinite`]; [`ControlError::OutOfReach`] if the arm could not follow for
+    /// [`ControlError::NotFinite`]; [`ControlError::CannotFollow`] if the arm could not follow for
     /// [`ControlSettings::horizon`]. The arm is stopped then.
     pub fn command(&mut self, twist: Twist) -> Result<(), ControlError> {
         let checked = check_twist(&twist).and_then(|()| self.look_ahead(twist));
@@ -237,7 +241,7 @@ impl CartesianControl {
     /// Advances the references by `seconds`, in (0, 10], in steps of at most 25 ms.
     ///
     /// # Errors
-    /// [`ControlError::OutOfReach`] if the arm cannot follow the tip's reference because it is at
+    /// [`ControlError::CannotFollow`] if the arm cannot follow the tip's reference because it is at
     /// the end of its reach or of the ranges of its joints. [`ControlError::Setting`] for a time
     /// out of range, [`ControlError::NotFinite`] if the solved joint velocities are not finite. The
     /// arm is stopped then.
@@ -276,13 +280,14 @@ impl CartesianControl {
     /// Solves for the joint velocities of `twist`, without limits on their speeds.
     fn solve(&mut self, twist: Twist, seconds: f64) {
         let Self { chain, settings, configuration, posture, reference, solver, .. } = self;
-        let correction = settings.correction_rate * error(&chain.tip(configuration), reference);
+        let (tip, orientation) = (chain.tip(configuration), settings.orientation);
+        let correction = settings.correction_rate * orientation.error(&tip, reference);
         let speed = twist.linear.length().max(twist.angular.length());
         let rate = settings.posture_rate * (speed / POSTURE_SPEED).min(1.0);
         solver.solve(
-            chain,
+            (chain, orientation),
             configuration,
-            twist + correction,
+            orientation.constrained(&tip, twist) + correction,
             settings.damping,
             |joint| {
                 let displacement = posture[joint] - configuration[joint];
@@ -312,13 +317,15 @@ impl CartesianControl {
     }
 
     fn check_lag(&self) -> Result<(), ControlError> {
-        let lag = error(&self.tip(), &self.reference);
+        let lag = self.settings.orientation.error(&self.tip(), &self.reference);
         let near = lag.linear.length() <= self.settings.tolerance
             && lag.angular.length() <= self.settings.angular_tolerance;
         if near {
             return Ok(());
         }
-        Err(out_of_reach(&self.chain, &self.configuration, &self.reference))
+        let orientation = self.settings.orientation;
+        let miss = miss(&self.chain, orientation, &self.configuration, &self.reference);
+        Err(ControlError::CannotFollow { miss })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Errors of reading and controlling a robot.
 
 use std::error::Error;
-use std::fmt::Arguments;
+use std::fmt::{self, Arguments};
 use std::path::PathBuf;
 
 use glam::DVec3;
@@ -271,22 +271,38 @@ pub enum ControlError {
         /// Range of the joint.
         range: [f64; 2],
     },
-    /// A pose that the arm cannot reach.
+    /// A motion that the arm cannot follow any further from its present posture.
+    #[error("the arm cannot follow to {miss}")]
+    CannotFollow {
+        /// Target, and the pose that was reached.
+        miss: Miss,
+    },
+    /// A target beyond the length of the arm.
     #[error(
-        "the arm cannot reach {target} in this orientation: it comes to {reached}, {distance} m \
-         and {angle} rad away{}", at_limit(.joint)
+        "the arm cannot reach {target} in any posture: its {part} would be {distance:.4} m from the \
+         base of its chain, and its links allow at most {reach:.4} m"
     )]
     OutOfReach {
         /// Target position of the tip (metres, world).
         target: DVec3,
-        /// Position of the tip that was reached (metres, world).
-        reached: DVec3,
-        /// Distance between `target` and `reached` (metres).
+        /// Part of the arm that is too far away: its tip, or its last joint, whose position follows
+        /// from a full pose.
+        part: &'static str,
+        /// Distance of that part from the base of the chain (metres).
         distance: f64,
-        /// Angle between the tip's orientation and the target's (radians).
-        angle: f64,
-        /// A joint at the end of its range, if that is what stops the arm.
-        joint: Option<String>,
+        /// Bound on that distance in any configuration: the sum of the links' lengths (metres).
+        reach: f64,
+    },
+    /// A target for which inverse kinematics found no configuration. There may be one.
+    #[error(
+        "no configuration was found that brings the tip to {miss}. That is the best of {searches} \
+         searches; one from another seed, more searches, or a freer orientation may succeed"
+    )]
+    NoSolution {
+        /// Target, and the nearest pose that was reached.
+        miss: Miss,
+        /// Number of searches.
+        searches: usize,
     },
     /// A failure of the robot, or of the connection to it.
     #[error("the robot failed: {source}")]
@@ -325,10 +341,30 @@ fn or_of(other: &Option<String>) -> String {
     of.map_or_else(String::new, |joint| format!(" or of `{joint}`"))
 }
 
-fn at_limit(joint: &Option<String>) -> String {
-    match joint {
-        Some(joint) => format!("; the joint `{joint}` is at the end of its range"),
-        None => String::new(),
+/// Tip that is not at its target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Miss {
+    /// Target position of the tip (metres, world).
+    pub target: DVec3,
+    /// Position of the tip that was reached (metres, world).
+    pub reached: DVec3,
+    /// Distance between `target` and `reached` (metres).
+    pub distance: f64,
+    /// Angle (radians) between the tip's orientation and the target's, without rotation that is
+    /// free.
+    pub angle: f64,
+    /// A joint at the end of its range, if that is what stops the arm.
+    pub joint: Option<String>,
+}
+
+impl fmt::Display for Miss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { target, reached, distance, angle, joint } = self;
+        write!(f, "{target}: it comes to {reached}, {distance} m and {angle} rad away")?;
+        match joint {
+            Some(joint) => write!(f, "; the joint `{joint}` is at the end of its range"),
+            None => Ok(()),
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use clap::Args;
 use envs::Camera;
 use envs::embodiments::Arm;
 use glam::DVec3;
-use inpainting::{Ball, Calibration, Focal, HandEye, Offset, Uncertainty};
+use inpainting::{Ball, Calibration, Focal, HandEye, HandEyeSettings, Offset, Uncertainty};
 use serde_json::{Value, json};
 
 use crate::{DeployError, plausibility};
@@ -16,6 +16,7 @@ use experiments::RunError;
 use experiments::cli::say;
 use learner::disk::{LocalDisk, try_out};
 
+use super::camera_file::read_camera;
 use super::file::CalibrationFile;
 use super::measure::{CalibrateSettings, Calibrated, calibrate};
 use super::poses::poses;
@@ -39,6 +40,17 @@ pub struct CalibrateOptions {
     /// (default: it is estimated, too).
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub offset: Option<Triple>,
+    /// Accuracy of the ball's position by the arm's joints (mm, one standard deviation). A pose
+    /// that is off by four of these is left out.
+    #[arg(long, value_name = "MM", default_value_t = 2.5)]
+    pub arm_accuracy: f64,
+    /// Intrinsics and lens of the camera, a YAML file of OpenCV or ROS (`camera_info`), in place of
+    /// the rig's own.
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Estimate the focal lengths, too, from those that are given.
+    #[arg(long)]
+    pub estimate_focal: bool,
     /// Colour of the ball in the picture: red, green and blue, each 0 to 255.
     #[arg(long, value_name = "R,G,B", default_value = "255,0,255")]
     pub color: Triple,
@@ -113,7 +125,7 @@ impl CalibrateOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<Calibrated, DeployError> {
-        let settings = self.settings()?;
+        let settings = self.settings(&rig.calibration())?;
         // the arm moves for minutes, so check first that the file can be written
         try_out(&LocalDisk, &self.out)?;
         let trial = Trial::on_empty_table(self.rig.seed);
@@ -122,7 +134,7 @@ impl CalibrateOptions {
         let result = if self.json {
             object(&calibrated, refusal.as_deref()).to_string()
         } else {
-            text(&calibrated, refusal.as_deref())
+            text(&calibrated, self.estimate_focal, refusal.as_deref())
         };
         say(out, &result)?;
         CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
@@ -145,7 +157,8 @@ impl CalibrateOptions {
         Ok(self.rig.settings()?.simulation)
     }
 
-    fn settings(&self) -> Result<CalibrateSettings, DeployError> {
+    /// Returns the settings for a rig whose own calibration is `known`.
+    fn settings(&self, known: &Calibration) -> Result<CalibrateSettings, DeployError> {
         let levels = self.color.0;
         let is_level = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
         if !levels.iter().all(is_level) {
@@ -156,11 +169,26 @@ impl CalibrateOptions {
             }
             .into());
         }
+        let camera = self.camera.as_deref().map(|path| {
+            let camera = read_camera(path)?;
+            let [size, expected] =
+                [camera.0, known.intrinsics].map(|of| format!("{} x {}", of.width, of.height));
+            let problem =
+                format!("it is of pictures of {size} pixels, but the rig's are {expected}");
+            let checked = Calibration { intrinsics: camera.0, distortion: camera.1, ..*known };
+            checked.check().map_err(|error| RunError::read(path, error))?;
+            if size == expected { Ok(camera) } else { Err(RunError::damaged(path, problem)) }
+        });
         // millimetres on the command line, metres inside
         let offset = self.offset.map(|Triple(place)| DVec3::from_array(place) / 1e3);
         Ok(CalibrateSettings {
             ball: Ball { color: levels.map(|level| level as u8) },
-            offset: offset.map_or(Offset::Unknown, Offset::Known),
+            hand_eye: HandEyeSettings {
+                arm_accuracy: self.arm_accuracy / 1e3,
+                estimate_focal: self.estimate_focal,
+                ..offset.map_or(Offset::Unknown, Offset::Known).into()
+            },
+            camera: camera.transpose()?,
         })
     }
 }
@@ -230,7 +258,7 @@ fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
 }
 
 /// Formats the result as text.
-fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
+fn text(calibrated: &Calibrated, estimated: bool, refusal: Option<&str>) -> String {
     let Calibrated { before, found, left_out } = calibrated;
     let mut lines: Vec<String> = left_out
         .iter()
@@ -238,7 +266,7 @@ fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
         .collect();
     lines.push(residuals(found));
     lines.extend(estimates(found));
-    lines.push(focal(found.focal));
+    lines.push(focal(found.focal, estimated));
     // small residuals do not show poses that determine the camera badly; this does
     let sensitivity = &found.dilution;
     lines.push(format!(
@@ -295,12 +323,16 @@ fn estimates(found: &HandEye) -> Vec<String> {
     lines
 }
 
-/// Returns the line on the focal lengths, which the calibration does not change.
-fn focal(found: Option<Focal>) -> String {
+/// Returns the line on the focal lengths.
+fn focal(found: Option<Focal>, estimated: bool) -> String {
     match found {
         Some(Focal { ratio, sigma }) => format!(
-            "that holds for the focal lengths that were given; the poses alone would put them \
-             {:.1} % {}, give or take {:.1}",
+            "{} {:.1} % {}, give or take {:.1}",
+            if estimated {
+                "the focal lengths were estimated:"
+            } else {
+                "that holds for the focal lengths that were given; the poses alone would put them"
+            },
             1e2 * (ratio - 1.0).abs(),
             if ratio < 1.0 { "lower" } else { "higher" },
             1e2 * sigma

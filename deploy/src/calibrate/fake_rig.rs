@@ -7,7 +7,7 @@ use envs::{Camera, HAND_START};
 use glam::{DQuat, DVec3};
 use inpainting::Calibration;
 use rl::BoxError;
-use robots::{Command, ControlError, Pose, Robot, RobotState};
+use robots::{Command, ControlError, Miss, Pose, Robot, RobotState};
 
 use crate::rig::{Rig, SetUp, Trial, Verdict};
 use crate::{SimulatedRig, SimulationSettings};
@@ -52,13 +52,9 @@ impl Robot for FakeRig {
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         let tip = &mut self.state.tip;
         if command.twist.linear.z > 0.0 && tip.position.z > 0.24 {
-            return Err(ControlError::OutOfReach {
-                target: tip.position,
-                reached: tip.position,
-                distance: 0.1,
-                angle: 0.0,
-                joint: None,
-            });
+            let [target, reached] = [tip.position; 2];
+            let miss = Miss { target, reached, distance: 0.1, angle: 0.0, joint: None };
+            return Err(ControlError::CannotFollow { miss });
         }
         tip.position += 0.025 * command.twist.linear;
         self.turn(0.025 * command.twist.angular);

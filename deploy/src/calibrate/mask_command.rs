@@ -76,7 +76,8 @@ impl MaskOptions {
         // the arm moves for minutes, so check first that the files can be written
         self.pictures.as_deref().map_or(Ok(()), prepare)?;
         let trial = Trial::on_empty_table(self.site.rig.seed);
-        let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial)?;
+        let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial);
+        let check = self.site.camera.named(check)?;
         say(out, &if self.json { object(&check).to_string() } else { table(&check) })?;
         if let Some(folder) = &self.pictures {
             write(&check, folder)?;

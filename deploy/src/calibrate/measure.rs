@@ -1,7 +1,10 @@
 //! Measurement of a calibration: the arm carries a ball from pose to pose in view of the camera.
 
 use envs::embodiments::Arm;
-use inpainting::{Ball, BallSighting, Calibration, HandEye, InpaintingError, MIN_POSES, Offset};
+use inpainting::{
+    Ball, BallSighting, Calibration, Distortion, HandEye, HandEyeSettings, InpaintingError,
+    Intrinsics, MIN_POSES, Residual,
+};
 use robots::{ControlError, Pose};
 use serde::Serialize;
 
@@ -10,13 +13,15 @@ use crate::DeployError;
 use super::approach::{RestingHand, approach, capture_at_rest};
 use crate::rig::{Rig, Trial, then_stop};
 
-/// Settings of a calibration: the ball that the arm carries.
+/// Settings of a calibration: the ball that the arm carries, and what is known of arm and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrateSettings {
     /// Ball that the arm carries.
     pub ball: Ball,
-    /// Position of the ball in the frame of the hand, if it is known.
-    pub offset: Offset,
+    /// Settings of the fit: the ball's position in the hand, if it is known, and the arm's accuracy.
+    pub hand_eye: HandEyeSettings,
+    /// Intrinsics and lens of the camera; `None` to use those of the rig's own calibration.
+    pub camera: Option<(Intrinsics, Distortion)>,
 }
 
 /// Pose of the hand that was skipped, with the reason.
@@ -35,7 +40,7 @@ pub struct Calibrated {
     pub before: Calibration,
     /// Calibration that was found, with its uncertainty.
     pub found: HandEye,
-    /// Poses of the calibration that were skipped, with the reasons.
+    /// Poses of the calibration that were skipped, and those that the others contradict.
     pub left_out: Vec<SkippedPose>,
 }
 
@@ -43,7 +48,7 @@ pub struct Calibrated {
 /// should be empty. The robot is stopped at the end and before any error is returned.
 ///
 /// Poses that the arm cannot reach, in which its hand does not come to rest, or in which the ball
-/// is not seen are skipped.
+/// is not seen are skipped. So are poses that the others contradict, while ten are left.
 ///
 /// # Errors
 /// [`DeployError::FewSightings`]; [`DeployError::Rig`], [`DeployError::Robot`],
@@ -56,7 +61,7 @@ pub fn calibrate(
     trial: &Trial,
 ) -> Result<Calibrated, DeployError> {
     let seen = carry(rig, arm, settings, poses, trial);
-    let (sightings, left_out) = then_stop(rig, seen)?;
+    let (sightings, mut left_out) = then_stop(rig, seen)?;
     // without a skipped pose, too few poses were given, which `HandEye::solve` reports
     if let Some(first) = left_out.first()
         && sightings.len() < MIN_POSES
@@ -69,11 +74,17 @@ pub fn calibrate(
         });
     }
     let before = rig.calibration();
-    Ok(Calibrated {
-        before,
-        found: HandEye::solve(&before, settings.offset, &sightings)?,
-        left_out,
-    })
+    let start = settings.camera.map_or(before, |(intrinsics, distortion)| Calibration {
+        intrinsics,
+        distortion,
+        ..before
+    });
+    let found = HandEye::solve(&start, settings.hand_eye, &sightings)?;
+    left_out.extend(found.left_out.iter().map(|&Residual { pose, pixels, .. }| SkippedPose {
+        pose,
+        why: format!("the ball is seen {pixels:.1} pixels from where the other poses predict it"),
+    }));
+    Ok(Calibrated { before, found, left_out })
 }
 
 /// Visits all poses; returns the places of the ball and the poses that were skipped.
@@ -128,7 +139,7 @@ pub(super) fn concerns_one_pose(error: &DeployError) -> bool {
     use InpaintingError::{NoBall, NoDisc, SeveralBalls};
     matches!(
         error,
-        DeployError::Robot(ControlError::OutOfReach { .. })
+        DeployError::Robot(ControlError::CannotFollow { .. })
             | DeployError::PoseNotReached { .. }
             | DeployError::HandNotAtRest
             | DeployError::Inpainting(NoBall { .. } | NoDisc { .. } | SeveralBalls { .. })

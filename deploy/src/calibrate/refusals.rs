@@ -9,10 +9,11 @@ use inpainting::{Ball, Offset};
 
 use super::command::CalibrateOptions;
 use super::fake_rig::FakeRig;
+use super::file::CalibrationFile;
 use super::mask::{MaskCheck, MaskRow};
 use super::mask_command::{MaskOptions, object};
 use super::measure::{CalibrateSettings, SkippedPose, calibrate};
-use crate::rig::Trial;
+use crate::rig::{Rig, Trial};
 use crate::{DeployError, DeployOptions};
 use experiments::RunError;
 
@@ -32,8 +33,11 @@ fn options(arguments: &[&str]) -> CalibrateOptions {
 
 /// Returns the error of a calibration with a spoilt rig.
 fn spoilt(spoil: fn(&mut FakeRig)) -> DeployError {
-    let settings =
-        CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
+    let settings = CalibrateSettings {
+        ball: Ball { color: [255, 0, 255] },
+        hand_eye: Offset::Unknown.into(),
+        camera: None,
+    };
     let mut rig = FakeRig::new(&arm());
     spoil(&mut rig);
     let there = [rig.state.tip];
@@ -115,6 +119,43 @@ fn options_that_would_be_ignored_are_refused() {
         let message = options.run(&mut Vec::new()).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
     }
+}
+
+/// Checks that files of cameras that do not fit the rig are named before the arm moves.
+#[test]
+fn files_that_do_not_fit_the_rig_are_named() {
+    let folder = std::env::temp_dir().join(format!("covers-cameras-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let [json, yaml] = ["far.json", "camera.yaml"].map(|name| folder.join(name));
+    let mut rig = FakeRig::new(&arm());
+    let mut far = rig.calibration();
+    far.extrinsics.translation.z = 99.9;
+    CalibrationFile::write(&far, &json).unwrap();
+    let text = "image_width: 1280\nimage_height: 720\ncamera_matrix: [900, 0, 640, 0, 900, 360, 0, \
+                0, 1]\ndistortion_coefficients: [0, 0, 0, 0]\n";
+    std::fs::write(&yaml, text).unwrap();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        options: MaskOptions,
+    }
+    let run = root.join("../assets/pretrained-robot");
+    let line = [Path::new("mask"), &run, Path::new("--calibration"), &json];
+    let mask = Line::try_parse_from(line).unwrap().options;
+    let [out, camera] = [folder.join("out.json"), yaml].map(|path| path.display().to_string());
+    let calibrate = options(&["--out", &out, "--camera", &camera]);
+    let errors = [
+        mask.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+        calibrate.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+    ];
+    std::fs::remove_dir_all(&folder).unwrap();
+    let expected =
+        [["far.json", "99.9"], ["camera.yaml", "1280 x 720 pixels, but the rig's are 640 x 480"]];
+    for (error, words) in errors.iter().zip(expected) {
+        assert!(words.iter().all(|word| error.to_string().contains(word)), "{error}");
+    }
+    assert!(rig.time.is_zero());
 }
 
 #[derive(Parser)]

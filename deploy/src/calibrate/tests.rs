@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use envs::{Camera, HAND_START};
 use glam::{DMat3, DVec3};
-use inpainting::{Ball, Calibration, Extrinsics, Offset};
+use inpainting::{Ball, Calibration, Extrinsics, HandEyeSettings, Offset};
 use rl::BoxError;
 use robots::{Command, ControlError, Pose, Robot, RobotState};
 
@@ -23,8 +23,15 @@ use crate::{
 };
 use experiments::RunFolder;
 
-const SETTINGS: CalibrateSettings =
-    CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
+const SETTINGS: CalibrateSettings = CalibrateSettings {
+    ball: Ball { color: [255, 0, 255] },
+    hand_eye: HandEyeSettings {
+        offset: Offset::Unknown,
+        arm_accuracy: 0.0025,
+        estimate_focal: false,
+    },
+    camera: None,
+};
 
 /// Returns options that write a file of this name.
 fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
@@ -32,6 +39,9 @@ fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions 
         rig: RigOptions { robot: RobotKind::KinovaSim, seed: 1000, faults: Faults::Nominal, fault },
         out: std::env::temp_dir().join(name),
         offset: None,
+        arm_accuracy: 2.5,
+        camera: None,
+        estimate_focal: false,
         color: Triple([255.0, 0.0, 255.0]),
         json,
     }
@@ -184,7 +194,7 @@ fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
     let high = Pose { position: HAND_START + 0.1 * DVec3::Z, ..tip };
     let trial = Trial::on_empty_table(0);
     for (poses, says) in
-        [(vec![tip, high], "no ball of the colour"), (vec![high, tip], "cannot reach")]
+        [(vec![tip, high], "no ball of the colour"), (vec![high, tip], "cannot follow")]
     {
         let failed = calibrate(&mut rig, &arm, &SETTINGS, &poses, &trial);
         let error = failed.unwrap_err();

@@ -6,7 +6,6 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::calibration::Calibration;
 use crate::camera::Extrinsics;
-use crate::error::InpaintingError;
 
 use super::equations::{Equations, UNKNOWNS, Vector};
 
@@ -24,9 +23,7 @@ pub(super) fn rotated(calibration: &Calibration, quarters: usize) -> Calibration
 #[derive(Clone, Debug)]
 pub(super) struct Fit<'a> {
     calibration: Calibration,
-    offset: Offset,
-    /// `true` if the focal length is solved for.
-    free_focal: bool,
+    settings: HandEyeSettings,
     /// Estimate of the offset; the given one if it is known.
     guess: DVec3,
     sightings: &'a [BallSighting],
@@ -36,25 +33,26 @@ pub(super) struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
-    /// Starts an estimate, an unknown offset at zero. `None` if a ball would be out of sight.
+    /// Starts an estimate, an unknown offset at zero and the focal lengths as given. `None` if a
+    /// ball would be out of sight.
     pub fn new(
         calibration: Calibration,
-        offset: Offset,
+        settings: HandEyeSettings,
         sightings: &'a [BallSighting],
     ) -> Option<Self> {
-        let guess = match offset {
+        let guess = match settings.offset {
             Offset::Known(offset) => offset,
             Offset::Unknown => DVec3::ZERO,
         };
-        Self::at(calibration, offset, guess, false, sightings)
+        let settings = HandEyeSettings { estimate_focal: false, ..settings };
+        Self::at(calibration, settings, guess, sightings)
     }
 
     /// Computes the residuals of an estimate. `None` if a ball would be out of sight.
     fn at(
         calibration: Calibration,
-        offset: Offset,
+        settings: HandEyeSettings,
         guess: DVec3,
-        free_focal: bool,
         sightings: &'a [BallSighting],
     ) -> Option<Self> {
         let residual = |sighting: &BallSighting| {
@@ -64,15 +62,14 @@ impl<'a> Fit<'a> {
         };
         let residuals = sightings.iter().map(residual).collect::<Option<Vec<_>>>()?;
         let cost: f64 = residuals.iter().flatten().map(|part| part * part).sum();
-        cost.is_finite().then_some(Self {
-            calibration,
-            offset,
-            free_focal,
-            guess,
-            sightings,
-            residuals,
-            cost,
-        })
+        let fit = Self { calibration, settings, guess, sightings, residuals, cost };
+        cost.is_finite().then_some(fit)
+    }
+
+    /// Returns the estimate with the residuals of other sightings. `None` if one of their balls
+    /// would be out of sight.
+    pub fn of<'b>(&self, sightings: &'b [BallSighting]) -> Option<Fit<'b>> {
+        Fit::at(self.calibration, self.settings, self.guess, sightings)
     }
 
     /// Returns the camera that was fitted.
@@ -85,6 +82,16 @@ impl<'a> Fit<'a> {
         self.guess
     }
 
+    /// Returns the settings.
+    pub fn settings(&self) -> &HandEyeSettings {
+        &self.settings
+    }
+
+    /// Returns the sightings.
+    pub fn sightings(&self) -> &'a [BallSighting] {
+        self.sightings
+    }
+
     /// Returns the sum of the squared residuals (square pixels).
     pub fn cost(&self) -> f64 {
         self.cost
@@ -92,18 +99,19 @@ impl<'a> Fit<'a> {
 
     /// Returns a copy with the current offset held.
     pub fn with_known_offset(&self) -> Self {
-        Self { offset: Offset::Known(self.guess), ..self.clone() }
+        let offset = Offset::Known(self.guess);
+        Self { settings: HandEyeSettings { offset, ..self.settings }, ..self.clone() }
     }
 
-    /// Returns a copy with the focal length among the unknowns.
-    pub fn with_free_focal(&self) -> Self {
-        Self { free_focal: true, ..self.clone() }
+    /// Returns a copy with the focal length among the unknowns, or held.
+    pub fn with_free_focal(&self, estimate_focal: bool) -> Self {
+        Self { settings: HandEyeSettings { estimate_focal, ..self.settings }, ..self.clone() }
     }
 
     /// Returns the index of the focal length among the unknowns: after the camera's rotation and
     /// position, and the offset if it is unknown.
     pub fn focal_index(&self) -> usize {
-        match self.offset {
+        match self.settings.offset {
             Offset::Known(_) => 6,
             Offset::Unknown => 9,
         }
@@ -111,13 +119,17 @@ impl<'a> Fit<'a> {
 
     /// Returns the number of unknowns.
     fn free(&self) -> usize {
-        self.focal_index() + usize::from(self.free_focal)
+        self.focal_index() + usize::from(self.settings.estimate_focal)
+    }
+
+    /// Returns the number of equations beyond those that the unknowns take.
+    pub fn degrees_of_freedom(&self) -> f64 {
+        (2 * self.residuals.len() - self.free()) as f64
     }
 
     /// Returns the standard deviation (pixels) of the observations, estimated from the residuals.
     pub fn noise(&self) -> f64 {
-        let degrees_of_freedom = 2 * self.residuals.len() - self.free();
-        (self.cost / degrees_of_freedom as f64).sqrt()
+        (self.cost / self.degrees_of_freedom()).sqrt()
     }
 
     /// Returns the normal equations of a Gauss-Newton step.
@@ -147,7 +159,7 @@ impl<'a> Fit<'a> {
             let parts = [turn, position, offset].map(|part| part.to_array());
             let mut row = [0.0; UNKNOWNS];
             row[..9].copy_from_slice(parts.as_flattened());
-            if self.free_focal {
+            if self.settings.estimate_focal {
                 // the expected pixel relative to the principal point, which scales with the focal
                 // length
                 row[self.focal_index()] = sighting.pixel[axis] - residual[axis] - centre[axis];
@@ -166,15 +178,15 @@ impl<'a> Fit<'a> {
             extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..self.calibration
         };
-        if self.free_focal {
+        if self.settings.estimate_focal {
             let growth = step[self.focal_index()].exp();
             calibration.intrinsics.focal = calibration.intrinsics.focal.map(|f| growth * f);
         }
-        let guess = match self.offset {
+        let guess = match self.settings.offset {
             Offset::Known(offset) => offset,
             Offset::Unknown => self.guess + DVec3::from_slice(&step[6..9]),
         };
-        Self::at(calibration, self.offset, guess, self.free_focal, self.sightings)
+        Self::at(calibration, self.settings, guess, self.sightings)
     }
 
     /// Returns the residuals of all poses.
@@ -204,23 +216,50 @@ impl<'a> Fit<'a> {
         (part.is_finite() && part > 0.0).then(|| eye + part * ray)
     }
 
-    /// Rejects residuals of more than [`MAX_RESIDUAL`].
-    pub fn check_misfit(&self) -> Result<(), InpaintingError> {
-        let residuals = self.residuals();
-        let worst = residuals.iter().max_by(|a, b| a.pixels.total_cmp(&b.pixels));
-        match worst {
-            Some(worst) if worst.pixels > MAX_RESIDUAL => Err(InpaintingError::Misfit {
-                pose: worst.pose,
-                pixels: worst.pixels,
-                limit: MAX_RESIDUAL,
-            }),
-            _ => Ok(()),
-        }
+    /// Returns the largest residual (pixels) that counts as noise, for the ball of a pose: what the
+    /// arm's accuracy and the ball's outline explain.
+    fn limit(&self, sighting: &BallSighting) -> f64 {
+        let ball = sighting.position + sighting.rotation * self.guess;
+        let depth = self.calibration.pinhole().in_camera(ball).z;
+        let of_arm = self.calibration.intrinsics.focal[0] * self.settings.arm_accuracy / depth;
+        LIMIT_SIGMAS * of_arm.hypot(OUTLINE_ERROR)
+    }
+
+    /// Returns all residuals with their limits (pixels).
+    pub fn limited_residuals(&self) -> impl Iterator<Item = (Residual, f64)> {
+        let limits = self.sightings.iter().map(|sighting| self.limit(sighting));
+        self.residuals().into_iter().zip(limits)
+    }
+
+    /// Returns `true` if no residual is beyond its limit.
+    pub fn is_within_limits(&self) -> bool {
+        self.limited_residuals().all(|(residual, limit)| residual.pixels <= limit)
     }
 }
 
-/// Largest residual of a pose (pixels) that counts as noise: 10 mm on a table 1.5 m away.
-pub const MAX_RESIDUAL: f64 = 4.0;
+/// Largest residual that counts as noise, in standard deviations.
+pub(super) const LIMIT_SIGMAS: f64 = 4.0;
+/// Standard deviation (pixels) of the middle of a ball that is found by its outline.
+pub(super) const OUTLINE_ERROR: f64 = 0.2;
+
+/// Settings of [`HandEye::solve`](super::HandEye::solve).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandEyeSettings {
+    /// Position of the ball in the hand's frame.
+    pub offset: Offset,
+    /// Standard deviation (metres) of the ball's position by the arm's joints. Residuals of four of
+    /// these, projected into the picture, count as noise.
+    pub arm_accuracy: f64,
+    /// `true` to estimate the focal lengths, too. Their ratio is kept.
+    pub estimate_focal: bool,
+}
+
+impl From<Offset> for HandEyeSettings {
+    /// Returns the settings for an arm that is accurate to 2.5 mm and for given focal lengths.
+    fn from(offset: Offset) -> Self {
+        Self { offset, arm_accuracy: 0.0025, estimate_focal: false }
+    }
+}
 
 /// Observation of the ball in one pose of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]

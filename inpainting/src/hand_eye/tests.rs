@@ -71,7 +71,7 @@ proptest! {
         offset in vector(0.15),
         known in prop::bool::ANY,
     ) {
-        let lens = Distortion { radial: [radial, -radial], tangential: [tangential; 2] };
+        let lens = Distortion::brown([radial, -radial], [tangential; 2]);
         let place = place + 1.6 * DVec3::Z;
         let truth = camera(place, turn, lens);
         let start = rotated(&camera(place + off, turn + twist, lens), quarters);
@@ -206,17 +206,17 @@ fn focal_lengths_that_the_poses_contradict_are_refused() {
 #[test]
 fn residuals_are_told_in_pixels_and_on_the_table() {
     let mut seen = sightings(&plain(), OFFSET, &hands(200));
-    seen[7].pixel[0] += 3.0;
+    seen[7].pixel[0] += 0.6;
     let found = HandEye::solve(&plain(), Offset::Known(OFFSET), &seen).unwrap();
     let worst = found.worst().unwrap();
     assert_eq!(worst.pose, 7);
-    assert!((worst.pixels - 3.0).abs() < 0.1, "{worst:?}");
+    assert!((worst.pixels - 0.6).abs() < 0.02, "{worst:?}");
     // a pixel is 1.5 m / 615 on the table
     let expected = worst.pixels * 1.5 / 615.0;
     let on_table = worst.on_table.unwrap();
     assert!((on_table / expected - 1.0).abs() < 0.05, "{worst:?}");
     let (pixels, table) = (found.rms(), found.rms_on_table().unwrap());
-    assert!(pixels > 0.1 && pixels < 0.3);
+    assert!(pixels > 0.02 && pixels < 0.06);
     assert!((table / pixels * 615.0 / 1.5 - 1.0).abs() < 0.05);
 }
 
@@ -248,16 +248,130 @@ fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
     let (known, exact) = (Offset::Known(OFFSET), sightings(&plain(), OFFSET, &hands(12)));
     let message = refusal(&plain(), known, &exact[..9]);
     assert!(message.contains("9 poses, expected at least 10"), "{message}");
-    let mut seen = exact.clone();
+    let mut seen = exact[..10].to_vec();
     seen[5].pixel[1] += 40.0;
     let outlier_message = refusal(&plain(), known, &seen);
     assert!(
-        outlier_message.contains("pose 5") && outlier_message.contains("at most 4"),
+        outlier_message.contains("pose 5") && outlier_message.contains("at most 4.1"),
         "{outlier_message}"
     );
     let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, Distortion::NONE);
     let away_message = refusal(&away, known, &exact);
     assert!(away_message.contains("pose 0"), "{away_message}");
+}
+
+/// Returns sightings with noise in pixels, and in the position of the hand (metres).
+fn noisy(exact: &[BallSighting], pixels: f64, metres: f64, seed: u64) -> Vec<BallSighting> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut draw = |sigma: f64| sigma * f64::from(normal(&mut rng));
+    let mut seen = exact.to_vec();
+    for sighting in &mut seen {
+        sighting.pixel = sighting.pixel.map(|p| p + draw(pixels));
+        sighting.position += DVec3::new(draw(metres), draw(metres), draw(metres));
+    }
+    seen
+}
+
+#[test]
+fn poses_that_the_others_contradict_are_left_out_while_ten_are_left() {
+    let exact = sightings(&plain(), BALL, &calibration_poses());
+    for offset in [Offset::Known(BALL), Offset::Unknown] {
+        for seed in 0..20 {
+            for bad in [&[][..], &[(3, 8.0)], &[(0, 10.0), (12, -40.0)], &[(1, 9.0), (6, 300.0)]] {
+                let mut seen = noisy(&exact, 0.3, 0.0, seed);
+                for &(pose, pixels) in bad {
+                    seen[pose].pixel[0] += pixels;
+                }
+                let found = HandEye::solve(&plain(), offset, &seen).unwrap();
+                let mut left_out: Vec<_> = found.left_out.iter().map(|of| of.pose).collect();
+                left_out.sort_unstable();
+                assert!(left_out.iter().eq(bad.iter().map(|(pose, _)| pose)), "{left_out:?}");
+                assert!(found.left_out.iter().all(|of| of.pixels > 5.0), "{:?}", found.left_out);
+                let [position, _] = apart(&found.calibration, &plain());
+                let sigmas = position / found.uncertainty.position;
+                assert!(sigmas.abs().max_element() < 6.0, "{sigmas}");
+            }
+        }
+        let mut seen = exact.clone();
+        (0..5).for_each(|pose| seen[pose].pixel[pose % 2] += 60.0);
+        let message = refusal(&plain(), offset, &seen);
+        assert!(message.contains("expected at most"), "{message}");
+    }
+}
+
+/// Wrong units or axes make all poses contradict each other, and no single one is to blame.
+#[test]
+fn poses_that_contradict_each_other_name_the_offset_and_units() {
+    let exact = sightings(&plain(), BALL, &calibration_poses());
+    type Spoil = fn(&mut BallSighting);
+    let spoils: [(Spoil, Offset, &str); 4] = [
+        // given in metres where millimetres were expected, and along other axes
+        (|_| {}, Offset::Known(1e-3 * BALL), "130.0, 170.0] mm in the hand"),
+        (|_| {}, Offset::Known(-BALL), "130.0, 170.0] mm in the hand"),
+        (|s| s.pixel.swap(0, 1), Offset::Unknown, "columns and rows"),
+        (|s| s.rotation = s.rotation.conjugate(), Offset::Known(BALL), "axes of the hand"),
+    ];
+    for (spoil, offset, says) in spoils {
+        let mut seen = exact.clone();
+        seen.iter_mut().for_each(spoil);
+        let message = refusal(&plain(), offset, &seen);
+        for says in [says, "whichever one is left out", "`--offset`", "millimetres"] {
+            assert!(message.contains(says), "{says}: {message}");
+        }
+    }
+}
+
+/// The bound of residuals follows the focal length and the accuracy of the arm.
+#[test]
+fn cheap_arms_and_fine_cameras_are_calibrated() {
+    let mut fine = plain();
+    fine.intrinsics =
+        Intrinsics { width: 3840, height: 2160, focal: [2800.0; 2], centre: [1910.0, 1085.0] };
+    for (camera, noise, arm_accuracy, solved) in [
+        (plain(), 0.001, 0.0025, 20),
+        (fine, 0.001, 0.0025, 20),
+        (plain(), 0.005, 0.005, 20),
+        (fine, 0.005, 0.005, 20),
+        (plain(), 0.02, 0.0025, 0),
+        (fine, 0.02, 0.0025, 0),
+    ] {
+        let exact = sightings(&camera, BALL, &calibration_poses());
+        let found = (0..20).filter(|&seed| {
+            let settings = HandEyeSettings { arm_accuracy, ..Offset::Known(BALL).into() };
+            let seen = noisy(&exact, 0.1, noise, seed);
+            HandEye::solve(&camera, settings, &seen).is_ok_and(|found| {
+                let [position, _] = apart(&found.calibration, &camera);
+                assert!((position / found.uncertainty.position).abs().max_element() < 6.0);
+                found.left_out.is_empty()
+            })
+        });
+        assert_eq!(found.count(), solved, "{noise} {arm_accuracy}");
+    }
+    for accuracy in [0.0, -1.0, f64::NAN, 2.5] {
+        let settings = HandEyeSettings { arm_accuracy: accuracy, ..Offset::Unknown.into() };
+        let message = HandEye::solve(&plain(), settings, &[]).unwrap_err().to_string();
+        assert!(message.contains("accuracy of the arm"), "{message}");
+    }
+}
+
+#[test]
+fn focal_lengths_are_estimated_on_request() {
+    let exact = sightings(&plain(), BALL, &calibration_poses());
+    let mut start = plain();
+    start.intrinsics.focal = start.intrinsics.focal.map(|focal| 1.1 * focal);
+    for offset in [Offset::Known(BALL), Offset::Unknown] {
+        let settings = HandEyeSettings { estimate_focal: true, ..offset.into() };
+        for seed in 0..20 {
+            let found = HandEye::solve(&start, settings, &noisy(&exact, 0.1, 0.0, seed)).unwrap();
+            let Focal { ratio, sigma } = found.focal.unwrap();
+            assert!((1.1 * ratio - 1.0).abs() < 5.0 * sigma && sigma < 0.01, "{ratio} {sigma}");
+            let off =
+                found.calibration.intrinsics.focal[1] / start.intrinsics.focal[1] / ratio - 1.0;
+            assert!(off.abs() < 1e-9, "{off}");
+            let [position, _] = apart(&found.calibration, &plain());
+            assert!((position / found.uncertainty.position).abs().max_element() < 5.0);
+        }
+    }
 }
 
 /// Poses on a line do not determine the rotation about it; a hand that does not turn, or turns
