@@ -48,7 +48,7 @@ impl UnitActivity {
         }
     }
 
-    /// Returns the number of units; 0 before anything was added.
+    /// Returns the number of measured ReLU units; 0 before any activations were added.
     pub fn units(&self) -> usize {
         self.layers.iter().map(Vec::len).sum()
     }

@@ -69,17 +69,19 @@ impl<T: Scalar> ActorCritic<T> {
         })
     }
 
-    /// Returns the length of the flat parameter slice.
+    /// Returns the number of parameters of the network, which is the length of its flat parameter
+    /// slice.
     pub fn num_params(&self) -> usize {
         self.parts().log_std.end
     }
 
-    /// Returns the range of the image encoder's parameters.
+    /// Returns the range of the image encoder's parameters in the flat parameter slice.
     pub fn encoder(&self) -> Range<usize> {
         self.trunk.encoder()
     }
 
-    /// Returns the range of all other parameters.
+    /// Returns the range of all parameters but those of the image encoder in the flat parameter
+    /// slice.
     pub fn heads(&self) -> Range<usize> {
         self.encoder().end..self.num_params()
     }

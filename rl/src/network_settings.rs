@@ -65,13 +65,13 @@ pub enum Critic {
     /// The pooled features, as in the paper. Image and vector are pooled separately, so the value
     /// cannot depend on the position of the hand (vector) relative to the object (image).
     Pooled {
-        /// Channels of the hidden layer, at least 1.
+        /// Channels of the critic's hidden layer, at least 1.
         width: usize,
     },
     /// The fields before pooling, through a hidden layer of regular fields, like the actor. The
     /// value can depend on the vector relative to the image.
     Joint {
-        /// Regular fields of the hidden layer, at least 1.
+        /// Regular fields of the critic's hidden layer, at least 1.
         fields: usize,
     },
 }
@@ -93,7 +93,7 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// Returns the default with other widths: regular fields after each halving
+    /// Returns the default network settings with other widths: regular fields after each halving
     /// ([`Encoder::Strided`]), and `fields` in all later layers.
     pub fn strided(halvings: Vec<usize>, fields: usize) -> Self {
         Self {
@@ -121,8 +121,8 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the default with an encoder of two halvings and the positions of 16 maps, see
-    /// [`Encoder::Keypoints`]. Sides of images are multiples of 4.
+    /// Returns the default network settings with an encoder of two halvings and the positions of 16
+    /// maps, see [`Encoder::Keypoints`]. Sides of images are multiples of 4.
     pub fn keypoints() -> Self {
         Self { encoder: Encoder::Keypoints { fields: vec![4, 8], maps: 16 }, ..Self::default() }
     }
@@ -137,7 +137,7 @@ impl NetworkSettings {
         self.group.regular(self.copies(fields))
     }
 
-    /// Rejects values outside their ranges.
+    /// Checks that every setting of the network is in its range.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.

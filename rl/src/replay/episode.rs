@@ -146,7 +146,7 @@ impl Episode {
         sizes.still == 0 || sizes.split(image).all(|(_, still)| own.next() == Some(still))
     }
 
-    /// Returns `true` if an observation is the last one of the episode.
+    /// Returns `true` if this observation is the last one of the episode.
     pub fn ends_with(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
         let last = &self.moving[self.steps() * sizes.moving_len()..];
         let mut own = last.chunks(sizes.moving.max(1));

@@ -105,7 +105,8 @@ impl<T: Scalar> SacNetwork<T> {
         })
     }
 
-    /// Returns the length of the flat parameter slice.
+    /// Returns the number of parameters of the network, which is the length of its flat parameter
+    /// slice.
     pub fn num_params(&self) -> usize {
         self.critics().end
     }
@@ -121,7 +122,7 @@ impl<T: Scalar> SacNetwork<T> {
         &self.trunk.settings
     }
 
-    /// Returns the settings of the context; `None` without one.
+    /// Returns the settings of the recurrent context; `None` for a network without one.
     pub fn context(&self) -> Option<ContextSettings> {
         self.context
     }
