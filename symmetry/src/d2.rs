@@ -40,7 +40,7 @@ impl D2 {
         Self::ALL[bits & 3]
     }
 
-    /// Returns the inverse of the element, which is the element itself. the element itself.
+    /// Returns the inverse of the element, which is the element itself.
     pub const fn inverse(self) -> D2 {
         self
     }
