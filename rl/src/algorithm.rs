@@ -20,7 +20,7 @@ pub trait Algorithm {
     /// Type of the statistics that an update returns.
     type Stats: Metrics;
 
-    /// Runs one update of `policy`; random draws come from `rng`.
+    /// Trains `policy` by one update; random draws come from `rng`.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for experience or a policy of another
@@ -38,7 +38,8 @@ pub trait Algorithm {
     /// Names, lengths and order never change.
     fn save(&self) -> AlgorithmState<'_>;
 
-    /// Restores a state that [`Algorithm::save`] returned. After an error, nothing has changed.
+    /// Restores the state of the algorithm that [`Algorithm::save`] returned. After an error,
+    /// nothing has changed.
     ///
     /// # Errors
     /// [`RlError::State`] for a state of another algorithm or network, [`RlError::Damaged`] for

@@ -25,7 +25,7 @@ pub(crate) struct DeviceObservations {
     images: Slot,
     /// All vectors, irrep-major.
     vectors: Slot,
-    /// Index of the observation and advantage of each draw.
+    /// Buffer of the index of the observation and the advantage of each draw.
     pub draws: Slot,
 }
 
@@ -34,9 +34,9 @@ pub(crate) struct Outputs {
     /// Mean actions of the policy, components in irrep-major order.
     pub mean: Tensor,
     pub value: Tensor,
-    /// Index of the first parameter after the encoder's.
+    /// Index of the first parameter after those of the image encoder.
     pub heads: usize,
-    /// Index of the first log_std parameter.
+    /// Index of the first log_std among the parameters.
     pub log_std: usize,
 }
 

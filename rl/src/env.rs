@@ -258,8 +258,8 @@ impl Transition {
         }
     }
 
-    /// Checks the shapes against `spec` and every number, except final observations of running
-    /// episodes.
+    /// Checks the shapes of the transition against `spec`, and every number except final
+    /// observations of running episodes.
     ///
     /// # Errors
     /// [`RlError::Shape`] names the first array that does not fit, [`RlError::NotFinite`] the first

@@ -293,11 +293,11 @@ pub enum RlError {
 /// Environment, component and step of a number, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
-    /// Index of the environment, in 0..N.
+    /// Index of the environment that the number belongs to, in 0..N.
     pub env: Option<usize>,
-    /// Index of the component of a vector or an action.
+    /// Index of the number in its observation vector or action.
     pub component: Option<usize>,
-    /// Number of steps of the episode so far: 0 for the first observation.
+    /// Number of steps that the episode had taken: 0 for the first observation.
     pub step: Option<usize>,
 }
 

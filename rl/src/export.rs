@@ -35,12 +35,12 @@ pub enum ExportedLayer {
 /// Action distribution that the actor's last layer parametrises.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Distribution {
-    /// A Gaussian; the output holds the means `[A]`.
+    /// Gaussian distribution; the actor outputs its means `[A]`.
     Gaussian {
-        /// Logarithms of the standard deviations `[A]`, the same for every state.
+        /// Logarithms of the Gaussian's standard deviations `[A]`, the same for every state.
         log_std: Vec<f32>,
     },
-    /// The tanh of a Gaussian; the output holds the means `[A]`, then `[A]` numbers whose tanh is
+    /// Tanh of a Gaussian; the actor outputs its means `[A]`, then `[A]` numbers whose tanh is
     /// scaled from [-1, 1] to the range of log_std.
     TanhGaussian {
         /// Minimum and maximum of log_std, the logarithm of the Gaussian's standard deviation.

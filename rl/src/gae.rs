@@ -46,7 +46,7 @@ impl GaeInputs<'_> {
     }
 }
 
-/// Writes advantages and returns (advantage + value), both `[T, N]`.
+/// Writes the advantages and the returns (advantage + value) of all steps, both `[T, N]`.
 ///
 /// Schulman et al., "High-dimensional continuous control using generalized advantage estimation"
 /// (ICLR 2016), equation 16, as the recurrence A_t = delta_t + gamma lambda A_(t+1) with

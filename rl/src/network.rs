@@ -101,9 +101,9 @@ impl<T: Scalar> ActorCritic<T> {
         &self.trunk.spec
     }
 
-    /// Draws all parameters: weights before a ReLU with gain sqrt(2) (He et al., ICCV 2015,
-    /// equation 10), the last layers with the gains of the settings, zero biases, and log_std as
-    /// set.
+    /// Draws the initial values of all parameters of the network: weights before a ReLU with gain
+    /// sqrt(2) (He et al., ICCV 2015, equation 10), the last layers with the gains of the settings,
+    /// zero biases, and log_std as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);
@@ -152,9 +152,9 @@ fn critic<T: Scalar>(
 pub struct Workspace<T> {
     /// Mean actions `[K, A]` of the last forward pass.
     pub mean: Vec<f64>,
-    /// Values `[K]` of the last forward pass.
+    /// Values V(s) `[K]` of the last forward pass.
     pub value: Vec<f64>,
-    /// Logarithms of the standard deviations `[A]` of the last forward pass.
+    /// Logarithms of the action's standard deviations `[A]` of the last forward pass.
     pub log_std: Vec<f64>,
     /// Gradient of the loss with respect to `mean`, `[K, A]`; set before the backward pass.
     pub d_mean: Vec<f64>,

@@ -38,7 +38,7 @@ pub struct NetworkSettings {
     /// The number of features grows, too: `top_fields + vector_fields` for D2, four times as many
     /// for C1.
     pub group: Group,
-    /// Image encoder, from images to the top fields.
+    /// Kind and widths of the image encoder, from images to the top fields.
     pub encoder: Encoder,
     /// Regular fields of the image's feature vector, at least 1.
     pub top_fields: usize,
@@ -62,14 +62,15 @@ pub struct NetworkSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Critic {
-    /// The pooled features, as in the paper. Image and vector are pooled separately, so the value
-    /// cannot depend on the position of the hand (vector) relative to the object (image).
+    /// Critic that reads the pooled features, as in the paper. Image and vector are pooled
+    /// separately, so the value cannot depend on the position of the hand (vector) relative to the
+    /// object (image).
     Pooled {
         /// Channels of the critic's hidden layer, at least 1.
         width: usize,
     },
-    /// The fields before pooling, through a hidden layer of regular fields, like the actor. The
-    /// value can depend on the vector relative to the image.
+    /// Critic that reads the fields before pooling, through a hidden layer of regular fields, like
+    /// the actor. The value can depend on the vector relative to the image.
     Joint {
         /// Regular fields of the critic's hidden layer, at least 1.
         fields: usize,

@@ -437,7 +437,8 @@ fn row(values: &[f32], i: usize, width: usize) -> &[f32] {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReplaySettings {
-    /// Maximum number of held steps, at least 1; beyond it, every new step replaces the oldest.
+    /// Maximum number of steps that the buffer holds, at least 1; beyond it, every new step
+    /// replaces the oldest.
     pub capacity: usize,
     /// Number of steps of every environment in one collection, at least 1.
     pub steps: usize,

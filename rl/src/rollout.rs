@@ -23,7 +23,7 @@ pub struct RolloutState<M = ()> {
 /// Statistics of one episode, running or ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Episode {
-    /// Index of the environment, in 0..N.
+    /// Index of the environment that runs the episode, in 0..N.
     pub env: usize,
     /// Number of steps taken in the episode.
     pub length: usize,
@@ -38,7 +38,7 @@ pub struct Episode {
 /// Statistics of a rollout: its decisions and the episodes that ended during it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RolloutStats {
-    /// T * N, the number of decisions taken.
+    /// Number of decisions taken in the rollout, T * N.
     pub decisions: usize,
     /// Episodes that ended during the rollout, in the order in which they ended.
     pub episodes: Vec<Episode>,
@@ -53,13 +53,14 @@ impl RolloutStats {
         self.mean(|e| e.total_reward)
     }
 
-    /// Returns the share in [0, 1] of episodes with success at any time; `None` if none ended.
+    /// Returns the share in [0, 1] of the rollout's ended episodes with success at any time; `None`
+    /// if none ended.
     pub fn success_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success)))
     }
 
-    /// Returns the share in [0, 1] of episodes with success at the end of their last step; `None`
-    /// if no episode ended.
+    /// Returns the share in [0, 1] of the rollout's ended episodes with success at the end of their
+    /// last step; `None` if no episode ended.
     pub fn success_at_end_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success_at_end)))
     }
