@@ -39,7 +39,7 @@ pub struct SacSettings {
     pub burn_in: u64,
     /// Adam's step size for all parameters, above 0.
     pub learning_rate: f32,
-    /// Adam's epsilon, above 0.
+    /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Maximum magnitude of each component of the gradient, above 0; larger ones are clipped.
     pub max_gradient: f32,

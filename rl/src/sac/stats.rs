@@ -23,7 +23,7 @@ pub struct SacStats {
     pub grad_norm: f64,
     /// Share in [0, 1] of the gradient's components that were clipped.
     pub clip_fraction: f64,
-    /// Number of gradient steps taken.
+    /// Number of gradient steps taken in the update.
     pub steps: usize,
     /// Number of steps that the replay buffer holds.
     pub replay: usize,

@@ -118,7 +118,7 @@ pub struct CommonSettings {
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that is assigned to another policy than the one that collected it.
     pub handover: Handover,
-    /// Initialisation of a new policy.
+    /// Initial parameters of a new policy.
     pub new_policy: NewPolicy,
     /// Seed of all random draws of the learner.
     pub seed: u64,
