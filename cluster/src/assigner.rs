@@ -13,7 +13,7 @@ use crate::wasserstein::wasserstein1;
 /// Policy that a rollout is assigned to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
-    /// Candidate of this index.
+    /// Existing policy, by its index among the candidates.
     Existing(usize),
     /// New policy, since no candidate fits.
     New,
@@ -25,18 +25,18 @@ pub enum Decision {
 /// Outcome of the comparison of a rollout with one candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Possible member of the candidate's group.
+    /// Rollout that may belong to the candidate's task group.
     Accepted,
-    /// Probably no member; a second look decides.
+    /// Rollout that probably does not belong to the candidate's task group; a second look decides.
     Doubted,
-    /// No member of the candidate's group.
+    /// Rollout that does not belong to the candidate's task group.
     Rejected,
 }
 
 /// Criterion that the distance of a candidate was compared with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Judgement {
-    /// Fixed threshold.
+    /// Fixed threshold of the distance.
     Threshold {
         /// Largest accepted distance, in the features' unit.
         limit: f64,
@@ -45,24 +45,24 @@ pub enum Judgement {
     Tested {
         /// Result of the test.
         test: PermutationTest,
-        /// Largest rejected p-value.
+        /// Largest p-value that counts against the candidate.
         limit: f64,
     },
     /// No test, since the buffer holds too few episodes. Such a candidate is accepted for lack of
     /// evidence against it, but only taken if no tested candidate is accepted.
     BufferTooSmall {
-        /// Episodes in the buffer.
+        /// Number of episodes in the candidate's buffer.
         episodes: usize,
-        /// Episodes that the settings ask for.
+        /// Number of episodes that the settings ask for.
         needed: usize,
     },
 }
 
-/// Evidence for and against one candidate.
+/// Evidence for and against the assignment of a rollout to one candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// `W1` between rollout and buffer, in the features' unit; of the sampled episodes under
-    /// [`Judgement::Tested`].
+    /// 1-Wasserstein distance between rollout and buffer, in the features' unit; of the sampled
+    /// episodes under [`Judgement::Tested`].
     pub distance: f64,
     /// Criterion that the distance was compared with.
     pub judgement: Judgement,
@@ -71,7 +71,7 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Returns the test, if there was one.
+    /// Returns the permutation test of the candidate, if there was one.
     pub fn test(&self) -> Option<&PermutationTest> {
         match &self.judgement {
             Judgement::Tested { test, .. } => Some(test),
@@ -79,7 +79,8 @@ impl Evidence {
         }
     }
 
-    /// Returns the score in standard deviations, if there was a test.
+    /// Returns the standardised distance, in standard deviations over random splits, if there was a
+    /// test.
     pub fn score(&self) -> Option<f64> {
         self.test().map(|test| test.score)
     }
@@ -98,7 +99,7 @@ impl Evidence {
 pub struct Assignment {
     /// Policy that the rollout is assigned to.
     pub decision: Decision,
-    /// Evidence for each candidate, in their order.
+    /// Evidence for and against each candidate, in the order of the candidates.
     pub evidence: Vec<Evidence>,
 }
 
@@ -122,7 +123,7 @@ impl Assignment {
     }
 }
 
-/// Assigns rollouts to policies by 1-Wasserstein distances in feature space.
+/// Assigner of rollouts to policies by 1-Wasserstein distances in feature space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Assigner {
     settings: AssignerSettings,
@@ -151,7 +152,7 @@ impl Assigner {
     }
 
     /// Compares one rollout with each candidate's buffer, in that candidate's own feature space,
-    /// and decides.
+    /// and decides which one it belongs to.
     ///
     /// The accepted candidate with the lowest score wins (with the lowest distance under
     /// [`Rule::Fixed`]); the first of equals. If none is accepted, the calibrated rule answers

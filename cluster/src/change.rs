@@ -22,8 +22,8 @@ const EQUAL: f64 = 1e-9;
 pub struct ChangeTest {
     /// Number of episodes before the likeliest changepoint.
     pub cut: usize,
-    /// Exact p-value of "nothing changes", over all cuts and sources together, as in a
-    /// [`JointTest`](crate::JointTest).
+    /// Exact p-value of the hypothesis that nothing changes, over all cuts and sources together, as
+    /// in a [`JointTest`](crate::JointTest).
     pub p_value: f64,
 }
 

@@ -20,7 +20,8 @@ const BLOCK_ROWS: usize = 64;
 /// Multiplications below which a second thread does not pay.
 const PARALLEL: usize = 1 << 22;
 
-/// A matrix of distances, with memory that is kept.
+/// Matrix of Euclidean distances between points, whose memory is kept from one computation to the
+/// next.
 ///
 /// `||x - y||^2 = ||x||^2 + ||y||^2 - 2 <x, y>` turns the distances into one matrix product (faer),
 /// around the common centre of both clouds. Where the three terms cancel, the distance is computed
@@ -36,13 +37,13 @@ pub struct EuclideanCosts {
 }
 
 impl EuclideanCosts {
-    /// Makes a matrix that has no memory yet.
+    /// Makes a matrix that has allocated no memory yet.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Returns the distances between the points of `x` `[n, dim]` and `y` `[m, dim]`, row-major
-    /// `[n, m]`.
+    /// Returns the Euclidean distances between the points of `x` `[n, dim]` and `y` `[m, dim]`,
+    /// row-major `[n, m]`.
     ///
     /// Large matrices are computed on the threads of the current rayon pool; the bits do not depend
     /// on their number.

@@ -23,7 +23,7 @@ impl Frames {
         Ok(Self { features, frames_per_episode, dim })
     }
 
-    /// Returns all features, `[episodes, frames_per_episode, dim]`.
+    /// Returns the features of all frames, `[episodes, frames_per_episode, dim]`.
     pub fn features(&self) -> &[f32] {
         &self.features
     }
@@ -33,17 +33,17 @@ impl Frames {
         self.features.len() / self.episode_len()
     }
 
-    /// Returns the number of frames an episode (the paper's `k`).
+    /// Returns the number of frames of each episode (the paper's `k`).
     pub fn frames_per_episode(&self) -> usize {
         self.frames_per_episode
     }
 
-    /// Returns the number of features a frame.
+    /// Returns the number of features of each frame.
     pub fn dim(&self) -> usize {
         self.dim
     }
 
-    /// Returns the features of one episode, `[frames_per_episode, dim]`.
+    /// Returns the features of the episode of this index, `[frames_per_episode, dim]`.
     ///
     /// # Panics
     /// If `index` is not below [`episodes`](Self::episodes).
@@ -51,7 +51,7 @@ impl Frames {
         &self.features[index * self.episode_len()..][..self.episode_len()]
     }
 
-    /// Returns the episodes of both, those of `self` first, for [`Assigner::settle`].
+    /// Returns the frames of `self` and then those of `other`, for [`Assigner::settle`].
     ///
     /// # Errors
     /// Another number of features, or of frames an episode.
@@ -63,7 +63,7 @@ impl Frames {
         Ok(Self { features, ..*self })
     }
 
-    /// Returns the episodes of these indices, in this order.
+    /// Returns the frames of the episodes of these indices, in this order.
     ///
     /// # Errors
     /// No index.
@@ -97,7 +97,8 @@ impl Frames {
     }
 }
 
-/// Buffer of one policy and the new rollout, both as features of that policy's extractor.
+/// Frames of one policy's buffer and of the new rollout, both as features of that policy's
+/// extractor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// Frames of the policy's buffer `B_j`.

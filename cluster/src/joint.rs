@@ -13,16 +13,16 @@ use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, 
 /// Source of evidence: its points for the episodes of a rollout and of a buffer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
-    /// Clouds of the rollout and the buffer.
+    /// Points of the rollout's and of the buffer's episodes.
     pub clouds: Candidate,
     /// Direction in which a difference counts against the buffer's group.
     pub side: Side,
 }
 
-/// Direction of differences between two clouds that count.
+/// Direction of differences between rollout and buffer that count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// All differences.
+    /// Differences in any direction.
     Both,
     /// Only a rollout with a smaller mean value over all dimensions; otherwise the distance is
     /// zero.
@@ -32,11 +32,12 @@ pub enum Side {
 /// Result of one source in a [`JointTest`]. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceTest {
-    /// `W1` between both sides in the source's own unit; zero on the side that does not count.
+    /// 1-Wasserstein distance between rollout and buffer in the source's own unit; zero on the side
+    /// that does not count.
     pub distance: f64,
     /// Mean of the distance over random splits of the pooled episodes.
     pub mean: f64,
-    /// `(distance - mean) / sd`, with moments over random splits.
+    /// Standardised distance `(distance - mean) / sd`, with moments over random splits.
     pub score: f64,
     /// Share of splits, including the observed one, whose largest score over all sources is at
     /// least this source's score: its p-value, adjusted for the number of sources.
@@ -71,7 +72,7 @@ pub struct JointTest {
     pub p_value: f64,
 }
 
-/// Runs the test with `permutations` random splits.
+/// Runs a joint test of all sources with `permutations` random splits.
 ///
 /// # Errors
 /// No split, no source, sources that show different numbers of episodes, or clouds that cannot be
@@ -84,8 +85,8 @@ pub fn joint_test<R: Rng + ?Sized>(
     joint_test_until(sources, &[permutations], |_| false, rng)
 }
 
-/// Runs the test in stages until an outcome is `decided`. `stages` are total numbers of random
-/// splits, ascending; the last stage ends the test in any case.
+/// Runs a joint test of all sources in stages until an outcome is `decided`. `stages` are total
+/// numbers of random splits, ascending; the last stage ends the test in any case.
 ///
 /// If `decided` only stops tests that are not going to be significant, as Besag and
 /// Clifford do in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no

@@ -12,41 +12,45 @@ use crate::transport::{Solver, Weights};
 /// Rounding allowance for distances, as a fraction of the largest pooled one.
 pub(crate) const ROUNDING: f64 = 1e-9;
 
-/// `W1` over random splits of the pooled episodes, in the features' unit.
+/// Distribution of a distance, or of a joint test's largest score, over random splits of the pooled
+/// episodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NullDistribution {
     /// Number of random splits of the pooled episodes.
     pub permutations: usize,
-    /// Mean of the distance over random splits.
+    /// Mean of the distance or score over random splits.
     pub mean: f64,
-    /// Standard deviation of the distance over random splits.
+    /// Standard deviation of the distance or score over random splits.
     pub sd: f64,
-    /// Third standardised moment; distances are skewed to the right.
+    /// Skewness over random splits, the third standardised moment; distances are skewed to the
+    /// right.
     pub skewness: f64,
-    /// 5 % quantile of the distance over random splits.
+    /// 5 % quantile of the distance or score over random splits.
     pub q05: f64,
-    /// Median of the distance over random splits.
+    /// Median of the distance or score over random splits.
     pub q50: f64,
-    /// 95 % quantile of the distance over random splits.
+    /// 95 % quantile of the distance or score over random splits.
     pub q95: f64,
-    /// Largest distance of a random split.
+    /// Largest distance or score of a random split.
     pub max: f64,
 }
 
 /// Result of a permutation test. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PermutationTest {
-    /// `W1` between the episodes of the rollout and those of the buffer that entered the test.
+    /// 1-Wasserstein distance between the episodes of the rollout and those of the buffer that
+    /// entered the test.
     pub distance: f64,
-    /// `W1` if rollout and buffer were exchangeable.
+    /// Distribution of the distance if rollout and buffer were exchangeable.
     pub null: NullDistribution,
-    /// `(distance - mean) / sd`; zero where all splits and the distance agree.
+    /// Standardised distance `(distance - mean) / sd`; zero where all splits and the distance
+    /// agree.
     pub score: f64,
-    /// `(1 + splits at least as far apart) / (1 + splits)`, in `(0, 1]`. Exact: for exchangeable
-    /// episodes it is at most `a` with probability at most `a`, whatever the features.
+    /// P-value `(1 + splits at least as far apart) / (1 + splits)`, in `(0, 1]`. Exact: for
+    /// exchangeable episodes it is at most `a` with probability at most `a`, whatever the features.
     pub p_value: f64,
-    /// Probability of the score under the Pearson type III distribution of the null's moments, in
-    /// `[0, 1]`: an approximation, for levels that the number of splits does not resolve.
+    /// P-value of the score under the Pearson type III distribution of the null's moments, in `[0,
+    /// 1]`: an approximation, for levels that the number of splits does not resolve.
     pub tail_p_value: f64,
 }
 

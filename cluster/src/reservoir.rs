@@ -28,8 +28,8 @@ impl<E> Reservoir<E> {
     }
 
     /// Restores a reservoir from the values of [`capacity`](Self::capacity), [`seen`](Self::seen)
-    /// and [`episodes`](Self::episodes), in the same order. They are all of its state: with the
-    /// same generator it continues in the same way.
+    /// and [`episodes`](Self::episodes), with the episodes in the same order. They are all of its
+    /// state: with the same generator it continues in the same way.
     ///
     /// # Errors
     /// A capacity of zero, or a number of episodes other than `min(capacity, seen)`.
@@ -57,17 +57,18 @@ impl<E> Reservoir<E> {
         }
     }
 
-    /// Returns the stored episodes. Their order has no meaning, but is part of the state.
+    /// Returns the episodes that the reservoir stores. Their order has no meaning, but is part of
+    /// the state.
     pub fn episodes(&self) -> &[E] {
         &self.episodes
     }
 
-    /// Returns the number of episodes offered so far.
+    /// Returns the number of episodes offered to the reservoir so far.
     pub fn seen(&self) -> u64 {
         self.seen
     }
 
-    /// Returns the largest number of episodes that are stored.
+    /// Returns the largest number of episodes that the reservoir stores.
     pub fn capacity(&self) -> usize {
         self.capacity
     }

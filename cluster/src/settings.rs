@@ -6,14 +6,14 @@ use crate::check::{at_least, within};
 use crate::error::Result;
 use crate::permutation::TestSize;
 
-/// Rule by which the assigner decides if a rollout belongs to a policy's group.
+/// Rule by which the assigner decides if a rollout belongs to a policy's task group.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Rule {
     /// The paper's rule: `W1(O, B_j) <= threshold`, nearest policy first. It depends on the
     /// scale of the features.
     Fixed {
-        /// Largest distance within a group (`d_epsilon`), in the features' unit.
+        /// Largest distance within a task group (`d_epsilon`), in the features' unit.
         threshold: f64,
     },
     /// A two-sample permutation test by whole episodes, with a second look before a new policy.
@@ -32,34 +32,34 @@ impl Default for Rule {
     }
 }
 
-/// Settings of the calibrated rule.
+/// Settings of the calibrated rule, a two-sample permutation test.
 ///
 /// The first look at a rollout accepts or doubts a group, the second one accepts or rejects it. The
 /// crate's README explains the default values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Calibrated {
-    /// Level of the first look, in `(0, 1)`: share of rollouts of a known group that ask for a
-    /// second rollout. It is compared with the exact p-value.
+    /// Significance level of the first look, in `(0, 1)`: share of rollouts of a known group that
+    /// ask for a second rollout. It is compared with the exact p-value.
     pub doubt: f64,
-    /// Level of the second look, in `(0, doubt]`: the nominal rate of false alarms, which create a
-    /// superfluous policy, among rollouts of a known group. It is compared with the p-value of the
-    /// fitted tail.
+    /// Significance level of the second look, in `(0, doubt]`: the nominal rate of false alarms,
+    /// which create a superfluous policy, among rollouts of a known group. It is compared with the
+    /// p-value of the fitted tail.
     pub level: f64,
     /// Least ratio of `W1` to its mean over random splits for a rejection at the second look, at
     /// least 1: less counts as drift, however significant it is. Take 1 for features that vary in
     /// many directions, where all distances are alike.
     pub min_ratio: f64,
-    /// Random splits of the pooled episodes at the first look, at least 20 and enough for an exact
-    /// p-value of `doubt`: `1 / (1 + permutations) <= doubt`. The second look, which is rare and
-    /// final, takes four times as many.
+    /// Number of random splits of the pooled episodes at the first look, at least 20 and enough for
+    /// an exact p-value of `doubt`: `1 / (1 + permutations) <= doubt`. The second look, which is
+    /// rare and final, takes four times as many.
     pub permutations: usize,
-    /// Least number of episodes of each side for a meaningful test, at least 4.
+    /// Least number of episodes of the rollout and of the buffer for a meaningful test, at least 4.
     pub min_episodes: usize,
-    /// Episodes of each rollout that enter the test; more are sampled down. The second look pools
-    /// two rollouts and takes twice as many.
+    /// Number of episodes of each rollout that enter the test; more are sampled down. The second
+    /// look pools two rollouts and takes twice as many.
     pub rollout_episodes: usize,
-    /// Episodes of the buffer that enter the test; more are sampled down.
+    /// Number of episodes of the buffer that enter the test; more are sampled down.
     pub buffer_episodes: usize,
 }
 
@@ -83,12 +83,12 @@ impl Default for Calibrated {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AssignerSettings {
-    /// Rule that accepts or rejects a group.
+    /// Rule that accepts or rejects a policy for a rollout.
     pub rule: Rule,
 }
 
 impl AssignerSettings {
-    /// Checks the range of every setting.
+    /// Checks that every setting of the assigner is in its range.
     ///
     /// # Errors
     /// The first setting outside its range, with its value.

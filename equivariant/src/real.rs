@@ -8,7 +8,7 @@ use rand::{Rng, RngExt};
 
 use crate::matrix::{Strided, StridedMut, product};
 
-/// Arithmetic of `f32` or `f64`. Other types cannot implement it.
+/// Arithmetic of single or double precision, `f32` or `f64`. Other types cannot implement it.
 pub trait Real:
     Copy
     + Default
@@ -48,7 +48,7 @@ pub trait Real:
     #[doc(hidden)]
     fn to_mask(self) -> u16;
 
-    /// Writes the product a b into `to`, or adds it to the values there.
+    /// Writes the matrix product a b into `to`, or adds it to the values there.
     #[doc(hidden)]
     fn product(to: StridedMut<Self>, add: bool, a: Strided<Self>, b: Strided<Self>);
 }

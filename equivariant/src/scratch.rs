@@ -101,13 +101,14 @@ pub struct BackwardPass<'a, T> {
     pub x: &'a [T],
     /// Output of the forward pass, `[N, H, W, C]`.
     pub y: &'a [T],
-    /// Gradient with respect to the output.
+    /// Gradient of the loss with respect to the output, `[N, H, W, C]`.
     pub dy: &'a [T],
-    /// Buffer for the gradient with respect to the input; `None` if it is not needed.
+    /// Buffer for the gradient with respect to the input, `[N, H, W, C]`; `None` if it is not
+    /// needed.
     pub dx: Option<&'a mut [T]>,
     /// Sum to which the gradient with respect to the parameters is added.
     pub dparams: &'a mut [T],
-    /// Scratch; holds the values of the forward pass if the layer keeps them.
+    /// Scratch memory; holds the values that the forward pass saved if the layer keeps them.
     pub scratch: &'a mut [T],
 }
 

@@ -43,7 +43,7 @@ impl Shape {
         self.height == 0 || self.width == 0 || self.fields.dim() == 0
     }
 
-    /// Returns the number of pixels.
+    /// Returns the number of pixels of the map, height times width.
     pub const fn pixels(&self) -> usize {
         self.height * self.width
     }

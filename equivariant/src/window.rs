@@ -19,7 +19,7 @@ pub struct Kernel {
 }
 
 impl Kernel {
-    /// Creates a window with this side, stride and padding.
+    /// Creates a window with this side, stride and padding, all in pixels.
     pub const fn new(size: usize, stride: usize, padding: usize) -> Kernel {
         Kernel { size, stride, padding }
     }

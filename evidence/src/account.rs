@@ -11,11 +11,11 @@ use crate::motion::{motion, slope};
 /// Recorded episode, from its first observation on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Course {
-    /// Decisions of all environments before the episode began: its place in time.
+    /// Number of decisions that all environments took before the episode began: its place in time.
     pub began: usize,
     /// First picture of the episode `[H, W, C]`.
     pub image: Vec<u8>,
-    /// Vectors `[T, D]` that the policy acted on.
+    /// Observation vectors `[T, D]` that the policy acted on in the episode.
     pub vectors: Vec<f32>,
     /// Actions of the episode `[T, A]`.
     pub actions: Vec<f32>,
@@ -30,14 +30,15 @@ pub struct Course {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
-    /// Decisions of all environments before the episode began: its place in time.
+    /// Number of decisions that all environments took before the episode began: its place in time.
     pub began: usize,
     /// Features of the first picture, computed by [`Filters`].
     pub picture: Vec<f32>,
-    /// First vector `[D]`; components that change sign under a flip are absolute values.
+    /// First observation vector `[D]` of the episode; components that change sign under a flip are
+    /// absolute values.
     pub vector: Vec<f32>,
-    /// Linear response of the vector to actions, `[D, A]`; `None`, like the next two fields, if the
-    /// episode was not recorded to its end.
+    /// Linear response of the observation vector to actions, `[D, A]`; `None`, like the next two
+    /// fields, if the episode was not recorded to its end.
     pub motion: Option<Vec<f32>>,
     /// Direction in action space in which the reward increases: absolute values `[A]`, of length 1,
     /// or zeros if actions do not change it.
@@ -47,13 +48,14 @@ pub struct Account {
 }
 
 impl Account {
-    /// Removes all that depends on actions, so that only the first picture and vector remain.
+    /// Removes all of the summary that depends on actions, so that only the first picture and
+    /// vector remain.
     pub fn forget_course(&mut self) {
         (self.motion, self.slope, self.earned) = (None, None, None);
     }
 }
 
-/// Summariser of episodes.
+/// Summariser that turns recorded episodes into accounts.
 #[derive(Clone, Debug)]
 pub struct Accountant {
     filters: Filters,

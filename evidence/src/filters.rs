@@ -66,7 +66,7 @@ impl Filters {
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// Returns the number of features of a picture.
+    /// Returns the length of a picture's feature vector.
     pub fn dim(&self) -> usize {
         2 * self.count
     }

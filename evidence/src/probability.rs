@@ -1,11 +1,11 @@
 //! Conversion of p-values into a probability for each policy.
 
-/// Probability of each policy's group, and of a group that no policy knows.
+/// Probability that episodes show each policy's task group, or one that no policy knows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
-    /// Probability of each policy, in their order.
+    /// Probability of each policy's task group, in the order of the policies.
     pub policies: Vec<f64>,
-    /// Probability of a group that no policy knows.
+    /// Probability of a task group that no policy knows.
     pub none: f64,
     /// Outlier score of each policy, which ranks equal probabilities.
     misfits: Vec<f64>,
@@ -37,8 +37,8 @@ impl Probabilities {
         }
     }
 
-    /// Returns the likeliest policy; `None` if "none of these" is likelier. Among equals the best
-    /// fit wins, then the first.
+    /// Returns the index of the likeliest policy; `None` if "none of these" is likelier. Among
+    /// equals the best fit wins, then the first.
     pub fn likeliest(&self) -> Option<usize> {
         let policies = self.policies.iter().zip(&self.misfits).enumerate();
         let best = policies.min_by(|(_, (p, misfit)), (_, (q, other))| {

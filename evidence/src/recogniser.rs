@@ -17,15 +17,15 @@ use crate::settings::RecogniserSettings;
 /// Decision on a rollout, with its reasons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// Policy whose task the episodes show.
+    /// Policy that the episodes are assigned to, or none yet.
     pub decision: Decision,
-    /// Evidence for each policy, in their order.
+    /// Evidence for and against each policy, in the order of the policies.
     pub opinions: Vec<Opinion>,
-    /// Changepoint, in decisions, if the group changed: episodes that began before it belong to the
-    /// earlier group. [`Recogniser::assign`] judges the later episodes, [`Recogniser::review`] the
-    /// earlier ones.
+    /// Changepoint, in decisions of all environments, if the task group changed: episodes that
+    /// began before it belong to the earlier group. [`Recogniser::assign`] judges the later
+    /// episodes, [`Recogniser::review`] the earlier ones.
     pub cut: Option<usize>,
-    /// Policies that are rejected for this task from here on.
+    /// Indices of the policies that are rejected for this task group from here on.
     pub refused: Vec<usize>,
     /// `true` if pictures and vectors alone do not single out the named policy, so that it should
     /// act for some episodes before it acts for a whole rollout.
@@ -36,7 +36,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// Returns the policies that the evidence accepts.
+    /// Returns the indices of the policies that the evidence accepts.
     pub fn accepted(&self) -> Vec<usize> {
         let policies = 0..self.opinions.len();
         policies.filter(|&policy| self.opinions[policy].verdict() == Verdict::Accepted).collect()
@@ -46,11 +46,11 @@ impl Finding {
 /// Context of a decision: the policy that acted, and the rejected ones.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Situation<'a> {
-    /// Policy that acted in the episodes.
+    /// Index of the policy that acted in the episodes.
     pub collector: usize,
-    /// Policies that were rejected for the same task before.
+    /// Indices of the policies that were rejected for the same task group before.
     pub refused: &'a [usize],
-    /// [`Finding::is_unproven`] of the decision that proposed the acting policy.
+    /// Value of [`Finding::is_unproven`] in the decision that proposed the acting policy.
     pub is_unproven: bool,
 }
 
@@ -61,8 +61,8 @@ impl Situation<'_> {
     }
 }
 
-/// Recogniser of groups: remembers the episodes that each policy trained on, and decides whose task
-/// new episodes show.
+/// Recogniser of task groups: remembers the episodes that each policy trained on, and decides whose
+/// task new episodes show.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recogniser {
     settings: RecogniserSettings,
@@ -70,7 +70,7 @@ pub struct Recogniser {
 }
 
 impl Recogniser {
-    /// Creates a recogniser without policies.
+    /// Creates a recogniser that knows no policies yet.
     ///
     /// # Errors
     /// A setting outside its range.
@@ -144,10 +144,11 @@ impl Recogniser {
         Ok(opinion.is_refused())
     }
 
-    /// Decides on one rollout of `collector`, or finally on two ([`Look`]). `Existing` with another
-    /// policy asks for a rollout of that policy and for [`Recogniser::review`]; `Undecided`, only
-    /// at a first look, asks for one more rollout of the same policy and for a second look at both.
-    /// After a changepoint, only the later episodes count.
+    /// Decides which policy one rollout of `collector` belongs to, or finally two rollouts
+    /// ([`Look`]). `Existing` with another policy asks for a rollout of that policy and for
+    /// [`Recogniser::review`]; `Undecided`, only at a first look, asks for one more rollout of the
+    /// same policy and for a second look at both. After a changepoint, only the later episodes
+    /// count.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policies`](Self::policies); too few
@@ -199,9 +200,10 @@ impl Recogniser {
         })
     }
 
-    /// Decides on a rollout of `situation.collector`, which an earlier decision proposed. Its own
-    /// motion and returns are compared, too. If it is rejected and there is a changepoint, only the
-    /// earlier episodes count, for whose group the policy was proposed.
+    /// Reviews the policy `situation.collector`, which an earlier decision proposed, by a rollout
+    /// that it collected itself. Its own motion and returns are compared, too. If it is rejected
+    /// and there is a changepoint, only the earlier episodes count, for whose group the policy was
+    /// proposed.
     ///
     /// # Errors
     /// Errors of [`Recogniser::assign`].
@@ -231,8 +233,8 @@ impl Recogniser {
         Ok(finding)
     }
 
-    /// Returns the probability of each policy, from pictures and vectors of at least one episode,
-    /// whichever policy acted.
+    /// Returns the probability of each policy's task group, from pictures and vectors of at least
+    /// one episode, whichever policy acted.
     ///
     /// # Errors
     /// No episode, or episodes that cannot be compared.

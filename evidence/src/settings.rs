@@ -10,20 +10,22 @@ use crate::error::EvidenceError;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RecogniserSettings {
-    /// Random filters that describe a picture, at least 1.
+    /// Number of random filters that describe a picture, at least 1.
     pub filters: usize,
-    /// Episodes remembered for each policy, the latest of its training; at least `min_episodes`.
+    /// Number of episodes remembered for each policy, the latest of its training; at least
+    /// `min_episodes`.
     pub memory: usize,
-    /// Episodes that a rollout must show, and a policy remember, to be tested; at least 4.
+    /// Number of episodes that a rollout must show, and that must be remembered for a policy, to be
+    /// tested; at least 4.
     pub min_episodes: usize,
-    /// Level of the first look, in `(0, 1)`: the share of rollouts of a known group that are
-    /// doubted, over all sources together. It is compared with the exact p-value.
+    /// Significance level of the first look, in `(0, 1)`: the share of rollouts of a known group
+    /// that are doubted, over all sources together. It is compared with the exact p-value.
     pub doubt: f64,
-    /// Level of a rejection, in `(0, doubt]`: the nominal rate of false alarms over all sources
-    /// together. It is compared with the fitted tail's p-value.
+    /// Significance level of a rejection, in `(0, doubt]`: the nominal rate of false alarms over
+    /// all sources together. It is compared with the fitted tail's p-value.
     pub level: f64,
-    /// Level of the changepoint test, over all places where a rollout may be cut, in `(0, 1)` and
-    /// at least `1 / (1 + permutations)`.
+    /// Significance level of the changepoint test, over all places where a rollout may be cut, in
+    /// `(0, 1)` and at least `1 / (1 + permutations)`.
     pub cut: f64,
     /// Least ratio of a picture's or a vector's distance to its mean over random splits for a
     /// rejection, at least 1: less counts as drift. The excess over 1 is 2.5 times as large
@@ -35,7 +37,8 @@ pub struct RecogniserSettings {
     /// Least share of a policy's gain in return that must be lost for earnings to count, in
     /// `(0, 1]`.
     pub min_loss: f64,
-    /// Random splits of the first look, at least 20; the second one takes three times as many.
+    /// Number of random splits of the pooled episodes at the first look, at least 20; the second
+    /// one takes three times as many.
     pub permutations: usize,
 }
 
@@ -57,7 +60,7 @@ impl Default for RecogniserSettings {
 }
 
 impl RecogniserSettings {
-    /// Checks the range of every setting.
+    /// Checks that every setting of the recogniser is in its range.
     ///
     /// # Errors
     /// The first setting outside its range, with its value.

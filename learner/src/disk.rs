@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 
 use crate::error::LearnerError;
 
-/// Operations by which a run changes its folder.
+/// File operations by which a run changes its folder.
 ///
 /// The guarantees are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append)
 /// survive a power cut once [`sync`](Disk::sync) was called. Names survive once
@@ -28,7 +28,7 @@ pub trait Disk: Debug + Send + Sync {
     /// Errors of the file system.
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
-    /// Flushes the bytes of a file to the disk.
+    /// Flushes the bytes of a file to the storage device.
     ///
     /// # Errors
     /// Errors of the file system.
@@ -52,14 +52,14 @@ pub trait Disk: Debug + Send + Sync {
     /// Errors of the file system.
     fn create_folder(&self, path: &Path) -> io::Result<()>;
 
-    /// Flushes the names in a folder to the disk.
+    /// Flushes the names in a folder to the storage device.
     ///
     /// # Errors
     /// Errors of the file system.
     fn sync_folder(&self, path: &Path) -> io::Result<()>;
 }
 
-/// File system of this machine.
+/// Disk operations on the file system of this machine.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalDisk;
 
@@ -94,7 +94,7 @@ impl Disk for LocalDisk {
     }
 }
 
-/// File extension of files that are still being written.
+/// Extension of the names of files that are still being written.
 pub const PARTIAL: &str = "partial";
 
 /// Replaces the file at `path` atomically: it appears whole or not at all, also after a power cut.

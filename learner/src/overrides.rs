@@ -14,7 +14,7 @@ const LEARNER: &str = "learner";
 /// Length of the longest name, in characters, for which a known one is proposed.
 const LONGEST: usize = 100;
 
-/// Setting and its new value, as given by `--set PATH=VALUE`.
+/// Path of a setting and its new value, as given by `--set PATH=VALUE`.
 ///
 /// The path follows the fields of `experiment.json`, separated by dots; the elements of a list are
 /// numbered from 0, and a leading `learner.` may be left out. The value is JSON; a word needs no
@@ -40,7 +40,8 @@ impl FromStr for Override {
     }
 }
 
-/// Returns the settings with these fields changed; of several values for one field the last counts.
+/// Returns the settings with the overridden fields changed; of several values for one field the
+/// last counts.
 ///
 /// # Errors
 /// [`LearnerError::UnknownSetting`] for an unknown path, [`LearnerError::WrongSetting`] for

@@ -18,8 +18,9 @@ pub struct UnitActivity {
 
 /// A policy whose network can report the activations of its units.
 pub trait MeasureActivity: Actor {
-    /// Returns the activations of all parts of the network for the observations of N environments
-    /// and their `memory`. Critics are evaluated at the mean actions.
+    /// Returns the summed activations of the ReLU units in all parts of the network, for the
+    /// observations of N environments and their `memory`. Critics are evaluated at the mean
+    /// actions.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -36,7 +37,7 @@ impl UnitActivity {
         Self { layers }
     }
 
-    /// Adds the activations of the same units for other observations.
+    /// Adds the summed activations of the same units for other observations.
     pub fn add(&mut self, other: &Self) {
         // the default has no layers yet
         if self.layers.is_empty() {
@@ -48,7 +49,7 @@ impl UnitActivity {
         }
     }
 
-    /// Returns the number of units; 0 before anything was added.
+    /// Returns the number of measured ReLU units; 0 before any activations were added.
     pub fn units(&self) -> usize {
         self.layers.iter().map(Vec::len).sum()
     }

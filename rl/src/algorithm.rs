@@ -12,15 +12,15 @@ const MAX_COUNTER: u64 = 1 << 53;
 /// A checkpoint of this state, the policy's parameters and the random generator determines the
 /// next update, given the experience.
 pub trait Algorithm {
-    /// Policy that is improved.
+    /// Type of the policy that the algorithm trains.
     type Policy;
-    /// Experience that an update reads: a [`RolloutBuffer`](crate::RolloutBuffer) for on-policy
-    /// algorithms, a replay buffer for others.
+    /// Type of the experience that an update reads: a [`RolloutBuffer`](crate::RolloutBuffer) for
+    /// on-policy algorithms, a replay buffer for others.
     type Experience;
-    /// Statistics of an update.
+    /// Type of the statistics that an update returns.
     type Stats: Metrics;
 
-    /// Runs one update of `policy`; random draws come from `rng`.
+    /// Trains `policy` by one update; random draws come from `rng`.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for experience or a policy of another
@@ -34,10 +34,12 @@ pub trait Algorithm {
         rng: &mut ChaCha8Rng,
     ) -> Result<Self::Stats, RlError>;
 
-    /// Returns all state by name, for a checkpoint. Names, lengths and order never change.
+    /// Returns the complete state of the algorithm, as named arrays and counters for a checkpoint.
+    /// Names, lengths and order never change.
     fn save(&self) -> AlgorithmState<'_>;
 
-    /// Restores a state that [`Algorithm::save`] returned. After an error, nothing has changed.
+    /// Restores the state of the algorithm that [`Algorithm::save`] returned. After an error,
+    /// nothing has changed.
     ///
     /// # Errors
     /// [`RlError::State`] for a state of another algorithm or network, [`RlError::Damaged`] for
@@ -45,18 +47,20 @@ pub trait Algorithm {
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 }
 
-/// Statistics as named values, so that different algorithms can write to one log table.
+/// Statistics of a training update as named values, so that different algorithms can write to one
+/// log table.
 pub trait Metrics {
-    /// Returns names and values; names and order are the same after every update of an algorithm.
+    /// Returns the name and value of each statistic; names and order are the same after every
+    /// update of an algorithm.
     fn metrics(&self) -> Vec<(String, f64)>;
 }
 
 /// The state of an [`Algorithm`] between two updates, as named arrays and counters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AlgorithmState<'a> {
-    /// Arrays and their names.
+    /// Arrays of the algorithm's state, such as an optimiser's moments, and their names.
     pub tensors: Vec<(&'a str, &'a [f32])>,
-    /// Counters and their names, each at most 2^53.
+    /// Counters of the algorithm's state and their names, each at most 2^53.
     pub counters: Vec<(&'a str, u64)>,
 }
 

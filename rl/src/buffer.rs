@@ -185,7 +185,7 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Removes every step and keeps the allocations.
+    /// Removes every step of the rollout and keeps the buffer's allocations.
     pub fn clear(&mut self) {
         self.pushed = 0;
         self.finished = false;
@@ -196,7 +196,8 @@ impl RolloutBuffer {
         self.resize(self.capacity);
     }
 
-    /// Computes advantages and returns `[T, N]` by [`gae`]; `gamma` and `lambda` are in [0, 1].
+    /// Computes the advantages and the returns of all decisions, each `[T, N]`, by [`gae`]; `gamma`
+    /// and `lambda` are in [0, 1].
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for wrong lengths.
@@ -243,12 +244,12 @@ impl RolloutBuffer {
         }
     }
 
-    /// Returns sizes and types of the environments.
+    /// Returns the sizes and symmetry types of the environments that the buffer stores steps of.
     pub fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    /// Returns T, the number of steps of a full rollout.
+    /// Returns T, the number of steps of every environment in a full rollout.
     pub fn steps(&self) -> usize {
         self.steps
     }
@@ -258,24 +259,24 @@ impl RolloutBuffer {
         self.steps * self.spec.num_envs
     }
 
-    /// Returns the observations acted on, `[T, N, ...]`: sample t * N + n is environment n at step
-    /// t.
+    /// Returns the observations that the policy acted on, `[T, N, ...]`: sample t * N + n is
+    /// environment n at step t.
     pub fn observations(&self) -> &Observations {
         &self.observations
     }
 
-    /// Returns actions `[T, N, A]`, log-probabilities and values `[T, N]` from the collection or
-    /// from [`RolloutBuffer::reevaluate`].
+    /// Returns the rollout's actions `[T, N, A]`, with log-probabilities and values `[T, N]` from
+    /// the collection or from [`RolloutBuffer::reevaluate`].
     pub fn decisions(&self) -> &Decisions {
         &self.decisions
     }
 
-    /// Returns the rewards `[T, N]`.
+    /// Returns the reward of every step of the rollout, `[T, N]`.
     pub fn rewards(&self) -> &[f32] {
         &self.rewards
     }
 
-    /// Returns the outcomes `[T, N]`.
+    /// Returns the state of the episode after every step of the rollout, `[T, N]`.
     pub fn outcomes(&self) -> &[Outcome] {
         &self.outcomes
     }
@@ -390,8 +391,8 @@ fn value_truncated<P: Values>(
 }
 
 impl RolloutBuffer {
-    /// Keeps only the first `steps` steps, until [`RolloutBuffer::clear`]. Episodes that still run
-    /// at the cut bootstrap from the recorded values of the next step.
+    /// Shortens the rollout to its first `steps` steps, until [`RolloutBuffer::clear`]. Episodes
+    /// that still run at the cut bootstrap from the recorded values of the next step.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Setting`] for 0 steps.

@@ -25,24 +25,24 @@ pub(crate) struct DeviceObservations {
     images: Slot,
     /// All vectors, irrep-major.
     vectors: Slot,
-    /// Index of the observation and advantage of each draw.
+    /// Buffer of the index of the observation and the advantage of each draw.
     pub draws: Slot,
 }
 
 /// Outputs of the network, and the start of two parameter ranges.
 pub(crate) struct Outputs {
-    /// Mean actions, irrep-major.
+    /// Mean actions of the policy, components in irrep-major order.
     pub mean: Tensor,
     pub value: Tensor,
-    /// Index of the first parameter after the encoder's.
+    /// Index of the first parameter after those of the image encoder.
     pub heads: usize,
-    /// Index of the first log_std parameter.
+    /// Index of the first log_std among the parameters.
     pub log_std: usize,
 }
 
 impl DeviceObservations {
-    /// Reserves buffers for `observations` and `draws`; without images if the network has no image
-    /// encoder.
+    /// Reserves GPU buffers for `observations` observations and `draws` draws from them; without
+    /// images if the network has no image encoder.
     pub fn new(
         plan: &mut Plan,
         network: &ActorCritic<f32>,
@@ -61,7 +61,7 @@ impl DeviceObservations {
         }
     }
 
-    /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the device.
+    /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the GPU.
     pub fn write(
         self,
         program: &Program,
@@ -194,14 +194,14 @@ impl DevicePolicy {
         })
     }
 
-    /// Returns the policy.
+    /// Returns the policy whose means and values the GPU computes.
     pub fn policy(&self) -> &ActorCriticPolicy {
         &self.policy
     }
 
-    /// Returns the policy, for an update. Its parameters are copied to the device at the next
-    /// decision, which fails with [`RlError::OtherNetwork`] if the policy was replaced by one with
-    /// another network.
+    /// Returns the policy for a change of its parameters, such as an update. Its parameters are
+    /// copied to the device at the next decision, which fails with [`RlError::OtherNetwork`] if the
+    /// policy was replaced by one with another network.
     pub fn policy_mut(&mut self) -> &mut ActorCriticPolicy {
         self.current = false;
         &mut self.policy

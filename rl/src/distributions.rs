@@ -103,9 +103,9 @@ pub(crate) fn tanh_gradient(
     }
 }
 
-/// Temporally correlated exploration noise `[N, A]` for N environments: x_0 = e_0 and
-/// x_t = c x_(t-1) + sqrt(1 - c^2) e_t with independent standard normal e, separately in each
-/// component and episode. This stationary autoregressive process of order one is standard normal at every step,
+/// Temporally correlated exploration noise `[N, A]` for N environments: x_0 = e_0 and x_t = c
+/// x_(t-1) + sqrt(1 - c^2) e_t with independent standard normal e, separately in each component and
+/// episode. This stationary autoregressive process of order one is standard normal at every step,
 /// and numbers k steps apart have the correlation c^k (Korenkevych et al., "Autoregressive policies
 /// for continuous control deep reinforcement learning", IJCAI 2019, p = 1).
 #[derive(Clone, Debug)]
@@ -120,7 +120,8 @@ pub(crate) struct ActionNoise {
 }
 
 impl ActionNoise {
-    /// Creates independent noise for actions of `width` components (A, at least 1).
+    /// Creates noise for actions of `width` components (A, at least 1), independent from step to
+    /// step.
     pub fn independent(envs: usize, width: usize) -> Self {
         Self {
             correlation: 0.0,
@@ -131,7 +132,7 @@ impl ActionNoise {
         }
     }
 
-    /// Sets the correlation c of consecutive steps.
+    /// Sets the correlation c of the noise of consecutive steps, in [0, 1).
     ///
     /// # Errors
     /// [`RlError::Setting`] for a correlation outside [0, 1).
@@ -143,12 +144,12 @@ impl ActionNoise {
         Ok(())
     }
 
-    /// Begins an episode in every environment.
+    /// Starts a new noise sequence in every environment, independent of the noise so far.
     pub fn restart(&mut self) {
         self.begun.fill(false);
     }
 
-    /// Begins an episode in environment `env`, in 0..N.
+    /// Starts a new noise sequence in environment `env`, in 0..N, independent of its noise so far.
     pub fn forget(&mut self, env: usize) {
         self.begun[env] = false;
     }

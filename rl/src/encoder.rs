@@ -41,7 +41,8 @@ pub enum Encoder {
     ///
     /// Sides of images are multiples of 2 to the power of the number of halvings.
     Strided {
-        /// Fields after each halving, at least 1 each and at least one halving.
+        /// Regular fields after each halving of the image, at least 1 each and at least one
+        /// halving.
         fields: Vec<usize>,
     },
     /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution. From D. Wang et al.,
@@ -52,10 +53,11 @@ pub enum Encoder {
     /// the last convolution 1 x 1. So sides of images are exactly 8 times 2 to the power of the
     /// number of halvings.
     Pooled {
-        /// Fields after each halving, at least 1 each; empty for images of 8 x 8 pixels.
+        /// Regular fields after each halving of the image, at least 1 each; empty for images of 8 x
+        /// 8 pixels.
         fields: Vec<usize>,
-        /// Fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is not
-        /// padded.
+        /// Regular fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is
+        /// not padded.
         inner: [usize; 2],
     },
     /// 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to maps, the expected
@@ -65,9 +67,10 @@ pub enum Encoder {
     ///
     /// Sides of images are multiples of 2 to the power of the number of halvings.
     Keypoints {
-        /// Fields after each halving, at least 1 each and at least one halving.
+        /// Regular fields after each halving of the image, at least 1 each and at least one
+        /// halving.
         fields: Vec<usize>,
-        /// Fields of the maps whose positions are taken, at least 1.
+        /// Regular fields of the maps whose expected positions are the keypoints, at least 1.
         maps: usize,
     },
     /// No encoder: the network reads the observation's vector only.

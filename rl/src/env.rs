@@ -26,7 +26,7 @@ pub struct EnvSpec {
 }
 
 impl EnvSpec {
-    /// Image size of environments without images.
+    /// Value of [`EnvSpec::image`] for environments without images.
     pub const NO_IMAGE: [usize; 3] = [0; 3];
 
     /// Returns the number of bytes of one image, H * W * C.
@@ -34,7 +34,7 @@ impl EnvSpec {
         self.image.iter().product()
     }
 
-    /// Rejects specs with an empty dimension, and specs without any observation.
+    /// Checks that the environments have no size of zero and observe an image, a vector or both.
     ///
     /// # Errors
     /// [`RlError::EmptySpec`] names the field, [`RlError::NothingObserved`] means that there are
@@ -54,7 +54,7 @@ impl EnvSpec {
         }
     }
 
-    /// Rejects rollouts of `steps` steps of every environment that do not fit in memory.
+    /// Checks that rollouts of `steps` steps of every environment fit in this machine's memory.
     ///
     /// # Errors
     /// Errors of [`EnvSpec::check`], [`RlError::Setting`] for 0 steps, and [`RlError::Memory`] if
@@ -88,12 +88,13 @@ impl EnvSpec {
 pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
     pub images: Vec<u8>,
-    /// Vectors `[N, D]` in their natural order, of order 1; at most [`MAX_OBSERVATION`].
+    /// Observation vectors `[N, D]`, components in natural order and of order 1; at most
+    /// [`MAX_OBSERVATION`].
     pub vectors: Vec<f32>,
 }
 
 impl Observations {
-    /// Creates zeros in the shapes of `spec`.
+    /// Creates observations of zeros for the environments of `spec`.
     pub fn new(spec: &EnvSpec) -> Self {
         Self {
             images: vec![0; spec.num_envs * spec.image_len()],
@@ -134,7 +135,7 @@ impl Observations {
         self.vectors[i * vector.len()..(i + 1) * vector.len()].copy_from_slice(&vector);
     }
 
-    /// Rejects vectors with infinities, NaN or numbers beyond [`MAX_OBSERVATION`].
+    /// Rejects observation vectors with infinities, NaN or numbers beyond [`MAX_OBSERVATION`].
     ///
     /// # Errors
     /// [`RlError::NotFinite`] or [`RlError::TooLarge`] with the value, environment and component.
@@ -145,7 +146,7 @@ impl Observations {
         })
     }
 
-    /// Returns image `[H, W, C]` and vector `[D]` of sample `i`.
+    /// Returns the image `[H, W, C]` and the vector `[D]` of observation `i`.
     ///
     /// # Panics
     /// If there is no such sample.
@@ -202,16 +203,18 @@ pub(crate) fn transform_vector(g: D2, components: &[f32], irreps: &[Irrep]) -> V
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
 
-/// State of an episode after a step. After a termination, no reward follows. A truncation only
-/// stops the episode at its time limit, so the value of the final observation is bootstrapped.
+/// State of an episode after a step: it goes on, or has ended by its task or by a time limit. After
+/// a termination, no reward follows. A truncation only stops the episode at its time limit, so the
+/// value of the final observation is bootstrapped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Outcome {
-    /// A running episode.
+    /// Running episode, which goes on after the step.
     #[default]
     Running,
-    /// An end by the task: the value of the next state is zero.
+    /// End of the episode by its task: the value of the next state is zero.
     Terminated,
-    /// An end by a time limit: the value of the next state is that of the final observation.
+    /// End of the episode by a time limit: the value of the next state is that of the final
+    /// observation.
     Truncated,
 }
 
@@ -229,9 +232,9 @@ pub struct Transition {
     pub observations: Observations,
     /// Last observations of the episodes that ended; rows of running episodes have no meaning.
     pub final_observations: Observations,
-    /// Rewards `[N]`.
+    /// Reward of the step in each environment, `[N]`.
     pub rewards: Vec<f32>,
-    /// Outcomes `[N]`.
+    /// State of each environment's episode after the step, `[N]`.
     pub outcomes: Vec<Outcome>,
     /// `true` if the success condition held at any time within this step, its end included, `[N]`.
     /// A step may be several control steps of a simulation.
@@ -242,7 +245,8 @@ pub struct Transition {
 }
 
 impl Transition {
-    /// Creates zero rewards and observations of running episodes without success.
+    /// Creates a transition of running episodes with zero rewards and observations and without
+    /// success.
     pub fn new(spec: &EnvSpec) -> Self {
         Self {
             observations: Observations::new(spec),
@@ -254,8 +258,8 @@ impl Transition {
         }
     }
 
-    /// Checks the shapes against `spec` and every number, except final observations of running
-    /// episodes.
+    /// Checks the shapes of the transition against `spec`, and every number except final
+    /// observations of running episodes.
     ///
     /// # Errors
     /// [`RlError::Shape`] names the first array that does not fit, [`RlError::NotFinite`] the first
@@ -298,15 +302,16 @@ impl Transition {
 
 /// N vectorised environments that step together and restart by themselves (auto-reset).
 pub trait VectorEnv {
-    /// Returns sizes and types, constant for the life of the environment.
+    /// Returns the number of environments and the sizes and symmetry types of their observations
+    /// and actions, constant for the life of the environment.
     fn spec(&self) -> &EnvSpec;
 
-    /// Returns the maximum number of steps of an episode; `None` if there is no time limit.
+    /// Returns the maximum number of steps of an episode; `None` without a time limit.
     fn horizon(&self) -> Option<usize> {
         None
     }
 
-    /// Starts an episode in every environment and writes its first observations.
+    /// Starts an episode in every environment and writes the first observations to `out`.
     ///
     /// # Errors
     /// Any failure of the environment.

@@ -29,7 +29,7 @@ pub enum RlError {
          prepared for; make a new DevicePolicy"
     )]
     OtherNetwork,
-    /// A [`SymmetryLoss`](crate::SymmetryLoss) on a GPU.
+    /// A request for a [`SymmetryLoss`](crate::SymmetryLoss) on a GPU, where it is not available.
     #[cfg(feature = "wgpu")]
     #[error(
         "the setting `symmetry` asks for a symmetry loss, which a GPU does not compute; train on \
@@ -42,13 +42,13 @@ pub enum RlError {
          takes the same EnvSpec"
     )]
     Shape {
-        /// Name of the array.
+        /// Name of the array whose length is wrong.
         what: &'static str,
         /// Expected shape of the array, in words.
         shape: &'static str,
-        /// Number of values found.
+        /// Number of values that the array holds.
         got: usize,
-        /// Number of values required.
+        /// Number of values that the array must hold.
         expected: usize,
     },
     /// An [`EnvSpec`](crate::EnvSpec) with a size of zero.
@@ -57,7 +57,7 @@ pub enum RlError {
          component, and images of at least one pixel and channel, or EnvSpec::NO_IMAGE"
     )]
     EmptySpec {
-        /// Name of the empty field.
+        /// Name of the specification's field with a size of zero.
         field: &'static str,
     },
     /// A network with neither an image nor a vector as input.
@@ -69,11 +69,11 @@ pub enum RlError {
     /// A setting outside its range.
     #[error("{name} = {value}: expected {expected}; change it in the settings")]
     Setting {
-        /// Name of the field.
+        /// Name of the setting that is out of range.
         name: &'static str,
-        /// Value of the field.
+        /// Rejected value of the setting.
         value: f64,
-        /// Allowed range, in words.
+        /// Allowed range of the setting, in words.
         expected: &'static str,
     },
     /// A policy that ordinary layers cannot express.
@@ -82,7 +82,7 @@ pub enum RlError {
          `pooled` or `blind` and without a context can be exported"
     )]
     NotExportable {
-        /// Description of the part.
+        /// Description of the part of the policy that cannot be exported.
         part: &'static str,
     },
     /// An array too large for this machine's memory.
@@ -92,9 +92,9 @@ pub enum RlError {
         bytes / GIB
     )]
     Memory {
-        /// Contents of the array.
+        /// Description of the arrays that would not fit in memory.
         what: &'static str,
-        /// Size of the array in bytes.
+        /// Size of the arrays in bytes.
         bytes: f64,
     },
     /// A step pushed to a full rollout buffer.
@@ -102,7 +102,7 @@ pub enum RlError {
         "the rollout buffer already holds its {steps} steps; call `clear` before the next rollout"
     )]
     BufferFull {
-        /// Number T of steps that fit.
+        /// Number T of steps that the rollout buffer holds when full.
         steps: usize,
     },
     /// A rollout buffer read before it was full and finished.
@@ -111,9 +111,9 @@ pub enum RlError {
          update"
     )]
     BufferNotFinished {
-        /// Number of steps pushed so far.
+        /// Number of steps pushed to the rollout buffer so far.
         got: usize,
-        /// Number T of steps that fit.
+        /// Number T of steps that the rollout buffer holds when full.
         steps: usize,
     },
     /// Images of a size that the encoder cannot process.
@@ -126,11 +126,11 @@ pub enum RlError {
         height: usize,
         /// Width of the images in pixels.
         width: usize,
-        /// Kind of encoder.
+        /// Kind of the encoder that rejects the images.
         encoder: &'static str,
-        /// Number of times that it halves the images.
+        /// Number of times that the encoder halves the images.
         halvings: usize,
-        /// Sizes that the encoder accepts, in words.
+        /// Image sizes that the encoder accepts, in words.
         expected: String,
     },
     /// Images that cannot be centred in a square.
@@ -161,7 +161,7 @@ pub enum RlError {
     ShortRollout {
         /// Number T of steps of a rollout.
         steps: usize,
-        /// Number of steps of the longest episode.
+        /// Number of steps of the longest possible episode.
         horizon: usize,
     },
     /// A saved state that does not fit the algorithm it is restored to.
@@ -170,9 +170,9 @@ pub enum RlError {
          network that it was saved from"
     )]
     State {
-        /// Names and lengths in the saved state.
+        /// Names and lengths of the arrays in the saved state.
         got: String,
-        /// Names and lengths that the algorithm expects.
+        /// Names and lengths of the arrays that the algorithm expects.
         expected: String,
     },
     /// An invalid number in an algorithm's saved state.
@@ -181,11 +181,11 @@ pub enum RlError {
          older one"
     )]
     Damaged {
-        /// Name of the array.
+        /// Name of the array or counter that holds the invalid number.
         name: String,
-        /// Invalid number.
+        /// Invalid number found in the saved state.
         value: f64,
-        /// Allowed values, in words.
+        /// Allowed values of the number, in words.
         expected: &'static str,
     },
     /// A layer with types or sizes that do not fit.
@@ -197,7 +197,7 @@ pub enum RlError {
          spec that the parameters were saved with"
     )]
     Parameters {
-        /// Number of parameters given.
+        /// Number of parameters in the given vector.
         got: usize,
         /// Number of parameters of the network.
         expected: usize,
@@ -209,9 +209,9 @@ pub enum RlError {
          NetworkSettings::log_std"
     )]
     BelowFloor {
-        /// Logarithm of the first standard deviation that is too small.
+        /// Logarithm of the policy's first standard deviation that is too small.
         log_std: f32,
-        /// Smallest value allowed by the settings.
+        /// Smallest logarithm of a standard deviation that the PPO settings allow.
         min_log_std: f32,
     },
     /// A step with success at its end but not within it.
@@ -220,7 +220,7 @@ pub enum RlError {
          wherever the condition held at any time within the step, its end included"
     )]
     SuccessAtEnd {
-        /// Index of the environment, in 0..N.
+        /// Index of the environment with the contradictory success flags, in 0..N.
         env: usize,
     },
     /// A step pushed to a replay buffer that does not continue the episode.
@@ -229,7 +229,7 @@ pub enum RlError {
          call `Replay::cut` after a reset"
     )]
     Discontinued {
-        /// Index of the environment, in 0..N.
+        /// Index of the environment whose step does not continue its episode, in 0..N.
         env: usize,
     },
     /// An image whose still channels changed during an episode.
@@ -238,7 +238,7 @@ pub enum RlError {
          the beginning of its episode; lower ReplaySettings::still_channels"
     )]
     NotStill {
-        /// Index of the environment, in 0..N.
+        /// Index of the environment whose still channels changed, in 0..N.
         env: usize,
         /// Number of channels declared as still.
         channels: usize,
@@ -250,7 +250,7 @@ pub enum RlError {
          environments whose first states are distributed symmetrically"
     )]
     Asymmetric {
-        /// Name of the quantity.
+        /// Name of the quantity that contradicts its irrep.
         what: String,
         /// Irrep of the quantity, as declared.
         irrep: Irrep,
@@ -263,11 +263,11 @@ pub enum RlError {
          and rewards, then lower the learning rates"
     )]
     NotFinite {
-        /// Name of the quantity.
+        /// Name of the quantity that is infinite or NaN.
         what: &'static str,
-        /// Environment, component and step.
+        /// Environment, component and step of the infinite or NaN number.
         place: Place,
-        /// Value of the quantity.
+        /// Infinite or NaN value.
         value: f64,
     },
     /// An observation too large to train on.
@@ -276,13 +276,13 @@ pub enum RlError {
          magnitude; divide it by its unit in the environment"
     )]
     TooLarge {
-        /// Name of the quantity.
+        /// Name of the observed quantity that is too large.
         what: &'static str,
-        /// Environment, component and step.
+        /// Environment, component and step of the number that is too large.
         place: Place,
-        /// Value of the component.
+        /// Value of the component that is too large.
         value: f32,
-        /// Largest magnitude accepted.
+        /// Largest magnitude accepted in an observation.
         limit: f32,
     },
     /// A failure of the environment.
@@ -293,11 +293,11 @@ pub enum RlError {
 /// Environment, component and step of a number, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
-    /// Index of the environment, in 0..N.
+    /// Index of the environment that the number belongs to, in 0..N.
     pub env: Option<usize>,
-    /// Index of the component of a vector or an action.
+    /// Index of the number in its observation vector or action.
     pub component: Option<usize>,
-    /// Number of steps of the episode so far: 0 for the first observation.
+    /// Number of steps that the episode had taken: 0 for the first observation.
     pub step: Option<usize>,
 }
 

@@ -10,19 +10,20 @@ use crate::env::{EnvSpec, Observations};
 use crate::error::RlError;
 use crate::trunk::Trunk;
 
-/// An ordinary layer of an exported policy. Channels between layers are in the regular basis, in
-/// which a group permutes them and the pointwise ReLU of any library is equivariant.
+/// Ordinary layer of an exported policy, which any neural-network library can run. Channels between
+/// layers are in the regular basis, in which a group permutes them and the pointwise ReLU of any
+/// library is equivariant.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ExportedLayer {
     /// A cross-correlation (convolution), or a matrix product on vectors.
     Linear {
-        /// Kernel `[C_out, C_in, size, size]`.
+        /// Kernel of the convolution, `[C_out, C_in, size, size]`.
         weight: Vec<f32>,
-        /// Shape of the kernel.
+        /// Shape of the kernel, `[C_out, C_in, size, size]`.
         shape: [usize; 4],
-        /// Bias `[C_out]`.
+        /// Bias of the convolution, `[C_out]`.
         bias: Vec<f32>,
-        /// Stride and padding.
+        /// Size, stride and padding of the convolution's window, in pixels.
         window: Kernel,
     },
     /// Pointwise max(x, 0).
@@ -34,15 +35,15 @@ pub enum ExportedLayer {
 /// Action distribution that the actor's last layer parametrises.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Distribution {
-    /// A Gaussian; the output holds the means `[A]`.
+    /// Gaussian distribution; the actor outputs its means `[A]`.
     Gaussian {
-        /// Logarithms of the standard deviations `[A]`, the same for every state.
+        /// Logarithms of the Gaussian's standard deviations `[A]`, the same for every state.
         log_std: Vec<f32>,
     },
-    /// The tanh of a Gaussian; the output holds the means `[A]`, then `[A]` numbers whose tanh is
+    /// Tanh of a Gaussian; the actor outputs its means `[A]`, then `[A]` numbers whose tanh is
     /// scaled from [-1, 1] to the range of log_std.
     TanhGaussian {
-        /// Range of log_std.
+        /// Minimum and maximum of log_std, the logarithm of the Gaussian's standard deviation.
         log_std: [f32; 2],
     },
 }
@@ -57,17 +58,17 @@ pub enum Distribution {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportedPolicy {
-    /// Sizes and types of observations and actions.
+    /// Sizes and symmetry types of the policy's observations and actions.
     pub spec: EnvSpec,
-    /// Order G of the group, which is the number of channels of a regular field.
+    /// Order G of the symmetry group, which is the number of channels of a regular field.
     pub order: usize,
-    /// Layers of the image; `None` if the policy reads no image.
+    /// Layers that encode the image; `None` if the policy reads no image.
     pub image: Option<Vec<ExportedLayer>>,
-    /// Layers of the vector; `None` if observations have no vector.
+    /// Layers that encode the observation vector; `None` if observations have no vector.
     pub vector: Option<Vec<ExportedLayer>>,
-    /// Layers of the actor.
+    /// Layers of the actor, which read the outputs of the image layers and the vector layers.
     pub actor: Vec<ExportedLayer>,
-    /// Meaning of the actor's output.
+    /// Action distribution whose parameters the actor outputs.
     pub distribution: Distribution,
     /// Layers of the critic, and `true` if it reads maxima over G; `None` for a policy without a
     /// value function.
@@ -81,19 +82,20 @@ pub struct PolicyOutput {
     pub actions: Vec<f32>,
     /// Logarithms of the Gaussian's standard deviations `[N, A]`, before any tanh.
     pub log_std: Vec<f32>,
-    /// Values `[N]`; `None` for a policy without a value function.
+    /// Values V(s) `[N]`; `None` for a policy without a value function.
     pub values: Option<Vec<f32>>,
 }
 
 /// A policy that can be exported as ordinary dense layers.
 pub trait ExportPolicy {
-    /// Returns the policy in ordinary layers, whose outputs differ by rounding only.
+    /// Returns the policy as ordinary layers, whose outputs differ from the policy's by rounding
+    /// only.
     ///
     /// # Errors
     /// [`RlError::NotExportable`] for a network with parts that ordinary layers cannot express.
     fn export(&self) -> Result<ExportedPolicy, RlError>;
 
-    /// Returns the output for observations, to compare the export with.
+    /// Returns the policy's own output for `observations`, to compare that of its export with.
     ///
     /// # Errors
     /// [`RlError::Shape`] for observations of other environments.

@@ -6,15 +6,16 @@ use crate::error::assert_len;
 /// Inputs of generalised advantage estimation: T steps of N environments, time-major.
 #[derive(Clone, Copy, Debug)]
 pub struct GaeInputs<'a> {
-    /// Rewards `[T, N]`.
+    /// Rewards of all steps, `[T, N]`.
     pub rewards: &'a [f32],
-    /// V(s_t) `[T, N]`.
+    /// Values V(s_t) of the observations acted on, `[T, N]`.
     pub values: &'a [f32],
-    /// Outcomes of the steps, `[T, N]`.
+    /// State of the episode after each step, `[T, N]`.
     pub outcomes: &'a [Outcome],
-    /// V of the final observation of truncated steps, `[T, N]`; other entries are not read.
+    /// Value V of the final observation of each truncated step, `[T, N]`; other entries are not
+    /// read.
     pub final_values: &'a [f32],
-    /// V of the observations after the last step, `[N]`.
+    /// Value V of each environment's observation after the last step, `[N]`.
     pub last_values: &'a [f32],
 }
 
@@ -45,7 +46,7 @@ impl GaeInputs<'_> {
     }
 }
 
-/// Writes advantages and returns (advantage + value), both `[T, N]`.
+/// Writes the advantages and the returns (advantage + value) of all steps, both `[T, N]`.
 ///
 /// Schulman et al., "High-dimensional continuous control using generalized advantage estimation"
 /// (ICLR 2016), equation 16, as the recurrence A_t = delta_t + gamma lambda A_(t+1) with

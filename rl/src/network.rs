@@ -69,17 +69,19 @@ impl<T: Scalar> ActorCritic<T> {
         })
     }
 
-    /// Returns the length of the flat parameter slice.
+    /// Returns the number of parameters of the network, which is the length of its flat parameter
+    /// slice.
     pub fn num_params(&self) -> usize {
         self.parts().log_std.end
     }
 
-    /// Returns the range of the image encoder's parameters.
+    /// Returns the range of the image encoder's parameters in the flat parameter slice.
     pub fn encoder(&self) -> Range<usize> {
         self.trunk.encoder()
     }
 
-    /// Returns the range of all other parameters.
+    /// Returns the range of all parameters but those of the image encoder in the flat parameter
+    /// slice.
     pub fn heads(&self) -> Range<usize> {
         self.encoder().end..self.num_params()
     }
@@ -99,9 +101,9 @@ impl<T: Scalar> ActorCritic<T> {
         &self.trunk.spec
     }
 
-    /// Draws all parameters: weights before a ReLU with gain sqrt(2) (He et al., ICCV 2015,
-    /// equation 10), the last layers with the gains of the settings, zero biases, and log_std as
-    /// set.
+    /// Draws the initial values of all parameters of the network: weights before a ReLU with gain
+    /// sqrt(2) (He et al., ICCV 2015, equation 10), the last layers with the gains of the settings,
+    /// zero biases, and log_std as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);
@@ -150,9 +152,9 @@ fn critic<T: Scalar>(
 pub struct Workspace<T> {
     /// Mean actions `[K, A]` of the last forward pass.
     pub mean: Vec<f64>,
-    /// Values `[K]` of the last forward pass.
+    /// Values V(s) `[K]` of the last forward pass.
     pub value: Vec<f64>,
-    /// Logarithms of the standard deviations `[A]` of the last forward pass.
+    /// Logarithms of the action's standard deviations `[A]` of the last forward pass.
     pub log_std: Vec<f64>,
     /// Gradient of the loss with respect to `mean`, `[K, A]`; set before the backward pass.
     pub d_mean: Vec<f64>,

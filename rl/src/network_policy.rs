@@ -46,17 +46,17 @@ pub(crate) struct Chunk<'a, N> {
 }
 
 impl<N, W> NetworkPolicy<N, W> {
-    /// Returns the network.
+    /// Returns the policy's network, which holds no parameters.
     pub fn network(&self) -> &Arc<N> {
         &self.network
     }
 
-    /// Returns all parameters, in the network's layout.
+    /// Returns all parameters of the policy, in the flat layout of its network.
     pub fn params(&self) -> &[f32] {
         &self.params
     }
 
-    /// Returns all parameters, for an optimiser or a checkpoint to write.
+    /// Returns all parameters of the policy, for an optimiser or a checkpoint to write.
     pub fn params_mut(&mut self) -> &mut [f32] {
         &mut self.params
     }

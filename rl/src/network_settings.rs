@@ -38,7 +38,7 @@ pub struct NetworkSettings {
     /// The number of features grows, too: `top_fields + vector_fields` for D2, four times as many
     /// for C1.
     pub group: Group,
-    /// Image encoder, from images to the top fields.
+    /// Kind and widths of the image encoder, from images to the top fields.
     pub encoder: Encoder,
     /// Regular fields of the image's feature vector, at least 1.
     pub top_fields: usize,
@@ -62,16 +62,17 @@ pub struct NetworkSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Critic {
-    /// The pooled features, as in the paper. Image and vector are pooled separately, so the value
-    /// cannot depend on the position of the hand (vector) relative to the object (image).
+    /// Critic that reads the pooled features, as in the paper. Image and vector are pooled
+    /// separately, so the value cannot depend on the position of the hand (vector) relative to the
+    /// object (image).
     Pooled {
-        /// Channels of the hidden layer, at least 1.
+        /// Channels of the critic's hidden layer, at least 1.
         width: usize,
     },
-    /// The fields before pooling, through a hidden layer of regular fields, like the actor. The
-    /// value can depend on the vector relative to the image.
+    /// Critic that reads the fields before pooling, through a hidden layer of regular fields, like
+    /// the actor. The value can depend on the vector relative to the image.
     Joint {
-        /// Regular fields of the hidden layer, at least 1.
+        /// Regular fields of the critic's hidden layer, at least 1.
         fields: usize,
     },
 }
@@ -93,7 +94,7 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// Returns the default with other widths: regular fields after each halving
+    /// Returns the default network settings with other widths: regular fields after each halving
     /// ([`Encoder::Strided`]), and `fields` in all later layers.
     pub fn strided(halvings: Vec<usize>, fields: usize) -> Self {
         Self {
@@ -121,8 +122,8 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the default with an encoder of two halvings and the positions of 16 maps, see
-    /// [`Encoder::Keypoints`]. Sides of images are multiples of 4.
+    /// Returns the default network settings with an encoder of two halvings and the positions of 16
+    /// maps, see [`Encoder::Keypoints`]. Sides of images are multiples of 4.
     pub fn keypoints() -> Self {
         Self { encoder: Encoder::Keypoints { fields: vec![4, 8], maps: 16 }, ..Self::default() }
     }
@@ -137,7 +138,7 @@ impl NetworkSettings {
         self.group.regular(self.copies(fields))
     }
 
-    /// Rejects values outside their ranges.
+    /// Checks that every setting of the network is in its range.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.

@@ -76,7 +76,7 @@ pub trait Features {
     /// Returns F, the length of the feature vector of one observation.
     fn feature_dim(&self) -> usize;
 
-    /// Writes the features `[N, F]`. N is free.
+    /// Writes the feature vectors of N observations, `[N, F]`, to `out`. N is free.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -129,7 +129,7 @@ pub struct Decisions {
 }
 
 impl Decisions {
-    /// Creates zeros for the environments of `spec`.
+    /// Creates decisions of zeros, one for each environment of `spec`.
     pub fn new(spec: &EnvSpec) -> Self {
         let n = spec.num_envs;
         Self {
@@ -150,7 +150,7 @@ impl Decisions {
         check_len("values", "[N]", self.values.len(), samples)
     }
 
-    /// Rejects infinities and NaN.
+    /// Rejects decisions with infinities or NaN.
     ///
     /// # Errors
     /// [`RlError::NotFinite`] names the array's quantity.

@@ -48,7 +48,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Creates an empty buffer for the environments of `spec`; their number may change, see
+    /// Creates an empty replay buffer for the environments of `spec`; their number may change, see
     /// [`Replay::cut`]. Memory is allocated as steps are recorded.
     ///
     /// # Errors
@@ -137,7 +137,7 @@ impl Replay {
         out.extend(starts.map(|start| rng.random_range(start..len)));
     }
 
-    /// Returns step `index`, in 0..[`Replay::len`], the oldest first.
+    /// Returns the step of this index, in 0..[`Replay::len`], the oldest first.
     ///
     /// # Panics
     /// If there is no such step.
@@ -152,32 +152,32 @@ impl Replay {
         }
     }
 
-    /// Returns the number of held steps.
+    /// Returns the number of steps that the replay buffer holds.
     pub fn len(&self) -> usize {
         self.order.len()
     }
 
-    /// Returns `true` if no step is held.
+    /// Returns `true` if the replay buffer holds no step.
     pub fn is_empty(&self) -> bool {
         self.order.is_empty()
     }
 
-    /// Returns the number of steps ever recorded.
+    /// Returns the number of steps ever recorded, dropped ones included.
     pub fn recorded(&self) -> u64 {
         self.recorded
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the replay buffer.
     pub fn settings(&self) -> &ReplaySettings {
         &self.settings
     }
 
-    /// Returns sizes and types of the environments.
+    /// Returns the sizes and symmetry types of the environments whose steps the buffer records.
     pub fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    /// Returns the number of bytes allocated.
+    /// Returns the number of bytes that the replay buffer has allocated.
     pub fn bytes(&self) -> usize {
         let episodes = self.episodes.iter().map(Episode::bytes).sum::<usize>();
         let spare = self.spare.iter().map(Vec::capacity).sum::<usize>();
@@ -322,9 +322,9 @@ impl<A: Actor> Experience<A> for Replay {
 /// Identifier of a step, and of the observation before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct StepIndex {
-    /// Number of the episode, counted from the first one ever.
+    /// Number of the episode that the step belongs to, counted from the first one ever.
     pub episode: u32,
-    /// Position in the episode, from 0.
+    /// Position of the step in its episode, from 0.
     pub step: u32,
 }
 
@@ -340,7 +340,7 @@ pub struct ReplayStep<'a> {
 }
 
 impl<'a> ReplayStep<'a> {
-    /// Returns the position in the episode, from 0.
+    /// Returns the position of the step in its episode, from 0.
     pub fn step(&self) -> usize {
         self.episode.removed + self.step
     }
@@ -356,7 +356,7 @@ impl<'a> ReplayStep<'a> {
         StepIndex { episode, step: step + 1 }
     }
 
-    /// Writes the image `[H, W, C]` acted on.
+    /// Writes the image `[H, W, C]` that was acted on in this step to `out`.
     ///
     /// # Panics
     /// If the length of `out` is not that of an image.
@@ -364,23 +364,23 @@ impl<'a> ReplayStep<'a> {
         self.episode.image(self.sizes, self.step, out);
     }
 
-    /// Returns the vector `[D]` acted on.
+    /// Returns the observation vector `[D]` that was acted on in this step.
     pub fn vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step, self.sizes.vector)
     }
 
-    /// Returns the executed action `[A]`.
+    /// Returns the action `[A]` executed in this step.
     pub fn action(&self) -> &'a [f32] {
         row(&self.episode.actions, self.step, self.sizes.action)
     }
 
-    /// Returns the reward.
+    /// Returns the reward of the step.
     pub fn reward(&self) -> f32 {
         self.episode.rewards[self.step]
     }
 
-    /// Returns the outcome of the step. After [`Replay::cut`](crate::Replay::cut), an episode's
-    /// last step stays [`Outcome::Running`].
+    /// Returns the state of the episode after the step. After [`Replay::cut`](crate::Replay::cut),
+    /// an episode's last step stays [`Outcome::Running`].
     pub fn outcome(&self) -> Outcome {
         if self.step + 1 == self.episode.steps() { self.episode.outcome } else { Outcome::Running }
     }
@@ -393,13 +393,14 @@ impl<'a> ReplayStep<'a> {
         self.episode.image(self.sizes, self.step + 1, out);
     }
 
-    /// Returns the vector `[D]` after the step; after an episode's end, its final one.
+    /// Returns the observation vector `[D]` after the step; after an episode's end, its final one.
     pub fn next_vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step + 1, self.sizes.vector)
     }
 
-    /// Returns the step `count` before this one; `None` if the episode begins later. At least 256
-    /// dropped steps of an episode longer than the buffer's capacity remain available.
+    /// Returns the step that came `count` steps before this one; `None` if the episode begins
+    /// later. At least 256 dropped steps of an episode longer than the buffer's capacity remain
+    /// available.
     pub fn earlier(&self, count: usize) -> Option<Self> {
         let step = self.step.checked_sub(count)?;
         Some(Self { step, ..*self })
@@ -436,7 +437,8 @@ fn row(values: &[f32], i: usize, width: usize) -> &[f32] {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReplaySettings {
-    /// Maximum number of held steps, at least 1; beyond it, every new step replaces the oldest.
+    /// Maximum number of steps that the buffer holds, at least 1; beyond it, every new step
+    /// replaces the oldest.
     pub capacity: usize,
     /// Number of steps of every environment in one collection, at least 1.
     pub steps: usize,
@@ -454,7 +456,8 @@ impl Default for ReplaySettings {
 }
 
 impl ReplaySettings {
-    /// Rejects values outside their ranges, and more still channels than images have.
+    /// Checks that every setting of the replay buffer is in its range, and that images have as many
+    /// channels as are declared still.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.

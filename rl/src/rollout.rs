@@ -14,20 +14,20 @@ use crate::policy::{Actor, Memory};
 pub struct RolloutState<M = ()> {
     /// Observations that the actor acts on next.
     pub observations: Observations,
-    /// The running episodes so far, `[N]`.
+    /// Statistics of each environment's running episode so far, `[N]`.
     pub episodes: Vec<Episode>,
-    /// The actor's memory of the running episodes.
+    /// Actor's memory of the running episodes.
     pub memory: M,
 }
 
 /// Statistics of one episode, running or ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Episode {
-    /// Index of the environment, in 0..N.
+    /// Index of the environment that runs the episode, in 0..N.
     pub env: usize,
-    /// Number of steps.
+    /// Number of steps taken in the episode.
     pub length: usize,
-    /// Undiscounted sum of rewards.
+    /// Undiscounted sum of the episode's rewards so far.
     pub total_reward: f64,
     /// `true` if the success condition held at any time of the episode.
     pub success: bool,
@@ -38,9 +38,9 @@ pub struct Episode {
 /// Statistics of a rollout: its decisions and the episodes that ended during it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RolloutStats {
-    /// T * N, the number of decisions taken.
+    /// Number of decisions taken in the rollout, T * N.
     pub decisions: usize,
-    /// Episodes in the order in which they ended.
+    /// Episodes that ended during the rollout, in the order in which they ended.
     pub episodes: Vec<Episode>,
     /// Largest magnitude of the undiscounted return of any episode up to any step, running
     /// episodes included.
@@ -48,23 +48,24 @@ pub struct RolloutStats {
 }
 
 impl RolloutStats {
-    /// Returns the mean undiscounted return; `None` if no episode ended.
+    /// Returns the mean undiscounted return of the episodes that ended; `None` if none did.
     pub fn mean_return(&self) -> Option<f64> {
         self.mean(|e| e.total_reward)
     }
 
-    /// Returns the share in [0, 1] of episodes with success at any time; `None` if none ended.
+    /// Returns the share in [0, 1] of the rollout's ended episodes with success at any time; `None`
+    /// if none ended.
     pub fn success_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success)))
     }
 
-    /// Returns the share in [0, 1] of episodes with success at the end of their last step; `None`
-    /// if no episode ended.
+    /// Returns the share in [0, 1] of the rollout's ended episodes with success at the end of their
+    /// last step; `None` if no episode ended.
     pub fn success_at_end_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success_at_end)))
     }
 
-    /// Returns a warning if rewards are too large or too small to train on.
+    /// Returns a warning if the returns of episodes are too large or too small to train on.
     pub fn reward_warning(&self) -> Option<RewardWarning> {
         RewardWarning::of(self.largest_return)
     }
@@ -83,7 +84,7 @@ impl RolloutStats {
 }
 
 impl<M: Memory> RolloutState<M> {
-    /// Resets every environment and creates a fresh memory of `actor`.
+    /// Starts an episode in every environment and creates a fresh memory of `actor`.
     ///
     /// # Errors
     /// [`RlError::Environment`] when the reset fails, [`RlError::Shape`] when it changes the sizes
@@ -210,8 +211,8 @@ pub trait Experience<A: Actor> {
     /// Returns the number of steps of every environment in one collection, at least 1.
     fn steps(&self) -> usize;
 
-    /// Prepares for steps of the environments of `spec`. A rollout buffer is cleared, a replay
-    /// buffer keeps its steps.
+    /// Prepares the storage for steps of the environments of `spec`. A rollout buffer is cleared, a
+    /// replay buffer keeps its steps.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] for other environments than it was made for.

@@ -101,7 +101,7 @@ impl<T: Scalar> Trunk<T> {
         })
     }
 
-    /// Returns the field type of h.
+    /// Returns the field type of h, the features that actor and critic share.
     pub fn out_type(&self) -> FieldType {
         self.pool.in_shape().fields
     }
@@ -219,7 +219,7 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Computes h of the samples in slots 0..n.
+    /// Computes h, the features that actor and critic share, for the samples in slots 0..n.
     pub fn forward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>) {
         let (mut image, mut vector): (&[T], &[T]) = (&[], &[]);
         if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
@@ -248,7 +248,7 @@ impl<T: Scalar> Trunk<T> {
         sums
     }
 
-    /// Returns h of the samples in slots 0..n.
+    /// Returns h, the features that actor and critic share, of the samples in slots 0..n.
     pub fn fields<'p>(&self, n: usize, pass: &'p TrunkPass<T>) -> &'p [T] {
         &pass.fields()[..n * self.out_type().dim()]
     }

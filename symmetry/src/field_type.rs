@@ -20,10 +20,11 @@ pub struct FieldType {
 }
 
 impl FieldType {
-    /// Maximum number of channels of a type, 2^24.
+    /// Maximum number of channels of a field type, 2^24.
     pub const MAX_DIM: usize = 1 << 24;
 
-    /// Creates the type of D2 with these multiplicities of 1, x, y and xy, restricted to `group`.
+    /// Creates the field type of D2 with these multiplicities of 1, x, y and xy, restricted to
+    /// `group`.
     ///
     /// Multiplicities of irreps that are equal under `group` are added up.
     ///
@@ -71,8 +72,8 @@ impl FieldType {
         FieldType { group, multiplicities: restricted }
     }
 
-    /// Returns the type, under `group`, of a vector whose entries have these irreps of D2, in any
-    /// order.
+    /// Returns the field type, under `group`, of a vector whose entries have these irreps of D2, in
+    /// any order.
     ///
     /// [`irrep_order`] sorts such a vector into the layout of the type.
     ///
@@ -86,12 +87,12 @@ impl FieldType {
         FieldType::new(group, multiplicities)
     }
 
-    /// Returns the group that acts.
+    /// Returns the symmetry group that acts on the channels.
     pub const fn group(&self) -> Group {
         self.group
     }
 
-    /// Restricts the type to a subgroup.
+    /// Restricts the field type to a subgroup of its group.
     ///
     /// Channels of irreps that become equal are neighbours in the new layout: [`irrep_order`] of
     /// [`irreps`](FieldType::irreps) gives the order of the old channels in it.
@@ -107,7 +108,7 @@ impl FieldType {
         FieldType::new(group, self.multiplicities)
     }
 
-    /// Returns the number of channels.
+    /// Returns the number of channels of the field type.
     pub fn dim(&self) -> usize {
         self.multiplicities.iter().sum()
     }
@@ -117,19 +118,20 @@ impl FieldType {
         self.multiplicities[irrep.index()]
     }
 
-    /// Returns the range of the channels with this irrep.
+    /// Returns the range of the channels with this irrep in a channel vector.
     pub fn range(&self, irrep: Irrep) -> Range<usize> {
         let start = self.multiplicities[..irrep.index()].iter().sum();
         start..start + self.multiplicity(irrep)
     }
 
-    /// Returns the irrep of each channel.
+    /// Returns the irrep of each channel, in the order of the channels.
     pub fn irreps(&self) -> impl Iterator<Item = Irrep> + use<> {
         let multiplicities = self.multiplicities;
         Irrep::ALL.into_iter().flat_map(move |a| std::iter::repeat_n(a, multiplicities[a.index()]))
     }
 
-    /// Returns the number of regular fields. `None` if the type has other fields, too.
+    /// Returns the number of regular fields that the field type consists of. `None` if the type has
+    /// other fields, too.
     ///
     /// Every type of C1 consists of regular fields: its regular representation is the trivial one.
     pub fn regular_fields(&self) -> Option<usize> {
@@ -139,7 +141,7 @@ impl FieldType {
         is_regular.then_some(n)
     }
 
-    /// Returns `true` if every channel is invariant.
+    /// Returns `true` if the group leaves every channel unchanged.
     pub fn is_trivial(&self) -> bool {
         self.multiplicities[1..] == [0; 3]
     }
@@ -164,8 +166,8 @@ impl FieldType {
 }
 
 impl Group {
-    /// Returns the type of `fields` copies of the regular representation, in which every irrep
-    /// occurs `fields` times.
+    /// Returns the field type of `fields` copies of the regular representation, in which every
+    /// irrep occurs `fields` times.
     ///
     /// # Panics
     /// If that is more than [`FieldType::MAX_DIM`] channels.
@@ -178,7 +180,7 @@ impl Group {
         }
     }
 
-    /// Returns the type of `channels` invariant channels.
+    /// Returns the field type of `channels` invariant channels.
     ///
     /// # Panics
     /// If `channels` is more than [`FieldType::MAX_DIM`].

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::d2::D2;
 use crate::irrep::Irrep;
 
-/// Subgroup of D2, a power of Z2.
+/// Symmetry group of a network or field type, a subgroup of D2 and a power of Z2.
 ///
 /// Restricted to a subgroup, several irreps of D2 can have equal signs. The first of them in
 /// [`Irrep::ALL`] then represents all: C2, for example, has the irreps 1 and x, and y becomes x.
@@ -29,10 +29,10 @@ pub enum Group {
 }
 
 impl Group {
-    /// All five groups.
+    /// All five subgroups of D2.
     pub const ALL: [Group; 5] = [Group::C1, Group::D1x, Group::D1y, Group::C2, Group::D2];
 
-    /// Returns the elements, in the order of their bits; the first is the identity.
+    /// Returns the elements of the group, in the order of their bits; the first is the identity.
     pub const fn elements(self) -> &'static [D2] {
         match self {
             Group::C1 => &[D2::Identity],
@@ -43,13 +43,13 @@ impl Group {
         }
     }
 
-    /// Returns the number of elements: 1, 2 or 4.
+    /// Returns the number of elements of the group: 1, 2 or 4.
     pub const fn order(self) -> usize {
         self.elements().len()
     }
 
-    /// Returns the irreps, as many as elements, in the order of the channel layout; the first is
-    /// trivial.
+    /// Returns the irreps of the group, as many as elements, in the order of the channel layout;
+    /// the first is trivial.
     pub const fn irreps(self) -> &'static [Irrep] {
         match self {
             Group::C1 => &[Irrep::Trivial],
@@ -78,17 +78,17 @@ impl Group {
         self.elements().iter().all(|&g| other.contains(g))
     }
 
-    /// Returns `true` if `g` is an element.
+    /// Returns `true` if `g` is an element of the group.
     pub fn contains(self, g: D2) -> bool {
         self.elements().contains(&g)
     }
 
-    /// Returns `true` if an element maps x to -x.
+    /// Returns `true` if an element of the group maps x to -x.
     pub fn flips_x(self) -> bool {
         self.elements().iter().any(|g| g.flips_x())
     }
 
-    /// Returns `true` if an element maps y to -y.
+    /// Returns `true` if an element of the group maps y to -y.
     pub fn flips_y(self) -> bool {
         self.elements().iter().any(|g| g.flips_y())
     }
@@ -106,7 +106,7 @@ impl fmt::Display for Group {
     }
 }
 
-/// Error of parsing a text that names no group.
+/// Error of parsing a text that names no symmetry group, with the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParseGroupError(pub String);
 

@@ -38,20 +38,20 @@ impl fmt::Display for FieldType {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ParseFieldTypeError {
-    /// The text before the colon is not a group.
+    /// Text before the colon that names no symmetry group.
     Group(ParseGroupError),
-    /// A term is not a count and a representation.
+    /// Term that is not a count and a representation, such as `2 x`.
     Term(String),
-    /// A term brings the type above [`FieldType::MAX_DIM`] channels.
+    /// Term that brings the field type above [`FieldType::MAX_DIM`] channels.
     TooManyChannels {
         /// Term that exceeds the maximum.
         term: String,
     },
-    /// A representation is none of those of the group.
+    /// Representation that the symmetry group does not have.
     Representation {
-        /// Group of the field type.
+        /// Symmetry group of the field type.
         group: Group,
-        /// Name found in the text.
+        /// Name of the representation, as found in the text.
         name: String,
     },
 }

@@ -95,7 +95,7 @@ impl Chain {
         self.links.iter().map(Link::out)
     }
 
-    /// Returns the number of values of scratch for both passes.
+    /// Returns the number of values of scratch memory that both passes of `samples` samples need.
     pub fn scratch_len(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         let passes = links.map(|(i, link)| {

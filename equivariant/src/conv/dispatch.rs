@@ -16,16 +16,16 @@ const MIN_PRODUCTS_TO_SPLIT: usize = 1 << 18;
 /// Precisions for which passes are compiled. The trait is implemented for two types rather than
 /// generically, so that passes are compiled once and with this crate's settings.
 pub trait Dispatch: Real {
-    /// Runs a forward pass.
+    /// Runs the forward pass of a convolution in this precision.
     fn forward(pass: Forward<Self>);
 
-    /// Runs a backward pass.
+    /// Runs the backward pass of a convolution in this precision.
     fn backward(pass: Backward<Self>);
 
-    /// Runs the forward pass of a pooling.
+    /// Runs the forward pass of a max-pooling in this precision.
     fn pool_forward(pass: PoolForward<Self>);
 
-    /// Runs the backward pass of a pooling.
+    /// Runs the backward pass of a max-pooling in this precision.
     fn pool_backward(pass: PoolBackward<Self>);
 }
 

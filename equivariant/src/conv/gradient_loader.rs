@@ -79,7 +79,7 @@ pub(crate) struct Loader<'a, T, L, const G: usize> {
     masks: Option<&'a [T]>,
     interleaver: Interleaver,
     width: usize,
-    /// Output pixels of an image.
+    /// Number of output pixels of an image.
     pub pixels: usize,
     channels: usize,
     regular: bool,

@@ -121,7 +121,7 @@ impl<'a, T: Real> Arena<'a, T> {
         Arena { rest: scratch.as_chunks_mut().0 }
     }
 
-    /// Splits off `len` values, a multiple of a block.
+    /// Splits `len` values, a multiple of a block, off the arena.
     pub fn take_flat(&mut self, len: usize) -> &'a mut [T] {
         self.take(len / LANES).as_flattened_mut()
     }
@@ -132,14 +132,14 @@ impl<'a, T: Real> Arena<'a, T> {
         front
     }
 
-    /// Splits off blocks and fills them with zeros.
+    /// Splits `blocks` blocks off the arena and fills them with zeros.
     pub fn zeros(&mut self, blocks: usize) -> &'a mut [Block<T>] {
         let front = self.take(blocks);
         front.as_flattened_mut().fill(T::ZERO);
         front
     }
 
-    /// Splits off `len` values, a multiple of a block, and fills them with zeros.
+    /// Splits `len` values, a multiple of a block, off the arena and fills them with zeros.
     pub fn flat_zeros(&mut self, len: usize) -> &'a mut [T] {
         self.zeros(len / LANES).as_flattened_mut()
     }

@@ -153,7 +153,7 @@ impl Weights {
         }
     }
 
-    /// Returns the order of the group.
+    /// Returns the order of the symmetry group, the number of its elements.
     pub fn order(&self) -> usize {
         self.order
     }

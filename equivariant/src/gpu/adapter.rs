@@ -36,22 +36,22 @@ impl fmt::Display for AdapterKind {
     }
 }
 
-/// Description of an adapter by its driver.
+/// Description of a GPU adapter by its driver.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Adapter {
-    /// Name of the hardware, such as `NVIDIA H100 80GB HBM3`.
+    /// Name of the adapter's hardware, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
     /// Kind of hardware that the adapter is.
     pub kind: AdapterKind,
     /// Programming interface that reaches the adapter, such as `vulkan`.
     pub backend: String,
-    /// Name and version of the driver.
+    /// Name and version of the adapter's driver.
     pub driver: String,
-    /// Maximum bytes of a buffer that one kernel can access.
+    /// Maximum size in bytes of a buffer that one kernel can access.
     pub binding_bytes: u64,
-    /// Maximum bytes of a buffer.
+    /// Maximum size in bytes of a buffer on the adapter.
     pub buffer_bytes: u64,
-    /// Maximum bytes of shared memory of a workgroup.
+    /// Maximum size in bytes of the memory that the threads of a workgroup share.
     pub shared_bytes: u32,
     /// Maximum number of threads of a workgroup.
     pub group_threads: u32,

@@ -13,7 +13,7 @@ pub(crate) struct Clock {
 }
 
 impl Clock {
-    /// Creates a clock for `kernels` kernels; [`GpuError::Failed`] if the adapter has no
+    /// Creates a clock that times `kernels` kernels; [`GpuError::Failed`] if the adapter has no
     /// timestamps.
     pub fn new(device: &Device, kernels: usize) -> Result<Clock, GpuError> {
         let features = device.device.features();

@@ -17,7 +17,7 @@ pub(crate) struct Command {
 }
 
 impl Command {
-    /// Compiles a step; `buffers` are all buffers of its plan.
+    /// Compiles a step of a plan; `buffers` are all buffers of the plan.
     pub fn new(
         device: &Device,
         step: &Step,
@@ -49,7 +49,7 @@ impl Command {
         self.step.label
     }
 
-    /// Records a dispatch for `samples` samples.
+    /// Records a dispatch of the kernel for `samples` samples.
     pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
         let groups = self.step.work.count(samples);
         // larger dispatches fill a plane, because every dimension has a limit

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crate::gpu::adapter::{Adapter, describe, raw_adapters};
 use crate::gpu::error::GpuError;
 
-/// Opened adapter. Clones share one device.
+/// Opened GPU adapter, on which networks run. Clones share one device.
 #[derive(Clone)]
 pub struct Device {
     adapter: Adapter,
@@ -70,7 +70,7 @@ impl Device {
         })
     }
 
-    /// Returns the adapter's description.
+    /// Returns the description of the opened adapter.
     pub fn adapter(&self) -> &Adapter {
         &self.adapter
     }

@@ -19,8 +19,8 @@ use crate::shape::Shape;
 use crate::steerable::hadamard::permuted;
 
 impl Plan {
-    /// Adds a layer, or the layers of a chain, and returns the output. A ReLU after a layer with
-    /// weights is fused into that layer's kernels.
+    /// Adds a layer, or the layers of a chain, to the plan and returns the output. A ReLU after a
+    /// layer with weights is fused into that layer's kernels.
     ///
     /// # Errors
     /// [`GpuError::Layer`] for a layer without kernels: [`Sum`](crate::Sum),
@@ -38,15 +38,15 @@ impl Plan {
         Ok(x)
     }
 
-    /// Adds the direct sum of two maps and returns it.
+    /// Adds the direct sum of two maps to the plan and returns it.
     pub fn concat(&mut self, concat: &Concat, inputs: [Tensor; 2]) -> Tensor {
         let y = self.tensor(concat.out_shape());
         joins::concat(self, &inputs, &y);
         y
     }
 
-    /// Duplicates a map for two consumers. Each has its own gradient, and the backward pass adds
-    /// them.
+    /// Duplicates a map of the plan for two consumers. Each has its own gradient, and the backward
+    /// pass adds them.
     pub fn fork(&mut self, x: Tensor) -> [Tensor; 2] {
         let readers = [(); 2]
             .map(|()| Tensor { gradient: x.gradient.map(|_| self.buffer(0, x.shape.len())), ..x });

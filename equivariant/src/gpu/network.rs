@@ -9,7 +9,7 @@ use crate::gpu::program::{Batch, Passes, Program};
 use crate::gpu::step::Slot;
 use crate::layers::layer::Layer;
 
-/// Layer on a device, with memory for the passes of a batch. It computes the same as
+/// Layer on a GPU, with memory for the passes of a batch. It computes the same as
 /// [`Layer::forward`] and [`Layer::backward`], up to rounding.
 pub struct Network {
     program: Program,
@@ -66,7 +66,7 @@ impl Network {
         })
     }
 
-    /// Returns the maximum number of samples of a batch.
+    /// Returns the maximum number of samples of a batch that the network has memory for.
     pub fn samples(&self) -> usize {
         self.program.samples()
     }
@@ -76,12 +76,12 @@ impl Network {
         self.plan.num_params()
     }
 
-    /// Returns the numbers of kernels of a forward and of a backward pass.
+    /// Returns the number of kernels of a forward pass and of a backward pass.
     pub fn dispatches(&self) -> [usize; 2] {
         self.plan.dispatches()
     }
 
-    /// Sets the parameters, in the order of the layer.
+    /// Copies these parameters, in the order of the layer, to the GPU.
     ///
     /// # Panics
     /// When there are more or fewer than the layer's.
@@ -115,7 +115,7 @@ impl Network {
         Ok(y)
     }
 
-    /// Returns the gradients for `dy`, the gradient with respect to the last output.
+    /// Returns the gradients of the layer for `dy`, the gradient with respect to the last output.
     ///
     /// # Errors
     /// [`GpuError::Lost`] and [`GpuError::Failed`].

@@ -29,14 +29,14 @@ impl Extent {
     }
 }
 
-/// Map of the batch with its gradient.
+/// Feature map of a batch on a GPU, with its gradient.
 #[derive(Clone, Copy, Debug)]
 pub struct Tensor {
     /// Shape of one sample of the tensor.
     pub shape: Shape,
-    /// Values, `[N, H, W, C]`.
+    /// Buffer of the map's values, `[N, H, W, C]`.
     pub values: Slot,
-    /// Gradient, `[N, H, W, C]`; `None` if it is not needed.
+    /// Buffer of the gradient with respect to the map, `[N, H, W, C]`; `None` if it is not needed.
     pub gradient: Option<Slot>,
 }
 
@@ -81,7 +81,7 @@ impl Default for Plan {
 }
 
 impl Plan {
-    /// Creates a plan without kernels.
+    /// Creates a plan without kernels and buffers.
     pub fn new() -> Plan {
         Plan {
             extents: vec![Extent::default(); 4],
@@ -108,18 +108,18 @@ impl Plan {
         self.places.len()
     }
 
-    /// Returns the numbers of kernels of the forward pass, and of the backward pass with later
+    /// Returns the number of kernels of the forward pass, and of the backward pass with later
     /// steps.
     pub fn dispatches(&self) -> [usize; 2] {
         [self.forward.len(), self.backward().count()]
     }
 
-    /// Returns the number of parameters on the device, with padding.
+    /// Returns the number of parameters on the GPU, with padding.
     pub fn device_params(&self) -> usize {
         self.extents[PARAMS.0].fixed
     }
 
-    /// Converts parameters to the order of the kernels.
+    /// Converts parameters from the order of the layers to the order of the kernels.
     ///
     /// # Panics
     /// When there are more or fewer than [`num_params`](Plan::num_params).
@@ -133,7 +133,8 @@ impl Plan {
         placed
     }
 
-    /// Converts parameters from the order of the kernels, the reverse of [`placed`](Plan::placed).
+    /// Converts parameters from the order of the kernels to the order of the layers, the reverse of
+    /// [`placed`](Plan::placed).
     ///
     /// # Panics
     /// When there are fewer than [`device_params`](Plan::device_params).
@@ -141,30 +142,30 @@ impl Plan {
         self.places.iter().map(|&place| placed[place as usize]).collect()
     }
 
-    /// Adds a buffer of `fixed` numbers of 4 bytes, and `each` for every sample.
+    /// Adds a buffer of `fixed` numbers of 4 bytes, and `each` more for every sample, to the plan.
     pub fn buffer(&mut self, fixed: usize, each: usize) -> Slot {
         self.extents.push(Extent { fixed, each });
         Slot(self.extents.len() - 1)
     }
 
-    /// Adds a buffer of constants.
+    /// Adds a buffer of the constants `words` to the plan.
     pub fn table(&mut self, words: Vec<u32>) -> Slot {
         let slot = self.buffer(words.len(), 0);
         self.tables.push((slot, words));
         slot
     }
 
-    /// Adds a map without a gradient.
+    /// Adds a map without a gradient to the plan, as an input.
     pub fn input(&mut self, shape: Shape) -> Tensor {
         Tensor { shape, values: self.buffer(0, shape.len()), gradient: None }
     }
 
-    /// Adds a map with its gradient.
+    /// Adds a map with its gradient to the plan.
     pub fn tensor(&mut self, shape: Shape) -> Tensor {
         Tensor { gradient: Some(self.buffer(0, shape.len())), ..self.input(shape) }
     }
 
-    /// Reserves `len` parameters on the device, where the layer's parameters have the positions
+    /// Reserves `len` parameters on the GPU, where the layer's parameters have the positions
     /// `places`, and returns the index of the first.
     pub fn reserve(&mut self, len: usize, places: impl IntoIterator<Item = usize>) -> usize {
         let start = self.device_params().next_multiple_of(ALIGNMENT);
@@ -175,19 +176,20 @@ impl Plan {
         start
     }
 
-    /// Adds the steps of a layer. Its backward steps run before those of all layers added earlier.
+    /// Adds the kernels of a layer's forward pass and of its backward pass to the plan. Its
+    /// backward steps run before those of all layers added earlier.
     pub fn push(&mut self, forward: Vec<Step>, backward: Vec<Step>) {
         self.forward.extend(forward);
         self.backward.push(backward);
     }
 
-    /// Adds a step after the backward pass.
+    /// Adds a kernel that runs after the backward pass to the plan.
     pub fn push_last(&mut self, step: Step) {
         self.last.push(step);
     }
 
-    /// Drops the backward pass, later steps, and the buffers that only they use, such as gradients.
-    /// Call it after all layers were added.
+    /// Drops the backward pass, later kernels, and the buffers that only they use, such as
+    /// gradients. Call it after all layers were added.
     #[must_use]
     pub fn forward_only(mut self) -> Plan {
         self.backward.clear();

@@ -10,31 +10,31 @@ use crate::gpu::step::Slot;
 /// Bytes of a [`Batch`] in the layout of the kernels.
 const BATCH_BYTES: u64 = 32;
 
-/// Batch, as all kernels of a pass see it.
+/// Description of a batch, which all kernels of a pass can read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Batch {
-    /// Number of samples.
+    /// Number of samples in the batch.
     pub samples: usize,
-    /// Index of the first sample in the order that the program draws from.
+    /// Index of the batch's first sample in the order that the program draws from.
     pub start: usize,
     /// Index of the batch in the sequence of batches.
     pub index: usize,
-    /// Further numbers, such as learning rates.
+    /// Further numbers that the kernels read, such as learning rates.
     pub numbers: [f32; 4],
 }
 
-/// Selection of passes to run.
+/// Selection of the passes that a program runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passes {
     /// Forward pass only.
     Forward,
-    /// Backward pass and later steps.
+    /// Backward pass and later steps of the plan.
     Backward,
-    /// Forward pass, backward pass and later steps.
+    /// Forward pass, backward pass and later steps of the plan.
     All,
 }
 
-/// Plan on a device, with memory for batches of up to some number of samples.
+/// Plan compiled for a GPU, with memory for batches of up to some number of samples.
 pub struct Program {
     device: Device,
     samples: usize,
@@ -77,12 +77,12 @@ impl Program {
         &self.device
     }
 
-    /// Returns the maximum number of samples of a batch.
+    /// Returns the maximum number of samples of a batch that the program has memory for.
     pub fn samples(&self) -> usize {
         self.samples
     }
 
-    /// Writes numbers to the front of a buffer, before commands submitted later.
+    /// Writes numbers to the front of a GPU buffer, before commands submitted later.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
@@ -90,7 +90,7 @@ impl Program {
         self.write_bytes(slot, bytemuck::cast_slice(numbers));
     }
 
-    /// Writes integers to the front of a buffer, before commands submitted later.
+    /// Writes integers to the front of a GPU buffer, before commands submitted later.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
@@ -98,8 +98,8 @@ impl Program {
         self.write_bytes(slot, bytemuck::cast_slice(words));
     }
 
-    /// Writes bytes to the front of a buffer, before commands submitted later: four to a word, the
-    /// first one lowest. The last word is padded with zeros.
+    /// Writes bytes to the front of a GPU buffer, before commands submitted later: four to a word,
+    /// the first one lowest. The last word is padded with zeros.
     ///
     /// # Panics
     /// When there are more bytes than the buffer holds.
@@ -134,7 +134,7 @@ impl Program {
         self.device.queue.submit([encoder.finish()]);
     }
 
-    /// Waits for all submitted commands and reads the first numbers of some buffers.
+    /// Waits for all submitted commands and reads the first numbers of some GPU buffers.
     ///
     /// # Errors
     /// [`GpuError::Lost`] and [`GpuError::Failed`], also for earlier errors.

@@ -18,22 +18,22 @@ pub struct Work {
 pub(crate) const THREADS: usize = 64;
 
 impl Work {
-    /// Creates work of `each` threads for every sample.
+    /// Returns the work of a kernel with `each` threads for every sample.
     pub fn threads(each: usize) -> Work {
         Work { each, fixed: 0, tile: THREADS, times: 1 }
     }
 
-    /// Creates work of `fixed` threads, independent of the number of samples.
+    /// Returns the work of a kernel with `fixed` threads, independent of the number of samples.
     pub fn fixed_threads(fixed: usize) -> Work {
         Work { each: 0, fixed, tile: THREADS, times: 1 }
     }
 
-    /// Creates work of `each` workgroups for every sample.
+    /// Returns the work of a kernel with `each` workgroups for every sample.
     pub fn groups(each: usize) -> Work {
         Work { each, fixed: 0, tile: 1, times: 1 }
     }
 
-    /// Creates work of `fixed` workgroups, independent of the number of samples.
+    /// Returns the work of a kernel with `fixed` workgroups, independent of the number of samples.
     pub fn fixed_groups(fixed: usize) -> Work {
         Work { each: 0, fixed, tile: 1, times: 1 }
     }
@@ -103,7 +103,7 @@ impl Reduction {
     }
 }
 
-/// Dispatch of a kernel: its text, its buffers in the order of their bindings, and its size.
+/// Dispatch of a GPU kernel: its text, its buffers in the order of their bindings, and its size.
 #[derive(Clone, Debug)]
 pub struct Step {
     pub(crate) label: &'static str,
@@ -115,7 +115,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// Creates a kernel on fields of order 1, 2 or 4.
+    /// Creates a kernel without buffers, on fields of order 1, 2 or 4.
     ///
     /// Its text begins with `wgsl/common.wgsl`, which declares the batch and derives indices from a
     /// thread's `Place`, and with `wgsl/group_1.wgsl`, `group_2.wgsl` or `group_4.wgsl`, which has
@@ -191,12 +191,12 @@ impl Step {
         source
     }
 
-    /// Adds an input buffer as an array of `element`.
+    /// Adds an input buffer to the kernel as an array of `element`.
     pub fn read(self, name: &str, element: &str, slot: Slot) -> Step {
         self.buffer(name, element, slot, false)
     }
 
-    /// Adds an output buffer as an array of `element`.
+    /// Adds an output buffer to the kernel as an array of `element`.
     pub fn write(self, name: &str, element: &str, slot: Slot) -> Step {
         self.buffer(name, element, slot, true)
     }

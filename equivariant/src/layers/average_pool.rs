@@ -11,7 +11,8 @@ use crate::shape::Shape;
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
-/// Average over a window, channel by channel, for any type; padding counts as zeros.
+/// Layer that averages over a window, channel by channel, for any field type; padding counts as
+/// zeros.
 #[derive(Clone, Copy, Debug)]
 pub struct AveragePool {
     shape: Shape,
@@ -19,7 +20,7 @@ pub struct AveragePool {
 }
 
 impl AveragePool {
-    /// Creates the pooling of maps of this shape.
+    /// Creates the average pooling of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, the windows do not sit symmetrically (see [`Kernel`]), none fits, or

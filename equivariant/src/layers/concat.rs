@@ -21,7 +21,7 @@ pub struct Concat {
 }
 
 impl Concat {
-    /// Creates the sum of maps of these shapes.
+    /// Creates the direct sum of maps of these shapes.
     ///
     /// # Errors
     /// When heights, widths or groups differ, a map is empty, or the sum is too large.
@@ -40,17 +40,18 @@ impl Concat {
         Ok(Concat { first, second, sum })
     }
 
-    /// Returns the shapes of the inputs.
+    /// Returns the shapes of the two maps.
     pub fn in_shapes(&self) -> [Shape; 2] {
         [self.first, self.second]
     }
 
-    /// Returns the shape of the sum.
+    /// Returns the shape of the direct sum.
     pub fn out_shape(&self) -> Shape {
         self.sum
     }
 
-    /// Writes the sum of N samples of both maps into `y`.
+    /// Writes the direct sum of both maps, which concatenates their channels, for N samples into
+    /// `y`.
     ///
     /// # Panics
     /// When the lengths of the slices do not agree.
@@ -62,7 +63,7 @@ impl Concat {
         }
     }
 
-    /// Splits a sum, or the gradient in it, into the two maps.
+    /// Splits a direct sum, or the gradient with respect to it, into the two maps.
     ///
     /// # Panics
     /// When the lengths of the slices do not agree.

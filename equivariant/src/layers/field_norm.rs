@@ -72,7 +72,7 @@ fn inverse(variance: f64) -> f64 {
 }
 
 impl FieldNorm {
-    /// Creates the normalisation of maps of this shape.
+    /// Creates the normalisation of the fields of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, or fixed statistics are not one mean and one variance of at least 0

@@ -42,7 +42,7 @@ impl RegularMaps {
 macro_rules! pooled_over_the_group {
     ($Pool:ident) => {
         impl $Pool {
-            /// Creates the pooling of maps of this shape.
+            /// Creates the group pooling of maps of this shape.
             ///
             /// # Errors
             /// When the map is empty or its type is not regular fields only.
@@ -69,7 +69,7 @@ macro_rules! pooled_over_the_group {
     };
 }
 
-/// Maximum over the group of every regular field.
+/// Layer that takes the maximum over the group of every regular field.
 ///
 /// Maps n regular fields to n trivial channels: the largest value in the regular basis. On ties the
 /// gradient goes to the first group element.
@@ -133,7 +133,7 @@ fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     best
 }
 
-/// Mean over the group of every regular field.
+/// Layer that takes the mean over the group of every regular field.
 ///
 /// Maps n regular fields to n trivial channels. The mean of a field's values is its trivial
 /// coefficient over the square root of the group's order; the other coefficients do not matter, so

@@ -44,8 +44,8 @@ pub struct Gru {
 }
 
 impl Gru {
-    /// Creates a unit for vectors of `in_type` with a state of `fields` regular fields of its
-    /// group.
+    /// Creates a unit for vectors of the field type `in_type`, with a state of `fields` regular
+    /// fields of its group.
     ///
     /// # Errors
     /// When a type has no channels, or the gates have more than a field type can have.
@@ -61,17 +61,17 @@ impl Gru {
         })
     }
 
-    /// Returns the type of the input vectors.
+    /// Returns the field type of the input vectors.
     pub fn in_type(&self) -> FieldType {
         self.input.in_shape().fields
     }
 
-    /// Returns the type of the state.
+    /// Returns the field type of the state, which is the output.
     pub fn out_type(&self) -> FieldType {
         self.hidden.in_shape().fields
     }
 
-    /// Returns the number of parameters.
+    /// Returns the number of parameters of the unit.
     pub fn num_params(&self) -> usize {
         self.input.num_params() + self.hidden.num_params()
     }

@@ -12,11 +12,11 @@ use crate::layers::layer::{Layer, leaves};
 /// networks give equal bytes.
 const METADATA: &str = "covers-equivariant 1";
 
-/// Reason why a network was not saved or loaded.
+/// Reason why the parameters of a network were not saved or loaded.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum InterchangeError {
-    /// A file that cannot be read or written.
+    /// File that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
         /// Path of the file.
@@ -24,7 +24,7 @@ pub enum InterchangeError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A file that is not in the safetensors format.
+    /// File that is not in the safetensors format.
     #[error("{}: not a safetensors file: {source}", path.display())]
     Format {
         /// Path of the file.
@@ -32,18 +32,18 @@ pub enum InterchangeError {
         /// Error of the format's parser.
         source: SafeTensorError,
     },
-    /// A file that was not written by [`save`].
+    /// File that was not written by [`save`].
     #[error("{}: got no metadata `{METADATA}`, expected a file that this crate saved", path.display())]
     Metadata {
         /// Path of the file.
         path: PathBuf,
     },
-    /// A file that holds another network.
+    /// File that holds another network.
     #[error("{}: layer {index} is `{got}` in the file and `{expected}` in the network", path.display())]
     Layer {
         /// Path of the file.
         path: PathBuf,
-        /// Position among the layers, including those of nested chains.
+        /// Position of the layer in the network, including the layers of nested chains.
         index: usize,
         /// Description of the layer in the file, or `nothing`.
         got: String,
@@ -55,11 +55,11 @@ pub enum InterchangeError {
     Tensor {
         /// Path of the file.
         path: PathBuf,
-        /// Name of the tensor.
+        /// Name of the tensor in the file.
         name: String,
-        /// Type and shape in the file, or `nothing`.
+        /// Type and shape of the tensor in the file, or `nothing`.
         got: String,
-        /// Shape that the layer requires.
+        /// Shape of the tensor that the layer requires.
         expected: [usize; 1],
     },
 }

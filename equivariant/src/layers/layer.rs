@@ -34,12 +34,12 @@ pub trait Signature: fmt::Display + Send + Sync {
     /// Returns the shape of one output sample.
     fn out_shape(&self) -> Shape;
 
-    /// Returns the number of parameters.
+    /// Returns the number of parameters of the layer.
     fn num_params(&self) -> usize {
         0
     }
 
-    /// Returns the number of values of scratch that the passes of this many samples need.
+    /// Returns the number of values of scratch memory that the passes of this many samples need.
     fn scratch_len(&self, _samples: usize) -> usize {
         0
     }
@@ -69,7 +69,8 @@ pub trait Signature: fmt::Display + Send + Sync {
 /// shapes. A new layer implements `run_forward`, `run_backward` and, if it has parameters, `draw`,
 /// and relies on those lengths.
 pub trait Layer<T: Scalar>: Signature {
-    /// Writes f(x) into `y`. The contents of `scratch` on entry do not matter.
+    /// Writes the output f(x) of the layer for N samples into `y`. The contents of `scratch` on
+    /// entry do not matter.
     ///
     /// # Panics
     /// When a slice has a wrong length, or the scratch is for fewer samples.
@@ -153,7 +154,7 @@ pub trait Layer<T: Scalar>: Signature {
         self.draw(rng, gain, params);
     }
 
-    /// Allocates memory for the passes of up to this many samples.
+    /// Allocates scratch memory for the passes of up to this many samples.
     ///
     /// # Panics
     /// For more than 2^31 samples.
@@ -185,7 +186,7 @@ pub trait Layer<T: Scalar>: Signature {
 /// Kind of a layer, with the settings that its shapes do not show.
 #[non_exhaustive]
 pub enum LayerKind<'a, T: Scalar> {
-    /// Convolution.
+    /// Convolution that commutes with the symmetry group.
     R2Conv(&'a R2Conv),
     /// Linear map of vectors.
     Linear(Box<Dense<'a>>),
@@ -199,7 +200,7 @@ pub enum LayerKind<'a, T: Scalar> {
     GroupMaxPool,
     /// Mean over the group of every regular field.
     GroupMeanPool,
-    /// Normalisation of fields.
+    /// Normalisation of every field to mean 0 and variance 1.
     FieldNorm(&'a Statistics),
     /// Expected positions of the maxima of fields.
     SpatialSoftArgmax {

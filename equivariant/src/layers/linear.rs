@@ -15,7 +15,7 @@ use crate::steerable::dense::Dense;
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
-/// Linear map of vectors, with a bias on the trivial irrep.
+/// Layer that maps vectors linearly, with a bias on the trivial irrep.
 ///
 /// By Schur's lemma it mixes channels of the same irrep only: y_b = W_b x_b. The parameters are W_b
 /// `[out multiplicity of b, in multiplicity of b]` in irrep order, then the bias.
@@ -27,7 +27,8 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// Creates the map between two types; an output irrep that the input lacks is zero.
+    /// Creates the linear map between two field types; an output irrep that the input lacks is
+    /// zero.
     ///
     /// # Errors
     /// When the groups of the types differ, or one of them has no channels.

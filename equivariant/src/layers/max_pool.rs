@@ -13,7 +13,7 @@ use crate::steerable::hadamard::{permuted_fields, transform_pixels};
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
-/// Maximum over a window, for every channel in the regular basis.
+/// Layer that takes the maximum over a window, for every channel in the regular basis.
 ///
 /// The group permutes pixels and the channels of the regular basis, so the map is exactly
 /// equivariant if the windows sit symmetrically. Padding is never the maximum. On ties the gradient
@@ -27,7 +27,7 @@ pub struct MaxPool {
 }
 
 impl MaxPool {
-    /// Creates the pooling of maps of this shape.
+    /// Creates the max-pooling of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, its type is neither regular fields only nor trivial channels only,

@@ -11,7 +11,7 @@ use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, permuted_fields, transform, with_order};
 
-/// Pointwise max(0, .) in the regular basis.
+/// Layer that takes the pointwise max(0, .) in the regular basis.
 ///
 /// The group permutes the regular basis, so a pointwise map there is equivariant: Hadamard
 /// transform, ReLU, transform back, all orthonormal. On trivial channels it is the plain ReLU.

@@ -10,7 +10,7 @@ use crate::layers::check::Example;
 use crate::layers::layer::{Parameterless, Scalar, Signature};
 use crate::shape::Shape;
 
-/// Maps of a group seen as maps of a subgroup, like escnn's `RestrictionModule`.
+/// Layer that turns maps of a group into maps of a subgroup, like escnn's `RestrictionModule`.
 ///
 /// Later layers need to commute with the subgroup only. A regular field becomes |G| / |H| regular
 /// fields of the subgroup H, one for each of its cosets, with the same values in the regular basis:
@@ -33,7 +33,7 @@ struct Block {
 }
 
 impl Restrict {
-    /// Creates the restriction of maps of this shape to a group.
+    /// Creates the restriction of maps of this shape to the subgroup `group`.
     ///
     /// # Errors
     /// When the map is empty or the group is not a subgroup of that of its type.

@@ -68,7 +68,7 @@ fn extends<T: Scalar>(chain: &mut Chain, kind: &LayerKind<'_, T>) -> bool {
 }
 
 impl<T: Scalar> Sequential<T> {
-    /// Creates a chain of layers.
+    /// Creates a chain of layers, in which each takes the output of the one before.
     ///
     /// # Errors
     /// When `layers` is empty, or neighbours disagree about the shape between them.
@@ -97,7 +97,7 @@ impl<T: Scalar> Sequential<T> {
         })
     }
 
-    /// Returns the layers, in order.
+    /// Returns the layers of the chain, in order.
     pub fn layers(&self) -> &[Box<dyn Layer<T>>] {
         &self.layers
     }

@@ -11,7 +11,7 @@ use crate::real::exceeds;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{permuted_fields, transform_pixels};
 
-/// Expected position of every map under the softmax over its pixels.
+/// Layer that computes the expected position of every map under the softmax over its pixels.
 ///
 /// Each channel in the regular basis is divided by the temperature and turned into a distribution
 /// over the pixels; its mean (x, y) is a keypoint (Levine et al., "End-to-end training of deep
@@ -31,8 +31,8 @@ pub struct SpatialSoftArgmax {
 }
 
 impl SpatialSoftArgmax {
-    /// Creates the layer for maps of this shape. 1 is the usual temperature; lower ones are closer
-    /// to the maximum.
+    /// Creates the layer for maps of this shape and a softmax of this temperature. 1 is the usual
+    /// temperature; lower ones are closer to the maximum.
     ///
     /// # Errors
     /// When the map is empty, its type is neither regular fields only nor trivial channels only, it

@@ -18,7 +18,7 @@ use crate::scratch::{BackwardPass, take_whole, whole};
 use crate::shape::Shape;
 use crate::window::Kernel;
 
-/// Sum of several layers on one input: f(x) + g(x) + ..., or x + f(x).
+/// Layer that adds the outputs of several layers on one input: f(x) + g(x) + ..., or x + f(x).
 ///
 /// Its parameters are those of its branches in order. The residual connection x + f(x) is that of
 /// He et al., "Deep residual learning", CVPR 2016, equation 1. Initial weights of every branch have
@@ -41,7 +41,7 @@ impl<T: Scalar> Sum<T> {
         Sum::of(branches, false)
     }
 
-    /// Creates the sum of the input and a layer.
+    /// Creates a residual layer, the sum of its input and of the output of `branch`.
     ///
     /// # Errors
     /// When the layer's output has another shape than its input.

@@ -207,12 +207,13 @@ impl Patches {
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Returns where every output pixel's window starts in an image that is staged with its padding.
+    /// Returns the start of every output pixel's window in an image that is staged with its
+    /// padding.
     pub fn windows(&self) -> &[usize] {
         &self.windows
     }
 
-    /// Returns where every pixel starts in an image that is staged with its padding.
+    /// Returns the start of every pixel in an image that is staged with its padding.
     pub fn pixels(&self) -> &[usize] {
         &self.pixels
     }

@@ -32,10 +32,10 @@ pub struct Dense<'a> {
     pub(crate) out_shape: Shape,
 }
 
-/// Steerable part of a dense kernel.
+/// Steerable kernel that is closest to a dense one, with the share of the dense one that is lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Projection<T> {
-    /// Parameters of the layer; the biases are zero.
+    /// Parameters of the layer with the closest kernel; the biases are zero.
     pub params: Vec<T>,
     /// Share that is not steerable, in [0, 1]: the Euclidean norm of the rest over that of the
     /// kernel.

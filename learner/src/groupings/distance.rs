@@ -15,7 +15,7 @@ pub struct Distance {
 }
 
 impl Distance {
-    /// Creates a grouping with the rule that accepts or rejects a policy.
+    /// Creates a grouping with the rule by which distances accept or reject a policy.
     ///
     /// # Errors
     /// A setting of the rule out of range.

@@ -23,7 +23,7 @@ pub struct Evident {
 }
 
 impl Evident {
-    /// Creates a grouping without policies.
+    /// Creates a grouping that knows no policies yet.
     ///
     /// # Errors
     /// A setting out of range.

@@ -31,12 +31,12 @@ impl Grouping for Single {
     }
 }
 
-/// Ground-truth label of the present group, written by a run and read by an oracle.
+/// Ground-truth label of the present task group, written by a run and read by an oracle.
 #[derive(Clone, Debug, Default)]
 pub struct Labels(Arc<Mutex<Option<String>>>);
 
 impl Labels {
-    /// Sets the label of the group that runs from here on.
+    /// Sets the label of the task group that runs from here on.
     pub fn set(&self, group: &str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(group.to_owned());
     }
@@ -47,7 +47,8 @@ impl Labels {
     }
 }
 
-/// Grouping that creates one policy for each label, the only one that receives labels.
+/// Grouping that creates one policy for each label of a task group, the only one that receives
+/// labels.
 #[derive(Debug)]
 pub struct Oracle {
     labels: Labels,

@@ -20,15 +20,15 @@ pub enum GroupingSettings {
     Calibrated(Calibrated),
     /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
     Threshold {
-        /// Largest distance within a group (`d_epsilon`), in the features' unit.
+        /// Largest distance within a task group (`d_epsilon`), in the features' unit.
         threshold: f64,
     },
     /// Pictures, motion and returns of whole episodes, which no policy owns, in one permutation
     /// test.
     Evidence(RecogniserSettings),
-    /// One policy for everything.
+    /// One policy for all task groups.
     Single,
-    /// One policy for each label. Only a run can give labels.
+    /// One policy for each ground-truth label of a task group. Only a run can give labels.
     Oracle,
 }
 

@@ -48,8 +48,8 @@ struct PolicyEntry<S: CollectionSettings> {
 }
 
 impl<S: CollectionSettings> Collection<S> {
-    /// Creates a learner with one random policy, no frames, and the grouping that the settings
-    /// name.
+    /// Creates a learner with one randomly initialised policy, no frames, and the grouping that the
+    /// settings name.
     ///
     /// # Errors
     /// A setting out of range, a grouping that needs labels, or an image size that the network
@@ -59,7 +59,8 @@ impl<S: CollectionSettings> Collection<S> {
         Self::with_grouping(settings, spec, grouping)
     }
 
-    /// Creates a learner with one random policy, no frames, and the caller's grouping.
+    /// Creates a learner with one randomly initialised policy, no frames, and the caller's
+    /// grouping.
     ///
     /// # Errors
     /// A setting out of range, or an image size that the network cannot keep exactly symmetric.

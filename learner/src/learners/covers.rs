@@ -26,31 +26,33 @@ pub type Covers = Collection<CoversSettings>;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CoversSettings {
-    /// Sizes of each policy's network.
+    /// Sizes and initial values of each policy's network.
     pub network: NetworkSettings,
-    /// Settings of the policy update.
+    /// Settings of each policy's update by PPO.
     pub ppo: PpoSettings,
-    /// Choice of the policy that a rollout belongs to.
+    /// Rule that chooses the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
-    /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4
-    /// there; here a decision holds ten control steps, and only the very first frame does not
-    /// depend on the policy that acts.
+    /// Number of frames at the start of each episode that the assignment to a policy looks at: the
+    /// paper's `k`. It is 4 there; here a decision holds ten control steps, and only the very first
+    /// frame does not depend on the policy that acts.
     pub first_frames: usize,
-    /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
+    /// Number of decisions of one rollout, all environments together: the paper's `N_s`, and its
+    /// `N_u`, since both count steps.
     pub rollout_steps: usize,
     /// Correlation of the noise of consecutive actions, in [0, 1)
     /// ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
     pub noise_correlation: f32,
-    /// Episodes of first frames kept per policy, a uniform sample; `None` keeps all of them, as the
-    /// paper's `B`, but then memory and transport problems grow with the stream.
+    /// Number of episodes whose first frames are kept for each policy, a uniform sample; `None`
+    /// keeps all of them, as the paper's `B`, but then memory and transport problems grow with the
+    /// stream.
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
-    /// Initialisation of a new policy.
+    /// Initial parameters of a new policy.
     pub new_policy: NewPolicy,
-    /// Seed of everything that the learner draws.
+    /// Seed of all random draws of the learner.
     pub seed: u64,
-    /// Device that policies train on, which is not stored.
+    /// Device that policies train on, which is not stored in files of settings.
     #[serde(skip)]
     pub device: LearningDevice,
 }

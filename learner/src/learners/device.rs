@@ -12,10 +12,10 @@ use crate::error::LearnerError;
 /// device only.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum LearningDevice {
-    /// On the CPU.
+    /// Training on the CPU.
     #[default]
     Cpu,
-    /// On a GPU.
+    /// Training on this opened GPU.
     #[cfg(feature = "wgpu")]
     Gpu(rl::gpu::Device),
 }
@@ -34,13 +34,13 @@ impl LearningDevice {
 /// Choice of the device that policies train on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// On the CPU.
+    /// Training on the CPU.
     #[default]
     Cpu,
-    /// On the first GPU, or on a Vulkan driver that stands in for one.
+    /// Training on the first GPU, or on a Vulkan driver that stands in for one.
     Gpu,
-    /// On the first GPU if there is one, else on the CPU. A GPU that cannot be opened is an
-    /// error.
+    /// Training on the first GPU if there is one, else on the CPU. A GPU that cannot be opened is
+    /// an error.
     Auto,
 }
 
@@ -48,7 +48,7 @@ impl DeviceChoice {
     /// All choices of a device.
     pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::Auto];
 
-    /// Returns the name of the choice, as in `--device gpu`.
+    /// Returns the name of the choice, as the option `--device` takes it, such as `gpu`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",

@@ -13,7 +13,8 @@ use crate::groupings::Recognised;
 
 /// Learner on a stream of tasks. No method takes a task's label.
 pub trait Learner: Send {
-    /// Collects experience in `env`, whose episodes begin anew, and learns from it.
+    /// Runs one iteration of learning: collects experience in `env`, whose episodes begin anew, and
+    /// learns from it.
     ///
     /// # Errors
     /// Errors of the environment, a policy or a grouping.
@@ -45,13 +46,13 @@ pub trait Learner: Send {
         rounds: usize,
     ) -> Result<Performance, LearnerError>;
 
-    /// Returns all numbers of policy `index` that [`Learner::perform`] depends on, so that one
+    /// Returns all parameters of policy `index` that [`Learner::perform`] depends on, so that one
     /// which has not changed need not perform again. The default is `None`.
     fn parameters(&self, _index: usize) -> Option<&[f32]> {
         None
     }
 
-    /// Returns policy `index` in ordinary layers, and its answers to `observations`.
+    /// Returns policy `index` as ordinary neural-network layers, and its output for `observations`.
     ///
     /// # Errors
     /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotExportable`]
@@ -65,10 +66,10 @@ pub trait Learner: Send {
         Err(LearnerError::Unexportable)
     }
 
-    /// Returns the number of policies, at least 1.
+    /// Returns the number of policies that the learner holds, at least 1.
     fn policies(&self) -> usize;
 
-    /// Returns the bytes of a file that holds the learner and a note of the caller's; equal
+    /// Returns the bytes of a checkpoint that holds the learner and a note of the caller's; equal
     /// learners give equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
@@ -76,7 +77,8 @@ pub trait Learner: Send {
     /// [`LearnerError::Setting`] for an extent of too few episodes.
     fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, LearnerError>;
 
-    /// Writes that file. It appears whole or not at all, also after a power cut;
+    /// Writes a checkpoint that holds the learner and a note of the caller's to the file at `path`.
+    /// It appears whole or not at all, also after a power cut;
     /// [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
     ///
     /// # Errors
@@ -103,55 +105,57 @@ pub struct Iteration {
     pub policy: usize,
     /// `true` if that policy was created in this iteration.
     pub created: bool,
-    /// Evidence of the grouping, one item for each policy that was compared; empty for learners and
+    /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
     /// Evidence of the first rollout, if it left the grouping undecided and one more was collected;
     /// `evidence` then rests on both.
     pub first_look: Option<Vec<Evidence>>,
-    /// Policy that each one was merged into, if any; empty for learners and groupings that merge no
-    /// policies.
+    /// Index of the policy that each one was merged into, if any; empty for learners and groupings
+    /// that merge no policies.
     pub merged_into: Vec<Option<usize>>,
-    /// Number of decisions taken, discarded ones included.
+    /// Number of decisions taken in the iteration by all environments, discarded ones included.
     pub decisions: usize,
     /// Returns and successes of the rollout that was trained on.
     pub rollout: RolloutStats,
-    /// Values that the learner logs, by name; the same names in every iteration.
+    /// Values that the learner logs for the iteration, by name; the same names in every iteration.
     pub metrics: Metrics,
-    /// Time that each part took.
+    /// Wall-clock seconds that each part of the iteration took.
     pub seconds: Seconds,
 }
 
 /// Wall-clock seconds of the parts of an iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seconds {
-    /// Rollouts: the environments and the policy's decisions.
+    /// Seconds of the collection of rollouts: the environments and the policy's decisions.
     pub collection: f64,
-    /// The grouping: features, distances and permutations.
+    /// Seconds of the assignment to a policy: features, distances and permutations.
     pub assignment: f64,
     /// Seconds of the policy update.
     pub update: f64,
 }
 
-/// Part of a learner that is saved.
+/// Part of a learner that a checkpoint holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
-    /// All of it: the copy learns on to the same bits.
+    /// All of the learner: the copy learns on to the same bits.
     Everything,
-    /// Enough to act and to recognise: policies, and the first frames of at most this many
-    /// episodes each. A copy that learns on starts with fresh optimisers.
+    /// Enough of the learner to act and to recognise: policies, and the first frames of at most
+    /// this many episodes each. A copy that learns on starts with fresh optimisers.
     Policies {
-        /// Episodes a policy, at least as many as the grouping needs to recognise a group.
+        /// Number of episodes for each policy, at least as many as the grouping needs to recognise
+        /// a task group.
         episodes: usize,
     },
 }
 
-/// One logged value.
+/// Logged value of a learner.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Metric {
-    /// A number.
+    /// A single number for the whole learner.
     Number(f64),
-    /// One number for each policy, in their order; `None` if there was nothing to measure.
+    /// One number for each policy, in the order of the policies; `None` if there was nothing to
+    /// measure.
     PerPolicy(Vec<Option<f64>>),
 }
 
@@ -170,17 +174,17 @@ impl fmt::Display for Metric {
     }
 }
 
-/// Named values, in the order in which they are logged.
+/// Logged values by name, in the order in which they are logged.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Metrics(Vec<(String, Metric)>);
 
 impl Metrics {
-    /// Adds a number under a name.
+    /// Adds a number for the whole learner under a name.
     pub fn number(&mut self, name: impl Into<String>, value: f64) {
         self.0.push((name.into(), Metric::Number(value)));
     }
 
-    /// Adds one number for each policy.
+    /// Adds one number for each policy under a name.
     pub fn per_policy(
         &mut self,
         name: impl Into<String>,
@@ -190,12 +194,12 @@ impl Metrics {
         self.0.push((name.into(), values));
     }
 
-    /// Returns the value of this name.
+    /// Returns the logged value of this name.
     pub fn get(&self, name: &str) -> Option<&Metric> {
         self.iter().find(|(own, _)| *own == name).map(|(_, m)| m)
     }
 
-    /// Returns names and values in their order.
+    /// Returns an iterator over names and values, in the order in which they are logged.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Metric)> {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }

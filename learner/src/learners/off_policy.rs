@@ -33,41 +33,44 @@ pub type OffPolicy = Collection<OffPolicySettings>;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OffPolicySettings {
-    /// Sizes of each policy's network.
+    /// Sizes and initial values of each policy's network.
     pub network: NetworkSettings,
     /// Memory of the last steps of an episode, for the actor and the critics; no memory if null.
     pub context: Option<ContextSettings>,
-    /// Settings of the policy update.
+    /// Settings of each policy's update by soft actor-critic.
     pub sac: SacSettings,
-    /// Largest number of steps in each policy's replay.
+    /// Largest number of steps that each policy's replay buffer holds.
     pub capacity: usize,
-    /// Decisions of each policy with uniformly drawn actions, until its replay holds as many.
+    /// Number of decisions of each policy with uniformly drawn actions, until its replay holds as
+    /// many.
     pub warm_up: u64,
     /// Number of last channels of a picture that do not change during an episode. The replay stores
     /// them once for each episode.
     pub still_channels: usize,
-    /// Number of last steps of a replay that count as newest; [`SacSettings::newest_share`] of
-    /// every minibatch is drawn from them. Task switches need not be known.
+    /// Number of last steps of a replay buffer that count as newest; [`SacSettings::newest_share`]
+    /// of every minibatch is drawn from them. Task switches need not be known.
     pub newest_steps: u64,
-    /// Choice of the policy that a rollout belongs to. Its replay takes rollouts of any policy,
-    /// unless they show two groups.
+    /// Rule that chooses the policy that a rollout belongs to. Its replay takes rollouts of any
+    /// policy, unless they show two groups.
     pub grouping: GroupingSettings,
-    /// Frames at the start of each episode that assignment looks at.
+    /// Number of frames at the start of each episode that the assignment to a policy looks at.
     pub first_frames: usize,
-    /// Decisions of one rollout. Gradient steps are taken between rollouts.
+    /// Number of decisions of one rollout, all environments together. Gradient steps are taken
+    /// between rollouts.
     pub rollout_steps: usize,
-    /// Episodes of first frames kept per policy, a uniform sample; `None` keeps all of them.
+    /// Number of episodes whose first frames are kept for each policy, a uniform sample; `None`
+    /// keeps all of them.
     pub buffer_episodes: Option<usize>,
-    /// Start of a new policy; its replay is empty.
+    /// Initial parameters of a new policy; its replay buffer is empty.
     pub new_policy: NewPolicy,
-    /// Seed of everything that the learner draws.
+    /// Seed of all random draws of the learner.
     pub seed: u64,
 }
 
 impl OffPolicySettings {
-    /// Returns CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary
-    /// policy and one replay of 200,000 steps, the newest of which are drawn more often. The paper
-    /// does not say which those are, nor how often.
+    /// Returns the settings of CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix):
+    /// one ordinary policy and one replay of 200,000 steps, the newest of which are drawn more
+    /// often. The paper does not say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
             network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
@@ -91,15 +94,15 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns CLEAR with cloning of the actions in the replay.
+    /// Returns the settings of CLEAR with behavioural cloning of the actions in the replay buffer.
     pub fn clear_bc() -> Self {
         let mut settings = Self::clear();
         settings.sac.cloning_weight = 0.1;
         settings
     }
 
-    /// Returns 3RL as COVERS compares with it: CLEAR with a context of the last five steps. Windows
-    /// are longer, since their steps share the observations that contexts read.
+    /// Returns the settings of 3RL as COVERS compares with it: CLEAR with a context of the last
+    /// five steps. Windows are longer, since their steps share the observations that contexts read.
     pub fn three_rl() -> Self {
         let clear = Self::clear();
         Self {
@@ -109,8 +112,8 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns equivariant policies under COVERS's grouping, each with a replay of its own that is
-    /// moved by random group elements.
+    /// Returns the settings of equivariant policies under COVERS's grouping, each with a replay
+    /// buffer of its own, whose steps are transformed by random group elements.
     pub fn equi_sac() -> Self {
         let clear = Self::clear();
         Self {

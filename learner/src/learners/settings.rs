@@ -28,7 +28,7 @@ macro_rules! each {
     };
 }
 
-/// Choice of a learner.
+/// Settings of a learner, of one of two kinds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LearnerSettings {
@@ -46,8 +46,8 @@ impl Default for LearnerSettings {
 }
 
 impl LearnerSettings {
-    /// Creates a fresh learner. A grouping that needs labels reads `labels`, which only a run
-    /// writes.
+    /// Creates a learner with these settings that has not learnt anything. A grouping that needs
+    /// labels reads `labels`, which only a run writes.
     ///
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
@@ -59,7 +59,8 @@ impl LearnerSettings {
         })
     }
 
-    /// Reads a learner that [`Learner::save`] wrote, for acting and recognition, and its note.
+    /// Reads a learner from a checkpoint that [`Learner::save`] wrote, for acting and recognition,
+    /// and its note.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, of a learner of other settings,
@@ -68,7 +69,8 @@ impl LearnerSettings {
         self.read(path, spec, labels, false)
     }
 
-    /// Reads a learner that [`Learner::save`] wrote, for further training with the same bits.
+    /// Reads a learner from a checkpoint that [`Learner::save`] wrote, for further training with
+    /// the same bits.
     ///
     /// # Errors
     /// Errors of [`LearnerSettings::load`], and [`LearnerError::PoliciesOnly`] for a file of
@@ -88,22 +90,22 @@ impl LearnerSettings {
         each!(self, settings => settings.common())
     }
 
-    /// Returns the seed of everything that the learner draws.
+    /// Returns the seed of all random draws of the learner.
     pub fn seed(&self) -> u64 {
         self.common().seed
     }
 
-    /// Changes the seed of the learner.
+    /// Changes the seed of all random draws of the learner.
     pub fn set_seed(&mut self, seed: u64) {
         each!(self, settings => settings.seed = seed);
     }
 
-    /// Changes the group that networks are equivariant under, at equal width.
+    /// Changes the symmetry group that networks are equivariant under, at equal width.
     pub fn set_group(&mut self, group: Group) {
         each!(self, settings => settings.network.group = group);
     }
 
-    /// Sets the device that policies train on.
+    /// Opens the chosen device and sets it as the one that policies train on.
     ///
     /// # Errors
     /// Errors of [`DeviceChoice::open`], and a GPU for learners whose updates run on the CPU
@@ -141,7 +143,7 @@ impl LearnerSettings {
         self.common().grouping != GroupingSettings::Single
     }
 
-    /// Returns the reason why the learner cannot name the policy of a group; `None` if it can.
+    /// Returns the reason why the learner cannot name the policy of a task group; `None` if it can.
     pub fn cannot_be_asked(&self) -> Option<&'static str> {
         match self.common().grouping {
             GroupingSettings::Single => Some("there is one policy for everything"),
@@ -150,7 +152,8 @@ impl LearnerSettings {
         }
     }
 
-    /// Returns the fixed distance above which a rollout belongs to another group, if there is one.
+    /// Returns the fixed distance above which a rollout belongs to another task group, if there is
+    /// one.
     pub fn fixed_threshold(&self) -> Option<f64> {
         match self.common().grouping {
             GroupingSettings::Threshold { threshold } => Some(threshold),
@@ -163,7 +166,7 @@ impl LearnerSettings {
         !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }
 
-    /// Returns the decisions of one rollout, all environments together.
+    /// Returns the number of decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
         self.common().rollout_steps
     }

@@ -33,7 +33,7 @@ struct Format {
     format: u32,
 }
 
-/// One array of a file.
+/// Named array of numbers or bytes in a checkpoint file.
 pub struct Tensor {
     name: String,
     dtype: Dtype,
@@ -42,7 +42,7 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// Makes an array of numbers.
+    /// Makes an array of single-precision numbers.
     pub fn floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
         Self {
             name,
@@ -175,7 +175,7 @@ fn check_format(path: &Path, format: u32) -> Result<(), LearnerError> {
     }
 }
 
-/// The arrays of an open file.
+/// Arrays of an opened checkpoint file.
 pub struct TensorFile<'a> {
     path: &'a Path,
     file: SafeTensors<'a>,
@@ -207,7 +207,7 @@ impl<'a> TensorFile<'a> {
         LearnerError::damaged(self.path, problem)
     }
 
-    /// Returns shape and values of an array of numbers, all of them finite.
+    /// Returns shape and values of an array of single-precision numbers, all of them finite.
     pub fn floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), LearnerError> {
         let tensor = self.tensor(name, Dtype::F32)?;
         let (numbers, _) = tensor.data().as_chunks::<4>();

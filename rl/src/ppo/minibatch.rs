@@ -67,8 +67,8 @@ pub(super) struct Batch {
 }
 
 impl<'a> Update<'a> {
-    /// Returns the parameter groups with their learning rates. The encoder has its own rate, since
-    /// its changes under the critic's loss move the actor, too.
+    /// Returns the two parameter groups of the optimiser with their learning rates. The encoder has
+    /// its own rate, since its changes under the critic's loss move the actor, too.
     pub fn groups(&self) -> [ParamGroup; 2] {
         let group = |range, learning_rate| ParamGroup { range, learning_rate };
         let (network, settings) = (self.policy.network(), self.settings);
@@ -106,11 +106,11 @@ impl<'a> Update<'a> {
 /// One recorded decision of a rollout.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Decision<'a> {
-    /// Executed action, `[A]`.
+    /// Action that was executed, `[A]`.
     pub action: &'a [f64],
     /// Log-probability of the action under the collecting policy.
     pub log_prob: f64,
-    /// Normalised advantage.
+    /// Advantage of the action, normalised over the minibatch.
     pub advantage: f64,
     /// Return, the target of the value function.
     pub ret: f64,
@@ -119,11 +119,11 @@ pub(super) struct Decision<'a> {
 /// Output of the current network for the observation of a decision.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Output<'a> {
-    /// Mean action, `[A]`.
+    /// Mean action of the policy in training, `[A]`.
     pub mean: &'a [f64],
-    /// Logarithms of the standard deviations, `[A]`.
+    /// Logarithms of the policy's standard deviations, `[A]`.
     pub log_std: &'a [f64],
-    /// Value V(s).
+    /// Value V(s) by the critic in training.
     pub value: f64,
 }
 

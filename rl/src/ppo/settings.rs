@@ -28,7 +28,8 @@ pub struct PpoSettings {
     pub value_weight: f32,
     /// Weight of the entropy bonus, at least 0.
     pub entropy_weight: f32,
-    /// Largest Euclidean norm of the whole gradient, above 0.
+    /// Maximum Euclidean norm of the gradient over all parameters, above 0; a longer one is scaled
+    /// down to it.
     pub max_grad_norm: f32,
     /// Target KL divergence from the collecting policy, in nats, above 0; the update stops at 1.5
     /// times this value.
@@ -37,7 +38,7 @@ pub struct PpoSettings {
     pub head_learning_rate: f32,
     /// Adam's step size for the image encoder, above 0.
     pub encoder_learning_rate: f32,
-    /// Adam's epsilon, above 0.
+    /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Minimum log_std, in [-10, 2]: smaller ones are raised to it after each gradient step, so
     /// that exploration cannot vanish. [`Ppo::new`](crate::Ppo::new) rejects a policy that starts
@@ -101,7 +102,7 @@ impl PpoSettings {
         1.5 * f64::from(self.max_kl)
     }
 
-    /// Rejects values outside their ranges.
+    /// Checks that every setting of PPO is in its range.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.

@@ -34,9 +34,10 @@ pub struct UpdateStats {
     pub explained_variance: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,
-    /// Gradient steps taken.
+    /// Number of gradient steps taken in the update.
     pub steps: usize,
-    /// Complete passes over the rollout; fewer than set when the KL divergence stopped the update.
+    /// Number of complete passes over the rollout; fewer than set when the KL divergence stopped
+    /// the update.
     pub epochs: usize,
     /// Logarithm of every action component's standard deviation after the update, `[A]`.
     pub log_std: Vec<f32>,

@@ -26,10 +26,10 @@ use crate::ppo::stats::LossWeights;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SymmetryLoss {
-    /// Group of the symmetry, any but C1. One element other than the identity is drawn for each
-    /// decision and update.
+    /// Symmetry group that the loss draws transformations from, any but C1. One element other than
+    /// the identity is drawn for each decision and update.
     pub group: Group,
-    /// Weight of the loss, at least 0.
+    /// Weight of the symmetry loss in the total loss, at least 0.
     pub weight: f32,
 }
 

@@ -11,15 +11,16 @@ use crate::replay::{Replay, ReplaySettings, StepIndex};
 /// Complete state of a [`Replay`]. A buffer restored from it samples the same steps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReplayState<'a> {
-    /// Number of steps ever recorded.
+    /// Number of steps ever recorded, dropped ones included.
     pub recorded: u64,
     /// Number of steps that had been recorded at the last mark.
     pub marked: u64,
-    /// Index in `episodes` of each environment's running episode, `[N]`.
+    /// Index in `episodes` of each environment's running episode, `[N]`; `None` where none is
+    /// running.
     pub running: Vec<Option<u32>>,
-    /// Index in `episodes` and position in the episode of every step, the oldest first.
+    /// Index in `episodes` and position in the episode of every held step, the oldest first.
     pub order: Vec<[u32; 2]>,
-    /// Episodes, in the order in which they began.
+    /// Stored episodes, in the order in which they began.
     pub episodes: Vec<EpisodeState<'a>>,
 }
 
@@ -27,24 +28,24 @@ pub struct ReplayState<'a> {
 /// if none of its steps is held.
 #[derive(Clone, Copy, Default, PartialEq)]
 pub struct EpisodeState<'a> {
-    /// Still channels, `[H, W, S]`.
+    /// Still channels of the episode's images, `[H, W, S]`.
     pub still: &'a [u8],
-    /// Moving channels, `[T + 1, H, W, C - S]`.
+    /// Moving channels of the episode's images, `[T + 1, H, W, C - S]`.
     pub moving: &'a [u8],
-    /// Observation vectors `[T + 1, D]`.
+    /// Observation vectors of the episode, `[T + 1, D]`.
     pub vectors: &'a [f32],
-    /// Actions `[T, A]`.
+    /// Actions of the episode's steps, `[T, A]`.
     pub actions: &'a [f32],
-    /// Rewards `[T]`.
+    /// Rewards of the episode's steps, `[T]`.
     pub rewards: &'a [f32],
-    /// Outcome of the last step.
+    /// State of the episode after its last step.
     pub outcome: Outcome,
     /// Number of steps removed from the front of an episode longer than the buffer.
     pub removed: u32,
 }
 
 impl Replay {
-    /// Returns the complete state; arrays are borrowed, not copied.
+    /// Returns the complete state of the replay buffer; arrays are borrowed, not copied.
     pub fn save(&self) -> ReplayState<'_> {
         let index = |number: u32| number - self.first;
         ReplayState {
@@ -166,7 +167,7 @@ impl ReplayState<'_> {
 }
 
 impl EpisodeState<'_> {
-    /// Returns `true` if no observation is stored.
+    /// Returns `true` if no observation of the episode is stored.
     pub fn is_empty(&self) -> bool {
         self.still.is_empty() && self.moving.is_empty() && self.vectors.is_empty()
     }

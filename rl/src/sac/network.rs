@@ -105,7 +105,8 @@ impl<T: Scalar> SacNetwork<T> {
         })
     }
 
-    /// Returns the length of the flat parameter slice.
+    /// Returns the number of parameters of the network, which is the length of its flat parameter
+    /// slice.
     pub fn num_params(&self) -> usize {
         self.critics().end
     }
@@ -121,7 +122,7 @@ impl<T: Scalar> SacNetwork<T> {
         &self.trunk.settings
     }
 
-    /// Returns the settings of the context; `None` without one.
+    /// Returns the settings of the recurrent context; `None` for a network without one.
     pub fn context(&self) -> Option<ContextSettings> {
         self.context
     }
@@ -131,9 +132,9 @@ impl<T: Scalar> SacNetwork<T> {
         &self.trunk.spec
     }
 
-    /// Draws all parameters: weights before a ReLU with gain sqrt(2), the last layers with the
-    /// gains of the settings, GRUs with gain 1, and zero biases except those of log_std, which give
-    /// the initial log_std of the settings.
+    /// Draws the initial values of all parameters of the network: weights before a ReLU with gain
+    /// sqrt(2), the last layers with the gains of the settings, GRUs with gain 1, and zero biases
+    /// except those of log_std, which give the initial log_std of the settings.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);

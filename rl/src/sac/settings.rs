@@ -39,7 +39,7 @@ pub struct SacSettings {
     pub burn_in: u64,
     /// Adam's step size for all parameters, above 0.
     pub learning_rate: f32,
-    /// Adam's epsilon, above 0.
+    /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Maximum magnitude of each component of the gradient, above 0; larger ones are clipped.
     pub max_gradient: f32,
@@ -64,13 +64,13 @@ pub struct SacSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Temperature {
-    /// A constant, at least 0.
+    /// Constant temperature alpha, at least 0.
     Fixed(f32),
-    /// A learned value, adjusted so that the entropy of actions is `target` nats for each
+    /// Learned temperature alpha, adjusted so that the entropy of actions is `target` nats for each
     /// component. From Haarnoja et al., "Soft actor-critic algorithms and applications" (arXiv
     /// 1812.05905, section 5).
     Learned {
-        /// Initial value, above 0.
+        /// Initial temperature alpha, above 0.
         initial: f32,
         /// Target entropy in nats of each component of the action; -1 in the paper.
         target: f32,
@@ -112,7 +112,7 @@ impl SacSettings {
         Self { updates_per_step: ppo.epochs as f32 / self.batch as f32, ..self }
     }
 
-    /// Rejects values outside their ranges.
+    /// Checks that every setting of soft actor-critic is in its range.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.

@@ -30,7 +30,7 @@ fn note_tensor(note: &str) -> Tensor {
     Tensor::bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
 }
 
-/// Reads the note of the file at `path`, whatever learner wrote it.
+/// Reads the caller's note from the checkpoint at `path`, whatever learner wrote it.
 ///
 /// # Errors
 /// [`LearnerError::Read`], [`LearnerError::NewerFormat`].
@@ -100,8 +100,9 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Reads a learner that [`Learner::save`](crate::Learner::save) wrote, and its note. `spec`
-    /// must match its environments; the grouping is the one that the settings name.
+    /// Reads a learner from a checkpoint that [`Learner::save`](crate::Learner::save) wrote, and
+    /// its note. `spec` must match its environments; the grouping is the one that the settings
+    /// name.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, or belongs to other
@@ -112,8 +113,8 @@ impl<S: CollectionSettings> Collection<S> {
         Checkpoint::read(path)?.open(None, spec, true, grouping)
     }
 
-    /// Reads a learner that [`Learner::save`](crate::Learner::save) wrote, with the caller's
-    /// grouping.
+    /// Reads a learner from a checkpoint that [`Learner::save`](crate::Learner::save) wrote, with
+    /// the caller's grouping.
     ///
     /// # Errors
     /// Errors of [`Collection::load`].

@@ -51,14 +51,14 @@ pub(super) struct Observed {
 }
 
 impl Observed {
-    /// Appends a later rollout.
+    /// Appends the episodes of a later rollout.
     pub fn extend(&mut self, later: Self) {
         self.frames.extend(later.frames);
         self.courses.extend(later.courses);
     }
 
-    /// Removes frames of episodes that began before a changepoint, which belong to the earlier
-    /// group. Without later frames all stay.
+    /// Removes first frames of episodes that began before a changepoint, which belong to the
+    /// earlier task group. Without later frames all stay.
     pub fn keep_later(&mut self, cut: Option<usize>) {
         // `None` is less than any `Some`, so without a changepoint all frames are later
         let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
@@ -68,37 +68,37 @@ impl Observed {
     }
 }
 
-/// Experience of one collection, which begins with a reset.
+/// Experience of one collection of a policy in its environments, which begins with a reset.
 pub trait Rollout {
-    /// Returns the environments' sizes.
+    /// Returns the sizes and symmetry types of the environments of the rollout.
     fn spec(&self) -> &EnvSpec;
 
-    /// Returns T, the steps of every environment that were collected.
+    /// Returns T, the number of steps of every environment that were collected.
     fn shown(&self) -> usize;
 
-    /// Returns step `step` of environment `env`.
+    /// Returns step `step` (from 0) of environment `env` (from 0) in the rollout.
     fn step(&self, step: usize, env: usize) -> StepView<'_>;
 
-    /// Forgets all steps of the last collection but the first `steps`, at least 1.
+    /// Forgets all steps of the last collection after the first `steps`, at least 1.
     ///
     /// # Errors
     /// A collection that is not finished.
     fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
 
-    /// Keeps the latest `collections` of those since an algorithm learnt last. One that holds a
-    /// single collection forgets it when the next one begins.
+    /// Keeps the latest `collections` of the collections since an algorithm learnt last. One that
+    /// holds a single collection forgets it when the next one begins.
     fn keep(&mut self, _collections: usize) {}
 }
 
 /// Step of one environment in a rollout.
 pub struct StepView<'a> {
-    /// The picture `[H, W, C]` that was acted on.
+    /// Picture `[H, W, C]` that the policy acted on.
     pub image: &'a [u8],
-    /// The vector `[D]` that was acted on.
+    /// Observation vector `[D]` that the policy acted on.
     pub vector: &'a [f32],
-    /// Action of the step `[A]`.
+    /// Action executed in the step, `[A]`.
     pub action: &'a [f32],
-    /// Reward of the step's action.
+    /// Reward of the step.
     pub reward: f32,
     /// State of the episode after the step.
     pub outcome: Outcome,

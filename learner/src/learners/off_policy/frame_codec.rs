@@ -11,9 +11,9 @@ const GAP: [u8; 4] = [0; 4];
 /// Sizes of the pictures of an episode.
 #[derive(Clone, Copy, Debug)]
 pub struct Frames {
-    /// Bytes of one picture.
+    /// Size of one picture in bytes.
     pub len: usize,
-    /// Bytes of one pixel.
+    /// Size of one pixel in bytes.
     pub pixel: usize,
 }
 

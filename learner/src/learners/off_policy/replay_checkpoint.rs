@@ -14,7 +14,7 @@ const CONTEXTS: usize = 100_000;
 /// Number of scalars that are written for every episode.
 const FIELDS: usize = 4;
 
-/// Returns the contents of a replay as arrays whose names begin with `prefix`.
+/// Returns the contents of a replay buffer as arrays whose names begin with `prefix`.
 pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
     let state = replay.save();
     let name = |what: &str| format!("{prefix}replay.{what}");
@@ -92,7 +92,7 @@ fn pack(replay: &Replay, state: &ReplayState<'_>) -> Vec<u8> {
     packed
 }
 
-/// Reads a replay with the settings of `fresh` that [`tensors`] wrote.
+/// Reads a replay buffer with the settings of `fresh` from the arrays that [`tensors`] returned.
 ///
 /// # Errors
 /// [`LearnerError::Read`] for arrays that are missing or do not fit.

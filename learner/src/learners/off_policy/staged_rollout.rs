@@ -33,7 +33,7 @@ impl StagedRollout {
         self.uniform = decisions;
     }
 
-    /// Moves all collections into `replay`.
+    /// Moves all collections into the replay buffer `replay`.
     pub fn commit_to(&mut self, replay: &mut Replay) -> Result<(), RlError> {
         for steps in self.collections.drain(..) {
             // each collection began with a reset, which ends the running episodes of the replay
