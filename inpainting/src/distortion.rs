@@ -169,11 +169,11 @@ mod tests {
             let [x, y] = lens.apply(point);
             assert!((x - expected[0]).abs() < 1e-15 && (y - expected[1]).abs() < 1e-15, "{x} {y}");
         }
-        let lens = Distortion::from_opencv(&all[..4]).unwrap();
+        let short = Distortion::from_opencv(&all[..4]).unwrap();
         let radial = 1.0 + 0.3 * 0.25 - 0.2 * 0.0625;
         let u = 0.4 * radial + 2.0 * 0.001 * 0.4 * -0.3 - 0.0005 * (0.25 + 2.0 * 0.16);
         let v = -0.3 * radial + 0.001 * (0.25 + 2.0 * 0.09) - 2.0 * 0.0005 * 0.4 * -0.3;
-        let [x, y] = lens.apply([0.4, -0.3]);
+        let [x, y] = short.apply([0.4, -0.3]);
         assert!((x - u).abs() < 1e-15 && (y - v).abs() < 1e-15);
         assert_eq!(Distortion::NONE.apply([0.4, -0.3]), [0.4, -0.3]);
         let padded = [&all[..], &[0.0; 6]].concat();

@@ -315,8 +315,8 @@ fn poses_that_contradict_each_other_name_the_offset_and_units() {
         let mut seen = exact.clone();
         seen.iter_mut().for_each(spoil);
         let message = refusal(&plain(), offset, &seen);
-        for says in [says, "whichever one is left out", "`--offset`", "millimetres"] {
-            assert!(message.contains(says), "{says}: {message}");
+        for words in [says, "whichever one is left out", "`--offset`", "millimetres"] {
+            assert!(message.contains(words), "{words}: {message}");
         }
     }
 }
