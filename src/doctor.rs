@@ -44,26 +44,26 @@ pub struct DoctorOptions {
     pub work: Work,
 }
 
-/// State of a part of the machine.
+/// State of a part of the machine, as `covers doctor` judges it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Health {
-    /// Works well.
+    /// Part that works well.
     Good,
-    /// Works, but could be better.
+    /// Part that works, but could be better.
     Fair,
-    /// Does not work.
+    /// Part that does not work.
     Bad,
 }
 
-/// Result of the check of one part.
+/// Result of the check of one part of the machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// Name of the part.
+    /// Name of the part that was checked.
     pub part: &'static str,
-    /// State of the part.
+    /// State of the part that was checked.
     pub health: Health,
-    /// Description of the part.
+    /// Description of what the check found in the part.
     pub found: String,
     /// Way to fix or improve the part; `None` if it works well.
     #[serde(rename = "cure")]

@@ -7,7 +7,7 @@ use render::RenderError;
 use report::ReportError;
 use watch::WatchError;
 
-/// Error of a command.
+/// Error of a `covers` command.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CoversError {
@@ -32,10 +32,10 @@ pub enum CoversError {
          again", failed.join(", ")
     )]
     Jobs {
-        /// Names of the jobs.
+        /// Names of the failed jobs.
         failed: Vec<String>,
     },
-    /// Screen without a terminal.
+    /// Request for a full-screen view without a terminal.
     #[error(
         "`--tui` needs a terminal, but standard output is not one: leave the option out, or follow \
          the run with `covers watch`"

@@ -18,7 +18,7 @@ use super::rig::{Rig, SetUp, Trial, Verdict, fresh_picture};
 /// Command that a dry run did not send to the robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockedCommand {
-    /// Command of the policy's action.
+    /// Command into which the controller turned the policy's action.
     pub command: Command,
     /// Twist of the hand after the tick, within the arm's limits of speed and acceleration.
     pub twist: Twist,
@@ -29,7 +29,7 @@ pub struct BlockedCommand {
 /// Result of a dry run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DryRunReport {
-    /// Index of the policy that the learner chose.
+    /// Index of the policy that the learner chose in the dry run.
     pub policy: usize,
     /// `true` if the learner considered the policy to match the task.
     pub fits: bool,
@@ -38,12 +38,12 @@ pub struct DryRunReport {
     /// Commands that the dry run withheld from the robot, in order: all those of the first
     /// decision, then of the second; the same number for each.
     pub blocked: Vec<BlockedCommand>,
-    /// Times that each stage of a decision took.
+    /// Times that each stage of a decision took in the dry run.
     pub latencies: LatencyProfile,
 }
 
 impl DryRunReport {
-    /// Formats the decisions with their commands, and a table of times.
+    /// Formats the decisions of the dry run with their commands, and a table of times.
     pub fn text(&self) -> String {
         let fits = if self.fits { "fits" } else { "does not fit" };
         let mut text = format!("policy {}, which {fits}\n", self.policy);

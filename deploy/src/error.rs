@@ -8,7 +8,7 @@ use learner::LearnerError;
 use render::RenderError;
 use rl::BoxError;
 
-/// Error of a trial on a robot, or of a calibration.
+/// Error of a trial on a robot, or of calibrating its camera.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeployError {
@@ -30,7 +30,7 @@ pub enum DeployError {
     /// Error of the rig: its table, its camera or its clock.
     #[error("the rig failed: {source}")]
     Rig {
-        /// Cause.
+        /// Cause of the rig's failure.
         source: BoxError,
     },
     /// Camera whose latest picture is too old.
@@ -39,9 +39,9 @@ pub enum DeployError {
         age.as_millis(), most.as_millis()
     )]
     StalePicture {
-        /// Age of the picture.
+        /// Age of the camera's latest picture.
         age: Duration,
-        /// Maximum age.
+        /// Maximum age of a picture that a trial accepts.
         most: Duration,
     },
     /// Camera whose clock is ahead of the robot's.
@@ -50,7 +50,7 @@ pub enum DeployError {
         ahead.as_millis()
     )]
     CameraClockAhead {
-        /// Time from now to the picture's time stamp.
+        /// Time from now to the picture's time stamp, which lies in the future.
         ahead: Duration,
     },
     /// Hand that did not reach a pose in time.
@@ -58,9 +58,9 @@ pub enum DeployError {
         "the hand did not reach its target within 20 s: {left:.0} mm and {turn:.0} degrees are left"
     )]
     PoseNotReached {
-        /// Remaining distance (mm).
+        /// Remaining distance of the hand from the pose (mm).
         left: f64,
-        /// Remaining angle (degrees).
+        /// Remaining angle between the hand and the pose (degrees).
         turn: f64,
     },
     /// Hand that kept moving after the robot was stopped.
@@ -74,11 +74,11 @@ pub enum DeployError {
     FewSightings {
         /// Number of poses in which the ball was seen.
         got: usize,
-        /// Minimum number of poses.
+        /// Minimum number of poses in which the ball must be seen.
         needed: usize,
         /// Number of the first pose that was skipped, counted from 1.
         pose: usize,
-        /// Reason for which it was skipped.
+        /// Reason for which that pose was skipped.
         why: String,
     },
     /// Calibration file that does not fit the rig.
@@ -96,11 +96,11 @@ pub enum DeployError {
          right, correct what the rig says of its camera"
     )]
     OtherCamera {
-        /// Name of the implausible part.
+        /// Name of the implausible part of the calibration.
         what: &'static str,
-        /// Value of the part.
+        /// Value of the implausible part.
         value: String,
-        /// Description of plausible values.
+        /// Description of plausible values of the part.
         expected: String,
     },
 }

@@ -7,7 +7,7 @@ use experiments::RunError;
 
 use super::settings::RigSettings;
 
-/// Fault, or setting, whose amount can be varied.
+/// Fault of a simulated rig, or setting of the perception, whose amount can be varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// Distance of the camera from its calibrated position (mm).
@@ -27,7 +27,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// All faults of a simulated rig.
+    /// All faults whose amount can be varied.
     pub const ALL: [Self; 7] = [
         Self::PositionError,
         Self::AngleError,
@@ -51,7 +51,7 @@ impl Fault {
         }
     }
 
-    /// Returns the label of an axis: name and unit.
+    /// Returns the fault's label for the axis of a figure: name and unit.
     pub fn axis(self) -> &'static str {
         match self {
             Self::PositionError => "error of the camera's position (mm)",
@@ -105,7 +105,7 @@ impl Fault {
 /// Fault with the amounts to try, parsed from text such as `angle-error=0,0.5,1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaultSweep {
-    /// Fault to vary.
+    /// Fault whose amount is varied.
     pub fault: Fault,
     /// Rising amounts in the fault's unit; the last one is above 0.
     pub amounts: Vec<f64>,
@@ -133,9 +133,9 @@ impl FromStr for FaultSweep {
 /// Fault with one amount, parsed from text such as `angle-error=3`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultAmount {
-    /// Fault to set.
+    /// Fault whose amount is set.
     pub fault: Fault,
-    /// Amount in the fault's unit; 0 or more.
+    /// Amount of the fault in its unit; 0 or more.
     pub amount: f64,
 }
 

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-/// Stage of a decision. The recognition runs once per trial.
+/// Stage of a decision on a robot whose time is measured. The recognition runs once per trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Fetching the camera's picture.
     Picture,
     /// Removing the arm from the picture.
     InPainting,
-    /// Choice of a policy by the learner.
+    /// Choice of a policy by the learner from the first picture.
     Recognition,
     /// Choice of an action by the policy.
     Policy,
@@ -18,7 +18,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All stages, in the order in which they run.
+    /// All stages of a decision, in the order in which they run.
     pub const ALL: [Self; 5] =
         [Self::Picture, Self::InPainting, Self::Recognition, Self::Policy, Self::Commands];
 
@@ -34,7 +34,7 @@ impl Stage {
     }
 }
 
-/// Measured times of all stages.
+/// Measured times of all stages of the decisions on a robot.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LatencyProfile([Vec<Duration>; Stage::ALL.len()]);
 
@@ -44,7 +44,7 @@ impl LatencyProfile {
         self.0[stage as usize].push(took);
     }
 
-    /// Returns the number of times a stage ran.
+    /// Returns the number of times that a stage was measured.
     pub fn count(&self, stage: Stage) -> usize {
         self.0[stage as usize].len()
     }

@@ -18,7 +18,7 @@ pub struct Trial {
     pub variant: TaskVariant,
     /// Index of the trial of this variant; each has its own placement.
     pub number: usize,
-    /// Seed of placements and faults.
+    /// Seed of the trial's placement and faults.
     pub seed: u64,
 }
 
@@ -101,7 +101,7 @@ pub(super) fn fresh_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Duratio
     if age > most { Err(DeployError::StalePicture { age, most }) } else { Ok(taken) }
 }
 
-/// Robot with its table, its camera and its clock.
+/// Robot with its table, its camera and its clock, on which trials run.
 ///
 /// All positions are in the policy's frame: the origin is the middle of the table, x points right,
 /// y away from the robot, and z up. The [`Robot`] keeps the last commanded twist, so it must stop

@@ -12,7 +12,7 @@ pub struct VisionSettings {
     pub growth: f64,
     /// Pixels of in-painting along each side of a pixel that is drawn for a policy; odd.
     pub oversampling: usize,
-    /// Method of colour correction.
+    /// Method by which the colours of a real camera's pictures are corrected.
     pub correction: ColorCorrection,
     /// Calibration that replaces the rig's own; `None` to use the rig's.
     pub calibration: Option<Calibration>,
@@ -21,7 +21,7 @@ pub struct VisionSettings {
 /// Settings of a simulated rig and of the perception of its pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigSettings {
-    /// Faults of the camera and the arm.
+    /// Faults of the simulated camera and the simulated arm.
     pub simulation: SimulationSettings,
     /// Settings of the perception of the rig's pictures.
     pub vision: VisionSettings,

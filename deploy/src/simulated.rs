@@ -24,7 +24,7 @@ use crate::DeployError;
 
 use super::rig::{Rig, SetUp, Trial, Verdict};
 
-/// Faults of a simulated rig.
+/// Faults of the camera and the arm of a simulated rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimulationSettings {
     /// Faults of the simulated camera.
@@ -116,12 +116,12 @@ impl SimulatedRig {
         }
     }
 
-    /// Returns the model of the arm.
+    /// Returns the model of the rig's arm.
     pub fn arm(&self) -> &Arm {
         &self.arm
     }
 
-    /// Returns the true calibration of the camera, except for the lens distortion.
+    /// Returns the true calibration of the simulated camera, except for the lens distortion.
     pub fn truth(&self) -> Calibration {
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,

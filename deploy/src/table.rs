@@ -21,19 +21,19 @@ const DEVIATIONS: f64 = 1.959_963_984_540_054;
 pub struct TrialScore {
     /// Task group that was set up.
     pub group: TaskGroup,
-    /// Element of D2 that makes the variant.
+    /// Element of D2 of the variant that was set up.
     pub element: D2,
-    /// Index of the trial of the variant.
+    /// Index of the trial among those of the variant, from 0.
     pub number: usize,
     /// Index of the policy that the learner chose from the first picture.
     pub policy: usize,
     /// `true` if the learner considered the policy to match the group.
     pub fits: bool,
-    /// `true` if the task was solved at any time.
+    /// `true` if the task was solved at any time of the trial.
     pub success: bool,
-    /// `true` if the task was solved at the end.
+    /// `true` if the task was solved at the end of the trial.
     pub success_at_end: bool,
-    /// Number of commands that the arm refused because it could not follow them.
+    /// Number of commands in the trial that the arm refused because it could not follow them.
     pub refused: usize,
 }
 

@@ -14,14 +14,14 @@ use crate::error::EnvError;
 /// Joint positions by joint name (metres or radians).
 pub type JointPositions = Vec<(String, f64)>;
 
-/// Mechanism by which the hand follows its target, which actions move.
+/// Mechanism by which the hand follows its target; actions move that target.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Actuation {
     /// Weld that pulls the body `hand` to the mocap body `hand_target`. The first two actuators,
     /// `right_finger` and `left_finger`, get the finger action and its negative.
     Weld,
-    /// Servo motors in the joints, as in a real arm.
+    /// Servo motors in the joints that follow inverse kinematics, as in a real arm.
     Servos(Box<ServoController>),
 }
 

@@ -11,7 +11,7 @@ mod compose;
 
 pub use compose::Pictures;
 
-/// Number of colour channels of one picture.
+/// Number of colour channels of one picture: red, green and blue.
 pub const RGB: usize = 3;
 /// Largest side of a drawn picture (pixels).
 const MAX_SIDE: usize = 4096;
@@ -27,13 +27,14 @@ const MIN_HEIGHT: f64 = 0.6;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// Pixels along either side; an even number, so that flips map pixels to pixels.
+    /// Pixels along either side of an observed picture; an even number, so that flips map pixels to
+    /// pixels.
     pub size: usize,
     /// Drawn pixels along each side of an observed pixel, 1 to 8 (1 if a file has no value). An
     /// observed pixel is their mean, so an edge can move by less than a pixel.
     #[serde(default = "one")]
     pub oversampling: usize,
-    /// Height above the table (metres).
+    /// Height of the camera above the table (metres).
     pub height: f64,
     /// Half the side of the visible square of the table (metres). Together with the height it sets
     /// the field of view.
@@ -42,7 +43,7 @@ pub struct Camera {
     pub background: [f64; 3],
     /// Light sources of the scene.
     pub light: Light,
-    /// Mark over the gripper.
+    /// Mark that is drawn over the gripper in the pictures.
     pub mark: Mark,
     /// Pictures that an observation holds besides the current one; the first picture if a file has
     /// no value.
@@ -55,11 +56,11 @@ pub struct Camera {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
-    /// Ambient light, in `[0, 1]`.
+    /// Intensity of the ambient light, in `[0, 1]`.
     pub ambient: f64,
-    /// Light from the camera, in `[0, 1]`.
+    /// Intensity of the light from the camera, in `[0, 1]`.
     pub camera: f64,
-    /// Light from straight above, in `[0, 1]`.
+    /// Intensity of the light from straight above, in `[0, 1]`.
     pub overhead: f64,
 }
 
@@ -68,11 +69,11 @@ pub struct Light {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mark {
-    /// Outer radius (metres); 0 draws nothing.
+    /// Outer radius of the mark (metres); 0 draws nothing.
     pub radius: f64,
-    /// Radius of the hole (metres); 0 for a filled disc.
+    /// Radius of the hole in the mark (metres); 0 for a filled disc.
     pub hole: f64,
-    /// RGB colour of the mark.
+    /// Colour of the mark: red, green and blue, 0 to 255.
     pub color: [u8; 3],
 }
 
@@ -239,7 +240,7 @@ const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ExtraView {
-    /// First picture of the episode.
+    /// First picture of the episode, which makes 6 channels with the current one.
     #[default]
     First,
     /// Close-up of the table below the hand, without the gripper's mark, which shows objects
@@ -247,7 +248,7 @@ pub enum ExtraView {
     /// [`Camera::oversampling`](crate::Camera::oversampling) times as large as in the whole
     /// picture. The area beyond the picture is grey.
     CloseUp,
-    /// First picture of the episode, then the close-up.
+    /// First picture of the episode, then the close-up; 9 channels with the current picture.
     FirstAndCloseUp,
 }
 

@@ -9,15 +9,15 @@ pub const PHYSICS_STEPS: usize = 5;
 /// Duration of a control step (seconds).
 const CONTROL_STEP: f64 = 0.0125;
 
-/// Action scale, action repeat and episode length.
+/// Action scale, action repeat and episode length of an environment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Control {
-    /// Control steps that one action is held for.
+    /// Number of control steps (12.5 ms each) that one action is held for.
     pub action_repeat: usize,
     /// Displacement of the hand's target by a full action, per decision (metres).
     pub displacement: f64,
-    /// Control steps in an episode; a multiple of `action_repeat`.
+    /// Number of control steps (12.5 ms each) in an episode; a multiple of `action_repeat`.
     pub horizon: usize,
 }
 
@@ -46,7 +46,7 @@ impl Control {
         self.horizon.checked_div(self.action_repeat).unwrap_or(0)
     }
 
-    /// Rejects control settings out of range.
+    /// Rejects an action repeat, a displacement or a horizon that is out of range.
     ///
     /// # Errors
     /// [`EnvError::Setting`].

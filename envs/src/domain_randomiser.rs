@@ -60,7 +60,7 @@ impl DomainRandomiser {
         Self { amounts, camera, levels: room.clone(), spare: room }
     }
 
-    /// Draws the camera errors of the episode that begins.
+    /// Draws the camera errors (pose, exposure, white balance, blur) of the episode that begins.
     pub fn begin(&self, state: &mut CameraState) {
         let (amounts, rng) = (&self.amounts, &mut state.rng);
         // all numbers are drawn whatever the amounts, so that one amount does not shift the others'

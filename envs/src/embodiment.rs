@@ -37,7 +37,7 @@ impl Embodiment {
     /// Embodiments that this crate provides.
     pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
 
-    /// Returns the embodiment that `spec` defines.
+    /// Returns the handle of the embodiment that `spec` defines.
     ///
     /// A spec that is made at run time must be leaked, as with
     /// [`TaskGroup::of`](crate::TaskGroup::of): `Embodiment::of(Box::leak(Box::new(spec)))`.
@@ -45,18 +45,18 @@ impl Embodiment {
         Self(spec)
     }
 
-    /// Returns the name as settings and files spell it, for instance `sawyer`.
+    /// Returns the embodiment's name as settings and files spell it, for instance `sawyer`.
     pub fn name(self) -> &'static str {
         self.0.name()
     }
 
-    /// Returns the definition of the embodiment.
+    /// Returns the specification that defines the embodiment.
     pub fn spec(self) -> &'static dyn EmbodimentSpec {
         self.0
     }
 
-    /// Registers the name in this process, so that settings with it can be read. Registering an
-    /// embodiment again has no effect.
+    /// Registers the embodiment's name in this process, so that settings with it can be read.
+    /// Registering an embodiment again has no effect.
     ///
     /// # Errors
     /// [`EnvError::EmbodimentName`] for a malformed name, [`EnvError::DuplicateEmbodiment`] for a
@@ -77,13 +77,15 @@ impl Embodiment {
         Ok(())
     }
 
-    /// Returns the embodiments of this crate, then the registered ones.
+    /// Returns the embodiments whose names settings may hold: those of this crate, then the
+    /// registered ones.
     pub fn known() -> Vec<Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
         [&Self::BUILT_IN, &registered[..]].concat()
     }
 
-    /// Returns `true` if the four variants of a group move as exact mirror images of each other.
+    /// Returns `true` if the four variants of a task group move as exact mirror images of each
+    /// other.
     pub fn mirrors_exactly(self) -> bool {
         self.0.mirrors_exactly()
     }

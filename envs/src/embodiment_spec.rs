@@ -14,7 +14,7 @@ pub(crate) const OPEN_APERTURE: f64 = 0.1;
 /// Parts of a scene that depend on the embodiment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EmbodimentParts {
-    /// MJCF of the embodiment, a `<mujocoinclude>`.
+    /// MJCF of the embodiment, a `<mujocoinclude>` document.
     ///
     /// Required are the bodies `hand`, `right_claw` and `left_claw`, and the sites `right_tip` and
     /// `left_tip`. Scripted experts assume that open claws are 0.1 m apart and that the tips are

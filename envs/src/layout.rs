@@ -51,10 +51,10 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// All layouts.
+    /// All layouts: the symmetric one and Meta-World's.
     pub const ALL: [Self; 2] = [Self::Symmetric, Self::MetaWorld];
 
-    /// Returns the name as options spell it.
+    /// Returns the layout's name as options spell it: `symmetric` or `metaworld`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Symmetric => "symmetric",
@@ -62,7 +62,7 @@ impl Layout {
         }
     }
 
-    /// Returns the elements of the variants that a group has in this layout.
+    /// Returns the elements of D2 whose variants a task group has in this layout.
     pub fn elements(self) -> &'static [D2] {
         match self {
             Self::Symmetric => &D2::ALL,
@@ -70,7 +70,7 @@ impl Layout {
         }
     }
 
-    /// Returns the control settings of this layout.
+    /// Returns the control settings of this layout: action repeat, action scale and horizon.
     pub fn control(self) -> Control {
         match self {
             Self::Symmetric => Control::default(),

@@ -30,7 +30,8 @@ pub enum EnvCommand {
     StepNoAutoReset,
     /// Begins an episode, and abandons a running one. The action is ignored.
     Reset,
-    /// Does nothing. The action is ignored.
+    /// Does nothing: the environment keeps its last observation, and the action is ignored. The
+    /// action is ignored.
     Rest,
 }
 

@@ -42,7 +42,7 @@ pub struct Randomisation {
 }
 
 impl Randomisation {
-    /// No randomisation.
+    /// Amounts for pictures without any randomisation: all zero.
     pub const OFF: Self = Self {
         position_error: 0.0,
         angle_error: 0.0,

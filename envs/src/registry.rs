@@ -5,20 +5,21 @@ use crate::task::TaskGroup;
 use crate::tasks::{ButtonPress, DrawerClose, GoalReach, PlateSlide};
 
 impl TaskGroup {
-    /// Move the fingertips to a goal that the vector observation contains and pictures do not show.
+    /// Task group of moving the fingertips to a goal that the vector observation contains and
+    /// pictures do not show.
     pub const GOAL_REACH: Self = Self::of(&GoalReach);
-    /// Push a button into its box.
+    /// Task group of pushing a button into its box.
     pub const BUTTON_PRESS: Self = Self::of(&ButtonPress);
-    /// Push a drawer shut.
+    /// Task group of pushing a drawer shut.
     pub const DRAWER_CLOSE: Self = Self::of(&DrawerClose);
-    /// Slide a puck into a goal cage.
+    /// Task group of sliding a puck into a goal cage.
     pub const PLATE_SLIDE: Self = Self::of(&PlateSlide);
 
-    /// The paper's four groups, in the order of reports.
+    /// Four task groups of the COVERS paper, in the order of reports.
     pub const STANDARD: [Self; 4] =
         [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
 
-    /// Rejects a group whose name is not in kebab-case.
+    /// Rejects a task group whose name is not in kebab-case.
     ///
     /// # Errors
     /// [`EnvError::TaskName`].
@@ -57,7 +58,7 @@ impl TaskRegistry {
         Self { groups: TaskGroup::STANDARD.to_vec() }
     }
 
-    /// Adds a task group to the registry.
+    /// Adds a task group to the registry, under its name.
     ///
     /// # Errors
     /// [`EnvError::TaskName`] for a name that is not in kebab-case, [`EnvError::DuplicateTask`] for
@@ -72,7 +73,7 @@ impl TaskRegistry {
         Ok(())
     }
 
-    /// Returns the task group called `name`.
+    /// Returns the registered task group called `name`.
     ///
     /// # Errors
     /// [`EnvError::UnknownTask`], which lists the known names.
@@ -85,7 +86,7 @@ impl TaskRegistry {
         })
     }
 
-    /// Returns the groups in the order of their registration.
+    /// Returns the registered task groups in the order of their registration.
     pub fn groups(&self) -> &[TaskGroup] {
         &self.groups
     }

@@ -17,7 +17,7 @@ use crate::layout::{HAND_START, Layout, Settling};
 use crate::mjcf::{Mjcf, part};
 use crate::task::{MetaWorldSpec, Parts, Placement, TaskGroup};
 
-/// Geom group of arm and gripper.
+/// MuJoCo geom group (3) of the arm's and the gripper's geoms.
 pub const ARM_GEOM_GROUP: usize = 3;
 
 /// Name of the main file, which includes the parts.
@@ -33,15 +33,15 @@ const EMBODIMENT: &str = "embodiment.xml";
 /// of environments share it.
 #[derive(Debug)]
 pub struct Scene {
-    /// Layout of the scene.
+    /// Layout (geometry) that the scene follows.
     pub layout: Layout,
-    /// Task group.
+    /// Task group whose scene it is.
     pub group: TaskGroup,
-    /// Embodiment in the scene.
+    /// Embodiment that acts in the scene.
     pub embodiment: Embodiment,
     /// Compiled MuJoCo model of the scene.
     pub model: Arc<Model>,
-    /// Camera above the centre.
+    /// Camera above the centre of the table.
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
     /// Position of the hand's target when an episode starts (metres).
@@ -128,8 +128,8 @@ impl Scene {
         })
     }
 
-    /// Returns the state in which every episode starts, with open fingers: at rest, or as
-    /// Meta-World's reset leaves it.
+    /// Returns the simulation state in which every episode starts, with open fingers: at rest, or
+    /// as Meta-World's reset leaves it.
     pub fn settled(&self) -> &State {
         &self.settled
     }
@@ -145,7 +145,7 @@ impl Scene {
         }
     }
 
-    /// Draws the placement of an episode.
+    /// Draws the placement of an episode from the task's distribution.
     pub fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         match &self.meta_world {
             None => self.group.task().place(rng),

@@ -16,17 +16,17 @@ pub const MAX_THREADS: usize = 1024;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VecEnvSettings {
-    /// Number of environments, N.
+    /// Number of environments, N, that step together.
     pub num_envs: usize,
     /// Number of worker threads, 1 to 1024; results do not depend on this.
     pub threads: usize,
     /// Layout of the scenes; [`Layout::MetaWorld`] goes with [`Control::meta_world`].
     pub layout: Layout,
-    /// Embodiment that acts, an arm or a hand alone.
+    /// Embodiment that acts in the environments, an arm or a hand alone.
     pub embodiment: Embodiment,
-    /// Camera above the table.
+    /// Camera above the table, with its light and the gripper's mark.
     pub camera: Camera,
-    /// Action scale, action repeat and horizon.
+    /// Action scale, action repeat and episode length.
     pub control: Control,
     /// Domain randomisation of the pictures; `None` for perfect pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -54,7 +54,7 @@ const FIRST_PICTURE: &str = "the first picture if pictures are randomised: camer
 whole pictures, so close-ups would be without them";
 
 impl VecEnvSettings {
-    /// Returns the length of one environment's image, size x size x C.
+    /// Returns the number of bytes of one environment's image, size x size x C.
     pub fn image_len(&self) -> usize {
         self.camera.size * self.camera.size * self.camera.beside.channels()
     }

@@ -22,12 +22,12 @@ pub use simulated_arm::SimulatedArm;
 /// Number of action components: displacement of the hand's target along x, y and z, and the
 /// fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
-/// Irreps of the action's components.
+/// Irreps of D2 by which the action's components transform under the symmetries.
 pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
 /// Number of components of the vector observation: hand x, y, z (metres from the centre), aperture
 /// in `[0, 1]`, goal x, y, z (metres; zero if hidden).
 pub const VECTOR_DIM: usize = 7;
-/// Irreps of the vector observation's components.
+/// Irreps of D2 by which the vector observation's components transform under the symmetries.
 pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
     [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::Trivial];
 
@@ -35,16 +35,17 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
 /// `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
 
-/// Outcome of one decision.
+/// Outcome of one decision: reward, success and truncation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
-    /// Mean over the control steps of Meta-World's reward / 10, in `[0, 1]`.
+    /// Reward of the decision, in `[0, 1]`: the mean over its control steps of Meta-World's reward
+    /// / 10.
     pub reward: f64,
-    /// `true` if the success condition held at any control step.
+    /// `true` if the success condition held at any control step of the decision.
     pub success: bool,
-    /// `true` if the success condition holds after the last control step.
+    /// `true` if the success condition holds after the decision's last control step.
     pub success_at_end: bool,
-    /// `true` if the time limit is reached.
+    /// `true` if the episode has reached its time limit.
     pub truncated: bool,
 }
 
@@ -94,23 +95,23 @@ impl TableTop {
         &self.scene
     }
 
-    /// Returns the control settings.
+    /// Returns the environment's control settings: action scale, action repeat and horizon.
     pub fn control(&self) -> Control {
         self.control
     }
 
-    /// Returns the simulation, for reading positions, contacts and its state.
+    /// Returns the MuJoCo simulation, for reading positions, contacts and its state.
     pub fn simulation(&self) -> &Data {
         &self.data
     }
 
-    /// Returns the simulation, for rendering or changing it. Changes affect the rest of the
+    /// Returns the MuJoCo simulation, for rendering or changing it. Changes affect the rest of the
     /// episode; [`TableTop::reset`] undoes them.
     pub fn simulation_mut(&mut self) -> &mut Data {
         &mut self.data
     }
 
-    /// Starts an episode of the task's image under `element`, at a placement drawn from `rng`.
+    /// Starts an episode of the variant `element`, at a placement drawn from `rng`.
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`], or MuJoCo's error for the state.
@@ -119,7 +120,7 @@ impl TableTop {
         self.reset_to(element, placement)
     }
 
-    /// Starts an episode of the variant `element` at a given placement (canonical frame).
+    /// Starts an episode of the variant `element` at a given placement (canonical frame, metres).
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`] or [`EnvError::NonFinitePlacement`], and nothing has changed; or
@@ -170,7 +171,7 @@ impl TableTop {
         Ok(())
     }
 
-    /// Returns a copy of the running episode.
+    /// Returns a snapshot of the running episode.
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
@@ -182,7 +183,7 @@ impl TableTop {
         })
     }
 
-    /// Restores a saved episode, which then continues to the same bits.
+    /// Restores the episode of a snapshot, which then continues to the same bits.
     ///
     /// # Errors
     /// [`EnvError::OtherScene`] for a snapshot of another scene, task or control; nothing has
@@ -205,7 +206,8 @@ impl TableTop {
         self.scene.key(self.control)
     }
 
-    /// Holds `action` for one decision. Components are clipped to `[-1, 1]`.
+    /// Holds `action` for one decision, simulates it, and returns reward and success. Components
+    /// are clipped to `[-1, 1]`.
     ///
     /// # Errors
     /// [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`] before a reset
@@ -372,18 +374,18 @@ impl TableTop {
 /// in other groups.
 const SHOWN: std::ops::RangeInclusive<usize> = 0..=ARM_GEOM_GROUP;
 
-/// Geom of one colour, with its pose.
+/// Geom of one colour in a scene, with its pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solid<'a> {
     /// Unique name in the scene; `None` only for geoms of foreign scenes.
     pub name: Option<&'a str>,
-    /// Shape in its own frame (metres).
+    /// Shape of the geom in its own frame (metres).
     pub shape: Shape,
-    /// Position of the centre (metres, world frame).
+    /// Position of the geom's centre (metres, world frame).
     pub position: DVec3,
-    /// Axes x, y and z in the world frame, as columns.
+    /// Axes x, y and z of the geom in the world frame, as columns.
     pub axes: DMat3,
-    /// Red, green, blue and opacity in `[0, 1]`.
+    /// Colour of the geom: red, green, blue and opacity, each in `[0, 1]`.
     pub rgba: [f32; 4],
     /// `true` for geoms of the arm and the gripper.
     pub is_arm: bool,

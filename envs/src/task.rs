@@ -43,7 +43,7 @@ impl TaskGroup {
         InstanceId::of(self.0)
     }
 
-    /// Returns the group's variants, one for each element of [`D2::ALL`].
+    /// Returns the group's four variants, one for each element of [`D2::ALL`].
     pub fn variants(self) -> [TaskVariant; 4] {
         D2::ALL.map(|element| TaskVariant { group: self, element })
     }
@@ -56,7 +56,7 @@ impl_traits_by_name!(TaskGroup);
 pub struct TaskVariant {
     /// Task group of the variant.
     pub group: TaskGroup,
-    /// Element that maps the canonical scene to this one.
+    /// Element of D2 that maps the canonical scene to this variant's.
     pub element: D2,
 }
 
@@ -70,22 +70,22 @@ impl std::fmt::Display for TaskVariant {
 /// centre).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Origin of the scene's `object` body; unused by scenes without one.
+    /// Position of the scene's `object` body (its origin); unused by scenes without one.
     pub object: DVec3,
     /// Target position of the object or the fingertips, and origin of the scene's `goal` body.
     pub goal: DVec3,
 }
 
-/// Measurements that the reward depends on, in the canonical frame (metres).
+/// Measurements of the state that the reward depends on, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// Position of the origin of the hand body (metres).
     pub hand: DVec3,
-    /// Tool centre point, between the fingertips.
+    /// Position of the tool centre point, between the fingertips (metres).
     pub tcp: DVec3,
     /// Distance between the claws divided by 0.1 m, in `[0, 1]`; 1 is open.
     pub aperture: f64,
-    /// Reference point of the object (see [`Parts::object_offset`]).
+    /// Position of the object's reference point (metres; see [`Parts::object_offset`]).
     pub object: DVec3,
 }
 
@@ -94,7 +94,8 @@ pub struct Measurement {
 pub struct EpisodeStart {
     /// Positions of object and goal in the episode.
     pub placement: Placement,
-    /// Position of the hand's target; the hand itself rests a few millimetres below it.
+    /// Position of the hand's target at the start (metres); the hand itself rests a few millimetres
+    /// below it.
     pub hand_target: DVec3,
     /// Measurements of the task in the start state of the episode.
     pub measured: Measurement,
@@ -103,23 +104,23 @@ pub struct EpisodeStart {
 /// Reward, success and reward terms of one control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepReward {
-    /// Term in `[0, 1]` for the distance of the fingertips from the object and, in some tasks, for
-    /// the finger action; 1 in Goal Reach.
+    /// Reward term in `[0, 1]` for the distance of the fingertips from the object and, in some
+    /// tasks, for the finger action; 1 in Goal Reach.
     pub approach: f64,
-    /// Term in `[0, 1]` for the distance of the object from its goal.
+    /// Reward term in `[0, 1]` for the distance of the object from its goal.
     pub in_place: f64,
     /// Distance of the object (in Goal Reach, the fingertips) from its goal (metres).
     pub remaining: f64,
-    /// Dense reward, in `[0, 10]`.
+    /// Dense reward of the control step, in `[0, 10]`.
     pub reward: f64,
-    /// `true` if the success condition holds now.
+    /// `true` if the success condition holds after the control step.
     pub success: bool,
 }
 
 /// Constant parts of a task. `Parts::default()` is the bare table with a hidden goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Parts<'a> {
-    /// MJCF of the task, a `<mujocoinclude>`; `None` for the bare table.
+    /// MJCF of the task's objects, a `<mujocoinclude>`; `None` for the bare table.
     ///
     /// A mocap body `object` is required; it is moved to the placement's object. A mocap body
     /// `goal` is optional. Both are rotated by half a turn in the variants that flip y, so
@@ -136,14 +137,15 @@ pub struct Parts<'a> {
     /// names of arena and embodiment are taken, for instance the bodies `hand` and `hand_target`,
     /// the sites `right_tip` and `left_tip` and the camera `top`.
     pub mjcf: Option<&'a str>,
-    /// Body whose position the task reads; if `None`, the placement's object is read.
+    /// Name of the body whose position the task reads; if `None`, the placement's object is read.
     pub object_body: Option<&'a str>,
     /// Offset from the origin of `object_body` to the task's reference point (metres, canonical
     /// frame); finite.
     pub object_offset: DVec3,
-    /// Joints that do not start at zero, with their start positions (metres, radians); finite.
+    /// Names of the joints that do not start at zero, with their start positions (metres, radians);
+    /// finite.
     pub start_joints: &'a [(&'a str, f64)],
-    /// `true` if the goal is part of the observation.
+    /// `true` if the goal is part of the vector observation; otherwise zeros take its place.
     pub goal_observable: bool,
 }
 
@@ -152,10 +154,10 @@ pub struct Parts<'a> {
 pub struct MetaWorldSpec<'a> {
     /// Meta-World's name of the task, without its version.
     pub name: &'a str,
-    /// Position of the hand's target when an episode starts (metres).
+    /// Position of the hand's target when an episode starts (metres, world frame).
     pub hand_target: DVec3,
-    /// Additional part of the scene, a `<mujocoinclude>`. The name `decoy` is then reserved for a
-    /// free joint, whose body starts at the placement's object.
+    /// Additional part of the scene as MJCF, a `<mujocoinclude>`. The name `decoy` is then reserved
+    /// for a free joint, whose body starts at the placement's object.
     pub addition: Option<&'a str>,
     /// Function that draws a placement from Meta-World's ranges.
     pub place: fn(&mut ChaCha8Rng) -> Placement,
@@ -192,8 +194,8 @@ pub trait Task: Any + Send + Sync {
 /// Command of a scripted expert, in the canonical frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExpertCommand {
-    /// Target of the hand (metres).
+    /// Commanded target of the hand (metres).
     pub hand: DVec3,
-    /// Finger action in `[-1, 1]`; 1 closes.
+    /// Commanded finger action in `[-1, 1]`; 1 closes.
     pub finger: f64,
 }

@@ -16,8 +16,8 @@ use crate::tabletop::{ACTION_DIM, VECTOR_DIM};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
 
-/// N environments of one task group. Where an episode ends, the next begins at once with a newly
-/// drawn variant.
+/// Vectorised environment: N table-top environments that step together on one task group. Where an
+/// episode ends, the next begins at once with a newly drawn variant.
 ///
 /// Environment i draws from its own random stream, so results depend on the seed alone.
 ///
@@ -73,7 +73,7 @@ impl VecEnv {
         Ok(vec_env)
     }
 
-    /// Returns the settings of the environments.
+    /// Returns the settings of the environments, with the seed of the last [`VecEnv::reseed`].
     pub fn settings(&self) -> &VecEnvSettings {
         &self.settings
     }
@@ -195,7 +195,7 @@ impl VecEnv {
         self.advance_rows(actions, out)
     }
 
-    /// Writes the scripted experts' actions to `actions` `[N, 4]`.
+    /// Writes the scripted experts' actions for the present states to `actions` `[N, 4]`.
     ///
     /// # Errors
     /// [`EnvError::Length`], [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`]; episodes go

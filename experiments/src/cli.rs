@@ -15,7 +15,7 @@ pub fn thread_count() -> RangedI64ValueParser<u16> {
     clap::value_parser!(u16).range(1..=MAX_THREADS as i64)
 }
 
-/// Option for the number of worker threads.
+/// Command-line option for the number of worker threads.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Threads {
     /// Number of worker threads (default: one per CPU); results do not depend on it.
@@ -24,7 +24,7 @@ pub struct Threads {
 }
 
 impl Threads {
-    /// Returns the number asked for, or the number of available CPUs.
+    /// Returns the number of worker threads: the one asked for, or that of available CPUs.
     pub fn count(self) -> usize {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(available, usize::from)

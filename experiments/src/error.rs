@@ -9,14 +9,14 @@ use rl::BoxError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// Setting outside its range.
+    /// Setting whose value is outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// Value given.
+        /// Rejected value of the setting.
         value: String,
-        /// Description of the accepted values.
+        /// Description of the setting's accepted values.
         expected: &'static str,
     },
     /// Error of the environments.
@@ -31,7 +31,7 @@ pub enum RunError {
     /// Error of distances and assignment.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
-    /// Error of the evidence grouping.
+    /// Error of the grouping of rollouts by evidence.
     #[error(transparent)]
     Evidence(#[from] evidence::EvidenceError),
     /// Thread pool that cannot be built.
@@ -39,25 +39,25 @@ pub enum RunError {
     Threads {
         /// Number of threads asked for.
         threads: usize,
-        /// Underlying error.
+        /// Error of the thread library.
         source: rayon::ThreadPoolBuildError,
     },
-    /// File that is missing, damaged or of another kind.
+    /// File of a run that is missing, damaged or of another kind.
     #[error("cannot read {}: {source}", path.display())]
     Read {
         /// Path of the file.
         path: PathBuf,
-        /// Underlying error.
+        /// Cause for which the file cannot be read.
         source: BoxError,
     },
-    /// Folder that another process writes to.
+    /// Folder of a run that another process writes to.
     #[error(
         "{} is being written to by {holder}: wait until it has ended, or stop it", folder.display()
     )]
     Locked {
-        /// Path of the folder.
+        /// Path of the locked folder.
         folder: PathBuf,
-        /// Name of the other process.
+        /// Name of the process that holds the lock.
         holder: String,
     },
     /// Run that another process took over.
@@ -69,20 +69,20 @@ pub enum RunError {
          `--overwrite`", folder.display(), folder.display()
     )]
     Occupied {
-        /// Path of the folder.
+        /// Folder that holds the run.
         folder: PathBuf,
     },
-    /// Folder without a run.
+    /// Folder that holds no run.
     #[error(
         "{} holds no run: there is no experiment.json and no checkpoint. Start one with \
          `covers train`",
         folder.display()
     )]
     NoRun {
-        /// Path of the folder.
+        /// Folder without a run.
         folder: PathBuf,
     },
-    /// Run without an intact checkpoint.
+    /// Run whose folder holds no intact checkpoint.
     #[error(
         "no checkpoint in {} is intact ({problems}): restore one from a copy, or start again with \
          `covers train --config` and the run's experiment.json", folder.display()
@@ -90,10 +90,10 @@ pub enum RunError {
     NoCheckpoint {
         /// Folder of the run or of its checkpoints.
         folder: PathBuf,
-        /// Error message of each checkpoint.
+        /// Error message of each checkpoint that could not be read.
         problems: String,
     },
-    /// Table that was changed after its run had ended.
+    /// Table of a finished run that was changed after the run had ended.
     #[error(
         "{} was changed after the run had ended: its checksum is {found}, summary.json says \
          {expected}. `covers resume` on the run's folder restores all tables but timings.csv from \
@@ -103,17 +103,17 @@ pub enum RunError {
     ChangedTable {
         /// Path of the table.
         path: PathBuf,
-        /// Checksum of the file as it is now.
+        /// Checksum of the table as it is now.
         found: String,
-        /// Checksum when the run ended.
+        /// Checksum of the table when the run ended.
         expected: String,
     },
-    /// Run whose files cannot be reported.
+    /// Run whose files a report cannot be made from.
     #[error("{} cannot be reported: {problem}", folder.display())]
     UnfitRun {
         /// Folder of the run.
         folder: PathBuf,
-        /// Description of the problem.
+        /// Description of the problem that prevents a report.
         problem: String,
     },
     /// Panic in a thread that worked for the run.
@@ -125,7 +125,7 @@ pub enum RunError {
         /// Message of the panic.
         message: String,
     },
-    /// Run that was used after an error.
+    /// Run that was used again after an error.
     #[error(
         "this run ended with an error and may be half changed: continue from its last checkpoint \
          with `covers resume`"
@@ -137,23 +137,23 @@ pub enum RunError {
          fewer threads"
     )]
     Memory {
-        /// Required memory (MiB).
+        /// Memory that the command needs (MiB).
         needed: u64,
-        /// Memory that the limit leaves (MiB).
+        /// Memory that the limit leaves for the command (MiB).
         left: u64,
-        /// Name of the limit.
+        /// Name of the limit that leaves too little memory.
         limit: String,
     },
     /// Signal handlers that cannot be installed.
     #[error("cannot install handlers for SIGINT, SIGTERM and SIGHUP: {source}")]
     Signals {
-        /// Underlying error.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// File that would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
     FileExists {
-        /// Path of the file.
+        /// Path of the existing file.
         path: PathBuf,
     },
     /// File or folder that cannot be written.
@@ -161,7 +161,7 @@ pub enum RunError {
     Write {
         /// Path of the file or folder.
         path: PathBuf,
-        /// Underlying error.
+        /// Cause for which the file cannot be written.
         source: BoxError,
     },
 }
@@ -218,7 +218,7 @@ impl RunError {
 pub struct TakenOver {
     /// Folder of the run that another process took over.
     pub folder: PathBuf,
-    /// Name of the other process; `None` if the file with its name is gone.
+    /// Name of the process that took the run over; `None` if the file with its name is gone.
     pub holder: Option<String>,
 }
 

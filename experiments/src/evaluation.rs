@@ -29,12 +29,12 @@ pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, by_group};
 /// from 0 under the same seed, so this one is counted down from the top.
 const RECOGNITION_STREAM: u64 = u64::MAX;
 
-/// Results of one evaluation.
+/// Results of one evaluation of a learner: scores and recognitions.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
-    /// Score of each variant.
+    /// Score of each task variant, in the order of scoring.
     pub scores: Vec<Score>,
-    /// Counts of the policies that the learner named; empty if it was not asked.
+    /// Counts of the policies that the learner named for shown episodes; empty if it was not asked.
     pub recognition: Vec<Recognition>,
     activities: Activities,
 }
@@ -95,7 +95,7 @@ impl Evaluator {
         Self::new(run.envs.clean(), tasks, schedule, seed, labels)
     }
 
-    /// Returns all variants of the scheduled groups, in the order in which they are scored.
+    /// Returns all variants of the scheduled task groups, in the order in which they are scored.
     pub fn variants(&self) -> Vec<TaskVariant> {
         self.groups
             .iter()
@@ -103,7 +103,7 @@ impl Evaluator {
             .collect()
     }
 
-    /// Scores all variants, with `rounds` episodes in each environment.
+    /// Scores the learner on all variants, with `rounds` episodes in each environment.
     ///
     /// # Errors
     /// As [`Evaluator::variant`].
@@ -138,7 +138,7 @@ impl Evaluator {
         Ok(recognised.policy)
     }
 
-    /// Scores one variant and adds the results to `findings`.
+    /// Scores the learner on one variant and adds the results to `findings`.
     ///
     /// The learner chooses a policy from the first frames of the episodes that are then played,
     /// without the group's label. If it chooses another policy than the group's own, the own policy
@@ -220,7 +220,7 @@ fn recognition_rng(seed: u64) -> ChaCha8Rng {
     rng
 }
 
-/// Returns the mean; NaN for an empty slice.
+/// Returns the mean of the values; NaN for an empty slice.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }

@@ -32,19 +32,19 @@ pub struct Experiment {
     /// Settings of the environments; `threads` holds for the learner, too, and `seed` must be 0,
     /// since placements follow the run's seed.
     pub envs: VecEnvSettings,
-    /// Order and length of the visits of task groups.
+    /// Order and length of the training stream's visits to task groups.
     pub schedule: Schedule,
-    /// Number and length of evaluations.
+    /// Number, times and length of the run's evaluations.
     pub evaluation: EvaluationPlan,
-    /// Interval and number of checkpoints.
+    /// Interval and number of the run's checkpoints.
     pub checkpoints: CheckpointPlan,
 }
 
-/// Interval and number of checkpoints.
+/// Interval and number of a run's checkpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CheckpointPlan {
-    /// Rollouts between checkpoints, at least 1; the last rollout is always saved.
+    /// Number of rollouts between checkpoints, at least 1; the last rollout is always saved.
     pub every: usize,
     /// Number of newest checkpoints that are kept, at least 1. A run whose newest checkpoint is
     /// damaged resumes from an older one.
@@ -57,7 +57,7 @@ impl Default for CheckpointPlan {
     }
 }
 
-/// Number and length of evaluations, each of which plays all four variants of each group.
+/// Number and length of a run's evaluations, each of which plays all four variants of each group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationPlan {
@@ -95,7 +95,7 @@ impl EvaluationPlan {
 }
 
 impl Experiment {
-    /// Reads settings from a JSON file, as a run's folder holds them.
+    /// Reads a run's settings from a JSON file, as a run's folder holds them.
     ///
     /// # Errors
     /// [`RunError::Read`] with the file and the problem; for an unknown field it suggests the
@@ -104,7 +104,7 @@ impl Experiment {
         Ok(read(path)?)
     }
 
-    /// Reads settings from JSON.
+    /// Reads a run's settings from JSON text.
     ///
     /// # Errors
     /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`],
@@ -119,7 +119,7 @@ impl Experiment {
         self
     }
 
-    /// Sets the number of threads, on which results do not depend.
+    /// Sets the number of worker threads, on which results do not depend.
     pub fn with_threads(mut self, threads: usize) -> Self {
         self.envs.threads = threads;
         self

@@ -24,7 +24,7 @@ use crate::table::put_aside;
 
 /// Name of the file with a run's settings.
 const EXPERIMENT: &str = "experiment.json";
-/// Name of the file that exists if and only if the run has finished.
+/// Name of the file of a run's summary, which exists if and only if the run has finished.
 pub const SUMMARY: &str = "summary.json";
 /// Name of the table of times, the only one that checkpoints do not hold.
 pub(crate) const TIMINGS: &str = "timings.csv";
@@ -61,8 +61,8 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... if that exists, so that no run
-    /// overwrites another.
+    /// Creates the folder `parent/name` for a run, or `parent/name-2`, `-3`, ... if that exists, so
+    /// that no run overwrites another. if that exists, so that no run overwrites another.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -80,12 +80,12 @@ impl RunFolder {
         }
     }
 
-    /// Returns the path of the folder.
+    /// Returns the path of the run's folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Returns a handle to a folder without accessing it.
+    /// Returns a handle to a run's folder without accessing it.
     pub fn open(path: &Path) -> Self {
         let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
         Self { path: path.to_owned(), unfenced: Arc::clone(&disk), disk, overwrite: false }
@@ -247,7 +247,7 @@ impl RunFolder {
         self.replace(EXPERIMENT, text.as_bytes())
     }
 
-    /// Returns the path of the folder of checkpoints.
+    /// Returns the path of the run's folder of checkpoints.
     pub fn checkpoints(&self) -> PathBuf {
         self.path.join("checkpoints")
     }
@@ -293,7 +293,7 @@ impl RunFolder {
         found.map(|found| found.value).ok_or_else(none)
     }
 
-    /// Creates a folder with settings and one checkpoint, for evaluation and deployment.
+    /// Creates a run folder with settings and one checkpoint, for evaluation and deployment.
     ///
     /// # Errors
     /// As [`Learner::save`]; nothing is created if the learner cannot be saved.
@@ -321,7 +321,7 @@ impl RunFolder {
         Arc::clone(&self.disk)
     }
 
-    /// Returns the path of a file of the folder.
+    /// Returns the path of the file called `name` in the run's folder.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }

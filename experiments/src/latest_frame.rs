@@ -26,7 +26,7 @@ impl LatestFrame {
         }
     }
 
-    /// Returns the latest image; `None` before the first step.
+    /// Returns the latest image of the run's first environment; `None` before the first step.
     pub fn get(&self) -> Option<Picture> {
         self.0.lock().ok()?.clone()
     }

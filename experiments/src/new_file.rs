@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use crate::error::RunError;
 use learner::disk::{LocalDisk, PARTIAL, folder_of, replace};
 
-/// Output file that does not exist yet.
+/// Output file of a command, which must not exist yet.
 pub struct NewFile {
     path: PathBuf,
 }
 
 impl NewFile {
-    /// Returns a handle to a file that does not exist yet; creates nothing.
+    /// Returns a handle to an output file that does not exist yet; creates nothing.
     ///
     /// # Errors
     /// [`RunError::FileExists`].
@@ -22,8 +22,8 @@ impl NewFile {
         if path.exists() { Err(RunError::FileExists { path }) } else { Ok(Self { path }) }
     }
 
-    /// Creates the file's folder and checks that it can be written to, so that a command fails
-    /// before it works and not after.
+    /// Creates the output file's folder and checks that it can be written to, so that a command
+    /// fails before it works and not after.
     ///
     /// # Errors
     /// [`RunError::Write`]; [`RunError::FileExists`] for a partial file, which another command is
@@ -40,7 +40,7 @@ impl NewFile {
         }
     }
 
-    /// Writes the whole file atomically.
+    /// Writes the whole output file atomically.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -48,7 +48,7 @@ impl NewFile {
         Ok(replace(&LocalDisk, &self.path, bytes)?)
     }
 
-    /// Returns the path of the file.
+    /// Returns the path of the output file.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -55,7 +55,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// All methods that have a preset.
+    /// All methods, each of which has a preset.
     pub const ALL: [Self; 13] = [
         Self::Covers,
         Self::CoversGt,

@@ -11,18 +11,19 @@ use crate::error::RunError;
 use crate::evaluation::{Findings, GroupScore, Score};
 use crate::folder::{RunFolder, SUMMARY};
 
-/// Report of one iteration: the learner's own, and the ground truth that the learner never sees.
+/// Report of one training iteration: the learner's own, and the ground truth that the learner never
+/// sees.
 #[derive(Clone, Debug)]
 pub struct Progress {
-    /// Index of the rollout, from 0.
+    /// Index of the rollout in the run, from 0.
     pub rollout: usize,
-    /// Decisions taken so far.
+    /// Number of decisions of the run so far, summed over all environments.
     pub decisions: usize,
-    /// Task group at the start of the iteration.
+    /// Task group that the stream showed at the start of the iteration.
     pub group: TaskGroup,
-    /// Task group at the end of the iteration.
+    /// Task group that the stream showed at the end of the iteration.
     pub last_group: TaskGroup,
-    /// `true` if the group changed within the iteration.
+    /// `true` if the task group changed within the iteration.
     pub spans_switch: bool,
     /// Report of the learner on the rollout.
     pub iteration: Iteration,
@@ -45,49 +46,50 @@ impl Progress {
         Some(mean_return * self.reward_scale)
     }
 
-    /// Returns the share of ended episodes that succeeded at any step, in `[0, 1]`; `None` if no
-    /// episode ended.
+    /// Returns the share of the rollout's ended episodes that succeeded at any step, in `[0, 1]`;
+    /// `None` if no episode ended.
     pub fn success(&self) -> Option<f64> {
         self.iteration.rollout.success_rate()
     }
 }
 
-/// Report of one evaluation.
+/// Report of one evaluation of a run.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
-    /// Rollouts trained on before the evaluation; 0 before the stream.
+    /// Number of rollouts trained on before the evaluation; 0 before the stream.
     pub rollouts: usize,
-    /// Decisions taken in training before the evaluation.
+    /// Number of decisions taken in training before the evaluation.
     pub decisions: usize,
-    /// Results. Recognition is tested only after the stream.
+    /// Results of the evaluation: scores and recognitions. Recognition is tested only after the
+    /// stream.
     pub findings: Findings,
 }
 
 /// Event of a run: a rollout or an evaluation.
 #[derive(Clone, Debug)]
 pub enum Event {
-    /// Iteration of the learner.
+    /// Training iteration of the learner with one rollout.
     Rollout(Box<Progress>),
-    /// Evaluation of all variants.
+    /// Evaluation of the learner on all task variants.
     Evaluation(Evaluation),
 }
 
 /// Summary of a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Decisions taken in training.
+    /// Number of decisions taken in training.
     pub decisions: usize,
     /// Wall-clock seconds of training, without evaluations, as far as they are known.
     pub seconds: f64,
     /// Decisions per second of training, over the rollouts with known seconds; `None` without any.
     pub decisions_per_second: Option<f64>,
-    /// Number of policies created.
+    /// Number of policies that the learner created.
     pub policies: usize,
     /// Number of policies that were merged into others.
     pub merged: usize,
     /// Failures of single environments in training, see [`crate::Stream::failures`].
     pub failures: usize,
-    /// Rollouts that span a task switch; both accuracies leave them out.
+    /// Number of rollouts that span a task switch; both accuracies leave them out.
     #[serde(rename = "straddled")]
     pub spanning_switch: usize,
     /// Share of rollouts assigned to the policy of their group, in `[0, 1]`
@@ -95,9 +97,9 @@ pub struct Summary {
     pub assignment_accuracy: Option<f64>,
     /// Assignment accuracy over rollouts of groups that were visited before; `None` without any.
     pub return_accuracy: Option<f64>,
-    /// Final scores of the groups.
+    /// Scores of each task group in the last evaluation.
     pub groups: Vec<GroupScore>,
-    /// Final scores of all variants.
+    /// Scores of each task variant in the last evaluation.
     pub variants: Vec<Score>,
     /// CRC-32 of each table of the finished run by file name, as eight hexadecimal digits. It
     /// detects tables that were changed later.

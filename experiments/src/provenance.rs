@@ -11,18 +11,19 @@ use crate::error::RunError;
 /// folder's `provenance.jsonl`. Results never depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Rollouts of the run before the process.
+    /// Number of rollouts of the run that were done before the process started.
     pub rollouts: usize,
     /// Start of the process in whole seconds since 1970, by the machine's clock, which may be
     /// wrong; negative before 1970.
     pub started: i64,
     /// Command line of the process.
     pub command: Vec<String>,
-    /// Version of this crate.
+    /// Version of the `experiments` crate.
     pub version: String,
-    /// Git commit that the program was built from; `None` outside a repository.
+    /// Git commit that the program was built from; `None` if it was built outside a repository.
     pub commit: Option<String>,
-    /// `true` if all tracked files were as in that commit; `None` outside a repository.
+    /// `true` if all tracked files were as in that commit at build time; `None` outside a
+    /// repository.
     pub clean: Option<bool>,
     /// Version of the MuJoCo library.
     pub mujoco: String,
@@ -69,8 +70,8 @@ impl Provenance {
         }
     }
 
-    /// Reads the records of a folder, oldest first. Lines torn by a full disk or a power cut are
-    /// skipped.
+    /// Reads the provenance records of a run's folder, oldest first. Lines torn by a full disk or a
+    /// power cut are skipped.
     ///
     /// # Errors
     /// [`RunError::Read`].

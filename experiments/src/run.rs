@@ -57,7 +57,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a run over the paper's task groups that writes its files to `folder`.
+    /// Starts a run over the paper's four task groups that writes its files to `folder`.
     ///
     /// # Errors
     /// [`RunError::Setting`], [`RunError::Occupied`], [`RunError::Locked`]; errors of the
@@ -66,7 +66,7 @@ impl Run {
         Self::start_with(experiment, TaskRegistry::standard(), folder)
     }
 
-    /// Starts a run over groups of `tasks`.
+    /// Starts a run over task groups of `tasks` that writes its files to `folder`.
     ///
     /// # Errors
     /// As [`Run::start`], and a group that `tasks` does not hold.
@@ -91,7 +91,7 @@ impl Run {
         Self::resume_with(folder, threads, DeviceChoice::Cpu, tasks)
     }
 
-    /// Resumes a run over groups of `tasks`, with policies that are updated on `device`; see
+    /// Resumes a run over task groups of `tasks`, with policies that are updated on `device`; see
     /// [`Run::resume`].
     ///
     /// # Errors
@@ -169,13 +169,14 @@ impl Run {
         self.stop = stop;
     }
 
-    /// Publishes the image of the first environment after every training step.
+    /// Publishes the image of the first training environment to `latest_frame` after every training
+    /// step.
     pub fn publish_frames_to(&mut self, latest_frame: LatestFrame) {
         self.stream.publish_frames_to(latest_frame);
     }
 
-    /// Returns the message about the start: anew, or from which checkpoint, and which newer ones
-    /// were damaged.
+    /// Returns the message about the run's start: anew, or from which checkpoint, and which newer
+    /// ones were damaged.
     pub fn notice(&self) -> &str {
         &self.notice
     }
@@ -195,7 +196,7 @@ impl Run {
         &self.stats
     }
 
-    /// Returns `true` if all rollouts and evaluations are done.
+    /// Returns `true` if all rollouts and evaluations of the run are done.
     pub fn is_finished(&self) -> bool {
         self.due == 0 && self.visit().is_none()
     }
@@ -324,7 +325,8 @@ impl Run {
         Ok(Some(evaluation))
     }
 
-    /// Scores all variants of all groups now, with `rounds` episodes in each environment.
+    /// Scores the learner now on all variants of all groups, with `rounds` episodes in each
+    /// environment.
     ///
     /// # Errors
     /// Errors of the evaluation.
@@ -338,7 +340,7 @@ impl Run {
         Scoring::new(&self.pool, learner, evaluator, self.stats.own_policies(), stop)
     }
 
-    /// Writes a checkpoint, unless the newest one is up to date.
+    /// Writes a checkpoint of the run, unless the newest one is up to date.
     ///
     /// # Errors
     /// [`RunError::Broken`], [`learner::LearnerError::NotFinite`], [`RunError::Write`]. Older

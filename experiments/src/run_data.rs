@@ -25,12 +25,12 @@ const COMMIT_LENGTH: usize = 10;
 /// overflow.
 const TOO_MANY: usize = 1 << 32;
 
-/// Settings and tables of one run.
+/// Settings and tables of one run, as read from its folder.
 #[derive(Clone, Debug)]
 pub struct RunData {
     /// Name of the run's folder.
     pub name: String,
-    /// Processes that worked on the run, oldest first; empty if unknown.
+    /// Records of the processes that worked on the run, oldest first; empty if unknown.
     pub provenance: Vec<Provenance>,
     /// Settings of the run.
     pub experiment: Experiment,
@@ -48,17 +48,17 @@ pub struct RunData {
     pub films: Vec<GroupFilm>,
 }
 
-/// Film of the four variants of a group, each played by the policy that the learner chose.
+/// Film of the four variants of a task group, each played by the policy that the learner chose.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GroupFilm {
-    /// Name of the group.
+    /// Name of the task group.
     pub group: String,
-    /// Bytes of a GIF file.
+    /// Bytes of the film as a GIF file.
     pub gif: Vec<u8>,
 }
 
 impl RunData {
-    /// Returns a run without rows.
+    /// Returns the data of a run without rows in its tables.
     pub fn empty(name: &str, experiment: Experiment) -> Self {
         Self {
             name: name.to_owned(),
@@ -140,8 +140,8 @@ impl RunData {
         })
     }
 
-    /// Returns the group that a policy was created for: the group of its first rollout without a
-    /// task switch; `None` without such a rollout.
+    /// Returns the name of the task group that a policy was created for: the group of its first
+    /// rollout without a task switch; `None` without such a rollout.
     pub fn group_of(&self, policy: usize) -> Option<&str> {
         let mut own = self.rollouts.iter().filter(|row| row.policy == policy);
         Some(&own.find(|row| !row.spans_switch)?.group)
@@ -159,13 +159,13 @@ impl RunData {
         }
     }
 
-    /// Returns the seconds of training; `None` unless those of every rollout are known.
+    /// Returns the wall-clock seconds of training; `None` unless those of every rollout are known.
     pub fn seconds(&self) -> Option<f64> {
         let all = self.timings.len() == self.rollouts.len();
         all.then(|| self.timings.iter().fold(0.0, |sum, row| sum + row.total))
     }
 
-    /// Returns the distinct commits that the run was made with; local changes are marked.
+    /// Returns the distinct Git commits that the run was made with; local changes are marked.
     pub fn commits(&self) -> Vec<String> {
         let commits = self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
@@ -176,13 +176,13 @@ impl RunData {
         commits.unique().collect()
     }
 
-    /// Returns the rows of the last evaluation.
+    /// Returns the rows of the run's last evaluation.
     pub fn last_scores(&self) -> impl Iterator<Item = &ScoreRow> {
         let last = self.scores.last().map(|row| row.rollouts);
         self.evaluation(last)
     }
 
-    /// Returns the rows of the evaluation after this many rollouts.
+    /// Returns the rows of the evaluation after `rollouts` rollouts.
     pub fn evaluation(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
         self.scores.iter().filter(move |row| Some(row.rollouts) == rollouts)
     }
@@ -209,7 +209,7 @@ impl RunData {
         rollouts.into_iter()
     }
 
-    /// Returns the names of the groups, in the order of scoring.
+    /// Returns the names of the task groups, in the order of scoring.
     pub fn groups(&self) -> Vec<&str> {
         self.last_scores().map(|row| row.group.as_str()).unique().collect()
     }

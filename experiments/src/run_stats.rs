@@ -25,25 +25,28 @@ pub struct RunStats {
     /// one that acts for it.
     #[serde(default, rename = "heirs")]
     pub merged_into: Vec<Option<usize>>,
-    /// Rollouts by group and policy. Checkpoints leave them out, since the rows of `metrics.csv` in
-    /// the checkpoint hold them.
+    /// Number of rollouts by task group and by the policy that served it, without those that span a
+    /// task switch. Checkpoints leave them out, since the rows of `metrics.csv` in the checkpoint
+    /// hold them.
     #[serde(skip)]
     pub served: Served,
     /// Number of rollouts that policies trained on.
     pub rollouts: usize,
-    /// Decisions taken in training.
+    /// Number of decisions taken in training.
     pub decisions: usize,
-    /// Rollouts that span a task switch. They have no right policy, so accuracies leave them out.
+    /// Number of rollouts that span a task switch. They have no right policy, so accuracies leave
+    /// them out.
     #[serde(rename = "straddled")]
     pub spanning_switch: usize,
     /// Other rollouts that were assigned to the policy of their group: the first policy created for
     /// it, or the one that policy was merged into, unless it belongs to another group.
     pub right: usize,
-    /// Rollouts of groups that were visited before.
+    /// Number of rollouts of groups that were visited before, without a task switch.
     pub returns: usize,
-    /// Rollouts of groups that were visited before, assigned to the policy of their group.
+    /// Number of rollouts of groups that were visited before, assigned to the policy of their
+    /// group.
     pub right_returns: usize,
-    /// Failures of single environments, see [`crate::Stream::failures`].
+    /// Number of failures of single environments in training, see [`crate::Stream::failures`].
     pub failures: usize,
     /// Wall-clock seconds of training, without evaluations. Checkpoints leave them out, so that
     /// equal runs give equal checkpoints.
@@ -108,8 +111,8 @@ impl RunStats {
         self.spanning_switch += 1;
     }
 
-    /// Returns the policy that served each group in most of its rollouts; the lowest index wins
-    /// ties. Merged policies count as the policy that acts for them, and groups may share one.
+    /// Returns the policy that served each task group in most of its rollouts; the lowest index
+    /// wins ties. Merged policies count as the policy that acts for them, and groups may share one.
     pub fn own_policies(&self) -> OwnPolicies {
         let own = |(group, served): (&String, &BTreeMap<usize, usize>)| {
             let mut acted: BTreeMap<usize, usize> = BTreeMap::new();
@@ -157,7 +160,8 @@ impl RunStats {
         share(self.right, self.rollouts - self.spanning_switch)
     }
 
-    /// Returns the accuracy over rollouts of groups that were visited before; `None` without any.
+    /// Returns the assignment accuracy over rollouts of groups that were visited before; `None`
+    /// without any.
     pub fn return_accuracy(&self) -> Option<f64> {
         share(self.right_returns, self.returns)
     }

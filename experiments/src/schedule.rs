@@ -8,24 +8,26 @@ use symmetry::D2;
 
 use crate::error::RunError;
 
-/// Largest number of decisions of a stream, more than a thousand times as many as presets have.
+/// Largest number of decisions of a training stream, more than a thousand times as many as presets
+/// have.
 pub const MAX_DECISIONS: usize = 288_000_000;
 
-/// Plan of the stream, which the learner does not see.
+/// Plan of the training stream: task groups, cycles, order and clock, which the learner does not
+/// see.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
-    /// Groups of one cycle, each once.
+    /// Task groups of one cycle of the stream, each once.
     pub groups: Vec<GroupPlan>,
-    /// Number of cycles, at least 1.
+    /// Number of cycles through the task groups, at least 1.
     pub cycles: usize,
     /// Order in which the training stream visits the task groups.
     pub order: Order,
-    /// Clock that measures the length of visits.
+    /// Clock that measures the length of the visits.
     pub clock: Clock,
 }
 
-/// Clock that measures the length of visits.
+/// Clock that measures the length of the stream's visits to task groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Clock {
@@ -39,13 +41,13 @@ pub enum Clock {
     Turns,
 }
 
-/// Visits of one group in the stream.
+/// Visits to one task group in the stream: their length and their variants.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroupPlan {
-    /// Name of the group.
+    /// Name of the visited task group.
     pub group: String,
-    /// Decisions of a visit, at least 1; the mean number with [`Order::Switching`].
+    /// Number of decisions of a visit, at least 1; the mean number with [`Order::Switching`].
     pub decisions: usize,
     /// Variants that training episodes are drawn from; the others are held out for evaluations.
     pub variants: Vec<D2>,
@@ -55,24 +57,24 @@ pub struct GroupPlan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
-    /// Order of the list in every cycle.
+    /// Order of the list of groups in every cycle.
     Fixed,
     /// New random order in every cycle; no group follows itself.
     Shuffled,
-    /// Random switches instead of cycles. After every period the group may give way to any other
-    /// group, each equally likely, with a probability that makes visits last `decisions` on
-    /// average. The stream is as long as with cycles.
+    /// Random switches between groups instead of cycles. After every period the group may give way
+    /// to any other group, each equally likely, with a probability that makes visits last
+    /// `decisions` on average. The stream is as long as with cycles.
     Switching,
 }
 
-/// Time that the stream stays with one group.
+/// Visit: the time that the stream stays with one task group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visit {
-    /// Name of the group; the learner does not see it.
+    /// Name of the visited task group; the learner does not see it.
     pub group: String,
-    /// Variants that episodes are drawn from.
+    /// Elements of D2 whose variants episodes are drawn from.
     pub variants: Vec<D2>,
-    /// Number of decisions.
+    /// Number of decisions of the visit.
     pub decisions: usize,
 }
 
@@ -113,7 +115,7 @@ impl Schedule {
         Ok(())
     }
 
-    /// Returns the decisions of the whole stream, at most [`MAX_DECISIONS`].
+    /// Returns the number of decisions of the whole stream, at most [`MAX_DECISIONS`].
     pub fn total_decisions(&self) -> usize {
         self.checked_decisions().unwrap_or(MAX_DECISIONS)
     }
@@ -126,7 +128,7 @@ impl Schedule {
         (total <= MAX_DECISIONS).then_some(total)
     }
 
-    /// Looks the groups up by their names.
+    /// Returns the task groups of the schedule, looked up by their names in `tasks`.
     ///
     /// # Errors
     /// A name that `tasks` does not hold.
@@ -134,7 +136,7 @@ impl Schedule {
         self.groups.iter().map(|plan| Ok(tasks.get(&plan.group)?)).collect()
     }
 
-    /// Returns the group with this name, or all groups if `name` is `None`.
+    /// Returns the scheduled task group called `name`, or all of them if `name` is `None`.
     ///
     /// # Errors
     /// A name that `tasks` or this schedule does not hold.
@@ -158,19 +160,19 @@ impl Schedule {
         })
     }
 
-    /// Returns the index of a group in the schedule, from which reports derive its colour.
+    /// Returns the index of a task group in the schedule, from which reports derive its colour.
     pub fn number(&self, group: &str) -> Option<usize> {
         self.groups.iter().position(|plan| plan.group == group)
     }
 
-    /// Returns `true` if training shows this variant; evaluations show all of them.
+    /// Returns `true` if training shows this variant of the group; evaluations show all of them.
     pub fn shows(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
-    /// Draws the visits of a stream. [`Order::Switching`] may switch groups every `period`
-    /// decisions. The schedule must have passed [`Schedule::check`].
+    /// Draws the visits of the whole training stream, in order. [`Order::Switching`] may switch
+    /// groups every `period` decisions. The schedule must have passed [`Schedule::check`].
     pub fn visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
             Order::Fixed => {

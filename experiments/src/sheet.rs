@@ -12,11 +12,11 @@ use crate::error::RunError;
 /// RGB image of any size.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Width in pixels.
+    /// Width of the image in pixels.
     pub width: usize,
-    /// Height in pixels.
+    /// Height of the image in pixels.
     pub height: usize,
-    /// Bytes `[height, width, 3]`, row 0 on top.
+    /// RGB bytes of the image `[height, width, 3]`, row 0 on top.
     pub rgb: Vec<u8>,
 }
 
@@ -56,8 +56,9 @@ const GAP: usize = 6;
 /// Colour of the mark at a goal that the learner observes as a vector, and that images do not show.
 const VECTOR_GOAL: [u8; 3] = [0, 200, 0];
 
-/// Renders the first image of every variant, `[group][element]`, each `[size, size, 3]`. The four
-/// variants of a group share one placement. A green disc marks goals that are observed as vectors.
+/// Renders the first image of every variant, `[group][element]`, each RGB bytes `[size, size, 3]`.
+/// The four variants of a group share one placement. A green disc marks goals that are observed as
+/// vectors.
 ///
 /// # Errors
 /// Errors of the environments.

@@ -41,12 +41,12 @@ impl StopSignal {
         Ok(stop)
     }
 
-    /// Requests that the run stops.
+    /// Requests that runs with this signal stop.
     pub fn request(&self) {
         self.0.store(true, Ordering::SeqCst);
     }
 
-    /// Returns `true` once the stop was requested.
+    /// Returns `true` once a stop of the run was requested.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }

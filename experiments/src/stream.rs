@@ -45,8 +45,8 @@ const fn position(name: &'static str, offset: f32) -> Input {
     Input { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
 }
 
-/// Environments as the learner sees them. The task group is set from outside and shows only in the
-/// observations.
+/// Vectorised environments of a run as the learner sees them, with scaled observations. The task
+/// group is set from outside and shows only in the observations.
 pub struct Stream {
     env: VecEnv,
     spec: EnvSpec,
@@ -90,7 +90,8 @@ impl Stream {
         }
     }
 
-    /// Switches to another group, with variants drawn from `elements`, from the next reset on.
+    /// Switches the environments to another task group, with variants drawn from `elements`, from
+    /// the next reset on.
     ///
     /// # Errors
     /// Errors of the environments.
@@ -98,7 +99,8 @@ impl Stream {
         self.env.set_tasks(group, elements)
     }
 
-    /// Draws placements and variants from the random streams of `seed`; see [`VecEnv::reseed`].
+    /// Draws placements and variants from now on from the random streams of `seed`; see
+    /// [`VecEnv::reseed`].
     ///
     /// # Errors
     /// Errors of the environments.

@@ -5,7 +5,7 @@ use std::fmt::{self, Write};
 use crate::evaluation::{Score, by_group};
 use crate::{Event, Progress, Summary};
 
-/// Formats an event: a line for a rollout, a table for an evaluation.
+/// Formats an event of a run for the terminal: a line for a rollout, a table for an evaluation.
 pub fn event_text(event: &Event) -> String {
     match event {
         Event::Rollout(progress) => rollout_line(progress),
@@ -33,7 +33,7 @@ pub fn rollout_line(progress: &Progress) -> String {
 
 /// Values of a rollout's line, from a run in progress or from its tables.
 pub struct RolloutLine<'a> {
-    /// Decisions taken by the end of the rollout.
+    /// Number of decisions of the run by the end of the rollout.
     pub decisions: usize,
     /// Name of the task group at the start of the rollout.
     pub group: &'a str,
@@ -43,11 +43,12 @@ pub struct RolloutLine<'a> {
     pub created: bool,
     /// `true` if a second rollout was needed to choose the policy.
     pub second_look: bool,
-    /// Mean return, in `[0, 500]`; `None` if no episode ended.
+    /// Mean return of the ended episodes on the paper's scale, in `[0, 500]`; `None` if no episode
+    /// ended.
     pub reward: Option<f64>,
-    /// Share of episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
+    /// Share of ended episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
     pub success: Option<f64>,
-    /// Distance to each compared policy, and its standard score under permutation.
+    /// Distance of the rollout to each compared policy, and its standard score under permutation.
     pub evidence: Vec<(Option<f64>, Option<f64>)>,
 }
 

@@ -2,16 +2,16 @@
 
 use crate::schema::TimingRow;
 
-/// Sums over the rollouts with known seconds.
+/// Sums of training times over the rollouts with known seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Timings {
-    /// Wall-clock seconds of training.
+    /// Wall-clock seconds of training in these rollouts.
     pub seconds: f64,
     decisions: f64,
 }
 
 impl Timings {
-    /// Sums the rows of a table up to the first one that cannot be read.
+    /// Sums the rows of a timings table up to the first one that cannot be read.
     pub fn read(table: &[u8]) -> Self {
         let mut reader = csv::Reader::from_reader(table);
         let rows = reader.deserialize().map_while(Result::ok);
@@ -21,13 +21,13 @@ impl Timings {
         })
     }
 
-    /// Returns the decisions per second; `None` if no rollout has known seconds.
+    /// Returns the decisions per second of training; `None` if no rollout has known seconds.
     pub fn decisions_per_second(&self) -> Option<f64> {
         (self.decisions > 0.0).then(|| self.decisions / self.seconds)
     }
 }
 
-/// Returns the header and the complete rows of the first `rollouts` rollouts of a table.
+/// Returns the header and the complete rows of the first `rollouts` rollouts of a timings table.
 pub fn first_rows(table: &[u8], rollouts: usize) -> String {
     let text = String::from_utf8_lossy(table);
     let mut lines = text.split_inclusive('\n');

@@ -7,7 +7,7 @@ use rayon::ThreadPool;
 
 use crate::error::RunError;
 
-/// Starts the threads that networks run on.
+/// Starts the pool of `threads` threads that networks run on.
 ///
 /// # Errors
 /// [`RunError::Threads`].

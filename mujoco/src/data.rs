@@ -14,7 +14,7 @@ use crate::ids::{BodyId, GeomId, Id, MocapId, SiteId};
 use crate::model::Model;
 use crate::raw;
 
-/// One simulation of a [`Model`].
+/// One MuJoCo simulation of a [`Model`]: the state and the quantities derived from it.
 ///
 /// *Derived* quantities (positions of bodies, geoms and sites; contacts) are those of the last
 /// [`Data::forward`], or lag the state by one physics step: call `forward` before reading them and
@@ -33,9 +33,9 @@ unsafe impl Send for Data {}
 /// Pair of geoms that touch, or are within their collision margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// Geoms that touch.
+    /// Two geoms that touch, or are within their collision margin.
     pub geoms: [GeomId; 2],
-    /// Gap between them in metres; negative if they overlap.
+    /// Gap between the two surfaces in metres; negative if they overlap.
     pub distance: f64,
     /// Point midway between the two surfaces, in metres, in the world frame.
     pub position: [f64; 3],
@@ -49,19 +49,19 @@ impl Data {
         Self { raw, model }
     }
 
-    /// Returns the model that is simulated.
+    /// Returns the model that this simulation is of.
     pub fn model(&self) -> &Arc<Model> {
         &self.model
     }
 
-    /// Returns to the model's initial state, at time 0.
+    /// Resets the simulation to the model's initial state, at time 0.
     pub fn reset(&mut self) {
         // SAFETY: live data of this model.
         unsafe { raw::mj_resetData(self.model.as_raw(), self.as_mut_ptr()) };
         self.clear_warnings();
     }
 
-    /// Advances by `n` physics steps of [`Model::timestep`] seconds each.
+    /// Advances the simulation by `n` physics steps of [`Model::timestep`] seconds each.
     ///
     /// Derived quantities are then one step behind the state: see [`Data::forward`].
     ///
@@ -152,7 +152,7 @@ impl Data {
         self.values(&ACTUATOR_FORCE)
     }
 
-    /// Sets all controls `[nu]`.
+    /// Sets the controls of all actuators `[nu]`.
     ///
     /// # Errors
     /// [`SimError::Length`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
@@ -182,12 +182,13 @@ impl Data {
         Ok(())
     }
 
-    /// Returns the orientation of a mocap body, (w, x, y, z).
+    /// Returns the orientation of a mocap body, as a quaternion (w, x, y, z).
     pub fn mocap_quat(&self, mocap: MocapId) -> [f64; 4] {
         self.rows(&MOCAP_QUAT)[mocap.index()]
     }
 
-    /// Sets the orientation of a mocap body, (w, x, y, z) of any norm but 0; MuJoCo normalises it.
+    /// Sets the orientation of a mocap body, a quaternion (w, x, y, z) of any norm but 0; MuJoCo
+    /// normalises it.
     ///
     /// # Errors
     /// [`SimError::NotFinite`], [`SimError::ZeroQuaternion`].
@@ -201,39 +202,41 @@ impl Data {
         Ok(())
     }
 
-    /// Returns the position of a body's frame in the world, in metres (derived).
+    /// Returns the position of a body's frame in the world, in metres; derived (see [`Data`]).
     pub fn body_position(&self, body: BodyId) -> [f64; 3] {
         self.rows(&XPOS)[body.index()]
     }
 
-    /// Returns the orientation of a body's frame in the world, (w, x, y, z) (derived).
+    /// Returns the orientation of a body's frame in the world, as a quaternion (w, x, y, z);
+    /// derived (see [`Data`]).
     pub fn body_orientation(&self, body: BodyId) -> [f64; 4] {
         self.rows(&XQUAT)[body.index()]
     }
 
-    /// Returns the position of a geom's centre in the world, in metres (derived).
+    /// Returns the position of a geom's centre in the world, in metres; derived (see [`Data`]).
     pub fn geom_position(&self, geom: GeomId) -> [f64; 3] {
         self.rows(&GEOM_XPOS)[geom.index()]
     }
 
-    /// Returns the x, y and z axis of a geom's frame, unit vectors in the world (derived).
+    /// Returns the x, y and z axis of a geom's frame, unit vectors in the world; derived (see
+    /// [`Data`]).
     pub fn geom_axes(&self, geom: GeomId) -> [[f64; 3]; 3] {
         let m = self.rows(&GEOM_XMAT)[geom.index()];
         // MuJoCo's matrices are row-major
         [0, 1, 2].map(|axis| [m[axis], m[3 + axis], m[6 + axis]])
     }
 
-    /// Returns the position of a site in the world, in metres (derived).
+    /// Returns the position of a site in the world, in metres; derived (see [`Data`]).
     pub fn site_position(&self, site: SiteId) -> [f64; 3] {
         self.rows(&SITE_XPOS)[site.index()]
     }
 
-    /// Returns the number of contacts (derived).
+    /// Returns the number of contacts between geoms; derived (see [`Data`]).
     pub fn contact_count(&self) -> usize {
         self.as_raw().ncon as usize
     }
 
-    /// Returns the contacts in MuJoCo's order (derived).
+    /// Returns the contacts between geoms, in MuJoCo's order; derived (see [`Data`]).
     pub fn contacts(&self) -> impl Iterator<Item = Contact> {
         self.raw_contacts().iter().map(|contact| Contact {
             geoms: [contact.geom1, contact.geom2].map(|geom| Id::new(geom as usize)),
@@ -251,7 +254,7 @@ impl Data {
         }
     }
 
-    /// Returns the C struct, for reading fields without a method.
+    /// Returns MuJoCo's `mjData`, for reading fields without a method.
     ///
     /// Plain fields can be read directly. Arrays are pointers, and reading through one is `unsafe`:
     /// `mjdata.h` documents the number of elements.
@@ -273,7 +276,7 @@ impl Data {
         unsafe { self.raw.as_ref() }
     }
 
-    /// Returns a pointer to the C struct, for calling functions without a method.
+    /// Returns a pointer to MuJoCo's `mjData`, for calling functions without a method.
     ///
     /// The pointer is valid as long as this value lives. Using it is `unsafe`: the caller must pass
     /// it to MuJoCo only together with [`Model::as_raw`] of the same model, must free nothing, and

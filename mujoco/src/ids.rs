@@ -15,17 +15,17 @@ pub struct Id<K> {
     kind: PhantomData<K>,
 }
 
-/// Index of a body.
+/// Index of a body in its model.
 pub type BodyId = Id<Body>;
-/// Index of a joint.
+/// Index of a joint in its model.
 pub type JointId = Id<Joint>;
-/// Index of a geom.
+/// Index of a geom in its model.
 pub type GeomId = Id<Geom>;
-/// Index of a site.
+/// Index of a site in its model.
 pub type SiteId = Id<Site>;
-/// Index of a camera.
+/// Index of a camera in its model.
 pub type CameraId = Id<Camera>;
-/// Index of an actuator, and of its control.
+/// Index of an actuator, and of its control, in its model.
 pub type ActuatorId = Id<Actuator>;
 /// Index of a mocap body among the mocap bodies.
 pub type MocapId = Id<Mocap>;
@@ -47,13 +47,13 @@ impl<K: Kind> fmt::Debug for Id<K> {
     }
 }
 
-/// Kind of object that has ids. Only the marker types of this module implement it.
+/// Kind of MuJoCo object that has ids. Only the marker types of this module implement it.
 pub trait Kind: sealed::Sealed {
     /// Name of the kind in MJCF.
     const NOUN: &'static str;
 }
 
-/// Kind of object that has names in MuJoCo.
+/// Kind of MuJoCo object that can be looked up by name.
 pub trait Named: Kind + sealed::Lookup {}
 
 mod sealed {

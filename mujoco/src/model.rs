@@ -44,8 +44,8 @@ macro_rules! finders {
     };
 }
 
-/// Compiled model. Immutable; share it through `Arc` between [`Data`](crate::Data) and
-/// [`Renderer`](crate::Renderer) of any number of threads.
+/// Compiled MuJoCo model, which simulations and renderers share. Immutable; share it through `Arc`
+/// between [`Data`](crate::Data) and [`Renderer`](crate::Renderer) of any number of threads.
 ///
 /// # Panics
 /// An id belongs to the model that returned it. Methods that take an id panic if it comes from a
@@ -108,35 +108,35 @@ impl Model {
         nv,
         /// Returns the number of actuators, the length of `ctrl`.
         nu,
-        /// Returns the number of mocap bodies.
+        /// Returns the number of mocap bodies of the model.
         nmocap,
-        /// Returns the number of bodies, including the world.
+        /// Returns the number of bodies of the model, including the world.
         nbody,
-        /// Returns the number of geoms.
+        /// Returns the number of geoms of the model.
         ngeom,
     }
 
-    /// Returns the physics step, in seconds.
+    /// Returns the duration of a physics step, in seconds.
     pub fn timestep(&self) -> f64 {
         self.as_raw().opt.timestep
     }
 
     finders! {
-        /// Finds a body by name.
+        /// Returns the id of the body called `name`.
         body: Body,
-        /// Finds a joint by name.
+        /// Returns the id of the joint called `name`.
         joint: Joint,
-        /// Finds a geom by name.
+        /// Returns the id of the geom called `name`.
         geom: Geom,
-        /// Finds a site by name.
+        /// Returns the id of the site called `name`.
         site: Site,
-        /// Finds a camera by name.
+        /// Returns the id of the camera called `name`.
         camera: Camera,
-        /// Finds an actuator by name.
+        /// Returns the id of the actuator called `name`.
         actuator: Actuator,
     }
 
-    /// Finds a mocap body by name.
+    /// Returns the id of the mocap body called `name`.
     ///
     /// # Errors
     /// [`ModelError::UnknownName`]; [`ModelError::NotMocap`] if the body is an ordinary one.
@@ -160,8 +160,8 @@ impl Model {
         unsafe { CStr::from_ptr(name) }.to_str().ok()
     }
 
-    /// Lists bodies, joints, geoms, sites, cameras and actuators without a name, for instance `geom
-    /// 3`.
+    /// Lists the bodies, joints, geoms, sites, cameras and actuators without a name, for instance
+    /// `geom 3`.
     pub fn unnamed(&self) -> Vec<String> {
         let kinds = [
             self.unnamed_of::<Body>(),
@@ -184,13 +184,14 @@ impl Model {
         self.value(&JNT_DOFADR, joint) as usize
     }
 
-    /// Returns the limits of a joint, in metres or radians; `None` if it is not limited.
+    /// Returns the lower and upper limit of a joint, in metres or radians; `None` if it is not
+    /// limited.
     pub fn joint_range(&self, joint: JointId) -> Option<[f64; 2]> {
         let limited = self.value(&JNT_LIMITED, joint) != 0;
         limited.then(|| self.rows(&JNT_RANGE)[joint.index()])
     }
 
-    /// Returns the limits of an actuator's control; `None` if it is not limited.
+    /// Returns the lower and upper limit of an actuator's control; `None` if it is not limited.
     pub fn ctrl_range(&self, actuator: ActuatorId) -> Option<[f64; 2]> {
         let limited = self.value(&ACTUATOR_CTRLLIMITED, actuator) != 0;
         limited.then(|| self.rows(&ACTUATOR_CTRLRANGE)[actuator.index()])
@@ -207,7 +208,7 @@ impl Model {
         Id::new(self.value(&GEOM_BODYID, geom) as usize)
     }
 
-    /// Returns every geom, in the model's order.
+    /// Returns the ids of all geoms, in the model's order.
     pub fn geoms(&self) -> impl Iterator<Item = GeomId> {
         (0..self.ngeom()).map(Id::new)
     }
@@ -226,8 +227,8 @@ impl Model {
         }
     }
 
-    /// Returns the group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides
-    /// groups.
+    /// Returns the geom group (0 to 5) of a geom; [`RenderOptions`](crate::RenderOptions) shows and
+    /// hides groups.
     pub fn geom_group(&self, geom: GeomId) -> usize {
         self.value(&GEOM_GROUP, geom) as usize
     }
@@ -248,8 +249,8 @@ impl Model {
         (self.value(&GEOM_CONTYPE, geom), self.value(&GEOM_CONAFFINITY, geom))
     }
 
-    /// Returns the C struct, for reading fields without a method, and for calling functions that
-    /// take a `const mjModel*`.
+    /// Returns MuJoCo's `mjModel`, for reading fields without a method, and for functions that take
+    /// a `const mjModel*`.
     ///
     /// Plain fields can be read directly. Arrays are pointers, and reading through one is `unsafe`:
     /// `mjmodel.h` documents the number of elements. Writing through one is never allowed, since
@@ -330,28 +331,28 @@ impl std::fmt::Debug for Model {
 /// Shape of a geom, in its own frame, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// Sphere.
+    /// Sphere around the origin of the geom's frame.
     Sphere {
-        /// Radius.
+        /// Radius of the sphere (metres).
         radius: f64,
     },
-    /// Cylinder along z with a hemisphere on either end.
+    /// Capsule: a cylinder along z with a hemisphere on either end.
     Capsule {
-        /// Radius of cylinder and hemispheres.
+        /// Radius of cylinder and hemispheres (metres).
         radius: f64,
-        /// Half the length of the cylinder, without the hemispheres.
+        /// Half the length of the cylinder (metres), without the hemispheres.
         half_length: f64,
     },
-    /// Cylinder along z.
+    /// Cylinder along the z axis of the geom's frame.
     Cylinder {
-        /// Radius.
+        /// Radius of the cylinder (metres).
         radius: f64,
-        /// Half the length.
+        /// Half the length of the cylinder (metres).
         half_length: f64,
     },
-    /// Box.
+    /// Box with sides along the axes of the geom's frame.
     Box {
-        /// Half the extent along x, y and z.
+        /// Half the extent along x, y and z (metres).
         half: [f64; 3],
     },
 }

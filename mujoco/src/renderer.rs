@@ -23,13 +23,13 @@ use setup::{fixed_camera, make_drawing, make_scene, visible};
 /// Largest side of an image, in pixels.
 const MAX_SIDE: usize = 4096;
 
-/// Options of a renderer. Reflections, sky, fog and anti-aliasing are never drawn, because they are
-/// slow in software OpenGL.
+/// Options of a renderer: groups of geoms and sites that are drawn, and shadows. Reflections, sky,
+/// fog and anti-aliasing are never drawn, because they are slow in software OpenGL.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RenderOptions {
-    /// Groups of geoms that are drawn; 0, 1 and 2 by default.
+    /// Flag for each geom group, 0 to 5: `true` if its geoms are drawn; 0, 1 and 2 by default.
     pub geom_groups: [bool; 6],
-    /// Groups of sites that are drawn; none by default.
+    /// Flag for each site group, 0 to 5: `true` if its sites are drawn; none by default.
     pub site_groups: [bool; 6],
     /// `true` if lights cast shadows; off by default, because they are slow in software.
     pub shadows: bool,
@@ -146,22 +146,22 @@ impl Renderer {
         self.gl.backend()
     }
 
-    /// Returns an id that no other renderer of the process has.
+    /// Returns the renderer's id, which no other renderer of the process has.
     pub fn id(&self) -> RendererId {
         self.id
     }
 
-    /// Returns the width of an image, in pixels.
+    /// Returns the width of the renderer's images, in pixels.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Returns the height of an image, in pixels.
+    /// Returns the height of the renderer's images, in pixels.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Returns the bytes of an image: height x width x 3.
+    /// Returns the number of bytes of an image: height x width x 3.
     pub fn image_len(&self) -> usize {
         self.width * self.height * 3
     }

@@ -21,7 +21,8 @@ pub struct State {
 }
 
 impl State {
-    /// Returns the flat array, in the order given above.
+    /// Returns the values of the state as one flat array: time, qpos, qvel and the further parts
+    /// that [`State`] lists, in that order.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -34,7 +35,7 @@ impl From<Vec<f64>> for State {
 }
 
 impl Data {
-    /// Returns a copy of the state.
+    /// Returns a copy of the simulation's state.
     pub fn save(&self) -> State {
         let time = [self.time()];
         let parts: [&[f64]; 9] = [
@@ -51,8 +52,8 @@ impl Data {
         State { values: parts.concat() }
     }
 
-    /// Restores a saved state, and sets applied forces to zero. Derived quantities are stale until
-    /// [`Data::forward`] or [`Data::step`].
+    /// Restores a saved state of the simulation, and sets applied forces to zero. Derived
+    /// quantities are stale until [`Data::forward`] or [`Data::step`].
     ///
     /// # Errors
     /// [`SimError::Length`] if the state is of another model; [`SimError::NotFinite`].

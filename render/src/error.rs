@@ -12,7 +12,7 @@ pub enum RenderError {
     /// Error of the run whose policies are filmed.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// File name without the extension of a supported format.
+    /// Requested film whose file name has no supported extension.
     #[error("{} cannot be written: expected a name with the ending {expected}", path.display())]
     Ending {
         /// Requested path of the film.

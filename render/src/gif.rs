@@ -65,11 +65,11 @@ pub(super) const HOLD: u16 = 12;
 /// Sequence of pictures of one size, one for each decision.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Film {
-    /// Width (pixels).
+    /// Width of the pictures (pixels).
     pub width: usize,
-    /// Height (pixels).
+    /// Height of the pictures (pixels).
     pub height: usize,
-    /// Pictures, each `[height, width, 3]` with row 0 on top.
+    /// Pictures of the film in order, each RGB bytes `[height, width, 3]` with row 0 on top.
     pub frames: Vec<Vec<u8>>,
 }
 

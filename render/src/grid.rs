@@ -19,11 +19,11 @@ const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
 /// Film in a cell of a grid. Its last picture stays until the longest film ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cell {
-    /// Width (pixels).
+    /// Width of the cell's pictures (pixels).
     pub width: usize,
-    /// Height (pixels).
+    /// Height of the cell's pictures (pixels).
     pub height: usize,
-    /// Pictures, each `[height, width, 3]`; at least one.
+    /// Pictures of the cell's film in order, each RGB bytes `[height, width, 3]`; at least one.
     pub frames: Vec<Vec<u8>>,
 }
 
@@ -39,7 +39,7 @@ impl Cell {
     }
 }
 
-/// Row of a grid.
+/// Row of films in a grid, with a title.
 pub struct Row {
     /// Title above the row.
     pub title: String,

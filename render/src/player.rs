@@ -37,7 +37,7 @@ pub(super) struct FilmedEpisode {
     cells: Vec<Cell>,
 }
 
-/// Policies of a run with the environments in which they are evaluated.
+/// Policies of a run, with the environments in which they are evaluated and filmed.
 pub struct PolicyPlayer {
     /// Settings of the run.
     pub experiment: Experiment,
@@ -129,7 +129,7 @@ impl PolicyPlayer {
     }
 }
 
-/// Films one episode of each variant of every group of a run, with the policies of the newest
+/// Films one episode of each variant of every task group of a run, with the policies of the newest
 /// intact checkpoint. Returns each group's name with a GIF file of its four variants as the
 /// policies see them.
 ///

@@ -14,7 +14,7 @@ use experiments::{RunError, Stream, scale};
 
 use super::grid::Cell;
 
-/// View of an episode.
+/// View of an episode that a film shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum View {
     /// Picture of a camera: the table and the arm.
@@ -28,7 +28,8 @@ pub enum View {
 /// Minimum side of a camera's pictures (pixels).
 const SIDE: usize = 144;
 
-/// Vector of one environment that films its episode. Observations are those of training.
+/// Vectorised environment of one task variant that films its only episode. Observations are those
+/// of training.
 pub struct EpisodeRecorder {
     spec: EnvSpec,
     variant: TaskVariant,
@@ -53,8 +54,9 @@ struct LargeView {
 }
 
 impl EpisodeRecorder {
-    /// Creates an environment with the settings of a run. The placement depends on `seed` alone, so
-    /// the variants of a group are mirror images of each other.
+    /// Creates a recorder of one episode of `variant`, in an environment with the settings of a
+    /// run. The placement depends on `seed` alone, so the variants of a group are mirror images of
+    /// each other.
     ///
     /// # Errors
     /// Errors of the scene and its renderers.
@@ -79,7 +81,7 @@ impl EpisodeRecorder {
         })
     }
 
-    /// Returns the film of each view, up to a number of decisions.
+    /// Returns the film of each view, up to a number of decisions of the episode.
     pub fn cells(&self, views: &[View], decisions: Option<usize>) -> Vec<Cell> {
         let cell = |&view| {
             let (table, frames) = self.filmed(view);

@@ -9,10 +9,10 @@ use super::table::Table;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Least success at which a group counts as solved.
+/// Least success, in `[0, 1]`, at which a task group counts as solved.
 pub const SOLVED: f64 = 0.9;
 
-/// Sample efficiency of one run in one group.
+/// Sample efficiency of one run in one task group.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Efficiency {
     /// Area under the curve of success over the decisions spent in the group, divided by these
@@ -27,7 +27,7 @@ pub struct Efficiency {
 }
 
 impl Efficiency {
-    /// Computes the efficiency of a run in a group; `None` if no two evaluations differ in the
+    /// Computes the efficiency of a run in a task group; `None` if no two evaluations differ in the
     /// decisions spent in it. Of evaluations with equally many decisions the first one counts for
     /// the area, and all of them count for the decisions.
     pub fn of(run: &RunData, group: &str) -> Option<Self> {

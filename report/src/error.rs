@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use experiments::RunError;
 
-/// Error of a report.
+/// Error of making a report on runs.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
@@ -17,9 +17,9 @@ pub enum ReportError {
          evaluation, give runs of other settings other names, and each seed once"
     )]
     MixedRuns {
-        /// Name of the run that differs.
+        /// Name of the run that differs from the others.
         run: String,
-        /// Differences from the runs before it.
+        /// Differences of that run from the runs before it.
         differences: String,
     },
     /// Runs whose events would go to one folder.
@@ -29,7 +29,7 @@ pub enum ReportError {
         first.display(), second.display()
     )]
     SameName {
-        /// Folder of a run.
+        /// Folder of the first run of this name.
         first: PathBuf,
         /// Folder of another run of this name.
         second: PathBuf,

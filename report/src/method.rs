@@ -21,7 +21,7 @@ pub struct MethodRuns {
     pub name: String,
     /// Preset that the settings agree with; all runs share it.
     pub preset: PresetMatch,
-    /// Data of each run.
+    /// Data of each run: its settings and tables.
     pub runs: Vec<RunData>,
     /// Metrics of each run, in the order of `runs`.
     pub metrics: Vec<RunMetrics>,

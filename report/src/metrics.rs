@@ -20,30 +20,31 @@ const UNNAMED: Undefined = "`evaluation.csv` does not name the policies that the
 const UNRECORDED: Undefined = "the run did not record the scores of the groups' own policies";
 const UNSEEN: Undefined = "the run has no `units.csv`, the table of dormant units";
 
-/// Metrics of one run.
+/// Metrics of one run for the tables of a report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunMetrics {
-    /// Metrics of each group, in the order in which groups are scored.
+    /// Metrics of each task group, in the order in which groups are scored.
     pub groups: Vec<GroupMetrics>,
     /// Share of rollouts of one group that went to the policy of that group, in `[0, 1]`
     /// ([`RunStats::right`](experiments::RunStats::right)).
     pub accuracy: Result<f64, Undefined>,
-    /// Accuracy among rollouts of groups that came back, in `[0, 1]`.
+    /// Share of rollouts that went to the policy of their group, among groups that came back, in
+    /// `[0, 1]`.
     pub return_accuracy: Result<f64, Undefined>,
     /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
     pub dormant: Result<f64, Undefined>,
-    /// Number of policies opened.
+    /// Number of policies that the learner opened.
     pub policies: usize,
-    /// Number of rollouts, and number of those within which the group changed.
+    /// Number of rollouts of the run, and number of those within which the task group changed.
     pub rollouts: [usize; 2],
-    /// Number of decisions taken while learning.
+    /// Number of decisions taken in training.
     pub decisions: usize,
 }
 
-/// Metrics of one group.
+/// Metrics of one task group in one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupMetrics {
-    /// Name of the group.
+    /// Name of the task group.
     pub group: String,
     /// Success after the stream, the mean over variants, in `[0, 1]`.
     pub success: f64,
@@ -69,7 +70,7 @@ pub struct GroupMetrics {
 }
 
 impl RunMetrics {
-    /// Computes the metrics of a run.
+    /// Computes the metrics of a run from its tables.
     pub fn of(run: &RunData) -> Self {
         let ledger = RunStats::of(&run.rollouts);
         let is_grouped = run.experiment.learner.tells_groups_apart();
@@ -92,7 +93,7 @@ impl RunMetrics {
         }
     }
 
-    /// Returns the mean of a metric over the groups that have it.
+    /// Returns the mean of a metric over the task groups that have it.
     ///
     /// # Errors
     /// The first group's reason, if no group has the metric.

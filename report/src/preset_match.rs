@@ -7,7 +7,7 @@ use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
 use learner::overrides::differences;
 
-/// Result of comparing a run's settings with the presets.
+/// Result of comparing a run's settings with those of the presets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PresetMatch {
     /// Method whose preset the run has; `None` if the settings are no preset's.
@@ -18,7 +18,8 @@ pub struct PresetMatch {
 }
 
 impl PresetMatch {
-    /// Compares the settings of a run in a folder whose name, up to the seed, is `name`.
+    /// Compares the settings of a run with the presets; `name` is that of its folder, up to the
+    /// seed.
     ///
     /// # Errors
     /// [`RunError`] for settings that cannot be compared.

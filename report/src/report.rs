@@ -11,7 +11,7 @@ use super::page::page;
 use super::table::Table;
 use super::{curves, learning_curves, tables};
 
-/// Report on some runs: tables and curves.
+/// Report on some runs: tables that compare their methods, and curves.
 #[derive(Clone, Debug)]
 pub struct Report {
     methods: Vec<MethodRuns>,
@@ -20,7 +20,8 @@ pub struct Report {
 }
 
 impl Report {
-    /// Computes the tables of these runs. The method of the first run is compared with the others.
+    /// Computes the report's tables from the data of these runs. The method of the first run is
+    /// compared with the others.
     ///
     /// # Errors
     /// [`ReportError::MixedRuns`] for runs that cannot stand in one table.
@@ -29,7 +30,7 @@ impl Report {
         Ok(Self { tables: tables::all(&methods), methods })
     }
 
-    /// Returns the tables in Markdown.
+    /// Returns the report's tables in Markdown.
     pub fn markdown(&self) -> String {
         self.tables.iter().map(|(_, table)| table.markdown() + "\n").collect()
     }

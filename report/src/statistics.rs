@@ -14,12 +14,12 @@ const BOUNDS: [f64; 2] = [0.025, 0.975];
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scores(pub Vec<Vec<f64>>);
 
-/// Bounds of a 95 % interval.
+/// Bounds of a 95 % bootstrap interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// 2.5th percentile of the bootstrap samples.
+    /// Lower bound: the 2.5th percentile of the bootstrap samples.
     pub low: f64,
-    /// 97.5th percentile of the bootstrap samples.
+    /// Upper bound: the 97.5th percentile of the bootstrap samples.
     pub high: f64,
 }
 
@@ -59,7 +59,7 @@ fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
 }
 
 impl Scores {
-    /// Returns a statistic of all scores together.
+    /// Returns a statistic of the scores of all groups and seeds together.
     pub fn of(&self, statistic: fn(&[f64]) -> f64) -> f64 {
         statistic(&self.0.concat())
     }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use experiments::colours::Stroke;
 use experiments::printable::printable_lines;
 
-/// Colour of lines and dots that belong to no group: the colour of the text.
+/// SVG colour of lines and dots that belong to no task group: the colour of the text.
 pub const TEXT_COLOUR: &str = "currentColor";
 
 // All lengths are pixels of the view box.
@@ -97,7 +97,7 @@ impl Drawing {
         ));
     }
 
-    /// Adds a line through points.
+    /// Adds a line through points to the panel.
     pub fn line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
         self.polyline(points, stroke, "line");
     }
@@ -134,8 +134,8 @@ impl Drawing {
         ));
     }
 
-    /// Adds a name to the legend, on a new line if the last one is full. Call it before the first
-    /// [`Self::panel`], which begins below the legend.
+    /// Adds a name and its stroke to the legend, on a new line if the last one is full. Call it
+    /// before the first [`Self::panel`], which begins below the legend.
     pub fn legend(&mut self, name: &str, stroke: &Stroke) {
         let end = LEFT + self.length + RIGHT;
         let room = end - LEFT - KEY - 2.0 * SPACE;

@@ -7,14 +7,14 @@ use super::svg::escaped;
 /// Width to which captions and notes are wrapped in Markdown (characters).
 const COLUMNS: usize = 100;
 
-/// Table with a caption and footnotes.
+/// Table of a report, with a caption and footnotes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
-    /// Sentence that says what the table shows.
+    /// Sentence above the table that says what it shows.
     pub caption: String,
     /// Names of the columns.
     pub header: Vec<String>,
-    /// Rows `[rows][columns]`.
+    /// Cells of the table `[rows][columns]`.
     pub rows: Vec<Vec<String>>,
     /// Footnotes, without their full stops.
     pub notes: Vec<String>,
@@ -31,7 +31,7 @@ impl Table {
         }
     }
 
-    /// Adds a footnote unless the table has it, and returns its mark, such as `(1)`.
+    /// Adds a footnote to the table unless it has it, and returns its mark, such as `(1)`.
     pub fn note(&mut self, remark: &str) -> String {
         let known = self.notes.iter().position(|note| note == remark);
         let index = known.unwrap_or_else(|| {
@@ -102,7 +102,7 @@ impl Table {
         )
     }
 
-    /// Returns the rows as CSV (RFC 4180), the header first. All cells are quoted.
+    /// Returns the table's rows as CSV (RFC 4180), the header first. All cells are quoted.
     pub fn csv(&self) -> String {
         let quoted = |cell: &String| format!("\"{}\"", cell.replace('"', "\"\""));
         let line = |cells: &Vec<String>| cells.iter().map(quoted).collect::<Vec<_>>().join(",");

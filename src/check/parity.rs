@@ -28,7 +28,7 @@ use experiments::RunError;
 const STAND_INS: [&str; 6] =
     ["gripper_base", "gripper_neck", "net_back", "net_left", "net_right", "net_top"];
 
-/// Comparison with one recording.
+/// Comparison of this simulation with one recording of Meta-World.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ParityRow {
     /// Name of the recording's file.
@@ -39,7 +39,7 @@ pub struct ParityRow {
     pub reward_steps: usize,
     /// Largest difference of the reward, of scale 10, or of one of its terms.
     pub reward_deviation: f64,
-    /// Number of steps with different success.
+    /// Number of control steps in which the success flags differ.
     pub success_mismatches: usize,
     /// Number of single control steps compared, in which no mesh or replacing box touched anything.
     pub physics_steps: usize,

@@ -130,18 +130,18 @@ struct Side {
     name: Option<String>,
 }
 
-/// Operators and constants, in the order in which they run.
+/// Operators and constants of an ONNX graph, in the order in which they run.
 #[derive(Default)]
 pub struct Graph {
     nodes: Vec<Node>,
     constants: Vec<Tensor>,
 }
 
-/// Attribute of an operator.
+/// Attribute of an ONNX operator.
 pub enum Attribute {
-    /// Name and integer.
+    /// Name and value of an integer attribute.
     Int(&'static str, i64),
-    /// Name and list of integers.
+    /// Name and values of an attribute that is a list of integers.
     Ints(&'static str, Vec<i64>),
 }
 

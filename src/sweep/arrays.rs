@@ -19,7 +19,7 @@ pub struct ArrayJob<'a> {
     pub plan: &'a Path,
     /// Path of the folder of runs for the members.
     pub runs: &'a Path,
-    /// Number of jobs.
+    /// Number of jobs of the plan.
     pub jobs: usize,
     /// Worker threads of each run; as many CPUs are requested.
     pub threads: usize,

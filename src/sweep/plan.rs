@@ -14,10 +14,10 @@ use learner::overrides::{self, Override, parse, read};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// Methods, in the order of the jobs.
+    /// Methods of the sweep, in the order of the jobs.
     pub methods: Vec<Method>,
-    /// Seeds. All methods run with one seed before the next, so that an interrupted sweep compares
-    /// methods fairly.
+    /// Seeds with which each method, or each of its variants, runs. All methods run with one seed
+    /// before the next, so that an interrupted sweep compares methods fairly.
     pub seeds: Vec<u64>,
     /// Length of each run.
     pub budget: Budget,
@@ -30,7 +30,7 @@ pub struct Plan {
     pub variants: Vec<Variant>,
 }
 
-/// Settings of one arm of a study.
+/// Named variant of the settings, one arm of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Variant {
@@ -41,17 +41,17 @@ pub struct Variant {
     pub set: Vec<String>,
 }
 
-/// One run of a sweep.
+/// One run of a sweep: a method, a variant of its settings and a seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
     /// Name of the run's folder.
     pub name: String,
-    /// Settings of the run.
+    /// Settings of the job's run.
     pub experiment: Experiment,
 }
 
 impl Plan {
-    /// Reads a plan from a JSON file.
+    /// Reads the plan of a sweep from a JSON file.
     ///
     /// # Errors
     /// [`RunError::Read`] with the file and the problem.
@@ -59,7 +59,7 @@ impl Plan {
         Ok(read(path)?)
     }
 
-    /// Reads a plan from JSON.
+    /// Reads the plan of a sweep from JSON text.
     ///
     /// # Errors
     /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`],
@@ -68,7 +68,7 @@ impl Plan {
         Ok(parse(text)?)
     }
 
-    /// Returns the jobs after checking all of them.
+    /// Returns the jobs of the plan after checking all of them.
     ///
     /// # Errors
     /// [`RunError::Setting`] for a plan without methods or seeds, with duplicate methods, seeds or
@@ -82,7 +82,7 @@ impl Plan {
         Ok(jobs)
     }
 
-    /// Returns the jobs in their order without calling [`Experiment::check`].
+    /// Returns the jobs of the plan in their order without calling [`Experiment::check`].
     ///
     /// # Errors
     /// As [`Plan::jobs`], without errors of [`Experiment::check`].

@@ -15,7 +15,7 @@ const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Time between checks of the stop signal while a worker waits.
 const STOP_POLL: Duration = Duration::from_millis(50);
 
-/// Outcome of a worker.
+/// Outcome of a sweep's worker.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SweepOutcome {
     /// `true` if a stop was requested while jobs were left.
@@ -32,9 +32,9 @@ enum JobOutcome {
     Taken,
 }
 
-/// Works until every job has finished or failed, or until a stop is requested, and prints its
-/// progress. Jobs of other workers are left to them, and taken over if such a worker ends early.
-/// Workers share nothing but the folders of the runs and their locks.
+/// Works on the sweep until every job has finished or failed, or until a stop is requested, and
+/// prints its progress. Jobs of other workers are left to them, and taken over if such a worker
+/// ends early. Workers share nothing but the folders of the runs and their locks.
 ///
 /// # Errors
 /// [`RunError::Write`] if the folder of the runs cannot be created.

@@ -2,14 +2,14 @@
 
 use crate::look::Look;
 
-/// Group of tasks: all variants of D2 and all placements of one object.
+/// Task group of a world: all variants of D2 and all placements of one object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Group {
-    /// Appearance of the object at the beginning of the stream.
+    /// Appearance of the group's object at the beginning of the stream.
     pub look: Look,
-    /// Reward function.
+    /// Reward function of the group.
     pub pay: Pay,
-    /// Dynamics of the hand.
+    /// Dynamics of the hand in the group.
     pub motion: Motion,
     /// Signed amplitude of each colour's drift, a sine with a period of 1000 rounds, in units of a
     /// byte; zero
@@ -23,7 +23,8 @@ pub struct Group {
 pub struct Pay {
     /// Vector from the object to the target, in units of half the picture's side.
     pub offset: [f32; 2],
-    /// Radius of the circle; with zero the target itself has the full reward.
+    /// Radius of the circle of full reward, in units of half the picture's side; with zero the
+    /// target itself has the full reward.
     pub radius: f32,
 }
 
@@ -31,12 +32,14 @@ pub struct Pay {
 const DECAY: f32 = 10.0;
 
 impl Pay {
-    /// Returns the reward, in (0, 1], for a hand at this position relative to the object.
+    /// Returns the reward, in (0, 1], for a hand at a position relative to the object, in units of
+    /// half the picture's side.
     pub fn at(&self, [x, y]: [f32; 2]) -> f32 {
         (-DECAY * self.distance([x, y])).exp()
     }
 
-    /// Returns the distance of a hand at this position from full reward.
+    /// Returns the distance of a hand from the nearest position of full reward, in units of half
+    /// the picture's side.
     pub fn distance(&self, [x, y]: [f32; 2]) -> f32 {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }
@@ -56,7 +59,7 @@ impl Pay {
 pub struct Motion {
     /// Displacement at full action, in units of half the picture's side; reversed if negative.
     pub gain: f32,
-    /// Angle from action to displacement, in radians.
+    /// Angle from an action's direction to that of the displacement, in radians.
     pub turn: f32,
 }
 

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::group::{Group, Motion, Pay};
 use crate::look::{Look, Shape, Texture};
 
-/// Properties in which the groups of a world differ.
+/// Kind of a world: the properties in which its task groups differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// Colour, shape, size, texture and number of copies; positions of targets differ as well.
@@ -18,7 +18,7 @@ pub enum Kind {
     Target,
     /// Reward around a common target: the radius of the circle of full reward.
     Reward,
-    /// Dynamics of the hand.
+    /// Dynamics of the hand: the displacement that an action causes.
     Dynamics,
     /// No property: one group under several indices.
     Identical,
@@ -38,7 +38,7 @@ impl Kind {
         Self::Drift,
     ];
 
-    /// Returns the name in tables.
+    /// Returns the kind's name in tables, for instance `appearance`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Appearance => "appearance",

@@ -3,15 +3,15 @@
 /// Appearance of an object: two objects with equal values differ only in their position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
-    /// Red, green and blue in 0..=255.
+    /// Colour of the object: red, green and blue in 0..=255.
     pub colour: [f32; 3],
-    /// Outline of each copy.
+    /// Outline of each copy of the object.
     pub shape: Shape,
-    /// Half of the extent of a copy, in units of half the picture's side.
+    /// Half of the extent of each copy, in units of half the picture's side.
     pub size: f32,
-    /// Pattern of each copy.
+    /// Pattern of each copy of the object.
     pub texture: Texture,
-    /// Number of copies side by side, 1 to 3.
+    /// Number of copies of the object side by side, 1 to 3.
     pub number: usize,
 }
 
@@ -37,7 +37,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// All outlines.
+    /// All outlines of objects.
     pub const ALL: [Self; 8] = [
         Self::Disc,
         Self::Square,
@@ -68,16 +68,16 @@ impl Shape {
 /// Pattern of an object: parts of it are darker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Texture {
-    /// One colour.
+    /// One colour all over the object.
     Plain,
     /// Four stripes parallel to x, dark and bright in turn.
     Stripes,
-    /// Two by two fields.
+    /// Two by two fields, dark and bright in turn.
     Checks,
 }
 
 impl Texture {
-    /// All patterns.
+    /// All patterns of objects.
     pub const ALL: [Self; 3] = [Self::Plain, Self::Stripes, Self::Checks];
 
     /// Returns the factor on the colour at (u, v) in `[-1, 1]^2`: 1, or 0.35 in dark parts.

@@ -9,48 +9,48 @@ use crate::episode::Episode;
 use crate::picture::SIDE;
 use crate::world::World;
 
-/// Default number of decisions of an episode.
+/// Default number of decisions of an episode of a [`Stream`].
 pub const HORIZON: usize = 50;
 
-/// Visit to one group for a number of rounds. In a round each environment runs one episode; all
-/// begin and end together.
+/// Visit of the stream to one task group for a number of rounds. In a round each environment runs
+/// one episode; all begin and end together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Visit {
-    /// Index of the group.
+    /// Index of the visited task group in the world, from 0.
     pub group: usize,
-    /// Number of episodes of each environment.
+    /// Number of rounds of the visit; a round is one episode in each environment.
     pub rounds: usize,
 }
 
-/// Errors of creating or stepping a stream.
+/// Error of creating or stepping a stream.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorldError {
     /// Stream without visits or without environments.
     #[error("{what} is 0, expected at least 1")]
     Zero {
-        /// Name of the number that is 0.
+        /// Name of the number that is 0: of visits or of environments.
         what: &'static str,
     },
     /// Visit of a group that the world does not have.
     #[error("visit {visit} is of group {group}, expected one of the world's {groups}")]
     NoGroup {
-        /// Index of the visit.
+        /// Index of the visit in the list of visits, from 0.
         visit: usize,
         /// Index of the requested group.
         group: usize,
-        /// Number of groups of the world.
+        /// Number of task groups that the world has.
         groups: usize,
     },
     /// List of actions that does not hold two numbers for each environment.
     #[error("got {got} actions, expected {expected}: two for each environment")]
     Actions {
-        /// Number of values given.
+        /// Number of values in the list of actions.
         got: usize,
-        /// Number of values expected.
+        /// Number of values expected: two for each environment.
         expected: usize,
     },
-    /// Step before the first reset.
+    /// Step of a stream before its first reset.
     #[error("the environments were never reset: call `reset` before `step`")]
     NotReset,
 }
@@ -106,31 +106,31 @@ impl Stream {
         })
     }
 
-    /// Fixes the variant of D2 of every episode, which is otherwise drawn.
+    /// Fixes the variant of D2 of every episode of the stream, which is otherwise drawn.
     #[must_use]
     pub fn with_variant(mut self, variant: D2) -> Self {
         self.variant = Some(variant);
         self
     }
 
-    /// Sets the length of episodes in decisions, at least 1.
+    /// Sets the length of the stream's episodes in decisions, at least 1.
     #[must_use]
     pub fn with_horizon(mut self, horizon: usize) -> Self {
         self.horizon = horizon.max(1);
         self
     }
 
-    /// Returns the world.
+    /// Returns the world whose task groups the stream visits.
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// Returns the number of rounds that ended so far.
+    /// Returns the number of rounds (episodes in each environment) that ended so far.
     pub fn rounds(&self) -> usize {
         self.round
     }
 
-    /// Returns the index of the group that is visited in this round.
+    /// Returns the index of the task group that the stream visits in a round, counted from 0.
     pub fn group_at(&self, round: usize) -> usize {
         let mut end = 0;
         let visit = self.visits.iter().find(|visit| {
@@ -140,7 +140,8 @@ impl Stream {
         visit.or(self.visits.last()).map_or(0, |visit| visit.group)
     }
 
-    /// Returns the action of an expert in environment `env` that takes its task for one of `group`.
+    /// Returns the action (x, y) of an expert in environment `env` that takes its task for one of
+    /// `group`.
     ///
     /// # Panics
     /// If there is no such environment or group, or before the first reset.

@@ -11,27 +11,27 @@ use crate::kind::Kind;
 pub struct Scene {
     /// Grey value of the ground, in 0..=255.
     pub ground: f32,
-    /// Number of small grey objects, at new positions in every episode.
+    /// Number of small grey objects on the ground, at new positions in every episode.
     pub clutter: usize,
-    /// Largest relative deviation of an episode's brightness.
+    /// Largest relative deviation of an episode's brightness from 1.
     pub light: f32,
-    /// Amplitude of the uniform camera noise, in 0..=255.
+    /// Amplitude of the uniform camera noise, in levels of 0..=255.
     pub noise: f32,
     /// Range of both coordinates of an object, from the centre of the picture, in units of half its
     /// side.
     pub places: [f32; 2],
 }
 
-/// World: groups of tasks in one scene.
+/// World of synthetic tasks: task groups in one scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct World {
-    /// Properties in which the groups differ.
+    /// Kind of the world: the properties in which its groups differ.
     pub kind: Kind,
     /// Seed of the world and of all episodes in it.
     pub seed: u64,
-    /// Groups of tasks.
+    /// Task groups of the world.
     pub groups: Vec<Group>,
-    /// Surroundings of all groups.
+    /// Surroundings of the object, which all groups share.
     pub scene: Scene,
 }
 
@@ -43,8 +43,8 @@ impl World {
         Self::with_rng(kind, seed, number, rng)
     }
 
-    /// Draws a world with `number` groups, at least 1 and at most the kind's largest number, which
-    /// is 4 for [`Kind::Reward`] and up to 16 for others.
+    /// Draws a world with `number` task groups, at least 1 and at most the kind's largest number,
+    /// which is 4 for [`Kind::Reward`] and up to 16 for others.
     pub fn with_groups(kind: Kind, seed: u64, number: usize) -> Self {
         let rng = ChaCha8Rng::seed_from_u64(seed);
         Self::with_rng(kind, seed, number.clamp(1, kind.most()), rng)
@@ -64,7 +64,7 @@ impl World {
         }
     }
 
-    /// Returns the first of the groups that are equal to `group`.
+    /// Returns the index of the first of the groups that are equal to `group`.
     pub fn representative(&self, group: usize) -> usize {
         match self.kind {
             Kind::Identical => 0,

@@ -27,7 +27,7 @@ impl Camera {
         self.size * self.oversampling
     }
 
-    /// Returns the camera with pictures of another size, no oversampling and no close-ups.
+    /// Returns the camera with pictures of `size` pixels a side, no oversampling and no close-ups.
     pub fn with_size(self, size: usize) -> Self {
         Self { size, oversampling: 1, beside: ExtraView::First, ..self }
     }

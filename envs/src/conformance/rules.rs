@@ -18,16 +18,16 @@ use super::experts::experts;
 use super::scene_rules;
 use super::symmetry::symmetry;
 
-/// Violation of a rule by a task group.
+/// Violation of a conformance rule by a task group, or a check that failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Flaw {
     /// Conformance rule that the task group violates in one case.
     #[error("{case}: {rule}: {finding}")]
     Broken {
-        /// Variant, embodiment and layout.
+        /// Variant, embodiment and layout in which the rule is violated.
         case: String,
-        /// Description of the rule.
+        /// Description of the violated rule.
         rule: &'static str,
         /// Description of the violation.
         finding: String,
@@ -35,9 +35,9 @@ pub enum Flaw {
     /// Scene that cannot be made, or environment that failed during a check.
     #[error("{case}: {source}")]
     Failed {
-        /// Variant (or group), embodiment and layout.
+        /// Variant (or task group), embodiment and layout of the failed check.
         case: String,
-        /// Underlying error.
+        /// Error that ended the check.
         source: EnvError,
     },
 }
@@ -66,8 +66,8 @@ const OF_VARIANTS: [Rule; 6] = [
 const OF_MIRRORED_VARIANTS: [Rule; 2] =
     [("the expert solves it", solution), ("it mirrors its canonical twin", mirror)];
 
-/// Checks `group` against every rule: all variants, standard embodiments and layouts. Takes some
-/// seconds.
+/// Checks `group` against every conformance rule: all variants, standard embodiments and layouts.
+/// Takes some seconds.
 ///
 /// The scene compiles without a warning and everything in it has a name. In every control step
 /// observations, rewards, their terms and the expert's commands are finite and in range. Only the

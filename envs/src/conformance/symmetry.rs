@@ -29,7 +29,7 @@ const HELD: usize = 5;
 /// Deviation of a variant from the mirror image of its canonical twin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SymmetryRow {
-    /// Variant that was compared.
+    /// Variant that was compared with its canonical twin.
     #[serde(flatten)]
     pub variant: VariantName,
     /// `true` if the embodiment is exactly symmetric.
@@ -43,11 +43,11 @@ pub struct SymmetryRow {
     pub contact_deviation: f64,
     /// Largest difference between the rewards of a decision, open loop.
     pub reward_deviation: f64,
-    /// Number of pictures compared, one per decision, open loop.
+    /// Number of pictures compared between variant and twin, one per decision, open loop.
     pub frames: usize,
-    /// Number of pictures that were not exact mirror images.
+    /// Number of compared pictures that were not exact mirror images.
     pub frames_differing: usize,
-    /// Number of differing pixels in the worst picture.
+    /// Number of differing pixels in the picture that differs most.
     pub pixels_differing: usize,
     /// Expert's mean return on the variant divided by that on the canonical twin, closed loop.
     pub return_ratio: f64,

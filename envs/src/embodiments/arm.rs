@@ -32,14 +32,15 @@ const MJCF: &str = r#"<mujocoinclude>
   <include file="robot.xml"/>
 </mujocoinclude>"#;
 
-/// Settings of an [`Arm`].
+/// Settings from which an [`Arm`] is built.
 #[derive(Clone, Debug)]
 pub struct ArmSettings {
     /// Name of the embodiment.
     pub name: String,
-    /// Robot, with its base where it stands in the scene (origin: centre of the table).
+    /// Description of the robot, with its base where it stands in the scene (origin: centre of the
+    /// table).
     pub robot: Description,
-    /// Name of the link that is the hand.
+    /// Name of the robot's link that is the hand.
     pub hand: String,
     /// Joint positions between base and hand (radians, metres) with the hand in the orientation
     /// that it keeps, near the arm's working configurations.
@@ -63,14 +64,14 @@ pub struct Gripper {
     /// Name of the link that holds the gripper. Shapes of this link and of its descendants collide
     /// with objects; those of the arm do not.
     pub link: String,
-    /// Right and left finger.
+    /// Right and left finger of the gripper.
     pub fingers: [Finger; 2],
     /// Name of the joint that closes the fingers from one end of its range to the other, at its own
     /// speed. `None` for fingers that do not move.
     pub joint: Option<String>,
 }
 
-/// Reference points of a finger.
+/// Reference points of a gripper's finger.
 #[derive(Clone, Debug)]
 pub struct Finger {
     /// Name of the finger's link in the URDF.
@@ -121,12 +122,12 @@ impl Arm {
         &self.settings.robot
     }
 
-    /// Returns the joints between the base and the hand.
+    /// Returns the kinematic chain of the joints between the base and the hand.
     pub fn chain(&self) -> &Chain {
         &self.chain
     }
 
-    /// Returns the settings of the arm.
+    /// Returns the settings that the arm was built from.
     pub fn settings(&self) -> &ArmSettings {
         &self.settings
     }

@@ -40,7 +40,7 @@ const LEAD: f64 = 0.034;
 const ACCELERATION: f64 = 2.0;
 
 impl KinovaGen3 {
-    /// Builds the arm of this embodiment.
+    /// Builds the arm of this embodiment: the Kinova Gen3 with its gripper and control.
     ///
     /// # Errors
     /// None in practice: the crate's tests build it.

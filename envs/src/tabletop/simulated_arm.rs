@@ -85,7 +85,7 @@ impl SimulatedArm {
         Ok(now)
     }
 
-    /// Returns the environment, for reading.
+    /// Returns the environment in which the arm is simulated, for reading.
     pub fn table(&self) -> &TableTop {
         &self.table
     }

@@ -10,7 +10,7 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// Task of pressing a button.
+/// Task of pressing a button into its box.
 #[derive(Clone, Copy, Debug)]
 pub struct ButtonPress;
 

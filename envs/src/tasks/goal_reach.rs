@@ -11,7 +11,7 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// Reach task; its scene is the bare table.
+/// Task of moving the fingertips to a goal; its scene is the bare table.
 #[derive(Clone, Copy, Debug)]
 pub struct GoalReach;
 

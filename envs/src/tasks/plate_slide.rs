@@ -10,7 +10,7 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
 };
 
-/// Task of sliding a plate into a cabinet.
+/// Task of sliding a plate (puck) into a goal cage.
 #[derive(Clone, Copy, Debug)]
 pub struct PlateSlide;
 

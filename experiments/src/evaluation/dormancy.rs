@@ -15,9 +15,10 @@ pub const TAU: f64 = 0.025;
 pub struct Dormancy {
     /// Index of the policy.
     pub policy: usize,
-    /// Rectified units of the network.
+    /// Number of rectified units (ReLU) of the policy's network.
     pub units: usize,
-    /// Units whose mean output is at most [`TAU`] times the mean of their layer.
+    /// Number of dormant units: those whose mean output is at most [`TAU`] times the mean of their
+    /// layer.
     pub dormant: usize,
 }
 

@@ -13,13 +13,13 @@ use learner::Learner;
 
 use super::Evaluator;
 
-/// Numbers of episodes that are shown: the learner is asked once for each of them.
+/// Numbers of episodes whose first frames the learner is shown: it is asked once for each of them.
 pub const EPISODES_SHOWN: [usize; 3] = [1, 4, 20];
 
 /// Random stream of the seeds of the shown episodes, next to that of the learner's draws.
 const EPISODES: u64 = u64::MAX - 1;
 
-/// Count of one answer of a learner.
+/// Count of one answer of a learner that was asked for the policy of a shown variant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Recognition {
     /// Task group whose episodes were shown.

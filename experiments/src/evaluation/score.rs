@@ -12,39 +12,39 @@ use itertools::Itertools;
 /// rollouts. [`RunStats`](crate::RunStats) counts them; learners never see the group's name.
 pub type OwnPolicies = BTreeMap<String, usize>;
 
-/// Results of one variant.
+/// Results of the learner in one task variant, over the episodes of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Score {
     /// Task group of the variant.
     pub group: TaskGroup,
     /// Symmetry element of the variant.
     pub element: D2,
-    /// `true` if the schedule shows the variant during training.
+    /// `true` if the training stream shows the variant.
     pub seen: bool,
-    /// Index of the policy that the learner chose.
+    /// Index of the policy that the learner chose for the variant.
     pub policy: usize,
-    /// Number of episodes that were played.
+    /// Number of episodes that were played in the variant.
     pub episodes: usize,
     /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
     pub success: f64,
     /// Share of episodes in which the success condition held at the last step, in `[0, 1]`.
     pub success_at_end: f64,
-    /// Mean return on the paper's scale, in `[0, 500]`.
+    /// Mean return of the episodes on the paper's scale, in `[0, 500]`.
     pub reward: f64,
     /// Results of the group's own policy in the same episodes; `None` if the group has none yet.
     pub own: Option<PolicyScore>,
 }
 
-/// Results of one policy in a variant or a group.
+/// Results of one policy in a task variant or a task group.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PolicyScore {
-    /// Index of the policy.
+    /// Index of the policy among the learner's policies.
     pub policy: usize,
-    /// Share of episodes that succeeded at any step, in `[0, 1]`.
+    /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
     pub success: f64,
-    /// Share of episodes that succeeded at the last step, in `[0, 1]`.
+    /// Share of episodes in which the success condition held at the last step, in `[0, 1]`.
     pub success_at_end: f64,
-    /// Mean return on the paper's scale, in `[0, 500]`.
+    /// Mean return of the episodes on the paper's scale, in `[0, 500]`.
     pub reward: f64,
 }
 
@@ -55,7 +55,7 @@ impl Score {
     }
 }
 
-/// Mean results over the variants of one group, weighted by episodes.
+/// Mean results over the variants of one task group, weighted by episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GroupScore {
     /// Task group that the score is of.
@@ -64,11 +64,11 @@ pub struct GroupScore {
     pub policies: Vec<usize>,
     /// Number of episodes over all variants.
     pub episodes: usize,
-    /// Share of episodes that succeeded at any step, in `[0, 1]`.
+    /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
     pub success: f64,
-    /// Share of episodes that succeeded at the last step, in `[0, 1]`.
+    /// Share of episodes in which the success condition held at the last step, in `[0, 1]`.
     pub success_at_end: f64,
-    /// Mean return on the paper's scale, in `[0, 500]`.
+    /// Mean return of the episodes on the paper's scale, in `[0, 500]`.
     pub reward: f64,
     /// Number of variants for which the learner chose another policy than the group's own.
     pub mismatches: usize,
@@ -76,7 +76,7 @@ pub struct GroupScore {
     pub own: Option<PolicyScore>,
 }
 
-/// Averages the scores of each group, in the order in which the groups appear.
+/// Averages the scores of each task group, in the order in which the groups appear.
 pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
     let groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).unique().collect();
     let of = |group| scores.iter().filter(move |score| score.group == group);

@@ -5,7 +5,7 @@ use crate::error::RenderError;
 use crate::ids::CameraId;
 use crate::raw;
 
-/// Reflection of the scene for drawing; the finished picture is flipped back.
+/// Reflection in which the scene is drawn; the finished picture is flipped back.
 ///
 /// The picture shows the scene as it is, whatever the mirror. Only decisions of OpenGL that depend
 /// on handedness differ: an edge through the exact middle of a pixel belongs to the shape on one
@@ -13,9 +13,9 @@ use crate::raw;
 /// that mirror each other bit for bit if one of them is drawn in the mirror between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mirror {
-    /// `true` to swap left and right.
+    /// `true` to draw the scene with left and right swapped.
     pub columns: bool,
-    /// `true` to swap top and bottom.
+    /// `true` to draw the scene with top and bottom swapped.
     pub rows: bool,
 }
 

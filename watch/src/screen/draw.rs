@@ -28,7 +28,7 @@ const TABLES: u16 = 8;
 /// Height of the two strips with their frame (rows).
 const STRIPS: u16 = 4;
 
-/// Contents of the screen.
+/// Contents of the terminal screen that shows a run.
 pub struct Shown<'a> {
     pub run: &'a RunData,
     pub finished: bool,
@@ -40,7 +40,7 @@ pub struct Shown<'a> {
     pub keys: &'a str,
 }
 
-/// Draws the screen.
+/// Draws the screen of a run on a terminal frame.
 pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
     let area = frame.area();
     let rows = [Constraint::Length(2), Constraint::Fill(1), Constraint::Length(1)];
