@@ -331,15 +331,15 @@ const REACH_TOLERANCE: f64 = 1e-9;
 fn spread(chain: &Chain, seed: &[f64], number: usize) -> Vec<f64> {
     let dimension = seed.len() as f64;
     let g = (0..50).fold(2.0_f64, |g, _| (1.0 + g).powf(1.0 / (dimension + 1.0)));
-    let joints = chain.joints().iter().zip(seed).enumerate();
-    let position = |(index, (joint, &start)): (usize, (&ChainJoint, &f64))| {
+    let position = |index: usize, joint: &ChainJoint, start: f64| {
         let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
         let half = PI.min(0.5 * (high - low));
         let middle = start.max(low + half).min(high - half);
         let part = (0.5 + number as f64 / g.powi(index as i32 + 1)).fract();
         (middle + (2.0 * part - 1.0) * half).clamp(low, high)
     };
-    joints.map(position).collect()
+    let joints = chain.joints().iter().zip(seed).enumerate();
+    joints.map(|(index, (joint, &start))| position(index, joint, start)).collect()
 }
 
 /// Returns the distances (metres, radians) from `position` to the ends of a joint's range; infinite
