@@ -157,7 +157,7 @@ impl CartesianControl {
             posture: posture.to_vec(),
             configuration: posture.to_vec(),
             velocities: vec![0.0; joints],
-            solver: DampedLeastSquares::new(joints),
+            solver: DampedLeastSquares::new(joints, settings.orientation),
             wanted: Twist::ZERO,
             twist: Twist::ZERO,
             chain,
@@ -285,7 +285,7 @@ impl CartesianControl {
         let speed = twist.linear.length().max(twist.angular.length());
         let rate = settings.posture_rate * (speed / POSTURE_SPEED).min(1.0);
         solver.solve(
-            (chain, orientation),
+            chain,
             configuration,
             orientation.constrained(&tip, twist) + correction,
             settings.damping,

@@ -14,6 +14,7 @@ use crate::twist::Twist;
 /// Solver for joint velocities, with buffers that are reused from solve to solve.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DampedLeastSquares {
+    orientation: Orientation,
     /// Columns of the Jacobian.
     columns: Vec<Twist>,
     /// `true` for joints whose velocity is fixed at a bound.
@@ -22,8 +23,9 @@ pub(crate) struct DampedLeastSquares {
 }
 
 impl DampedLeastSquares {
-    pub(crate) fn new(joints: usize) -> Self {
+    pub(crate) fn new(joints: usize, orientation: Orientation) -> Self {
         Self {
+            orientation,
             columns: vec![Twist::ZERO; joints],
             held: vec![false; joints],
             velocities: vec![0.0; joints],
@@ -36,7 +38,7 @@ impl DampedLeastSquares {
     }
 
     /// Solves for joint velocities within `bounds` that move the tip by `wanted`, which has no
-    /// rotation that `orientation` leaves free; redundant joints move as `posture` requests.
+    /// rotation that the orientation leaves free; redundant joints move as `posture` requests.
     ///
     /// With damping `l` it minimises `|J v - wanted|^2 + l^2 |v - posture|^2` (Wampler 1986,
     /// "Manipulator inverse kinematic solutions based on vector formulations and damped
@@ -45,7 +47,7 @@ impl DampedLeastSquares {
     /// control of redundant robots under joint constraints: saturation in the null space").
     pub(crate) fn solve(
         &mut self,
-        (chain, orientation): (&Chain, Orientation),
+        chain: &Chain,
         configuration: &[f64],
         wanted: Twist,
         damping: f64,
@@ -54,7 +56,7 @@ impl DampedLeastSquares {
     ) {
         let tip = chain.jacobian(configuration, &mut self.columns);
         for column in &mut self.columns {
-            *column = orientation.constrained(&tip, *column);
+            *column = self.orientation.constrained(&tip, *column);
         }
         self.held.fill(false);
         // each pass holds one more joint, so this many always suffice
@@ -238,7 +240,7 @@ impl Chain {
             chain: self,
             target,
             orientation: settings.orientation,
-            solver: DampedLeastSquares::new(seed.len()),
+            solver: DampedLeastSquares::new(seed.len(), settings.orientation),
         };
         let mut nearest = search.run(seed.to_vec(), ITERATIONS, PULLED_ITERATIONS);
         let mut searches = 1;
@@ -295,8 +297,7 @@ impl Search<'_> {
             };
             let pull = if iteration < pulled { SEED_PULL } else { 0.0 };
             let posture = |joint: usize| pull * (start[joint] - configuration[joint]);
-            let task = (self.chain, self.orientation);
-            self.solver.solve(task, &configuration, error, damping, posture, bounds);
+            self.solver.solve(self.chain, &configuration, error, damping, posture, bounds);
             step(joints, &mut configuration, self.solver.velocities(), 1.0);
             iteration += 1;
         }
@@ -445,16 +446,9 @@ mod tests {
         let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
         let wanted =
             Twist { linear: DVec3::new(0.1, -0.2, 0.05), angular: DVec3::new(0.0, 0.1, -0.1) };
-        let mut solver = DampedLeastSquares::new(7);
+        let mut solver = DampedLeastSquares::new(7, Orientation::Full);
         let mut solve = |bounds: &dyn Fn(usize) -> [f64; 2]| {
-            solver.solve(
-                (&chain, Orientation::Full),
-                &configuration,
-                wanted,
-                1e-6,
-                |_| 0.0,
-                bounds,
-            );
+            solver.solve(&chain, &configuration, wanted, 1e-6, |_| 0.0, bounds);
             solver.velocities().to_vec()
         };
         let free = solve(&|_| [f64::NEG_INFINITY, f64::INFINITY]);
