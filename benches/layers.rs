@@ -105,8 +105,7 @@ fn layers(c: &mut Criterion) {
 }
 
 /// Measures exponentials alone and after a product, as in a recurrent unit. Kernels that leave the
-/// upper halves of vector registers in use make them fifty times as slow on a CPU with
-/// AVX-512.
+/// upper halves of vector registers in use make them fifty times as slow on a CPU with AVX-512.
 fn exponentials(c: &mut Criterion) {
     let fields = Group::D2.regular(16);
     let layer = match Linear::new(fields, fields) {

@@ -1,6 +1,6 @@
 """Records the costs of assignments as SciPy finds them: cluster/tests/golden/scipy.json.
 
-pip install numpy scipy==1.17.1 &&
+pip install numpy==2.4.6 scipy==1.17.1 &&
 python benches/peers/assignment_golden.py cluster/tests/golden/scipy.json
 """
 

@@ -49,8 +49,8 @@ pub struct PermutationTest {
     /// P-value `(1 + splits at least as far apart) / (1 + splits)`, in `(0, 1]`. Exact: for
     /// exchangeable episodes it is at most `a` with probability at most `a`, whatever the features.
     pub p_value: f64,
-    /// P-value of the score under the Pearson type III distribution of the null's moments, in `[0,
-    /// 1]`: an approximation, for levels that the number of splits does not resolve.
+    /// P-value of the score under the Pearson type III distribution of the null's moments, in
+    /// `[0, 1]`. It is an approximation, for levels that the number of splits does not resolve.
     pub tail_p_value: f64,
 }
 

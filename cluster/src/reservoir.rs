@@ -42,8 +42,8 @@ impl<E> Reservoir<E> {
         Ok(Self { capacity, seen, episodes })
     }
 
-    /// Offers an episode to the sample and returns the one that is dropped: none while there is
-    /// room, otherwise a stored episode or the offered one.
+    /// Offers an episode to the sample and returns the one that is dropped. While there is room,
+    /// none is dropped, and otherwise a stored episode or the offered one.
     pub fn offer<R: Rng + ?Sized>(&mut self, episode: E, rng: &mut R) -> Option<E> {
         self.seen += 1;
         if self.episodes.len() < self.capacity {

@@ -20,7 +20,9 @@ use super::rig::{Rig, SetUp, Trial, Verdict, fresh_picture};
 pub struct BlockedCommand {
     /// Command into which the controller turned the policy's action.
     pub command: Command,
-    /// Twist of the hand after the tick, within the arm's limits of speed and acceleration.
+    /// Velocity that the hand would have had after the tick if the command had been sent. It is
+    /// within the arm's limits of speed and acceleration, and zero if the arm would refuse the
+    /// command.
     pub twist: Twist,
     /// Reason for which the arm would refuse the command; `None` if it would accept it.
     pub refusal: Option<String>,
@@ -29,14 +31,14 @@ pub struct BlockedCommand {
 /// Result of a dry run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DryRunReport {
-    /// Index of the policy that the learner chose in the dry run.
+    /// Index of the policy that the learner chose from the first picture.
     pub policy: usize,
     /// `true` if the learner considered the policy to match the task.
     pub fits: bool,
     /// Actions of the policy, one for each decision.
     pub actions: Vec<[f32; ACTION_DIM]>,
-    /// Commands that the dry run withheld from the robot, in order: all those of the first
-    /// decision, then of the second; the same number for each.
+    /// Commands that the dry run withheld from the robot, in order; the same number for each
+    /// decision.
     pub blocked: Vec<BlockedCommand>,
     /// Times that each stage of a decision took in the dry run.
     pub latencies: LatencyProfile,

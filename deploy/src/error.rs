@@ -41,7 +41,7 @@ pub enum DeployError {
     StalePicture {
         /// Age of the camera's latest picture.
         age: Duration,
-        /// Maximum age of a picture that a trial accepts.
+        /// Maximum accepted age of a picture.
         most: Duration,
     },
     /// Camera whose clock is ahead of the robot's.
@@ -84,9 +84,9 @@ pub enum DeployError {
     /// Calibration file that does not fit the rig.
     #[error("`{}`: {source}", .path.display())]
     CalibrationFile {
-        /// File of the calibration.
+        /// Path of the calibration file.
         path: PathBuf,
-        /// Cause.
+        /// Reason for which the calibration does not fit the rig.
         source: Box<DeployError>,
     },
     /// Calibration that cannot be that of the rig's camera.

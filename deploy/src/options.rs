@@ -132,7 +132,7 @@ impl CameraOptions {
         Ok(VisionSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
     }
 
-    /// Names the file in an error that its calibration causes.
+    /// Adds the path of the calibration file to an error that its calibration causes.
     pub(super) fn named<T>(&self, outcome: Result<T, DeployError>) -> Result<T, DeployError> {
         use DeployError::{CalibrationFile, Inpainting, OtherCamera};
         outcome.map_err(|error| match (&self.calibration, error) {

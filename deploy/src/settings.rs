@@ -12,7 +12,7 @@ pub struct VisionSettings {
     pub growth: f64,
     /// Pixels of in-painting along each side of a pixel that is drawn for a policy; odd.
     pub oversampling: usize,
-    /// Method by which the colours of a real camera's pictures are corrected.
+    /// Method by which the colours of the camera's pictures are corrected.
     pub correction: ColorCorrection,
     /// Calibration that replaces the rig's own; `None` to use the rig's.
     pub calibration: Option<Calibration>,

@@ -21,7 +21,7 @@ pub enum Actuation {
     /// Weld that pulls the body `hand` to the mocap body `hand_target`. The first two actuators,
     /// `right_finger` and `left_finger`, get the finger action and its negative.
     Weld,
-    /// Servo motors in the joints that follow inverse kinematics, as in a real arm.
+    /// Servo motors in the joints, as in a real arm; inverse kinematics gives their targets.
     Servos(Box<ServoController>),
 }
 

@@ -37,7 +37,7 @@ pub enum EnvError {
         /// Names of this crate's and of registered embodiments.
         known: Vec<&'static str>,
     },
-    /// Embodiment name with characters that are not allowed.
+    /// Embodiment name that is not words of lower-case letters and digits, joined by `-` or `_`.
     #[error(
         "the embodiment's name is `{name}`, expected lower-case letters and digits in words that \
          are joined by hyphens or underscores"
@@ -137,7 +137,7 @@ pub enum EnvError {
         /// Commanded finger action.
         finger: f64,
     },
-    /// Snapshot that was saved in another scene than it is restored in.
+    /// Snapshot of another scene, task or control than those of the environment.
     #[error("the snapshot is of {got}, this environment is {expected}")]
     OtherScene {
         /// Task, embodiment, layout and control of the snapshot.

@@ -70,7 +70,8 @@ impl Layout {
         }
     }
 
-    /// Returns the control settings of this layout: action repeat, action scale and horizon.
+    /// Returns the layout's control settings: displacement by a full action (metres a decision),
+    /// action repeat and horizon (both in control steps of 12.5 ms).
     pub fn control(self) -> Control {
         match self {
             Self::Symmetric => Control::default(),

@@ -15,7 +15,7 @@ use crate::tabletop::{ACTION_DIM, Step, VECTOR_DIM};
 pub struct Failure {
     /// Index of the environment that failed.
     pub env: usize,
-    /// Error of the environment: a diverged simulation, or a panic.
+    /// Error of the environment: a diverged simulation, a panic, or a decision without an episode.
     pub error: EnvError,
 }
 
@@ -30,8 +30,7 @@ pub enum EnvCommand {
     StepNoAutoReset,
     /// Begins an episode, and abandons a running one. The action is ignored.
     Reset,
-    /// Does nothing: the environment keeps its last observation, and the action is ignored. The
-    /// action is ignored.
+    /// Does nothing: the environment keeps its last observation. The action is ignored.
     Rest,
 }
 

@@ -2,17 +2,17 @@
 //!
 //! Source: dm_control's `tolerance` as Meta-World's rewards use it.
 
-/// Returns the long-tailed reward of a distance: 1 up to `bound`, then `1 / (9 d^2 + 1)` with `d =
-/// (distance - bound) / margin`; this is 0.1 at `d = 1`.
+/// Returns the long-tailed reward of a distance: 1 up to `bound`, then `1 / (9 d^2 + 1)`.
 ///
+/// Here `d = (distance - bound) / margin`, and the reward is 0.1 at `d = 1`.
 /// `distance`, `bound` and `margin` are in metres. With a margin of 0 the value beyond the bound is
 /// 0.
 pub fn long_tail(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 1.0 / (9.0 * d * d + 1.0))
 }
 
-/// Returns the Gaussian reward of a distance: 1 up to `bound`, then `0.1^(d^2)` with `d = (distance
-/// - bound) / margin`.
+/// Returns the Gaussian reward of a distance: 1 up to `bound`, then `0.1^(d^2)`, with d as in
+/// [`long_tail`].
 pub fn gaussian(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 0.1_f64.powf(d * d))
 }

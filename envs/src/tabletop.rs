@@ -38,8 +38,8 @@ const REWARD_SCALE: f64 = 0.1;
 /// Outcome of one decision: reward, success and truncation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
-    /// Reward of the decision, in `[0, 1]`: the mean over its control steps of Meta-World's reward
-    /// / 10.
+    /// Reward of the decision, in `[0, 1]`: a tenth of Meta-World's reward, averaged over the
+    /// control steps.
     pub reward: f64,
     /// `true` if the success condition held at any control step of the decision.
     pub success: bool,
@@ -95,7 +95,8 @@ impl TableTop {
         &self.scene
     }
 
-    /// Returns the environment's control settings: action scale, action repeat and horizon.
+    /// Returns the environment's control settings: displacement by a full action (metres a
+    /// decision), action repeat and horizon (both in control steps of 12.5 ms).
     pub fn control(&self) -> Control {
         self.control
     }
@@ -157,7 +158,7 @@ impl TableTop {
             if let Some(body) = body {
                 let position = map(element, position).to_array();
                 self.data.set_mocap_position(body, position)?;
-                self.data.set_mocap_quat(body, facing(element))?;
+                self.data.set_mocap_orientation(body, facing(element))?;
             }
         }
         for &(address, position) in &scene.start_joints {

@@ -94,8 +94,10 @@ pub struct Measurement {
 pub struct EpisodeStart {
     /// Positions of object and goal in the episode.
     pub placement: Placement,
-    /// Position of the hand's target at the start (metres); the hand itself rests a few millimetres
-    /// below it.
+    /// Position of the hand's target at the start (metres).
+    ///
+    /// In the symmetric layout a hand that a weld moves rests 4 mm below it; in Meta-World's layout
+    /// it is not at rest yet. An arm with servos rests at the target.
     pub hand_target: DVec3,
     /// Measurements of the task in the start state of the episode.
     pub measured: Measurement,

@@ -113,8 +113,8 @@ impl VecEnv {
         self.broadcast(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
-    /// Restarts the random streams of variants and placements from `seed`. Episodes from the next
-    /// [`VecEnv::reset`] on are those of a new environment with this seed.
+    /// Restarts the random streams of variants, placements and camera errors from `seed`. Episodes
+    /// from the next [`VecEnv::reset`] on are those of a new environment with this seed.
     ///
     /// # Errors
     /// [`EnvError::WorkerLost`].
@@ -174,9 +174,9 @@ impl VecEnv {
     /// last observation.
     ///
     /// # Errors
-    /// Errors of [`VecEnv::step`]; [`EnvError::NotReset`] for commands other than `Reset` before the
-    /// first reset, or after the tasks changed or a call failed. One environment without a running
-    /// episode is a [`Failure`] of that environment.
+    /// Errors of [`VecEnv::step`]; [`EnvError::NotReset`] for commands other than `Reset` before
+    /// the first reset, or after the tasks changed or a call failed. One environment without a
+    /// running episode is a [`Failure`] of that environment.
     pub fn advance(
         &mut self,
         actions: &[f32],

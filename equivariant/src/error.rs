@@ -40,11 +40,11 @@ pub enum LayerError {
     Window {
         /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Axis of the image that the window does not fit, `height` or `width`.
+        /// Axis of the image along which the window is rejected, `height` or `width`.
         axis: &'static str,
         /// Length of the input along the axis, in pixels.
         size: usize,
-        /// Window that does not fit.
+        /// Rejected window.
         kernel: Kernel,
     },
     /// Field type on which the layer would not be equivariant.

@@ -42,11 +42,11 @@ fn main() -> Answer<()> {
 
 /// A line for each two groups, and for each group and itself.
 fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
-    println!("| remembered | asked about | distance over chance | score | refused |");
+    println!("| remembered | asked about | distance over chance | score | rejected |");
     println!("|---|---|---|---|---|");
     for home in groups {
         for other in groups {
-            let (mut ratio, mut score, mut refused) = (0.0, 0.0, 0);
+            let (mut ratio, mut score, mut rejected) = (0.0, 0.0, 0);
             for _ in 0..REPETITIONS {
                 let [remembered, asked] = halves(home, other, rng);
                 let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
@@ -57,10 +57,12 @@ fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 let picture = test.sources[0];
                 ratio += picture.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
                 score += picture.map_or(0.0, |s| s.score) / REPETITIONS as f64;
-                refused += usize::from(opinion.verdict() == Verdict::Rejected);
+                rejected += usize::from(opinion.verdict() == Verdict::Rejected);
             }
             let (home, other) = (&home.name, &other.name);
-            println!("| {home} | {other} | {ratio:.2} | {score:.1} | {refused} of {REPETITIONS} |");
+            println!(
+                "| {home} | {other} | {ratio:.2} | {score:.1} | {rejected} of {REPETITIONS} |"
+            );
         }
     }
     Ok(())

@@ -53,7 +53,7 @@ impl Examiner<'_> {
             None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
         };
         let mut opinion = untested(memory, accounts, kinds, role);
-        let is_out = opinion.is_refused();
+        let is_out = opinion.is_rejected();
         // a first look cannot change a rejection; a second one ranks rejected policies by distance
         if remembered.len() < least || (is_out && look == Look::First) {
             return Ok(opinion);
@@ -202,7 +202,7 @@ impl Examiner<'_> {
     }
 
     /// Returns `true` if one rollout is enough to reject a policy for good.
-    pub(crate) fn surely_refuses(self, opinion: &Opinion) -> bool {
+    pub(crate) fn surely_rejects(self, opinion: &Opinion) -> bool {
         self.speaks_against(opinion, SURE * self.0.level)
     }
 

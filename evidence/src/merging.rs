@@ -21,10 +21,10 @@ pub struct Merge {
 }
 
 impl Recogniser {
-    /// Returns the index of a policy that may serve the same task group as `policy`: one that the
-    /// last decision `accepted`, if the gain of `policy` is large enough for a proof, the other one
-    /// has a gain and was not merged, and the two were not found to differ before. Let it act for
-    /// some episodes of that group, then call [`Recogniser::compare`].
+    /// Returns the index of a policy that may serve the same task group as `policy`. It is the
+    /// first one that the last decision `accepted`, that has a gain, was not merged, and was not
+    /// found to differ before. `None` if there is none, or if the gain of `policy` is too small for
+    /// a proof. Let it act for some episodes of that group, then call [`Recogniser::compare`].
     pub fn twin(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
         let examiner = Examiner(self.settings());
         let own = self.memories.get(policy)?;
@@ -57,7 +57,7 @@ impl Recogniser {
         let opinion = self.opinion_of(twin, accounts, rng)?;
         // a policy that clearly earns more in its own group must keep it
         let lags = self.lost(policy, accounts) >= self.settings().min_loss;
-        let is_twin = !lags && !opinion.is_refused() && examiner.is_proven(&opinion);
+        let is_twin = !lags && !opinion.is_rejected() && examiner.is_proven(&opinion);
         if !is_twin {
             self.part(policy, twin);
         }
@@ -86,7 +86,7 @@ impl Recogniser {
             return Ok(None);
         }
         let opinion = self.opinion_of(policy, again, rng)?;
-        if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
+        if opinion.is_rejected() || !Examiner(self.settings()).keeps(&opinion) {
             return Ok(None);
         }
         // `twin` has served in both groups, `policy` never acted in the group of `twin`

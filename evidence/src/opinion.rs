@@ -110,8 +110,8 @@ impl Opinion {
         self.test.as_ref()
     }
 
-    /// Converts the opinion to the evidence type of the crate `cluster`, with the distance of the
-    /// first source that was tested and the test of the largest score.
+    /// Converts the opinion to the evidence type of the crate `cluster`. The result has the
+    /// distance of the first source that was tested, and the test of the largest score.
     pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
         let distance = self.sources().next().map_or(0.0, |(_, source)| source.distance);
         let judgement = match &self.test {
@@ -136,7 +136,7 @@ impl Opinion {
         Evidence { distance, judgement, verdict: self.verdict }
     }
 
-    /// Returns the outcome of the tests of one policy.
+    /// Returns the verdict on the policy, after all tests.
     pub fn verdict(&self) -> Verdict {
         self.verdict
     }
@@ -153,7 +153,7 @@ impl Opinion {
         self.changed
     }
 
-    pub(crate) fn is_refused(&self) -> bool {
+    pub(crate) fn is_rejected(&self) -> bool {
         self.verdict == Verdict::Rejected
     }
 

@@ -17,7 +17,7 @@ use crate::settings::RecogniserSettings;
 /// Decision on a rollout, with its reasons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// Policy that the episodes are assigned to, or none yet.
+    /// Policy that the episodes are assigned to: an existing one, a new one, or none yet.
     pub decision: Decision,
     /// Evidence for and against each policy, in the order of the policies.
     pub opinions: Vec<Opinion>,
@@ -26,7 +26,7 @@ pub struct Finding {
     /// episodes, [`Recogniser::review`] the earlier ones.
     pub cut: Option<usize>,
     /// Indices of the policies that are rejected for this task group from here on.
-    pub refused: Vec<usize>,
+    pub rejected: Vec<usize>,
     /// `true` if pictures and vectors alone do not single out the named policy, so that it should
     /// act for some episodes before it acts for a whole rollout.
     pub is_contested: bool,
@@ -49,7 +49,7 @@ pub struct Situation<'a> {
     /// Index of the policy that acted in the episodes.
     pub collector: usize,
     /// Indices of the policies that were rejected for the same task group before.
-    pub refused: &'a [usize],
+    pub rejected: &'a [usize],
     /// Value of [`Finding::is_unproven`] in the decision that proposed the acting policy.
     pub is_unproven: bool,
 }
@@ -141,7 +141,7 @@ impl Recogniser {
         memory.heir = None;
         let (examiner, role) = (Examiner(&self.settings), Role::Stranger);
         let opinion = examiner.opine(&memory, accounts, role, Look::Second, &mut own)?;
-        Ok(opinion.is_refused())
+        Ok(opinion.is_rejected())
     }
 
     /// Decides which policy one rollout of `collector` belongs to, or finally two rollouts
@@ -183,7 +183,7 @@ impl Recogniser {
         let choice = Choice::new(&opinions, situation.collector);
         let rivals = choice.rivals();
         let alike = choice.is_alike(self.settings.doubt);
-        let is_sure = |own| Examiner(&self.settings).surely_refuses(own);
+        let is_sure = |own| Examiner(&self.settings).surely_rejects(own);
         let sure = choice.own().is_some_and(is_sure);
         // motion and returns under this policy are no evidence about others, so trying another one
         // costs a rollout: it pays off if this policy is surely wrong or its pictures differ; in
@@ -193,7 +193,7 @@ impl Recogniser {
         Ok(Finding {
             decision: named.map_or(Decision::Undecided, Decision::Existing),
             cut: None,
-            refused: sure.then_some(situation.collector).into_iter().collect(),
+            rejected: sure.then_some(situation.collector).into_iter().collect(),
             is_contested: alike || rivals.len() > 1,
             is_unproven: false,
             opinions,
@@ -213,7 +213,7 @@ impl Recogniser {
         situation: Situation,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        self.check_actor(situation.collector)?;
+        self.check_policy(situation.collector)?;
         let accounts = self.in_order(accounts)?;
         let role = if situation.is_unproven { Role::Excused } else { Role::Returns };
         let mut finding = self.decide(&accounts, situation, role, rng)?;
@@ -228,7 +228,7 @@ impl Recogniser {
             finding.is_unproven = situation.is_unproven
         } else {
             // no policy is tried twice for one task, or trials might never end
-            finding.refused.push(situation.collector)
+            finding.rejected.push(situation.collector)
         }
         Ok(finding)
     }
@@ -263,7 +263,7 @@ impl Recogniser {
     /// Returns `true` if a policy may be proposed although pictures or vectors reject it or it was
     /// merged: it did not act, and was not tried before.
     fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
-        policy != situation.collector && !situation.refused.contains(&policy)
+        policy != situation.collector && !situation.rejected.contains(&policy)
     }
 
     /// Checks that a policy is known, or is the next new one.
@@ -306,7 +306,7 @@ impl Recogniser {
             let mut own_rng = ChaCha8Rng::seed_from_u64(seed);
             let memory = &self.memories[policy];
             let mut opinion = examiner.opine(memory, accounts, role, look, &mut own_rng)?;
-            if situation.refused.contains(&policy) {
+            if situation.rejected.contains(&policy) {
                 opinion.verdict = Verdict::Rejected;
             }
             Ok(opinion)
@@ -337,26 +337,26 @@ impl Recogniser {
         Ok(Finding {
             decision: named.map_or(Decision::New, Decision::Existing),
             cut: None,
-            refused: self.refused(&opinions, named, situation),
+            rejected: self.rejected(&opinions, named, situation),
             is_contested: choice.is_alike(self.settings.doubt) || rivals.len() != 1,
-            is_unproven: named.is_some_and(|policy| opinions[policy].is_refused()),
+            is_unproven: named.is_some_and(|policy| opinions[policy].is_rejected()),
             opinions,
         })
     }
 
     /// Returns the policies that are rejected for good: all rejected ones except the named one, and
     /// except merged ones that were not tried.
-    fn refused(
+    fn rejected(
         &self,
         opinions: &[Opinion],
         named: Option<usize>,
         situation: Situation,
     ) -> Vec<usize> {
-        let is_refused = |&policy: &usize| {
-            let is_tried = !self.memories[policy].is_gone() || situation.refused.contains(&policy);
-            opinions[policy].is_refused() && named != Some(policy) && is_tried
+        let is_rejected = |&policy: &usize| {
+            let is_tried = !self.memories[policy].is_gone() || situation.rejected.contains(&policy);
+            opinions[policy].is_rejected() && named != Some(policy) && is_tried
         };
-        (0..opinions.len()).filter(is_refused).collect()
+        (0..opinions.len()).filter(is_rejected).collect()
     }
 }
 

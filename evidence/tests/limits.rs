@@ -81,7 +81,7 @@ fn a_policy_that_strayed_is_asked_where_it_is_by_far_the_nearest() {
         for (seen, excused, expected) in
             [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Rejected)]
         {
-            let situation = Situation { collector: 0, refused: &[1], is_unproven: true };
+            let situation = Situation { collector: 0, rejected: &[1], is_unproven: true };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let seen = episodes(20, seen, 1.0, &mut rng);
             let reviewed = recogniser.review(&seen, situation, &mut rng).unwrap();

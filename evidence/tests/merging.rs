@@ -80,10 +80,10 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         let proposed = Decision::Existing(gone);
         assert_eq!(finding.decision, proposed, "{:#?}", said(&finding));
         assert!(finding.is_contested && finding.is_unproven);
-        assert!(!finding.refused.contains(&gone));
+        assert!(!finding.rejected.contains(&gone));
         let review = |seen: &[Account]| {
             let situation =
-                Situation { collector: gone, refused: &finding.refused, is_unproven: true };
+                Situation { collector: gone, rejected: &finding.rejected, is_unproven: true };
             recogniser.review(seen, situation, &mut rng()).unwrap()
         };
         let elsewhere = review(&rollout(KIND, 1000, kept, gone));

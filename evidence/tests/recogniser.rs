@@ -104,10 +104,10 @@ fn a_switch_is_found_before_a_running_tail() {
 fn who_was_refused_is_not_proposed_again() {
     let recogniser = knowing(Kind::Target, 1000, 2);
     let seen = rollout(Kind::Target, 1000, 1, 0);
-    let situation = Situation { collector: 0, refused: &[1], ..Situation::default() };
+    let situation = Situation { collector: 0, rejected: &[1], ..Situation::default() };
     let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
     assert_eq!(finding.decision, Decision::New);
-    assert!(finding.refused.contains(&0) && finding.refused.contains(&1));
+    assert!(finding.rejected.contains(&0) && finding.rejected.contains(&1));
 }
 
 #[test]
@@ -232,9 +232,12 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
             continue;
         }
         heard += 1;
-        assert!(finding.is_contested && !finding.refused.contains(&1));
-        let situation =
-            Situation { collector: 1, refused: &finding.refused, is_unproven: finding.is_unproven };
+        assert!(finding.is_contested && !finding.rejected.contains(&1));
+        let situation = Situation {
+            collector: 1,
+            rejected: &finding.rejected,
+            is_unproven: finding.is_unproven,
+        };
         let own = recogniser.review(&late[..20], situation, &mut rng()).unwrap();
         assert_eq!(own.decision, Decision::Existing(1), "seed {seed}: {:#?}", said(&own));
         recogniser.learn(1, &late[..20], &mut rng()).unwrap();
@@ -254,7 +257,7 @@ fn who_is_named_against_the_looks_must_earn_what_it_earned() {
         let mut seen = rollout(kind, 1000, 0, 0);
         let earned = seen.iter_mut().filter_map(|a| a.earned.as_mut());
         earned.for_each(|earned| *earned *= share);
-        let situation = Situation { refused: &[1], is_unproven, ..Situation::default() };
+        let situation = Situation { rejected: &[1], is_unproven, ..Situation::default() };
         let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
         assert!(!finding.is_unproven || is_unproven);
         finding.decision

@@ -21,13 +21,14 @@ fn memory_is_bounded_and_survives_a_file() {
     restored.restore(&state).unwrap();
     assert_eq!(restored, recogniser);
     assert!(restored.restore(&serde_json::json!("text")).is_err());
-    let strange = Situation { collector: 7, ..Situation::default() };
-    for error in [
-        restored.learn(7, &seen, &mut rng()).unwrap_err(),
-        restored.assign(&seen, 7, Look::First, &mut rng()).unwrap_err(),
-        restored.review(&seen, strange, &mut rng()).unwrap_err(),
+    // the index after the last one is that of the next new policy, which no decision proposes
+    let unknown = Situation { collector: 2, ..Situation::default() };
+    for (error, policy) in [
+        (restored.learn(7, &seen, &mut rng()).unwrap_err(), 7),
+        (restored.assign(&seen, 7, Look::First, &mut rng()).unwrap_err(), 7),
+        (restored.review(&seen, unknown, &mut rng()).unwrap_err(), 2),
     ] {
-        assert_eq!(error.to_string(), "policy 7 was named, 2 are known");
+        assert_eq!(error.to_string(), format!("policy {policy} was named, 2 are known"));
     }
 }
 

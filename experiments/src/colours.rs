@@ -5,7 +5,7 @@
 const COLOURS: [&str; 8] =
     ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00"];
 
-/// Returns the line colour with an index as `#RRGGBB`; colours repeat after eight.
+/// Returns the colour of the line with index `number` as `#RRGGBB`; colours repeat after eight.
 pub fn colour(number: usize) -> &'static str {
     COLOURS[number % COLOURS.len()]
 }
@@ -27,8 +27,8 @@ impl Stroke {
     }
 }
 
-/// Returns the stroke of the line with an index, which no other index shares. The first eight lines
-/// are solid, the next eight dashed, and each later eight have one more dot between dashes.
+/// Returns the stroke of the line with index `number`, which no other line shares. The first eight
+/// lines are solid, the next eight dashed, and each later eight have one more dot between dashes.
 pub fn stroke(number: usize) -> Stroke {
     let round = number / COLOURS.len();
     let dots = round.checked_sub(1);
@@ -38,7 +38,7 @@ pub fn stroke(number: usize) -> Stroke {
     }
 }
 
-/// Returns the line colour with an index as red, green and blue bytes.
+/// Returns the colour of the line with index `number` as red, green and blue bytes.
 pub fn rgb(number: usize) -> [u8; 3] {
     let hex = u32::from_str_radix(&colour(number)[1..], 16).unwrap_or_default();
     // the highest byte of `0x00RRGGBB` is unused

@@ -62,7 +62,7 @@ pub struct RunFolder {
 
 impl RunFolder {
     /// Creates the folder `parent/name` for a run, or `parent/name-2`, `-3`, ... if that exists, so
-    /// that no run overwrites another. if that exists, so that no run overwrites another.
+    /// that no run overwrites another.
     ///
     /// # Errors
     /// [`RunError::Write`].

@@ -58,8 +58,8 @@ impl SavedRun {
         Self::parse(path, &read_note(path)?)
     }
 
-    /// Parses and checks `note`, the run's state as JSON from the checkpoint at `path`. Reads no
-    /// file; the rollouts in the file's name must agree.
+    /// Parses and checks `note`, the settings and state of a run as JSON from the checkpoint at
+    /// `path`. Reads no file, but a number of rollouts in the name of `path` must agree.
     ///
     /// # Errors
     /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose

@@ -369,7 +369,8 @@ impl Run {
 
     /// Returns the summary of the run with the scores of the last evaluation, and writes that of a
     /// finished run to `summary.json`. If no evaluation was due since the start or the resumption,
-    /// all variants are scored first; `None` if a [stop](Run::stop_at) is requested before that is done.
+    /// all variants are scored first; `None` if a [stop](Run::stop_at) is requested before that is
+    /// done.
     ///
     /// # Errors
     /// Errors of the evaluation or of writing the file.

@@ -141,7 +141,7 @@ impl RunData {
     }
 
     /// Returns the name of the task group that a policy was created for: the group of its first
-    /// rollout without a task switch; `None` without such a rollout.
+    /// rollout without a task switch. `None` without such a rollout.
     pub fn group_of(&self, policy: usize) -> Option<&str> {
         let mut own = self.rollouts.iter().filter(|row| row.policy == policy);
         Some(&own.find(|row| !row.spans_switch)?.group)

@@ -30,7 +30,7 @@ pub struct RunStats {
     /// hold them.
     #[serde(skip)]
     pub served: Served,
-    /// Number of rollouts that policies trained on.
+    /// Number of rollouts trained on, including those that span a task switch.
     pub rollouts: usize,
     /// Number of decisions taken in training.
     pub decisions: usize,
@@ -38,13 +38,14 @@ pub struct RunStats {
     /// them out.
     #[serde(rename = "straddled")]
     pub spanning_switch: usize,
-    /// Other rollouts that were assigned to the policy of their group: the first policy created for
-    /// it, or the one that policy was merged into, unless it belongs to another group.
+    /// Number of rollouts without a task switch that were assigned to the policy of their group. It
+    /// is the first policy created for the group, or the one that policy was merged into, unless it
+    /// belongs to another group.
     pub right: usize,
     /// Number of rollouts of groups that were visited before, without a task switch.
     pub returns: usize,
-    /// Number of rollouts of groups that were visited before, assigned to the policy of their
-    /// group.
+    /// Number of rollouts of groups that were visited before, without a task switch, assigned to
+    /// the policy of their group.
     pub right_returns: usize,
     /// Number of failures of single environments in training, see [`crate::Stream::failures`].
     pub failures: usize,

@@ -67,12 +67,12 @@ pub enum Order {
     Switching,
 }
 
-/// Visit: the time that the stream stays with one task group.
+/// Visit of the training stream to one task group: its variants and its length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visit {
     /// Name of the visited task group; the learner does not see it.
     pub group: String,
-    /// Elements of D2 whose variants episodes are drawn from.
+    /// Elements of D2 whose variants the episodes of the visit are drawn from.
     pub variants: Vec<D2>,
     /// Number of decisions of the visit.
     pub decisions: usize,

@@ -1,5 +1,6 @@
 //! Lens distortion.
 
+use std::fmt;
 use std::ops::Add;
 
 use crate::error::{InpaintingError, require};
@@ -8,6 +9,7 @@ use crate::error::{InpaintingError, require};
 const STEPS: usize = 50;
 /// Largest error of an inverse (focal lengths).
 const PRECISION: f64 = 1e-13;
+
 /// Radial and tangential distortion (Brown, "Close-Range Camera Calibration", Photogrammetric
 /// Engineering 37(8), 1971), with the names of coefficients of OpenCV and its rational model.
 ///
@@ -48,7 +50,7 @@ impl Distortion {
 
     pub(crate) fn check(&self) -> Result<(), InpaintingError> {
         let finite = self.radial.iter().chain(&self.tangential).all(|k| k.is_finite());
-        require(finite, "distortion", &format!("{self:?}"), "finite numbers")
+        require(finite, "distortion", self, "finite numbers")
     }
 
     /// Distorts `point`: returns the point at which the lens shows what a pinhole shows there.
@@ -97,6 +99,12 @@ impl Distortion {
         let across = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x;
         let down = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x;
         (bent, [[across, mixed], [mixed, down]])
+    }
+}
+
+impl fmt::Display for Distortion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "radial {:?}, tangential {:?}", self.radial, self.tangential)
     }
 }
 

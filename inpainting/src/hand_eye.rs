@@ -79,9 +79,9 @@ impl HandEye {
     ///
     /// Minimises the squared distances in the picture by the Levenberg-Marquardt method (Moré 1978,
     /// "The Levenberg-Marquardt algorithm"), from `start` and from `start` rotated by quarter turns
-    /// about the optical axis. Distortion and intrinsics are those of `start`; the focal lengths may
-    /// be estimated. While more than [`MIN_POSES`] are left, a pose that the others contradict is
-    /// left out.
+    /// about the optical axis. Distortion and intrinsics are those of `start`; the focal lengths
+    /// may be estimated. While more than [`MIN_POSES`] are left, a pose that the others contradict
+    /// is left out.
     ///
     /// # Errors
     /// [`InpaintingError::TooFewPoses`], [`InpaintingError::Value`] for numbers out of range,
@@ -174,14 +174,9 @@ fn check(
     sightings: &[BallSighting],
 ) -> Result<(), InpaintingError> {
     start.check()?;
-    let accuracy = settings.arm_accuracy;
-    let expected = "at most 0.1 metres and more than none (`--arm-accuracy` is in millimetres)";
-    require((1e-6..=0.1).contains(&accuracy), "accuracy of the arm", &accuracy, expected)?;
+    settings.check()?;
     if sightings.len() < MIN_POSES {
         return Err(InpaintingError::TooFewPoses { got: sightings.len(), needed: MIN_POSES });
-    }
-    if let Offset::Known(offset) = settings.offset {
-        require(is_near(offset), "offset of the ball", &offset, NEAR)?;
     }
     for sighting in sightings {
         let BallSighting { pose, position, rotation, pixel } = sighting;
@@ -192,8 +187,8 @@ fn check(
         require(unit, "rotation of the hand", &turn, "a unit quaternion")?;
         let seen_pixel = format!("{pixel:?} in pose {pose}");
         let finite = is_near(DVec3::new(pixel[0], pixel[1], 0.0));
-        let a_pixel = "a column and a row of the image";
-        require(finite, "pixel of the ball", &seen_pixel, a_pixel)?;
+        let expected = "a column and a row of the picture";
+        require(finite, "pixel of the ball", &seen_pixel, expected)?;
     }
     Ok(())
 }

@@ -183,7 +183,7 @@ impl Data {
     }
 
     /// Returns the orientation of a mocap body, as a quaternion (w, x, y, z).
-    pub fn mocap_quat(&self, mocap: MocapId) -> [f64; 4] {
+    pub fn mocap_orientation(&self, mocap: MocapId) -> [f64; 4] {
         self.rows(&MOCAP_QUAT)[mocap.index()]
     }
 
@@ -192,7 +192,11 @@ impl Data {
     ///
     /// # Errors
     /// [`SimError::NotFinite`], [`SimError::ZeroQuaternion`].
-    pub fn set_mocap_quat(&mut self, mocap: MocapId, quat: [f64; 4]) -> Result<(), SimError> {
+    pub fn set_mocap_orientation(
+        &mut self,
+        mocap: MocapId,
+        quat: [f64; 4],
+    ) -> Result<(), SimError> {
         check_finite(Quantity::Mocap, &quat)?;
         // MuJoCo normalises, and would silently turn a zero quaternion into the identity
         if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
@@ -261,7 +265,8 @@ impl Data {
     ///
     /// ```
     /// # use std::sync::Arc;
-    /// # let xml = "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>";
+    /// # let xml = "<mujoco><worldbody><body><joint/><geom
+    /// size='.1'/></body></worldbody></mujoco>";
     /// # let model = Arc::new(mujoco::Model::from_xml(xml)?);
     /// let mut data = mujoco::Data::new(model);
     /// data.forward()?;

@@ -38,7 +38,7 @@ pub enum ModelError {
     /// Model that MuJoCo rejected, with its own message.
     #[error("MuJoCo cannot load `{file}`: {message}")]
     Load {
-        /// Name of the main file of the rejected model.
+        /// Name of the rejected file: the main one, or one that it includes.
         file: String,
         /// MuJoCo's message, with file and line where available.
         message: String,

@@ -53,7 +53,7 @@ pub trait Kind: sealed::Sealed {
     const NOUN: &'static str;
 }
 
-/// Kind of MuJoCo object that can be looked up by name.
+/// Kind of MuJoCo object with names of its own: all but mocap bodies, which have those of bodies.
 pub trait Named: Kind + sealed::Lookup {}
 
 mod sealed {

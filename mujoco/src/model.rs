@@ -244,7 +244,8 @@ impl Model {
         self.rows(&GEOM_SIZE)[geom.index()]
     }
 
-    /// Returns the collision masks of a geom: (contype, conaffinity); (0, 0) never collides.
+    /// Returns the collision masks of a geom: (contype, conaffinity). With (0, 0) it collides only
+    /// in an explicit `<pair>`.
     pub fn geom_collision_masks(&self, geom: GeomId) -> (i32, i32) {
         (self.value(&GEOM_CONTYPE, geom), self.value(&GEOM_CONAFFINITY, geom))
     }

@@ -130,14 +130,14 @@ fn mocap_bodies_are_moved() {
     let body = data.model().body("target").unwrap();
     assert_eq!(data.mocap_position(mocap), [1.0, 2.0, 3.0]);
     data.set_mocap_position(mocap, [4.0, 5.0, 6.0]).unwrap();
-    data.set_mocap_quat(mocap, [0.0, 2.0, 0.0, 0.0]).unwrap();
+    data.set_mocap_orientation(mocap, [0.0, 2.0, 0.0, 0.0]).unwrap();
     data.forward().unwrap();
     assert_eq!(data.body_position(body), [4.0, 5.0, 6.0]);
     assert_eq!(data.body_orientation(body), [0.0, 1.0, 0.0, 0.0]);
     assert!(data.set_mocap_position(mocap, [0.0, f64::NAN, 0.0]).is_err());
-    let zero = data.set_mocap_quat(mocap, [0.0; 4]);
+    let zero = data.set_mocap_orientation(mocap, [0.0; 4]);
     assert_eq!(zero, Err(SimError::ZeroQuaternion { value: [0.0; 4] }));
-    assert_eq!(data.mocap_quat(mocap), [0.0, 1.0, 0.0, 0.0], "normalised by MuJoCo");
+    assert_eq!(data.mocap_orientation(mocap), [0.0, 1.0, 0.0, 0.0], "normalised by MuJoCo");
 }
 
 const BALLS: &str = r#"<mujoco>SIZE<worldbody>

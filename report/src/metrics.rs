@@ -25,11 +25,11 @@ const UNSEEN: Undefined = "the run has no `units.csv`, the table of dormant unit
 pub struct RunMetrics {
     /// Metrics of each task group, in the order in which groups are scored.
     pub groups: Vec<GroupMetrics>,
-    /// Share of rollouts of one group that went to the policy of that group, in `[0, 1]`
+    /// Share of rollouts without a task switch that went to the policy of their group, in `[0, 1]`
     /// ([`RunStats::right`](experiments::RunStats::right)).
     pub accuracy: Result<f64, Undefined>,
-    /// Share of rollouts that went to the policy of their group, among groups that came back, in
-    /// `[0, 1]`.
+    /// Accuracy among rollouts of groups that came back, in `[0, 1]`
+    /// ([`RunStats::right_returns`](experiments::RunStats::right_returns)).
     pub return_accuracy: Result<f64, Undefined>,
     /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
     pub dormant: Result<f64, Undefined>,

@@ -7,8 +7,9 @@ use super::visits;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Returns the success in each group after each visit to it; `None` if no run was scored within
-/// its stream.
+/// Returns the table of success in each group after each visit to it, means over runs. It has a row
+/// for each method and a column for each group. `None` if no run was scored after a visit before
+/// the end of its stream.
 pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
     // scores after the stream alone are in the table of results already

@@ -10,7 +10,7 @@ const COLUMNS: usize = 100;
 /// Table of a report, with a caption and footnotes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
-    /// Sentence above the table that says what it shows.
+    /// Text above the table that says what it shows.
     pub caption: String,
     /// Names of the columns.
     pub header: Vec<String>,

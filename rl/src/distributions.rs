@@ -103,11 +103,13 @@ pub(crate) fn tanh_gradient(
     }
 }
 
-/// Temporally correlated exploration noise `[N, A]` for N environments: x_0 = e_0 and x_t = c
-/// x_(t-1) + sqrt(1 - c^2) e_t with independent standard normal e, separately in each component and
-/// episode. This stationary autoregressive process of order one is standard normal at every step,
-/// and numbers k steps apart have the correlation c^k (Korenkevych et al., "Autoregressive policies
-/// for continuous control deep reinforcement learning", IJCAI 2019, p = 1).
+/// Temporally correlated exploration noise `[N, A]` for N environments, independent in each
+/// component and episode.
+///
+/// With independent standard normal e, x_0 = e_0 and x_t = c x_(t-1) + sqrt(1 - c^2) e_t. This
+/// stationary autoregressive process of order one is standard normal at every step, and numbers k
+/// steps apart have the correlation c^k (Korenkevych et al., "Autoregressive policies for
+/// continuous control deep reinforcement learning", IJCAI 2019, p = 1).
 #[derive(Clone, Debug)]
 pub(crate) struct ActionNoise {
     /// c, in [0, 1).

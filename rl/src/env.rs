@@ -34,7 +34,8 @@ impl EnvSpec {
         self.image.iter().product()
     }
 
-    /// Checks that the environments have no size of zero and observe an image, a vector or both.
+    /// Checks that environments, actions and images, if there are any, have no size of zero, and
+    /// that an image, a vector or both are observed.
     ///
     /// # Errors
     /// [`RlError::EmptySpec`] names the field, [`RlError::NothingObserved`] means that there are
@@ -88,8 +89,8 @@ impl EnvSpec {
 pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
     pub images: Vec<u8>,
-    /// Observation vectors `[N, D]`, components in natural order and of order 1; at most
-    /// [`MAX_OBSERVATION`].
+    /// Observation vectors `[N, D]` with components in natural order. Their magnitudes should be of
+    /// order 1, and each is at most [`MAX_OBSERVATION`].
     pub vectors: Vec<f32>,
 }
 

@@ -234,7 +234,7 @@ pub enum RlError {
     },
     /// An image whose still channels changed during an episode.
     #[error(
-        "the last {channels} channels of the picture of environment {env} differ from those at \
+        "the last {channels} channels of the image of environment {env} differ from those at \
          the beginning of its episode; lower ReplaySettings::still_channels"
     )]
     NotStill {

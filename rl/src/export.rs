@@ -95,7 +95,8 @@ pub trait ExportPolicy {
     /// [`RlError::NotExportable`] for a network with parts that ordinary layers cannot express.
     fn export(&self) -> Result<ExportedPolicy, RlError>;
 
-    /// Returns the policy's own output for `observations`, to compare that of its export with.
+    /// Returns the policy's own output for `observations`, with which that of its export is
+    /// compared.
     ///
     /// # Errors
     /// [`RlError::Shape`] for observations of other environments.

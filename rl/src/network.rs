@@ -101,9 +101,9 @@ impl<T: Scalar> ActorCritic<T> {
         &self.trunk.spec
     }
 
-    /// Draws the initial values of all parameters of the network: weights before a ReLU with gain
-    /// sqrt(2) (He et al., ICCV 2015, equation 10), the last layers with the gains of the settings,
-    /// zero biases, and log_std as set.
+    /// Draws the initial values of all parameters of the network. Weights before a ReLU have gain
+    /// sqrt(2) (He et al., ICCV 2015, equation 10), the last layers the gains of the settings;
+    /// biases are zero, and log_std is as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);

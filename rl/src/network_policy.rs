@@ -185,8 +185,8 @@ impl ActorCriticPolicy {
     /// [`ActorCriticPolicy::params`] returned them.
     ///
     /// # Errors
-    /// Errors of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs
-    /// and [`RlError::NotFinite`] when one is infinite or not a number.
+    /// Errors of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters
+    /// differs and [`RlError::NotFinite`] when one is infinite or not a number.
     pub fn with_params(
         settings: &NetworkSettings,
         spec: &EnvSpec,

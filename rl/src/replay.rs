@@ -456,8 +456,8 @@ impl Default for ReplaySettings {
 }
 
 impl ReplaySettings {
-    /// Checks that every setting of the replay buffer is in its range, and that images have as many
-    /// channels as are declared still.
+    /// Checks that every setting of the replay buffer is in its range, and that images have at
+    /// least as many channels as are declared still.
     ///
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.
@@ -469,7 +469,7 @@ impl ReplaySettings {
         require("capacity", capacity as f32, "1 to 2^32 - 1 steps", allowed)?;
         let has_steps = self.steps > 0;
         require("steps", self.steps as f32, "at least 1 step", has_steps)?;
-        let expected = "at most the channels of a picture";
+        let expected = "at most the channels of an image";
         let has_channels = still <= spec.image[2];
         require("still_channels", still as f32, expected, has_channels)
     }

@@ -143,7 +143,7 @@ impl Features {
     fn name(&self, term: Term) -> String {
         let view = |i: usize| match i.checked_sub(self.spec.vector.len()) {
             None => format!("vector component {i} ({})", self.view[i]),
-            Some(k) => format!("moment {} of channel {} of the picture", self.view[i], k / 4),
+            Some(k) => format!("moment {} of channel {} of the image", self.view[i], k / 4),
         };
         let action = |a: usize| format!("action component {a} ({})", self.spec.action[a]);
         match term {

@@ -190,7 +190,7 @@ type Case = (fn(&mut Observations, &mut Vec<f32>, &mut Transition), &'static str
 
 #[test]
 fn what_cannot_be_right_is_refused_and_changes_nothing() {
-    let still = "the last 1 channels of the picture of environment 1 differ";
+    let still = "the last 1 channels of the image of environment 1 differ";
     let cases: [Case; 7] = [
         (|_, _, t| t.rewards[1] = f32::NAN, "a reward is NaN"),
         (|_, actions, _| actions[3] = f32::INFINITY, "an action is inf"),

@@ -185,6 +185,19 @@ impl Default for IkSettings {
     }
 }
 
+impl IkSettings {
+    fn check(&self) -> Result<(), ControlError> {
+        if self.searches == 0 {
+            return Err(ControlError::Setting {
+                name: "searches",
+                value: "0".to_owned(),
+                expected: "at least 1 search",
+            });
+        }
+        self.orientation.check()
+    }
+}
+
 /// Maximum number of iterations of a search from the seed.
 const ITERATIONS: usize = 500;
 /// Maximum number of iterations of a search from elsewhere.
@@ -232,14 +245,13 @@ impl Chain {
         let started = Instant::now();
         check_length("seed", seed.len(), self.joints().len());
         check_posture(self, seed)?;
-        settings.orientation.check()?;
+        settings.check()?;
         let finite = target.position.is_finite() && target.rotation.is_finite();
         require_finite(finite, "the target", format_args!("{target:?}"))?;
         check_reach(self, target, settings.orientation)?;
         let mut search = Search {
             chain: self,
             target,
-            orientation: settings.orientation,
             solver: DampedLeastSquares::new(seed.len(), settings.orientation),
         };
         let mut nearest = search.run(seed.to_vec(), ITERATIONS, PULLED_ITERATIONS);
@@ -267,7 +279,6 @@ impl Chain {
 struct Search<'a> {
     chain: &'a Chain,
     target: &'a Pose,
-    orientation: Orientation,
     solver: DampedLeastSquares,
 }
 
@@ -285,7 +296,7 @@ impl Search<'_> {
         let start = configuration.clone();
         let mut iteration = 0;
         loop {
-            let error = self.orientation.error(&self.chain.tip(&configuration), self.target);
+            let error = self.solver.orientation.error(&self.chain.tip(&configuration), self.target);
             let size = error.linear.length().max(error.angular.length());
             if size < PRECISION || iteration == iterations {
                 return (size, configuration);

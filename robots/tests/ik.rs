@@ -171,6 +171,8 @@ fn searches_are_the_same_in_every_call_and_end_with_the_settings() {
     let (chain, target) = (arm(SIX), Pose { position: DVec3::ZERO, ..Pose::IDENTITY });
     let seed = middle(&chain);
     let solve = |settings: IkSettings| chain.solve_with(&target, &seed, &settings).unwrap_err();
+    let none = solve(IkSettings { searches: 0, ..IkSettings::default() });
+    assert!(none.to_string().contains("at least 1 search"), "{none}");
     for (time_limit, searches, made) in [(0, 50, 1), (3600, 1, 1), (3600, 7, 7)] {
         let time_limit = Duration::from_secs(time_limit);
         let error = solve(IkSettings { searches, time_limit, ..IkSettings::default() });

@@ -209,8 +209,7 @@ impl Add for FieldType {
 /// Returns the permutation that sorts channels with these irreps into irrep-major order under
 /// `group`: entry `i` is the natural index of irrep-major channel `i`.
 ///
-/// `order[i]` is the natural index of irrep-major channel `i`; channels of one irrep keep
-/// their order.
+/// Channels of one irrep keep their order.
 ///
 /// ```
 /// use symmetry::{Group, Irrep, irrep_order};

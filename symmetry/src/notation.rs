@@ -40,7 +40,7 @@ impl fmt::Display for FieldType {
 pub enum ParseFieldTypeError {
     /// Text before the colon that names no symmetry group.
     Group(ParseGroupError),
-    /// Term that is not a count and a representation, such as `2 x`.
+    /// Term that does not consist of a count and a representation, as `2 x` does.
     Term(String),
     /// Term that brings the field type above [`FieldType::MAX_DIM`] channels.
     TooManyChannels {

@@ -23,8 +23,8 @@ pub fn full() -> bool {
     std::env::var("COVERS_FAULTS").is_ok_and(|value| value == "full")
 }
 
-/// Two groups, few environments, a checkpoint after every rollout, and nothing asked after the stream
-/// but scores; the paper's method with small pictures.
+/// Two groups, few environments, a checkpoint after every rollout, and nothing asked after the
+/// stream but scores; the paper's method with small pictures.
 ///
 /// COVERS learns from two rollouts of the first group; the third turn hands over to a second policy
 /// and takes three, and two more are left.

@@ -12,8 +12,7 @@ pub struct Group {
     /// Dynamics of the hand in the group.
     pub motion: Motion,
     /// Signed amplitude of each colour's drift, a sine with a period of 1000 rounds, in units of a
-    /// byte; zero
-    /// without drift.
+    /// byte; zero without drift.
     pub drift: [f32; 3],
 }
 

@@ -130,7 +130,7 @@ impl Stream {
         self.round
     }
 
-    /// Returns the index of the task group that the stream visits in a round, counted from 0.
+    /// Returns the index of the task group that the stream visits in round `round`, from 0.
     pub fn group_at(&self, round: usize) -> usize {
         let mut end = 0;
         let visit = self.visits.iter().find(|visit| {

@@ -86,7 +86,7 @@ impl Results {
             let (file, known) = (None, Vec::new());
             return Ok(Self { file, known });
         };
-        let refused = |problem: String| {
+        let rejected = |problem: String| {
             let path = path.display();
             format!(
                 "{path}: {problem}, expected version {VERSION} of this study; name another file"
@@ -96,9 +96,9 @@ impl Results {
         let is_new = file.metadata()?.len() == 0;
         let rows = csv::Reader::from_path(path)?.into_deserialize();
         let rows: Result<Vec<Record>, _> = rows.collect();
-        let mut known = rows.map_err(|error| refused(error.to_string()))?;
+        let mut known = rows.map_err(|error| rejected(error.to_string()))?;
         if let Some(other) = known.iter().find(|record| record.version != VERSION) {
-            return Err(refused(format!("it holds version {}", other.version)).into());
+            return Err(rejected(format!("it holds version {}", other.version)).into());
         }
         let own = Record::new(Kind::Shape, 0, plan);
         known.retain(|record| record.plan() == own.plan());
@@ -197,8 +197,8 @@ mod tests {
         let path = scratch("version");
         for text in ["kind,seed\nshape,7\n", "version,kind\n6,shape\n"] {
             fs::write(&path, text).unwrap();
-            let refused = Results::open(Some(&path), &plan(None)).err().unwrap();
-            let message = refused.to_string();
+            let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
+            let message = rejected.to_string();
             assert!(message.contains("expected version 6"), "{message}");
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
         }
@@ -220,8 +220,8 @@ mod tests {
         assert_eq!([found(None), found(Some(100))], [2, 0]);
         let text = fs::read_to_string(&path).unwrap().replace("\n6,", "\n5,");
         fs::write(&path, text).unwrap();
-        let refused = Results::open(Some(&path), &plan(None)).err().unwrap();
-        assert!(refused.to_string().contains("it holds version 5"));
+        let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
+        assert!(rejected.to_string().contains("it holds version 5"));
         fs::remove_file(&path).unwrap();
     }
 }

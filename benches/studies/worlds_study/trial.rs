@@ -245,8 +245,8 @@ impl Trial {
         Ok(())
     }
 
-    /// Lets proposed policies act until one is accepted or all are refused. Returns the accounts of
-    /// the last rollout, and the finding about it.
+    /// Lets proposed policies act until one is accepted or all are rejected. Returns the accounts
+    /// of the last rollout, and the finding about it.
     fn follow(
         &mut self,
         mut finding: Finding,
@@ -259,16 +259,16 @@ impl Trial {
                 return Ok((self.roll_out(ROUNDS)?, None));
             };
             self.current = policy;
-            let refused = finding.refused.clone();
+            let rejected = finding.rejected.clone();
             if finding.is_contested {
                 let heard = self.roll_out(1)?;
-                finding = self.review(&heard, &refused, finding.is_unproven)?;
+                finding = self.review(&heard, &rejected, finding.is_unproven)?;
                 if finding.decision != Decision::Existing(policy) {
                     continue;
                 }
             }
             accounts = self.roll_out(ROUNDS)?;
-            finding = self.review(&accounts, &refused, finding.is_unproven)?;
+            finding = self.review(&accounts, &rejected, finding.is_unproven)?;
         }
         Ok((accounts, Some(finding)))
     }
@@ -276,11 +276,11 @@ impl Trial {
     fn review(
         &mut self,
         accounts: &[Account],
-        refused: &[usize],
+        rejected: &[usize],
         is_unproven: bool,
     ) -> Answer<Finding> {
         self.ask(|recogniser, collector, rng| {
-            let situation = Situation { collector, refused, is_unproven };
+            let situation = Situation { collector, rejected, is_unproven };
             recogniser.review(accounts, situation, rng)
         })
     }

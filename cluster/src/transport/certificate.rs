@@ -53,9 +53,9 @@ pub(crate) struct Scratch {
 /// potentials would otherwise vanish in them.
 ///
 /// # Errors
-/// Errors of [`transport`](crate::transport()) about weights and costs, and the first fact that does
-/// not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN anywhere is a
-/// failure, never a pass.
+/// Errors of [`transport`](crate::transport()) about weights and costs, and the first fact that
+/// does not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN anywhere
+/// is a failure, never a pass.
 pub fn certify(
     cost: &[f64],
     sources: Weights,

@@ -8,7 +8,8 @@ use crate::error::{ClusterError, Result};
 pub const MAX_COST: f64 = 1e100;
 
 /// Largest accepted deviation of the sum of given weights from one. Rounding to `f32` moves the sum
-/// by at most 6e-8, and a softmax computed in `f32` adds some more.
+/// by at most 6e-8, and a softmax computed in `f32` adds more, the more points it has: 1e-6 is
+/// enough for a thousand.
 const SUM_TOLERANCE: f64 = 1e-6;
 
 /// Weights of one side of a transport problem.

@@ -26,9 +26,11 @@ const LENS: &[&str] = &["distortioncoefficients", "distcoeffs", "distcoeff", "di
 /// # Errors
 /// [`RunError::Read`] with the file and the reason.
 pub(super) fn read_camera(path: &Path) -> Result<(Intrinsics, Distortion), RunError> {
-    let size = std::fs::metadata(path).map_err(|error| RunError::read(path, error))?.len();
-    if size > MAX_BYTES {
-        let problem = format!("it has {size} bytes, expected a camera file of at most 4 MiB");
+    let metadata = std::fs::metadata(path).map_err(|error| RunError::read(path, error))?;
+    let size = metadata.len();
+    // a pipe or a device might never end
+    if !metadata.is_file() || size > MAX_BYTES {
+        let problem = format!("it has {size} bytes, expected a plain file of at most 4 MiB");
         return Err(RunError::damaged(path, problem));
     }
     let text = std::fs::read_to_string(path).map_err(|error| RunError::read(path, error))?;
@@ -112,7 +114,7 @@ fn node<'a>(
                 let key = match next(parser)? {
                     Event::MappingEnd => return Ok(map.into()),
                     Event::Scalar(key, ..) => key,
-                    other => return Err(format!("expected a name, not {other:?}")),
+                    _ => return Err("expected a name before each value of a mapping".to_owned()),
                 };
                 let value = next(parser)?;
                 if map.insert(key.to_string(), node(value, parser, deeper()?)?).is_some() {
@@ -121,7 +123,10 @@ fn node<'a>(
             }
         }
         // an alias could make a short file a large one
-        other => Err(format!("expected a value, not {other:?}")),
+        Event::Alias(_) => {
+            Err("it has an alias (`*name`): write the value in its place".to_owned())
+        }
+        _ => Err("a value is missing".to_owned()),
     }
 }
 
@@ -238,6 +243,8 @@ names:
             ("flags: 10", "distortion_model: equidistant", "`equidistant`, expected plumb_bob"),
             ("---\n", "---\n}", "no YAML"),
             (OPENCV, "size: [640, 480]", "no `cameramatrix`"),
+            ("[ 1.5, 2., 3., 4. ]", "*other", "alias"),
+            ("flags:", "[flags]:", "expected a name"),
             (OPENCV, "", "camera"),
         ] {
             let text = OPENCV.replacen(part, other, 1);

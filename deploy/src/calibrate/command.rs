@@ -41,14 +41,14 @@ pub struct CalibrateOptions {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub offset: Option<Triple>,
     /// Accuracy of the ball's position by the arm's joints (mm, one standard deviation). A pose
-    /// that is off by four of these is left out.
+    /// that is off by more than four times as much is left out.
     #[arg(long, value_name = "MM", default_value_t = 2.5)]
     pub arm_accuracy: f64,
-    /// Intrinsics and lens of the camera, a YAML file of OpenCV or ROS (`camera_info`), in place of
-    /// the rig's own.
+    /// YAML file of OpenCV or ROS (`camera_info`) with the camera's intrinsics and lens, in place
+    /// of the rig's own.
     #[arg(long, value_name = "FILE")]
     pub camera: Option<PathBuf>,
-    /// Estimate the focal lengths, too, from those that are given.
+    /// Estimate the focal lengths, too, starting from those that are given.
     #[arg(long)]
     pub estimate_focal: bool,
     /// Colour of the ball in the picture: red, green and blue, each 0 to 255.
@@ -132,7 +132,7 @@ impl CalibrateOptions {
         let calibrated = calibrate(rig, arm, &settings, &poses(arm), &trial)?;
         let refusal = refusal(&calibrated.found.calibration, rig);
         let result = if self.json {
-            object(&calibrated, refusal.as_deref()).to_string()
+            object(&calibrated, self.estimate_focal, refusal.as_deref()).to_string()
         } else {
             text(&calibrated, self.estimate_focal, refusal.as_deref())
         };
@@ -170,14 +170,18 @@ impl CalibrateOptions {
             .into());
         }
         let camera = self.camera.as_deref().map(|path| {
-            let camera = read_camera(path)?;
-            let [size, expected] =
-                [camera.0, known.intrinsics].map(|of| format!("{} x {}", of.width, of.height));
-            let problem =
-                format!("it is of pictures of {size} pixels, but the rig's are {expected}");
-            let checked = Calibration { intrinsics: camera.0, distortion: camera.1, ..*known };
+            let (intrinsics, distortion) = read_camera(path)?;
+            let [size, expected] = [intrinsics, known.intrinsics].map(|of| (of.width, of.height));
+            if size != expected {
+                let problem = format!(
+                    "it is of pictures of {} x {} pixels, but the rig's are {} x {}",
+                    size.0, size.1, expected.0, expected.1
+                );
+                return Err(RunError::damaged(path, problem));
+            }
+            let checked = Calibration { intrinsics, distortion, ..*known };
             checked.check().map_err(|error| RunError::read(path, error))?;
-            if size == expected { Ok(camera) } else { Err(RunError::damaged(path, problem)) }
+            Ok((intrinsics, distortion))
         });
         // millimetres on the command line, metres inside
         let offset = self.offset.map(|Triple(place)| DVec3::from_array(place) / 1e3);
@@ -231,7 +235,7 @@ fn uncertainty(of: &Uncertainty) -> Value {
 }
 
 /// Returns the result as a JSON object.
-fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
+fn object(calibrated: &Calibrated, estimated: bool, refusal: Option<&str>) -> Value {
     let found = &calibrated.found;
     let [moved, turned] = apart(&found.calibration, &calibrated.before);
     let residuals = found.residuals.iter().map(|of| {
@@ -250,6 +254,7 @@ fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
             "ratio": focal.ratio,
             "sigma": focal.sigma,
         })),
+        "focal_estimated": estimated,
         "moved_mm": moved,
         "turned_degrees": turned,
         "left_out": calibrated.left_out,

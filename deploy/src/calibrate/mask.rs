@@ -138,7 +138,7 @@ impl MaskCheck {
         self.pictures.push(overlay(perception, &arm));
     }
 
-    /// Returns the mean overlap of mask and arm over all poses, in [0, 1].
+    /// Returns the mean overlap of mask and arm over all poses, in `[0, 1]`; 0 without poses.
     pub fn overlap(&self) -> f64 {
         let overlaps = self.rows.iter().map(|row| row.overlap);
         overlaps.sum::<f64>() / self.rows.len().max(1) as f64
@@ -157,7 +157,8 @@ impl MaskCheck {
     }
 }
 
-/// Majority filter over 3 x 3 pixels: removes single pixels, which are noise, and fills small holes.
+/// Majority filter over 3 x 3 pixels: removes single pixels, which are noise, and fills small
+/// holes.
 fn smoothed(differs: &[bool], width: usize) -> Vec<bool> {
     let height = differs.len() / width;
     let around = |place: usize, count: usize| place.saturating_sub(1)..(place + 2).min(count);

@@ -18,7 +18,8 @@ use crate::rig::{Rig, Trial, then_stop};
 pub struct CalibrateSettings {
     /// Ball that the arm carries.
     pub ball: Ball,
-    /// Settings of the fit: the ball's position in the hand, if it is known, and the arm's accuracy.
+    /// Settings of the fit: the ball's position in the hand, if it is known, the arm's accuracy,
+    /// and `true` to estimate the focal lengths.
     pub hand_eye: HandEyeSettings,
     /// Intrinsics and lens of the camera; `None` to use those of the rig's own calibration.
     pub camera: Option<(Intrinsics, Distortion)>,
@@ -48,7 +49,7 @@ pub struct Calibrated {
 /// should be empty. The robot is stopped at the end and before any error is returned.
 ///
 /// Poses that the arm cannot reach, in which its hand does not come to rest, or in which the ball
-/// is not seen are skipped. So are poses that the others contradict, while ten are left.
+/// is not seen are skipped. So are poses that the others contradict, as long as ten remain.
 ///
 /// # Errors
 /// [`DeployError::FewSightings`]; [`DeployError::Rig`], [`DeployError::Robot`],
@@ -60,6 +61,7 @@ pub fn calibrate(
     poses: &[Pose],
     trial: &Trial,
 ) -> Result<Calibrated, DeployError> {
+    settings.hand_eye.check()?;
     let seen = carry(rig, arm, settings, poses, trial);
     let (sightings, mut left_out) = then_stop(rig, seen)?;
     // without a skipped pose, too few poses were given, which `HandEye::solve` reports
@@ -82,7 +84,11 @@ pub fn calibrate(
     let found = HandEye::solve(&start, settings.hand_eye, &sightings)?;
     left_out.extend(found.left_out.iter().map(|&Residual { pose, pixels, .. }| SkippedPose {
         pose,
-        why: format!("the ball is seen {pixels:.1} pixels from where the other poses predict it"),
+        why: if pixels.is_finite() {
+            format!("the ball is seen {pixels:.1} pixels from where the other poses predict it")
+        } else {
+            "the other poses predict the ball out of the camera's sight".to_owned()
+        },
     }));
     Ok(Calibrated { before, found, left_out })
 }

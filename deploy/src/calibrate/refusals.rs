@@ -121,37 +121,35 @@ fn options_that_would_be_ignored_are_refused() {
     }
 }
 
-/// Checks that files of cameras that do not fit the rig are named before the arm moves.
+/// Checks that files of cameras that do not fit the rig are named, and settings out of range.
 #[test]
-fn files_that_do_not_fit_the_rig_are_named() {
+fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
     let folder = std::env::temp_dir().join(format!("covers-cameras-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let [json, yaml] = ["far.json", "camera.yaml"].map(|name| folder.join(name));
     let mut rig = FakeRig::new(&arm());
-    let mut far = rig.calibration();
-    far.extrinsics.translation.z = 99.9;
-    CalibrationFile::write(&far, &json).unwrap();
+    let mut too_far = rig.calibration();
+    too_far.extrinsics.translation.z = 99.9;
+    CalibrationFile::write(&too_far, &json).unwrap();
     let text = "image_width: 1280\nimage_height: 720\ncamera_matrix: [900, 0, 640, 0, 900, 360, 0, \
                 0, 1]\ndistortion_coefficients: [0, 0, 0, 0]\n";
     std::fs::write(&yaml, text).unwrap();
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        options: MaskOptions,
-    }
-    let run = root.join("../assets/pretrained-robot");
-    let line = [Path::new("mask"), &run, Path::new("--calibration"), &json];
-    let mask = Line::try_parse_from(line).unwrap().options;
-    let [out, camera] = [folder.join("out.json"), yaml].map(|path| path.display().to_string());
+    let [out, camera, far] =
+        [folder.join("out.json"), yaml, json].map(|path| path.display().to_string());
+    let mask = mask_options(&["--calibration", &far]);
     let calibrate = options(&["--out", &out, "--camera", &camera]);
+    let inexact = options(&["--out", &out, "--arm-accuracy", "0"]);
     let errors = [
         mask.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
         calibrate.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+        inexact.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
     ];
     std::fs::remove_dir_all(&folder).unwrap();
-    let expected =
-        [["far.json", "99.9"], ["camera.yaml", "1280 x 720 pixels, but the rig's are 640 x 480"]];
+    let expected = [
+        ["far.json", "99.9"],
+        ["camera.yaml", "1280 x 720 pixels, but the rig's are 640 x 480"],
+        ["accuracy of the arm", "--arm-accuracy"],
+    ];
     for (error, words) in errors.iter().zip(expected) {
         assert!(words.iter().all(|word| error.to_string().contains(word)), "{error}");
     }

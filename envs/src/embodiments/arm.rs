@@ -49,7 +49,7 @@ pub struct ArmSettings {
     pub gripper: Gripper,
     /// Limits and inverse kinematics of the hand's motion; [`ControlSettings::horizon`] is ignored.
     pub control: ControlSettings,
-    /// Servos of the arm's joints.
+    /// Servos of all joints that follow no other, those of the gripper included.
     pub servo: Servo,
     /// Largest distance of the hand's target from the hand (metres). The target waits for an arm
     /// that is slow or blocked.

@@ -41,7 +41,7 @@ impl fmt::Display for AdapterKind {
 pub struct Adapter {
     /// Name of the adapter's hardware, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
-    /// Kind of hardware that the adapter is.
+    /// Kind of the adapter's hardware.
     pub kind: AdapterKind,
     /// Programming interface that reaches the adapter, such as `vulkan`.
     pub backend: String,

@@ -43,7 +43,8 @@ impl Channels {
         }
     }
 
-    /// Moves the fields into pixels of `dim` channels, where number a starts at `starts[a]`.
+    /// Moves the fields into pixels of `dim` channels, where number a of all fields lies together,
+    /// from channel `starts[a]` on.
     pub fn within(mut self, dim: usize, starts: Vec<usize>) -> Channels {
         self.dim = dim;
         self.starts = starts;

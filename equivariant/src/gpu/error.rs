@@ -43,8 +43,7 @@ pub enum GpuError {
     },
     /// Layer that has no kernels for GPUs.
     #[error(
-        "{layer}: got a layer without GPU kernels, expected one of this crate's; run it on the \
-         CPU"
+        "{layer}: got a layer without GPU kernels, expected one of this crate's; run it on the CPU"
     )]
     Layer {
         /// Description of the layer without kernels.

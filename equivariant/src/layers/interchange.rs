@@ -43,7 +43,7 @@ pub enum InterchangeError {
     Layer {
         /// Path of the file.
         path: PathBuf,
-        /// Position of the layer in the network, including the layers of nested chains.
+        /// Position of the layer, from 0, in the sequence that lists those of nested chains too.
         index: usize,
         /// Description of the layer in the file, or `nothing`.
         got: String,

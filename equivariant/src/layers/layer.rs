@@ -200,7 +200,7 @@ pub enum LayerKind<'a, T: Scalar> {
     GroupMaxPool,
     /// Mean over the group of every regular field.
     GroupMeanPool,
-    /// Normalisation of every field to mean 0 and variance 1.
+    /// Normalisation of every field with these statistics, then a scale and a shift.
     FieldNorm(&'a Statistics),
     /// Expected positions of the maxima of fields.
     SpatialSoftArgmax {

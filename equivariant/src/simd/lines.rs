@@ -102,8 +102,8 @@ impl Lines {
         padding.next_multiple_of(LANES) - padding
     }
 
-    /// Folds the rows of one image for a band of lines of windows. Padding along x must be zero and
-    /// stays so.
+    /// Folds one image for a band of lines of windows: sums and differences of the rows of the taps
+    /// t and k - 1 - t (see [`Lines`]). Padding along x must be zero and stays so.
     #[inline(always)]
     pub fn fold<T: Real, L: Lanes<T>, P: Pixel<T>>(
         &self,
@@ -220,8 +220,8 @@ impl<T: Real> Pixel<T> for T {
     }
 }
 
-/// Conversion of bytes to their [`pixel_value`]s, with the same rounding one by one and sixteen at a
-/// time.
+/// Conversion of bytes to their [`pixel_value`]s, with the same rounding one by one and sixteen at
+/// a time.
 impl<T: Real> Pixel<T> for u8 {
     #[inline(always)]
     fn number(self) -> T {

@@ -13,7 +13,8 @@ use learner::Learner;
 
 use super::Evaluator;
 
-/// Numbers of episodes whose first frames the learner is shown: it is asked once for each of them.
+/// Numbers of episodes whose first frames the learner is shown when it is asked for a policy. With
+/// each number it is asked [`EvaluationPlan::looks`](crate::EvaluationPlan::looks) times.
 pub const EPISODES_SHOWN: [usize; 3] = [1, 4, 20];
 
 /// Random stream of the seeds of the shown episodes, next to that of the learner's draws.

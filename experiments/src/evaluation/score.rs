@@ -58,7 +58,7 @@ impl Score {
 /// Mean results over the variants of one task group, weighted by episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GroupScore {
-    /// Task group that the score is of.
+    /// Task group of the variants.
     pub group: TaskGroup,
     /// Indices of the policies that the learner chose in any variant, ascending.
     pub policies: Vec<usize>,

@@ -5,7 +5,8 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::calibration::Calibration;
-use crate::camera::Extrinsics;
+use crate::camera::{Extrinsics, NEAR, is_near};
+use crate::error::{InpaintingError, require};
 
 use super::equations::{Equations, UNKNOWNS, Vector};
 
@@ -252,6 +253,22 @@ pub struct HandEyeSettings {
     pub arm_accuracy: f64,
     /// `true` to estimate the focal lengths, too. Their ratio is kept.
     pub estimate_focal: bool,
+}
+
+impl HandEyeSettings {
+    /// Rejects an offset or an accuracy out of range, before an arm moves in vain.
+    ///
+    /// # Errors
+    /// [`InpaintingError::Value`].
+    pub fn check(&self) -> Result<(), InpaintingError> {
+        let accuracy = self.arm_accuracy;
+        let expected = "at most 0.1 metres and at least 1e-6 (`--arm-accuracy` is in millimetres)";
+        require((1e-6..=0.1).contains(&accuracy), "accuracy of the arm", &accuracy, expected)?;
+        match self.offset {
+            Offset::Known(offset) => require(is_near(offset), "offset of the ball", &offset, NEAR),
+            Offset::Unknown => Ok(()),
+        }
+    }
 }
 
 impl From<Offset> for HandEyeSettings {

@@ -63,7 +63,7 @@ impl Evident {
             cut: finding.cut,
             trial: if finding.is_contested { Trial::Episodes } else { Trial::Rollout },
             provisional: finding.is_unproven,
-            rejected: finding.refused,
+            rejected: finding.rejected,
             accepted,
             ..assignment.into()
         }
@@ -106,7 +106,7 @@ impl Grouping for Evident {
             Query::Trial(earlier) => {
                 let situation = Situation {
                     collector,
-                    refused: &earlier.rejected,
+                    rejected: &earlier.rejected,
                     is_unproven: earlier.provisional,
                 };
                 self.recogniser.review(&accounts, situation, rng)?

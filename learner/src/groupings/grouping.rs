@@ -78,7 +78,7 @@ pub enum Query<'a> {
     /// Request to assign two rollouts to a policy for good, after the first one left the grouping
     /// undecided.
     TwoRollouts,
-    /// Request for the policy that fits episodes which are not used for training, perhaps only one.
+    /// Request for the policy that fits one or more episodes, which are not used for training.
     Recognition,
     /// Request to confirm the policy that this decision named, from episodes that it collected
     /// itself. This query only follows a decision that demands a [`Trial`].
@@ -95,7 +95,8 @@ pub trait Candidates {
     fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError>;
 
     /// Returns the frames of two policies, of at most `most` episodes each, and those of the
-    /// rollout, in the present features of the one and then of the other.
+    /// rollout. The first contest is in the present features of the first policy, the second one in
+    /// those of the second.
     ///
     /// # Errors
     /// Errors of a network.
@@ -171,7 +172,7 @@ impl GroupingDecision {
     }
 }
 
-/// Trial that a policy must pass which a grouping named in place of the one that acted.
+/// Trial that a grouping demands of a policy that it named in place of the one that acted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Trial {
     /// No trial of the named policy: the decision is final.
@@ -205,7 +206,8 @@ pub enum Lesson<'a> {
     },
 }
 
-/// Answer of a grouping to a lesson.
+/// Instructions of a grouping to the learner after a lesson. They end training data at a
+/// changepoint, let a policy act as a probe, and name merged policies.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Learned {
     /// Changepoint, in decisions of all environments, if the end of the rollout shows another task

@@ -43,8 +43,8 @@ pub struct CoversSettings {
     /// ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
     pub noise_correlation: f32,
     /// Number of episodes whose first frames are kept for each policy, a uniform sample; `None`
-    /// keeps all of them, as the paper's `B`, but then memory and transport problems grow with the
-    /// stream.
+    /// keeps all of them. The paper's `B` does, but then memory and transport problems grow with
+    /// the stream.
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,

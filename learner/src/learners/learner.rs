@@ -114,7 +114,7 @@ pub struct Iteration {
     /// Index of the policy that each one was merged into, if any; empty for learners and groupings
     /// that merge no policies.
     pub merged_into: Vec<Option<usize>>,
-    /// Number of decisions taken in the iteration by all environments, discarded ones included.
+    /// Number of decisions taken in the iteration in all environments, discarded ones included.
     pub decisions: usize,
     /// Returns and successes of the rollout that was trained on.
     pub rollout: RolloutStats,

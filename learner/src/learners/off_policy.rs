@@ -68,9 +68,9 @@ pub struct OffPolicySettings {
 }
 
 impl OffPolicySettings {
-    /// Returns the settings of CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix):
-    /// one ordinary policy and one replay of 200,000 steps, the newest of which are drawn more
-    /// often. The paper does not say which those are, nor how often.
+    /// Returns the settings of CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix).
+    /// They have one ordinary policy and one replay of 200,000 steps, the newest of which are drawn
+    /// more often. The paper does not say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
             network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },

@@ -105,7 +105,8 @@ impl LearnerSettings {
         each!(self, settings => settings.network.group = group);
     }
 
-    /// Opens the chosen device and sets it as the one that policies train on.
+    /// Sets the device that policies train on, and opens it if it is a GPU. With
+    /// [`DeviceChoice::Auto`], learners whose updates run on the CPU alone stay there.
     ///
     /// # Errors
     /// Errors of [`DeviceChoice::open`], and a GPU for learners whose updates run on the CPU

@@ -155,8 +155,8 @@ fn masked(bytes: &[u8]) -> u32 {
     CHECKSUM.checksum(bytes).rotate_right(15).wrapping_add(MASK)
 }
 
-/// Appends a record: its length (u64), the masked checksum of the length (u32), its bytes, and their
-/// masked checksum, all little-endian (tensorflow/core/lib/io/record_writer.h).
+/// Appends a record: its length (u64), the masked checksum of the length (u32), its bytes, and
+/// their masked checksum, all little-endian (tensorflow/core/lib/io/record_writer.h).
 fn append_record(file: &mut Vec<u8>, bytes: &[u8]) {
     let length = (bytes.len() as u64).to_le_bytes();
     file.extend(length);

@@ -279,8 +279,8 @@ impl Graph {
         let squares = plan.buffer(SQUARES, 0);
         let [sums, norm] = norms(&plan, settings, slots, squares);
         let step = optimiser(&plan, settings, slots.log, moments, &outputs);
-        for last_step in [sums, norm, step] {
-            plan.push_last(last_step);
+        for part in [sums, norm, step] {
+            plan.push_last(part);
         }
         Ok(Self { plan, slots, moments })
     }

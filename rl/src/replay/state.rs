@@ -13,7 +13,7 @@ use crate::replay::{Replay, ReplaySettings, StepIndex};
 pub struct ReplayState<'a> {
     /// Number of steps ever recorded, dropped ones included.
     pub recorded: u64,
-    /// Number of steps that had been recorded at the last mark.
+    /// Number of the recorded steps that lie before the mark; all later ones count as newest.
     pub marked: u64,
     /// Index in `episodes` of each environment's running episode, `[N]`; `None` where none is
     /// running.

@@ -132,9 +132,9 @@ impl<T: Scalar> SacNetwork<T> {
         &self.trunk.spec
     }
 
-    /// Draws the initial values of all parameters of the network: weights before a ReLU with gain
-    /// sqrt(2), the last layers with the gains of the settings, GRUs with gain 1, and zero biases
-    /// except those of log_std, which give the initial log_std of the settings.
+    /// Draws the initial values of all parameters of the network. Weights before a ReLU have gain
+    /// sqrt(2), the last layers the gains of the settings, and GRUs gain 1. Biases are zero, except
+    /// those of log_std, which give the initial log_std of the settings.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init(self.num_params(), rng);

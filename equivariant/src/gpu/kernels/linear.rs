@@ -90,7 +90,7 @@ impl<'a> Linear<'a> {
         windows(step, self.window, [self.x.shape, self.y.shape])
     }
 
-    /// Returns the kernel that folds the patches.
+    /// Returns the kernel that folds the patches: signed sums of the input over each orbit of taps.
     fn fold(&self, plan: &mut Plan, folded: Slot) -> Step {
         let orbits = self.folds.orbits();
         let step = self

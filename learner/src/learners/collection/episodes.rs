@@ -85,8 +85,8 @@ pub trait Rollout {
     /// A collection that is not finished.
     fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
 
-    /// Keeps the latest `collections` of the collections since an algorithm learnt last. One that
-    /// holds a single collection forgets it when the next one begins.
+    /// Keeps only the latest `collections` collections since an algorithm last learnt. A rollout
+    /// that holds a single collection forgets it when the next one begins.
     fn keep(&mut self, _collections: usize) {}
 }
 
