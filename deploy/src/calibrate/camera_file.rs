@@ -243,8 +243,8 @@ names:
             ("flags: 10", "distortion_model: equidistant", "`equidistant`, expected plumb_bob"),
             ("---\n", "---\n}", "no YAML"),
             (OPENCV, "size: [640, 480]", "no `cameramatrix`"),
-            ("[ 1.5, 2., 3., 4. ]", "*other", "alias"),
-            ("flags:", "[flags]:", "expected a name"),
+            ("flags: 10", "flags: &ten 10\nagain: *ten", "alias"),
+            ("camera_matrix:", "[camera_matrix]:", "expected a name"),
             (OPENCV, "", "camera"),
         ] {
             let text = OPENCV.replacen(part, other, 1);
