@@ -243,17 +243,6 @@ pub enum ClusterError {
         /// Size in the second rollout.
         second: usize,
     },
-    /// The rollout holds too few episodes for the calibrated rule, whatever the buffers hold.
-    #[error(
-        "the rollout has {episodes} episodes: the calibrated rule expects at least {needed}; \
-         collect more episodes before assigning, or use the fixed rule"
-    )]
-    RolloutTooSmall {
-        /// Episodes in the rollout.
-        episodes: usize,
-        /// Episodes that the settings ask for.
-        needed: usize,
-    },
     /// A reservoir was restored from parts that no run could have left.
     #[error("a reservoir of capacity {capacity} that has seen {seen} episodes cannot hold {held}")]
     ReservoirParts {

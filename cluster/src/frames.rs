@@ -51,30 +51,6 @@ impl Frames {
         &self.features[index * self.episode_len()..][..self.episode_len()]
     }
 
-    /// Returns the frames of `self` and then those of `other`, for [`Assigner::settle`].
-    ///
-    /// # Errors
-    /// Another number of features, or of frames an episode.
-    ///
-    /// [`Assigner::settle`]: crate::Assigner::settle
-    pub fn joined(&self, other: &Self) -> Result<Self> {
-        self.check_alike(other)?;
-        let features = [self.features.as_slice(), &other.features].concat();
-        Ok(Self { features, ..*self })
-    }
-
-    /// Returns the frames of the episodes of these indices, in this order.
-    ///
-    /// # Errors
-    /// No index.
-    ///
-    /// # Panics
-    /// If an index is not below [`episodes`](Self::episodes).
-    pub fn select(&self, indices: &[usize]) -> Result<Self> {
-        let features: Vec<_> = indices.iter().flat_map(|&i| self.episode(i)).collect();
-        Self::new(features.into_iter().copied().collect(), self.frames_per_episode, self.dim)
-    }
-
     /// Rejects frames of another size.
     pub(crate) fn check_alike(&self, other: &Self) -> Result<()> {
         let mut sizes = self.sizes(other).into_iter();

@@ -13,7 +13,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use cluster::Verdict;
-use evidence::{Account, Filters, Look, Recogniser, RecogniserSettings};
+use evidence::{Account, Filters, Recogniser, RecogniserSettings, Situation};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -51,7 +51,8 @@ fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 let [remembered, asked] = halves(home, other, rng);
                 let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
                 recogniser.learn(0, &remembered, rng)?;
-                let finding = recogniser.assign(&asked, 0, Look::Second, rng)?;
+                let situation = Situation { can_wait: false, ..Situation::of(0) };
+                let finding = recogniser.assign(&asked, situation, rng)?;
                 let opinion = &finding.opinions[0];
                 let test = opinion.test().ok_or("fewer than 4 frames of a group")?;
                 let picture = test.sources[0];

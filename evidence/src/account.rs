@@ -53,6 +53,13 @@ impl Account {
     pub fn forget_course(&mut self) {
         (self.motion, self.slope, self.earned) = (None, None, None);
     }
+
+    /// Returns the summary of the first picture and vector alone.
+    pub(crate) fn without_course(&self) -> Self {
+        let mut account = self.clone();
+        account.forget_course();
+        account
+    }
 }
 
 /// Summariser that turns recorded episodes into accounts.

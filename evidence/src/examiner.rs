@@ -188,7 +188,7 @@ impl Examiner<'_> {
 
     /// Returns `true` if a difference is larger than drift or training explains, whatever its
     /// significance.
-    fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
+    pub(crate) fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
         match kind {
             Kind::Picture | Kind::Vector => source.ratio() >= self.least_ratio(opinion),
             Kind::Motion => opinion.changed >= self.0.min_motion && source.ratio() >= LEAST_RATIO,

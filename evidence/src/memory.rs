@@ -13,6 +13,8 @@ use crate::opinion::{Kind, mean_earned};
 #[serde(deny_unknown_fields)]
 pub(crate) struct Memory {
     pub(crate) accounts: VecDeque<Account>,
+    /// `false` for a policy that was created for episodes of others and did not train yet.
+    pub(crate) is_trained: bool,
     /// Mean return of the first rollout that the policy trained on.
     pub(crate) beginning: Option<f64>,
     /// Policies that were compared with this one and serve other groups.
@@ -27,11 +29,17 @@ impl Memory {
         self.heir.is_some()
     }
 
-    /// Appends these episodes and keeps the latest `most` of all.
+    /// Records that the policy trains on these episodes.
     pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
         let earned = mean_earned(accounts.iter().copied());
         self.beginning = self.beginning.or(earned);
-        self.accounts.extend(accounts.into_iter().cloned());
+        self.is_trained = true;
+        self.remember(accounts.into_iter().cloned(), most);
+    }
+
+    /// Appends these episodes and keeps the latest `most` of all.
+    pub(crate) fn remember(&mut self, accounts: impl Iterator<Item = Account>, most: usize) {
+        self.accounts.extend(accounts);
         let too_many = self.accounts.len().saturating_sub(most);
         self.accounts.drain(..too_many);
     }

@@ -1,9 +1,12 @@
 //! Recogniser: the summaries of each policy's episodes, and decisions on whose task new ones show.
 
+use std::collections::VecDeque;
+
 use cluster::{Decision, Verdict, change_places, change_test};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::account::Account;
 use crate::choice::Choice;
@@ -21,6 +24,8 @@ pub struct Finding {
     pub decision: Decision,
     /// Evidence for and against each policy, in the order of the policies.
     pub opinions: Vec<Opinion>,
+    /// Stage of the decision, by which significance levels were chosen.
+    pub look: Look,
     /// Changepoint, in decisions of all environments, if the task group changed: episodes that
     /// began before it belong to the earlier group. [`Recogniser::assign`] judges the later
     /// episodes, [`Recogniser::review`] the earlier ones.
@@ -33,6 +38,9 @@ pub struct Finding {
     /// `true` if the evidence from before the named policy acted rejects it, because pictures or
     /// vectors differ or it was merged: its returns must show that it serves the group.
     pub is_unproven: bool,
+    /// `true` if the group changed while a proposed policy acted, so that the episodes were judged
+    /// by pictures and vectors alone: the named policy trains on them as they are.
+    pub is_settled: bool,
 }
 
 impl Finding {
@@ -52,13 +60,31 @@ pub struct Situation<'a> {
     pub rejected: &'a [usize],
     /// Value of [`Finding::is_unproven`] in the decision that proposed the acting policy.
     pub is_unproven: bool,
+    /// `true` if the decision may be [`Decision::Undecided`].
+    pub can_wait: bool,
 }
 
 impl Situation<'_> {
     /// Creates the context of a policy that was not proposed before, with no rejected policies.
-    fn of(collector: usize) -> Self {
-        Self { collector, ..Self::default() }
+    pub fn of(collector: usize) -> Self {
+        Self { collector, can_wait: true, ..Self::default() }
     }
+}
+
+/// Largest number of rollouts that are held until another one of their task group appears.
+// A group that is visited once in 16 undecided rollouts is still found.
+const MOST_HELD: usize = 16;
+
+/// Largest number of policies that were created and did not train yet, as their group gave way.
+const MOST_UNTRAINED: usize = 4;
+
+/// Rollout that no policy trained on, since it was too little to decide.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Held {
+    /// Index of the policy that acted.
+    pub(crate) collector: usize,
+    pub(crate) accounts: Vec<Account>,
 }
 
 /// Recogniser of task groups: remembers the episodes that each policy trained on, and decides whose
@@ -67,6 +93,8 @@ impl Situation<'_> {
 pub struct Recogniser {
     settings: RecogniserSettings,
     pub(crate) memories: Vec<Memory>,
+    /// Undecided rollouts, the latest last.
+    pub(crate) held: VecDeque<Held>,
 }
 
 impl Recogniser {
@@ -76,7 +104,7 @@ impl Recogniser {
     /// A setting outside its range.
     pub fn new(settings: RecogniserSettings) -> Result<Self, EvidenceError> {
         settings.check()?;
-        Ok(Self { settings, memories: Vec::new() })
+        Ok(Self { settings, memories: Vec::new(), held: VecDeque::new() })
     }
 
     /// Returns the settings of the recogniser.
@@ -84,7 +112,7 @@ impl Recogniser {
         &self.settings
     }
 
-    /// Returns the number of policies that trained on any episode.
+    /// Returns the number of policies that trained on any episode or were created for some.
     pub fn policies(&self) -> usize {
         self.memories.len()
     }
@@ -144,32 +172,73 @@ impl Recogniser {
         Ok(opinion.is_rejected())
     }
 
-    /// Decides which policy one rollout of `collector` belongs to, or finally two rollouts
-    /// ([`Look`]). `Existing` with another policy asks for a rollout of that policy and for
-    /// [`Recogniser::review`]; `Undecided`, only at a first look, asks for one more rollout of the
-    /// same policy and for a second look at both. After a changepoint, only the later episodes
-    /// count.
+    /// Decides which policy one rollout of `situation.collector` belongs to. `Existing` with another
+    /// policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review`]. A rollout
+    /// that is too little to decide is held, and judged together with the next one that looks like
+    /// it. `Undecided`, if `situation` allows it, asks for another rollout; no policy may train on
+    /// this one. After a changepoint, only the later episodes count.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policies`](Self::policies); too few
     /// episodes, or episodes that cannot be compared.
     pub fn assign<R: Rng + ?Sized>(
-        &self,
+        &mut self,
         accounts: &[Account],
-        collector: usize,
-        look: Look,
+        situation: Situation,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        self.check_actor(collector)?;
+        self.check_actor(situation.collector)?;
         let accounts = self.in_order(accounts)?;
         let cut = find_cut(&accounts, &self.settings, rng)?;
         let later = &accounts[cut.unwrap_or(0)..];
-        let situation = Situation::of(collector);
-        let finding = match look {
-            Look::First => self.look(later, situation, rng)?,
-            Look::Second => self.decide(later, situation, Role::Stays, rng)?,
-        };
+        let mut finding = self.look(later, situation, rng)?;
+        if finding.decision == Decision::Undecided {
+            finding = self.look_again(later, finding, situation, rng)?;
+        }
         Ok(Finding { cut: cut.map(|_| later[0].began), ..finding })
+    }
+
+    /// Decides on episodes that a first look left undecided, together with held ones of the same
+    /// task group; without such, holds them if `situation` allows it.
+    fn look_again<R: Rng + ?Sized>(
+        &mut self,
+        accounts: &[&Account],
+        undecided: Finding,
+        situation: Situation,
+        rng: &mut R,
+    ) -> Result<Finding, EvidenceError> {
+        let earlier = self.recall(accounts, situation.collector, rng)?;
+        if earlier.is_empty() && situation.can_wait {
+            self.hold(accounts, situation.collector);
+            return Ok(undecided);
+        }
+        let all: Vec<&Account> = earlier.iter().chain(accounts.iter().copied()).collect();
+        let finding = self.decide(&all, situation, Role::Stays, rng)?;
+        self.open(&all, finding, situation)
+    }
+
+    /// Creates the policy that a decision asks for, which remembers the pictures and vectors of
+    /// `accounts`. A single policy may be waiting for its first training: instead of a second one,
+    /// the episodes are held.
+    fn open(
+        &mut self,
+        accounts: &[&Account],
+        finding: Finding,
+        situation: Situation,
+    ) -> Result<Finding, EvidenceError> {
+        if finding.decision != Decision::New {
+            return Ok(finding);
+        }
+        let untrained = self.memories.iter().filter(|memory| !memory.is_trained).count();
+        if situation.can_wait && untrained >= MOST_UNTRAINED {
+            self.hold(accounts, situation.collector);
+            return Ok(Finding { decision: Decision::Undecided, ..finding });
+        }
+        let mut memory = Memory::default();
+        memory
+            .remember(accounts.iter().copied().map(Account::without_course), self.settings.memory);
+        self.memories.push(memory);
+        Ok(finding)
     }
 
     /// Decides on one rollout.
@@ -192,10 +261,12 @@ impl Recogniser {
         let named = choice.kept().or(rival);
         Ok(Finding {
             decision: named.map_or(Decision::Undecided, Decision::Existing),
+            look: Look::First,
             cut: None,
             rejected: sure.then_some(situation.collector).into_iter().collect(),
             is_contested: alike || rivals.len() > 1,
             is_unproven: false,
+            is_settled: false,
             opinions,
         })
     }
@@ -203,12 +274,14 @@ impl Recogniser {
     /// Reviews the policy `situation.collector`, which an earlier decision proposed, by a rollout
     /// that it collected itself. Its own motion and returns are compared, too. If it is rejected
     /// and there is a changepoint, only the earlier episodes count, for whose group the policy was
-    /// proposed.
+    /// proposed. If pictures or vectors reject a policy that they had accepted, the group has
+    /// changed, and the rollout is judged as by [`Recogniser::assign`]
+    /// ([`Finding::is_settled`]).
     ///
     /// # Errors
     /// Errors of [`Recogniser::assign`].
     pub fn review<R: Rng + ?Sized>(
-        &self,
+        &mut self,
         accounts: &[Account],
         situation: Situation,
         rng: &mut R,
@@ -216,21 +289,97 @@ impl Recogniser {
         self.check_policy(situation.collector)?;
         let accounts = self.in_order(accounts)?;
         let role = if situation.is_unproven { Role::Excused } else { Role::Returns };
-        let mut finding = self.decide(&accounts, situation, role, rng)?;
+        let mut judged = &accounts[..];
+        let mut finding = self.decide(judged, situation, role, rng)?;
         let keep = Decision::Existing(situation.collector);
-        if finding.decision != keep
-            && let Some(cut) = find_cut(&accounts, &self.settings, rng)?
-        {
-            finding = self.decide(&accounts[..cut], situation, role, rng)?;
+        let mut cut = None;
+        if finding.decision != keep {
+            cut = find_cut(&accounts, &self.settings, rng)?;
+        }
+        if let Some(cut) = cut {
+            judged = &accounts[..cut];
+            finding = self.decide(judged, situation, role, rng)?;
             finding.cut = Some(accounts[cut].began);
         }
         if finding.decision == keep {
-            finding.is_unproven = situation.is_unproven
-        } else {
-            // no policy is tried twice for one task, or trials might never end
-            finding.rejected.push(situation.collector)
+            finding.is_unproven = situation.is_unproven;
+            return Ok(finding);
         }
-        Ok(finding)
+        if !situation.is_unproven && self.has_moved(&finding.opinions[situation.collector]) {
+            return self.start_over(&accounts[cut.unwrap_or(0)..], cut.is_some(), situation, rng);
+        }
+        // no policy is tried twice for one task, or trials might never end
+        finding.rejected.push(situation.collector);
+        self.open(judged, finding, situation)
+    }
+
+    /// Decides on a rollout in whose task group its collector was not proposed. In a short visit
+    /// the named policy would act too late, so it trains on the rollout without a trial.
+    fn start_over<R: Rng + ?Sized>(
+        &mut self,
+        accounts: &[&Account],
+        is_cut: bool,
+        situation: Situation,
+        rng: &mut R,
+    ) -> Result<Finding, EvidenceError> {
+        let situation = Situation { rejected: &[], is_unproven: false, ..situation };
+        let finding = self.look(accounts, situation, rng)?;
+        match finding.decision {
+            Decision::Existing(_) if !is_cut && !finding.is_contested => {
+                Ok(Finding { is_settled: true, ..finding })
+            }
+            Decision::Existing(_) if !situation.can_wait => Ok(finding),
+            _ => {
+                let undecided = Finding { decision: Decision::Undecided, ..finding };
+                self.look_again(accounts, undecided, situation, rng)
+            }
+        }
+    }
+
+    /// Returns `true` if pictures or vectors reject a policy.
+    fn has_moved(&self, opinion: &Opinion) -> bool {
+        let (examiner, level) = (Examiner(&self.settings), self.settings.level);
+        let mut looks = opinion.sources().filter(|(kind, _)| kind.is_look());
+        looks.any(|(kind, source)| {
+            source.tail_p_value <= level && examiner.is_large(opinion, kind, source)
+        })
+    }
+
+    /// Remembers a rollout that no policy may train on. The latest [`MOST_HELD`] are kept.
+    fn hold(&mut self, accounts: &[&Account], collector: usize) {
+        if self.held.len() == MOST_HELD {
+            self.held.pop_front();
+        }
+        let accounts = accounts.iter().copied().cloned().collect();
+        self.held.push_back(Held { collector, accounts });
+    }
+
+    /// Removes and returns the latest held rollout that may be of the same task group as this one;
+    /// nothing if there is none.
+    fn recall<R: Rng + ?Sized>(
+        &mut self,
+        accounts: &[&Account],
+        collector: usize,
+        rng: &mut R,
+    ) -> Result<Vec<Account>, EvidenceError> {
+        let mut own = ChaCha8Rng::seed_from_u64(rng.random());
+        for index in (0..self.held.len()).rev() {
+            let held = &self.held[index];
+            let memory = Memory { accounts: held.accounts.clone().into(), ..Memory::default() };
+            let stays = held.collector == collector;
+            let role = if stays { Role::Stays } else { Role::Stranger };
+            let examiner = Examiner(&self.settings);
+            let opinion = examiner.opine(&memory, accounts, role, Look::First, &mut own)?;
+            if opinion.test.is_none() || opinion.verdict != Verdict::Accepted {
+                continue;
+            }
+            let mut found = self.held.remove(index).map(|held| held.accounts).unwrap_or_default();
+            if !stays {
+                found.iter_mut().for_each(Account::forget_course);
+            }
+            return Ok(found);
+        }
+        Ok(Vec::new())
     }
 
     /// Returns the probability of each policy's task group, from pictures and vectors of at least
@@ -336,10 +485,12 @@ impl Recogniser {
         let named = named.or_else(|| choice.drifted(most, farthest, may_have, can_show, are_kin));
         Ok(Finding {
             decision: named.map_or(Decision::New, Decision::Existing),
+            look: Look::Second,
             cut: None,
             rejected: self.rejected(&opinions, named, situation),
             is_contested: choice.is_alike(self.settings.doubt) || rivals.len() != 1,
             is_unproven: named.is_some_and(|policy| opinions[policy].is_rejected()),
+            is_settled: false,
             opinions,
         })
     }

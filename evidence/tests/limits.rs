@@ -1,11 +1,11 @@
 //! How large a difference must be before it speaks against a policy.
 
 use cluster::{Decision, Verdict};
-use evidence::{Account, Finding, Look, Recogniser, RecogniserSettings, Situation};
+use evidence::{Account, Finding, Recogniser, RecogniserSettings, Situation};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::common::rng;
+use crate::common::{rng, settle};
 
 const DIM: usize = 12;
 
@@ -27,11 +27,6 @@ fn episodes(count: usize, picture: f32, motion: f32, rng: &mut ChaCha8Rng) -> Ve
     (0..count).map(episode).collect()
 }
 
-fn second_look(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
-    let look = Look::Second;
-    recogniser.assign(seen, collector, look, &mut rng()).unwrap()
-}
-
 /// Motion changes while a policy learns: what is certain and small beside chance is no other group.
 #[test]
 fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
@@ -41,7 +36,7 @@ fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
     recogniser.learn(0, &home, &mut rng).unwrap();
     let mut opinion = |motion| {
         let seen = episodes(20, 0.0, motion, &mut rng);
-        let finding = second_look(&recogniser, &seen, 0);
+        let finding = settle(&recogniser, &seen, 0);
         finding.opinions[0].clone()
     };
     let small = opinion(1.3);
@@ -60,7 +55,7 @@ fn stranger(known: &[f32], seen: f32) -> (Recogniser, Finding) {
         recogniser.learn(policy, &home, &mut rng).unwrap();
     }
     let seen = episodes(20, seen, 1.0, &mut rng);
-    let finding = second_look(&recogniser, &seen, 1);
+    let finding = settle(&recogniser, &seen, 1);
     (recogniser, finding)
 }
 
@@ -81,10 +76,10 @@ fn a_policy_that_strayed_is_asked_where_it_is_by_far_the_nearest() {
         for (seen, excused, expected) in
             [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Rejected)]
         {
-            let situation = Situation { collector: 0, rejected: &[1], is_unproven: true };
+            let situation = Situation { rejected: &[1], is_unproven: true, ..Situation::default() };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let seen = episodes(20, seen, 1.0, &mut rng);
-            let reviewed = recogniser.review(&seen, situation, &mut rng).unwrap();
+            let reviewed = recogniser.clone().review(&seen, situation, &mut rng).unwrap();
             assert!(excused.contains(&ratios(&reviewed)[0]), "{:?}", ratios(&reviewed));
             assert_eq!(reviewed.opinions[0].verdict(), expected);
         }

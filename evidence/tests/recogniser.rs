@@ -1,12 +1,13 @@
 //! Decisions on episodes of drawn worlds.
 
 use cluster::{Decision, Verdict};
-use evidence::{Account, Accountant, Album, Look, Recogniser, RecogniserSettings, Situation};
+use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situation};
 use symmetry::{D2, Irrep};
 use worlds::Kind;
 
 use crate::common::{
-    HORIZON, accounts, accounts_of, courses, knowing, mirrored, rng, rollout, said, stream,
+    HORIZON, accounts, accounts_of, courses, knowing, look, mirrored, rng, rollout, said, settle,
+    stream,
 };
 
 #[test]
@@ -28,7 +29,7 @@ fn what_looks_different_is_told_apart_at_the_first_look() {
         let recogniser = knowing(kind, 1000, 3);
         for (group, collector) in (0..3).flat_map(|g| [(g, g), (g, (g + 1) % 3)]) {
             let seen = rollout(kind, 1000, group, group);
-            let finding = recogniser.assign(&seen, collector, Look::First, &mut rng()).unwrap();
+            let finding = look(&recogniser, &seen, collector);
             if finding.decision == Decision::Undecided {
                 undecided += 1;
                 continue;
@@ -37,9 +38,9 @@ fn what_looks_different_is_told_apart_at_the_first_look() {
             assert_eq!(finding.decision, expected, "{name} {:#?}", said(&finding));
         }
         let unknown = rollout(kind, 1000, 3, 0);
-        let finding = recogniser.assign(&unknown, 0, Look::First, &mut rng()).unwrap();
+        let finding = look(&recogniser, &unknown, 0);
         assert_eq!(finding.decision, Decision::Undecided);
-        let second = recogniser.assign(&unknown, 0, Look::Second, &mut rng()).unwrap();
+        let second = settle(&recogniser, &unknown, 0);
         assert_eq!(second.decision, Decision::New);
     }
     assert!(undecided <= 1, "{undecided}");
@@ -52,7 +53,7 @@ fn what_looks_alike_is_told_apart_by_what_happens() {
         let verdict = |group, policy| {
             let seen = rollout(kind, 1000, group, policy);
             let situation = Situation { collector: policy, ..Situation::default() };
-            let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+            let finding = recogniser.clone().review(&seen, situation, &mut rng()).unwrap();
             (finding.opinions[policy].verdict(), finding.decision)
         };
         let (name, accepted) = (kind.name(), Verdict::Accepted);
@@ -78,7 +79,7 @@ fn running_tails_do_not_silence_motion_and_earnings() {
     let review = |group, from| {
         let seen = running(rollout(Kind::Dynamics, 1000, group, 0), from);
         let situation = Situation { collector: 0, ..Situation::default() };
-        let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+        let finding = recogniser.clone().review(&seen, situation, &mut rng()).unwrap();
         let sources = finding.opinions[0].test().unwrap().sources.len();
         (sources, finding.opinions[0].verdict())
     };
@@ -105,7 +106,7 @@ fn who_was_refused_is_not_proposed_again() {
     let recogniser = knowing(Kind::Target, 1000, 2);
     let seen = rollout(Kind::Target, 1000, 1, 0);
     let situation = Situation { collector: 0, rejected: &[1], ..Situation::default() };
-    let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+    let finding = recogniser.clone().review(&seen, situation, &mut rng()).unwrap();
     assert_eq!(finding.decision, Decision::New);
     assert!(finding.rejected.contains(&0) && finding.rejected.contains(&1));
 }
@@ -116,12 +117,12 @@ fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
     for before in [1, 2, 3] {
         let visits = [(0, before), (1, 4 - before)];
         let mixed = accounts(stream(Kind::Appearance, 1000, &visits, 5), 4, Some(0));
-        let finding = recogniser.assign(&mixed, 0, Look::First, &mut rng()).unwrap();
+        let finding = look(&recogniser, &mixed, 0);
         let began = before * HORIZON * 5;
         assert_eq!((finding.decision, finding.cut), (Decision::Existing(1), Some(began)));
     }
     let whole = accounts(stream(Kind::Appearance, 1000, &[(0, 4)], 5), 4, Some(0));
-    let finding = recogniser.assign(&whole, 0, Look::First, &mut rng()).unwrap();
+    let finding = look(&recogniser, &whole, 0);
     assert_eq!((finding.decision, finding.cut), (Decision::Existing(0), None));
 }
 
@@ -180,11 +181,11 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
         (0..count).map(account).collect()
     };
     recogniser.learn(0, &still(1.0, 20), &mut rng()).unwrap();
-    let same = recogniser.assign(&still(1.0, 20), 0, Look::First, &mut rng()).unwrap();
+    let same = look(&recogniser, &still(1.0, 20), 0);
     assert_eq!(same.decision, Decision::Existing(0));
     let test = same.opinions[0].test().unwrap();
     assert!(test.sources.iter().all(Option::is_none) && test.score.is_finite());
-    let other = recogniser.assign(&still(2.0, 20), 0, Look::Second, &mut rng()).unwrap();
+    let other = settle(&recogniser, &still(2.0, 20), 0);
     assert_eq!(other.decision, Decision::New);
 }
 
@@ -223,7 +224,7 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
         }
         let visits = [(1, 8), (0, 242), (1, 8)];
         let late = accounts_of(&courses(stream(kind, seed, &visits, 5), 258, None)[1250..]);
-        let finding = recogniser.assign(&late, 0, Look::Second, &mut rng()).unwrap();
+        let finding = settle(&recogniser, &late, 0);
         if finding.opinions[1].verdict() == Verdict::Accepted {
             continue;
         }
@@ -237,11 +238,12 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
             collector: 1,
             rejected: &finding.rejected,
             is_unproven: finding.is_unproven,
+            can_wait: false,
         };
-        let own = recogniser.review(&late[..20], situation, &mut rng()).unwrap();
+        let own = recogniser.clone().review(&late[..20], situation, &mut rng()).unwrap();
         assert_eq!(own.decision, Decision::Existing(1), "seed {seed}: {:#?}", said(&own));
         recogniser.learn(1, &late[..20], &mut rng()).unwrap();
-        let next = recogniser.assign(&late[20..], 1, Look::Second, &mut rng()).unwrap();
+        let next = settle(&recogniser, &late[20..], 1);
         assert_eq!(next.decision, Decision::Existing(1), "seed {seed}");
     }
     assert!(heard > 0);
@@ -258,7 +260,7 @@ fn who_is_named_against_the_looks_must_earn_what_it_earned() {
         let earned = seen.iter_mut().filter_map(|a| a.earned.as_mut());
         earned.for_each(|earned| *earned *= share);
         let situation = Situation { rejected: &[1], is_unproven, ..Situation::default() };
-        let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+        let finding = recogniser.clone().review(&seen, situation, &mut rng()).unwrap();
         assert!(!finding.is_unproven || is_unproven);
         finding.decision
     };
@@ -275,7 +277,7 @@ fn slow_drift_splits_nothing() {
         let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
         for rollout in all.chunks(20) {
             if recogniser.policies() > 0 {
-                let finding = recogniser.assign(rollout, 0, Look::Second, &mut rng()).unwrap();
+                let finding = settle(&recogniser, rollout, 0);
                 assert_eq!(finding.decision, Decision::Existing(0), "seed {seed}");
             }
             recogniser.learn(0, rollout, &mut rng()).unwrap();

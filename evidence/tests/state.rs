@@ -1,6 +1,6 @@
 //! What is remembered, and the file that holds it.
 
-use evidence::{Account, Look, Recogniser, Situation};
+use evidence::{Account, Recogniser, Situation};
 use worlds::Kind;
 
 use crate::common::{knowing, rng, rollout};
@@ -25,7 +25,7 @@ fn memory_is_bounded_and_survives_a_file() {
     let unknown = Situation { collector: 2, ..Situation::default() };
     for (error, policy) in [
         (restored.learn(7, &seen, &mut rng()).unwrap_err(), 7),
-        (restored.assign(&seen, 7, Look::First, &mut rng()).unwrap_err(), 7),
+        (restored.assign(&seen, Situation::of(7), &mut rng()).unwrap_err(), 7),
         (restored.review(&seen, unknown, &mut rng()).unwrap_err(), 2),
     ] {
         assert_eq!(error.to_string(), format!("policy {policy} was named, 2 are known"));

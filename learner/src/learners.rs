@@ -11,7 +11,10 @@ mod settings;
 mod tensor_file;
 
 pub use collection::read_note;
-pub use collection::{Collection, CollectionSettings, CommonSettings, Handover, NewPolicy};
+pub use collection::{
+    Collection, CollectionSettings, CommonSettings, Handover, NewPolicy, Rollout, StepView,
+    Training,
+};
 pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
 pub use learner::per_policy_columns;

@@ -22,5 +22,6 @@ pub use groupings::{
 pub use learners::{
     Collection, CollectionSettings, CommonSettings, Covers, CoversSettings, DeviceChoice, Extent,
     Handover, Iteration, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy,
-    OffPolicy, OffPolicySettings, Performance, Seconds, per_policy_columns, read_note,
+    OffPolicy, OffPolicySettings, Performance, Rollout, Seconds, StepView, Training,
+    per_policy_columns, read_note,
 };

@@ -11,7 +11,7 @@ use crate::trial::ROUNDS;
 use crate::{Answer, Plan};
 
 /// Version of the study. Results of two versions do not belong in one table.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// Counts of one world, in the order of the file's columns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,8 +22,6 @@ pub struct Record {
     /// Columns of the plan.
     pub visits: String,
     pub stay: String,
-    /// Policies opened by force, a method of earlier versions.
-    pub forced: String,
     /// Number of groups, each of which needs a policy of its own.
     pub groups: usize,
     pub policies: usize,
@@ -38,10 +36,6 @@ pub struct Record {
     /// Number of first turns of returning groups; `noticed` counts those that are right.
     pub switches: usize,
     pub noticed: usize,
-    /// Number of first rollouts of a turn with a switch in them; `split` counts those that were cut
-    /// there.
-    pub mixed: usize,
-    pub split: usize,
     /// Number of episodes trained on; `foreign` counts those that belong to another policy.
     pub learnt: usize,
     pub foreign: usize,
@@ -49,7 +43,7 @@ pub struct Record {
     pub merged: usize,
     /// Time of the decisions of the slowest turn, in microseconds.
     pub slowest_us: u128,
-    /// Size of the recogniser's state as text, in bytes.
+    /// Size of the learner's checkpoint, in bytes.
     pub state_bytes: usize,
 }
 
@@ -62,14 +56,13 @@ impl Record {
             seed,
             visits: plan.visits.map_or("two".to_owned(), |n| n.to_string()),
             stay: format!("{}-{}", plan.stay.start(), plan.stay.end()),
-            forced: "none".to_owned(),
             ..Self::default()
         }
     }
 
     /// Returns the columns that must agree for two records to stand in one table.
-    fn plan(&self) -> [&str; 3] {
-        [&self.visits, &self.stay, &self.forced]
+    fn plan(&self) -> [&str; 2] {
+        [&self.visits, &self.stay]
     }
 }
 
@@ -127,9 +120,9 @@ impl Results {
 
 pub const HEADER: &str = "| worlds | number | as many policies as groups | exact policies \
 | with superfluous policies | most superfluous | with missing policies | most missing \
-| right after first visits | switches noticed at once | mixed rollouts | split exactly \
+| right after first visits | switches noticed at once \
 | learnt by the wrong policy | rollouts a turn | policies merged | slowest decisions |\n\
-|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// Returns the line of the table for worlds of one kind.
 pub fn row(kind: &str, records: &[&Record]) -> String {
@@ -153,8 +146,6 @@ pub fn row(kind: &str, records: &[&Record]) -> String {
         most(|r| r.groups.saturating_sub(r.policies)).to_string(),
         share(|r| r.right, |r| r.known),
         share(|r| r.noticed, |r| r.switches),
-        sum(|r| r.mixed).to_string(),
-        share(|r| r.split, |r| r.mixed),
         share(|r| r.foreign, |r| r.learnt),
         format!("{:.2}", sum(|r| r.rounds) as f64 / (ROUNDS * sum(|r| r.turns).max(1)) as f64),
         sum(|r| r.merged).to_string(),
@@ -195,11 +186,11 @@ mod tests {
     #[test]
     fn lines_of_another_version_are_refused() {
         let path = scratch("version");
-        for text in ["kind,seed\nshape,7\n", "version,kind\n6,shape\n"] {
+        for text in ["kind,seed\nshape,7\n", "version,kind\n7,shape\n"] {
             fs::write(&path, text).unwrap();
             let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
             let message = rejected.to_string();
-            assert!(message.contains("expected version 6"), "{message}");
+            assert!(message.contains("expected version 7"), "{message}");
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
         }
         fs::remove_file(&path).unwrap();
@@ -218,7 +209,7 @@ mod tests {
         again.add(&Record { seed: 8, ..record }).unwrap();
         let found = |visits| Results::open(Some(&path), &plan(visits)).unwrap().known.len();
         assert_eq!([found(None), found(Some(100))], [2, 0]);
-        let text = fs::read_to_string(&path).unwrap().replace("\n6,", "\n5,");
+        let text = fs::read_to_string(&path).unwrap().replace("\n7,", "\n5,");
         fs::write(&path, text).unwrap();
         let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
         assert!(rejected.to_string().contains("it holds version 5"));

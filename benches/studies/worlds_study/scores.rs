@@ -93,8 +93,6 @@ pub fn record(kind: Kind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
         right: count(&|(turn, right, _)| turn.is_known && *right),
         switches: count(&|(turn, _, new)| turn.is_known && *new),
         noticed: count(&|(turn, right, new)| turn.is_known && *new && *right),
-        mixed: count(&|(turn, _, _)| turn.is_cut.is_some()),
-        split: count(&|(turn, _, _)| turn.is_cut == Some(true)),
         learnt: learnt.len(),
         foreign: foreign.count(),
         merged: outcome.merged(),
@@ -115,7 +113,6 @@ mod tests {
             policy,
             rounds: 4,
             is_known: true,
-            is_cut: None,
             last: 0,
             learnt: [Some(group), Some(group), None, None],
         };

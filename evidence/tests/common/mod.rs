@@ -2,7 +2,7 @@
 
 #![allow(dead_code, clippy::unwrap_used)]
 
-use evidence::{Account, Accountant, Course, Finding, Recogniser, RecogniserSettings};
+use evidence::{Account, Accountant, Course, Finding, Recogniser, RecogniserSettings, Situation};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, Transition, VectorEnv};
@@ -77,6 +77,18 @@ pub fn said(finding: &Finding) -> Vec<String> {
 
 pub fn rng() -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(0)
+}
+
+/// What a recogniser says of a rollout that it may leave undecided. It does not remember the
+/// rollout.
+pub fn look(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
+    recogniser.clone().assign(seen, Situation::of(collector), &mut rng()).unwrap()
+}
+
+/// What a recogniser says of a rollout that it must decide. It does not remember the rollout.
+pub fn settle(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
+    let situation = Situation { can_wait: false, ..Situation::of(collector) };
+    recogniser.clone().assign(seen, situation, &mut rng()).unwrap()
 }
 
 /// A recogniser of the groups 0, 1, ... of a world, each known from two rollouts of its own policy;

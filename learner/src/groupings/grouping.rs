@@ -73,16 +73,22 @@ impl Needs {
 /// Query to a grouping, to assign episodes to a policy or to confirm one.
 #[derive(Clone, Copy, Debug)]
 pub enum Query<'a> {
-    /// Request to assign one rollout to a policy. [`Decision::Undecided`] asks for one more.
-    Rollout,
-    /// Request to assign two rollouts to a policy for good, after the first one left the grouping
-    /// undecided.
-    TwoRollouts,
+    /// Request to assign one rollout to a policy.
+    Rollout {
+        /// `true` if the answer may be [`Decision::Undecided`]: no policy trains on the rollout,
+        /// and another one is collected.
+        can_wait: bool,
+    },
     /// Request for the policy that fits one or more episodes, which are not used for training.
     Recognition,
-    /// Request to confirm the policy that this decision named, from episodes that it collected
-    /// itself. This query only follows a decision that demands a [`Trial`].
-    Trial(&'a GroupingDecision),
+    /// Request to confirm the policy that a decision named, from episodes that it collected itself.
+    /// This query only follows a decision that demands a [`Trial`].
+    Trial {
+        /// Decision that named the policy.
+        earlier: &'a GroupingDecision,
+        /// `true` if the answer may be [`Decision::Undecided`], as for [`Query::Rollout`].
+        can_wait: bool,
+    },
 }
 
 /// Experience that a grouping can use: the first frames of a rollout and of every policy.
@@ -101,10 +107,6 @@ pub trait Candidates {
     /// # Errors
     /// Errors of a network.
     fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], LearnerError>;
-
-    /// Returns the time at which each episode of the rollout's frames began: decisions of all
-    /// environments before it.
-    fn began(&self) -> Vec<usize>;
 
     /// Returns the whole episodes of the rollout.
     fn episodes(&self) -> Episodes<'_>;
@@ -183,6 +185,10 @@ pub enum Trial {
     /// A few episodes of the named policy first, [`Needs::episodes`] and at least one in each
     /// environment, since several policies may fit; then one rollout.
     Episodes,
+    /// No trial, since it would come too late: the task group changed while another policy was on
+    /// trial. The named policy trains on the rollout of that one, whatever the settings say of
+    /// rollouts that change hands.
+    Waived,
 }
 
 /// Episodes that a grouping remembers for a policy.

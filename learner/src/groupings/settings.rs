@@ -1,6 +1,5 @@
 //! Registry of groupings: settings that name one.
 
-use cluster::{Calibrated, Rule};
 use evidence::RecogniserSettings;
 use serde::{Deserialize, Serialize};
 
@@ -15,17 +14,14 @@ use super::oracle::{Labels, Oracle, Single, unlabelled};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroupingSettings {
-    /// A two-sample permutation test of 1-Wasserstein distances, with a second look before a policy
-    /// is created.
-    Calibrated(Calibrated),
+    /// Pictures, motion and returns of whole episodes, which no policy owns, in one permutation
+    /// test.
+    Evidence(RecogniserSettings),
     /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
     Threshold {
         /// Largest distance within a task group (`d_epsilon`), in the features' unit.
         threshold: f64,
     },
-    /// Pictures, motion and returns of whole episodes, which no policy owns, in one permutation
-    /// test.
-    Evidence(RecogniserSettings),
     /// One policy for all task groups.
     Single,
     /// One policy for each ground-truth label of a task group. Only a run can give labels.
@@ -34,7 +30,7 @@ pub enum GroupingSettings {
 
 impl Default for GroupingSettings {
     fn default() -> Self {
-        Self::Calibrated(Calibrated::default())
+        Self::Evidence(RecogniserSettings::default())
     }
 }
 
@@ -56,9 +52,8 @@ impl GroupingSettings {
     /// Creates the grouping for a run that writes `labels`.
     pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, LearnerError> {
         Ok(match *self {
-            Self::Calibrated(calibrated) => Box::new(Distance::new(Rule::Calibrated(calibrated))?),
-            Self::Threshold { threshold } => Box::new(Distance::new(Rule::Fixed { threshold })?),
             Self::Evidence(settings) => Box::new(Evident::new(settings)?),
+            Self::Threshold { threshold } => Box::new(Distance::new(threshold)?),
             Self::Single => Box::new(Single),
             Self::Oracle => Box::new(Oracle::new(labels.clone())),
         })
@@ -74,7 +69,6 @@ mod tests {
         let all = [
             GroupingSettings::default(),
             GroupingSettings::PAPER,
-            GroupingSettings::Evidence(RecogniserSettings::default()),
             GroupingSettings::Single,
             GroupingSettings::Oracle,
         ];

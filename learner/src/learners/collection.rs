@@ -192,10 +192,6 @@ impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
         Ok([first?, second?])
     }
 
-    fn began(&self) -> Vec<usize> {
-        self.frames.iter().map(FirstFrames::began).collect()
-    }
-
     fn episodes(&self) -> Episodes<'_> {
         self.episodes
     }

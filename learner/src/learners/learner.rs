@@ -108,9 +108,10 @@ pub struct Iteration {
     /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
-    /// Evidence of the first rollout, if it left the grouping undecided and one more was collected;
-    /// `evidence` then rests on both.
+    /// Evidence of the first rollout, if it left the grouping undecided and more were collected.
     pub first_look: Option<Vec<Evidence>>,
+    /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
+    pub discarded: usize,
     /// Index of the policy that each one was merged into, if any; empty for learners and groupings
     /// that merge no policies.
     pub merged_into: Vec<Option<usize>>,
@@ -226,13 +227,21 @@ pub fn per_policy_columns() -> impl Iterator<Item = &'static str> {
     [DISTANCES, HEIRS].into_iter().chain(tests)
 }
 
+/// Largest number of rollouts of an iteration that may be left undecided.
+// Groups that all change at once need one each; a new policy is worth less than a run that hangs.
+const MOST_DISCARDED: usize = 8;
+
 impl Iteration {
+    /// Returns `true` if a grouping may leave one more rollout undecided.
+    pub(super) fn can_wait(&self) -> bool {
+        self.discarded < MOST_DISCARDED
+    }
+
     /// Logs the evidence of the grouping, the policy that each one was merged into where policies
     /// are merged, and the update.
     pub(super) fn log(&mut self, update: Vec<(String, f64)>) {
-        let looks = 1 + u8::from(self.first_look.is_some());
         let (metrics, evidence) = (&mut self.metrics, &self.evidence);
-        metrics.number("looks", f64::from(looks));
+        metrics.number("looks", (1 + self.discarded) as f64);
         metrics.per_policy(DISTANCES, evidence.iter().map(|e| Some(e.distance)));
         for (name, number) in TEST_COLUMNS {
             metrics.per_policy(name, evidence.iter().map(|e| e.test().map(number)));

@@ -7,10 +7,9 @@
 //!
 //! A run calls [`Learner::learn`] once per iteration (`experiments/src/run.rs`); the environment
 //! changes the task group by itself. The assignment of lines 8 to 10 is a [`crate::Grouping`]: by
-//! default (`groupings/distance.rs`) W1 of the features that each policy's own network computes of
-//! the first frames, with a permutation test in the place of the paper's threshold; it is
-//! undecided if a test rejects a policy after one rollout only. `recognise` and `perform` serve
-//! evaluations; the second `impl` has the steps of `learn`.
+//! default (`groupings/evidence.rs`) W1 of what pictures, motion and rewards show, with a
+//! permutation test in the place of the paper's threshold; it is undecided if one rollout is too
+//! little. `recognise` and `perform` serve evaluations; the second `impl` has the steps of `learn`.
 
 use std::path::Path;
 use std::time::Instant;
@@ -40,26 +39,33 @@ impl<S: CollectionSettings> Learner for Collection<S> {
     /// assignment: here every rollout is assigned, since `N_u` and `N_s` are equal.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError> {
         let mut iteration = Iteration::default();
-        let collector = self.current;
+        let (actor, decision) = loop {
+            // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
+            // (`observed`) takes the first k frames of each episode.
+            let collector = self.current;
+            self.roll_out(env, &mut iteration)?;
+            let mut observed = self.observe()?;
 
-        // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
-        // (`observed`) takes the first k frames of each episode.
-        self.roll_out(env, &mut iteration)?;
-        let mut observed = self.observe(0)?;
+            // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
+            // Extension: a single rollout may be too little to decide, and trains no policy then.
+            let query = Query::Rollout { can_wait: iteration.can_wait() };
+            let mut decision = self.assign(query, &observed, &mut iteration.seconds)?;
+            if decision.policy == Decision::Undecided {
+                self.discard(decision, &mut iteration);
+                continue;
+            }
+            observed.keep_later(decision.cut);
 
-        // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
-        // Extension: a single rollout may be too little to open a policy on.
-        let mut decision = self.assign(Query::Rollout, &observed, &mut iteration.seconds)?;
-        if decision.policy == Decision::Undecided {
-            decision = self.collect_second_rollout(env, decision, &mut observed, &mut iteration)?;
-        }
-        observed.keep_later(decision.cut);
-
-        // Lines 11 and 12: a new random policy with B = O; lines 13 and 14: the nearest policy,
-        // whose B takes O. Extensions: D of another policy is off-policy, so the one that was
-        // assigned may have to collect it anew; groupings that remember whole episodes learn, too.
-        iteration.created = self.adopt(&decision, observed.frames)?;
-        let actor = self.hand_over(env, collector, &mut decision, &mut iteration)?;
+            // Lines 11 and 12: a new random policy with B = O; lines 13 and 14: the nearest policy,
+            // whose B takes O. Extension: D of another policy is off-policy, so the one that was
+            // assigned may have to collect it anew.
+            iteration.created = self.adopt(&decision, observed.frames)?;
+            if let Some(actor) = self.hand_over(env, collector, &mut decision, &mut iteration)? {
+                break (actor, decision);
+            }
+            self.discard(decision, &mut iteration);
+        };
+        // Extension: groupings that remember whole episodes learn, too.
         let learned = self.teach_grouping(actor, &decision, &mut iteration.seconds)?;
 
         // Lines 15 and 16: update the current policy with D, which the next rollout overwrites:
@@ -160,25 +166,24 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Takes the first frames of the rollout's episodes (line 6); `before` is the number of earlier
-    /// decisions.
-    pub(super) fn observe(&self, before: usize) -> Result<Observed, LearnerError> {
-        let observed = self.observe_in(&self.rollout, before);
+    /// Takes the first frames of the rollout's episodes (line 6).
+    pub(super) fn observe(&self) -> Result<Observed, LearnerError> {
+        let observed = self.observe_in(&self.rollout);
         self.check_episodes(observed.frames.len())?;
         Ok(observed)
     }
 
     /// Takes from a rollout what the grouping looks at.
-    pub(super) fn observe_in(&self, rollout: &RolloutOf<S>, before: usize) -> Observed {
+    pub(super) fn observe_in(&self, rollout: &RolloutOf<S>) -> Observed {
         Observed {
-            frames: first_frames(rollout, before, self.settings.common().first_frames),
-            courses: self.courses_in(rollout, before),
+            frames: first_frames(rollout, self.settings.common().first_frames),
+            courses: self.courses_in(rollout),
         }
     }
 
     /// Takes the whole episodes of a rollout, where the grouping needs them.
-    pub(super) fn courses_in(&self, rollout: &RolloutOf<S>, before: usize) -> Vec<Course> {
-        if self.grouping.needs().whole_episodes { courses(rollout, before) } else { Vec::new() }
+    pub(super) fn courses_in(&self, rollout: &RolloutOf<S>) -> Vec<Course> {
+        if self.grouping.needs().whole_episodes { courses(rollout) } else { Vec::new() }
     }
 
     /// Rejects a rollout with too few first frames to be assigned.
@@ -279,7 +284,7 @@ impl<S: CollectionSettings> Collection<S> {
             let policy = &mut self.policies[self.current].policy;
             let mut state = RolloutState::reset(env, policy)?;
             collect(env, policy, &mut rollout, &mut state, rng)?;
-            let seen = self.observe_in(&rollout, 0);
+            let seen = self.observe_in(&rollout);
             // no episode is long enough: without this error the loop would never end
             if seen.frames.is_empty() {
                 self.check_episodes(0)?;

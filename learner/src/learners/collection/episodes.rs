@@ -11,8 +11,7 @@ use crate::error::LearnerError;
 
 /// First observations of one episode.
 pub(super) struct FirstFrames {
-    /// Decisions of all environments between the start of the assignment's first rollout and the
-    /// episode.
+    /// Decisions of all environments between the start of the rollout and the episode.
     began: usize,
     count: usize,
     observations: Observations,
@@ -22,12 +21,6 @@ impl FirstFrames {
     /// Takes the first `count` observations of an episode.
     pub(super) fn new(count: usize, observations: Observations) -> Self {
         Self { began: 0, count, observations }
-    }
-
-    /// Returns the decisions of all environments between the start of the assignment's first
-    /// rollout and the episode.
-    pub(super) fn began(&self) -> usize {
-        self.began
     }
 
     /// Returns the number of observations.
@@ -41,7 +34,7 @@ impl FirstFrames {
     }
 }
 
-/// Experience that one assignment uses: one rollout or two.
+/// Experience that one assignment uses.
 #[derive(Default)]
 pub(super) struct Observed {
     /// First frames of the episodes: the paper's `O`.
@@ -152,9 +145,8 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
     spans
 }
 
-/// Takes the first `k` observations of every episode that shows as many; `before` decisions came
-/// before the rollout.
-pub(super) fn first_frames<R: Rollout>(rollout: &R, before: usize, k: usize) -> Vec<FirstFrames> {
+/// Takes the first `k` observations of every episode that shows as many.
+pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
     let (envs, mut episodes) = (rollout.spec().num_envs, Vec::new());
     for Span { env, steps, .. } in spans(rollout) {
         if steps.len() < k {
@@ -169,20 +161,17 @@ pub(super) fn first_frames<R: Rollout>(rollout: &R, before: usize, k: usize) -> 
             frames.images.extend(image);
             frames.vectors.extend(vector);
         }
-        episodes.push(FirstFrames {
-            began: before + steps.start * envs,
-            ..FirstFrames::new(k, frames)
-        });
+        episodes.push(FirstFrames { began: steps.start * envs, ..FirstFrames::new(k, frames) });
     }
     episodes
 }
 
-/// Takes every episode of the rollout, which `before` decisions came before.
-pub(super) fn courses<R: Rollout>(rollout: &R, before: usize) -> Vec<Course> {
+/// Takes every episode of the rollout.
+pub(super) fn courses<R: Rollout>(rollout: &R) -> Vec<Course> {
     let (envs, mut courses) = (rollout.spec().num_envs, Vec::new());
     for span in spans(rollout) {
         let mut course = Course {
-            began: before + span.steps.start * envs,
+            began: span.steps.start * envs,
             is_whole: span.is_whole,
             image: rollout.step(span.steps.start, span.env).image.to_vec(),
             ..Course::default()
@@ -249,7 +238,7 @@ mod tests {
     }
 
     fn images(rollout: &RolloutBuffer, k: usize) -> Vec<Vec<u8>> {
-        let episodes = first_frames(rollout, 0, k).into_iter();
+        let episodes = first_frames(rollout, k).into_iter();
         episodes.map(|episode| episode.observations.images).collect()
     }
 

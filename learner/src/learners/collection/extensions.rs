@@ -1,4 +1,4 @@
-//! Steps of the learner that the paper's Algorithm 1 does not have: second rollouts, policies that
+//! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, policies that
 //! prove themselves before they learn, rollouts of two groups, and policies that are merged.
 
 use std::time::Instant;
@@ -16,36 +16,16 @@ use super::episodes::{Observed, Rollout};
 use super::settings::{CollectionSettings, Handover, RolloutOf, Training};
 
 impl<S: CollectionSettings> Collection<S> {
-    /// Collects one more rollout after `first` left the grouping undecided, and decides on both:
-    /// the paper opens a policy on a single rollout.
-    pub(super) fn collect_second_rollout(
-        &mut self,
-        env: &mut dyn VectorEnv,
-        first: GroupingDecision,
-        observed: &mut Observed,
-        iteration: &mut Iteration,
-    ) -> Result<GroupingDecision, LearnerError> {
-        self.keep_if_cut(&first, 0);
-        let before = iteration.decisions;
-        self.roll_out(env, iteration)?;
-        observed.extend(self.observe(before)?);
-        iteration.first_look = Some(first.evidence);
-        let decision = self.assign(Query::TwoRollouts, observed, &mut iteration.seconds)?;
-        self.keep_if_cut(&decision, 1);
-        Ok(decision)
-    }
-
-    /// Discards all but the latest `collections` if a decision found two groups in them, since a
-    /// replay would otherwise take them all.
-    fn keep_if_cut(&mut self, decision: &GroupingDecision, collections: usize) {
-        if decision.cut.is_some() {
-            self.rollout.keep(collections);
-        }
+    /// Discards a rollout that the grouping left undecided.
+    pub(super) fn discard(&mut self, decision: GroupingDecision, iteration: &mut Iteration) {
+        self.rollout.keep(0);
+        iteration.discarded += 1;
+        iteration.first_look.get_or_insert(decision.evidence);
     }
 
     /// Prepares the rollout of `collector` for training the current policy, which `decision` named,
     /// or collects a new one with it, since a rollout of another policy is off-policy. Returns the
-    /// policy that collected the rollout.
+    /// policy that collected the rollout; `None` if no policy may train on it.
     ///
     /// If the decision demands a trial, the grouping judges each new rollout and may name other
     /// policies, which then collect their own.
@@ -55,33 +35,42 @@ impl<S: CollectionSettings> Collection<S> {
         collector: usize,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
-    ) -> Result<usize, LearnerError> {
+    ) -> Result<Option<usize>, LearnerError> {
         if self.current == collector {
-            return Ok(collector);
+            return Ok(Some(collector));
         }
         if self.may_reuse(decision) {
-            let policy = &mut self.policies[self.current].policy;
-            S::Training::take_over(policy, &mut self.rollout)?;
-            return Ok(collector);
+            self.take_over()?;
+            return Ok(Some(collector));
         }
-        // ends because a grouping names no rejected policy again, and a new one needs no trial
+        // ends because a grouping names no rejected policy again, and waits for a second new one
         loop {
-            self.keep_if_cut(decision, 0);
+            // all collections so far are of other policies, and a replay would take them
+            if decision.cut.is_some() {
+                self.rollout.keep(0);
+            }
+            let mut passes = true;
             if decision.trial == Trial::Episodes
                 && !iteration.created
                 && let Some(probe) = self.probe(env, iteration)?
             {
-                let observed = self.observe_in(&probe, 0);
-                if !self.passes_trial(observed, decision, iteration)? {
-                    continue;
+                passes = self.passes_trial(self.observe_in(&probe), decision, iteration)?;
+            }
+            if passes {
+                let actor = self.current;
+                self.roll_out(env, iteration)?;
+                let is_final =
+                    decision.trial == Trial::None || (iteration.created && !iteration.can_wait());
+                if is_final || self.passes_trial(self.observe()?, decision, iteration)? {
+                    return Ok(Some(actor));
+                }
+                if decision.trial == Trial::Waived {
+                    self.take_over()?;
+                    return Ok(Some(actor));
                 }
             }
-            self.roll_out(env, iteration)?;
-            if iteration.created
-                || decision.trial == Trial::None
-                || self.passes_trial(self.observe(0)?, decision, iteration)?
-            {
-                return Ok(self.current);
+            if decision.policy == Decision::Undecided {
+                return Ok(None);
             }
         }
     }
@@ -94,21 +83,30 @@ impl<S: CollectionSettings> Collection<S> {
             && !decision.provisional
     }
 
+    /// Prepares the rollout of another policy for training the current one.
+    fn take_over(&mut self) -> Result<(), LearnerError> {
+        let policy = &mut self.policies[self.current].policy;
+        Ok(S::Training::take_over(policy, &mut self.rollout)?)
+    }
+
     /// Asks the grouping whether the current policy, which `decision` named, stays after it acted.
-    /// Otherwise the policy that it names instead becomes current, and its decision the last one.
+    /// Otherwise `decision` becomes the answer, and the policy that it names current.
     fn passes_trial(
         &mut self,
         observed: Observed,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
     ) -> Result<bool, LearnerError> {
-        let query = Query::Trial(decision);
+        let query = Query::Trial { earlier: decision, can_wait: iteration.can_wait() };
         let judged = self.assign(query, &observed, &mut iteration.seconds)?;
-        if judged.policy == Decision::Existing(self.current) {
+        let passes = judged.policy == Decision::Existing(self.current);
+        if passes {
             decision.accepted = judged.accepted;
             return Ok(true);
         }
-        iteration.created = self.adopt(&judged, observed.frames)?;
+        if judged.policy != Decision::Undecided {
+            iteration.created = self.adopt(&judged, observed.frames)?;
+        }
         *decision = judged;
         Ok(false)
     }
@@ -143,7 +141,7 @@ impl<S: CollectionSettings> Collection<S> {
         seconds: &mut Seconds,
     ) -> Result<Learned, LearnerError> {
         let clock = Instant::now();
-        let courses = self.courses_in(&self.rollout, 0);
+        let courses = self.courses_in(&self.rollout);
         let lesson = Lesson::Rollout {
             policy: self.current,
             accepted: &decision.accepted,
@@ -174,7 +172,7 @@ impl<S: CollectionSettings> Collection<S> {
             let Some(probe) = self.probe(env, iteration)? else {
                 break;
             };
-            acted.push((next, self.courses_in(&probe, 0)));
+            acted.push((next, self.courses_in(&probe)));
             let probes = acted.iter().map(|(collector, courses)| Episodes {
                 spec: &self.spec,
                 collector: *collector,
