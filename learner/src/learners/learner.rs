@@ -229,7 +229,7 @@ pub fn per_policy_columns() -> impl Iterator<Item = &'static str> {
 
 /// Largest number of rollouts of an iteration that may be left undecided.
 // Groups that all change at once need one each; a new policy is worth less than a run that hangs.
-const MOST_DISCARDED: usize = 8;
+const MOST_DISCARDED: usize = 16;
 
 impl Iteration {
     /// Returns `true` if a grouping may leave one more rollout undecided.
