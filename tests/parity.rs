@@ -38,13 +38,13 @@ fn episodes_start_where_meta_worlds_do() {
     let further_back = [2.163679, -0.562765, -1.225574, 2.173459, 1.237292, 1.003001, 1.918364];
     for group in TaskGroup::STANDARD {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
-        let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
+        let scene = Scene::new_in_layout(layout, group, arm, Camera::default()).unwrap();
         let joints = match group.name() {
             "button-press" => further_back,
             _ => over_the_centre,
         };
         // a state begins with the time
-        let qpos = &scene.settled().values()[1..];
+        let qpos = &scene.start_state().values()[1..];
         for (got, expected) in qpos.iter().zip(joints) {
             assert!((got - expected).abs() < 1e-6, "{group}: {got}, {expected}");
         }

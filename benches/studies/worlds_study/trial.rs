@@ -13,7 +13,7 @@ use rand::seq::SliceRandom;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, Transition, VectorEnv};
-use worlds::{Stream, Visit, World};
+use worlds::{TaskStream, Visit, World};
 
 use crate::{Answer, Plan};
 
@@ -77,7 +77,7 @@ impl Outcome {
 
 /// State of a stream in one world, with its learner.
 pub struct Trial {
-    stream: Stream,
+    stream: TaskStream,
     rounds: usize,
     recogniser: Recogniser,
     accountant: Accountant,
@@ -106,7 +106,7 @@ impl Trial {
         }
         visits.truncate(number);
         let rounds = visits.iter().map(|visit| visit.rounds).sum();
-        let mut stream = Stream::new(world, visits, ENVS)?.with_horizon(HORIZON);
+        let mut stream = TaskStream::new(world, visits, ENVS)?.with_horizon(HORIZON);
         let spec = stream.spec().clone();
         let mut now = Observations::new(&spec);
         stream.reset(&mut now)?;
@@ -115,7 +115,12 @@ impl Trial {
             stream,
             rounds,
             recogniser: Recogniser::new(settings)?,
-            accountant: Accountant::new(spec.image, &spec.vector, &spec.action, settings.filters)?,
+            accountant: Accountant::new(
+                spec.image_shape,
+                &spec.vector_irreps,
+                &spec.action_irreps,
+                settings.filters,
+            )?,
             policies: vec![StandIn::default()],
             current: 0,
             rng,
@@ -128,7 +133,7 @@ impl Trial {
     /// Runs the stream to its end.
     pub fn run(mut self) -> Answer<Outcome> {
         let mut met: Vec<Option<usize>> = vec![None; self.stream.world().groups.len()];
-        while self.stream.rounds() < self.rounds {
+        while self.stream.num_rounds_ended() < self.rounds {
             let turn = self.turn()?;
             let since = *met[turn.group].get_or_insert(turn.last);
             self.outcome.turns.push(Turn {
@@ -138,7 +143,7 @@ impl Trial {
         }
         let state = self.recogniser.state(serde_json::value::Serializer);
         Ok(Outcome {
-            distinct: self.stream.world().distinct(),
+            distinct: self.stream.world().num_distinct_groups(),
             policies: self.policies.len(),
             heirs: self.recogniser.heirs(),
             state: state.map_or(0, |state| state.to_string().len()),
@@ -147,13 +152,13 @@ impl Trial {
     }
 
     fn group_at(&self, round: usize) -> usize {
-        let group = self.stream.group_at(round);
-        self.stream.world().representative(group)
+        let group = self.stream.group_in_round(round);
+        self.stream.world().first_equal_group(group)
     }
 
     /// Takes one turn of the learner: rollouts, assignment, update, and a search for duplicates.
     fn turn(&mut self) -> Answer<Turn> {
-        let begins = self.stream.rounds();
+        let begins = self.stream.num_rounds_ended();
         self.deciding = Duration::ZERO;
         let mut accounts = self.roll_out(ROUNDS)?;
         let mut cut = None;
@@ -176,7 +181,7 @@ impl Trial {
         }
         let learnt = self.learn(&accounts)?;
         // before rounds in which a possible duplicate acts, since nothing is trained on them
-        let ends = self.stream.rounds();
+        let ends = self.stream.num_rounds_ended();
         let policy = self.current;
         if let Some(finding) = last {
             self.look_for_twin(&finding)?;
@@ -188,7 +193,7 @@ impl Trial {
         Ok(Turn {
             group: learnt.iter().flatten().last().copied().unwrap_or(0),
             policy,
-            rounds: self.stream.rounds() - begins,
+            rounds: self.stream.num_rounds_ended() - begins,
             is_known: false,
             is_cut: changed.map(|changed| cut == Some(changed)),
             last: ends - 1 - (ROUNDS - learnt.iter().flatten().count()),
@@ -202,7 +207,7 @@ impl Trial {
         let clock = Instant::now();
         let end = self.recogniser.learn(self.current, accounts, &mut self.rng)?;
         self.deciding += clock.elapsed();
-        let ends = self.stream.rounds();
+        let ends = self.stream.num_rounds_ended();
         let learnt = std::array::from_fn(|index| {
             let round = ends + index - ROUNDS;
             let is_own = end.is_none_or(|end| round * ENVS * HORIZON < end);
@@ -297,7 +302,7 @@ impl Trial {
 
     fn round(&mut self) -> Answer<Vec<Course>> {
         let spec = self.stream.spec().clone();
-        let began = self.stream.rounds() * ENVS * HORIZON;
+        let began = self.stream.num_rounds_ended() * ENVS * HORIZON;
         let images = self.now.images.chunks(spec.image_len());
         let begin = |image: &[u8]| Course {
             began,
@@ -357,9 +362,9 @@ impl StandIn {
     }
 
     /// Returns an action in environment `env`: that of the expert, mixed with noise by skill.
-    pub fn act<R: Rng>(&self, stream: &Stream, env: usize, rng: &mut R) -> [f32; 2] {
+    pub fn act<R: Rng>(&self, stream: &TaskStream, env: usize, rng: &mut R) -> [f32; 2] {
         let (group, skill) = self.skill().unwrap_or((0, 0.0));
-        stream.expert(env, group).map(|action| {
+        stream.expert_action(env, group).map(|action| {
             let noise: f32 = rng.random_range(-1.0..1.0);
             skill * (action + EXPLORATION * noise) + (1.0 - skill) * noise
         })
@@ -375,19 +380,19 @@ fn has_returned(mut groups: impl Iterator<Item = usize>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use worlds::Kind;
+    use worlds::WorldKind;
 
     /// Rounds in which possible duplicates act after the turn's update are not trained on.
     #[test]
     fn a_turn_is_dated_by_what_it_learnt() {
         let plan = Plan { visits: Some(6), stay: 8..=12 };
-        let mut trial = Trial::of(World::draw(Kind::Target, 1000), &plan).unwrap();
+        let mut trial = Trial::of(World::random(WorldKind::Target, 1000), &plan).unwrap();
         let mut heard = 0;
-        while trial.stream.rounds() < trial.rounds {
+        while trial.stream.num_rounds_ended() < trial.rounds {
             let turn = trial.turn().unwrap();
             assert_eq!(trial.group_at(turn.last), turn.group);
             let dropped = ROUNDS - turn.learnt.iter().flatten().count();
-            heard += trial.stream.rounds() - 1 - dropped - turn.last;
+            heard += trial.stream.num_rounds_ended() - 1 - dropped - turn.last;
         }
         assert!(heard > 0, "no policy was heard");
     }

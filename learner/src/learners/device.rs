@@ -22,7 +22,7 @@ pub enum LearningDevice {
 
 impl LearningDevice {
     /// Returns the name of the GPU; `None` on the CPU.
-    pub fn gpu(&self) -> Option<&str> {
+    pub fn gpu_name(&self) -> Option<&str> {
         match self {
             Self::Cpu => None,
             #[cfg(feature = "wgpu")]
@@ -109,7 +109,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 /// Returns `true` if the first adapter is a GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
-    let adapters = rl::gpu::adapters();
+    let adapters = rl::gpu::available_adapters();
     adapters.first().is_some_and(|adapter| adapter.kind.is_hardware())
 }
 

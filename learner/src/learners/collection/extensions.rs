@@ -9,27 +9,27 @@ use rl::{Experience as _, VectorEnv};
 
 use crate::error::LearnerError;
 use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query, Trial};
-use crate::learners::learner::{Iteration, Seconds};
+use crate::learners::learner::{Iteration, IterationSeconds};
 
-use super::Collection;
-use super::episodes::{Observed, Rollout};
-use super::settings::{CollectionSettings, Handover, RolloutOf, Training};
+use super::PolicyCollection;
+use super::episodes::{ObservedEpisodes, Rollout};
+use super::settings::{Handover, PolicyCollectionSettings, RolloutOf, Training};
 
-impl<S: CollectionSettings> Collection<S> {
+impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Collects one more rollout after `first` left the grouping undecided, and decides on both:
     /// the paper opens a policy on a single rollout.
     pub(super) fn collect_second_rollout(
         &mut self,
         env: &mut dyn VectorEnv,
         first: GroupingDecision,
-        observed: &mut Observed,
+        observed: &mut ObservedEpisodes,
         iteration: &mut Iteration,
     ) -> Result<GroupingDecision, LearnerError> {
         self.keep_if_cut(&first, 0);
         let before = iteration.decisions;
         self.roll_out(env, iteration)?;
-        observed.extend(self.observe(before)?);
-        iteration.first_look = Some(first.evidence);
+        observed.extend(self.observe_rollout(before)?);
+        iteration.first_rollout_evidence = Some(first.evidence);
         let decision = self.assign(Query::TwoRollouts, observed, &mut iteration.seconds)?;
         self.keep_if_cut(&decision, 1);
         Ok(decision)
@@ -39,7 +39,7 @@ impl<S: CollectionSettings> Collection<S> {
     /// replay would otherwise take them all.
     fn keep_if_cut(&mut self, decision: &GroupingDecision, collections: usize) {
         if decision.cut.is_some() {
-            self.rollout.keep(collections);
+            self.rollout.keep_latest(collections);
         }
     }
 
@@ -49,7 +49,7 @@ impl<S: CollectionSettings> Collection<S> {
     ///
     /// If the decision demands a trial, the grouping judges each new rollout and may name other
     /// policies, which then collect their own.
-    pub(super) fn hand_over(
+    pub(super) fn prepare_training_rollout(
         &mut self,
         env: &mut dyn VectorEnv,
         collector: usize,
@@ -61,25 +61,25 @@ impl<S: CollectionSettings> Collection<S> {
         }
         if self.may_reuse(decision) {
             let policy = &mut self.policies[self.current].policy;
-            S::Training::take_over(policy, &mut self.rollout)?;
+            S::Training::adapt_rollout(policy, &mut self.rollout)?;
             return Ok(collector);
         }
         // ends because a grouping names no rejected policy again, and a new one needs no trial
         loop {
             self.keep_if_cut(decision, 0);
             if decision.trial == Trial::Episodes
-                && !iteration.created
+                && !iteration.policy_created
                 && let Some(probe) = self.probe(env, iteration)?
             {
-                let observed = self.observe_in(&probe, 0);
+                let observed = self.observed_episodes_in(&probe, 0);
                 if !self.passes_trial(observed, decision, iteration)? {
                     continue;
                 }
             }
             self.roll_out(env, iteration)?;
-            if iteration.created
+            if iteration.policy_created
                 || decision.trial == Trial::None
-                || self.passes_trial(self.observe(0)?, decision, iteration)?
+                || self.passes_trial(self.observe_rollout(0)?, decision, iteration)?
             {
                 return Ok(self.current);
             }
@@ -98,7 +98,7 @@ impl<S: CollectionSettings> Collection<S> {
     /// Otherwise the policy that it names instead becomes current, and its decision the last one.
     fn passes_trial(
         &mut self,
-        observed: Observed,
+        observed: ObservedEpisodes,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
     ) -> Result<bool, LearnerError> {
@@ -108,7 +108,7 @@ impl<S: CollectionSettings> Collection<S> {
             decision.accepted = judged.accepted;
             return Ok(true);
         }
-        iteration.created = self.adopt(&judged, observed.frames)?;
+        iteration.policy_created = self.make_current(&judged, observed.frames)?;
         *decision = judged;
         Ok(false)
     }
@@ -124,11 +124,11 @@ impl<S: CollectionSettings> Collection<S> {
         let steps = env
             .horizon()
             .and_then(|horizon| horizon.checked_mul(episodes.max(1)))
-            .filter(|&steps| steps < self.rollout.steps());
+            .filter(|&steps| steps < self.rollout.steps_per_env());
         let Some(steps) = steps else {
             return Ok(None);
         };
-        let mut rollout = self.settings.rollout(env.spec(), steps)?;
+        let mut rollout = self.settings.new_rollout(env.spec(), steps)?;
         let rng = &mut self.generators.actions;
         self.policies[self.current].act(env, &mut rollout, rng, iteration)?;
         Ok(Some(rollout))
@@ -140,7 +140,7 @@ impl<S: CollectionSettings> Collection<S> {
         &mut self,
         collector: usize,
         decision: &GroupingDecision,
-        seconds: &mut Seconds,
+        seconds: &mut IterationSeconds,
     ) -> Result<Learned, LearnerError> {
         let clock = Instant::now();
         let courses = self.courses_in(&self.rollout, 0);
