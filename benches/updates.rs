@@ -10,8 +10,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, ContextSettings, Experience, Metrics, NetworkSettings,
-    Ppo, PpoSettings, ReplayBuffer, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy,
-    SacSettings, collect,
+    Ppo, PpoSettings, ReplayBuffer, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac,
+    SacPolicy, SacSettings, collect,
 };
 use symmetry::Group;
 

@@ -147,7 +147,7 @@ fn symmetry_line(row: &SymmetryRow) -> String {
         row.variant,
         row.free_deviation,
         row.contact_deviation,
-        row.max_reward_deviation,
+        row.reward_deviation,
         row.frames_differing,
         row.frames,
         row.pixels_differing,

@@ -187,7 +187,7 @@ impl SimulatedRig {
         rng.set_stream(trial.index as u64);
         let placement = workspace.ghost.scene().draw_placement(&mut rng);
         let element = trial.variant.element;
-        workspace.robot.robot_mut().start(element, placement)?;
+        workspace.robot.robot_mut().start_episode(element, placement)?;
         workspace.ghost.reset_to(element, placement)?;
         // late pictures must not show the last trial
         workspace.history.clear();
@@ -303,7 +303,7 @@ fn carrying_ball() -> Result<&'static Arm, DeployError> {
     let working = bare.chain().tip_pose(&settings.ready_joint_positions).rotation;
     let DVec3 { x, y, z } = working.conjugate() * BALL;
     let ball = LinkAddition {
-        link: settings.hand.clone(),
+        link: settings.hand_link.clone(),
         mjcf: format!(
             r#"<geom name="ball" type="sphere" size="0.02" pos="{x} {y} {z}" mass="0" rgba="1 0 1 1"/>"#
         ),
@@ -351,8 +351,10 @@ impl Rig for SimulatedRig {
     /// Returns the trial's calibration with its errors; before the first trial, the true one.
     fn calibration(&self) -> Calibration {
         let workspace = self.workspace.as_ref();
-        workspace
-            .map_or_else(|| self.true_calibration(), |workspace| *workspace.camera.calibration())
+        workspace.map_or_else(
+            || self.true_calibration(),
+            |workspace| *workspace.camera.reported_calibration(),
+        )
     }
 
     /// Returns the true calibration, without the errors that each trial draws.

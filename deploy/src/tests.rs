@@ -301,8 +301,8 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
     let mut other_rig = SimulatedRig::new(settings, camera).unwrap();
     let mut deployment =
         seeing(VisionSettings { calibration: Some(file), ..VisionSettings::default() });
-    for number in [1, 2] {
-        let trial = Trial { number, ..TRIAL };
+    for index in [1, 2] {
+        let trial = Trial { index, ..TRIAL };
         deployment.run_trial(&mut other_rig, &arm, &trial, None).unwrap();
     }
     MaskCheck::measure(&deployment, &mut other_rig, &arm, &calibration_poses(&arm)[..1], &TRIAL)

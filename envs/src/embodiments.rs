@@ -18,7 +18,7 @@ const GRIPPER: Mjcf<'static> = part!("gripper.xml");
 
 /// Returns parts made of files of this crate.
 fn parts(mjcf: &'static str, included_files: &[Mjcf<'static>]) -> EmbodimentParts {
-    let files = included.iter().chain([&GRIPPER]);
+    let files = included_files.iter().chain([&GRIPPER]);
     EmbodimentParts {
         mjcf: mjcf.into(),
         included_files: files.map(|&(name, text)| (name, text.into())).collect(),

@@ -167,7 +167,7 @@ impl SubEnvs {
             EnvCommand::Reset | EnvCommand::Idle => rows.clear(row),
         }
         if rows.commands[row] == EnvCommand::Reset || rows.auto_resets(row) {
-            self.attempt(row, rows, Self::begin)?;
+            self.attempt(row, rows, Self::begin_episode)?;
         }
         Ok(())
     }
@@ -189,7 +189,7 @@ impl SubEnvs {
         rows: &mut WorkerBatch,
         work: fn(&mut Self, usize, &mut WorkerBatch) -> Result<(), EnvError>,
     ) -> Result<bool, EnvError> {
-        // unwind safe, since the next `begin` of this row resets everything that a panic may leave
+        // unwind safe, since the next `begin_episode` of this row resets everything that a panic may leave
         // half done
         let caught = catch_unwind(AssertUnwindSafe(|| work(self, row, rows)));
         let panicked = |panic: Box<dyn Any + Send>| {
@@ -200,7 +200,7 @@ impl SubEnvs {
         match caught.unwrap_or_else(panicked) {
             Ok(()) => Ok(true),
             Err(error @ EnvError::Render(_)) => {
-                // the OpenGL context may be lost; `begin` makes a new renderer
+                // the OpenGL context may be lost; `begin_episode` makes a new renderer
                 self.renderers.remove(&self.tables[row].scene().group);
                 Err(error.in_env(env))
             }

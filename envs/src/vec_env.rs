@@ -107,7 +107,7 @@ impl VecEnv {
         }
         let layout = self.settings.layout;
         elements.iter().try_for_each(|&g| layout.check_variant(g))?;
-        self.prepare(&[group])?;
+        self.prepare_task_groups(&[group])?;
         let scene = self.scene(group)?;
         self.running = false;
         self.broadcast(|| WorkerCommand::SetTasks(Arc::clone(&scene), elements.to_vec()))
@@ -176,7 +176,7 @@ impl VecEnv {
     /// # Errors
     /// Errors of [`VecEnv::step`]; [`EnvError::NotReset`] for commands other than `Reset` before
     /// the first reset, or after the tasks changed or a call failed. One environment without a
-    /// running episode is a [`EnvFailure`] of that environment.
+    /// running episode is an [`EnvFailure`] of that environment.
     pub fn execute_commands(
         &mut self,
         actions: &[f32],

@@ -152,7 +152,7 @@ const READY: [f64; 6] = [0.2, 0.1, 0.7, -0.3, -0.6, -1.1];
 /// Arm of a URDF without anything of this crate, with a peg for a gripper.
 fn six_joint(name: &str) -> ArmSettings {
     let robot = envs::robots::RobotDescription::from_urdf(SIX_JOINT).unwrap();
-    let peg = Finger { link: "tip".to_owned(), claw_point: DVec3::ZERO, tip: DVec3::ZERO };
+    let peg = Finger { link: "tip".to_owned(), claw_point: DVec3::ZERO, tip_point: DVec3::ZERO };
     ArmSettings {
         name: name.to_owned(),
         robot: robot.with_base_pose(envs::robots::Pose::from_position(BASE)).unwrap(),

@@ -79,7 +79,7 @@ impl Studio {
         let settings = InpainterSettings {
             camera: arm::pinhole(&camera),
             arm_links: links.collect(),
-            correction,
+            colour_correction: correction,
             gripper_mark: arm::mark(&camera),
         };
         Inpainter::new(settings, &Self::paint(&mut self.alone, &mut self.table)).unwrap()

@@ -97,7 +97,7 @@ fn a_mean_of_an_odd_channel_is_refused() {
 fn moments_of_no_samples_are_refused() {
     let shape = Shape::vector(Group::D2.regular_type(1));
     let norm = FieldNorm::new(shape, NormStatistics::Batch).unwrap();
-    norm.moments::<f32>(&[]);
+    norm.means_and_variances::<f32>(&[]);
 }
 
 #[test]

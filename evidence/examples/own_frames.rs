@@ -18,7 +18,7 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, VectorEnv};
-use worlds::{WorldKind, TaskStream, Visit, World};
+use worlds::{TaskStream, Visit, World, WorldKind};
 
 type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -184,7 +184,7 @@ fn drawn() -> Answer<Vec<Group>> {
         let described = described.collect::<Result<Vec<_>, _>>()?;
         let accounts = described.into_iter().enumerate();
         groups.push(Group {
-            name: format!("{:?} {:?}", world.groups[group].look.shape, group),
+            name: format!("{:?} {:?}", world.groups[group].appearance.shape, group),
             accounts: accounts.map(|(began, picture)| account(began, picture)).collect(),
         });
     }

@@ -61,7 +61,7 @@ mod tests {
 
     #[test]
     fn no_two_strokes_are_equal() {
-        let strokes: Vec<Stroke> = (0..100).map(stroke).collect();
+        let strokes: Vec<Stroke> = (0..100).map(line_stroke).collect();
         assert!(itertools::Itertools::all_unique(&mut strokes.iter()));
         assert_eq!(strokes[7], Stroke::solid("#8C8C00"));
         let patterns = [8, 16, 24].map(|number| strokes[number].dashes.as_str());

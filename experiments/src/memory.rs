@@ -52,7 +52,7 @@ fn replay_bytes(experiment: &Experiment) -> u64 {
     let LearnerSettings::OffPolicy(settings) = &experiment.learner else {
         return 0;
     };
-    let [height, width, channels] = Stream::env_spec(&experiment.envs).image;
+    let [height, width, channels] = Stream::env_spec(&experiment.envs).image_shape;
     let image = height * width * channels.saturating_sub(settings.still_channels);
     let replays = match settings.grouping {
         GroupingSettings::Single => 1,

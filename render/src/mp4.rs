@@ -39,7 +39,7 @@ impl Ffmpeg {
 
     fn make(&self, film: &Film, to: &Path) -> std::io::Result<()> {
         let size = format!("{}x{}", film.width, film.height);
-        let rate = format!("100/{DELAY}");
+        let rate = format!("100/{DELAY_CENTISECONDS}");
         // without the prefix, a name with a colon is a protocol and one with a dash is an option
         let mut file = OsString::from("file:");
         file.push(to);

@@ -32,7 +32,7 @@ impl Palette {
         let mut pixels: Vec<(Rgb, u32)> = counts.into_iter().collect();
         // the order of a hash map is random, and sums depend on the order
         pixels.sort_unstable();
-        let mut sets = vec![Set::from_pictures(pixels)];
+        let mut sets = vec![Set::of(pixels)];
         while sets.len() < Self::MAX_COLOURS
             && let Some(widest) = widest(&sets)
         {
@@ -109,7 +109,7 @@ impl Set {
         let low = |(rgb, _): &(Rgb, u32)| f64::from(rgb[axis]) <= mean[axis];
         // sets that are cut have two colours or more, so neither half is empty
         let (low, high) = self.pixels.into_iter().partition(low);
-        [Self::from_pictures(low), Self::from_pictures(high)]
+        [Self::of(low), Self::of(high)]
     }
 }
 

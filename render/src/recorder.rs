@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 use experiments::sheet::{Picture, mark_goal};
-use experiments::{RunError, Stream, scale};
+use experiments::{RunError, Stream, scale_vectors};
 
 use super::grid::GridCell;
 
@@ -131,9 +131,9 @@ impl EpisodeRecorder {
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        self.renderer.compose(&self.table, &picture, &self.first, &mut out.images);
+        self.renderer.compose_observation(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
-        scale(&mut out.vectors);
+        scale_vectors(&mut out.vectors);
         // for viewers only: the policy's observation is complete, and it gets the goal as numbers
         mark_goal(&self.table, &mut picture);
         self.seen.push(picture);

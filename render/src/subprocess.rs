@@ -86,7 +86,7 @@ pub(crate) mod tests {
     #[test]
     fn a_program_gets_all_and_its_answer_comes_back() {
         let programs = Programs::new("helper", "helper", "cat");
-        assert!(find(programs.path().as_os_str(), "another").is_none());
+        assert!(find_program(programs.path().as_os_str(), "another").is_none());
         // more than a pipe holds
         let input = [7; 1 << 20];
         assert_eq!(fed(&programs, &input).unwrap(), input);

@@ -284,7 +284,7 @@ mod tests {
         assert_eq!(a.forward_transfer, Err(FIRST));
         assert!(near(metrics.mean_over_groups(|group| group.forgetting), 0.2));
         assert_eq!((metrics.assignment_accuracy, metrics.revisit_accuracy), (Ok(1.0), Ok(1.0)));
-        assert_eq!((metrics.policies, metrics.rollouts), (2, [6, 0]));
+        assert_eq!((metrics.policy_count, metrics.rollout_and_switch_counts), (2, [6, 0]));
     }
 
     #[test]
@@ -296,7 +296,7 @@ mod tests {
         let metrics = RunMetrics::of_run(&run);
         // the second rollout contains steps of b already
         assert!(near(metrics.groups[1].forward_transfer, 0.1), "{metrics:?}");
-        assert_eq!(metrics.rollouts, [5, 1]);
+        assert_eq!(metrics.rollout_and_switch_counts, [5, 1]);
         assert_eq!((metrics.assignment_accuracy, metrics.revisit_accuracy), (Ok(0.75), Ok(0.0)));
     }
 

@@ -115,8 +115,8 @@ mod tests {
             let methods = MethodRuns::group_by_method(vec![run("aba", scores)]).unwrap();
             super::visits_table(&methods, &["a".to_owned()]).map(|table| table.rows)
         };
-        assert_eq!(visits_table(&[(0, 0.1), (2, 0.2), (3, 0.5)]), None);
-        let rows = visits_table(&[(1, 0.25), (3, 0.5)]);
+        assert_eq!(table(&[(0, 0.1), (2, 0.2), (3, 0.5)]), None);
+        let rows = table(&[(1, 0.25), (3, 0.5)]);
         assert_eq!(rows, Some(vec![vec!["covers".to_owned(), "0.25, 0.50".to_owned()]]));
     }
 

@@ -393,7 +393,7 @@ mod tests {
         let empty = EnvSpec { action_irreps: vec![], ..spec() };
         assert!(matches!(empty.check(), Err(RlError::EmptySpec { field: "action_irreps" })));
         let mut partial = spec();
-        partial.image[2] = 0;
+        partial.image_shape[2] = 0;
         assert!(matches!(partial.check(), Err(RlError::EmptySpec { field: "image_shape" })));
         assert!(spec().check().is_ok());
     }

@@ -40,7 +40,7 @@ pub fn settings(group: Group, encoder: EncoderSettings) -> NetworkSettings {
     }
 }
 
-pub fn strided() -> Encoder {
+pub fn strided() -> EncoderSettings {
     EncoderSettings::Strided { fields: vec![2] }
 }
 
@@ -137,7 +137,7 @@ pub fn check_killed_units(
     for killed in 1..=fields {
         set(head, &mut params[own.clone()], killed - 1, -1.0, false);
         let found = activity(&params);
-        assert_eq!(found.units(), awake.units());
+        assert_eq!(found.num_units(), awake.num_units());
         let expected = awake.num_dormant_units(0.025) + killed * hidden.group().order();
         assert_eq!(found.num_dormant_units(0.025), expected, "{head}");
     }

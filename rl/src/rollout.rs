@@ -292,7 +292,7 @@ pub fn evaluate_with_callback<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
-    mut look: impl FnMut(&A, &RolloutState<A::NotEnoughMemory>) -> Result<(), RlError>,
+    mut look: impl FnMut(&A, &RolloutState<A::Memory>) -> Result<(), RlError>,
 ) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
     let mut state = RolloutState::reset(env, actor)?;
@@ -359,7 +359,7 @@ impl RewardWarning {
     /// range.
     pub fn for_max_return(largest: f64) -> Option<Self> {
         if largest > MAX_ABS_RETURN {
-            Some(Self::ObservationTooLarge { largest })
+            Some(Self::TooLarge { largest })
         } else if largest > 0.0 && largest < MIN_ABS_RETURN {
             Some(Self::TooSmall { largest })
         } else {
@@ -371,13 +371,13 @@ impl RewardWarning {
 impl fmt::Display for RewardWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (largest, effect) = match self {
-            Self::ObservationTooLarge { largest } => (largest, "exploration may not shrink"),
+            Self::TooLarge { largest } => (largest, "exploration may not shrink"),
             Self::TooSmall { largest } => (largest, "training may make little or no progress"),
         };
         write!(
             f,
-            "returns of episodes reach {largest:.1e} in magnitude, expected between {MIN_RETURN:e} \
-             and {MAX_RETURN:e}: {effect}; divide rewards by their usual size in the environment"
+            "returns of episodes reach {largest:.1e} in magnitude, expected between {MIN_ABS_RETURN:e} \
+             and {MAX_ABS_RETURN:e}: {effect}; divide rewards by their usual size in the environment"
         )
     }
 }

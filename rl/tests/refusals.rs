@@ -167,7 +167,7 @@ proptest! {
 #[test]
 fn a_rollout_of_other_environments_is_refused() {
     let mut other = spec();
-    other.action.swap(0, 1);
+    other.action_irreps.swap(0, 1);
     let mut buffer = RolloutBuffer::new(&other, 2).unwrap();
     let (mut env, mut policy) = (PointReach::new(ENVS, 0), policy());
     let mut state = RolloutState::reset(&mut env, &policy).unwrap();

@@ -14,7 +14,7 @@ use crate::common::{EPISODE, PointReach};
 const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
 const LEARNED: Temperature = Temperature::Learned { initial: 0.1, target: -1.0 };
 
-fn strided() -> Encoder {
+fn strided() -> EncoderSettings {
     EncoderSettings::Strided { fields: vec![3, 4] }
 }
 

@@ -310,7 +310,7 @@ mod tests {
             reward_steps: 200,
             physics_steps: 100,
             replay_steps: 1,
-            physics_max: 1e-3,
+            max_qpos_deviation: 1e-3,
             ..ParityRow::default()
         }
     }

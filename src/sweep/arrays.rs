@@ -142,7 +142,7 @@ mod tests {
         ArrayJob {
             plan: Path::new("/covers/o'neil/my \"plan\" $(HOME).json"),
             runs: Path::new("/covers/runs"),
-            jobs: 9,
+            job_count: 9,
             threads: 3,
         }
     }

@@ -8,7 +8,7 @@ use covers::presets::Method;
 use covers::{Experiment, Run, RunError};
 use envs::tasks::DrawerClose;
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, TaskParts, Placement, StepReward, Task, TaskGroup,
+    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
     TaskRegistry,
 };
 use rand_chacha::ChaCha8Rng;

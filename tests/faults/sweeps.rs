@@ -94,7 +94,7 @@ fn workers_that_are_killed_leave_jobs_that_others_finish() {
     }
     let writers = Provenance::read(&first).unwrap();
     assert_eq!(writers.len(), 2);
-    assert!(writers[1].rollouts > 0, "started from the beginning");
+    assert!(writers[1].rollouts_before > 0, "started from the beginning");
 }
 
 #[test]

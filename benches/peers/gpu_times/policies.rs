@@ -6,8 +6,9 @@ use equivariant::gpu::Device;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Decisions, DevicePolicy, EncoderSettings, EnvSpec, NetworkSettings,
-    Observations, OnPolicyActor, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
+    ActorCriticPolicy, Algorithm, Decisions, DevicePolicy, EncoderSettings, EnvSpec,
+    NetworkSettings, Observations, OnPolicyActor, Ppo, PpoSettings, RlError, RolloutBuffer,
+    RolloutState, collect,
 };
 
 use crate::milliseconds;

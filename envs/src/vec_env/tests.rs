@@ -80,7 +80,7 @@ impl Rig {
     fn inject(&mut self, fault: Fault) {
         let owner = |worker: &&mut Worker| worker.envs.contains(&BROKEN);
         let worker = self.env.workers.iter_mut().find(owner).unwrap();
-        worker.send(Command::Inject(BROKEN - worker.envs.start, fault));
+        worker.send(WorkerCommand::Inject(BROKEN - worker.envs.start, fault));
         worker.receive().result.unwrap();
     }
 }
@@ -164,7 +164,7 @@ fn an_environment_that_cannot_restart_fails_in_every_step() {
 #[test]
 fn a_seed_that_a_lost_worker_did_not_take_is_not_the_settings() {
     let mut rig = Rig::new(2);
-    rig.env.workers[0].send(Command::Inject(N, |_, _| {}));
+    rig.env.workers[0].send(WorkerCommand::Inject(N, |_, _| {}));
     let lost = rig.env.workers[0].receive().result.unwrap_err();
     assert!(matches!(lost, EnvError::WorkerLost { .. }), "{lost}");
     let seed = rig.env.settings().seed;

@@ -38,10 +38,10 @@ impl UnitActivities {
     pub fn dormant_units(&self) -> Vec<DormantUnits> {
         self.0
             .iter()
-            .filter(|(_, activity)| activity.units() > 0)
+            .filter(|(_, activity)| activity.num_units() > 0)
             .map(|(&policy, activity)| DormantUnits {
                 policy,
-                unit_count: activity.units(),
+                unit_count: activity.num_units(),
                 dormant_count: activity.num_dormant_units(DORMANCY_THRESHOLD),
             })
             .collect()

@@ -66,7 +66,7 @@ fn checkpoints() -> Vec<Vec<u8>> {
 
 /// Returns files of a learner before its first rollout, after two, and packed.
 fn seeds_of((kind, settings): (usize, &LearnerSettings)) -> Option<Vec<Vec<u8>>> {
-    let mut learner = settings.start(clock().spec(), &Labels::default()).ok()?;
+    let mut learner = settings.new_learner(clock().spec(), &Labels::default()).ok()?;
     let save = |any: &dyn Learner, extent| {
         let bytes = any.to_checkpoint_bytes(Path::new("seed"), extent, "{}").ok()?;
         seed(kind, &bytes)

@@ -163,7 +163,12 @@ mod tests {
         let message = ask(&mut oracle, Query::Rollout).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        let spec = EnvSpec { num_envs: 1, image_shape: [1; 3], vector_irreps: Vec::new(), action_irreps: Vec::new() };
+        let spec = EnvSpec {
+            num_envs: 1,
+            image_shape: [1; 3],
+            vector_irreps: Vec::new(),
+            action_irreps: Vec::new(),
+        };
         let first = Lesson::Rollout {
             policy: 0,
             accepted: &[],

@@ -342,13 +342,13 @@ impl MeasureActivity for SacPolicy {
         let mut sums = network.trunk.unit_activation_sums(own, samples, &w.trunk);
         let actor = &params[network.parts().actor];
         sums.extend(w.actor.unit_activation_sums(&network.actor, actor, samples));
-        sums.extend(critics(&chunk, &w));
+        sums.extend(critic_activation_sums(&chunk, &w));
         Ok(UnitActivity::from_layer_sums(sums))
     }
 }
 
 /// Returns the sum of the outputs of both critics' units at the mean actions.
-fn critic_params(chunk: &Chunk<SacNetwork<f32>>, w: &SacForwardBuffers) -> Vec<Vec<f64>> {
+fn critic_activation_sums(chunk: &Chunk<SacNetwork<f32>>, w: &SacForwardBuffers) -> Vec<Vec<f64>> {
     let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
     let (parts, width) = (network.parts().critics, network.action_order.len());
     let mut reader = network.reader.new_pass(n);
@@ -396,7 +396,7 @@ mod tests {
                 policy.params_mut().copy_from_slice(given);
                 policy.unit_activity(&observations, &memory).unwrap()
             };
-            assert_eq!(activity(params).units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
+            assert_eq!(activity(params).num_units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
             let parts = network.parts();
             // actions of a changed actor must not make units of the critics dormant
             let mut awake = params.to_vec();

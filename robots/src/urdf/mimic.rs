@@ -39,7 +39,7 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<RangeRestriction>, De
                 followed: leader.name.clone(),
                 ranges: Box::new(FollowerRanges {
                     followed: whole,
-                    led: led(whole, multiplier, offset),
+                    required: led(whole, multiplier, offset),
                     own,
                 }),
                 other: other.map(|other| other.follower.clone()),

@@ -188,7 +188,8 @@ fn mean_colour(picture: &Picture, at: [usize; 2], of: [usize; 2]) -> Color {
     let columns = range(0, picture.width);
     let (mut sums, mut count) = ([0_usize; RGB_CHANNELS], 0);
     for y in range(1, picture.height) {
-        let row = &picture.rgb[y * picture.width * RGB_CHANNELS..][columns.start * RGB_CHANNELS..columns.end * RGB_CHANNELS];
+        let row = &picture.rgb[y * picture.width * RGB_CHANNELS..]
+            [columns.start * RGB_CHANNELS..columns.end * RGB_CHANNELS];
         for pixel in row.chunks_exact(RGB_CHANNELS) {
             sums.iter_mut().zip(pixel).for_each(|(sum, &part)| *sum += usize::from(part));
             count += 1;
