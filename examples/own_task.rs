@@ -56,7 +56,7 @@ impl Task for BlockPush {
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
         let goal_distance = (start.placement.goal.y - now.object.y).abs();
-        let way = |now: &Measurement| now.tcp.distance(now.object + PUSH);
+        let way = |measurement: &Measurement| measurement.tcp.distance(measurement.object + PUSH);
         let approach_reward = long_tail_reward(way(now), NEAR, way(&start.measurement));
         let in_place_reward = long_tail_reward(goal_distance, DONE, TRAVEL);
         let success = goal_distance <= SUCCESS;

@@ -191,7 +191,7 @@ fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<CommandOutcome,
     }
     let chosen = match options.job {
         None => &jobs[..],
-        Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::Setting {
+        Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::InvalidSetting {
             name: "job",
             value: job.to_string(),
             expected: "the index of a job of the plan, from 0 to one less than its number of jobs",

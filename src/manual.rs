@@ -29,7 +29,8 @@ impl ManualOptions {
     /// Prints the page of one of `program`'s commands in roff, or writes the pages of all.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for an unknown command; a folder or `out` that cannot be written to.
+    /// [`RunError::InvalidSetting`] for an unknown command; a folder or `out` that cannot be
+    /// written to.
     pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), RunError> {
         let mut program = program.disable_help_subcommand(true);
         // sets the display names of nested commands, which are the titles of their pages
@@ -50,7 +51,7 @@ impl ManualOptions {
     fn chosen<'a>(&self, program: &'a Command) -> Result<&'a Command, RunError> {
         let mut words = self.command.iter();
         let chosen = words.try_fold(program, |command, word| command.find_subcommand(word));
-        chosen.ok_or_else(|| RunError::Setting {
+        chosen.ok_or_else(|| RunError::InvalidSetting {
             name: "command",
             value: self.command.join(" "),
             expected: "a command that `covers --help` lists",

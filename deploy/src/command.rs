@@ -181,7 +181,7 @@ impl DeployOptions {
     fn sweep_settings(&self, nominal: RigSettings) -> Result<Vec<SweepSettings>, DeployError> {
         let mut sweeps: Vec<SweepSettings> = Vec::new();
         for FaultSweep { fault, amounts } in &self.sweep {
-            let refused = |expected| RunError::Setting {
+            let refused = |expected| RunError::InvalidSetting {
                 name: "sweep",
                 value: fault.name().to_owned(),
                 expected,

@@ -36,7 +36,7 @@ pub struct Deployment {
     spec: EnvSpec,
     control: Control,
     camera: Camera,
-    /// Picture of the empty table `[drawn_size, drawn_size, 3]` by the camera of training.
+    /// Picture of the empty table `[rendered_size, rendered_size, 3]` by the camera of training.
     table: Vec<u8>,
     vision: VisionSettings,
 }
@@ -46,8 +46,9 @@ impl Deployment {
     ///
     /// # Errors
     /// As [`RunFolder::read_experiment`] and [`RunFolder::load_learner`], and errors of the scene;
-    /// [`RunError::Setting`] for policies that were trained in another layout, with decisions that
-    /// are no multiple of the arm's control period, or with a context, which needs rewards.
+    /// [`RunError::InvalidSetting`] for policies that were trained in another layout, with
+    /// decisions that are no multiple of the arm's control period, or with a context, which needs
+    /// rewards.
     pub fn load(folder: &RunFolder, vision: VisionSettings) -> Result<Self, DeployError> {
         let Experiment { learner, mut envs, .. } = folder.read_experiment()?;
         check_training_conditions(&learner, &envs)?;
@@ -229,8 +230,9 @@ pub(super) fn check_training_conditions(
     learner: &LearnerSettings,
     envs: &VecEnvSettings,
 ) -> Result<(), DeployError> {
-    let refuse =
-        |name, value: String, expected| Err(RunError::Setting { name, value, expected }.into());
+    let refuse = |name, value: String, expected| {
+        Err(RunError::InvalidSetting { name, value, expected }.into())
+    };
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }

@@ -96,7 +96,7 @@ impl Fault {
         if in_range {
             return Ok(settings);
         }
-        Err(RunError::Setting {
+        Err(RunError::InvalidSetting {
             name: self.name(),
             value: amount.to_string(),
             expected: "a picture-latency of at most 400 ms, a command-latency of whole control \
@@ -120,7 +120,7 @@ impl FromStr for FaultSweep {
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
         let refused =
-            |expected| RunError::Setting { name: "sweep", value: text.to_owned(), expected };
+            |expected| RunError::InvalidSetting { name: "sweep", value: text.to_owned(), expected };
         let (fault, amounts) = named(text)?;
         let amounts: Result<Vec<f64>, _> = amounts.split(',').map(str::parse).collect();
         let amounts = amounts.map_err(|_| refused(FORM))?;
@@ -149,18 +149,20 @@ impl FromStr for FaultAmount {
     fn from_str(text: &str) -> Result<Self, DeployError> {
         let (fault, amount) = named(text)?;
         let in_range = |parsed: &f64| *parsed >= 0.0 && parsed.is_finite();
-        let amount = amount.parse().ok().filter(in_range).ok_or_else(|| RunError::Setting {
-            name: "fault",
-            value: text.to_owned(),
-            expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
-        })?;
+        let amount =
+            amount.parse().ok().filter(in_range).ok_or_else(|| RunError::InvalidSetting {
+                name: "fault",
+                value: text.to_owned(),
+                expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
+            })?;
         Ok(Self { fault, amount })
     }
 }
 
 /// Splits a text at its `=` into a fault and the text of its amounts.
 fn named(text: &str) -> Result<(Fault, &str), DeployError> {
-    let refused = |expected| RunError::Setting { name: "fault", value: text.to_owned(), expected };
+    let refused =
+        |expected| RunError::InvalidSetting { name: "fault", value: text.to_owned(), expected };
     let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
     let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
     Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))

@@ -24,13 +24,13 @@ pub(super) struct RigPerception {
     taken: Duration,
     /// Camera that the policy was trained with.
     camera: Camera,
-    /// Last picture without the arm `[drawn_size, drawn_size, 3]`.
+    /// Last picture without the arm `[rendered_size, rendered_size, 3]`.
     painted: Vec<u8>,
 }
 
 impl RigPerception {
     /// Creates the perception of a table that was set up as `set_up`, for a policy trained with
-    /// `camera`. `table` `[drawn_size, drawn_size, 3]` is a picture of the empty table by that
+    /// `camera`. `table` `[rendered_size, rendered_size, 3]` is a picture of the empty table by that
     /// camera, and `start` the time with the arm's state.
     ///
     /// # Errors

@@ -51,7 +51,7 @@ impl RigOptions {
     /// Returns the settings of the simulated rig and the perception.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for amounts out of range, and for two amounts of one fault.
+    /// [`RunError::InvalidSetting`] for amounts out of range, and for two amounts of one fault.
     pub fn settings(&self) -> Result<RigSettings, DeployError> {
         let mut settings = match self.faults {
             FaultLevel::Off => RigSettings::NO_FAULTS,
@@ -60,7 +60,7 @@ impl RigOptions {
         for (number, FaultAmount { fault, amount }) in self.fault_amounts.iter().enumerate() {
             // a second amount would silently replace the first
             if self.fault_amounts[..number].iter().any(|of| of.fault == *fault) {
-                return Err(RunError::Setting {
+                return Err(RunError::InvalidSetting {
                     name: "fault",
                     value: format!("{}, twice", fault.name()),
                     expected: "each fault once",
@@ -80,7 +80,7 @@ impl RigOptions {
     ) -> Result<(), DeployError> {
         let single = self.fault_amounts.iter().map(|of| of.fault);
         single.chain(swept).next().map_or(Ok(()), |fault| {
-            Err(RunError::Setting {
+            Err(RunError::InvalidSetting {
                 name: "fault",
                 value: fault.name().to_owned(),
                 expected: "none: faults are set in simulated rigs alone",

@@ -189,8 +189,8 @@ impl SubEnvs {
         rows: &mut WorkerBatch,
         work: fn(&mut Self, usize, &mut WorkerBatch) -> Result<(), EnvError>,
     ) -> Result<bool, EnvError> {
-        // unwind safe, since the next `begin_episode` of this row resets everything that a panic may leave
-        // half done
+        // unwind safe, since the next `begin_episode` of this row resets everything that a panic
+        // may leave half done
         let caught = catch_unwind(AssertUnwindSafe(|| work(self, row, rows)));
         let panicked = |panic: Box<dyn Any + Send>| {
             let message = panic_message(&*panic);

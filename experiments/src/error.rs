@@ -11,7 +11,7 @@ use rl::BoxedEnvError;
 pub enum RunError {
     /// Setting whose value is outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting.
         name: &'static str,
         /// Rejected value of the setting.
@@ -170,8 +170,8 @@ pub enum RunError {
 impl From<LearnerError> for RunError {
     fn from(error: LearnerError) -> Self {
         match error {
-            LearnerError::Setting { name, value, expected } => {
-                Self::Setting { name, value, expected }
+            LearnerError::InvalidSetting { name, value, expected } => {
+                Self::InvalidSetting { name, value, expected }
             }
             LearnerError::Rl(error) => Self::Rl(error),
             LearnerError::Cluster(error) => Self::Cluster(error),

@@ -149,8 +149,8 @@ impl Evaluator {
     /// plays the same episodes, too.
     ///
     /// # Errors
-    /// [`RunError::Setting`] if `rounds` is 0; errors of the environments, the policies or the
-    /// assigner.
+    /// [`RunError::InvalidSetting`] if `rounds` is 0; errors of the environments, the policies or
+    /// the assigner.
     pub fn score_variant(
         &mut self,
         learner: &mut dyn Learner,
@@ -160,7 +160,7 @@ impl Evaluator {
         results: &mut EvaluationResults,
     ) -> Result<(), RunError> {
         if rounds == 0 {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "rounds",
                 value: "0".to_owned(),
                 expected: "at least 1",

@@ -167,7 +167,7 @@ impl Experiment {
             ("checkpoints.keep", self.checkpoints.keep),
         ] {
             if value == 0 {
-                return Err(RunError::Setting {
+                return Err(RunError::InvalidSetting {
                     name,
                     value: value.to_string(),
                     expected: "at least 1",
@@ -175,7 +175,7 @@ impl Experiment {
             }
         }
         if self.evaluation.every.is_some() && self.evaluation.visit_episodes_per_env == 0 {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "evaluation.visit_rounds",
                 value: "0".to_owned(),
                 expected: "at least 1 with `evaluation.every`, whose evaluations use this number",
@@ -211,7 +211,7 @@ impl Experiment {
             LearnerSettings::OffPolicy(settings)
                 if settings.still_channels > self.envs.camera.extra_views.num_still_channels() =>
             {
-                Err(RunError::Setting {
+                Err(RunError::InvalidSetting {
                     name: "off_policy.still_channels",
                     value: settings.still_channels.to_string(),
                     expected: "at most 3 where `envs.camera.beside` is `first`, and 0 with close-ups",
@@ -225,7 +225,7 @@ impl Experiment {
     fn check_seed(&self) -> Result<(), RunError> {
         match self.envs.seed {
             0 => Ok(()),
-            seed => Err(RunError::Setting {
+            seed => Err(RunError::InvalidSetting {
                 name: "envs.seed",
                 value: seed.to_string(),
                 expected: "0: placements are drawn from the learner's seed",
@@ -248,7 +248,7 @@ impl Experiment {
         }
         let (rollout, block) = (self.learner.rollout_steps(), self.block());
         if !rollout.is_multiple_of(block) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "rollout_steps",
                 value: rollout.to_string(),
                 expected: "a multiple of `envs.num_envs` times the decisions of an episode, or \
@@ -258,7 +258,7 @@ impl Experiment {
         let mut plans = self.schedule.groups.iter();
         match plans.find(|plan| plan.decisions < block) {
             None => Ok(()),
-            Some(plan) => Err(RunError::Setting {
+            Some(plan) => Err(RunError::InvalidSetting {
                 name: "schedule.groups",
                 value: format!("{} decisions of {}", plan.decisions, plan.group),
                 expected: "at least `envs.num_envs` times the decisions of an episode",

@@ -61,8 +61,8 @@ impl Run {
     /// Starts a run over the paper's four task groups that writes its files to `folder`.
     ///
     /// # Errors
-    /// [`RunError::Setting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of the
-    /// environments or the file system.
+    /// [`RunError::InvalidSetting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of
+    /// the environments or the file system.
     pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, RunError> {
         Self::start_with_tasks(experiment, TaskRegistry::standard(), folder)
     }

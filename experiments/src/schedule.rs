@@ -96,7 +96,7 @@ impl Schedule {
     /// or variant.
     ///
     /// # Errors
-    /// [`RunError::Setting`].
+    /// [`RunError::InvalidSetting`].
     pub fn check(&self) -> Result<(), RunError> {
         if self.groups.is_empty() {
             return refuse("schedule.groups", "empty", "at least one group");
@@ -155,7 +155,7 @@ impl Schedule {
         if groups.contains(&chosen) {
             return Ok(vec![chosen]);
         }
-        Err(RunError::Setting {
+        Err(RunError::InvalidSetting {
             name: "group",
             value: name.to_owned(),
             expected: "a group of the run's schedule, as its experiment.json lists them",
@@ -222,7 +222,7 @@ impl Schedule {
 }
 
 fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(), RunError> {
-    Err(RunError::Setting { name, value: value.to_owned(), expected })
+    Err(RunError::InvalidSetting { name, value: value.to_owned(), expected })
 }
 
 impl GroupPlan {

@@ -60,9 +60,9 @@ impl Stream {
     /// The other groups are prepared, so that a later switch takes no time.
     ///
     /// # Errors
-    /// [`RunError::Setting`] if `groups` is empty; errors of the environments.
+    /// [`RunError::InvalidSetting`] if `groups` is empty; errors of the environments.
     pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, RunError> {
-        let first = *groups.first().ok_or_else(|| RunError::Setting {
+        let first = *groups.first().ok_or_else(|| RunError::InvalidSetting {
             name: "groups",
             value: "empty".to_owned(),
             expected: "at least one task group",

@@ -10,7 +10,7 @@ use rl::BoxedEnvError;
 pub enum LearnerError {
     /// A setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting that is out of range.
         name: &'static str,
         /// Rejected value of the setting.
@@ -161,7 +161,9 @@ impl LearnerError {
     /// Names `path` in an error of a file's contents; other errors stay as they are.
     pub(crate) fn with_path(self, path: &Path) -> Self {
         match self {
-            Self::Rl(_) | Self::Cluster(_) | Self::Setting { .. } => Self::cannot_read(path, self),
+            Self::Rl(_) | Self::Cluster(_) | Self::InvalidSetting { .. } => {
+                Self::cannot_read(path, self)
+            }
             other => other,
         }
     }

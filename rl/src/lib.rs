@@ -17,7 +17,7 @@
 //!   mean action is the mirrored one, its value and features are the same.
 //! - The end of an episode has two kinds, [`StepOutcome::Terminated`] and
 //!   [`StepOutcome::Truncated`], all the way to [`gae()`]: a time-out bootstraps the value of the
-//! final observation.
+//!   final observation.
 //! - Every random number comes from a generator that the caller passes. The same inputs give the
 //!   same bits on any number of threads of the current rayon pool.
 //! - All parameters of a policy are one flat slice, and all state of an algorithm is saved by name

@@ -376,8 +376,9 @@ impl fmt::Display for RewardWarning {
         };
         write!(
             f,
-            "returns of episodes reach {largest:.1e} in magnitude, expected between {MIN_ABS_RETURN:e} \
-             and {MAX_ABS_RETURN:e}: {effect}; divide rewards by their usual size in the environment"
+            "returns of episodes reach {largest:.1e} in magnitude, expected between \
+             {MIN_ABS_RETURN:e} and {MAX_ABS_RETURN:e}: {effect}; divide rewards by their usual \
+             size in the environment"
         )
     }
 }

@@ -239,7 +239,10 @@ fn counters_that_no_run_can_reach_are_refused() {
     let most = 1 << 53;
     for steps in [most + 1, u64::MAX] {
         let result = ppo.restore(&saved(&zeros, &zeros, ("adam.steps", steps)));
-        let named = matches!(&result, Err(RlError::InvalidStateNumber { name, .. }) if name == "adam.steps");
+        let named = matches!(
+            &result,
+            Err(RlError::InvalidStateNumber { name, .. }) if name == "adam.steps"
+        );
         assert!(named, "{result:?}");
     }
     let state = saved(&zeros, &zeros, ("adam.steps", most));

@@ -183,8 +183,8 @@ pub enum DescriptionError {
     #[error(
         "the joint `{joint}` follows `{followed}`, which moves from {} to {}{}, to positions from \
          {} to {}, outside its own range, {} to {}: correct `<limit>` or `<mimic>` of `{joint}`{}",
-        .ranges.followed[0], .ranges.followed[1], kept_by(.other), .ranges.required[0], .ranges.required[1],
-        .ranges.own[0], .ranges.own[1], or_of(.other)
+        .ranges.followed[0], .ranges.followed[1], kept_by(.other), .ranges.required[0],
+        .ranges.required[1], .ranges.own[0], .ranges.own[1], or_of(.other)
     )]
     FollowerRange {
         /// Name of the joint.

@@ -391,7 +391,8 @@ proptest! {
                 let faster = now.linear.length() - before.linear.length();
                 prop_assert!(faster <= limits.max_acceleration * TICK + 1e-12, "{faster}");
                 prop_assert!(commanded || now == Twist::ZERO);
-                let rows = control.chain().joints().iter().zip(control.joint_positions()).zip(&joints);
+                let rows = control.chain().joints().iter().zip(control.joint_positions());
+                let rows = rows.zip(&joints);
                 for ((joint, position), earlier) in rows {
                     let speed = (position - earlier).abs() / TICK;
                     prop_assert!(speed <= joint.motion.max_speed + 1e-9, "{}: {speed}", joint.name);

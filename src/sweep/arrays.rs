@@ -71,7 +71,7 @@ exit $code
     /// code 3), which does not count as a failure.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a plan or runs outside the volume.
+    /// [`RunError::InvalidSetting`] for a plan or runs outside the volume.
     pub fn kubernetes_job_json(&self, image: &str) -> Result<Value, RunError> {
         let plan = on_the_volume("plan", self.plan)?;
         let runs = on_the_volume("runs", self.runs)?;
@@ -118,7 +118,7 @@ fn on_the_volume(name: &'static str, path: &Path) -> Result<String, RunError> {
     match path.to_str() {
         // Kubernetes replaces `$(NAME)` in arguments, and reads `$$` as one `$`
         Some(text) if path.starts_with(MOUNT) && !climbs => Ok(text.replace('$', "$$")),
-        _ => Err(RunError::Setting {
+        _ => Err(RunError::InvalidSetting {
             name,
             value: path.display().to_string(),
             expected: "an absolute path inside /covers, where containers see the volume",

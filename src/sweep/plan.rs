@@ -71,9 +71,9 @@ impl SweepPlan {
     /// Returns the jobs of the plan after checking all of them.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a plan without methods or seeds, with duplicate methods, seeds or
-    /// variants, with variants of equal settings, with a variant's name that no folder can have, or
-    /// with a seed in `set`; errors of [`Experiment::check`].
+    /// [`RunError::InvalidSetting`] for a plan without methods or seeds, with duplicate methods,
+    /// seeds or variants, with variants of equal settings, with a variant's name that no folder can
+    /// have, or with a seed in `set`; errors of [`Experiment::check`].
     pub fn jobs(&self) -> Result<Vec<SweepJob>, RunError> {
         let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::standard());
         // all jobs before the first one runs, so that no sweep fails after days
@@ -123,7 +123,7 @@ impl SweepPlan {
         // job's own seed
         let other = overrides::apply(&arm.set, preset.clone().with_seed(!seed))?;
         if other.learner.seed() != !seed {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "set",
                 value: serde_json::json!(arm.text).to_string(),
                 expected: "no seed: `seeds` lists them",
@@ -164,7 +164,7 @@ fn folder_part(name: &str) -> Result<&str, RunError> {
     {
         return Ok(name);
     }
-    Err(RunError::Setting {
+    Err(RunError::InvalidSetting {
         name: "variants",
         value: serde_json::json!(name).to_string(),
         expected: "a name of letters, digits, dots and hyphens, of which no part begins with `seed`",
@@ -183,7 +183,7 @@ fn different(jobs: &[SweepJob]) -> Result<(), RunError> {
     for (index, job) in jobs.iter().enumerate() {
         let mut before = jobs[..index].iter();
         if let Some(same) = before.find(|other| other.experiment == job.experiment) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "variants",
                 value: format!(
                     "{} and {}, which are the same run",
@@ -208,7 +208,7 @@ fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<
         None if values.is_empty() => ("empty".to_owned(), "at least one value"),
         None => return Ok(()),
     };
-    Err(RunError::Setting { name, value, expected })
+    Err(RunError::InvalidSetting { name, value, expected })
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ const MAX_BYTES: u64 = 4 << 20;
 /// Maximum number of mappings and lists inside of each other; cameras need three.
 const MAX_DEPTH: usize = 16;
 /// Distance (pixels) from the middle of the first pixel, the origin of OpenCV and ROS, to its
-/// corner, the origin of [`Intrinsics::centre`].
+/// corner, the origin of [`Intrinsics::principal_point`].
 const CORNER: f64 = 0.5;
 /// Names of the values, in lower case and without underscores: of OpenCV's programs and of ROS.
 const WIDTH: &[&str] = &["imagewidth", "width"];

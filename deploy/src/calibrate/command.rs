@@ -75,7 +75,7 @@ impl FromStr for Triple {
         let finite = numbers.iter().all(|number| number.is_finite());
         match (<[f64; 3]>::try_from(numbers), finite) {
             (Ok(numbers), true) => Ok(Self(numbers)),
-            _ => Err(RunError::Setting {
+            _ => Err(RunError::InvalidSetting {
                 name: "three numbers",
                 value: text.to_owned(),
                 expected: "numbers as 1,2.5,-3",
@@ -148,10 +148,10 @@ impl CalibrateOptions {
     /// Returns the settings of the simulated rig.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a fault of the mask, which a calibration does not use.
+    /// [`RunError::InvalidSetting`] for a fault of the mask, which a calibration does not use.
     fn simulation(&self) -> Result<SimulationSettings, DeployError> {
         if self.rig.fault_amounts.iter().any(|of| of.fault == Fault::MaskMargin) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "fault",
                 value: Fault::MaskMargin.name().to_owned(),
                 expected: "a fault of the camera or the arm: a calibration makes no mask",
@@ -166,7 +166,7 @@ impl CalibrateOptions {
         let levels = self.ball_color.0;
         let is_level = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
         if !levels.iter().all(is_level) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "color",
                 value: format!("{levels:?}"),
                 expected: "three whole levels of 0 to 255",

@@ -50,8 +50,8 @@ impl CalibrationFile {
     /// # Errors
     /// [`NotJson`](learner::LearnerError::NotJson),
     /// [`UnknownSetting`](learner::LearnerError::UnknownSetting),
-    /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::Setting`] for a position
-    /// in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
+    /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::InvalidSetting`] for a
+    /// position in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
     pub fn parse(text: &str) -> Result<Calibration, DeployError> {
         let file: Self = parse_json(text)?;
         file.calibration()
@@ -69,7 +69,7 @@ impl CalibrationFile {
 
     fn calibration(self) -> Result<Calibration, DeployError> {
         if self.position.iter().any(|place| place.abs() > FARTHEST) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "position",
                 value: format!("{:?}", self.position),
                 expected: "metres, each at most 100",
@@ -79,7 +79,7 @@ impl CalibrationFile {
         let mut radial = [0.0; 6];
         let given = radial.get_mut(..self.radial.len());
         let given = given.filter(|given| matches!(given.len(), 2 | 3 | 6));
-        let given = given.ok_or_else(|| RunError::Setting {
+        let given = given.ok_or_else(|| RunError::InvalidSetting {
             name: "radial",
             value: format!("{:?}", self.radial),
             expected: "2, 3 or 6 numbers: k1 and k2, k1 to k3, or k1 to k6",

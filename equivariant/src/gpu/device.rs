@@ -130,7 +130,7 @@ impl Device {
     /// Waits for all submitted commands.
     pub(crate) fn wait_for_commands(&self) -> Result<(), GpuError> {
         let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
-        // a lost device must be reported as `Lost`, not as a failed poll
+        // a lost device must be reported as `DeviceLost`, not as a failed poll
         self.take_error()?;
         waited.map_err(|error| self.command_failed(error))?;
         Ok(())

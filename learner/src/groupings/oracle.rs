@@ -113,7 +113,7 @@ impl Grouping for Oracle {
 
 /// Returns the error of an oracle without a label.
 pub(super) fn unlabelled() -> LearnerError {
-    LearnerError::Setting {
+    LearnerError::InvalidSetting {
         name: "grouping",
         value: "oracle".to_owned(),
         expected: "a grouping without labels, or a learner that a run trains: only runs and their \

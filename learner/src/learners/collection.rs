@@ -106,7 +106,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         if index < self.policies.len() {
             return Ok(index);
         }
-        Err(LearnerError::Setting {
+        Err(LearnerError::InvalidSetting {
             name: "policy",
             value: index.to_string(),
             expected: "the index of a policy that was created",

@@ -38,7 +38,8 @@ pub trait Learner: Send {
     /// nothing.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a policy that does not exist, or an error of the environment.
+    /// [`LearnerError::InvalidSetting`] for a policy that does not exist, or an error of the
+    /// environment.
     fn evaluate_policy(
         &mut self,
         index: usize,
@@ -55,9 +56,9 @@ pub trait Learner: Send {
     /// Returns policy `index` as ordinary neural-network layers, and its output for `observations`.
     ///
     /// # Errors
-    /// [`LearnerError::InvalidSetting`] for a policy that does not exist, [`rl::RlError::NotExportable`]
-    /// for one that other programs have no layers for, [`LearnerError::Unexportable`] for learners
-    /// that write none.
+    /// [`LearnerError::InvalidSetting`] for a policy that does not exist,
+    /// [`rl::RlError::NotExportable`] for one that other programs have no layers for,
+    /// [`LearnerError::Unexportable`] for learners that write none.
     fn export_policy(
         &mut self,
         _index: usize,
@@ -74,7 +75,7 @@ pub trait Learner: Send {
     ///
     /// # Errors
     /// [`LearnerError::NotFinite`] for a learner with a number that is not finite;
-    /// [`LearnerError::Setting`] for an extent of too few episodes.
+    /// [`LearnerError::InvalidSetting`] for an extent of too few episodes.
     fn to_checkpoint_bytes(
         &self,
         path: &Path,

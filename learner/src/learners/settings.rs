@@ -130,9 +130,11 @@ impl LearnerSettings {
         };
         match choice {
             DeviceChoice::Cpu | DeviceChoice::Auto => Ok(()),
-            DeviceChoice::Gpu => {
-                Err(LearnerError::Setting { name: "device", value: "gpu".to_owned(), expected })
-            }
+            DeviceChoice::Gpu => Err(LearnerError::InvalidSetting {
+                name: "device",
+                value: "gpu".to_owned(),
+                expected,
+            }),
         }
     }
 

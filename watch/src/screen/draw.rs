@@ -79,12 +79,12 @@ fn headline<'a>(shown: &ScreenContents<'a>) -> [Line<'a>; 2] {
 }
 
 fn progress_text(shown: &ScreenContents<'_>) -> String {
-    let StreamProgress { total_decisions, completed_decisions, decisions_per_second, seconds_left } =
-        StreamProgress::after_rollouts(shown.run, shown.run.rollouts.len());
+    let progress = StreamProgress::after_rollouts(shown.run, shown.run.rollouts.len());
+    let StreamProgress { total_decisions, completed_decisions, .. } = progress;
     let share = completed_decisions.saturating_mul(100) / total_decisions.max(1);
-    let left = if shown.finished { Some(0.0) } else { seconds_left };
+    let left = if shown.finished { Some(0.0) } else { progress.seconds_left };
     let left = left.map_or_else(|| "-".to_owned(), duration);
-    let rate = format_number(decisions_per_second, 0);
+    let rate = format_number(progress.decisions_per_second, 0);
     format!(
         "{share} %, {left} left, {rate} decisions/s, {completed_decisions} of {total_decisions} \
          decisions"

@@ -257,7 +257,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         match (self.settings.common().new_policy, decision.nearest) {
             (NewPolicyInit::Random, _) => Ok(None),
             (NewPolicyInit::Copy, Some(nearest)) => Ok(Some(nearest)),
-            (NewPolicyInit::Copy, None) => Err(LearnerError::Setting {
+            (NewPolicyInit::Copy, None) => Err(LearnerError::InvalidSetting {
                 name: "new_policy",
                 value: "copy".to_owned(),
                 expected: "random with a grouping that measures no distances: none is nearest",

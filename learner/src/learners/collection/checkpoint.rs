@@ -92,7 +92,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             CheckpointExtent::Policies { episodes_per_policy: episodes }
                 if episodes < self.grouping.needs().episodes =>
             {
-                Err(LearnerError::Setting {
+                Err(LearnerError::InvalidSetting {
                     name: "episodes",
                     value: episodes.to_string(),
                     expected: "at least the `min_episodes` of the grouping, see `experiment.json`",

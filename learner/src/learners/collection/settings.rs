@@ -154,7 +154,7 @@ impl CommonSettings {
         min_episodes: usize,
     ) -> Result<usize, LearnerError> {
         let refuse = |name, value: usize, expected| {
-            Err(LearnerError::Setting { name, value: value.to_string(), expected })
+            Err(LearnerError::InvalidSetting { name, value: value.to_string(), expected })
         };
         if self.first_frames == 0 {
             return refuse("first_frames", 0, "at least 1 frame");
