@@ -30,8 +30,8 @@ pub(super) struct RigPerception {
 
 impl RigPerception {
     /// Creates the perception of a table that was set up as `set_up`, for a policy trained with
-    /// `camera`. `table` `[rendered_size, rendered_size, 3]` is a picture of the empty table by that
-    /// camera, and `start` the time with the arm's state.
+    /// `camera`. `table` `[rendered_size, rendered_size, 3]` is a picture of the empty table by
+    /// that camera, and `start` the time with the arm's state.
     ///
     /// # Errors
     /// [`DeployError::Inpainting`].
