@@ -10,7 +10,7 @@ use noise::{HORIZON, Noise, spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Decisions, NetworkSettings, Observations, OnPolicy, Ppo,
+    ActorCriticPolicy, Algorithm, Decisions, NetworkSettings, Observations, OnPolicyActor, Ppo,
     PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
 };
 

@@ -10,8 +10,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, ContextSettings, Experience, Metrics, NetworkSettings,
-    Ppo, PpoSettings, Replay, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy,
-    SacSettings, collect,
+    Ppo, PpoSettings, ReplayBuffer, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac,
+    SacPolicy, SacSettings, collect,
 };
 use symmetry::Group;
 
@@ -57,7 +57,7 @@ impl Case<'_> {
     ) -> Result<(), RlError> {
         let mut policy = SacPolicy::new(&self.network, context, &spec(), 0)?;
         let replay = ReplaySettings { steps: HORIZON, ..ReplaySettings::default() };
-        let mut replay = Replay::new(replay, &spec())?;
+        let mut replay = ReplayBuffer::new(replay, &spec())?;
         self.fill(&mut policy, &mut replay)?;
         let samples = 512 * STEPS;
         let updates = samples as f32 / settings.batch as f32;

@@ -29,11 +29,11 @@ pub enum CoversError {
     /// Failed jobs of a sweep.
     #[error(
         "these jobs failed: {}. The reason of each is printed above; the next sweep tries them \
-         again", failed.join(", ")
+         again", failed_jobs.join(", ")
     )]
-    Jobs {
+    SweepJobsFailed {
         /// Names of the failed jobs.
-        failed: Vec<String>,
+        failed_jobs: Vec<String>,
     },
     /// Request for a full-screen view without a terminal.
     #[error(

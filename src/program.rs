@@ -14,7 +14,7 @@ use crate::manual::ManualOptions;
 use crate::preset_list::PresetsOptions;
 use deploy::{CalibrateOptions, DeployOptions};
 use experiments::memory;
-use experiments::printable::printable_lines;
+use experiments::printable::escape_unprintable_lines;
 use render::RenderOptions;
 use watch::WatchOptions;
 
@@ -115,8 +115,8 @@ impl Program {
 }
 
 /// Formats an error for standard error, with control characters of file names escaped.
-pub fn error_line(error: &CoversError) -> String {
-    format!("error: {}", printable_lines(&error.to_string()))
+pub fn format_error(error: &CoversError) -> String {
+    format!("error: {}", escape_unprintable_lines(&error.to_string()))
 }
 
 #[cfg(test)]

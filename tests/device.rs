@@ -19,7 +19,7 @@ fn learners_with_replays_or_a_symmetry_loss_learn_on_the_cpu() {
         assert!(message.contains(reason), "{message}");
         for choice in [DeviceChoice::Cpu, DeviceChoice::Auto] {
             let experiment = on(method, choice).unwrap();
-            assert_eq!(experiment.learner.gpu(), None);
+            assert_eq!(experiment.learner.gpu_name(), None);
         }
     }
 }
@@ -88,8 +88,8 @@ mod gpu {
         run.advance().unwrap();
         run.save().unwrap();
         drop(run);
-        let (again, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
-        let mut resumed = Run::resume_with(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
+        let (again, tasks) = (RunFolder::from_path(folder), TaskRegistry::standard());
+        let mut resumed = Run::resume_with_tasks(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
         resumed.advance().unwrap();
         let gpus = Provenance::read(folder).unwrap().into_iter().map(|line| line.gpu);
         let gpus: Vec<bool> = gpus.map(|gpu| gpu.is_some()).collect();

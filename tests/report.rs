@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::Parser;
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
-use covers::program::error_line;
+use covers::program::format_error;
 use covers::watch::WatchOptions;
 use covers::{CoversError, Experiment, Run, RunFolder, Summary};
 use envs::Embodiment;
@@ -61,7 +61,7 @@ struct Options {
 fn small(method: Method, seed: u64) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_seed(seed);
     experiment.schedule.groups.truncate(2);
-    experiment.evaluation.visit_rounds = 1;
+    experiment.evaluation.visit_episodes_per_env = 1;
     experiment.with_threads(2)
 }
 
@@ -272,10 +272,10 @@ fn names_do_not_steer_the_terminal() {
         fs::read_to_string(file).unwrap()
     });
     let mut watched = Vec::new();
-    WatchOptions { run, json: false }.print(&mut watched).unwrap();
+    WatchOptions { run_folder: run, json: false }.print_events(&mut watched).unwrap();
     let watched = String::from_utf8(watched).unwrap();
     assert!(watched.contains("goal\\u001b[2J"), "{watched}");
-    let refused = error_line(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
+    let refused = format_error(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
     for shown in files.chain([text, watched, refused]) {
         assert_eq!(steering(&shown), None, "{shown}");
     }
@@ -352,7 +352,7 @@ fn with_cell(table: &str, column: &str, cell: &str) -> String {
 fn films_are_inside_of_the_page_where_they_are_asked_for() {
     let scratch = Scratch::new("films");
     let mut scored_once = small(Method::Equi, 0);
-    scored_once.evaluation.visit_rounds = 0;
+    scored_once.evaluation.visit_episodes_per_env = 0;
     scratch.run("equi-seed0", scored_once);
     let folder = scratch.0.join("report");
     let html = |more: &[&str]| {
@@ -395,8 +395,8 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let remark = "the settings are those of the preset `equi`, not of `covers`";
     assert!(text.contains(remark), "{text}");
     let rows = Rows::of(&text);
-    // results, figures over seeds, visits, efficiency, variants, and the run itself; with one policy
-    // for everything there is no recognition
+    // results, figures over seeds, visits, efficiency, variants, and the run itself; with one
+    // policy for everything there is no recognition
     let tables = [
         (vec!["covers (1)"], 6),
         (vec!["covers (1)"], 14),

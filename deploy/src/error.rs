@@ -6,7 +6,7 @@ use std::time::Duration;
 use experiments::RunError;
 use learner::LearnerError;
 use render::RenderError;
-use rl::BoxError;
+use rl::BoxedEnvError;
 
 /// Error of a trial on a robot, or of calibrating its camera.
 #[derive(Debug, thiserror::Error)]
@@ -31,18 +31,18 @@ pub enum DeployError {
     #[error("the rig failed: {source}")]
     Rig {
         /// Cause of the rig's failure.
-        source: BoxError,
+        source: BoxedEnvError,
     },
     /// Camera whose latest picture is too old.
     #[error(
         "the camera's newest picture is {} ms old, expected at most {} ms",
-        age.as_millis(), most.as_millis()
+        age.as_millis(), max_age.as_millis()
     )]
     StalePicture {
         /// Age of the camera's latest picture.
         age: Duration,
         /// Maximum accepted age of a picture.
-        most: Duration,
+        max_age: Duration,
     },
     /// Camera whose clock is ahead of the robot's.
     #[error(
@@ -55,31 +55,32 @@ pub enum DeployError {
     },
     /// Hand that did not reach a pose in time.
     #[error(
-        "the hand did not reach its target within 20 s: {left:.0} mm and {turn:.0} degrees are left"
+        "the hand did not reach its target within 20 s: {remaining_mm:.0} mm and \
+         {remaining_deg:.0} degrees are left"
     )]
     PoseNotReached {
         /// Remaining distance of the hand from the pose (mm).
-        left: f64,
+        remaining_mm: f64,
         /// Remaining angle between the hand and the pose (degrees).
-        turn: f64,
+        remaining_deg: f64,
     },
     /// Hand that kept moving after the robot was stopped.
     #[error("the hand does not come to rest within 2 s of a stop")]
     HandNotAtRest,
     /// Calibration ball that was seen in too few poses.
     #[error(
-        "the ball was seen in {got} poses, expected at least {needed}; pose {pose} was left out: \
-         {why}"
+        "the ball was seen in {sightings} poses, expected at least {needed}; pose {skipped_pose} \
+         was left out: {reason}"
     )]
-    FewSightings {
+    TooFewSightings {
         /// Number of poses in which the ball was seen.
-        got: usize,
+        sightings: usize,
         /// Minimum number of poses in which the ball must be seen.
         needed: usize,
         /// Number of the first pose that was skipped, counted from 1.
-        pose: usize,
+        skipped_pose: usize,
         /// Reason for which that pose was skipped.
-        why: String,
+        reason: String,
     },
     /// Calibration file that does not fit the rig.
     #[error("`{}`: {source}", .path.display())]
@@ -91,13 +92,13 @@ pub enum DeployError {
     },
     /// Calibration that cannot be that of the rig's camera.
     #[error(
-        "the calibration is not of this rig's camera: its {what} is {value}, expected {expected}. \
+        "the calibration is not of this rig's camera: its {part} is {value}, expected {expected}. \
          Make a new one with `covers calibrate` and try it with `covers check mask`; if it is \
          right, correct what the rig says of its camera"
     )]
-    OtherCamera {
+    ImplausibleCalibration {
         /// Name of the implausible part of the calibration.
-        what: &'static str,
+        part: &'static str,
         /// Value of the implausible part.
         value: String,
         /// Description of plausible values of the part.

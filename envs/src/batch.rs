@@ -35,7 +35,7 @@ pub struct StepMut<'a> {
 /// Owned buffers for the results of [`VecEnv`](crate::VecEnv); [`StepMut`] documents their
 /// contents.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Batch {
+pub struct StepBuffers {
     /// Images `[N, size, size, C]` of the current observations, C = 6 by default.
     pub images: Vec<u8>,
     /// Vectors `[N, 7]` of the current observations: hand, aperture and goal.
@@ -54,7 +54,7 @@ pub struct Batch {
     pub truncated: Vec<bool>,
 }
 
-impl Batch {
+impl StepBuffers {
     /// Creates zeroed buffers for the environments of `settings`.
     pub fn new(settings: &VecEnvSettings) -> Self {
         let (n, image) = (settings.num_envs, settings.image_len());
@@ -72,12 +72,12 @@ impl Batch {
 
     /// Returns the buffers of current observations, for [`VecEnv::reset`](crate::VecEnv::reset) to
     /// fill.
-    pub fn observations(&mut self) -> ObservationsMut<'_> {
+    pub fn observations_mut(&mut self) -> ObservationsMut<'_> {
         ObservationsMut { images: &mut self.images, vectors: &mut self.vectors }
     }
 
     /// Returns the buffers of a step's outcome, for [`VecEnv::step`](crate::VecEnv::step) to fill.
-    pub fn step(&mut self) -> StepMut<'_> {
+    pub fn step_mut(&mut self) -> StepMut<'_> {
         StepMut {
             observations: ObservationsMut { images: &mut self.images, vectors: &mut self.vectors },
             final_observations: ObservationsMut {

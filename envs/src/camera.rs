@@ -9,14 +9,14 @@ use crate::error::{EnvError, require};
 
 mod compose;
 
-pub use compose::Pictures;
+pub use compose::ObservationPictures;
 
 /// Number of colour channels of one picture: red, green and blue.
-pub const RGB: usize = 3;
+pub const RGB_CHANNELS: usize = 3;
 /// Largest side of a drawn picture (pixels).
 const MAX_SIDE: usize = 4096;
 /// Range of drawn pixels along each side of an observed pixel.
-pub(crate) const OVERSAMPLING: RangeInclusive<usize> = 1..=8;
+pub(crate) const OVERSAMPLING_RANGE: RangeInclusive<usize> = 1..=8;
 /// Lowest camera (metres). A camera at or below the hand would project it mirrored.
 const MIN_HEIGHT: f64 = 0.6;
 
@@ -47,8 +47,8 @@ pub struct Camera {
     pub mark: Mark,
     /// Pictures that an observation holds besides the current one; the first picture if a file has
     /// no value.
-    #[serde(default)]
-    pub beside: ExtraView,
+    #[serde(default, rename = "beside")]
+    pub extra_views: ExtraView,
 }
 
 /// White light that is symmetric under D2: ambient, from the camera and from straight above. A
@@ -87,7 +87,7 @@ impl Default for Camera {
             background: [0.73, 0.74, 0.74],
             light: Light::default(),
             mark: Mark::default(),
-            beside: ExtraView::default(),
+            extra_views: ExtraView::default(),
         }
     }
 }
@@ -109,13 +109,13 @@ impl Camera {
     /// colours out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`].
+    /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
         let even = (2..=MAX_SIDE).contains(&self.size) && self.size.is_multiple_of(2);
         require(even, "image size", &self.size, SIZE)?;
-        let samples = OVERSAMPLING.contains(&self.oversampling);
+        let samples = OVERSAMPLING_RANGE.contains(&self.oversampling);
         require(samples, "oversampling", &self.oversampling, SAMPLES)?;
-        let drawn = self.drawn_size();
+        let drawn = self.rendered_size();
         require(drawn <= MAX_SIDE, "image size times oversampling", &drawn, DRAWN)?;
         let high = self.height >= MIN_HEIGHT && self.height.is_finite();
         require(high, "camera height", &self.height, HEIGHT)?;
@@ -158,7 +158,7 @@ impl Camera {
     }
 
     /// Converts a length on the table from millimetres to pixels.
-    pub(crate) fn pixels(&self, millimetres: f64) -> f64 {
+    pub(crate) fn millimetres_to_pixels(&self, millimetres: f64) -> f64 {
         millimetres / 1e3 * self.pixels_per_metre()
     }
 
@@ -166,7 +166,7 @@ impl Camera {
     pub fn draw_mark(&self, mark: &Mark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
         let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
-        on_ring([u, -v], radii, self.size, |pixel| {
+        for_each_ring_pixel([u, -v], radii, self.size, |pixel| {
             rgb[pixel * 3..][..3].copy_from_slice(&mark.color);
         });
     }
@@ -175,7 +175,7 @@ impl Camera {
 /// Calls `visit` with the index of every pixel of a picture `[size, size]` whose centre is nearer
 /// than `radii[0]`, but not nearer than `radii[1]`, to the point `offset` (right, down) from the
 /// picture's centre. All lengths are in pixels. Mirroring the offset mirrors the ring exactly.
-pub(crate) fn on_ring(
+pub(crate) fn for_each_ring_pixel(
     offset: [f64; 2],
     radii: [f64; 2],
     size: usize,
@@ -254,18 +254,18 @@ pub enum ExtraView {
 
 impl ExtraView {
     /// Returns the number of channels of an observation's image, C: 6 or 9.
-    pub const fn channels(self) -> usize {
+    pub const fn num_channels(self) -> usize {
         match self {
-            Self::First | Self::CloseUp => 2 * RGB,
-            Self::FirstAndCloseUp => 3 * RGB,
+            Self::First | Self::CloseUp => 2 * RGB_CHANNELS,
+            Self::FirstAndCloseUp => 3 * RGB_CHANNELS,
         }
     }
 
     /// Returns the number of last channels that are constant during an episode, and need to be
     /// stored once: 3 or 0.
-    pub const fn still_channels(self) -> usize {
+    pub const fn num_still_channels(self) -> usize {
         match self {
-            Self::First => RGB,
+            Self::First => RGB_CHANNELS,
             Self::CloseUp | Self::FirstAndCloseUp => 0,
         }
     }

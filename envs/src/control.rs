@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{EnvError, require};
 
 /// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
-pub const PHYSICS_STEPS: usize = 5;
+pub const PHYSICS_STEPS_PER_CONTROL_STEP: usize = 5;
 /// Duration of a control step (seconds).
 const CONTROL_STEP: f64 = 0.0125;
 
@@ -42,14 +42,14 @@ impl Control {
 
     /// Returns the number of decisions in an episode; 0 if the action repeat is 0, which
     /// [`Control::check`] rejects.
-    pub fn decisions(&self) -> usize {
+    pub fn decisions_per_episode(&self) -> usize {
         self.horizon.checked_div(self.action_repeat).unwrap_or(0)
     }
 
     /// Rejects an action repeat, a displacement or a horizon that is out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`].
+    /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
         let whole = self.horizon > 0 && self.horizon.checked_rem(self.action_repeat) == Some(0);
         let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
@@ -62,7 +62,7 @@ impl Control {
 }
 
 /// Returns the action of one environment with its components clipped to `[-1, 1]`.
-pub(crate) fn clip<const N: usize>(action: &[f32; N]) -> Result<[f64; N], EnvError> {
+pub(crate) fn clip_action<const N: usize>(action: &[f32; N]) -> Result<[f64; N], EnvError> {
     check_action(action)?;
     Ok(action.map(|value| f64::from(value.clamp(-1.0, 1.0))))
 }
@@ -82,10 +82,10 @@ mod tests {
     #[test]
     fn decisions_of_settings_that_are_refused_are_none() {
         let never = Control { action_repeat: 0, ..Control::default() };
-        assert_eq!(never.decisions(), 0);
+        assert_eq!(never.decisions_per_episode(), 0);
         let message = never.check().unwrap_err().to_string();
         assert!(message.contains("500 with action repeat 0"), "{message}");
-        assert_eq!(Control::default().decisions(), 50);
-        assert_eq!(Control::meta_world().decisions(), 500);
+        assert_eq!(Control::default().decisions_per_episode(), 50);
+        assert_eq!(Control::meta_world().decisions_per_episode(), 500);
     }
 }

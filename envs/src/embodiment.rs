@@ -24,12 +24,12 @@ static REGISTERED: RwLock<Vec<Embodiment>> = RwLock::new(Vec::new());
 impl Embodiment {
     /// Seven-joint Sawyer arm. Open loop, it breaks the symmetry of the table by one or two
     /// centimetres.
-    pub const SAWYER: Self = Self::of(&Sawyer);
+    pub const SAWYER: Self = Self::from_spec(&Sawyer);
     /// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
-    pub const HAND: Self = Self::of(&Hand);
+    pub const HAND: Self = Self::from_spec(&Hand);
     /// Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that were trained
     /// with another arm.
-    pub const KINOVA_GEN3: Self = Self::of(&KinovaGen3);
+    pub const KINOVA_GEN3: Self = Self::from_spec(&KinovaGen3);
 
     /// Embodiments for training, in the order of reports. Every task must pass its conformance
     /// rules with them.
@@ -40,8 +40,9 @@ impl Embodiment {
     /// Returns the handle of the embodiment that `spec` defines.
     ///
     /// A spec that is made at run time must be leaked, as with
-    /// [`TaskGroup::of`](crate::TaskGroup::of): `Embodiment::of(Box::leak(Box::new(spec)))`.
-    pub const fn of(spec: &'static dyn EmbodimentSpec) -> Self {
+    /// [`TaskGroup::from_task`](crate::TaskGroup::from_task):
+    /// `Embodiment::from_spec(Box::leak(Box::new(spec)))`.
+    pub const fn from_spec(spec: &'static dyn EmbodimentSpec) -> Self {
         Self(spec)
     }
 
@@ -59,8 +60,8 @@ impl Embodiment {
     /// Registering an embodiment again has no effect.
     ///
     /// # Errors
-    /// [`EnvError::EmbodimentName`] for a malformed name, [`EnvError::DuplicateEmbodiment`] for a
-    /// name that is taken.
+    /// [`EnvError::InvalidEmbodimentName`] for a malformed name, [`EnvError::DuplicateEmbodiment`]
+    /// for a name that is taken.
     pub fn register(self) -> Result<(), EnvError> {
         self.check_name()?;
         let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
@@ -102,7 +103,7 @@ impl Embodiment {
             return Ok(());
         }
         let name = self.name().to_owned();
-        Err(EnvError::EmbodimentName { name })
+        Err(EnvError::InvalidEmbodimentName { name })
     }
 }
 
@@ -176,7 +177,7 @@ mod tests {
 
     #[test]
     fn a_registered_name_is_read_and_a_taken_or_malformed_one_refused() {
-        let crane = Embodiment::of(&CRANE);
+        let crane = Embodiment::from_spec(&CRANE);
         crane.register().unwrap();
         crane.register().unwrap();
         assert_eq!("crane_2".parse::<Embodiment>().unwrap(), crane);
@@ -185,7 +186,7 @@ mod tests {
         assert!(message.contains("crane_2"), "{message}");
         static OTHER: [Named; 3] = [Named("crane_2"), Named("sawyer"), Named("My Arm")];
         for (other, says) in OTHER.iter().zip(["taken", "taken", "`My Arm`"]) {
-            let refusal = Embodiment::of(other).register().unwrap_err().to_string();
+            let refusal = Embodiment::from_spec(other).register().unwrap_err().to_string();
             assert!(refusal.contains(says), "{refusal}");
         }
     }

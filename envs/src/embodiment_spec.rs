@@ -24,7 +24,7 @@ pub struct EmbodimentParts {
     /// Names and texts of the files that parts of a scene include. `contacts.xml` declares the
     /// classes `surroundings` and `table_contact` and the default collisions, `drawer_stop.xml`
     /// stops a closed drawer, and `puck.xml` declares the collision shapes of the puck.
-    pub included: Vec<(&'static str, Cow<'static, str>)>,
+    pub included_files: Vec<(&'static str, Cow<'static, str>)>,
 }
 
 /// Definition of an embodiment. It keeps no state between calls.
@@ -61,7 +61,7 @@ pub trait EmbodimentSpec: Any + Send + Sync {
 
     /// Returns the MJCF for the layout `metaworld`, if it differs. An episode then starts from the
     /// model's initial pose, as with Meta-World's own arm.
-    fn meta_world(&self) -> Option<&str> {
+    fn meta_world_mjcf(&self) -> Option<&str> {
         None
     }
 }

@@ -19,7 +19,7 @@ pub enum EnvError {
         "the task's name is `{name}`, expected kebab-case: \
          lower-case letters and digits in words that are joined by hyphens"
     )]
-    TaskName {
+    InvalidTaskName {
         /// Task name that is malformed.
         name: String,
     },
@@ -42,7 +42,7 @@ pub enum EnvError {
         "the embodiment's name is `{name}`, expected lower-case letters and digits in words that \
          are joined by hyphens or underscores"
     )]
-    EmbodimentName {
+    InvalidEmbodimentName {
         /// Embodiment name that is malformed.
         name: String,
     },
@@ -54,7 +54,7 @@ pub enum EnvError {
     },
     /// Setting of an environment whose value is out of range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting.
         name: &'static str,
         /// Rejected value of the setting.
@@ -75,7 +75,7 @@ pub enum EnvError {
     },
     /// Slice argument of the wrong length.
     #[error("`{what}` has {got} elements, expected {expected}")]
-    Length {
+    LengthMismatch {
         /// Name of the argument that has the wrong length.
         what: &'static str,
         /// Number of elements that the argument has.
@@ -108,7 +108,7 @@ pub enum EnvError {
     /// Task group that the layout does not support.
     #[error(
         "the layout `{layout}` does not support {group}: \
-         use the layout `symmetric`, or implement `Task::meta_world` for the task"
+         use the layout `symmetric`, or implement `Task::meta_world_spec` for the task"
     )]
     NoSuchLayout {
         /// Name of the layout.
@@ -139,7 +139,7 @@ pub enum EnvError {
     },
     /// Snapshot of another scene, task or control than those of the environment.
     #[error("the snapshot is of {got}, this environment is {expected}")]
-    OtherScene {
+    SceneMismatch {
         /// Task, embodiment, layout and control of the snapshot.
         got: String,
         /// Task, embodiment, layout and control of the environment.
@@ -162,7 +162,7 @@ pub enum EnvError {
         "the vector environment was made in process {made_in}, this is process {process}: a fork \
          does not copy its worker threads, so make environments after the fork, or use `spawn`"
     )]
-    OtherProcess {
+    UsedAfterFork {
         /// Identifier of the process that made it.
         made_in: u32,
         /// Identifier of the calling process.
@@ -208,7 +208,7 @@ impl EnvError {
     }
 }
 
-/// Returns [`EnvError::Setting`] unless `holds`.
+/// Returns [`EnvError::InvalidSetting`] unless `holds`.
 pub(crate) fn require(
     holds: bool,
     name: &'static str,
@@ -219,5 +219,5 @@ pub(crate) fn require(
         return Ok(());
     }
     let value = value.to_string();
-    Err(EnvError::Setting { name, value, expected })
+    Err(EnvError::InvalidSetting { name, value, expected })
 }

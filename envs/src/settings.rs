@@ -56,18 +56,18 @@ whole pictures, so close-ups would be without them";
 impl VecEnvSettings {
     /// Returns the number of bytes of one environment's image, size x size x C.
     pub fn image_len(&self) -> usize {
-        self.camera.size * self.camera.size * self.camera.beside.channels()
+        self.camera.size * self.camera.size * self.camera.extra_views.num_channels()
     }
 
     /// Returns the settings without domain randomisation.
-    pub fn clean(self) -> Self {
+    pub fn without_randomisation(self) -> Self {
         Self { randomisation: None, ..self }
     }
 
     /// Rejects settings of environments that are out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`].
+    /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
         require(self.num_envs > 0, "num_envs", &self.num_envs, "at least 1")?;
         let few = (1..=MAX_THREADS).contains(&self.threads);
@@ -75,7 +75,7 @@ impl VecEnvSettings {
         self.camera.check()?;
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
-            let first = self.camera.beside == ExtraView::First;
+            let first = self.camera.extra_views == ExtraView::First;
             require(first, "camera.beside", &"a close-up", FIRST_PICTURE)?;
         }
         self.control.check()

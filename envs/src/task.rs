@@ -21,10 +21,11 @@ impl TaskGroup {
     /// Returns the handle of the task group that `task` defines: its four variants under D2, with
     /// `task` as the identity variant.
     ///
-    /// A reference to a task without fields is `'static` already: `TaskGroup::of(&MyTask)`. A task
-    /// that is made at run time must be leaked: `TaskGroup::of(Box::leak(Box::new(task)))`. Make
-    /// the handle of a task with fields once and copy it: another instance counts as another task.
-    pub const fn of(task: &'static dyn Task) -> Self {
+    /// A reference to a task without fields is `'static` already: `TaskGroup::from_task(&MyTask)`.
+    /// A task that is made at run time must be leaked:
+    /// `TaskGroup::from_task(Box::leak(Box::new(task)))`. Make the handle of a task with fields
+    /// once and copy it: another instance counts as another task.
+    pub const fn from_task(task: &'static dyn Task) -> Self {
         Self(task)
     }
 
@@ -85,7 +86,7 @@ pub struct Measurement {
     pub tcp: DVec3,
     /// Distance between the claws divided by 0.1 m, in `[0, 1]`; 1 is open.
     pub aperture: f64,
-    /// Position of the object's reference point (metres; see [`Parts::object_offset`]).
+    /// Position of the object's reference point (metres; see [`TaskParts::object_offset`]).
     pub object: DVec3,
 }
 
@@ -100,7 +101,7 @@ pub struct EpisodeStart {
     /// it is not at rest yet. An arm with servos rests at the target.
     pub hand_target: DVec3,
     /// Measurements of the task in the start state of the episode.
-    pub measured: Measurement,
+    pub measurement: Measurement,
 }
 
 /// Reward, success and reward terms of one control step.
@@ -108,20 +109,20 @@ pub struct EpisodeStart {
 pub struct StepReward {
     /// Reward term in `[0, 1]` for the distance of the fingertips from the object and, in some
     /// tasks, for the finger action; 1 in Goal Reach.
-    pub approach: f64,
+    pub approach_reward: f64,
     /// Reward term in `[0, 1]` for the distance of the object from its goal.
-    pub in_place: f64,
+    pub in_place_reward: f64,
     /// Distance of the object (in Goal Reach, the fingertips) from its goal (metres).
-    pub remaining: f64,
+    pub goal_distance: f64,
     /// Dense reward of the control step, in `[0, 10]`.
     pub reward: f64,
     /// `true` if the success condition holds after the control step.
     pub success: bool,
 }
 
-/// Constant parts of a task. `Parts::default()` is the bare table with a hidden goal.
+/// Constant parts of a task. `TaskParts::default()` is the bare table with a hidden goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Parts<'a> {
+pub struct TaskParts<'a> {
     /// MJCF of the task's objects, a `<mujocoinclude>`; `None` for the bare table.
     ///
     /// A mocap body `object` is required; it is moved to the placement's object. A mocap body
@@ -160,9 +161,9 @@ pub struct MetaWorldSpec<'a> {
     pub hand_target: DVec3,
     /// Additional part of the scene as MJCF, a `<mujocoinclude>`. The name `decoy` is then reserved
     /// for a free joint, whose body starts at the placement's object.
-    pub addition: Option<&'a str>,
+    pub extra_mjcf: Option<&'a str>,
     /// Function that draws a placement from Meta-World's ranges.
-    pub place: fn(&mut ChaCha8Rng) -> Placement,
+    pub draw_placement: fn(&mut ChaCha8Rng) -> Placement,
 }
 
 /// Task in its canonical frame; it keeps no state between calls.
@@ -174,11 +175,11 @@ pub trait Task: Any + Send + Sync {
     fn name(&self) -> &str;
 
     /// Returns the constant parts of the task.
-    fn parts(&self) -> Parts<'_>;
+    fn parts(&self) -> TaskParts<'_>;
 
     /// Draws a placement. All objects, or all goals, must lie in one quadrant and more than 1 mm
     /// off its axes, so that the four variants fill four quadrants.
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement;
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement;
 
     /// Returns reward and success of the state `now` of an episode with the start `start`; `finger`
     /// is the action's finger component in `[-1, 1]`.
@@ -188,7 +189,7 @@ pub trait Task: Any + Send + Sync {
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand;
 
     /// Returns the settings for the layout `metaworld`; `None` if the task has no scene in it.
-    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         None
     }
 }

@@ -4,7 +4,7 @@ use symmetry::{FieldType, Group};
 use thiserror::Error;
 
 use crate::shape::{MAX_VALUES, Shape};
-use crate::window::Kernel;
+use crate::window::SlidingWindow;
 
 /// Reason why a layer cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -17,7 +17,7 @@ pub enum LayerError {
          kernel or stride so that the flip stays exact",
         k = kernel.size, s = kernel.stride, p = kernel.padding
     )]
-    Inexact {
+    AsymmetricWindow {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Symmetry group of the layer's field types.
@@ -27,7 +27,7 @@ pub enum LayerError {
         /// Length of the input along the axis, in pixels.
         size: usize,
         /// Window that does not sit symmetrically.
-        kernel: Kernel,
+        kernel: SlidingWindow,
         /// Remainder of the division by the stride, in pixels; must be 0.
         remainder: usize,
     },
@@ -37,7 +37,7 @@ pub enum LayerError {
          expected 1 <= {k} <= {size} + 2 * {p} and a stride of at least 1",
         k = kernel.size, s = kernel.stride, p = kernel.padding
     )]
-    Window {
+    InvalidWindow {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Axis of the image along which the window is rejected, `height` or `width`.
@@ -45,11 +45,11 @@ pub enum LayerError {
         /// Length of the input along the axis, in pixels.
         size: usize,
         /// Rejected window.
-        kernel: Kernel,
+        kernel: SlidingWindow,
     },
     /// Field type on which the layer would not be equivariant.
     #[error("{layer}: got the type `{got}`, expected {expected}")]
-    Type {
+    InvalidFieldType {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Rejected field type.
@@ -62,7 +62,7 @@ pub enum LayerError {
         "{layer}: got the types `{first}` of {} and `{second}` of {}, expected one group; restrict one of them",
         first.group(), second.group()
     )]
-    Groups {
+    DifferentGroups {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// First of the two field types.
@@ -74,7 +74,7 @@ pub enum LayerError {
     #[error(
         "{layer}: got a padding of {padding} for a window of {size}, expected at most {size} / 2"
     )]
-    Padding {
+    PaddingTooLarge {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Padding of the image on each side, in pixels.
@@ -94,7 +94,7 @@ pub enum LayerError {
     #[error(
         "{layer}: got {what} of more than {MAX_VALUES} values, expected at most that; lower sizes, channels or padding"
     )]
-    TooLarge {
+    TooManyValues {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Description of the object that is too large, such as `a map`.
@@ -115,7 +115,7 @@ pub enum LayerError {
         "{layer}: got maps of {} x {} and {} x {} pixels, expected equal heights and widths",
         first[0], first[1], second[0], second[1]
     )]
-    Sizes {
+    DifferentMapSizes {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Height and width of one map in pixels.
@@ -125,7 +125,7 @@ pub enum LayerError {
     },
     /// Setting of the layer that is out of its range.
     #[error("{layer}: got the {setting} {got}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Name of the setting that is out of its range.
@@ -140,7 +140,7 @@ pub enum LayerError {
         "Sequential: layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",
         previous = index - 1
     )]
-    Mismatch {
+    ShapeMismatch {
         /// Position of the second of the two layers in the sequence, from 0.
         index: usize,
         /// Input shape of the second layer.
@@ -150,11 +150,12 @@ pub enum LayerError {
     },
     /// Sequence without layers.
     #[error("Sequential: got 0 layers, expected at least 1")]
-    Empty,
+    EmptySequence,
 }
 
 impl LayerError {
-    /// Returns [`Groups`](LayerError::Groups) if two types belong to different groups.
+    /// Returns [`DifferentGroups`](LayerError::DifferentGroups) if two types belong to different
+    /// groups.
     pub(crate) fn check_groups(
         layer: &'static str,
         first: FieldType,
@@ -163,16 +164,16 @@ impl LayerError {
         if first.group() == second.group() {
             return Ok(());
         }
-        Err(LayerError::Groups { layer, first, second })
+        Err(LayerError::DifferentGroups { layer, first, second })
     }
 
-    /// Returns [`Setting`](LayerError::Setting) for more output channels than a field type can
-    /// have.
+    /// Returns [`InvalidSetting`](LayerError::InvalidSetting) for more output channels than a field
+    /// type can have.
     pub(crate) fn check_channels(layer: &'static str, channels: usize) -> Result<(), LayerError> {
         if channels <= FieldType::MAX_DIM {
             return Ok(());
         }
-        Err(LayerError::Setting {
+        Err(LayerError::InvalidSetting {
             layer,
             setting: "number of output channels",
             got: channels.to_string(),
@@ -185,10 +186,10 @@ impl LayerError {
     /// `layer` is the name in the error and `padding` is in pixels on each side.
     ///
     /// # Errors
-    /// [`EmptyMap`](LayerError::EmptyMap) and [`TooLarge`](LayerError::TooLarge).
+    /// [`EmptyMap`](LayerError::EmptyMap) and [`TooManyValues`](LayerError::TooManyValues).
     pub fn check_map(layer: &'static str, shape: Shape, padding: usize) -> Result<(), LayerError> {
         match shape.padded_len(padding) {
-            None => Err(LayerError::TooLarge { layer, what: "a map" }),
+            None => Err(LayerError::TooManyValues { layer, what: "a map" }),
             Some(_) if shape.is_empty() => Err(LayerError::EmptyMap { layer, shape }),
             Some(_) => Ok(()),
         }

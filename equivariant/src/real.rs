@@ -6,7 +6,7 @@ use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssi
 
 use rand::{Rng, RngExt};
 
-use crate::matrix::{Strided, StridedMut, product};
+use crate::matrix::{StridedMatrix, StridedMatrixMut, matrix_product};
 
 /// Arithmetic of single or double precision, `f32` or `f64`. Other types cannot implement it.
 pub trait Real:
@@ -50,7 +50,12 @@ pub trait Real:
 
     /// Writes the matrix product a b into `to`, or adds it to the values there.
     #[doc(hidden)]
-    fn product(to: StridedMut<Self>, add: bool, a: Strided<Self>, b: Strided<Self>);
+    fn matrix_product(
+        to: StridedMatrixMut<Self>,
+        add: bool,
+        a: StridedMatrix<Self>,
+        b: StridedMatrix<Self>,
+    );
 }
 
 macro_rules! real {
@@ -81,8 +86,13 @@ macro_rules! real {
                 self.to_bits() as u16
             }
 
-            fn product(to: StridedMut<$float>, add: bool, a: Strided<$float>, b: Strided<$float>) {
-                product(to, add, a, b);
+            fn matrix_product(
+                to: StridedMatrixMut<$float>,
+                add: bool,
+                a: StridedMatrix<$float>,
+                b: StridedMatrix<$float>,
+            ) {
+                matrix_product(to, add, a, b);
             }
         }
     };
@@ -93,7 +103,7 @@ real!(f64);
 
 /// Returns `true` if a running maximum `best` is replaced by `value`; NaN exceeds every number.
 #[inline(always)]
-pub(crate) fn exceeds<T: Real>(value: T, best: T) -> bool {
+pub(crate) fn exceeds_or_is_nan<T: Real>(value: T, best: T) -> bool {
     value > best || value.partial_cmp(&value).is_none()
 }
 

@@ -1,7 +1,8 @@
 //! Every instruction set of this machine agrees with the portable code.
 
 use equivariant::{
-    FieldType, Group, InstructionSet, Kernel, Layer, MaxPool, R2Conv, Relu, Sequential, Signature,
+    FieldType, Group, InstructionSet, Layer, LayerSignature, MaxPool, R2Conv, Relu, Sequential,
+    SlidingWindow,
 };
 
 use crate::common::{params, scratch, unwritten};
@@ -17,10 +18,10 @@ fn run(conv: &R2Conv, set: InstructionSet, with_dx: bool) -> Vec<f32> {
 
 fn run_pooled(conv: &R2Conv, set: InstructionSet, with_dx: bool, pooled: bool) -> Vec<f32> {
     let relu = Relu::new(conv.out_shape());
-    let conv = Box::new(conv.clone().at_most(set));
+    let conv = Box::new(conv.clone().limit_instruction_set(set));
     let layer: Box<dyn Layer<f32>> = match relu {
         Ok(relu) => {
-            let pool = MaxPool::new(relu.out_shape(), Kernel::new(2, 2, 0));
+            let pool = MaxPool::new(relu.out_shape(), SlidingWindow::new(2, 2, 0));
             let mut layers: Vec<Box<dyn Layer<f32>>> = vec![conv, Box::new(relu)];
             let pool = pool.ok().filter(|_| pooled);
             layers.extend(pool.map(|pool| Box::new(pool) as Box<dyn Layer<f32>>));
@@ -47,17 +48,17 @@ fn convolutions() -> Vec<R2Conv> {
     for group in Group::ALL {
         let mixed = FieldType::new(group, [2, 1, 3, 0]);
         let types = [
-            (group.trivial(6), group.regular(5)),
-            (group.trivial(3), group.regular(9)),
-            (group.trivial(2), group.regular(4)),
-            (group.regular(3), group.regular(9)),
-            (group.regular(16), group.regular(8)),
-            (mixed, group.regular(2)),
-            (group.regular(2), mixed),
+            (group.trivial_type(6), group.regular_type(5)),
+            (group.trivial_type(3), group.regular_type(9)),
+            (group.trivial_type(2), group.regular_type(4)),
+            (group.regular_type(3), group.regular_type(9)),
+            (group.regular_type(16), group.regular_type(8)),
+            (mixed, group.regular_type(2)),
+            (group.regular_type(2), mixed),
         ];
         for (from, to) in types {
             for (size, stride) in [(4, 2), (3, 1)] {
-                let kernel = Kernel::new(size, stride, 1);
+                let kernel = SlidingWindow::new(size, stride, 1);
                 convolutions.push(R2Conv::new(from, to, kernel, [18, 22]).unwrap());
             }
         }

@@ -18,7 +18,7 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, VectorEnv};
-use worlds::{Kind, Stream, Visit, World};
+use worlds::{TaskStream, Visit, World, WorldKind};
 
 type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -171,21 +171,21 @@ fn account(began: usize, picture: Vec<f32>) -> Account {
 
 /// 40 first frames of each group of a drawn world.
 fn drawn() -> Answer<Vec<Group>> {
-    let world = World::draw(Kind::Appearance, 1000);
+    let world = World::random(WorldKind::Appearance, 1000);
     let mut groups = Vec::new();
     for group in 0..world.groups.len() {
         let visits = vec![Visit { group, rounds: 1 }];
-        let mut stream = Stream::new(world.clone(), visits, 40)?;
+        let mut stream = TaskStream::new(world.clone(), visits, 40)?;
         let spec = stream.spec().clone();
         let mut seen = Observations::new(&spec);
         stream.reset(&mut seen)?;
-        let filters = Filters::new(spec.image, RecogniserSettings::default().filters)?;
+        let filters = Filters::new(spec.image_shape, RecogniserSettings::default().filters)?;
         let images = seen.images.chunks(spec.image_len());
         let described = images.map(|image| filters.describe(image));
         let described = described.collect::<Result<Vec<_>, _>>()?;
         let accounts = described.into_iter().enumerate();
         groups.push(Group {
-            name: format!("{:?} {:?}", world.groups[group].look.shape, group),
+            name: format!("{:?} {:?}", world.groups[group].appearance.shape, group),
             accounts: accounts.map(|(began, picture)| account(began, picture)).collect(),
         });
     }

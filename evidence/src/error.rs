@@ -31,7 +31,7 @@ pub enum EvidenceError {
     },
     /// Setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting that is out of range.
         name: &'static str,
         /// Rejected value of the setting.

@@ -54,7 +54,7 @@ impl Filters {
             return Err(EvidenceError::PictureSize { height, width, channels });
         }
         if count == 0 {
-            return Err(EvidenceError::Setting {
+            return Err(EvidenceError::InvalidSetting {
                 name: "filters",
                 value: 0.0,
                 expected: "at least 1",

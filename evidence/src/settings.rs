@@ -69,7 +69,7 @@ impl RecogniserSettings {
         let mut checks = checks.chain(self.effects());
         match checks.find(|check| !check.holds) {
             None => Ok(()),
-            Some(check) => Err(EvidenceError::Setting {
+            Some(check) => Err(EvidenceError::InvalidSetting {
                 name: check.name,
                 value: check.value,
                 expected: check.expected,

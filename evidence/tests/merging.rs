@@ -2,7 +2,7 @@
 
 use cluster::{Decision, Verdict};
 use evidence::{Account, Merge, Recogniser, Situation};
-use worlds::Kind;
+use worlds::WorldKind;
 
 use crate::common::{accounts, knowing, look, rng, rollout, said, settle, stream};
 
@@ -10,7 +10,7 @@ use crate::common::{accounts, knowing, look, rng, rollout, said, settle, stream}
 /// heir is not asked while others will do.
 #[test]
 fn policies_that_serve_one_group_are_merged() {
-    let kind = Kind::Target;
+    let kind = WorldKind::Target;
     let mut recogniser = knowing(kind, 1000, 2);
     let twin = accounts(stream(kind, 1000, &[(0, 16)], 5), 16, None)[40..].to_vec();
     let mut beginning = twin[..20].to_vec();
@@ -35,7 +35,7 @@ fn policies_that_serve_one_group_are_merged() {
     assert_eq!(found.policies[merge.gone], 0.0);
 }
 
-const KIND: Kind = Kind::Reward;
+const KIND: WorldKind = WorldKind::Reward;
 
 /// A recogniser of two policies at home in two groups, the second of which serves in the first
 /// group, too, where the first one earns `more` times what it would. Both were merged.

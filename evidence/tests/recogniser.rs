@@ -3,7 +3,7 @@
 use cluster::{Decision, Verdict};
 use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situation};
 use symmetry::{D2, Irrep};
-use worlds::Kind;
+use worlds::WorldKind;
 
 use crate::common::{
     HORIZON, accounts, accounts_of, courses, knowing, look, mirrored, rng, rollout, said, settle,
@@ -12,7 +12,7 @@ use crate::common::{
 
 #[test]
 fn accounts_of_mirror_images_are_equal_to_the_bit() {
-    for kind in Kind::ALL {
+    for kind in WorldKind::ALL {
         let of = |g| accounts(mirrored(stream(kind, 1000, &[(0, 2)], 3), g), 2, None);
         let straight = of(D2::Identity);
         for g in D2::ALL {
@@ -25,7 +25,7 @@ fn accounts_of_mirror_images_are_equal_to_the_bit() {
 #[test]
 fn what_looks_different_is_told_apart_at_the_first_look() {
     let mut undecided = 0;
-    for kind in [Kind::Appearance, Kind::Shape] {
+    for kind in [WorldKind::Appearance, WorldKind::Shape] {
         let recogniser = knowing(kind, 1000, 3);
         for (group, collector) in (0..3).flat_map(|g| [(g, g), (g, (g + 1) % 3)]) {
             let seen = rollout(kind, 1000, group, group);
@@ -48,7 +48,7 @@ fn what_looks_different_is_told_apart_at_the_first_look() {
 
 #[test]
 fn what_looks_alike_is_told_apart_by_what_happens() {
-    for kind in [Kind::Target, Kind::Reward, Kind::Dynamics] {
+    for kind in [WorldKind::Target, WorldKind::Reward, WorldKind::Dynamics] {
         let recogniser = knowing(kind, 1000, 2);
         let verdict = |group, policy| {
             let seen = rollout(kind, 1000, group, policy);
@@ -71,13 +71,13 @@ fn running_tails_do_not_silence_motion_and_earnings() {
         accounts
     };
     let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
-    let learnt = accounts(stream(Kind::Dynamics, 1000, &[(0, 8)], 5), 8, None);
+    let learnt = accounts(stream(WorldKind::Dynamics, 1000, &[(0, 8)], 5), 8, None);
     for rollout in learnt.chunks(20) {
         let rollout = running(rollout.to_vec(), 15);
         recogniser.learn(0, &rollout, &mut rng()).unwrap();
     }
     let review = |group, from| {
-        let seen = running(rollout(Kind::Dynamics, 1000, group, 0), from);
+        let seen = running(rollout(WorldKind::Dynamics, 1000, group, 0), from);
         let situation = Situation { collector: 0, ..Situation::default() };
         let finding = recogniser.clone().review(&seen, situation, &mut rng()).unwrap();
         let sources = finding.opinions[0].test().unwrap().sources.len();
@@ -92,7 +92,7 @@ fn running_tails_do_not_silence_motion_and_earnings() {
 #[test]
 fn a_switch_is_found_before_a_running_tail() {
     let visits = [(0, 2), (1, 2)];
-    let mut mixed = accounts(stream(Kind::Dynamics, 1000, &visits, 5), 4, Some(0));
+    let mut mixed = accounts(stream(WorldKind::Dynamics, 1000, &visits, 5), 4, Some(0));
     mixed[15..].iter_mut().for_each(Account::forget_course);
     let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
     recogniser.learn(0, &mixed, &mut rng()).unwrap();
@@ -103,8 +103,8 @@ fn a_switch_is_found_before_a_running_tail() {
 
 #[test]
 fn who_was_refused_is_not_proposed_again() {
-    let recogniser = knowing(Kind::Target, 1000, 2);
-    let seen = rollout(Kind::Target, 1000, 1, 0);
+    let recogniser = knowing(WorldKind::Target, 1000, 2);
+    let seen = rollout(WorldKind::Target, 1000, 1, 0);
     let situation = Situation { collector: 0, rejected: &[1], ..Situation::default() };
     let finding = recogniser.clone().review(&seen, situation, &mut rng()).unwrap();
     assert_eq!(finding.decision, Decision::New);
@@ -113,35 +113,35 @@ fn who_was_refused_is_not_proposed_again() {
 
 #[test]
 fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
-    let recogniser = knowing(Kind::Appearance, 1000, 2);
+    let recogniser = knowing(WorldKind::Appearance, 1000, 2);
     for before in [1, 2, 3] {
         let visits = [(0, before), (1, 4 - before)];
-        let mixed = accounts(stream(Kind::Appearance, 1000, &visits, 5), 4, Some(0));
+        let mixed = accounts(stream(WorldKind::Appearance, 1000, &visits, 5), 4, Some(0));
         let finding = look(&recogniser, &mixed, 0);
         let began = before * HORIZON * 5;
         assert_eq!((finding.decision, finding.cut), (Decision::Existing(1), Some(began)));
     }
-    let whole = accounts(stream(Kind::Appearance, 1000, &[(0, 4)], 5), 4, Some(0));
+    let whole = accounts(stream(WorldKind::Appearance, 1000, &[(0, 4)], 5), 4, Some(0));
     let finding = look(&recogniser, &whole, 0);
     assert_eq!((finding.decision, finding.cut), (Decision::Existing(0), None));
 }
 
 #[test]
 fn a_new_policy_remembers_only_the_group_it_was_opened_for() {
-    let mut recogniser = knowing(Kind::Appearance, 1000, 1);
-    let mixed = accounts(stream(Kind::Appearance, 1000, &[(1, 2), (2, 2)], 5), 4, Some(1));
+    let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
+    let mixed = accounts(stream(WorldKind::Appearance, 1000, &[(1, 2), (2, 2)], 5), 4, Some(1));
     recogniser.learn(1, &mixed, &mut rng()).unwrap();
-    let one = recogniser.recognise(&rollout(Kind::Appearance, 1000, 1, 0), &mut rng());
+    let one = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 1, 0), &mut rng());
     assert_eq!(one.unwrap().likeliest(), Some(1));
-    let other = recogniser.recognise(&rollout(Kind::Appearance, 1000, 2, 0), &mut rng());
+    let other = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 2, 0), &mut rng());
     assert_eq!(other.unwrap().likeliest(), None);
 }
 
 #[test]
 fn one_episode_names_its_policy_or_none_and_more_are_surer() {
-    let recogniser = knowing(Kind::Appearance, 1000, 3);
+    let recogniser = knowing(WorldKind::Appearance, 1000, 3);
     for group in 0..4 {
-        let seen = rollout(Kind::Appearance, 1000, group, 0);
+        let seen = rollout(WorldKind::Appearance, 1000, group, 0);
         for episodes in [1, 4, 20] {
             let found = recogniser.recognise(&seen[..episodes], &mut rng()).unwrap();
             let sum = found.policies.iter().sum::<f64>() + found.none;
@@ -157,10 +157,10 @@ fn one_episode_names_its_policy_or_none_and_more_are_surer() {
 
 #[test]
 fn a_policy_that_remembers_too_little_is_not_named() {
-    let mut recogniser = knowing(Kind::Appearance, 1000, 1);
-    let few = rollout(Kind::Appearance, 1000, 1, 1);
+    let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
+    let few = rollout(WorldKind::Appearance, 1000, 1, 1);
     recogniser.learn(1, &few[..3], &mut rng()).unwrap();
-    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    let seen = rollout(WorldKind::Appearance, 1000, 0, 0);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
     assert_eq!((found.likeliest(), found.policies[1]), (Some(0), 0.0));
 }
@@ -194,7 +194,7 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
 fn an_album_changes_no_account() {
     let spec = [Irrep::X, Irrep::Y];
     let accountant = Accountant::new([48, 48, 6], &spec, &spec, 32).unwrap();
-    let courses = courses(stream(Kind::Drift, 1000, &[(0, 2)], 5), 2, None);
+    let courses = courses(stream(WorldKind::Drift, 1000, &[(0, 2)], 5), 2, None);
     let mut album = Album::default();
     let first = accountant.accounts_with(&courses, &mut album).unwrap();
     let again = accountant.accounts_with(&courses, &mut album).unwrap();
@@ -210,7 +210,7 @@ fn an_album_changes_no_account() {
 /// remembers is renewed.
 #[test]
 fn a_policy_whose_group_drifted_meanwhile_is_heard() {
-    let kind = Kind::Drift;
+    let kind = WorldKind::Drift;
     let mut heard = 0;
     for seed in 1000..1006 {
         let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
@@ -253,7 +253,7 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
 /// fifth less than at home are no proof, though they do not speak against it, either.
 #[test]
 fn who_is_named_against_the_looks_must_earn_what_it_earned() {
-    let kind = Kind::Target;
+    let kind = WorldKind::Target;
     let recogniser = knowing(kind, 1000, 2);
     let decision = |share: f32, is_unproven| {
         let mut seen = rollout(kind, 1000, 0, 0);
@@ -273,7 +273,7 @@ fn who_is_named_against_the_looks_must_earn_what_it_earned() {
 #[test]
 fn slow_drift_splits_nothing() {
     for seed in 1000..1002 {
-        let all = accounts(stream(Kind::Drift, seed, &[(0, 100)], 5), 100, None);
+        let all = accounts(stream(WorldKind::Drift, seed, &[(0, 100)], 5), 100, None);
         let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
         for rollout in all.chunks(20) {
             if recogniser.policies() > 0 {

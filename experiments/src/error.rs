@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use learner::LearnerError;
-use rl::BoxError;
+use rl::BoxedEnvError;
 
 /// Error of the learner, its stream, or the files of a run.
 #[derive(Debug, thiserror::Error)]
@@ -11,7 +11,7 @@ use rl::BoxError;
 pub enum RunError {
     /// Setting whose value is outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting.
         name: &'static str,
         /// Rejected value of the setting.
@@ -48,7 +48,7 @@ pub enum RunError {
         /// Path of the file.
         path: PathBuf,
         /// Cause for which the file cannot be read.
-        source: BoxError,
+        source: BoxedEnvError,
     },
     /// Folder of a run that another process writes to.
     #[error(
@@ -68,7 +68,7 @@ pub enum RunError {
         "{} holds a run already: continue it with `covers resume {}`, or replace it with \
          `--overwrite`", folder.display(), folder.display()
     )]
-    Occupied {
+    FolderHoldsRun {
         /// Folder that holds the run.
         folder: PathBuf,
     },
@@ -110,7 +110,7 @@ pub enum RunError {
     },
     /// Run whose files a report cannot be made from.
     #[error("{} cannot be reported: {problem}", folder.display())]
-    UnfitRun {
+    UnreportableRun {
         /// Folder of the run.
         folder: PathBuf,
         /// Description of the problem that prevents a report.
@@ -130,23 +130,23 @@ pub enum RunError {
         "this run ended with an error and may be half changed: continue from its last checkpoint \
          with `covers resume`"
     )]
-    Broken,
+    FailedEarlier,
     /// Memory limit that is too low for a command.
     #[error(
-        "{limit} leaves {left} MiB of memory, and about {needed} MiB are needed: raise it, or use \
-         fewer threads"
+        "{limit} leaves {left_mib} MiB of memory, and about {needed_mib} MiB are needed: raise it, \
+         or use fewer threads"
     )]
-    Memory {
+    NotEnoughMemory {
         /// Memory that the command needs (MiB).
-        needed: u64,
+        needed_mib: u64,
         /// Memory that the limit leaves for the command (MiB).
-        left: u64,
+        left_mib: u64,
         /// Name of the limit that leaves too little memory.
         limit: String,
     },
     /// Signal handlers that cannot be installed.
     #[error("cannot install handlers for SIGINT, SIGTERM and SIGHUP: {source}")]
-    Signals {
+    SignalHandlers {
         /// Error of the operating system.
         source: std::io::Error,
     },
@@ -162,7 +162,7 @@ pub enum RunError {
         /// Path of the file or folder.
         path: PathBuf,
         /// Cause for which the file cannot be written.
-        source: BoxError,
+        source: BoxedEnvError,
     },
 }
 
@@ -170,14 +170,14 @@ pub enum RunError {
 impl From<LearnerError> for RunError {
     fn from(error: LearnerError) -> Self {
         match error {
-            LearnerError::Setting { name, value, expected } => {
-                Self::Setting { name, value, expected }
+            LearnerError::InvalidSetting { name, value, expected } => {
+                Self::InvalidSetting { name, value, expected }
             }
             LearnerError::Rl(error) => Self::Rl(error),
             LearnerError::Cluster(error) => Self::Cluster(error),
             LearnerError::Evidence(error) => Self::Evidence(error),
             LearnerError::Read { path, source } => Self::Read { path, source },
-            LearnerError::Write { path, source } => Self::write(&path, source),
+            LearnerError::Write { path, source } => Self::cannot_write(&path, source),
             other => Self::Learner(other),
         }
     }
@@ -185,18 +185,18 @@ impl From<LearnerError> for RunError {
 
 impl RunError {
     /// Returns a [`RunError::Read`] for `path`.
-    pub fn read(path: &Path, source: impl Into<BoxError>) -> Self {
+    pub fn cannot_read(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Read { path, source }
     }
 
     /// Returns a [`RunError::Read`] for a file that can be read but has invalid contents.
-    pub fn damaged(path: &Path, problem: String) -> Self {
-        LearnerError::damaged(path, problem).into()
+    pub fn damaged_file(path: &Path, problem: String) -> Self {
+        LearnerError::damaged_file(path, problem).into()
     }
 
     /// Returns a [`RunError::Write`] for `path`, or [`RunError::TakenOver`] if that is the cause.
-    pub fn write(path: &Path, source: impl Into<BoxError>) -> Self {
+    pub fn cannot_write(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         // a fenced disk can return nothing but an `io::Error`, so the cause is inside of it
         let taken_over = source

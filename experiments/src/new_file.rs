@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::error::RunError;
-use learner::disk::{LocalDisk, PARTIAL, folder_of, replace};
+use learner::disk::{LocalDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
 
 /// Output file of a command, which must not exist yet.
 pub struct NewFile {
@@ -29,9 +29,9 @@ impl NewFile {
     /// [`RunError::Write`]; [`RunError::FileExists`] for a partial file, which another command is
     /// writing or left behind.
     pub fn prepare(&self) -> Result<(), RunError> {
-        let write = |error| RunError::write(&self.path, error);
-        fs::create_dir_all(folder_of(&self.path)).map_err(write)?;
-        let path = self.path.with_added_extension(PARTIAL);
+        let write = |error| RunError::cannot_write(&self.path, error);
+        fs::create_dir_all(parent_folder(&self.path)).map_err(write)?;
+        let path = self.path.with_added_extension(PARTIAL_EXTENSION);
         match File::create_new(&path) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                 Err(RunError::FileExists { path })
@@ -45,7 +45,7 @@ impl NewFile {
     /// # Errors
     /// [`RunError::Write`].
     pub fn write(&self, bytes: &[u8]) -> Result<(), RunError> {
-        Ok(replace(&LocalDisk, &self.path, bytes)?)
+        Ok(write_atomically(&LocalDisk, &self.path, bytes)?)
     }
 
     /// Returns the path of the output file.

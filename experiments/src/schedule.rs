@@ -35,10 +35,12 @@ pub enum Clock {
     /// group changes at the first end of episodes after its visit, whatever the learner does, so a
     /// rollout may span a task switch. All learners see the same stream.
     #[default]
-    World,
+    #[serde(rename = "world")]
+    EnvironmentTime,
     /// Iterations of the learner: each counts as the decisions of one rollout, and groups change
     /// only between iterations.
-    Turns,
+    #[serde(rename = "turns")]
+    LearnerIterations,
 }
 
 /// Visits to one task group in the stream: their length and their variants.
@@ -79,8 +81,8 @@ pub struct Visit {
 }
 
 impl Schedule {
-    /// Creates a shuffled schedule on [`Clock::World`] with all variants of these groups; each pair
-    /// holds a group and the decisions of one visit.
+    /// Creates a shuffled schedule on [`Clock::EnvironmentTime`] with all variants of these groups;
+    /// each pair holds a group and the decisions of one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
         let groups = visits.iter().map(|(group, decisions)| GroupPlan {
             group: group.name().to_owned(),
@@ -94,7 +96,7 @@ impl Schedule {
     /// or variant.
     ///
     /// # Errors
-    /// [`RunError::Setting`].
+    /// [`RunError::InvalidSetting`].
     pub fn check(&self) -> Result<(), RunError> {
         if self.groups.is_empty() {
             return refuse("schedule.groups", "empty", "at least one group");
@@ -132,7 +134,7 @@ impl Schedule {
     ///
     /// # Errors
     /// A name that `tasks` does not hold.
-    pub fn resolve(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, RunError> {
+    pub fn resolve_groups(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, RunError> {
         self.groups.iter().map(|plan| Ok(tasks.get(&plan.group)?)).collect()
     }
 
@@ -140,12 +142,12 @@ impl Schedule {
     ///
     /// # Errors
     /// A name that `tasks` or this schedule does not hold.
-    pub fn chosen(
+    pub fn select_groups(
         &self,
         name: Option<&str>,
         tasks: &TaskRegistry,
     ) -> Result<Vec<TaskGroup>, RunError> {
-        let groups = self.resolve(tasks)?;
+        let groups = self.resolve_groups(tasks)?;
         let Some(name) = name else {
             return Ok(groups);
         };
@@ -153,7 +155,7 @@ impl Schedule {
         if groups.contains(&chosen) {
             return Ok(vec![chosen]);
         }
-        Err(RunError::Setting {
+        Err(RunError::InvalidSetting {
             name: "group",
             value: name.to_owned(),
             expected: "a group of the run's schedule, as its experiment.json lists them",
@@ -161,19 +163,19 @@ impl Schedule {
     }
 
     /// Returns the index of a task group in the schedule, from which reports derive its colour.
-    pub fn number(&self, group: &str) -> Option<usize> {
+    pub fn group_index(&self, group: &str) -> Option<usize> {
         self.groups.iter().position(|plan| plan.group == group)
     }
 
     /// Returns `true` if training shows this variant of the group; evaluations show all of them.
-    pub fn shows(&self, group: &str, element: D2) -> bool {
+    pub fn shows_variant(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
     /// Draws the visits of the whole training stream, in order. [`Order::Switching`] may switch
     /// groups every `period` decisions. The schedule must have passed [`Schedule::check`].
-    pub fn visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
             Order::Fixed => {
                 (0..self.cycles).flat_map(|_| self.groups.iter().map(GroupPlan::visit)).collect()
@@ -220,7 +222,7 @@ impl Schedule {
 }
 
 fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(), RunError> {
-    Err(RunError::Setting { name, value: value.to_owned(), expected })
+    Err(RunError::InvalidSetting { name, value: value.to_owned(), expected })
 }
 
 impl GroupPlan {
@@ -274,13 +276,13 @@ impl Timetable {
     }
 
     /// Returns the index of the visit with this decision, counted from 0; `None` after the last.
-    pub fn index_at(&self, decision: usize) -> Option<usize> {
+    pub fn visit_index_at(&self, decision: usize) -> Option<usize> {
         let index = self.ends.partition_point(|&end| end <= decision);
         (index < self.visits.len()).then_some(index)
     }
 
     /// Returns the visit with this index, and all earlier visits.
-    pub fn visit(&self, index: usize) -> (&Visit, &[Visit]) {
+    pub fn visit_and_earlier(&self, index: usize) -> (&Visit, &[Visit]) {
         (&self.visits[index], &self.visits[..index])
     }
 }
@@ -297,7 +299,7 @@ mod tests {
     }
 
     fn visits(schedule: &Schedule, seed: u64) -> Vec<Visit> {
-        schedule.visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
+        schedule.draw_visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
     }
 
     fn never_twice_running(visits: &[Visit]) -> bool {
@@ -348,10 +350,10 @@ mod tests {
         let mut schedule = shuffled(1, [1; 4]);
         schedule.groups[0].variants = vec![D2::Identity];
         schedule.groups.truncate(3);
-        assert!(schedule.shows("goal-reach", D2::Identity));
-        assert!(!schedule.shows("goal-reach", D2::FlipX));
-        assert!(schedule.shows("button-press", D2::FlipX));
-        assert!(!schedule.shows("plate-slide", D2::Identity));
+        assert!(schedule.shows_variant("goal-reach", D2::Identity));
+        assert!(!schedule.shows_variant("goal-reach", D2::FlipX));
+        assert!(schedule.shows_variant("button-press", D2::FlipX));
+        assert!(!schedule.shows_variant("plate-slide", D2::Identity));
     }
 
     #[test]
@@ -386,10 +388,10 @@ mod tests {
     fn names_are_resolved_and_unknown_ones_refused_with_the_known() {
         let mut schedule = shuffled(1, [1; 4]);
         let tasks = TaskRegistry::standard();
-        let groups = schedule.resolve(&tasks).unwrap();
+        let groups = schedule.resolve_groups(&tasks).unwrap();
         assert_eq!(groups, TaskGroup::STANDARD);
         schedule.groups[1].group = "peg-insert".to_owned();
-        let message = schedule.resolve(&tasks).unwrap_err().to_string();
+        let message = schedule.resolve_groups(&tasks).unwrap_err().to_string();
         assert!(message.contains("peg-insert") && message.contains("drawer-close"));
     }
 
@@ -401,10 +403,10 @@ mod tests {
             decisions,
         };
         let timetable = Timetable::new(vec![visit(3), visit(2)]);
-        let indices: Vec<_> = (0..6).map(|at| timetable.index_at(at)).collect();
+        let indices: Vec<_> = (0..6).map(|at| timetable.visit_index_at(at)).collect();
         let expected = [Some(0), Some(0), Some(0), Some(1), Some(1), None];
         assert_eq!(indices, expected);
-        let (second, before) = timetable.visit(1);
+        let (second, before) = timetable.visit_and_earlier(1);
         assert_eq!((second.decisions, before.len()), (2, 1));
     }
 }

@@ -8,11 +8,11 @@ use std::str::FromStr;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::printable::printable;
+use crate::printable::escape_unprintable;
 
 /// Deserialises a name with control characters escaped, so that it is safe to print.
 fn name<'de, D: Deserializer<'de>>(cell: D) -> Result<String, D::Error> {
-    Ok(printable(&String::deserialize(cell)?))
+    Ok(escape_unprintable(&String::deserialize(cell)?))
 }
 
 /// Row of `metrics.csv` on one rollout, without the further metrics that learners log.
@@ -32,12 +32,12 @@ pub struct RolloutRow {
     /// Index of the policy that the rollout was assigned to.
     pub policy: usize,
     /// `true` if that policy was created in this iteration.
-    #[serde(default)]
-    pub created: bool,
+    #[serde(default, rename = "created")]
+    pub created_policy: bool,
     /// Number of rollouts that were compared before a policy was chosen, 1 or 2; `None` if the
     /// learner does not report it.
-    #[serde(default)]
-    pub looks: Option<f64>,
+    #[serde(default, rename = "looks")]
+    pub compared_rollouts: Option<f64>,
     /// Mean return of the episodes that ended, on the paper's scale, in `[0, 500]`; `None` if no
     /// episode ended.
     pub reward: Option<f64>,
@@ -52,11 +52,11 @@ pub struct RolloutRow {
     pub distances: Vec<Option<f64>>,
     /// For each compared policy, the largest distance under permutation, which chance alone can
     /// reach.
-    #[serde(default, deserialize_with = "numbers")]
-    pub null_maxima: Vec<Option<f64>>,
+    #[serde(default, rename = "null_maxima", deserialize_with = "numbers")]
+    pub permutation_maxima: Vec<Option<f64>>,
     /// For each compared policy, the standard score of its distance under permutation.
-    #[serde(default, deserialize_with = "numbers")]
-    pub scores: Vec<Option<f64>>,
+    #[serde(default, rename = "scores", deserialize_with = "numbers")]
+    pub permutation_z_scores: Vec<Option<f64>>,
 }
 
 /// Deserialises numbers separated by semicolons; empty items become `None`.
@@ -91,7 +91,8 @@ pub struct ScoreRow {
     #[serde(deserialize_with = "name")]
     pub element: String,
     /// `true` if training shows the variant.
-    pub seen: bool,
+    #[serde(rename = "seen")]
+    pub seen_in_training: bool,
     /// Index of the policy that the learner chose; `None` if the column is missing.
     #[serde(default)]
     pub policy: Option<usize>,
@@ -129,7 +130,7 @@ impl ScoreRow {
 
 /// Row of `units.csv`: the dormant units of one policy in one evaluation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct UnitsRow {
+pub struct DormantUnitsRow {
     /// Number of rollouts trained on before the evaluation.
     pub rollouts: usize,
     /// Number of decisions taken in training before the evaluation.
@@ -137,9 +138,12 @@ pub struct UnitsRow {
     /// Index of the policy whose units are counted.
     pub policy: usize,
     /// Number of rectified units of the policy's network.
-    pub units: usize,
-    /// Number of dormant units of the policy's network ([`TAU`](crate::evaluation::TAU)).
-    pub dormant: usize,
+    #[serde(rename = "units")]
+    pub unit_count: usize,
+    /// Number of dormant units of the policy's network
+    /// ([`DORMANCY_THRESHOLD`](crate::evaluation::DORMANCY_THRESHOLD)).
+    #[serde(rename = "dormant")]
+    pub dormant_count: usize,
 }
 
 /// Row of `recognition.csv`: the count of one answer of the learner for a shown variant.
@@ -152,11 +156,13 @@ pub struct RecognitionRow {
     #[serde(deserialize_with = "name")]
     pub element: String,
     /// Number of episodes shown each time the learner was asked.
-    pub episodes: usize,
+    #[serde(rename = "episodes")]
+    pub episodes_shown: usize,
     /// Index of the policy that the learner named; `None` if no policy fitted.
     pub policy: Option<usize>,
     /// Number of times that the learner gave this answer.
-    pub times: usize,
+    #[serde(rename = "times")]
+    pub count: usize,
 }
 
 /// Row of `timings.csv`: wall-clock seconds of one iteration and of its parts. Checkpoints leave
@@ -182,7 +188,7 @@ pub struct TimingRow {
 
 impl TimingRow {
     /// Returns `true` if all seconds of the row are finite and not negative.
-    pub fn is_sound(&self) -> bool {
+    pub fn is_valid(&self) -> bool {
         let Self { total, environments, inference, assignment, update, .. } = *self;
         let seconds = [total, environments, inference, assignment, update];
         seconds.iter().all(|part| part.is_finite() && *part >= 0.0)

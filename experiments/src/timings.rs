@@ -4,15 +4,15 @@ use crate::schema::TimingRow;
 
 /// Sums of training times over the rollouts with known seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Timings {
+pub struct TimingSums {
     /// Wall-clock seconds of training in these rollouts.
     pub seconds: f64,
     decisions: f64,
 }
 
-impl Timings {
+impl TimingSums {
     /// Sums the rows of a timings table up to the first one that cannot be read.
-    pub fn read(table: &[u8]) -> Self {
+    pub fn of_table(table: &[u8]) -> Self {
         let mut reader = csv::Reader::from_reader(table);
         let rows = reader.deserialize().map_while(Result::ok);
         rows.fold(Self::default(), |sums, row: TimingRow| Self {
@@ -67,8 +67,8 @@ mod tests {
     fn rows_that_can_be_read_are_summed_up() {
         let names = "rollout,decisions,total,environments,inference,assignment,update\n";
         let text = format!("{names}0,80,2,1,0,0,1\n1,40,1,1,0,0,0\n2,x,1,1,0,0,0\n");
-        let sums = Timings::read(text.as_bytes());
+        let sums = TimingSums::of_table(text.as_bytes());
         assert_eq!((sums.seconds, sums.decisions_per_second()), (3.0, Some(40.0)));
-        assert_eq!(Timings::read(names.as_bytes()).decisions_per_second(), None);
+        assert_eq!(TimingSums::of_table(names.as_bytes()).decisions_per_second(), None);
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Add;
 
-use crate::error::{InpaintingError, require};
+use crate::error::{InpaintingError, require_that};
 
 /// Maximum number of steps of Newton's method for an inverse.
 const STEPS: usize = 50;
@@ -28,7 +28,7 @@ impl Distortion {
     pub const NONE: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
 
     /// Returns a lens with the coefficients k1 and k2, p1 and p2.
-    pub const fn brown([k1, k2]: [f64; 2], tangential: [f64; 2]) -> Self {
+    pub const fn brown_conrady([k1, k2]: [f64; 2], tangential: [f64; 2]) -> Self {
         Self { radial: [k1, k2, 0.0, 0.0, 0.0, 0.0], tangential }
     }
 
@@ -36,34 +36,34 @@ impl Distortion {
     /// k6, of which k3 to k6 may be left out.
     ///
     /// # Errors
-    /// [`InpaintingError::Value`] for another number of coefficients, and for a thin prism or a
-    /// tilted sensor, the ninth coefficient and those after it.
+    /// [`InpaintingError::InvalidValue`] for another number of coefficients, and for a thin prism
+    /// or a tilted sensor, the ninth coefficient and those after it.
     pub fn from_opencv(coefficients: &[f64]) -> Result<Self, InpaintingError> {
         let at = |index: usize| coefficients.get(index).copied().unwrap_or(0.0);
         let count = matches!(coefficients.len(), 4 | 5 | 8 | 12 | 14);
         let holds = count && coefficients.iter().skip(8).all(|&prism| prism == 0.0);
         let expected = "4, 5 or 8 numbers, k1, k2, p1, p2, k3, k4, k5, k6, and no thin prism or \
                         tilted sensor after them";
-        require(holds, "distortion", &format!("{coefficients:?}"), expected)?;
+        require_that(holds, "distortion", &format!("{coefficients:?}"), expected)?;
         Ok(Self { radial: [0, 1, 4, 5, 6, 7].map(at), tangential: [2, 3].map(at) })
     }
 
     pub(crate) fn check(&self) -> Result<(), InpaintingError> {
         let finite = self.radial.iter().chain(&self.tangential).all(|k| k.is_finite());
-        require(finite, "distortion", self, "finite numbers")
+        require_that(finite, "distortion", self, "finite numbers")
     }
 
     /// Distorts `point`: returns the point at which the lens shows what a pinhole shows there.
-    pub fn apply(&self, point: [f64; 2]) -> [f64; 2] {
-        self.bend(point).0
+    pub fn distort(&self, point: [f64; 2]) -> [f64; 2] {
+        self.distort_with_jacobian(point).0
     }
 
     /// Undistorts `point`: returns the point at which a pinhole shows what the lens shows there.
     /// `None` if the lens shows nothing there, or beyond a fold of the formula.
-    pub fn invert(&self, point: [f64; 2]) -> Option<[f64; 2]> {
+    pub fn undistort(&self, point: [f64; 2]) -> Option<[f64; 2]> {
         let [mut x, mut y] = point;
         for _ in 0..STEPS {
-            let ([u, v], [[ux, uy], [vx, vy]]) = self.bend([x, y]);
+            let ([u, v], [[ux, uy], [vx, vy]]) = self.distort_with_jacobian([x, y]);
             let (du, dv) = (point[0] - u, point[1] - v);
             if du.abs().max(dv.abs()) <= PRECISION {
                 return Some([x, y]);
@@ -80,7 +80,7 @@ impl Distortion {
     }
 
     /// Returns the distorted point, and its derivatives with respect to x and y.
-    pub(crate) fn bend(&self, [x, y]: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
+    pub(crate) fn distort_with_jacobian(&self, [x, y]: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
         let ([k1, k2, k3, k4, k5, k6], [p1, p2]) = (self.radial, self.tangential);
         let square = x * x + y * y;
         // polynomials of the square, and their derivatives
@@ -138,7 +138,7 @@ mod tests {
             lens in distortion(),
             point in prop::array::uniform2(-0.6..0.6),
         ) {
-            let back = lens.invert(lens.apply(point)).unwrap();
+            let back = lens.undistort(lens.distort(point)).unwrap();
             for axis in 0..2 {
                 prop_assert!((back[axis] - point[axis]).abs() < 1e-12, "{back:?}");
             }
@@ -149,12 +149,12 @@ mod tests {
             lens in distortion(),
             point in prop::array::uniform2(-0.6..0.6),
         ) {
-            let (_, derivatives) = lens.bend(point);
+            let (_, derivatives) = lens.distort_with_jacobian(point);
             for axis in 0..2 {
                 let [mut low, mut high] = [point; 2];
                 low[axis] -= 1e-6;
                 high[axis] += 1e-6;
-                let (low, high) = (lens.apply(low), lens.apply(high));
+                let (low, high) = (lens.distort(low), lens.distort(high));
                 for row in 0..2 {
                     let slope = (high[row] - low[row]) / 2e-6;
                     prop_assert!((derivatives[row][axis] - slope).abs() < 1e-8, "{slope}");
@@ -174,16 +174,16 @@ mod tests {
             ([0.4, -0.3], [0.40321276327499256, -0.3022533224562444]),
             ([1.1, 0.7], [1.1881958640434591, 0.7583655498458374]),
         ] {
-            let [x, y] = lens.apply(point);
+            let [x, y] = lens.distort(point);
             assert!((x - expected[0]).abs() < 1e-15 && (y - expected[1]).abs() < 1e-15, "{x} {y}");
         }
         let short = Distortion::from_opencv(&all[..4]).unwrap();
         let radial = 1.0 + 0.3 * 0.25 - 0.2 * 0.0625;
         let u = 0.4 * radial + 2.0 * 0.001 * 0.4 * -0.3 - 0.0005 * (0.25 + 2.0 * 0.16);
         let v = -0.3 * radial + 0.001 * (0.25 + 2.0 * 0.09) - 2.0 * 0.0005 * 0.4 * -0.3;
-        let [x, y] = short.apply([0.4, -0.3]);
+        let [x, y] = short.distort([0.4, -0.3]);
         assert!((x - u).abs() < 1e-15 && (y - v).abs() < 1e-15);
-        assert_eq!(Distortion::NONE.apply([0.4, -0.3]), [0.4, -0.3]);
+        assert_eq!(Distortion::NONE.distort([0.4, -0.3]), [0.4, -0.3]);
         let padded = [&all[..], &[0.0; 6]].concat();
         assert_eq!(Distortion::from_opencv(&padded), Distortion::from_opencv(&all));
         for bad in [&all[..3], &all[..6], &[&all[..], &[0.0, 0.1, 0.0, 0.0]].concat()] {
@@ -194,8 +194,8 @@ mod tests {
 
     #[test]
     fn a_point_beyond_the_fold_has_no_inverse() {
-        let barrel = Distortion::brown([-0.5, 0.0], [0.0; 2]);
-        assert!(barrel.invert([0.4, 0.0]).is_some());
-        assert!(barrel.invert([0.9, 0.0]).is_none());
+        let barrel = Distortion::brown_conrady([-0.5, 0.0], [0.0; 2]);
+        assert!(barrel.undistort([0.4, 0.0]).is_some());
+        assert!(barrel.undistort([0.9, 0.0]).is_none());
     }
 }

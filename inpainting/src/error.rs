@@ -8,7 +8,7 @@ use glam::DVec3;
 pub enum InpaintingError {
     /// A setting, or a position, outside its range.
     #[error("`{name}` is {value}, expected {expected}")]
-    Value {
+    InvalidValue {
         /// Name of the setting or input.
         name: &'static str,
         /// Value found.
@@ -18,7 +18,7 @@ pub enum InpaintingError {
     },
     /// A slice of the wrong length.
     #[error("`{what}` has {got} elements, expected {expected}")]
-    Length {
+    WrongLength {
         /// Content of the slice.
         what: &'static str,
         /// Length of the slice.
@@ -53,7 +53,7 @@ pub enum InpaintingError {
         "the camera that the search starts from does not see the hand of pose {pose} at all: \
          correct its position and orientation"
     )]
-    Unseen {
+    HandUnseenFromStart {
         /// Number of the pose.
         pose: usize,
     },
@@ -63,7 +63,7 @@ pub enum InpaintingError {
          expected at most {limit:.1} pixels: check that it did not move in the hand, and that no \
          other object was taken for it; with more than ten poses such a one is left out"
     )]
-    Misfit {
+    OutlierPose {
         /// Number of the pose.
         pose: usize,
         /// Residual of that pose (pixels).
@@ -80,7 +80,7 @@ pub enum InpaintingError {
          columns and rows of pixels are not swapped, and that the intrinsics are those of this \
          picture size", 1e3 * accuracy, fits(.fitted)
     )]
-    Contradiction {
+    InconsistentPoses {
         /// Number of the worst pose.
         pose: usize,
         /// Residual of that pose (pixels).
@@ -99,7 +99,7 @@ pub enum InpaintingError {
          picture size), and check the joint positions and the distortion of the lens", .given[0],
         .given[1], .fitted[0], .fitted[1]
     )]
-    WrongFocal {
+    WrongFocalLength {
         /// Given focal lengths, horizontal and vertical (pixels).
         given: [f64; 2],
         /// Focal lengths that fit the poses best (pixels).
@@ -109,7 +109,7 @@ pub enum InpaintingError {
     },
     /// Poses that do not determine the camera.
     #[error("the poses do not determine where the camera is: {advice}")]
-    Undetermined {
+    CameraPoseUndetermined {
         /// Advice for better poses.
         advice: &'static str,
     },
@@ -140,7 +140,7 @@ pub enum InpaintingError {
         "the visible part of the ball at column and row {place:.0?} is no disc: the ball is partly \
          hidden, or at the picture's edge"
     )]
-    NoDisc {
+    BallPartlyHidden {
         /// Column and row of its visible part (pixels).
         place: [f64; 2],
     },
@@ -160,7 +160,7 @@ fn fits(offset: &Option<DVec3>) -> String {
 }
 
 /// Rejects a picture `[H, W, 3]` with another number of pixels.
-pub(crate) fn check_picture(
+pub(crate) fn check_picture_size(
     what: &'static str,
     picture: &[u8],
     pixels: usize,
@@ -168,11 +168,11 @@ pub(crate) fn check_picture(
     if picture.len() == 3 * pixels {
         return Ok(());
     }
-    Err(InpaintingError::Length { what, got: picture.len(), expected: 3 * pixels })
+    Err(InpaintingError::WrongLength { what, got: picture.len(), expected: 3 * pixels })
 }
 
-/// Returns [`InpaintingError::Value`] unless a condition holds.
-pub(crate) fn require(
+/// Returns [`InpaintingError::InvalidValue`] unless a condition holds.
+pub(crate) fn require_that(
     holds: bool,
     name: &'static str,
     value: &dyn ToString,
@@ -182,13 +182,16 @@ pub(crate) fn require(
         return Ok(());
     }
     let value = value.to_string();
-    Err(InpaintingError::Value { name, value, expected })
+    Err(InpaintingError::InvalidValue { name, value, expected })
 }
 
 /// Rejects a length (metres) that is negative or not finite.
-pub(crate) fn require_length(name: &'static str, length: f64) -> Result<(), InpaintingError> {
+pub(crate) fn require_nonnegative_metres(
+    name: &'static str,
+    length: f64,
+) -> Result<(), InpaintingError> {
     let holds = length >= 0.0 && length.is_finite();
-    require(holds, name, &length, "a length in metres")
+    require_that(holds, name, &length, "a length in metres")
 }
 
 /// Rejects a value that is not positive and finite.
@@ -197,5 +200,5 @@ pub(crate) fn require_positive(
     value: f64,
     expected: &'static str,
 ) -> Result<(), InpaintingError> {
-    require(value > 0.0 && value.is_finite(), name, &value, expected)
+    require_that(value > 0.0 && value.is_finite(), name, &value, expected)
 }

@@ -6,15 +6,15 @@ mod model;
 use glam::DVec3;
 
 use crate::calibration::Calibration;
-use crate::camera::{NEAR, is_near};
-use crate::error::{InpaintingError, require};
+use crate::camera::{VALID_COORDINATES, has_valid_coordinates};
+use crate::error::{InpaintingError, require_that};
 
-use model::{Fit, LIMIT_SIGMAS, OUTLINE_ERROR, rotated};
+use model::{Fit, LIMIT_SIGMAS, OUTLINE_SD, rotated};
 
-pub use model::{BallSighting, HandEyeSettings, Offset, Residual};
+pub use model::{BallOffset, BallSighting, HandEyeSettings, Residual};
 
 /// Minimum number of poses of a hand-eye calibration.
-pub const MIN_POSES: usize = 10;
+pub const MIN_CALIBRATION_POSES: usize = 10;
 /// Maximum standard deviations that one pixel of noise may cause: of positions (metres) and of
 /// angles (radians).
 const MAX_DILUTION: [f64; 2] = [0.1, 5.0 * std::f64::consts::PI / 180.0];
@@ -35,61 +35,62 @@ const CONVERGED: f64 = 1e-12;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertainty {
     /// Standard deviation of the camera's position (metres, world).
-    pub position: DVec3,
+    pub position_sd: DVec3,
     /// Standard deviation of the camera's angles about its own axes, right, down and forwards
     /// (radians).
-    pub angle: DVec3,
+    pub angle_sd: DVec3,
     /// Standard deviation of the ball's offset in the hand (metres); zero if it was given.
-    pub offset: DVec3,
+    pub ball_offset_sd: DVec3,
 }
 
 /// Estimate of the focal length from the poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Focal {
+pub struct FocalLengthEstimate {
     /// Ratio of the estimated focal length to the given one.
-    pub ratio: f64,
+    pub ratio_to_given: f64,
     /// Standard deviation of the ratio of focal lengths.
-    pub sigma: f64,
+    pub ratio_sd: f64,
 }
 
 /// Result of a hand-eye calibration.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HandEye {
+pub struct HandEyeCalibration {
     /// Calibrated camera, with the given distortion, and with the given focal lengths unless these
     /// are estimated.
     pub calibration: Calibration,
     /// Position of the ball in the hand's frame (metres).
-    pub offset: DVec3,
+    pub ball_offset: DVec3,
     /// Residuals of the poses, in the order given.
     pub residuals: Vec<Residual>,
     /// Poses that were left out because the others contradict them, the worst first, with their
     /// residuals: distances from where the others predict the ball.
-    pub left_out: Vec<Residual>,
+    pub outliers: Vec<Residual>,
     /// Uncertainty estimated from the residuals, for the given focal lengths unless these are
     /// estimated.
     pub uncertainty: Uncertainty,
     /// Focal lengths by the poses; `None` if the poses do not determine them.
-    pub focal: Option<Focal>,
+    pub focal_length: Option<FocalLengthEstimate>,
     /// Uncertainty that one pixel of noise would cause, which shows how well the poses are spread.
-    pub dilution: Uncertainty,
+    pub uncertainty_per_pixel: Uncertainty,
 }
 
-impl HandEye {
+impl HandEyeCalibration {
     /// Solves for the pose of the camera, and for the ball's offset if it is unknown.
     ///
     /// Minimises the squared distances in the picture by the Levenberg-Marquardt method (Moré 1978,
     /// "The Levenberg-Marquardt algorithm"), from `start` and from `start` rotated by quarter turns
     /// about the optical axis. Distortion and intrinsics are those of `start`; the focal lengths
-    /// may be estimated. While more than [`MIN_POSES`] are left, a pose that the others contradict
-    /// is left out.
+    /// may be estimated. While more than [`MIN_CALIBRATION_POSES`] are left, a pose that the others
+    /// contradict is left out.
     ///
     /// # Errors
-    /// [`InpaintingError::TooFewPoses`], [`InpaintingError::Value`] for numbers out of range,
-    /// [`InpaintingError::Unseen`] if `start` does not see a hand, [`InpaintingError::Misfit`] for
-    /// a pose beyond the noise of [`HandEyeSettings::arm_accuracy`] and
-    /// [`InpaintingError::Contradiction`] for several ones, [`InpaintingError::Undetermined`] for
-    /// poses that do not determine the camera's pose, and [`InpaintingError::WrongFocal`] for given
-    /// focal lengths that the poses contradict.
+    /// [`InpaintingError::TooFewPoses`], [`InpaintingError::InvalidValue`] for numbers out of
+    /// range, [`InpaintingError::HandUnseenFromStart`] if `start` does not see a hand,
+    /// [`InpaintingError::OutlierPose`] for a pose beyond the noise of
+    /// [`HandEyeSettings::arm_position_sd`] and [`InpaintingError::InconsistentPoses`] for several
+    /// ones, [`InpaintingError::CameraPoseUndetermined`] for poses that do not determine the
+    /// camera's pose, and [`InpaintingError::WrongFocalLength`] for given focal lengths that the
+    /// poses contradict.
     pub fn solve(
         start: &Calibration,
         settings: impl Into<HandEyeSettings>,
@@ -103,7 +104,9 @@ impl HandEye {
             let best = best(start, settings, &kept)?;
             match outlier(&best) {
                 None => return Self::of(&best, start, &outliers),
-                Some(worst) if kept.len() > MIN_POSES => outliers.push(kept.remove(worst.index)),
+                Some(worst) if kept.len() > MIN_CALIBRATION_POSES => {
+                    outliers.push(kept.remove(worst.index))
+                }
                 Some(worst) => return Err(misfit(&best, start, &worst)),
             }
         }
@@ -116,47 +119,51 @@ impl HandEye {
         outliers: &[BallSighting],
     ) -> Result<Self, InpaintingError> {
         let dilution = dilution_of(best).filter(is_tolerable).ok_or_else(|| undetermined(best))?;
-        let noise = best.noise();
+        let noise = best.noise_sd();
         let focal = focal(best, start);
-        if !best.settings().estimate_focal {
+        if !best.settings().estimate_focal_length {
             focal.map_or(Ok(()), |focal| check_focal(focal, start))?;
         }
-        let unseen = |pose| Residual { pose, pixels: f64::INFINITY, on_table: None };
+        let unseen = |pose_number| Residual {
+            pose_number,
+            distance_px: f64::INFINITY,
+            table_distance_m: None,
+        };
         let left_out = outliers.iter().map(|outlier| {
-            let fit = best.of(std::slice::from_ref(outlier));
-            fit.map_or_else(|| unseen(outlier.pose), |fit| fit.residuals()[0])
+            let fit = best.with_sightings(std::slice::from_ref(outlier));
+            fit.map_or_else(|| unseen(outlier.pose_number), |fit| fit.residuals()[0])
         });
         Ok(Self {
-            focal,
+            focal_length: focal,
             calibration: best.calibration(),
-            offset: best.offset(),
+            ball_offset: best.offset(),
             residuals: best.residuals(),
-            left_out: left_out.collect(),
+            outliers: left_out.collect(),
             uncertainty: Uncertainty {
-                position: noise * dilution.position,
-                angle: noise * dilution.angle,
-                offset: noise * dilution.offset,
+                position_sd: noise * dilution.position_sd,
+                angle_sd: noise * dilution.angle_sd,
+                ball_offset_sd: noise * dilution.ball_offset_sd,
             },
-            dilution,
+            uncertainty_per_pixel: dilution,
         })
     }
 
     /// Returns the root mean square of the residuals in the picture (pixels).
-    pub fn rms(&self) -> f64 {
-        let all = self.residuals.iter().map(|of| of.pixels);
+    pub fn rms_px(&self) -> f64 {
+        let all = self.residuals.iter().map(|of| of.distance_px);
         root_mean_square(all).unwrap_or_default()
     }
 
     /// Returns the root mean square of the residuals on the table (metres), over the poses whose
     /// lines of sight meet it. `None` if there are none.
-    pub fn rms_on_table(&self) -> Option<f64> {
-        root_mean_square(self.residuals.iter().filter_map(|of| of.on_table))
+    pub fn rms_on_table_m(&self) -> Option<f64> {
+        root_mean_square(self.residuals.iter().filter_map(|of| of.table_distance_m))
     }
 
     /// Returns the largest residual. `None` without poses.
-    pub fn worst(&self) -> Option<&Residual> {
+    pub fn largest_residual(&self) -> Option<&Residual> {
         let residuals = self.residuals.iter();
-        residuals.max_by(|a, b| a.pixels.total_cmp(&b.pixels))
+        residuals.max_by(|a, b| a.distance_px.total_cmp(&b.distance_px))
     }
 }
 
@@ -175,20 +182,33 @@ fn check(
 ) -> Result<(), InpaintingError> {
     start.check()?;
     settings.check()?;
-    if sightings.len() < MIN_POSES {
-        return Err(InpaintingError::TooFewPoses { got: sightings.len(), needed: MIN_POSES });
+    if sightings.len() < MIN_CALIBRATION_POSES {
+        return Err(InpaintingError::TooFewPoses {
+            got: sightings.len(),
+            needed: MIN_CALIBRATION_POSES,
+        });
     }
     for sighting in sightings {
-        let BallSighting { pose, position, rotation, pixel } = sighting;
+        let BallSighting {
+            pose_number: pose,
+            hand_position: position,
+            hand_rotation: rotation,
+            ball_pixel: pixel,
+        } = sighting;
         let value = format!("{position} in pose {pose}");
-        require(is_near(*position), "position of the hand", &value, NEAR)?;
+        require_that(
+            has_valid_coordinates(*position),
+            "position of the hand",
+            &value,
+            VALID_COORDINATES,
+        )?;
         let turn = format!("{rotation} in pose {pose}");
         let unit = (rotation.length() - 1.0).abs() < 1e-6;
-        require(unit, "rotation of the hand", &turn, "a unit quaternion")?;
+        require_that(unit, "rotation of the hand", &turn, "a unit quaternion")?;
         let seen_pixel = format!("{pixel:?} in pose {pose}");
-        let finite = is_near(DVec3::new(pixel[0], pixel[1], 0.0));
+        let finite = has_valid_coordinates(DVec3::new(pixel[0], pixel[1], 0.0));
         let expected = "a column and a row of the picture";
-        require(finite, "pixel of the ball", &seen_pixel, expected)?;
+        require_that(finite, "pixel of the ball", &seen_pixel, expected)?;
     }
     Ok(())
 }
@@ -196,7 +216,7 @@ fn check(
 /// Returns the best fit of all poses.
 ///
 /// # Errors
-/// [`InpaintingError::Unseen`].
+/// [`InpaintingError::HandUnseenFromStart`].
 fn best<'a>(
     start: &Calibration,
     settings: HandEyeSettings,
@@ -205,10 +225,10 @@ fn best<'a>(
     // a start that is wrong by a quarter turn or more could end in a local minimum
     let starts = (0..4).map(|quarter| Fit::new(rotated(start, quarter), settings, sightings));
     let fits = starts.flatten().map(minimised);
-    let best = fits.min_by(|a, b| a.cost().total_cmp(&b.cost()));
+    let best = fits.min_by(|a, b| a.sum_of_squares().total_cmp(&b.sum_of_squares()));
     let best = best.ok_or_else(|| unseen(start, settings, sightings))?;
     // with all else near its value, so that the focal length is no way out of a bad start
-    Ok(if settings.estimate_focal { minimised(best.with_free_focal(true)) } else { best })
+    Ok(if settings.estimate_focal_length { minimised(best.with_free_focal(true)) } else { best })
 }
 
 /// Pose without which the others fit best.
@@ -232,9 +252,9 @@ impl Worst {
         let without = (0..sightings.len()).filter_map(|index| {
             let mut others = sightings.to_vec();
             let own = [others.remove(index)];
-            let fit = minimised(best.of(&others)?);
-            let (residual, limit) = fit.of(&own)?.limited_residuals().next()?;
-            let (cost, others_fit) = (fit.cost(), fit.is_within_limits());
+            let fit = minimised(best.with_sightings(&others)?);
+            let (residual, limit) = fit.with_sightings(&own)?.limited_residuals().next()?;
+            let (cost, others_fit) = (fit.sum_of_squares(), fit.is_within_limits());
             Some(Self { index, residual, limit, cost, others_fit })
         });
         without.min_by(|a, b| a.cost.total_cmp(&b.cost))
@@ -245,35 +265,36 @@ impl Worst {
 /// hardly ever make the others fit as much better without it.
 fn outlier(best: &Fit<'_>) -> Option<Worst> {
     // what outlines explain needs no search
-    if best.residuals().iter().all(|of| of.pixels < LIMIT_SIGMAS * OUTLINE_ERROR) {
+    if best.residuals().iter().all(|of| of.distance_px < LIMIT_SIGMAS * OUTLINE_SD) {
         return None;
     }
     let worst = Worst::of(best)?;
     let count = best.sightings().len() as f64;
     // errors of outlines have a part that is no noise, so no fit counts as better than they are
-    let floor = 2.0 * count * OUTLINE_ERROR * OUTLINE_ERROR;
+    let floor = 2.0 * count * OUTLINE_SD * OUTLINE_SD;
     // survival function of Fisher's distribution with two degrees of freedom and those of the rest
     let left = best.degrees_of_freedom() - 2.0;
-    let chance = ((worst.cost + floor) / (best.cost() + floor)).powf(left / 2.0);
+    let chance = ((worst.cost + floor) / (best.sum_of_squares() + floor)).powf(left / 2.0);
     (count * chance < OUTLIER || !best.is_within_limits()).then_some(worst)
 }
 
 /// Returns the error of poses that do not fit: of one pose if the others fit each other.
 fn misfit(best: &Fit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError {
-    let Residual { pose, pixels, .. } = worst.residual;
+    let Residual { pose_number: pose, distance_px: pixels, .. } = worst.residual;
     let limit = worst.limit;
     if worst.others_fit {
-        return InpaintingError::Misfit { pose, pixels, limit };
+        return InpaintingError::OutlierPose { pose, pixels, limit };
     }
     let settings = *best.settings();
-    let free = HandEyeSettings { offset: Offset::Unknown, ..settings };
+    let free = HandEyeSettings { ball_offset: BallOffset::Unknown, ..settings };
     let fit = self::best(start, free, best.sightings()).ok();
-    let fit = fit.filter(|fit| settings.offset != Offset::Unknown && fit.is_within_limits());
-    InpaintingError::Contradiction {
+    let fit =
+        fit.filter(|fit| settings.ball_offset != BallOffset::Unknown && fit.is_within_limits());
+    InpaintingError::InconsistentPoses {
         pose,
         pixels,
         limit,
-        accuracy: settings.arm_accuracy,
+        accuracy: settings.arm_position_sd,
         fitted: fit.map(|fit| fit.offset()),
     }
 }
@@ -282,11 +303,11 @@ fn misfit(best: &Fit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError
 fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
     let [mut damping, largest, factor] = DAMPING;
     for _ in 0..STEPS {
-        let equations = fit.equations();
+        let equations = fit.normal_equations();
         // a larger damping shortens the step, until it no longer increases the cost
         let step = loop {
-            let better = equations.solve(damping).and_then(|step| fit.after(&step));
-            match better.filter(|better| better.cost() <= fit.cost()) {
+            let better = equations.solve(damping).and_then(|step| fit.after_step(&step));
+            match better.filter(|better| better.sum_of_squares() <= fit.sum_of_squares()) {
                 Some(better) => break Some(better),
                 None if damping >= largest => break None,
                 None => damping *= factor,
@@ -295,7 +316,8 @@ fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
         let Some(better) = step else {
             break;
         };
-        let converged = fit.cost() - better.cost() <= CONVERGED * fit.cost();
+        let converged =
+            fit.sum_of_squares() - better.sum_of_squares() <= CONVERGED * fit.sum_of_squares();
         fit = better;
         damping /= factor;
         if converged {
@@ -307,52 +329,54 @@ fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
 
 /// Estimates the focal length, by solving again with it among the unknowns. `None` if the poses do
 /// not determine it.
-fn focal(best: &Fit<'_>, start: &Calibration) -> Option<Focal> {
+fn focal(best: &Fit<'_>, start: &Calibration) -> Option<FocalLengthEstimate> {
     let fit = minimised(best.with_free_focal(true));
-    let variance = fit.equations().variances()?[fit.focal_index()];
-    let ratio = fit.calibration().intrinsics.focal[0] / start.intrinsics.focal[0];
+    let variance = fit.normal_equations().variances()?[fit.focal_index()];
+    let ratio = fit.calibration().intrinsics.focal_lengths[0] / start.intrinsics.focal_lengths[0];
     // the unknown is the logarithm of the focal length
-    let sigma = ratio * fit.noise() * variance.sqrt();
-    Some(Focal { ratio, sigma })
+    let sigma = ratio * fit.noise_sd() * variance.sqrt();
+    Some(FocalLengthEstimate { ratio_to_given: ratio, ratio_sd: sigma })
 }
 
 /// Rejects given focal lengths that the estimate contradicts.
-fn check_focal(focal: Focal, start: &Calibration) -> Result<(), InpaintingError> {
+fn check_focal(focal: FocalLengthEstimate, start: &Calibration) -> Result<(), InpaintingError> {
     let [sigmas, part] = WRONG_FOCAL;
-    let off = (focal.ratio - 1.0).abs();
-    if off <= part || off <= sigmas * focal.sigma {
+    let off = (focal.ratio_to_given - 1.0).abs();
+    if off <= part || off <= sigmas * focal.ratio_sd {
         return Ok(());
     }
-    let given = start.intrinsics.focal;
-    Err(InpaintingError::WrongFocal {
+    let given = start.intrinsics.focal_lengths;
+    Err(InpaintingError::WrongFocalLength {
         given,
-        fitted: given.map(|given| focal.ratio * given),
-        sigma: focal.sigma * given[0],
+        fitted: given.map(|given| focal.ratio_to_given * given),
+        sigma: focal.ratio_sd * given[0],
     })
 }
 
 /// Returns the standard deviations that a pixel of noise causes. `None` if the poses do not
 /// determine all unknowns.
 fn dilution_of(fit: &Fit<'_>) -> Option<Uncertainty> {
-    let mut variances = fit.equations().variances()?;
+    let mut variances = fit.normal_equations().variances()?;
     // where the offset is known, the focal length is in its place
     variances[fit.focal_index()] = 0.0;
     let of = |first: usize| DVec3::from_slice(&variances[first..]).map(f64::sqrt);
-    Some(Uncertainty { angle: of(0), position: of(3), offset: of(6) })
+    Some(Uncertainty { angle_sd: of(0), position_sd: of(3), ball_offset_sd: of(6) })
 }
 
 /// Returns `true` if a dilution is within [`MAX_DILUTION`].
 fn is_tolerable(dilution: &Uncertainty) -> bool {
     let [distance, angle] = MAX_DILUTION;
-    let lengths = [dilution.position.length(), dilution.offset.length()];
-    lengths.iter().all(|length| *length <= distance) && dilution.angle.length() <= angle
+    let lengths = [dilution.position_sd.length(), dilution.ball_offset_sd.length()];
+    lengths.iter().all(|length| *length <= distance) && dilution.angle_sd.length() <= angle
 }
 
 /// Returns the error of poses that do not determine the camera's pose, with advice.
 fn undetermined(fit: &Fit<'_>) -> InpaintingError {
     let would_suffice = |other: &Fit<'_>| dilution_of(other).is_some_and(|of| is_tolerable(&of));
-    InpaintingError::Undetermined {
-        advice: if fit.settings().estimate_focal && would_suffice(&fit.with_free_focal(false)) {
+    InpaintingError::CameraPoseUndetermined {
+        advice: if fit.settings().estimate_focal_length
+            && would_suffice(&fit.with_free_focal(false))
+        {
             "they do not separate the focal length from the height: spread them over heights and \
                  turn the hand further, or give the focal lengths"
         } else if would_suffice(&fit.with_known_offset().with_free_focal(false)) {
@@ -375,8 +399,8 @@ fn unseen(
     let is_unseen = |sighting: &&BallSighting| {
         Fit::new(*start, settings, std::slice::from_ref(*sighting)).is_none()
     };
-    let pose = sightings.iter().find(is_unseen).map(|sighting| sighting.pose);
-    InpaintingError::Unseen { pose: pose.unwrap_or_default() }
+    let pose = sightings.iter().find(is_unseen).map(|sighting| sighting.pose_number);
+    InpaintingError::HandUnseenFromStart { pose: pose.unwrap_or_default() }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use rl::BoxError;
+use rl::BoxedEnvError;
 
 /// Error of a learner, its settings, or its checkpoints.
 #[derive(Debug, thiserror::Error)]
@@ -10,7 +10,7 @@ use rl::BoxError;
 pub enum LearnerError {
     /// A setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting that is out of range.
         name: &'static str,
         /// Rejected value of the setting.
@@ -46,15 +46,15 @@ pub enum LearnerError {
         /// Path of the file.
         path: PathBuf,
         /// Reason why the file cannot be read.
-        source: BoxError,
+        source: BoxedEnvError,
     },
-    /// Checkpoint of [`Extent::Policies`](crate::Extent::Policies), which lacks the state for
-    /// further training.
+    /// Checkpoint of [`CheckpointExtent::Policies`](crate::CheckpointExtent::Policies), which lacks
+    /// the state for further training.
     #[error(
         "{} holds policies only, as `covers pack` leaves them, and cannot be resumed: \
          resume the run's own folder; `covers eval` takes either", path.display()
     )]
-    PoliciesOnly {
+    PoliciesOnlyCheckpoint {
         /// Path of the checkpoint.
         path: PathBuf,
     },
@@ -121,7 +121,7 @@ pub enum LearnerError {
         "{} was written with other settings than those asked for ({differences}): put them back, or \
          begin a new run with the settings that you want", path.display()
     )]
-    OtherSettings {
+    CheckpointSettingsDiffer {
         /// Path of the checkpoint.
         path: PathBuf,
         /// Differences: the value asked for and the checkpoint's.
@@ -136,32 +136,34 @@ pub enum LearnerError {
         /// Path of the file or folder.
         path: PathBuf,
         /// Reason why the file cannot be written.
-        source: BoxError,
+        source: BoxedEnvError,
     },
 }
 
 impl LearnerError {
     /// Wraps an error of reading the file at `path`.
-    pub fn read(path: &Path, source: impl Into<BoxError>) -> Self {
+    pub fn cannot_read(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Read { path, source }
     }
 
     /// Returns the error of a file that could be read but is inconsistent.
-    pub fn damaged(path: &Path, problem: String) -> Self {
-        Self::read(path, Damaged(problem))
+    pub fn damaged_file(path: &Path, problem: String) -> Self {
+        Self::cannot_read(path, Damaged(problem))
     }
 
     /// Wraps an error of writing the file at `path`.
-    pub fn write(path: &Path, source: impl Into<BoxError>) -> Self {
+    pub fn cannot_write(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Write { path, source }
     }
 
     /// Names `path` in an error of a file's contents; other errors stay as they are.
-    pub(crate) fn in_file(self, path: &Path) -> Self {
+    pub(crate) fn with_path(self, path: &Path) -> Self {
         match self {
-            Self::Rl(_) | Self::Cluster(_) | Self::Setting { .. } => Self::read(path, self),
+            Self::Rl(_) | Self::Cluster(_) | Self::InvalidSetting { .. } => {
+                Self::cannot_read(path, self)
+            }
             other => other,
         }
     }

@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex};
 
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
 use learner::{
-    Candidates, Covers, CoversSettings, Extent, Grouping, GroupingDecision, Learned, Learner,
-    LearnerError, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
+    Candidates, CheckpointExtent, Covers, CoversSettings, Grouping, GroupingDecision, Learned,
+    Learner, LearnerError, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
 };
 use rand_chacha::ChaCha8Rng;
-use rl::{Critic, PpoSettings, SacSettings, VectorEnv};
+use rl::{CriticSettings, PpoSettings, SacSettings, VectorEnv};
 
 use crate::bars::{Bars, network, number};
 
@@ -143,7 +143,7 @@ fn learner(script: Script) -> (Bars, Covers) {
 fn learner_of(rollout_steps: usize, script: Script) -> (Bars, Covers) {
     let env = bars();
     let settings = CoversSettings {
-        network: network(Critic::Pooled { width: 8 }),
+        network: network(CriticSettings::Pooled { width: 8 }),
         ppo: PpoSettings { epochs: 1, minibatch: 20, ..PpoSettings::default() },
         rollout_steps,
         ..CoversSettings::default()
@@ -157,7 +157,7 @@ fn off_policy(script: Script) -> (Bars, OffPolicy) {
     let env = bars();
     let method = OffPolicySettings::equi_sac();
     let settings = OffPolicySettings {
-        network: network(Critic::Joint { fields: 4 }),
+        network: network(CriticSettings::Joint { fields: 4 }),
         sac: SacSettings { burn_in: 1000, ..method.sac },
         still_channels: 0,
         rollout_steps: 100,
@@ -340,7 +340,7 @@ fn what_shows_another_group_is_not_learnt_from() {
             ..Script::default()
         });
         turns(&mut covers, &mut env, 2);
-        covers.encode(Path::new("none"), Extent::Everything, "").unwrap()
+        covers.to_checkpoint_bytes(Path::new("none"), CheckpointExtent::Everything, "").unwrap()
     };
     assert_eq!(learnt(None), learnt(Some(100)));
     assert_ne!(learnt(None), learnt(Some(50)));

@@ -5,7 +5,7 @@ use std::slice;
 use std::sync::Arc;
 
 use crate::error::{Quantity, SimError, check_finite, check_length};
-use crate::fields::Field;
+use crate::fields::ArrayField;
 use crate::fields::data::{
     ACTUATOR_FORCE, CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QACC, QPOS, QVEL, SITE_XPOS,
     XPOS, XQUAT,
@@ -67,7 +67,7 @@ impl Data {
     ///
     /// # Errors
     /// [`SimError::Diverged`] as soon as a step diverges, after which the state is the initial one;
-    /// [`SimError::Overflow`] if contacts or constraints did not fit and were dropped.
+    /// [`SimError::BufferOverflow`] if contacts or constraints did not fit and were dropped.
     pub fn step(&mut self, n: usize) -> Result<(), SimError> {
         for _ in 0..n {
             let time = self.time();
@@ -155,7 +155,7 @@ impl Data {
     /// Sets the controls of all actuators `[nu]`.
     ///
     /// # Errors
-    /// [`SimError::Length`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
+    /// [`SimError::WrongLength`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
     pub fn set_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
         check_length(Quantity::Ctrl, self.model.nu(), ctrl.len())?;
         check_finite(Quantity::Ctrl, ctrl)?;
@@ -177,7 +177,7 @@ impl Data {
         mocap: MocapId,
         position: [f64; 3],
     ) -> Result<(), SimError> {
-        check_finite(Quantity::Mocap, &position)?;
+        check_finite(Quantity::MocapPose, &position)?;
         self.rows_mut(&MOCAP_POS)[mocap.index()] = position;
         Ok(())
     }
@@ -197,7 +197,7 @@ impl Data {
         mocap: MocapId,
         quat: [f64; 4],
     ) -> Result<(), SimError> {
-        check_finite(Quantity::Mocap, &quat)?;
+        check_finite(Quantity::MocapPose, &quat)?;
         // MuJoCo normalises, and would silently turn a zero quaternion into the identity
         if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
             return Err(SimError::ZeroQuaternion { value: quat });
@@ -289,7 +289,7 @@ impl Data {
     ///
     /// A warning that MuJoCo raises meanwhile becomes an error of the next [`Data::step`] or
     /// [`Data::forward`] if it is a divergence or an overflow. Warnings of other kinds are dropped
-    /// there, and [`Data::reset`] and [`Data::restore`] drop all.
+    /// there, and [`Data::reset`] and [`Data::restore_state`] drop all.
     pub fn as_mut_ptr(&mut self) -> *mut raw::mjData {
         self.raw.as_ptr()
     }
@@ -333,39 +333,50 @@ impl Data {
         ];
         kinds.into_iter().find_map(|(warning, what, limit, setting)| {
             let raised = self.as_raw().warning[warning as usize].number > 0;
-            raised.then_some(SimError::Overflow { what, limit: limit as usize, setting, time })
+            raised.then_some(SimError::BufferOverflow {
+                what,
+                limit: limit as usize,
+                setting,
+                time,
+            })
         })
     }
 
     pub(crate) fn clear_warnings(&mut self) {
-        for warning in &mut self.get_mut().warning {
+        for warning in &mut self.raw_mut().warning {
             warning.number = 0;
         }
     }
 
-    pub(crate) fn rows<T, const N: usize>(&self, field: &Field<raw::mjData, T, N>) -> &[[T; N]] {
+    pub(crate) fn rows<T, const N: usize>(
+        &self,
+        field: &ArrayField<raw::mjData, T, N>,
+    ) -> &[[T; N]] {
         // SAFETY: MuJoCo made the data for this model; it is written through `&mut self` only.
         unsafe { field.rows(self.as_raw(), self.model.as_raw()) }
     }
 
     pub(crate) fn rows_mut<T, const N: usize>(
         &mut self,
-        field: &Field<raw::mjData, T, N>,
+        field: &ArrayField<raw::mjData, T, N>,
     ) -> &mut [[T; N]] {
         // SAFETY: MuJoCo made the data, which lives until `drop`, for this model; the result
         // borrows `self` exclusively.
         unsafe { field.rows_mut(self.raw.as_mut(), self.model.as_raw()) }
     }
 
-    fn values<const N: usize>(&self, field: &Field<raw::mjData, f64, N>) -> &[f64] {
+    fn values<const N: usize>(&self, field: &ArrayField<raw::mjData, f64, N>) -> &[f64] {
         self.rows(field).as_flattened()
     }
 
-    fn values_mut<const N: usize>(&mut self, field: &Field<raw::mjData, f64, N>) -> &mut [f64] {
+    fn values_mut<const N: usize>(
+        &mut self,
+        field: &ArrayField<raw::mjData, f64, N>,
+    ) -> &mut [f64] {
         self.rows_mut(field).as_flattened_mut()
     }
 
-    pub(crate) fn get_mut(&mut self) -> &mut raw::mjData {
+    pub(crate) fn raw_mut(&mut self) -> &mut raw::mjData {
         // SAFETY: the pointer is valid until `drop`, and borrowed exclusively.
         unsafe { self.raw.as_mut() }
     }

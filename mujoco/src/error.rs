@@ -37,7 +37,7 @@ pub enum ModelError {
     },
     /// Model that MuJoCo rejected, with its own message.
     #[error("MuJoCo cannot load `{file}`: {message}")]
-    Load {
+    LoadFailed {
         /// Name of the rejected file: the main one, or one that it includes.
         file: String,
         /// MuJoCo's message, with file and line where available.
@@ -45,7 +45,7 @@ pub enum ModelError {
     },
     /// File name that this crate does not accept.
     #[error("file name `{name}` cannot be used: {reason}")]
-    FileName {
+    InvalidFileName {
         /// File name as given.
         name: String,
         /// Reason for which the file name is rejected.
@@ -53,7 +53,7 @@ pub enum ModelError {
     },
     /// Model file that is empty or has 2 GiB or more.
     #[error("file `{name}` has {size} bytes; a file must have between 1 and 2147483647")]
-    FileSize {
+    InvalidFileSize {
         /// Name of the file.
         name: String,
         /// Size of the file in bytes.
@@ -79,7 +79,7 @@ pub enum ModelError {
     },
     /// Body that is requested as a mocap body but is none.
     #[error("body `{name}` is not a mocap body; mocap bodies: {}", list(.known))]
-    NotMocap {
+    NotMocapBody {
         /// Name of the requested body.
         name: String,
         /// Names of all mocap bodies of the model.
@@ -117,7 +117,7 @@ pub enum SimError {
         "MuJoCo dropped {what} at time {time} s, over the limit of {limit}; \
          raise `{setting}` in the model's <size>"
     )]
-    Overflow {
+    BufferOverflow {
         /// Dropped objects: `contacts` or `constraints`.
         what: &'static str,
         /// Number of contacts or constraints that fit.
@@ -139,7 +139,7 @@ pub enum SimError {
     },
     /// Slice of values of the wrong length.
     #[error("{what} has {got} elements, expected {expected}")]
-    Length {
+    WrongLength {
         /// Quantity that the slice is for.
         what: Quantity,
         /// Length that the model requires.
@@ -170,7 +170,7 @@ pub enum Quantity {
     /// Inertia matrix (nearly singular).
     Inertia,
     /// Position or orientation of a mocap body.
-    Mocap,
+    MocapPose,
     /// Saved state of a simulation, see [`State`](crate::State).
     State,
 }
@@ -183,15 +183,15 @@ impl fmt::Display for Quantity {
             Self::Qacc => "qacc",
             Self::Ctrl => "ctrl",
             Self::Inertia => "inertia",
-            Self::Mocap => "mocap pose",
+            Self::MocapPose => "mocap pose",
             Self::State => "state",
         })
     }
 }
 
-/// Returns [`SimError::Length`] unless the length is `expected`.
+/// Returns [`SimError::WrongLength`] unless the length is `expected`.
 pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
-    let error = SimError::Length { what, expected, got };
+    let error = SimError::WrongLength { what, expected, got };
     (got == expected).then_some(()).ok_or(error)
 }
 
@@ -226,7 +226,7 @@ pub enum RenderError {
     },
     /// Image size out of range.
     #[error("image size {width} x {height} is out of range; each side must be 1 to {limit} pixels")]
-    Size {
+    ImageSizeOutOfRange {
         /// Requested width, in pixels.
         width: usize,
         /// Requested height, in pixels.
@@ -236,7 +236,7 @@ pub enum RenderError {
     },
     /// Output slice that does not hold exactly one image.
     #[error("the output has {got} bytes, expected {expected} (height x width x 3)")]
-    Buffer {
+    WrongImageLength {
         /// Number of bytes that one image has.
         expected: usize,
         /// Number of bytes that the slice has.
@@ -297,7 +297,7 @@ pub enum RenderError {
         "the {backend} context cannot be made current, it may be lost: {reason}; \
          make a new renderer"
     )]
-    Current {
+    MakeCurrentFailed {
         /// Backend of the renderer.
         backend: Backend,
         /// Error of the backend.
@@ -306,7 +306,7 @@ pub enum RenderError {
     /// Context of the embedding program that cannot be made current again; the picture itself may
     /// be complete.
     #[error("the {backend} context that was current before cannot be made so again: {reason}")]
-    Restore {
+    RestoreContextFailed {
         /// Backend of the renderer.
         backend: Backend,
         /// Error of the backend.
@@ -320,7 +320,7 @@ pub enum RenderError {
 pub enum ContextError {
     /// OpenGL library that cannot be loaded, or lacks a function.
     #[error("{library} cannot be used: {reason}")]
-    Library {
+    LibraryUnusable {
         /// File name of the library.
         library: String,
         /// Message of the dynamic loader.
@@ -337,13 +337,13 @@ pub enum ContextError {
     LinkedToEgl,
     /// Missing extension of EGL that the backend needs.
     #[error("EGL does not offer {name}")]
-    Extension {
+    MissingEglExtension {
         /// Name of the missing extension.
         name: &'static str,
     },
     /// Failed call of an EGL function.
     #[error("{call} failed with EGL error {code:#06x} ({meaning})")]
-    Egl {
+    EglCallFailed {
         /// Name of the EGL function.
         call: &'static str,
         /// Code of `eglGetError`.
@@ -353,7 +353,7 @@ pub enum ContextError {
     },
     /// Failed call of an OSMesa function, which gives no reason.
     #[error("{call} failed")]
-    OsMesa {
+    OsMesaCallFailed {
         /// Name of the OSMesa function.
         call: &'static str,
     },
@@ -365,7 +365,7 @@ pub enum ContextError {
     NoConfiguration,
     /// OpenGL feature that MuJoCo requires and the context lacks.
     #[error("OpenGL lacks {name}")]
-    Feature {
+    MissingOpenGlFeature {
         /// Name of the missing OpenGL extension.
         name: &'static str,
     },

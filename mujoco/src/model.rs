@@ -4,7 +4,7 @@ use std::ffi::{CStr, CString};
 use std::ptr::NonNull;
 
 use crate::error::ModelError;
-use crate::fields::Field;
+use crate::fields::ArrayField;
 use crate::fields::model::{
     ACTUATOR_CTRLLIMITED, ACTUATOR_CTRLRANGE, BODY_INVWEIGHT0, BODY_MOCAPID, GEOM_BODYID,
     GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE, GEOM_TYPE, JNT_DOFADR,
@@ -12,9 +12,9 @@ use crate::fields::model::{
 };
 use crate::ids::{
     Actuator, ActuatorId, Body, BodyId, Camera, Geom, GeomId, Id, Joint, JointId, Lookup, MocapId,
-    Named, Site,
+    NamedKind, Site,
 };
-use crate::load::{check, load};
+use crate::load::{check_file_references, load};
 use crate::raw;
 
 /// Declares methods that return sizes of the C struct.
@@ -65,7 +65,7 @@ impl Model {
     /// Compiles MJCF given as one string.
     ///
     /// # Errors
-    /// [`ModelError::Load`] with MuJoCo's own message; [`ModelError::VersionMismatch`] if the
+    /// [`ModelError::LoadFailed`] with MuJoCo's own message; [`ModelError::VersionMismatch`] if the
     /// library has another version than the header.
     pub fn from_xml(xml: &str) -> Result<Self, ModelError> {
         Self::from_files("model.xml", &[("model.xml", xml.as_bytes())])
@@ -78,9 +78,9 @@ impl Model {
     ///
     /// # Errors
     /// Errors of [`Model::from_xml`]. [`ModelError::NoMainFile`] if `main` is not among `files`;
-    /// [`ModelError::FileSize`] for an empty or huge file; [`ModelError::FileName`] for a name with
-    /// a folder, and for a path inside the XML that would lead out of `files`: an absolute one, or
-    /// one in an absolute folder, of a file that is not given.
+    /// [`ModelError::InvalidFileSize`] for an empty or huge file; [`ModelError::InvalidFileName`]
+    /// for a name with a folder, and for a path inside the XML that would lead out of `files`: an
+    /// absolute one, or one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
         Ok(Self { raw, warning })
@@ -90,14 +90,14 @@ impl Model {
     /// of [`Model::from_files`] that reads XML itself.
     ///
     /// # Errors
-    /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside
-    /// the XML, as in [`Model::from_files`].
-    pub fn check_files(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
-        check(main, files).map(|_| ())
+    /// [`ModelError::NoMainFile`], and [`ModelError::InvalidFileName`] for `main` and for a path
+    /// inside the XML, as in [`Model::from_files`].
+    pub fn check_file_references(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
+        check_file_references(main, files).map(|_| ())
     }
 
     /// Returns MuJoCo's warning during compilation, if any.
-    pub fn warning(&self) -> Option<&str> {
+    pub fn compile_warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }
 
@@ -139,17 +139,18 @@ impl Model {
     /// Returns the id of the mocap body called `name`.
     ///
     /// # Errors
-    /// [`ModelError::UnknownName`]; [`ModelError::NotMocap`] if the body is an ordinary one.
-    pub fn mocap(&self, name: &str) -> Result<MocapId, ModelError> {
+    /// [`ModelError::UnknownName`]; [`ModelError::NotMocapBody`] if the body is an ordinary one.
+    pub fn mocap_body(&self, name: &str) -> Result<MocapId, ModelError> {
         let body = self.body(name)?;
         let index = self.mocap_index(body);
-        index
-            .map(Id::new)
-            .ok_or_else(|| ModelError::NotMocap { name: name.into(), known: self.mocap_names() })
+        index.map(Id::new).ok_or_else(|| ModelError::NotMocapBody {
+            name: name.into(),
+            known: self.mocap_names(),
+        })
     }
 
     /// Returns the name of an object; `None` if the XML gives none.
-    pub fn name<K: Named>(&self, id: Id<K>) -> Option<&str> {
+    pub fn name<K: NamedKind>(&self, id: Id<K>) -> Option<&str> {
         let index = i32::try_from(id.index()).ok()?;
         // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
         let name = unsafe { raw::mj_id2name(self.as_raw(), K::OBJECT.cast_signed(), index) };
@@ -162,7 +163,7 @@ impl Model {
 
     /// Lists the bodies, joints, geoms, sites, cameras and actuators without a name, for instance
     /// `geom 3`.
-    pub fn unnamed(&self) -> Vec<String> {
+    pub fn unnamed_objects(&self) -> Vec<String> {
         let kinds = [
             self.unnamed_of::<Body>(),
             self.unnamed_of::<Joint>(),
@@ -261,15 +262,15 @@ impl Model {
         unsafe { self.raw.as_ref() }
     }
 
-    fn find<K: Named>(&self, name: &str) -> Result<Id<K>, ModelError> {
+    fn find<K: NamedKind>(&self, name: &str) -> Result<Id<K>, ModelError> {
         self.index_of::<K>(name).map(Id::new).ok_or_else(|| ModelError::UnknownName {
-            kind: K::NOUN,
+            kind: K::MJCF_NAME,
             name: name.into(),
             known: self.names::<K>().map(Into::into).collect(),
         })
     }
 
-    fn index_of<K: Named>(&self, name: &str) -> Option<usize> {
+    fn index_of<K: NamedKind>(&self, name: &str) -> Option<usize> {
         // the empty name would match the first object that has none
         let c_name = CString::new(name).ok().filter(|name| !name.is_empty())?;
         // SAFETY: live model and NUL-terminated name; MuJoCo returns -1 where it finds nothing.
@@ -278,15 +279,15 @@ impl Model {
         usize::try_from(index).ok()
     }
 
-    fn names<K: Named>(&self) -> impl Iterator<Item = &str> {
+    fn names<K: NamedKind>(&self) -> impl Iterator<Item = &str> {
         let count = <K as Lookup>::count(self.as_raw()) as usize;
         (0..count).filter_map(|index| self.name(Id::<K>::new(index)))
     }
 
-    fn unnamed_of<K: Named>(&self) -> Vec<String> {
+    fn unnamed_of<K: NamedKind>(&self) -> Vec<String> {
         (0..<K as Lookup>::count(self.as_raw()) as usize)
             .filter(|&index| self.name(Id::<K>::new(index)).is_none())
-            .map(|index| format!("{} {index}", K::NOUN))
+            .map(|index| format!("{} {index}", K::MJCF_NAME))
             .collect()
     }
 
@@ -300,12 +301,12 @@ impl Model {
         bodies.filter_map(|body| self.name(body).map(Into::into)).collect()
     }
 
-    fn rows<T, const N: usize>(&self, field: &Field<raw::mjModel, T, N>) -> &[[T; N]] {
+    fn rows<T, const N: usize>(&self, field: &ArrayField<raw::mjModel, T, N>) -> &[[T; N]] {
         // SAFETY: MuJoCo made the model, and nobody writes to it.
         unsafe { field.rows(self.as_raw(), self.as_raw()) }
     }
 
-    fn value<T: Copy, K>(&self, field: &Field<raw::mjModel, T, 1>, id: Id<K>) -> T {
+    fn value<T: Copy, K>(&self, field: &ArrayField<raw::mjModel, T, 1>, id: Id<K>) -> T {
         self.rows(field)[id.index()][0]
     }
 }

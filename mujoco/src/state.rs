@@ -14,7 +14,7 @@ use crate::fields::data::{
 /// run restored from it continues to the same bits.
 ///
 /// Forces that a program applies through [`Data::as_mut_ptr`] (`qfrc_applied`, `xfrc_applied`) are
-/// not included: [`Data::restore`] sets them to zero.
+/// not included: [`Data::restore_state`] sets them to zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     values: Vec<f64>,
@@ -36,7 +36,7 @@ impl From<Vec<f64>> for State {
 
 impl Data {
     /// Returns a copy of the simulation's state.
-    pub fn save(&self) -> State {
+    pub fn save_state(&self) -> State {
         let time = [self.time()];
         let parts: [&[f64]; 9] = [
             &time,
@@ -56,12 +56,12 @@ impl Data {
     /// quantities are stale until [`Data::forward`] or [`Data::step`].
     ///
     /// # Errors
-    /// [`SimError::Length`] if the state is of another model; [`SimError::NotFinite`].
-    pub fn restore(&mut self, state: &State) -> Result<(), SimError> {
+    /// [`SimError::WrongLength`] if the state is of another model; [`SimError::NotFinite`].
+    pub fn restore_state(&mut self, state: &State) -> Result<(), SimError> {
         check_length(Quantity::State, self.state_len(), state.values.len())?;
         check_finite(Quantity::State, &state.values)?;
         let mut rest = state.values.as_slice();
-        fill(std::slice::from_mut(&mut self.get_mut().time), &mut rest);
+        fill(std::slice::from_mut(&mut self.raw_mut().time), &mut rest);
         fill(self.rows_mut(&QPOS).as_flattened_mut(), &mut rest);
         fill(self.rows_mut(&QVEL).as_flattened_mut(), &mut rest);
         fill(self.rows_mut(&ACT).as_flattened_mut(), &mut rest);

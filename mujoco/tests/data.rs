@@ -101,7 +101,7 @@ fn controls_that_are_not_finite_are_refused() {
         assert_eq!(error.to_string(), format!("ctrl[0] is {value}, which is not finite"));
     }
     let error = data.set_ctrl(&[0.0, 1.0]).unwrap_err();
-    assert_eq!(error, SimError::Length { what: Quantity::Ctrl, expected: 1, got: 2 });
+    assert_eq!(error, SimError::WrongLength { what: Quantity::Ctrl, expected: 1, got: 2 });
     assert_eq!(data.ctrl(), [0.5], "a refused control changes nothing");
 }
 
@@ -126,7 +126,7 @@ fn derived_quantities_lag_until_forward() {
 #[test]
 fn mocap_bodies_are_moved() {
     let mut data = data(CART);
-    let mocap = data.model().mocap("target").unwrap();
+    let mocap = data.model().mocap_body("target").unwrap();
     let body = data.model().body("target").unwrap();
     assert_eq!(data.mocap_position(mocap), [1.0, 2.0, 3.0]);
     data.set_mocap_position(mocap, [4.0, 5.0, 6.0]).unwrap();
@@ -164,7 +164,10 @@ fn contacts_name_their_geoms() {
 fn dropped_contacts_are_an_error() {
     let mut data = data(&BALLS.replace("SIZE", r#"<size nconmax="1"/>"#));
     let error = data.step(1).unwrap_err();
-    assert!(matches!(error, SimError::Overflow { what: "contacts", limit: 1, .. }), "{error}");
+    assert!(
+        matches!(error, SimError::BufferOverflow { what: "contacts", limit: 1, .. }),
+        "{error}"
+    );
     assert!(error.to_string().contains("nconmax"), "{error}");
 }
 

@@ -14,7 +14,7 @@ pub enum RenderError {
     Run(#[from] RunError),
     /// Requested film whose file name has no supported extension.
     #[error("{} cannot be written: expected a name with the ending {expected}", path.display())]
-    Ending {
+    UnsupportedExtension {
         /// Requested path of the film.
         path: PathBuf,
         /// Supported extensions.

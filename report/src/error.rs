@@ -16,7 +16,7 @@ pub enum ReportError {
         "run {run} does not belong to the others ({differences}): report runs of one stream and \
          evaluation, give runs of other settings other names, and each seed once"
     )]
-    MixedRuns {
+    IncomparableRuns {
         /// Name of the run that differs from the others.
         run: String,
         /// Differences of that run from the runs before it.
@@ -28,7 +28,7 @@ pub enum ReportError {
          another name, or call the command for each with a folder of its own",
         first.display(), second.display()
     )]
-    SameName {
+    DuplicateRunName {
         /// Folder of the first run of this name.
         first: PathBuf,
         /// Folder of another run of this name.

@@ -76,5 +76,5 @@ fn other_endings_and_groups_are_refused_before_anything_is_written() {
     let run_error = rerun("no-run", &film, &[]).unwrap_err();
     assert!(run_error.to_string().contains("no-run"), "{run_error}");
     assert_eq!(fs::read_dir(&scratch.0).unwrap().count(), 0);
-    assert!(!RunFolder::open(Path::new("no-run")).holds_run());
+    assert!(!RunFolder::from_path(Path::new("no-run")).holds_run());
 }

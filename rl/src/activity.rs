@@ -23,8 +23,8 @@ pub trait MeasureActivity: Actor {
     /// actions.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
-    fn activity(
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
+    fn unit_activity(
         &self,
         observations: &Observations,
         memory: &Self::Memory,
@@ -33,7 +33,7 @@ pub trait MeasureActivity: Actor {
 
 impl UnitActivity {
     /// Wraps the summed outputs of each layer's units, all over equally many samples.
-    pub(crate) fn of(layers: Vec<Vec<f64>>) -> Self {
+    pub(crate) fn from_layer_sums(layers: Vec<Vec<f64>>) -> Self {
         Self { layers }
     }
 
@@ -50,13 +50,13 @@ impl UnitActivity {
     }
 
     /// Returns the number of measured ReLU units; 0 before any activations were added.
-    pub fn units(&self) -> usize {
+    pub fn num_units(&self) -> usize {
         self.layers.iter().map(Vec::len).sum()
     }
 
     /// Returns the number of `tau`-dormant units, whose mean output is at most `tau` times the mean
     /// of their layer (Sokar et al., definition 3.1).
-    pub fn dormant(&self, tau: f64) -> usize {
+    pub fn num_dormant_units(&self, tau: f64) -> usize {
         let dormant = |sums: &Vec<f64>| {
             let mean = sums.iter().sum::<f64>() / sums.len() as f64;
             // `<=`, so that all units of a layer without any output count as dormant
@@ -77,17 +77,21 @@ mod tests {
     #[test]
     fn dormant_units_are_those_below_a_share_of_their_layers_mean() {
         let layers = vec![vec![0.0, 0.2, 3.8], vec![1.0; 4], vec![0.0; 2]];
-        let mut activity = UnitActivity::of(layers.clone());
-        assert_eq!(activity.units(), 9);
+        let mut activity = UnitActivity::from_layer_sums(layers.clone());
+        assert_eq!(activity.num_units(), 9);
         // the means are 4 / 3, 1 and 0
-        assert_eq!([0.0, 0.1, 0.16, 1.0].map(|tau| activity.dormant(tau)), [3, 3, 4, 8]);
+        assert_eq!([0.0, 0.1, 0.16, 1.0].map(|tau| activity.num_dormant_units(tau)), [3, 3, 4, 8]);
         let mut sum = UnitActivity::default();
-        assert_eq!((sum.units(), sum.dormant(0.5)), (0, 0));
+        assert_eq!((sum.num_units(), sum.num_dormant_units(0.5)), (0, 0));
         sum.add(&activity);
         assert_eq!(sum, activity);
         // a unit that is dormant for some observations may be active for others
-        activity.add(&UnitActivity::of(vec![vec![4.0, 0.0, 0.0], vec![1.0; 4], vec![0.0, 1.0]]));
-        assert_eq!(activity.dormant(0.0), 1);
+        activity.add(&UnitActivity::from_layer_sums(vec![
+            vec![4.0, 0.0, 0.0],
+            vec![1.0; 4],
+            vec![0.0, 1.0],
+        ]));
+        assert_eq!(activity.num_dormant_units(0.0), 1);
     }
 
     #[test]
@@ -100,11 +104,11 @@ mod tests {
             let activity = |given: &[f32]| {
                 let mut policy = policy.clone();
                 policy.params_mut().copy_from_slice(given);
-                policy.activity(&observations, &()).unwrap()
+                policy.unit_activity(&observations, &()).unwrap()
             };
             // the encoder has 2 and 3 fields, then come those of the vector and of both heads
             let fields = 2 + 3 + 2 + 2 + 3;
-            assert_eq!(activity(params).units(), 4 * fields);
+            assert_eq!(activity(params).num_units(), 4 * fields);
             let parts = network.parts();
             check_killed_units(&network.actor, params.to_vec(), parts.actor, activity);
             check_killed_units(&network.critic, params.to_vec(), parts.critic, activity);

@@ -7,7 +7,7 @@ use crate::error::assert_len;
 
 // checkpoint names of the optimiser's state
 const FIRST_MOMENT: &str = "adam.first";
-pub(crate) const SECOND_MOMENT: &str = "adam.second";
+pub(crate) const SECOND_MOMENT_NAME: &str = "adam.second";
 const STEPS: &str = "adam.steps";
 
 /// A range of the parameter vector with its own learning rate.
@@ -21,7 +21,7 @@ pub struct ParamGroup {
 
 impl ParamGroup {
     /// Creates the group of all `len` parameters.
-    pub(crate) fn all(len: usize, learning_rate: f32) -> Self {
+    pub(crate) fn of_all_params(len: usize, learning_rate: f32) -> Self {
         Self { range: 0..len, learning_rate }
     }
 
@@ -83,7 +83,10 @@ impl Adam {
     /// Returns both moments and the number of steps, for a checkpoint.
     pub(crate) fn save(&self) -> AlgorithmState<'_> {
         AlgorithmState {
-            tensors: vec![(FIRST_MOMENT, &self.first_moment), (SECOND_MOMENT, &self.second_moment)],
+            tensors: vec![
+                (FIRST_MOMENT, &self.first_moment),
+                (SECOND_MOMENT_NAME, &self.second_moment),
+            ],
             counters: vec![(STEPS, self.steps)],
         }
     }

@@ -23,9 +23,9 @@ pub trait Algorithm {
     /// Trains `policy` by one update; random draws come from `rng`.
     ///
     /// # Errors
-    /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for experience or a policy of another
-    /// environment or network. [`RlError::NotFinite`] when a quantity diverges; `policy` then has
-    /// the parameters from before the offending step. An exception is a step that itself
+    /// [`RlError::SpecMismatch`] or [`RlError::ParameterCountMismatch`] for experience or a policy
+    /// of another environment or network. [`RlError::NotFinite`] when a quantity diverges; `policy`
+    /// then has the parameters from before the offending step. An exception is a step that itself
     /// makes parameters infinite, at learning rates near the limit of f32: they stay infinite.
     fn update(
         &mut self,
@@ -42,8 +42,8 @@ pub trait Algorithm {
     /// nothing has changed.
     ///
     /// # Errors
-    /// [`RlError::State`] for a state of another algorithm or network, [`RlError::Damaged`] for
-    /// numbers that cannot be right.
+    /// [`RlError::StateMismatch`] for a state of another algorithm or network,
+    /// [`RlError::InvalidStateNumber`] for numbers that cannot be right.
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 }
 
@@ -69,13 +69,13 @@ impl AlgorithmState<'_> {
     /// only finite numbers, and no counter above 2^53.
     ///
     /// # Errors
-    /// [`RlError::State`] or [`RlError::Damaged`].
-    pub fn check_like(&self, own: &AlgorithmState<'_>) -> Result<(), RlError> {
+    /// [`RlError::StateMismatch`] or [`RlError::InvalidStateNumber`].
+    pub fn check_same_layout(&self, own: &AlgorithmState<'_>) -> Result<(), RlError> {
         if self.layout() != own.layout() {
             let (got, expected) = (self.describe(), own.describe());
-            return Err(RlError::State { got, expected });
+            return Err(RlError::StateMismatch { got, expected });
         }
-        self.tensors.iter().try_for_each(|(name, values)| check_saved(name, values))?;
+        self.tensors.iter().try_for_each(|(name, values)| check_saved_params(name, values))?;
         self.counters.iter().try_for_each(|&(name, count)| check_counter(name, count))
     }
 
@@ -98,9 +98,9 @@ impl AlgorithmState<'_> {
     }
 }
 
-fn check_saved(name: &str, values: &[f32]) -> Result<(), RlError> {
+fn check_saved_params(name: &str, values: &[f32]) -> Result<(), RlError> {
     match values.iter().find(|value| !value.is_finite()) {
-        Some(&value) => Err(RlError::Damaged {
+        Some(&value) => Err(RlError::InvalidStateNumber {
             name: name.to_owned(),
             value: value.into(),
             expected: "finite numbers",
@@ -113,7 +113,7 @@ fn check_counter(name: &str, count: u64) -> Result<(), RlError> {
     if count <= MAX_COUNTER {
         return Ok(());
     }
-    Err(RlError::Damaged {
+    Err(RlError::InvalidStateNumber {
         name: name.to_owned(),
         value: count as f64,
         expected: "a count of at most 2^53",
@@ -126,7 +126,7 @@ pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Resu
     let arrays = state.tensors.iter().filter(|(name, _)| names.contains(name));
     let mut numbers = arrays.flat_map(|(name, values)| values.iter().map(move |v| (name, v)));
     match numbers.find(|&(_, &value)| value < 0.0) {
-        Some((&name, &value)) => Err(RlError::Damaged {
+        Some((&name, &value)) => Err(RlError::InvalidStateNumber {
             name: name.to_owned(),
             value: value.into(),
             expected: "no negative number",
@@ -173,8 +173,8 @@ mod tests {
             counters: vec![("steps", 3)],
         };
         let (own, other) = (state(&[0.0; 4]), state(&[0.0; 3]));
-        assert!(own.check_like(&own).is_ok());
-        let error = other.check_like(&own).unwrap_err().to_string();
+        assert!(own.check_same_layout(&own).is_ok());
+        let error = other.check_same_layout(&own).unwrap_err().to_string();
         let expected = r#"holds: "velocity" [3], "steps"; expected: "velocity" [4], "steps""#;
         assert!(error.contains(expected), "{error}");
     }

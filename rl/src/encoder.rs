@@ -3,7 +3,7 @@
 use std::f64::consts::SQRT_2;
 
 use equivariant::{
-    FieldType, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape,
+    FieldType, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape, SlidingWindow,
     SpatialSoftArgmax,
 };
 use serde::{Deserialize, Serialize};
@@ -13,13 +13,13 @@ use crate::error::RlError;
 
 /// Kernel that halves an image: 4 x 4, stride 2, padding 1. On even sizes its windows lie
 /// symmetrically, since (size + 2 - 4) mod 2 = 0, so the layer is exactly equivariant.
-const HALVING: Kernel = Kernel::new(4, 2, 1);
+const HALVING: SlidingWindow = SlidingWindow::new(4, 2, 1);
 /// Kernel that keeps the size of an image: 3 x 3, padding 1.
-const SAME: Kernel = Kernel::new(3, 1, 1);
+const SAME: SlidingWindow = SlidingWindow::new(3, 1, 1);
 /// Kernel that removes one pixel on every side: 3 x 3 without padding.
-const VALID: Kernel = Kernel::new(3, 1, 0);
+const VALID: SlidingWindow = SlidingWindow::new(3, 1, 0);
 /// Window of 2 x 2 max-pooling.
-pub(crate) const POOLING: Kernel = Kernel::new(2, 2, 0);
+pub(crate) const POOL_WINDOW: SlidingWindow = SlidingWindow::new(2, 2, 0);
 /// Side in pixels of the maps after the pooled encoder's halvings.
 const POOLED_SIDE: usize = 8;
 /// Temperature of the spatial soft-argmax.
@@ -35,7 +35,7 @@ const TEMPERATURE: f64 = 1.0;
 /// without images need no encoder, whatever the setting.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Encoder {
+pub enum EncoderSettings {
     /// 4 x 4 convolutions of stride 2, then one whose window is the whole remaining map; a ReLU
     /// after each.
     ///
@@ -77,10 +77,10 @@ pub enum Encoder {
     Blind,
 }
 
-impl Encoder {
+impl EncoderSettings {
     /// Returns every width with the name of its setting. An empty list of required halvings counts
     /// as a width of zero, which the check of widths rejects.
-    pub(crate) fn widths(&self) -> Vec<(&'static str, usize)> {
+    pub(crate) fn named_widths(&self) -> Vec<(&'static str, usize)> {
         let halving = |fields: &[usize]| {
             if fields.is_empty() { vec![0] } else { fields.to_vec() }
         };
@@ -103,22 +103,22 @@ impl Encoder {
     /// Returns height, width and channels of the canvas on which images of this size are centred.
     ///
     /// # Errors
-    /// [`RlError::OffCentre`] if the image cannot be centred in a square.
-    pub(crate) fn canvas(&self, image: [usize; 3]) -> Result<[usize; 3], RlError> {
+    /// [`RlError::ImageCannotBeCentred`] if the image cannot be centred in a square.
+    pub(crate) fn canvas_shape(&self, image: [usize; 3]) -> Result<[usize; 3], RlError> {
         // these do not end in one pixel, so images need not be square
         if matches!(self, Self::Keypoints { .. } | Self::Blind) {
             return Ok(image);
         }
         let [height, width, channels] = image;
         if !(height + width).is_multiple_of(2) {
-            return Err(RlError::OffCentre { height, width });
+            return Err(RlError::ImageCannotBeCentred { height, width });
         }
         let side = height.max(width);
         Ok([side, side, channels])
     }
 
     /// Builds the layers from a canvas `[height, width, channels]` to the top fields; `None` for
-    /// [`Encoder::Blind`] and if there are no images.
+    /// [`EncoderSettings::Blind`] and if there are no images.
     pub(crate) fn layers<T: Scalar>(
         &self,
         group: Group,
@@ -131,7 +131,7 @@ impl Encoder {
         let stack = || Stack {
             group,
             layers: Vec::new(),
-            shape: Shape::image(height, width, group.trivial(channels)),
+            shape: Shape::image(height, width, group.trivial_type(channels)),
         };
         let layers = match self {
             Self::Strided { fields } => stack().strided(fields, top_fields)?,
@@ -143,7 +143,7 @@ impl Encoder {
     }
 
     /// Returns the gain of the last layer's weights: sqrt(2) before a ReLU, otherwise 1.
-    pub(crate) fn last_gain(&self) -> f64 {
+    pub(crate) fn last_layer_gain(&self) -> f64 {
         match self {
             Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
             Self::Keypoints { .. } | Self::Blind => 1.0,
@@ -152,7 +152,7 @@ impl Encoder {
 }
 
 /// Returns the number of regular fields of a group that have as many channels as `fields` of D2.
-pub(crate) fn copies(group: Group, fields: usize) -> usize {
+pub(crate) fn num_group_fields(group: Group, fields: usize) -> usize {
     fields * (Group::D2.order() / group.order())
 }
 
@@ -175,7 +175,7 @@ impl<T: Scalar> Stack<T> {
     fn strided(mut self, fields: &[usize], top_fields: usize) -> Result<Layers<T>, RlError> {
         self.check_multiple("strided", fields.len())?;
         self.halve(fields)?;
-        self.rectified(top_fields, Kernel::new(self.shape.height, 1, 0))?;
+        self.rectified(top_fields, SlidingWindow::new(self.shape.height, 1, 0))?;
         Ok(self.layers)
     }
 
@@ -210,7 +210,7 @@ impl<T: Scalar> Stack<T> {
         self.halve(fields)?;
         self.conv(maps, SAME)?;
         self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
-        let top = self.regular(top_fields);
+        let top = self.regular_field_type(top_fields);
         self.add(Linear::new(self.shape.fields, top)?);
         Ok(self.layers)
     }
@@ -235,32 +235,32 @@ impl<T: Scalar> Stack<T> {
             return Ok(());
         }
         let Shape { height, width, .. } = self.shape;
-        Err(RlError::ImageSize { height, width, encoder, halvings, expected })
+        Err(RlError::UnsupportedImageSize { height, width, encoder, halvings, expected })
     }
 
-    fn regular(&self, fields: usize) -> FieldType {
-        self.group.regular(copies(self.group, fields))
+    fn regular_field_type(&self, fields: usize) -> FieldType {
+        self.group.regular_type(num_group_fields(self.group, fields))
     }
 
     fn halve(&mut self, fields: &[usize]) -> Result<(), RlError> {
         fields.iter().try_for_each(|&fields| self.rectified(fields, HALVING))
     }
 
-    fn rectified(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
+    fn rectified(&mut self, fields: usize, kernel: SlidingWindow) -> Result<(), RlError> {
         self.conv(fields, kernel)?;
         self.add(Relu::new(self.shape)?);
         Ok(())
     }
 
-    fn conv(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
+    fn conv(&mut self, fields: usize, kernel: SlidingWindow) -> Result<(), RlError> {
         let size = [self.shape.height, self.shape.width];
-        let to = self.regular(fields);
+        let to = self.regular_field_type(fields);
         self.add(R2Conv::new(self.shape.fields, to, kernel, size)?);
         Ok(())
     }
 
     fn pool(&mut self) -> Result<(), RlError> {
-        self.add(MaxPool::new(self.shape, POOLING)?);
+        self.add(MaxPool::new(self.shape, POOL_WINDOW)?);
         Ok(())
     }
 

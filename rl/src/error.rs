@@ -9,7 +9,7 @@ use symmetry::Irrep;
 use thiserror::Error;
 
 /// Error of an environment; `?` converts any `Send` and `Sync` error.
-pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
+pub type BoxedEnvError = Box<dyn std::error::Error + Send + Sync + 'static>;
 
 /// Number of bytes in a GiB.
 const GIB: f64 = (1_u64 << 30) as f64;
@@ -28,7 +28,7 @@ pub enum RlError {
         "got a policy with a network of its own, expected a clone of the one that the device was \
          prepared for; make a new DevicePolicy"
     )]
-    OtherNetwork,
+    NetworkMismatch,
     /// A request for a [`SymmetryLoss`](crate::SymmetryLoss) on a GPU, where it is not available.
     #[cfg(feature = "wgpu")]
     #[error(
@@ -41,7 +41,7 @@ pub enum RlError {
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \
          takes the same EnvSpec"
     )]
-    Shape {
+    ShapeMismatch {
         /// Name of the array whose length is wrong.
         what: &'static str,
         /// Expected shape of the array, in words.
@@ -65,10 +65,10 @@ pub enum RlError {
         "the network would have neither images nor vectors as input; describe one of them in \
          EnvSpec, and use an encoder other than `blind` if there are images only"
     )]
-    NothingObserved,
+    NoObservationInput,
     /// A setting outside its range.
     #[error("{name} = {value}: expected {expected}; change it in the settings")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting that is out of range.
         name: &'static str,
         /// Rejected value of the setting.
@@ -91,7 +91,7 @@ pub enum RlError {
          for fewer or smaller ones",
         bytes / GIB
     )]
-    Memory {
+    NotEnoughMemory {
         /// Description of the arrays that would not fit in memory.
         what: &'static str,
         /// Size of the arrays in bytes.
@@ -121,7 +121,7 @@ pub enum RlError {
         "images of {height} x {width} pixels do not fit the {encoder} encoder with {halvings} \
          halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
     )]
-    ImageSize {
+    UnsupportedImageSize {
         /// Height of the images in pixels.
         height: usize,
         /// Width of the images in pixels.
@@ -138,7 +138,7 @@ pub enum RlError {
         "images of {height} x {width} pixels: expected a square, or height and width that differ \
          by an even number; crop or resize them"
     )]
-    OffCentre {
+    ImageCannotBeCentred {
         /// Height of the images in pixels.
         height: usize,
         /// Width of the images in pixels.
@@ -169,7 +169,7 @@ pub enum RlError {
         "the saved state holds: {got}; expected: {expected}; restore it to the algorithm and the \
          network that it was saved from"
     )]
-    State {
+    StateMismatch {
         /// Names and lengths of the arrays in the saved state.
         got: String,
         /// Names and lengths of the arrays that the algorithm expects.
@@ -180,7 +180,7 @@ pub enum RlError {
         "the saved `{name}` holds {value}, expected {expected}; the file is damaged, restore an \
          older one"
     )]
-    Damaged {
+    InvalidStateNumber {
         /// Name of the array or counter that holds the invalid number.
         name: String,
         /// Invalid number found in the saved state.
@@ -196,7 +196,7 @@ pub enum RlError {
         "got {got} parameters, expected {expected}; build the policy with the settings and the \
          spec that the parameters were saved with"
     )]
-    Parameters {
+    ParameterCountMismatch {
         /// Number of parameters in the given vector.
         got: usize,
         /// Number of parameters of the network.
@@ -208,7 +208,7 @@ pub enum RlError {
          would jump there at the first step; lower min_log_std or start with a larger \
          NetworkSettings::log_std"
     )]
-    BelowFloor {
+    LogStdBelowMinimum {
         /// Logarithm of the policy's first standard deviation that is too small.
         log_std: f32,
         /// Smallest logarithm of a standard deviation that the PPO settings allow.
@@ -219,16 +219,16 @@ pub enum RlError {
         "environment {env} has success_at_end without success in the same step; set `success` \
          wherever the condition held at any time within the step, its end included"
     )]
-    SuccessAtEnd {
+    ContradictorySuccess {
         /// Index of the environment with the contradictory success flags, in 0..N.
         env: usize,
     },
     /// A step pushed to a replay buffer that does not continue the episode.
     #[error(
         "the observation of environment {env} differs from the one that its last step led to; \
-         call `Replay::cut` after a reset"
+         call `ReplayBuffer::cut_episodes` after a reset"
     )]
-    Discontinued {
+    EpisodeNotContinued {
         /// Index of the environment whose step does not continue its episode, in 0..N.
         env: usize,
     },
@@ -237,7 +237,7 @@ pub enum RlError {
         "the last {channels} channels of the image of environment {env} differ from those at \
          the beginning of its episode; lower ReplaySettings::still_channels"
     )]
-    NotStill {
+    StillChannelChanged {
         /// Index of the environment whose still channels changed, in 0..N.
         env: usize,
         /// Number of channels declared as still.
@@ -249,7 +249,7 @@ pub enum RlError {
          {irrep} does, but is {deviation:.1} standard errors away; correct the irreps, or check \
          environments whose first states are distributed symmetrically"
     )]
-    Asymmetric {
+    SymmetryViolated {
         /// Name of the quantity that contradicts its irrep.
         what: String,
         /// Irrep of the quantity, as declared.
@@ -266,7 +266,7 @@ pub enum RlError {
         /// Name of the quantity that is infinite or NaN.
         what: &'static str,
         /// Environment, component and step of the infinite or NaN number.
-        place: Place,
+        place: ValueLocation,
         /// Infinite or NaN value.
         value: f64,
     },
@@ -275,11 +275,11 @@ pub enum RlError {
         "{what} is {value:e}{place}, expected a number of order 1, at most {limit:e} in \
          magnitude; divide it by its unit in the environment"
     )]
-    TooLarge {
+    ObservationTooLarge {
         /// Name of the observed quantity that is too large.
         what: &'static str,
         /// Environment, component and step of the number that is too large.
-        place: Place,
+        place: ValueLocation,
         /// Value of the component that is too large.
         value: f32,
         /// Largest magnitude accepted in an observation.
@@ -287,12 +287,12 @@ pub enum RlError {
     },
     /// A failure of the environment.
     #[error("the environment failed: {0}")]
-    Environment(#[source] BoxError),
+    Environment(#[source] BoxedEnvError),
 }
 
 /// Environment, component and step of a number, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Place {
+pub struct ValueLocation {
     /// Index of the environment that the number belongs to, in 0..N.
     pub env: Option<usize>,
     /// Index of the number in its observation vector or action.
@@ -301,7 +301,7 @@ pub struct Place {
     pub step: Option<usize>,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for ValueLocation {
     /// Formats the known parts as ` (environment 1, step 3)`; nothing if none is known.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [("environment", self.env), ("component", self.component), ("step", self.step)];
@@ -317,8 +317,8 @@ impl fmt::Display for Place {
 impl RlError {
     /// Adds the `step` of an environment's episode to an error that names the environment but no
     /// step.
-    pub(crate) fn at_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
-        if let Self::NotFinite { place, .. } | Self::TooLarge { place, .. } = &mut self {
+    pub(crate) fn with_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
+        if let Self::NotFinite { place, .. } | Self::ObservationTooLarge { place, .. } = &mut self {
             place.step = place.step.or_else(|| place.env.and_then(step));
         }
         self
@@ -338,16 +338,24 @@ pub(crate) fn check_len(
     got: usize,
     expected: usize,
 ) -> Result<(), RlError> {
-    if got == expected { Ok(()) } else { Err(RlError::Shape { what, shape, got, expected }) }
+    if got == expected {
+        Ok(())
+    } else {
+        Err(RlError::ShapeMismatch { what, shape, got, expected })
+    }
 }
 
 /// Rejects infinities and NaN.
 pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
-    check_finite_at(what, value, Place::default())
+    check_finite_at(what, value, ValueLocation::default())
 }
 
 /// Rejects infinities and NaN, and reports the place.
-pub(crate) fn check_finite_at(what: &'static str, value: f64, place: Place) -> Result<(), RlError> {
+pub(crate) fn check_finite_at(
+    what: &'static str,
+    value: f64,
+    place: ValueLocation,
+) -> Result<(), RlError> {
     if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, place, value }) }
 }
 
@@ -365,14 +373,15 @@ pub(crate) fn check_rows_finite(
 ) -> Result<(), RlError> {
     let wrong = values.iter().position(|value| !value.is_finite());
     wrong.map_or(Ok(()), |index| {
-        let place = Place { env: Some(index / width), component: Some(index % width), step: None };
+        let place =
+            ValueLocation { env: Some(index / width), component: Some(index % width), step: None };
         check_finite_at(what, f64::from(values[index]), place)
     })
 }
 
 /// Rejects parameters of another network.
 pub(crate) fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
-    if got == expected { Ok(()) } else { Err(RlError::Parameters { got, expected }) }
+    if got == expected { Ok(()) } else { Err(RlError::ParameterCountMismatch { got, expected }) }
 }
 
 /// Panics if the length of a slice is not `expected`; for lengths that only a bug in the calling
@@ -383,7 +392,7 @@ pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
 
 /// Range of log_std settings. Much below -10, actions in f32 are too coarse for their own density;
 /// above 2, noise is more than seven times an action's unit.
-const LOG_STD: RangeInclusive<f32> = -10.0..=2.0;
+const LOG_STD_RANGE: RangeInclusive<f32> = -10.0..=2.0;
 
 /// Rejects a setting that is not `allowed`.
 pub(crate) fn require(
@@ -395,7 +404,7 @@ pub(crate) fn require(
     if allowed {
         return Ok(());
     }
-    Err(RlError::Setting { name, value: f64::from(value), expected })
+    Err(RlError::InvalidSetting { name, value: f64::from(value), expected })
 }
 
 /// Maximum width of a layer in a setting; a field type has at most 2^24 channels.
@@ -417,7 +426,7 @@ pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), 
         return Ok(());
     }
     let bytes = sizes.iter().map(|&size| size as f64).product();
-    Err(RlError::Memory { what, bytes })
+    Err(RlError::NotEnoughMemory { what, bytes })
 }
 
 /// Rejects a setting that is not a finite number above 0.
@@ -448,7 +457,7 @@ pub(crate) fn require_count(
     require(name, count as f32, expected, count >= least)
 }
 
-/// Rejects a log_std setting outside [`LOG_STD`].
+/// Rejects a log_std setting outside [`LOG_STD_RANGE`].
 pub(crate) fn require_log_std(name: &'static str, value: f32) -> Result<(), RlError> {
-    require(name, value, "a number in [-10, 2]", LOG_STD.contains(&value))
+    require(name, value, "a number in [-10, 2]", LOG_STD_RANGE.contains(&value))
 }

@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 
-use equivariant::{Dense, Kernel, LayerKind, Sequential, Signature, hadamard};
+use equivariant::{
+    LayerKind, LayerSignature, OrdinaryConv, Sequential, SlidingWindow, hadamard_transform,
+};
 use symmetry::Group;
 
-use crate::encoder::{Encoder, POOLING};
+use crate::encoder::{EncoderSettings, POOL_WINDOW};
 use crate::env::{EnvSpec, Observations};
 use crate::error::RlError;
 use crate::trunk::Trunk;
@@ -24,12 +26,12 @@ pub enum ExportedLayer {
         /// Bias of the convolution, `[C_out]`.
         bias: Vec<f32>,
         /// Size, stride and padding of the convolution's window, in pixels.
-        window: Kernel,
+        window: SlidingWindow,
     },
     /// Pointwise max(x, 0).
     Relu,
     /// Max-pooling with this window.
-    MaxPool(Kernel),
+    MaxPool(SlidingWindow),
 }
 
 /// Action distribution that the actor's last layer parametrises.
@@ -99,13 +101,13 @@ pub trait ExportPolicy {
     /// compared.
     ///
     /// # Errors
-    /// [`RlError::Shape`] for observations of other environments.
-    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
+    /// [`RlError::ShapeMismatch`] for observations of other environments.
+    fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
 }
 
 /// Kind of an end of a chain of layers.
 #[derive(Clone, Copy)]
-pub(crate) enum Basis<'a> {
+pub(crate) enum ChannelBasis<'a> {
     /// Channels of the regular basis, element-major.
     Regular,
     /// Components in natural order; holds the natural index of every irrep-major component.
@@ -118,7 +120,7 @@ pub(crate) enum Basis<'a> {
 pub(crate) struct ExportedTrunk {
     pub image: Option<Vec<ExportedLayer>>,
     pub vector: Option<Vec<ExportedLayer>>,
-    pub joined: Basis<'static>,
+    pub joined: ChannelBasis<'static>,
 }
 
 /// Exports a trunk.
@@ -128,8 +130,10 @@ pub(crate) struct ExportedTrunk {
 pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
     let (group, parts, spec) = (trunk.settings.group, trunk.parts(), &trunk.spec);
     let refused = match trunk.settings.encoder {
-        Encoder::Keypoints { .. } => Some("an encoder of keypoints"),
-        Encoder::Strided { .. } | Encoder::Pooled { .. } if spec.image[0] != spec.image[1] => {
+        EncoderSettings::Keypoints { .. } => Some("an encoder of keypoints"),
+        EncoderSettings::Strided { .. } | EncoderSettings::Pooled { .. }
+            if spec.image_shape[0] != spec.image_shape[1] =>
+        {
             Some("an encoder of images that are not square")
         }
         _ => None,
@@ -138,18 +142,18 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk,
     if let (Some(part), Some(_)) = (refused, parts.encoder) {
         return Err(RlError::NotExportable { part });
     }
-    let channels: Vec<usize> = (0..spec.image[2]).collect();
+    let channels: Vec<usize> = (0..spec.image_shape[2]).collect();
     let export = |layers: Option<&Sequential<f32>>, own, order| {
-        let bases = [Basis::Natural(order), Basis::Regular];
+        let bases = [ChannelBasis::Natural(order), ChannelBasis::Regular];
         layers.map(|layers| chain(group, layers, &params[own], bases)).transpose()
     };
     let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
     let joined = [parts.encoder, parts.vector].map(|layers| layers.map_or(0, fields));
-    let vector = trunk.encoder().end..trunk.num_params();
+    let vector = trunk.encoder_params().end..trunk.num_params();
     Ok(ExportedTrunk {
-        image: export(parts.encoder, trunk.encoder(), &channels)?,
+        image: export(parts.encoder, trunk.encoder_params(), &channels)?,
         vector: export(parts.vector, vector, parts.vector_order)?,
-        joined: Basis::Joined(joined),
+        joined: ChannelBasis::Joined(joined),
     })
 }
 
@@ -161,7 +165,7 @@ pub(crate) fn chain(
     group: Group,
     layers: &Sequential<f32>,
     params: &[f32],
-    [input, output]: [Basis<'_>; 2],
+    [input, output]: [ChannelBasis<'_>; 2],
 ) -> Result<Vec<ExportedLayer>, RlError> {
     let all = layers.layers();
     let mut start = 0;
@@ -170,11 +174,11 @@ pub(crate) fn chain(
         let own: Range<usize> = start..start + layer.num_params();
         start = own.end;
         let bases = [
-            if index == 0 { input } else { Basis::Regular },
-            if index + 1 == all.len() { output } else { Basis::Regular },
+            if index == 0 { input } else { ChannelBasis::Regular },
+            if index + 1 == all.len() { output } else { ChannelBasis::Regular },
         ];
         let kind = layer.kind();
-        exported.push(match kind.dense() {
+        exported.push(match kind.ordinary_conv() {
             Some(dense) => linear(group, &dense, &params[own], bases),
             None => weightless(&kind)?,
         });
@@ -186,7 +190,7 @@ pub(crate) fn chain(
 fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     match kind {
         LayerKind::Relu => Ok(ExportedLayer::Relu),
-        LayerKind::MaxPool(POOLING) => Ok(ExportedLayer::MaxPool(POOLING)),
+        LayerKind::MaxPool(POOL_WINDOW) => Ok(ExportedLayer::MaxPool(POOL_WINDOW)),
         _ => {
             let part = "a layer without weights that is neither ReLU nor 2 x 2 max-pooling";
             Err(RlError::NotExportable { part })
@@ -195,7 +199,12 @@ fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
 }
 
 /// Exports a convolution or linear layer, with a kernel between the `bases` of input and output.
-fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]) -> ExportedLayer {
+fn linear(
+    group: Group,
+    dense: &OrdinaryConv<'_>,
+    params: &[f32],
+    bases: [ChannelBasis<'_>; 2],
+) -> ExportedLayer {
     let shape = dense.kernel_shape();
     let [outputs, inputs, size, _] = shape;
     let taps = size * size;
@@ -212,19 +221,19 @@ fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]
 }
 
 /// Transforms the first axis of `[channels, inner]` values from the irrep basis to `basis`.
-fn change(group: Group, basis: Basis<'_>, inner: usize, values: &mut [f32]) {
+fn change(group: Group, basis: ChannelBasis<'_>, inner: usize, values: &mut [f32]) {
     // the Hadamard transform maps irreps to the regular basis of a field
     let irreps = match basis {
-        Basis::Natural(_) => values.to_vec(),
-        Basis::Regular | Basis::Joined(_) => {
-            hadamard(group, values);
+        ChannelBasis::Natural(_) => values.to_vec(),
+        ChannelBasis::Regular | ChannelBasis::Joined(_) => {
+            hadamard_transform(group, values);
             values.to_vec()
         }
     };
     let order = match basis {
-        Basis::Regular => return,
-        Basis::Natural(order) => order.to_vec(),
-        Basis::Joined(fields) => joined_order(group.order(), fields),
+        ChannelBasis::Regular => return,
+        ChannelBasis::Natural(order) => order.to_vec(),
+        ChannelBasis::Joined(fields) => joined_order(group.order(), fields),
     };
     for (from, to) in irreps.chunks_exact(inner).zip(order) {
         values[to * inner..][..inner].copy_from_slice(from);
@@ -255,12 +264,12 @@ mod tests {
     fn layers_without_weights_are_told_apart() {
         let shape = Shape { height: 4, width: 4, fields: FieldType::new(Group::D2, [2; 4]) };
         let plain = |layer: &dyn Layer<f32>| weightless(&layer.kind()).ok();
-        let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
+        let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOL_WINDOW));
         assert_eq!(plain(&relu), Some(ExportedLayer::Relu));
-        assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOLING)));
-        let halving = AveragePool::new(shape, POOLING).unwrap();
+        assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOL_WINDOW)));
+        let halving = AveragePool::new(shape, POOL_WINDOW).unwrap();
         assert_eq!(plain(&halving), None);
-        let wide = Kernel { size: 4, ..POOLING };
+        let wide = SlidingWindow { size: 4, ..POOL_WINDOW };
         assert_eq!(plain(&MaxPool::new(shape, wide).unwrap()), None);
     }
 }

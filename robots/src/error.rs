@@ -20,19 +20,19 @@ pub enum DescriptionError {
     },
     /// A file that is too long.
     #[error("the URDF has more than {limit} bytes; give one robot, without meshes inside")]
-    TooLong {
+    FileTooLong {
         /// Maximum number of bytes.
         limit: usize,
     },
     /// XML elements that are nested too deep.
     #[error("elements of the URDF are nested more than {limit} deep; URDF itself needs 5 levels")]
-    TooDeep {
+    XmlTooDeep {
         /// Maximum number of levels.
         limit: usize,
     },
     /// A file that is not XML, or not a URDF.
     #[error("the URDF cannot be parsed: {message}")]
-    Syntax {
+    InvalidSyntax {
         /// Message of the parser.
         message: String,
     },
@@ -48,7 +48,7 @@ pub enum DescriptionError {
     },
     /// No links, or too many links or shapes.
     #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
-    Count {
+    CountOutOfRange {
         /// Robot, or one of its links.
         place: String,
         /// `link` or `collision shape`.
@@ -62,7 +62,7 @@ pub enum DescriptionError {
     },
     /// A name that cannot be used.
     #[error("the {kind} name {name:?} cannot be used: {reason}")]
-    Name {
+    InvalidName {
         /// `link`, `joint` or `robot`.
         kind: &'static str,
         /// Rejected name, cut to 200 characters.
@@ -79,12 +79,12 @@ pub enum DescriptionError {
         name: String,
     },
     /// A link that does not exist.
-    #[error("there is no link `{link}`, which {asked} names; known: {}", .known.join(", "))]
+    #[error("there is no link `{link}`, which {requested_by} names; known: {}", .known.join(", "))]
     UnknownLink {
         /// Requested name.
         link: String,
         /// Origin of the request, for instance a joint.
-        asked: String,
+        requested_by: String,
         /// Names of all links.
         known: Vec<String>,
     },
@@ -116,7 +116,7 @@ pub enum DescriptionError {
         "the joint `{joint}` is {kind}, which is not supported; use revolute, continuous, \
          prismatic or fixed"
     )]
-    JointKind {
+    UnsupportedJointKind {
         /// Name of the joint.
         joint: String,
         /// Kind of the joint in URDF.
@@ -124,7 +124,7 @@ pub enum DescriptionError {
     },
     /// A number out of range.
     #[error("{place}: {what} is {value}, expected {expected}")]
-    Number {
+    NumberOutOfRange {
         /// Link or joint that has the number.
         place: String,
         /// Name of the quantity.
@@ -139,7 +139,7 @@ pub enum DescriptionError {
         "the joint `{joint}` may move from {lower} to {upper}; give `<limit>` a lower limit below \
          the upper one, or make the joint continuous"
     )]
-    Limits {
+    InvalidLimits {
         /// Name of the joint.
         joint: String,
         /// Lower limit.
@@ -161,7 +161,7 @@ pub enum DescriptionError {
          izz {}, ixy {}, ixz {}, iyz {} kg m^2)",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
-    Inertia {
+    InvalidInertia {
         /// Name of the link.
         link: String,
         /// Components ixx, iyy, izz, ixy, ixz, iyz (kg m^2) along the axes of the inertial frame.
@@ -171,7 +171,7 @@ pub enum DescriptionError {
     },
     /// A `<mimic>` of a joint that cannot be followed.
     #[error("the joint `{joint}` cannot follow `{followed}`: {reason}")]
-    Mimic {
+    InvalidMimic {
         /// Name of the joint.
         joint: String,
         /// Name of the joint in `<mimic>`.
@@ -183,8 +183,8 @@ pub enum DescriptionError {
     #[error(
         "the joint `{joint}` follows `{followed}`, which moves from {} to {}{}, to positions from \
          {} to {}, outside its own range, {} to {}: correct `<limit>` or `<mimic>` of `{joint}`{}",
-        .ranges.followed[0], .ranges.followed[1], kept_by(.other), .ranges.led[0], .ranges.led[1],
-        .ranges.own[0], .ranges.own[1], or_of(.other)
+        .ranges.followed[0], .ranges.followed[1], kept_by(.other), .ranges.required[0],
+        .ranges.required[1], .ranges.own[0], .ranges.own[1], or_of(.other)
     )]
     FollowerRange {
         /// Name of the joint.
@@ -198,7 +198,7 @@ pub enum DescriptionError {
     },
     /// A collision mesh that cannot be used.
     #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
-    Mesh {
+    InvalidMesh {
         /// Name of the link.
         link: String,
         /// File of the mesh, as in the URDF.
@@ -208,7 +208,7 @@ pub enum DescriptionError {
     },
     /// A file outside of the URDF's folder.
     #[error("the link `{link}` names the file `{file}`, which lies outside of the URDF's folder")]
-    FileOutside {
+    MeshOutsideFolder {
         /// Name of the link.
         link: String,
         /// File, as in the URDF.
@@ -219,7 +219,7 @@ pub enum DescriptionError {
         "the link `{link}` hangs on {limit} others in a row, and MuJoCo 2.2.2 reads at most \
          {limit} links in a row: merge links that are fixed to each other"
     )]
-    LongRow {
+    TooManyLinksInRow {
         /// Name of the first link that is too far from the root.
         link: String,
         /// Maximum number of links in a row, including the root.
@@ -227,7 +227,7 @@ pub enum DescriptionError {
     },
     /// A chain that cannot be controlled.
     #[error("the chain to the link `{tip}` cannot be controlled: {reason}")]
-    Chain {
+    InvalidChain {
         /// Name of the link at the end of the chain.
         tip: String,
         /// Reason for the rejection.
@@ -250,7 +250,7 @@ pub enum ControlError {
     },
     /// A setting out of range.
     #[error("{name} is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting.
         name: &'static str,
         /// Value of the setting.
@@ -263,7 +263,7 @@ pub enum ControlError {
         "the joint `{joint}` is at {position}, outside of its range {} to {}",
         .range[0], .range[1]
     )]
-    Posture {
+    JointOutOfRange {
         /// Name of the joint.
         joint: String,
         /// Position of the joint (metres or radians).
@@ -275,7 +275,7 @@ pub enum ControlError {
     #[error("the arm cannot follow to {miss}")]
     CannotFollow {
         /// Target, and the pose that was reached.
-        miss: Miss,
+        miss: TipMiss,
     },
     /// A target beyond the length of the arm.
     #[error(
@@ -300,7 +300,7 @@ pub enum ControlError {
     )]
     NoSolution {
         /// Target, and the nearest pose that was reached.
-        miss: Miss,
+        miss: TipMiss,
         /// Number of searches.
         searches: usize,
     },
@@ -326,7 +326,7 @@ pub struct FollowerRanges {
     /// Range of the followed joint.
     pub followed: [f64; 2],
     /// Lowest and highest position to which the followed joint leads the follower.
-    pub led: [f64; 2],
+    pub required: [f64; 2],
     /// Range of the follower.
     pub own: [f64; 2],
 }
@@ -343,7 +343,7 @@ fn or_of(other: &Option<String>) -> String {
 
 /// Tip that is not at its target.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Miss {
+pub struct TipMiss {
     /// Target position of the tip (metres, world).
     pub target: DVec3,
     /// Position of the tip that was reached (metres, world).
@@ -357,7 +357,7 @@ pub struct Miss {
     pub joint: Option<String>,
 }
 
-impl fmt::Display for Miss {
+impl fmt::Display for TipMiss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { target, reached, distance, angle, joint } = self;
         write!(f, "{target}: it comes to {reached}, {distance} m and {angle} rad away")?;
@@ -381,7 +381,7 @@ pub(crate) fn require_finite(
     Err(ControlError::NotFinite { what, value })
 }
 
-/// Returns [`DescriptionError::Number`] unless `holds`.
+/// Returns [`DescriptionError::NumberOutOfRange`] unless `holds`.
 pub(crate) fn require(
     holds: bool,
     place: impl Fn() -> String,
@@ -392,20 +392,20 @@ pub(crate) fn require(
     if holds {
         return Ok(());
     }
-    Err(DescriptionError::Number { place: place(), what, value, expected })
+    Err(DescriptionError::NumberOutOfRange { place: place(), what, value, expected })
 }
 
 /// Largest number in a robot's file, in any unit: larger ones are taken for mistakes.
-pub(crate) const LARGEST: f64 = 1e6;
+pub(crate) const MAX_NUMBER: f64 = 1e6;
 
-/// Rejects numbers that are not finite or exceed [`LARGEST`].
-pub(crate) fn finite(
+/// Rejects numbers that are not finite or exceed [`MAX_NUMBER`].
+pub(crate) fn check_numbers(
     place: impl Fn() -> String,
     what: &'static str,
     values: &[f64],
 ) -> Result<(), DescriptionError> {
     // a comparison that is false for NaN, too
-    let sound = |value: &f64| value.abs() <= LARGEST;
+    let sound = |value: &f64| value.abs() <= MAX_NUMBER;
     let invalid = values.iter().find(|value| !sound(value));
     let value = invalid.copied().unwrap_or(0.0);
     let expected = "finite numbers up to 1e6";

@@ -7,14 +7,14 @@ use glam::{DQuat, DVec3};
 
 use crate::chain::{Chain, ChainJoint};
 use crate::description::check_length;
-use crate::error::{ControlError, Miss, require_finite};
+use crate::error::{ControlError, TipMiss, require_finite};
 use crate::pose::Pose;
 use crate::twist::Twist;
 
 /// Solver for joint velocities, with buffers that are reused from solve to solve.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DampedLeastSquares {
-    orientation: Orientation,
+    orientation: OrientationConstraint,
     /// Columns of the Jacobian.
     columns: Vec<Twist>,
     /// `true` for joints whose velocity is fixed at a bound.
@@ -23,7 +23,7 @@ pub(crate) struct DampedLeastSquares {
 }
 
 impl DampedLeastSquares {
-    pub(crate) fn new(joints: usize, orientation: Orientation) -> Self {
+    pub(crate) fn new(joints: usize, orientation: OrientationConstraint) -> Self {
         Self {
             orientation,
             columns: vec![Twist::ZERO; joints],
@@ -33,7 +33,7 @@ impl DampedLeastSquares {
     }
 
     /// Returns the last solution, one velocity for each joint.
-    pub(crate) fn velocities(&self) -> &[f64] {
+    pub(crate) fn joint_velocities(&self) -> &[f64] {
         &self.velocities
     }
 
@@ -118,7 +118,7 @@ fn add_square(system: &mut [[f64; 6]; 6], column: Twist) {
 
 /// Part of a target's orientation that the tip must have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Orientation {
+pub enum OrientationConstraint {
     /// All of it.
     #[default]
     Full,
@@ -128,15 +128,17 @@ pub enum Orientation {
     Free,
 }
 
-impl Orientation {
+impl OrientationConstraint {
     /// Rejects an axis without a direction.
     pub(crate) fn check(&self) -> Result<(), ControlError> {
         match self {
-            Self::Axis(axis) if axis.try_normalize().is_none() => Err(ControlError::Setting {
-                name: "orientation",
-                value: format!("the axis {axis}"),
-                expected: "a finite axis that is not zero",
-            }),
+            Self::Axis(axis) if axis.try_normalize().is_none() => {
+                Err(ControlError::InvalidSetting {
+                    name: "orientation",
+                    value: format!("the axis {axis}"),
+                    expected: "a finite axis that is not zero",
+                })
+            }
             _ => Ok(()),
         }
     }
@@ -166,14 +168,14 @@ impl Orientation {
     }
 }
 
-/// Settings of [`Chain::solve_with`].
+/// Settings of [`Chain::solve_ik_with`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IkSettings {
     /// Part of the target's orientation that a solution must have.
-    pub orientation: Orientation,
+    pub orientation: OrientationConstraint,
     /// Maximum number of searches, at least 1: one from the seed, and the others from
     /// configurations that are spread over the ranges of the joints, the same ones in every call.
-    pub searches: usize,
+    pub max_searches: usize,
     /// Time after which no further search begins. Results depend on the clock only where this limit
     /// ends the searches.
     pub time_limit: Duration,
@@ -181,14 +183,18 @@ pub struct IkSettings {
 
 impl Default for IkSettings {
     fn default() -> Self {
-        Self { orientation: Orientation::Full, searches: 50, time_limit: Duration::from_millis(50) }
+        Self {
+            orientation: OrientationConstraint::Full,
+            max_searches: 50,
+            time_limit: Duration::from_millis(50),
+        }
     }
 }
 
 impl IkSettings {
     fn check(&self) -> Result<(), ControlError> {
-        if self.searches == 0 {
-            return Err(ControlError::Setting {
+        if self.max_searches == 0 {
+            return Err(ControlError::InvalidSetting {
                 name: "searches",
                 value: "0".to_owned(),
                 expected: "at least 1 search",
@@ -202,7 +208,7 @@ impl IkSettings {
 const ITERATIONS: usize = 500;
 /// Maximum number of iterations of a search from elsewhere.
 const RESTART_ITERATIONS: usize = 60;
-/// Largest error of the tip (metres, radians) that [`Chain::solve`] accepts.
+/// Largest error of the tip (metres, radians) that [`Chain::solve_ik`] accepts.
 const PRECISION: f64 = 1e-10;
 /// Largest motion of a joint in one iteration (metres, radians).
 const MAX_STEP: f64 = 0.3;
@@ -210,7 +216,7 @@ const MAX_STEP: f64 = 0.3;
 const SEED_PULL: f64 = 0.1;
 /// Number of iterations with [`SEED_PULL`]; the later ones minimise the error of the tip alone.
 const PULLED_ITERATIONS: usize = 100;
-/// Damping of [`Chain::solve`] at the target; half of the squared error is added to its square
+/// Damping of [`Chain::solve_ik`] at the target; half of the squared error is added to its square
 /// (Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method").
 const LEAST_DAMPING: f64 = 1e-3;
 
@@ -218,25 +224,25 @@ impl Chain {
     /// Solves the inverse kinematics for all of a pose, with the default settings.
     ///
     /// # Errors
-    /// Those of [`Chain::solve_with`].
+    /// Those of [`Chain::solve_ik_with`].
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
-    pub fn solve(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
-        self.solve_with(target, seed, &IkSettings::default())
+    pub fn solve_ik(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
+        self.solve_ik_with(target, seed, &IkSettings::default())
     }
 
     /// Solves the inverse kinematics: a configuration `[len]` within all ranges that brings the tip
     /// to `target`. The first search starts at `seed` and prefers solutions near it.
     ///
     /// # Errors
-    /// [`ControlError::NotFinite`], [`ControlError::Posture`] for a seed out of range,
-    /// [`ControlError::Setting`]; [`ControlError::OutOfReach`] for a target beyond the length of
-    /// the arm, and [`ControlError::NoSolution`] where no search succeeds.
+    /// [`ControlError::NotFinite`], [`ControlError::JointOutOfRange`] for a seed out of range,
+    /// [`ControlError::InvalidSetting`]; [`ControlError::OutOfReach`] for a target beyond the
+    /// length of the arm, and [`ControlError::NoSolution`] where no search succeeds.
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
-    pub fn solve_with(
+    pub fn solve_ik_with(
         &self,
         target: &Pose,
         seed: &[f64],
@@ -244,7 +250,7 @@ impl Chain {
     ) -> Result<Vec<f64>, ControlError> {
         let started = Instant::now();
         check_length("seed", seed.len(), self.joints().len());
-        check_posture(self, seed)?;
+        check_joint_ranges(self, seed)?;
         settings.check()?;
         let finite = target.position.is_finite() && target.rotation.is_finite();
         require_finite(finite, "the target", format_args!("{target:?}"))?;
@@ -257,7 +263,7 @@ impl Chain {
         let mut nearest = search.run(seed.to_vec(), ITERATIONS, PULLED_ITERATIONS);
         let mut searches = 1;
         while nearest.0 >= PRECISION
-            && searches < settings.searches
+            && searches < settings.max_searches
             && started.elapsed() < settings.time_limit
         {
             let found = search.run(spread(self, seed, searches), RESTART_ITERATIONS, 0);
@@ -270,7 +276,7 @@ impl Chain {
         if error < PRECISION {
             return Ok(configuration);
         }
-        let miss = miss(self, settings.orientation, &configuration, target);
+        let miss = tip_miss(self, settings.orientation, &configuration, target);
         Err(ControlError::NoSolution { miss, searches })
     }
 }
@@ -296,30 +302,35 @@ impl Search<'_> {
         let start = configuration.clone();
         let mut iteration = 0;
         loop {
-            let error = self.solver.orientation.error(&self.chain.tip(&configuration), self.target);
+            let error =
+                self.solver.orientation.error(&self.chain.tip_pose(&configuration), self.target);
             let size = error.linear.length().max(error.angular.length());
             if size < PRECISION || iteration == iterations {
                 return (size, configuration);
             }
             let damping = (0.5 * error.dot(&error) + LEAST_DAMPING * LEAST_DAMPING).sqrt();
             let bounds = |joint: usize| {
-                let [low, high] = room(&joints[joint], configuration[joint]);
+                let [low, high] = range_margins(&joints[joint], configuration[joint]);
                 [low.max(-MAX_STEP), high.min(MAX_STEP)]
             };
             let pull = if iteration < pulled { SEED_PULL } else { 0.0 };
             let posture = |joint: usize| pull * (start[joint] - configuration[joint]);
             self.solver.solve(self.chain, &configuration, error, damping, posture, bounds);
-            step(joints, &mut configuration, self.solver.velocities(), 1.0);
+            step_joints(joints, &mut configuration, self.solver.joint_velocities(), 1.0);
             iteration += 1;
         }
     }
 }
 
 /// Rejects a target that is farther from the base of the chain than the links are long.
-fn check_reach(chain: &Chain, target: &Pose, orientation: Orientation) -> Result<(), ControlError> {
-    let (base, to_last) = chain.reach();
+fn check_reach(
+    chain: &Chain,
+    target: &Pose,
+    orientation: OrientationConstraint,
+) -> Result<(), ControlError> {
+    let (base, to_last) = chain.reach_bound();
     let tip = chain.tip_in_last_joint();
-    let (part, point, reach) = if orientation == Orientation::Full {
+    let (part, point, reach) = if orientation == OrientationConstraint::Full {
         let turn = target.rotation * tip.rotation.conjugate();
         ("last joint", target.position - turn * tip.position, to_last)
     } else {
@@ -356,13 +367,13 @@ fn spread(chain: &Chain, seed: &[f64], number: usize) -> Vec<f64> {
 
 /// Returns the distances (metres, radians) from `position` to the ends of a joint's range; infinite
 /// for a joint without limits.
-pub(crate) fn room(joint: &ChainJoint, position: f64) -> [f64; 2] {
+pub(crate) fn range_margins(joint: &ChainJoint, position: f64) -> [f64; 2] {
     let [low, high] = joint.motion.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
     [low - position, high - position]
 }
 
 /// Moves joints by `seconds` of their velocities, clamped to their ranges.
-pub(crate) fn step(
+pub(crate) fn step_joints(
     joints: &[ChainJoint],
     configuration: &mut [f64],
     velocities: &[f64],
@@ -376,32 +387,32 @@ pub(crate) fn step(
 }
 
 /// Rejects a configuration with a joint outside of its range.
-pub(crate) fn check_posture(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
+pub(crate) fn check_joint_ranges(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
     for (joint, &position) in chain.joints().iter().zip(configuration) {
         let range = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
         if !(range[0]..=range[1]).contains(&position) {
             let joint = joint.name.clone();
-            return Err(ControlError::Posture { joint, position, range });
+            return Err(ControlError::JointOutOfRange { joint, position, range });
         }
     }
     Ok(())
 }
 
 /// Returns how far the tip is from `target`, with a joint at the end of its range.
-pub(crate) fn miss(
+pub(crate) fn tip_miss(
     chain: &Chain,
-    orientation: Orientation,
+    orientation: OrientationConstraint,
     configuration: &[f64],
     target: &Pose,
-) -> Miss {
-    let tip = chain.tip(configuration);
+) -> TipMiss {
+    let tip = chain.tip_pose(configuration);
     let error = orientation.error(&tip, target);
     let mut joints = chain.joints().iter().zip(configuration);
     let stuck = joints.find(|&(joint, &position)| {
-        let [low, high] = room(joint, position);
+        let [low, high] = range_margins(joint, position);
         (-low).min(high) < LIMIT_TOLERANCE
     });
-    Miss {
+    TipMiss {
         target: target.position,
         reached: tip.position,
         distance: error.linear.length(),
@@ -457,10 +468,10 @@ mod tests {
         let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
         let wanted =
             Twist { linear: DVec3::new(0.1, -0.2, 0.05), angular: DVec3::new(0.0, 0.1, -0.1) };
-        let mut solver = DampedLeastSquares::new(7, Orientation::Full);
+        let mut solver = DampedLeastSquares::new(7, OrientationConstraint::Full);
         let mut solve = |bounds: &dyn Fn(usize) -> [f64; 2]| {
             solver.solve(&chain, &configuration, wanted, 1e-6, |_| 0.0, bounds);
-            solver.velocities().to_vec()
+            solver.joint_velocities().to_vec()
         };
         let free = solve(&|_| [f64::NEG_INFINITY, f64::INFINITY]);
         let mut columns = [Twist::ZERO; 7];

@@ -21,13 +21,16 @@ mod watchdog;
 pub use capsule::{Capsule, PlacedShape, Shape};
 pub use chain::{Chain, ChainJoint};
 pub use control::{CartesianControl, ControlSettings};
-pub use description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind, Restriction};
-pub use error::{ControlError, DescriptionError, FollowerRanges, Miss};
-pub use ik::{IkSettings, Orientation};
+pub use description::{
+    Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RangeRestriction,
+    RobotDescription,
+};
+pub use error::{ControlError, DescriptionError, FollowerRanges, TipMiss};
+pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
-pub use mjcf::{Addition, Mjcf, MjcfSettings, Servo};
+pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo};
 pub use pose::Pose;
 pub use robot::{Command, Robot, RobotState};
 pub use twist::{Twist, TwistLimits};
-pub use urdf::{MAX_BYTES, MAX_DEPTH, MAX_LINKS};
+pub use urdf::{MAX_LINKS, MAX_URDF_BYTES, MAX_XML_DEPTH};
 pub use watchdog::Watchdog;

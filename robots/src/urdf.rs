@@ -16,30 +16,30 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use crate::description::Description;
+use crate::description::RobotDescription;
 use crate::error::DescriptionError;
-use crate::error::finite;
+use crate::error::check_numbers;
 use crate::pose::Pose;
 
 pub use names::MAX_LINKS;
-pub use xml::{MAX_BYTES, MAX_DEPTH};
+pub use xml::{MAX_URDF_BYTES, MAX_XML_DEPTH};
 
-impl Description {
+impl RobotDescription {
     /// Reads a URDF file, and the collision meshes in its folder.
     ///
     /// A mesh (STL or OBJ) becomes a capsule that encloses its points. `package://NAME/PATH` is
     /// looked up as `PATH` in the URDF's folder.
     ///
     /// # Errors
-    /// [`DescriptionError::Read`], and errors of [`Description::from_urdf`].
-    pub fn read(path: &Path) -> Result<Self, DescriptionError> {
+    /// [`DescriptionError::Read`], and errors of [`RobotDescription::from_urdf`].
+    pub fn from_urdf_file(path: &Path) -> Result<Self, DescriptionError> {
         // the folder of a plain name is the empty path, which is no folder
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
         Self::parse(&text(path)?, Some(folder.unwrap_or(Path::new("."))))
     }
 
     /// Parses a URDF without collision meshes. Its root is at the world's origin;
-    /// [`Description::placed`] moves it.
+    /// [`RobotDescription::with_base_pose`] moves it.
     ///
     /// Reads `<inertial>` and `<collision>` (boxes, cylinders, spheres, capsules) of links, and
     /// everything but `<safety_controller>` and `<calibration>` of joints. Everything else is
@@ -55,19 +55,19 @@ impl Description {
     fn parse(text: &str, folder: Option<&Path>) -> Result<Self, DescriptionError> {
         let elements = xml::elements(text)?;
         let file = urdf_rs::read_from_string(&elements)
-            .map_err(|error| DescriptionError::Syntax { message: error.to_string() })?;
+            .map_err(|error| DescriptionError::InvalidSyntax { message: error.to_string() })?;
         names::check(&file)?;
         let tree = tree::Tree::new(&file)?;
         let link = |&index: &usize| links::link(&file.links[index], folder);
         let links = tree.links.iter().map(link);
-        let (mut joints, dofs) = joints::joints(&file, &tree)?;
+        let (mut joints, num_dofs) = joints::joints(&file, &tree)?;
         let restrictions = mimic::restrict(&mut joints)?;
         let description = Self {
             links: links.collect::<Result<_, _>>()?,
             joints,
-            dofs,
+            num_dofs,
             restrictions,
-            base: Pose::IDENTITY,
+            base_pose: Pose::IDENTITY,
             name: file.name,
         };
         inertia::check_moving(&description)?;
@@ -75,11 +75,11 @@ impl Description {
     }
 }
 
-/// Reads a file, up to one byte more than [`MAX_BYTES`], which shows that it is too long.
+/// Reads a file, up to one byte more than [`MAX_URDF_BYTES`], which shows that it is too long.
 fn text(path: &Path) -> Result<String, DescriptionError> {
     let read = || -> io::Result<String> {
         let mut text = String::new();
-        let limit = MAX_BYTES as u64 + 1;
+        let limit = MAX_URDF_BYTES as u64 + 1;
         File::open(path)?.take(limit).read_to_string(&mut text)?;
         Ok(text)
     };
@@ -88,7 +88,7 @@ fn text(path: &Path) -> Result<String, DescriptionError> {
 
 /// Converts an `<origin>`, which must hold finite numbers.
 fn origin(place: impl Fn() -> String, origin: &urdf_rs::Pose) -> Result<Pose, DescriptionError> {
-    finite(&place, "the origin's xyz", &*origin.xyz)?;
-    finite(&place, "the origin's rpy", &*origin.rpy)?;
+    check_numbers(&place, "the origin's xyz", &*origin.xyz)?;
+    check_numbers(&place, "the origin's rpy", &*origin.rpy)?;
     Ok(Pose::from_xyz_rpy(*origin.xyz, *origin.rpy))
 }

@@ -8,8 +8,8 @@ use glam::{DQuat, DVec3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    CartesianControl, Chain, ControlError, ControlSettings, Description, IkSettings, Orientation,
-    Pose, Twist, gen3,
+    CartesianControl, Chain, ControlError, ControlSettings, IkSettings, OrientationConstraint,
+    Pose, RobotDescription, Twist, gen3,
 };
 
 use crate::control::random;
@@ -65,7 +65,7 @@ fn arm(joints: Joints) -> Chain {
         <child link="tip"/><origin xyz="0.02 0 0.06" rpy="0.1 0.2 0"/></joint></robot>"#
     )
     .unwrap();
-    Chain::new(&Description::from_urdf(&urdf).unwrap(), "tip").unwrap()
+    Chain::new(&RobotDescription::from_urdf(&urdf).unwrap(), "tip").unwrap()
 }
 
 fn kinova() -> Chain {
@@ -79,23 +79,23 @@ fn middle(chain: &Chain) -> Vec<f64> {
 }
 
 /// Settings whose results do not depend on the clock.
-fn settings(orientation: Orientation) -> IkSettings {
+fn settings(orientation: OrientationConstraint) -> IkSettings {
     let time_limit = Duration::from_secs(3600);
     IkSettings { orientation, time_limit, ..IkSettings::default() }
 }
 
 /// Checks that `joints` bring the tip to `target` and keep to the ranges.
 #[track_caller]
-fn check(chain: &Chain, orientation: Orientation, target: &Pose, joints: &[f64]) {
-    let tip = chain.tip(joints);
+fn check(chain: &Chain, orientation: OrientationConstraint, target: &Pose, joints: &[f64]) {
+    let tip = chain.tip_pose(joints);
     assert!(tip.position.distance(target.position) < 1e-9);
     let [_, turn] = tip.displacement_to(target);
     let off = match orientation {
-        Orientation::Full => turn.length(),
-        Orientation::Axis(axis) => {
+        OrientationConstraint::Full => turn.length(),
+        OrientationConstraint::Axis(axis) => {
             (tip.rotation * axis.normalize()).distance(target.rotation * axis.normalize())
         }
-        Orientation::Free => 0.0,
+        OrientationConstraint::Free => 0.0,
     };
     assert!(off < 1e-7, "{off}");
     for (joint, position) in chain.joints().iter().zip(joints) {
@@ -108,12 +108,13 @@ fn check(chain: &Chain, orientation: Orientation, target: &Pose, joints: &[f64])
 #[test]
 fn reachable_targets_are_found_from_the_middle_of_the_ranges() {
     const TARGETS: usize = 100;
-    let (full, axis) = (Orientation::Full, Orientation::Axis(DVec3::new(0.0, 0.5, 2.0)));
+    let (full, axis) =
+        (OrientationConstraint::Full, OrientationConstraint::Axis(DVec3::new(0.0, 0.5, 2.0)));
     for (name, chain, orientation) in [
         ("Gen3", kinova(), full),
         ("five joints", arm(FIVE), full),
         ("five joints, free axis", arm(FIVE), axis),
-        ("five joints, position", arm(FIVE), Orientation::Free),
+        ("five joints, position", arm(FIVE), OrientationConstraint::Free),
         ("six joints", arm(SIX), full),
         ("seven joints", arm(SEVEN), full),
     ] {
@@ -121,9 +122,9 @@ fn reachable_targets_are_found_from_the_middle_of_the_ranges() {
         let (seed, settings) = (middle(&chain), settings(orientation));
         let (mut found, mut times) = (0, Vec::new());
         for _ in 0..TARGETS {
-            let target = chain.tip(&random(&chain, &mut generator));
+            let target = chain.tip_pose(&random(&chain, &mut generator));
             let started = Instant::now();
-            let solved = chain.solve_with(&target, &seed, &settings);
+            let solved = chain.solve_ik_with(&target, &seed, &settings);
             times.push(started.elapsed());
             match solved {
                 Ok(joints) => {
@@ -145,9 +146,13 @@ fn reachable_targets_are_found_from_the_middle_of_the_ranges() {
 fn targets_without_a_solution_are_told_from_those_out_of_reach() {
     for chain in [kinova(), arm(FIVE), arm(SIX), arm(SEVEN)] {
         let seed = middle(&chain);
-        let target = Pose { position: DVec3::new(1.5, 0.2, 0.3), ..chain.tip(&seed) };
-        for orientation in [Orientation::Full, Orientation::Free, Orientation::Axis(DVec3::X)] {
-            let error = chain.solve_with(&target, &seed, &settings(orientation)).unwrap_err();
+        let target = Pose { position: DVec3::new(1.5, 0.2, 0.3), ..chain.tip_pose(&seed) };
+        for orientation in [
+            OrientationConstraint::Full,
+            OrientationConstraint::Free,
+            OrientationConstraint::Axis(DVec3::X),
+        ] {
+            let error = chain.solve_ik_with(&target, &seed, &settings(orientation)).unwrap_err();
             let ControlError::OutOfReach { distance, reach, .. } = &error else {
                 panic!("{error}");
             };
@@ -157,9 +162,10 @@ fn targets_without_a_solution_are_told_from_those_out_of_reach() {
     }
     // the last axis of five is always in the plane of the upper arm
     let (chain, seed) = (arm(FIVE), [0.0, 0.3, 0.3, 0.3, 0.0]);
-    let tip = chain.tip(&seed);
+    let tip = chain.tip_pose(&seed);
     let across = Pose { rotation: DQuat::from_rotation_z(1.5) * tip.rotation, ..tip };
-    let error = chain.solve_with(&across, &seed, &settings(Orientation::Full)).unwrap_err();
+    let error =
+        chain.solve_ik_with(&across, &seed, &settings(OrientationConstraint::Full)).unwrap_err();
     let ControlError::NoSolution { miss, searches: 50 } = &error else {
         panic!("{error}");
     };
@@ -170,21 +176,22 @@ fn targets_without_a_solution_are_told_from_those_out_of_reach() {
 fn searches_are_the_same_in_every_call_and_end_with_the_settings() {
     let (chain, target) = (arm(SIX), Pose { position: DVec3::ZERO, ..Pose::IDENTITY });
     let seed = middle(&chain);
-    let solve = |settings: IkSettings| chain.solve_with(&target, &seed, &settings).unwrap_err();
-    let none = solve(IkSettings { searches: 0, ..IkSettings::default() });
+    let solve = |settings: IkSettings| chain.solve_ik_with(&target, &seed, &settings).unwrap_err();
+    let none = solve(IkSettings { max_searches: 0, ..IkSettings::default() });
     assert!(none.to_string().contains("at least 1 search"), "{none}");
-    for (time_limit, searches, made) in [(0, 50, 1), (3600, 1, 1), (3600, 7, 7)] {
+    for (time_limit, max_searches, made) in [(0, 50, 1), (3600, 1, 1), (3600, 7, 7)] {
         let time_limit = Duration::from_secs(time_limit);
-        let error = solve(IkSettings { searches, time_limit, ..IkSettings::default() });
+        let error = solve(IkSettings { max_searches, time_limit, ..IkSettings::default() });
         assert!(error.to_string().contains(&format!("best of {made} searches")), "{error}");
     }
-    let hard = chain.tip(&[2.0, 3.0, -2.5, 1.0, -4.0, 5.0]);
-    let settings = settings(Orientation::Full);
-    let [one, other] = [(); 2].map(|()| chain.solve_with(&hard, &seed, &settings).unwrap());
+    let hard = chain.tip_pose(&[2.0, 3.0, -2.5, 1.0, -4.0, 5.0]);
+    let settings = settings(OrientationConstraint::Full);
+    let [one, other] = [(); 2].map(|()| chain.solve_ik_with(&hard, &seed, &settings).unwrap());
     assert_eq!(one, other);
     for axis in [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY] {
-        let error = solve(IkSettings { orientation: Orientation::Axis(axis), ..settings });
-        assert!(matches!(error, ControlError::Setting { .. }), "{error}");
+        let error =
+            solve(IkSettings { orientation: OrientationConstraint::Axis(axis), ..settings });
+        assert!(matches!(error, ControlError::InvalidSetting { .. }), "{error}");
     }
 }
 
@@ -192,16 +199,16 @@ fn searches_are_the_same_in_every_call_and_end_with_the_settings() {
 #[test]
 fn five_joints_follow_twists_with_a_free_axis() {
     let posture = [0.0, 0.2, 0.6, -0.3, 0.1];
-    let in_tip = |axis: DVec3| arm(FIVE).tip(&posture).rotation.conjugate() * axis;
+    let in_tip = |axis: DVec3| arm(FIVE).tip_pose(&posture).rotation.conjugate() * axis;
     for (orientation, follows) in [
-        (Orientation::Full, false),
-        (Orientation::Axis(in_tip(DVec3::Y)), false),
-        (Orientation::Axis(in_tip(DVec3::Z)), true),
-        (Orientation::Free, true),
+        (OrientationConstraint::Full, false),
+        (OrientationConstraint::Axis(in_tip(DVec3::Y)), false),
+        (OrientationConstraint::Axis(in_tip(DVec3::Z)), true),
+        (OrientationConstraint::Free, true),
     ] {
         let settings = ControlSettings { orientation, ..ControlSettings::default() };
         let mut control = CartesianControl::new(arm(FIVE), &posture, settings).unwrap();
-        let start = control.tip();
+        let start = control.tip_pose();
         let twist = Twist { linear: 0.05 * DVec3::Y, angular: DVec3::ZERO };
         let followed = (0..80).try_for_each(|_| {
             control.command(twist)?;
@@ -210,7 +217,7 @@ fn five_joints_follow_twists_with_a_free_axis() {
         println!("{orientation:?}: {followed:?}");
         assert_eq!(followed.is_ok(), follows, "{orientation:?}");
         if follows {
-            let way = control.tip().position - start.position;
+            let way = control.tip_pose().position - start.position;
             assert!(way.y > 0.08 && way.x.abs().max(way.z.abs()) < 5e-3, "{way}");
         }
     }

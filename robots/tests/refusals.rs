@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use robots::{Description, DescriptionError, MAX_BYTES, Shape};
+use robots::{DescriptionError, MAX_URDF_BYTES, RobotDescription, Shape};
 
 use crate::SIX_JOINT;
 
@@ -11,7 +11,7 @@ use crate::SIX_JOINT;
 fn refusal(old: &str, new: &str) -> String {
     assert!(SIX_JOINT.contains(old), "{old}");
     let changed = SIX_JOINT.replacen(old, new, 1);
-    let message = Description::from_urdf(&changed).unwrap_err().to_string();
+    let message = RobotDescription::from_urdf(&changed).unwrap_err().to_string();
     println!("{message}");
     message
 }
@@ -48,11 +48,11 @@ fn trees_that_are_none_are_refused() {
         <link name="tip"/>    | <link name="tip"/><link name="spare"/> | world, spare; one root
         "#,
     );
-    let alone = Description::from_urdf("<robot name=\"none\"></robot>").unwrap_err();
-    assert!(matches!(alone, DescriptionError::Count { count: 0, .. }), "{alone}");
+    let alone = RobotDescription::from_urdf("<robot name=\"none\"></robot>").unwrap_err();
+    assert!(matches!(alone, DescriptionError::CountOutOfRange { count: 0, .. }), "{alone}");
     let links: String = (0..=robots::MAX_LINKS).map(|i| format!("<link name=\"{i}\"/>")).collect();
-    let many = Description::from_urdf(&format!("<robot name=\"many\">{links}</robot>"));
-    assert!(matches!(many, Err(DescriptionError::Count { count: 1001, .. })));
+    let many = RobotDescription::from_urdf(&format!("<robot name=\"many\">{links}</robot>"));
+    assert!(matches!(many, Err(DescriptionError::CountOutOfRange { count: 1001, .. })));
 }
 
 #[test]
@@ -70,11 +70,11 @@ fn names_must_be_unique_and_usable() {
         &["200 bytes"],
     );
     let taken = SIX_JOINT.replace("\"world\"", "\"ground\"").replace("\"column\"", "\"world\"");
-    let message = Description::from_urdf(&taken).unwrap_err().to_string();
+    let message = RobotDescription::from_urdf(&taken).unwrap_err().to_string();
     assert!(message.contains("simulated world"), "{message}");
     // a frame without shapes that hangs on another link
     let inside = SIX_JOINT.replace("\"world\"", "\"ground\"").replace("\"tip\"", "\"world\"");
-    let inside_message = Description::from_urdf(&inside).unwrap_err().to_string();
+    let inside_message = RobotDescription::from_urdf(&inside).unwrap_err().to_string();
     assert!(inside_message.contains("simulated world"), "{inside_message}");
 }
 
@@ -123,7 +123,7 @@ fn endless_joints_that_hardly_move_their_followers_stay_endless() {
         let mimic = format!("<mimic joint=\"turn\" multiplier=\"{multiplier}\"");
         let urdf = SIX_JOINT.replacen("<mimic joint=\"swing\" multiplier=\"-0.5\"", &mimic, 1);
         assert_ne!(urdf, SIX_JOINT);
-        let arm = Description::from_urdf(&urdf).unwrap();
+        let arm = RobotDescription::from_urdf(&urdf).unwrap();
         let turn = arm.free_joints().find(|(joint, _)| joint.name == "turn");
         assert_eq!(turn.unwrap().1.range, None);
         assert!(arm.restrictions().is_empty());
@@ -147,7 +147,7 @@ fn followers_must_be_able_to_stay_within_their_ranges() {
             1,
         )
         .replacen("lower=\"-4\" upper=\"4\"", "lower=\"0.1\" upper=\"4\"", 1);
-    let message = Description::from_urdf(&two).unwrap_err().to_string();
+    let message = RobotDescription::from_urdf(&two).unwrap_err().to_string();
     println!("{message}");
     for words in [
         "`balance` follows `swing`, which moves from 0.4 to ",
@@ -158,12 +158,12 @@ fn followers_must_be_able_to_stay_within_their_ranges() {
         assert!(message.contains(words), "{words}: {message}");
     }
     let endless = SIX_JOINT.replacen("<mimic joint=\"swing\"", "<mimic joint=\"turn\"", 1);
-    let arm = Description::from_urdf(&endless).unwrap();
+    let arm = RobotDescription::from_urdf(&endless).unwrap();
     let turn = arm.free_joints().find(|(joint, _)| joint.name == "turn");
     let [low, high] = turn.unwrap().1.range.unwrap();
     assert!((low + 7.6).abs() < 1e-12 && (high - 8.4).abs() < 1e-12, "{low} {high}");
     let still = SIX_JOINT.replacen("multiplier=\"-0.5\"", "multiplier=\"0\"", 1);
-    assert!(Description::from_urdf(&still).unwrap().restrictions().is_empty());
+    assert!(RobotDescription::from_urdf(&still).unwrap().restrictions().is_empty());
 }
 
 #[test]
@@ -206,15 +206,20 @@ fn shapes_must_be_primitive_and_have_a_size() {
 fn what_is_no_urdf_is_refused() {
     for text in ["", "no", "<robot", "<model/>", "<robot name=\"a\"><link/></robot>", "\0\u{feff}"]
     {
-        let error = Description::from_urdf(text).unwrap_err();
-        let known =
-            matches!(error, DescriptionError::Syntax { .. } | DescriptionError::Count { .. });
+        let error = RobotDescription::from_urdf(text).unwrap_err();
+        let known = matches!(
+            error,
+            DescriptionError::InvalidSyntax { .. } | DescriptionError::CountOutOfRange { .. }
+        );
         assert!(known, "{text:?}: {error}");
     }
     let deep = format!("<robot>{}{}</robot>", "<a>".repeat(100_000), "</a>".repeat(100_000));
-    assert!(matches!(Description::from_urdf(&deep), Err(DescriptionError::TooDeep { .. })));
-    let long = format!("{SIX_JOINT}{}", " ".repeat(MAX_BYTES));
-    assert!(matches!(Description::from_urdf(&long), Err(DescriptionError::TooLong { .. })));
+    assert!(matches!(RobotDescription::from_urdf(&deep), Err(DescriptionError::XmlTooDeep { .. })));
+    let long = format!("{SIX_JOINT}{}", " ".repeat(MAX_URDF_BYTES));
+    assert!(matches!(
+        RobotDescription::from_urdf(&long),
+        Err(DescriptionError::FileTooLong { .. })
+    ));
 }
 
 /// Tags that a careless parser takes for comments and instructions, 50 000 deep.
@@ -228,9 +233,11 @@ fn depth_hides_behind_no_comment_and_no_instruction() {
         format!("<robot>{open}<!-->{close}--></robot>"),
         format!("<robot><a\">{open}<a\">{close}</robot>"),
     ] {
-        let error = Description::from_urdf(&text).unwrap_err();
-        let known =
-            matches!(error, DescriptionError::Syntax { .. } | DescriptionError::TooDeep { .. });
+        let error = RobotDescription::from_urdf(&text).unwrap_err();
+        let known = matches!(
+            error,
+            DescriptionError::InvalidSyntax { .. } | DescriptionError::XmlTooDeep { .. }
+        );
         assert!(known, "{error}");
     }
 }
@@ -248,7 +255,7 @@ fn xml_that_no_urdf_needs_is_refused_or_skipped() {
         ("<robot>\n<a b=\"<\"/></robot>", "at 2:7"),
         ("<robot><xacro:arm/></robot>", "the prefix `xacro` is xacro"),
     ] {
-        let message = Description::from_urdf(text).unwrap_err().to_string();
+        let message = RobotDescription::from_urdf(text).unwrap_err().to_string();
         println!("{message}");
         assert!(message.contains(word), "{word:?} is not in: {message}");
     }
@@ -261,11 +268,12 @@ fn namespaces_and_attributes_are_few() {
         let many = "<a/>".repeat(elements);
         format!("<robot{spaces}><link name='l'/><material name='m'>{many}</material></robot>")
     };
-    Description::from_urdf(&urdf(32, 10)).unwrap();
-    let message = Description::from_urdf(&urdf(1000, 10_000)).unwrap_err().to_string();
+    RobotDescription::from_urdf(&urdf(32, 10)).unwrap();
+    let message = RobotDescription::from_urdf(&urdf(1000, 10_000)).unwrap_err().to_string();
     assert!(message.contains("32 namespaces"), "{message}");
     let attributes: String = (0..1001).map(|i| format!(" a{i}='{i}'")).collect();
-    let attribute_message = Description::from_urdf(&format!("<robot{attributes}/>")).unwrap_err();
+    let attribute_message =
+        RobotDescription::from_urdf(&format!("<robot{attributes}/>")).unwrap_err();
     assert!(attribute_message.to_string().contains("1000 attributes"), "{attribute_message}");
 }
 
@@ -279,19 +287,19 @@ fn a_file_holds_one_robot_and_nothing_else() {
         SIX_JOINT.replacen("<robot", "so <robot", 1),
         format!("{SIX_JOINT}</robot>"),
     ] {
-        let message = Description::from_urdf(&text).unwrap_err().to_string();
+        let message = RobotDescription::from_urdf(&text).unwrap_err().to_string();
         assert!(message.contains("`<robot>`"), "{message}");
     }
     let framed = format!("\u{feff}{SIX_JOINT}\n<!-- the end -->\n");
-    Description::from_urdf(&framed).unwrap();
+    RobotDescription::from_urdf(&framed).unwrap();
 }
 
 /// A robot that is read from a template lacks all that xacro would have added.
 #[test]
 fn templates_that_were_not_expanded_are_refused() {
     let declared = SIX_JOINT.replacen("<robot ", "<robot xmlns:xacro=\"http://ros.org/xacro\" ", 1);
-    let arm = Description::from_urdf(&declared).unwrap();
-    assert_eq!(arm, Description::from_urdf(SIX_JOINT).unwrap());
+    let arm = RobotDescription::from_urdf(&declared).unwrap();
+    assert_eq!(arm, RobotDescription::from_urdf(SIX_JOINT).unwrap());
     // old text of the file, new text, and the text that the message quotes
     let cases = r#"
         </robot>           | <xacro:hand parent="tip"/>\n</robot>                             | `<xacro:hand>`
@@ -316,7 +324,7 @@ fn templates_that_were_not_expanded_are_refused() {
         let new = new.replace("\\n", "\n");
         let whole = declared.replacen(old, &new, 1);
         assert_ne!(whole, declared, "{old}");
-        let message = Description::from_urdf(&whole).unwrap_err().to_string();
+        let message = RobotDescription::from_urdf(&whole).unwrap_err().to_string();
         // of the tag, not of the comment before it
         let at = whole.find(&new).unwrap() + new.find("<xacro:hand\n").unwrap_or(0);
         let line = whole[..at].matches('\n').count() + 1;
@@ -329,11 +337,11 @@ fn templates_that_were_not_expanded_are_refused() {
     refused("xyz=\"0 0 2\"", &long, &["`xyz` of `<axis>`, \"${2 * L}\""]);
     // a namespace of another tool, whose address only names xacro
     let other = "<x:note xmlns:x=\"http://example.org/xacro-editor\"/></robot>";
-    Description::from_urdf(&SIX_JOINT.replacen("</robot>", other, 1)).unwrap();
+    RobotDescription::from_urdf(&SIX_JOINT.replacen("</robot>", other, 1)).unwrap();
     // nothing but templates, whose robot would have no links
     let all =
         "<robot name=\"r\" xmlns:xacro=\"http://ros.org/xacro\"><xacro:arm prefix=\"\"/></robot>";
-    let error = Description::from_urdf(all).unwrap_err();
+    let error = RobotDescription::from_urdf(all).unwrap_err();
     assert!(matches!(error, DescriptionError::Xacro { line: 1, .. }), "{error}");
 }
 
@@ -355,20 +363,21 @@ fn vectors_hold_three_numbers_and_nothing_else() {
 fn links_have_a_thousand_shapes_at_most() {
     let sphere = "<collision><geometry><sphere radius=\"1\"/></geometry></collision>";
     let link = |count| format!("<robot><link name=\"l\">{}</link></robot>", sphere.repeat(count));
-    assert!(Description::from_urdf(&link(1000)).is_ok());
-    let message = Description::from_urdf(&link(1001)).unwrap_err().to_string();
+    assert!(RobotDescription::from_urdf(&link(1000)).is_ok());
+    let message = RobotDescription::from_urdf(&link(1001)).unwrap_err().to_string();
     assert_eq!(message, "the link `l` has 1001 collision shapes, expected 0 to 1000");
 }
 
 #[test]
 fn files_that_cannot_be_read_are_named() {
-    let missing = Description::read(Path::new("/none/arm.urdf")).unwrap_err().to_string();
+    let missing =
+        RobotDescription::from_urdf_file(Path::new("/none/arm.urdf")).unwrap_err().to_string();
     assert!(missing.contains("/none/arm.urdf"), "{missing}");
     // it never ends
-    let endless = Description::read(Path::new("/dev/zero")).unwrap_err();
-    assert!(matches!(endless, DescriptionError::TooLong { .. }), "{endless}");
-    let arm = Description::read(Path::new("assets/urdf/six_joint.urdf")).unwrap();
-    assert_eq!((arm.name(), arm.dofs(), arm.links().len()), ("six_joint", 6, 9));
+    let endless = RobotDescription::from_urdf_file(Path::new("/dev/zero")).unwrap_err();
+    assert!(matches!(endless, DescriptionError::FileTooLong { .. }), "{endless}");
+    let arm = RobotDescription::from_urdf_file(Path::new("assets/urdf/six_joint.urdf")).unwrap();
+    assert_eq!((arm.name(), arm.num_dofs(), arm.links().len()), ("six_joint", 6, 9));
 }
 
 /// Temporary folder that is removed when the test ends.
@@ -382,11 +391,11 @@ impl Folder {
     }
 
     /// The six-jointed arm whose carriage collides as the mesh `file`.
-    fn read(&self, file: &str) -> Result<Description, DescriptionError> {
+    fn read(&self, file: &str) -> Result<RobotDescription, DescriptionError> {
         let mesh = format!("<mesh filename=\"{file}\" scale=\"0.001 0.001 0.001\"/>");
         let path = self.0.join("arm.urdf");
         fs::write(&path, SIX_JOINT.replace("<sphere radius=\"0.05\"/>", &mesh)).unwrap();
-        Description::read(&path)
+        RobotDescription::from_urdf_file(&path)
     }
 }
 

@@ -8,7 +8,7 @@ use mujoco::{Data, Model};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{Description, MjcfSettings, Servo};
+use robots::{MjcfSettings, RobotDescription, Servo};
 
 /// Generator of a random tree.
 struct Draw(ChaCha8Rng);
@@ -147,7 +147,7 @@ fn with_servo() -> MjcfSettings {
 }
 
 /// Returns a robot of this many links, each of which moves on the one before it.
-fn long(links: usize) -> Description {
+fn long(links: usize) -> RobotDescription {
     let inertial = "<inertial><mass value=\"1\"/><inertia ixx=\"1\" iyy=\"1\" izz=\"1\" ixy=\"0\" \
                     ixz=\"0\" iyz=\"0\"/></inertial>";
     let link = |index: usize| format!("<link name=\"{index}\">{inertial}</link>");
@@ -160,7 +160,8 @@ fn long(links: usize) -> Description {
     };
     let links_text: String = (0..links).map(link).collect();
     let joints: String = (1..links).map(joint).collect();
-    Description::from_urdf(&format!("<robot name=\"long\">{links_text}{joints}</robot>")).unwrap()
+    RobotDescription::from_urdf(&format!("<robot name=\"long\">{links_text}{joints}</robot>"))
+        .unwrap()
 }
 
 #[test]
@@ -173,10 +174,10 @@ fn rows_that_mujoco_does_not_read_are_refused() {
 }
 
 /// Names of links whose shapes MuJoCo finds in contact while the robot rests.
-fn contacts(arm: &Description, mjcf: &str) -> BTreeSet<[String; 2]> {
+fn contacts(arm: &RobotDescription, mjcf: &str) -> BTreeSet<[String; 2]> {
     let model = Arc::new(Model::from_xml(mjcf).unwrap());
     let mut data = Data::new(Arc::clone(&model));
-    let rest = arm.rest();
+    let rest = arm.rest_positions();
     for joint in arm.joints() {
         if let Some(motion) = joint.motion {
             let address = model.joint_qpos_address(model.joint(&joint.name).unwrap());
@@ -206,7 +207,7 @@ proptest! {
     #[test]
     fn mujoco_takes_the_mjcf_of_every_robot(seed in any::<u64>()) {
         let urdf = Draw::new(seed).robot(12, [1e-6, 1.0]);
-        let arm = Description::from_urdf(&urdf);
+        let arm = RobotDescription::from_urdf(&urdf);
         prop_assert!(arm.is_ok(), "{:?}\n{urdf}", arm.err());
         let mjcf = arm.unwrap().to_mjcf(&with_servo()).unwrap();
         let model = Model::from_xml(&mjcf.text);
@@ -218,15 +219,15 @@ proptest! {
     #[test]
     fn links_that_touch_at_rest_are_excluded_and_named(seed in any::<u64>()) {
         let urdf = Draw::new(seed).robot(6, [0.02, 0.2]);
-        let arm = Description::from_urdf(&urdf).unwrap();
+        let arm = RobotDescription::from_urdf(&urdf).unwrap();
         let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap();
-        let named: BTreeSet<_> = mjcf.excluded.iter().cloned().collect();
+        let named: BTreeSet<_> = mjcf.excluded_pairs.iter().cloned().collect();
         let left = contacts(&arm, &mjcf.text);
         prop_assert!(left.is_empty(), "{left:?}\n{urdf}");
         let escape = |name: &String| {
             name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
         };
-        let colliding = mjcf.excluded.iter().fold(mjcf.text.clone(), |text, pair| {
+        let colliding = mjcf.excluded_pairs.iter().fold(mjcf.text.clone(), |text, pair| {
             let [first, second] = pair.each_ref().map(escape);
             let line = format!("<exclude body1=\"{first}\" body2=\"{second}\"/>\n");
             let without = text.replacen(&line, "", 1);

@@ -83,7 +83,8 @@ impl D2 {
 
     /// Returns a transformed copy of a channels-last image `[height, width, channels]`.
     ///
-    /// Only pixels move; [`FieldType::act`](crate::FieldType::act) changes the signs of channels.
+    /// Only pixels move; [`FieldType::transform_channels`](crate::FieldType::transform_channels)
+    /// changes the signs of channels.
     ///
     /// # Panics
     /// If `image` does not hold height x width x channels values.

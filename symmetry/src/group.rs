@@ -60,7 +60,7 @@ impl Group {
     }
 
     /// Restricts an irrep of D2 to this group.
-    pub const fn restrict(self, irrep: Irrep) -> Irrep {
+    pub const fn restrict_irrep(self, irrep: Irrep) -> Irrep {
         // equal signs on the elements of the subgroup make two irreps one
         match (self, irrep) {
             (Group::C1, _)
@@ -84,12 +84,12 @@ impl Group {
     }
 
     /// Returns `true` if an element of the group maps x to -x.
-    pub fn flips_x(self) -> bool {
+    pub fn has_element_flipping_x(self) -> bool {
         self.elements().iter().any(|g| g.flips_x())
     }
 
     /// Returns `true` if an element of the group maps y to -y.
-    pub fn flips_y(self) -> bool {
+    pub fn has_element_flipping_y(self) -> bool {
         self.elements().iter().any(|g| g.flips_y())
     }
 }
@@ -150,9 +150,9 @@ mod tests {
             let signs = |a: Irrep| group.elements().iter().map(move |&g| a.sign(g));
             for irrep in Irrep::ALL {
                 let first = Irrep::ALL.into_iter().find(|&a| signs(a).eq(signs(irrep)));
-                assert_eq!(Some(group.restrict(irrep)), first, "{group} {irrep}");
+                assert_eq!(Some(group.restrict_irrep(irrep)), first, "{group} {irrep}");
             }
-            let distinct = Irrep::ALL.into_iter().filter(|&a| group.restrict(a) == a);
+            let distinct = Irrep::ALL.into_iter().filter(|&a| group.restrict_irrep(a) == a);
             assert!(distinct.eq(group.irreps().iter().copied()), "{group}");
             assert_eq!(group.irreps().len(), group.order());
         }
@@ -184,7 +184,8 @@ mod tests {
 
     #[test]
     fn flips_are_those_of_some_element() {
-        let flips = Group::ALL.map(|group| [group.flips_x(), group.flips_y()]);
+        let flips = Group::ALL
+            .map(|group| [group.has_element_flipping_x(), group.has_element_flipping_y()]);
         let expected = [[0, 0], [1, 0], [0, 1], [1, 1], [1, 1]];
         assert_eq!(flips, expected.map(|axes| axes.map(|flag| flag == 1)));
     }

@@ -96,12 +96,12 @@ impl FromStr for FieldType {
         };
         // the empty type has no terms, so it needs a notation of its own
         if sum.trim() == "0" {
-            return Ok(group.trivial(0));
+            return Ok(group.trivial_type(0));
         }
-        sum.split('+').try_fold(group.trivial(0), |sum, term| {
+        sum.split('+').try_fold(group.trivial_type(0), |sum, term| {
             let term = term.trim();
             let (count, field) = parse_term(group, term)?;
-            let larger = count.and_then(|count| sum.with_copies(count, field));
+            let larger = count.and_then(|count| sum.plus_copies_of(field, count));
             larger.ok_or_else(|| ParseFieldTypeError::TooManyChannels { term: term.into() })
         })
     }
@@ -128,7 +128,7 @@ fn is_overflow(error: &ParseIntError) -> bool {
 /// Parses the name of an irrep of `group`, or `reg`.
 fn parse_representation(group: Group, name: &str) -> Result<FieldType, ParseFieldTypeError> {
     if name == "reg" {
-        return Ok(group.regular(1));
+        return Ok(group.regular_type(1));
     }
     let mut irreps = group.irreps().iter();
     let irrep = irreps

@@ -36,7 +36,7 @@ pub fn tiny(method: Method) -> Experiment {
     experiment.schedule.groups[1].decisions = 2 * 80;
     experiment.checkpoints.every = 1;
     experiment.envs.num_envs = 4;
-    experiment.evaluation.looks = 0;
+    experiment.evaluation.recognition_repeats = 0;
     // without an arm: quicker
     experiment.envs.embodiment = Embodiment::HAND;
     if method == Method::Paper

@@ -253,11 +253,11 @@ fn record(scratch: &Scratch) -> (PathBuf, Vec<Operation>) {
 
 /// Goes on in what a cut left.
 fn go_on(folder: &Path) -> Run {
-    if RunFolder::open(folder).holds_run() {
+    if RunFolder::from_path(folder).holds_run() {
         return Run::resume(folder, Some(2)).unwrap();
     }
     fs::create_dir_all(folder).unwrap();
-    Run::start(tiny(Method::Covers), RunFolder::open(folder)).unwrap()
+    Run::start(tiny(Method::Covers), RunFolder::from_path(folder)).unwrap()
 }
 
 fn check(folder: &Path, promised: usize, expected: &Bytes, to_the_end: bool) {

@@ -20,7 +20,7 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
     let refusals = [
         Run::resume(folder.path(), None).err(),
         Run::start(tiny(Method::Covers), folder.clone()).err(),
-        Run::start(tiny(Method::Covers), folder.clone().overwriting()).err(),
+        Run::start(tiny(Method::Covers), folder.clone().allow_overwriting()).err(),
     ];
     for error in refusals.map(Option::unwrap) {
         let message = error.to_string();
@@ -77,7 +77,7 @@ fn a_folder_of_a_run_that_ended_serves_the_next_one() {
     let (run, _) = begun(&scratch);
     let folder = run.folder().clone();
     drop(run);
-    let fresh = Run::start(tiny(Method::Covers), folder.overwriting()).unwrap();
+    let fresh = Run::start(tiny(Method::Covers), folder.allow_overwriting()).unwrap();
     assert_same(&finish(fresh), expected());
 }
 
@@ -128,7 +128,7 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
     }
     assert_same(&bytes(folder.path()), expected());
     // without a checkpoint there is nothing to restore from, and nothing starts again
-    fs::remove_dir_all(folder.checkpoints()).unwrap();
+    fs::remove_dir_all(folder.checkpoint_folder()).unwrap();
     let metrics = fs::read(folder.path().join("metrics.csv")).unwrap();
     let message = Run::resume(folder.path(), Some(1)).err().unwrap().to_string();
     assert!(message.contains("its checkpoints were removed"), "{message}");
@@ -142,14 +142,14 @@ fn a_finished_run_is_overwritten_only_when_told() {
     let folder = scratch.run("run");
     let expected = finish(Run::start(experiment.clone(), folder.clone()).unwrap());
     let error = Run::start(experiment.clone(), folder.clone()).err().unwrap();
-    assert!(matches!(error, RunError::Occupied { .. }), "{error}");
+    assert!(matches!(error, RunError::FolderHoldsRun { .. }), "{error}");
     assert!(error.to_string().contains("covers resume"), "{error}");
     // what has ended stays as it is
     let lines = Provenance::read(folder.path()).unwrap().len();
     assert_same(&finish(Run::resume(folder.path(), None).unwrap()), &expected);
     assert_eq!(Provenance::read(folder.path()).unwrap().len(), lines);
     fs::write(folder.path().join("notes.txt"), "mine").unwrap();
-    let folder = folder.overwriting();
+    let folder = folder.allow_overwriting();
     let other = finish(Run::start(experiment.with_seed(9), folder.clone()).unwrap());
     assert!(other[Path::new("metrics.csv")] != expected[Path::new("metrics.csv")]);
     let notes = fs::read_to_string(folder.path().join("notes.txt")).unwrap();
@@ -207,12 +207,12 @@ fn provenance_says_who_worked_on_a_run() {
     let [first, second] = &Provenance::read(&folder).unwrap()[..] else {
         panic!("two processes worked on the run");
     };
-    assert_eq!((first.rollouts, second.rollouts), (0, 2));
+    assert_eq!((first.rollouts_before, second.rollouts_before), (0, 2));
     assert_eq!((first.threads, second.threads), (2, 1));
-    assert_eq!(first.mujoco, "2.2.2");
+    assert_eq!(first.mujoco_version, "2.2.2");
     assert!(first.renderer.contains("OpenGL"), "{}", first.renderer);
-    assert!(!first.command.is_empty() && first.version == env!("CARGO_PKG_VERSION"));
-    assert_eq!(first.commit.is_some(), first.clean.is_some());
+    assert!(!first.command.is_empty() && first.covers_version == env!("CARGO_PKG_VERSION"));
+    assert_eq!(first.commit.is_some(), first.clean_checkout.is_some());
 }
 
 /// Seconds are differences of a clock that never goes back (`Instant`), so a machine's clock that

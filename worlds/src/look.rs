@@ -2,17 +2,17 @@
 
 /// Appearance of an object: two objects with equal values differ only in their position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct Appearance {
     /// Colour of the object: red, green and blue in 0..=255.
     pub colour: [f32; 3],
     /// Outline of each copy of the object.
     pub shape: Shape,
     /// Half of the extent of each copy, in units of half the picture's side.
-    pub size: f32,
+    pub half_size: f32,
     /// Pattern of each copy of the object.
     pub texture: Texture,
     /// Number of copies of the object side by side, 1 to 3.
-    pub number: usize,
+    pub num_copies: usize,
 }
 
 /// Outline of an object, inside the square `[-1, 1]^2`.
@@ -33,7 +33,7 @@ pub enum Shape {
     /// A square on its corner.
     Diamond,
     /// A letter L.
-    Ell,
+    LetterL,
 }
 
 impl Shape {
@@ -46,11 +46,11 @@ impl Shape {
         Self::Ring,
         Self::Cross,
         Self::Diamond,
-        Self::Ell,
+        Self::LetterL,
     ];
 
     /// Returns `true` if the point (u, v) is inside the outline.
-    pub fn holds(self, u: f32, v: f32) -> bool {
+    pub fn contains(self, u: f32, v: f32) -> bool {
         let (squared, inside) = (u * u + v * v, u.abs() <= 1.0 && v.abs() <= 1.0);
         match self {
             Self::Disc => squared <= 1.0,
@@ -60,7 +60,7 @@ impl Shape {
             Self::Ring => (0.36..=1.0).contains(&squared),
             Self::Cross => inside && (u.abs() <= 0.35 || v.abs() <= 0.35),
             Self::Diamond => u.abs() + v.abs() <= 1.0,
-            Self::Ell => inside && (u <= -0.3 || v <= -0.3),
+            Self::LetterL => inside && (u <= -0.3 || v <= -0.3),
         }
     }
 }
@@ -91,12 +91,12 @@ impl Texture {
     }
 }
 
-impl Look {
+impl Appearance {
     /// Returns the centres of the copies, relative to the centre of the first one.
-    pub(crate) fn copies(&self) -> impl Iterator<Item = [f32; 2]> {
+    pub(crate) fn copy_centres(&self) -> impl Iterator<Item = [f32; 2]> {
         // a copy is 2 sizes wide, so a gap of 0.3 sizes remains
-        let apart = 2.3 * self.size;
+        let apart = 2.3 * self.half_size;
         let places = [[0.0, 0.0], [apart, 0.0], [0.0, apart]];
-        places.into_iter().take(self.number)
+        places.into_iter().take(self.num_copies)
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
-use worlds::Kind;
+use worlds::WorldKind;
 
 use crate::trial::ROUNDS;
 use crate::{Answer, Plan};
@@ -49,7 +49,7 @@ pub struct Record {
 
 impl Record {
     /// Creates a record of a world without counts.
-    pub fn new(kind: Kind, seed: u64, plan: &Plan) -> Self {
+    pub fn new(kind: WorldKind, seed: u64, plan: &Plan) -> Self {
         Self {
             version: VERSION,
             kind: kind.name().to_owned(),
@@ -93,7 +93,7 @@ impl Results {
         if let Some(other) = known.iter().find(|record| record.version != VERSION) {
             return Err(rejected(format!("it holds version {}", other.version)).into());
         }
-        let own = Record::new(Kind::Shape, 0, plan);
+        let own = Record::new(WorldKind::Shape, 0, plan);
         known.retain(|record| record.plan() == own.plan());
         let mut writer = csv::WriterBuilder::new();
         let writer = writer.has_headers(is_new).from_writer(file);
@@ -102,7 +102,7 @@ impl Results {
     }
 
     /// Returns the record of a world, if the file had it when it was opened.
-    pub fn known(&self, kind: Kind, seed: u64) -> Option<&Record> {
+    pub fn known(&self, kind: WorldKind, seed: u64) -> Option<&Record> {
         let mut known = self.known.iter();
         known.find(|record| record.kind == kind.name() && record.seed == seed)
     }
@@ -200,12 +200,12 @@ mod tests {
     fn results_are_found_again() {
         let path = scratch("again");
         let results = Results::open(Some(&path), &plan(None)).unwrap();
-        assert_eq!(results.known(Kind::Shape, 7), None);
-        let record = Record::new(Kind::Shape, 7, &plan(None));
+        assert_eq!(results.known(WorldKind::Shape, 7), None);
+        let record = Record::new(WorldKind::Shape, 7, &plan(None));
         results.add(&record).unwrap();
         let again = Results::open(Some(&path), &plan(None)).unwrap();
-        assert_eq!(again.known(Kind::Shape, 7), Some(&record));
-        assert_eq!(again.known(Kind::Shape, 8), None);
+        assert_eq!(again.known(WorldKind::Shape, 7), Some(&record));
+        assert_eq!(again.known(WorldKind::Shape, 8), None);
         again.add(&Record { seed: 8, ..record }).unwrap();
         let found = |visits| Results::open(Some(&path), &plan(visits)).unwrap().known.len();
         assert_eq!([found(None), found(Some(100))], [2, 0]);

@@ -5,19 +5,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use learner::{
-    Collection, CollectionSettings, CommonSettings, Extent, GroupingSettings, Handover, Iteration,
-    Learner, NewPolicy, Training,
+    CheckpointExtent, CommonSettings, GroupingSettings, Handover, Iteration, Learner,
+    NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, AlgorithmState, BoxError, Decisions, EnvSpec, ExportPolicy, ExportedPolicy, Features,
-    MeasureActivity, Observations, OnPolicy, PolicyOutput, RlError, RolloutBuffer, Transition,
-    UnitActivity, Values, VectorEnv,
+    Actor, AlgorithmState, BoxedEnvError, Decisions, EnvSpec, ExportPolicy, ExportedPolicy,
+    FeatureExtractor, MeasureActivity, Observations, OnPolicyActor, PolicyOutput, RlError,
+    RolloutBuffer, Transition, UnitActivity, ValueFunction, VectorEnv,
 };
 use serde::{Deserialize, Serialize};
-use worlds::{Stream, Visit, World};
+use worlds::{TaskStream, Visit, World};
 
 use crate::{Answer, Plan};
 
@@ -82,7 +82,7 @@ struct Shared(Arc<Mutex<Bed>>);
 
 #[derive(Debug)]
 struct Bed {
-    stream: Stream,
+    stream: TaskStream,
     /// First round that was trained on last, and the group of each round.
     learnt: (usize, [Option<usize>; ROUNDS]),
 }
@@ -101,8 +101,8 @@ impl PartialEq for Shared {
 
 impl Bed {
     fn group_at(&self, round: usize) -> usize {
-        let group = self.stream.group_at(round);
-        self.stream.world().representative(group)
+        let group = self.stream.group_in_round(round);
+        self.stream.world().first_equal_group(group)
     }
 }
 
@@ -121,11 +121,11 @@ impl VectorEnv for Environments {
         Some(HORIZON)
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.bed.lock().stream.reset(out)
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         self.bed.lock().stream.step(actions, out)
     }
 }
@@ -134,7 +134,7 @@ impl VectorEnv for Environments {
 pub struct Trial {
     rounds: usize,
     env: Environments,
-    learner: Collection<StandIns>,
+    learner: PolicyCollection<StandIns>,
     outcome: Outcome,
 }
 
@@ -156,14 +156,14 @@ impl Trial {
         }
         visits.truncate(number);
         let rounds = visits.iter().map(|visit| visit.rounds).sum();
-        let distinct = world.distinct();
-        let stream = Stream::new(world, visits, ENVS)?.with_horizon(HORIZON);
+        let distinct = world.num_distinct_groups();
+        let stream = TaskStream::new(world, visits, ENVS)?.with_horizon(HORIZON);
         let spec = stream.spec().clone();
         let bed = Shared(Arc::new(Mutex::new(Bed { stream, learnt: (0, [None; ROUNDS]) })));
         let settings = StandIns { seed, bed: Some(bed.clone()) };
         Ok(Self {
             rounds,
-            learner: Collection::new(settings, &spec)?,
+            learner: PolicyCollection::new(settings, &spec)?,
             env: Environments { spec, bed },
             outcome: Outcome { distinct, ..Outcome::default() },
         })
@@ -180,13 +180,13 @@ impl Trial {
             let is_known = has_returned((since..=turn.last).map(|round| bed.group_at(round)));
             self.outcome.turns.push(Turn { is_known, ..turn });
         }
-        let state = self.learner.encode("trial".as_ref(), Extent::Everything, "")?;
-        let policies = self.learner.policies();
+        let state = self.learner.to_checkpoint_bytes("trial".as_ref(), CheckpointExtent::Everything, "")?;
+        let policies = self.learner.policy_count();
         Ok(Outcome { policies, state: state.len(), ..self.outcome })
     }
 
     fn round(&self) -> usize {
-        self.env.bed.lock().stream.rounds()
+        self.env.bed.lock().stream.num_rounds_ended()
     }
 
     /// Takes one iteration of the learner.
@@ -236,7 +236,7 @@ pub struct StandIn {
 /// Training of a [`StandIn`].
 pub struct Lessons(Option<Shared>);
 
-impl CollectionSettings for StandIns {
+impl PolicyCollectionSettings for StandIns {
     type Training = Lessons;
 
     fn common(&self) -> CommonSettings {
@@ -246,28 +246,28 @@ impl CollectionSettings for StandIns {
             rollout_steps: ENVS * ROUNDS * HORIZON,
             buffer_episodes: Some(100),
             handover: Handover::CollectAgain,
-            new_policy: NewPolicy::Random,
+            new_policy: NewPolicyInit::Random,
             seed: self.seed,
         }
     }
 
-    fn policy(&self, _: &EnvSpec, _: u64) -> Result<StandIn, RlError> {
+    fn new_policy(&self, _: &EnvSpec, _: u64) -> Result<StandIn, RlError> {
         Ok(StandIn { learnt: Vec::new(), bed: self.bed.clone() })
     }
 
-    fn with_params(&self, spec: &EnvSpec, _: Vec<f32>) -> Result<StandIn, RlError> {
-        self.policy(spec, 0)
+    fn policy_with_params(&self, spec: &EnvSpec, _: Vec<f32>) -> Result<StandIn, RlError> {
+        self.new_policy(spec, 0)
     }
 
     fn params(_: &StandIn) -> &[f32] {
         &[]
     }
 
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
         RolloutBuffer::new(spec, steps)
     }
 
-    fn training(&self, _: &EnvSpec, _: &StandIn) -> Result<Lessons, RlError> {
+    fn new_training(&self, _: &EnvSpec, _: &StandIn) -> Result<Lessons, RlError> {
         Ok(Lessons(self.bed.clone()))
     }
 }
@@ -276,7 +276,7 @@ impl Training for Lessons {
     type Policy = StandIn;
     type Rollout = RolloutBuffer;
 
-    fn take_over(_: &mut StandIn, _: &mut RolloutBuffer) -> Result<(), RlError> {
+    fn adapt_rollout(_: &mut StandIn, _: &mut RolloutBuffer) -> Result<(), RlError> {
         Ok(())
     }
 
@@ -290,8 +290,8 @@ impl Training for Lessons {
             return Ok(Vec::new());
         };
         let mut bed = bed.lock();
-        let first = bed.stream.rounds() - ROUNDS;
-        let kept = rollout.steps() / HORIZON;
+        let first = bed.stream.num_rounds_ended() - ROUNDS;
+        let kept = rollout.steps_per_env() / HORIZON;
         let learnt =
             std::array::from_fn(|index| (index < kept).then(|| bed.group_at(first + index)));
         bed.learnt = (first, learnt);
@@ -299,11 +299,11 @@ impl Training for Lessons {
         Ok(Vec::new())
     }
 
-    fn state(&self) -> AlgorithmState<'_> {
+    fn algorithm_state(&self) -> AlgorithmState<'_> {
         AlgorithmState::default()
     }
 
-    fn restore(&mut self, _: &AlgorithmState<'_>) -> Result<(), RlError> {
+    fn restore_algorithm(&mut self, _: &AlgorithmState<'_>) -> Result<(), RlError> {
         Ok(())
     }
 }
@@ -332,7 +332,7 @@ impl StandIn {
             return;
         };
         let (bed, (group, skill)) = (bed.lock(), self.skill().unwrap_or((0, 0.0)));
-        let expert = (0..ENVS).flat_map(|env| bed.stream.expert(env, group));
+        let expert = (0..ENVS).flat_map(|env| bed.stream.expert_action(env, group));
         for ((out, action), noise) in out.iter_mut().zip(expert).zip(noise) {
             *out = skill * (action + EXPLORATION * noise) + (1.0 - skill) * noise;
         }
@@ -342,7 +342,7 @@ impl StandIn {
 impl Actor for StandIn {
     type Memory = ();
 
-    fn memory(&self, _: usize) {}
+    fn new_memory(&self, _: usize) {}
 
     fn act(
         &mut self,
@@ -366,14 +366,14 @@ impl Actor for StandIn {
     }
 }
 
-impl Values for StandIn {
+impl ValueFunction for StandIn {
     fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         out.fill(0.0);
         Ok(())
     }
 }
 
-impl OnPolicy for StandIn {
+impl OnPolicyActor for StandIn {
     fn decide(
         &mut self,
         _: &Observations,
@@ -389,7 +389,7 @@ impl OnPolicy for StandIn {
     }
 }
 
-impl Features for StandIn {
+impl FeatureExtractor for StandIn {
     fn feature_dim(&self) -> usize {
         1
     }
@@ -401,7 +401,7 @@ impl Features for StandIn {
 }
 
 impl MeasureActivity for StandIn {
-    fn activity(&self, _: &Observations, (): &()) -> Result<UnitActivity, RlError> {
+    fn unit_activity(&self, _: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         Ok(UnitActivity::default())
     }
 }
@@ -411,7 +411,7 @@ impl ExportPolicy for StandIn {
         Err(RlError::NotExportable { part: "a stand-in" })
     }
 
-    fn output(&mut self, _: &Observations) -> Result<PolicyOutput, RlError> {
+    fn reference_output(&mut self, _: &Observations) -> Result<PolicyOutput, RlError> {
         Err(RlError::NotExportable { part: "a stand-in" })
     }
 }
@@ -425,13 +425,13 @@ fn has_returned(mut groups: impl Iterator<Item = usize>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use worlds::Kind;
+    use worlds::WorldKind;
 
     /// Rounds in which possible duplicates act after the update are not trained on.
     #[test]
     fn a_turn_is_dated_by_what_it_learnt() {
         let plan = Plan { visits: Some(6), stay: 8..=12 };
-        let mut trial = Trial::of(World::draw(Kind::Target, 1000), &plan).unwrap();
+        let mut trial = Trial::of(World::random(WorldKind::Target, 1000), &plan).unwrap();
         let mut heard = 0;
         while trial.round() < trial.rounds {
             let turn = trial.turn().unwrap();

@@ -13,7 +13,7 @@ const MAX_BYTES: u64 = 4 << 20;
 /// Maximum number of mappings and lists inside of each other; cameras need three.
 const MAX_DEPTH: usize = 16;
 /// Distance (pixels) from the middle of the first pixel, the origin of OpenCV and ROS, to its
-/// corner, the origin of [`Intrinsics::centre`].
+/// corner, the origin of [`Intrinsics::principal_point`].
 const CORNER: f64 = 0.5;
 /// Names of the values, in lower case and without underscores: of OpenCV's programs and of ROS.
 const WIDTH: &[&str] = &["imagewidth", "width"];
@@ -25,16 +25,16 @@ const LENS: &[&str] = &["distortioncoefficients", "distcoeffs", "distcoeff", "di
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the reason.
-pub(super) fn read_camera(path: &Path) -> Result<(Intrinsics, Distortion), RunError> {
-    let metadata = std::fs::metadata(path).map_err(|error| RunError::read(path, error))?;
+pub(super) fn read_camera_intrinsics(path: &Path) -> Result<(Intrinsics, Distortion), RunError> {
+    let metadata = std::fs::metadata(path).map_err(|error| RunError::cannot_read(path, error))?;
     let size = metadata.len();
     // a pipe or a device might never end
     if !metadata.is_file() || size > MAX_BYTES {
         let problem = format!("it has {size} bytes, expected a plain file of at most 4 MiB");
-        return Err(RunError::damaged(path, problem));
+        return Err(RunError::damaged_file(path, problem));
     }
-    let text = std::fs::read_to_string(path).map_err(|error| RunError::read(path, error))?;
-    parse(&text).map_err(|problem| RunError::damaged(path, problem))
+    let text = std::fs::read_to_string(path).map_err(|error| RunError::cannot_read(path, error))?;
+    parse(&text).map_err(|problem| RunError::damaged_file(path, problem))
 }
 
 /// Reads a camera from YAML, or says what is wrong with it.
@@ -63,8 +63,12 @@ fn parse(text: &str) -> Result<(Intrinsics, Distortion), String> {
         ));
     }
     let [width, height] = [whole(&tree, WIDTH)?, whole(&tree, HEIGHT)?];
-    let intrinsics =
-        Intrinsics { width, height, focal: [fx, fy], centre: [cx + CORNER, cy + CORNER] };
+    let intrinsics = Intrinsics {
+        width,
+        height,
+        focal_lengths: [fx, fy],
+        principal_point: [cx + CORNER, cy + CORNER],
+    };
     let lens =
         Distortion::from_opencv(&numbers(&tree, LENS)?).map_err(|error| error.to_string())?;
     Ok((intrinsics, lens))
@@ -253,7 +257,7 @@ names:
             assert!(problem.contains(says), "{other}: {problem}");
         }
         let path = Path::new("no/such/camera.yaml");
-        let message = read_camera(path).unwrap_err().to_string();
+        let message = read_camera_intrinsics(path).unwrap_err().to_string();
         assert!(message.contains("camera.yaml"), "{message}");
     }
 }

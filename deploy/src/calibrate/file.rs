@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::DeployError;
 use experiments::RunError;
-use learner::disk::{LocalDisk, replace};
-use learner::overrides::{parse, read};
+use learner::disk::{LocalDisk, write_atomically};
+use learner::overrides::{parse_json, read_json};
 
 /// Maximum coordinate of a camera's position (metres); a larger one must be in millimetres.
 const FARTHEST: f64 = 100.0;
@@ -41,8 +41,8 @@ impl CalibrationFile {
     /// # Errors
     /// [`RunError::Read`] with the file and the reason.
     pub fn read(path: &Path) -> Result<Calibration, RunError> {
-        let file: Self = read(path)?;
-        file.calibration().map_err(|error| RunError::read(path, error))
+        let file: Self = read_json(path)?;
+        file.calibration().map_err(|error| RunError::cannot_read(path, error))
     }
 
     /// Reads a calibration from JSON.
@@ -50,10 +50,10 @@ impl CalibrationFile {
     /// # Errors
     /// [`NotJson`](learner::LearnerError::NotJson),
     /// [`UnknownSetting`](learner::LearnerError::UnknownSetting),
-    /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::Setting`] for a position
-    /// in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
+    /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::InvalidSetting`] for a
+    /// position in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
     pub fn parse(text: &str) -> Result<Calibration, DeployError> {
-        let file: Self = parse(text)?;
+        let file: Self = parse_json(text)?;
         file.calibration()
     }
 
@@ -63,13 +63,13 @@ impl CalibrationFile {
     /// [`RunError::Write`].
     pub fn write(calibration: &Calibration, path: &Path) -> Result<(), DeployError> {
         let text = serde_json::to_string_pretty(&Self::from(calibration));
-        let text = text.map_err(|error| RunError::write(path, error))? + "\n";
-        Ok(replace(&LocalDisk, path, text.as_bytes())?)
+        let text = text.map_err(|error| RunError::cannot_write(path, error))? + "\n";
+        Ok(write_atomically(&LocalDisk, path, text.as_bytes())?)
     }
 
     fn calibration(self) -> Result<Calibration, DeployError> {
         if self.position.iter().any(|place| place.abs() > FARTHEST) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "position",
                 value: format!("{:?}", self.position),
                 expected: "metres, each at most 100",
@@ -79,7 +79,7 @@ impl CalibrationFile {
         let mut radial = [0.0; 6];
         let given = radial.get_mut(..self.radial.len());
         let given = given.filter(|given| matches!(given.len(), 2 | 3 | 6));
-        let given = given.ok_or_else(|| RunError::Setting {
+        let given = given.ok_or_else(|| RunError::InvalidSetting {
             name: "radial",
             value: format!("{:?}", self.radial),
             expected: "2, 3 or 6 numbers: k1 and k2, k1 to k3, or k1 to k6",
@@ -88,7 +88,12 @@ impl CalibrationFile {
         let [width, height] = self.size;
         let rotation = DMat3::from_cols_array_2d(&self.rotation).transpose();
         let calibration = Calibration {
-            intrinsics: Intrinsics { width, height, focal: self.focal, centre: self.centre },
+            intrinsics: Intrinsics {
+                width,
+                height,
+                focal_lengths: self.focal,
+                principal_point: self.centre,
+            },
             distortion: Distortion { radial, tangential: self.tangential },
             extrinsics: Extrinsics {
                 rotation,
@@ -106,8 +111,8 @@ impl From<&Calibration> for CalibrationFile {
         let rows = calibration.extrinsics.rotation.transpose();
         Self {
             size: [inside.width, inside.height],
-            focal: inside.focal,
-            centre: inside.centre,
+            focal: inside.focal_lengths,
+            centre: inside.principal_point,
             radial: match calibration.distortion.radial {
                 [k1, k2, 0.0, 0.0, 0.0, 0.0] => vec![k1, k2],
                 all => all.to_vec(),
@@ -127,7 +132,7 @@ mod tests {
         let rotation = DMat3::from_rotation_x(3.1) * DMat3::from_rotation_z(0.4);
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::brown([0.01, -0.02], [0.001, 0.0]),
+            distortion: Distortion::brown_conrady([0.01, -0.02], [0.001, 0.0]),
             extrinsics: Extrinsics { rotation, translation: glam::DVec3::new(0.1, -0.2, 1.4) },
         }
     }

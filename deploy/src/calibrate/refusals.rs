@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use clap::Parser;
 use envs::embodiments::{Arm, KinovaGen3};
-use inpainting::{Ball, Offset};
+use inpainting::{BallOffset, CalibrationBall};
 
 use super::command::CalibrateOptions;
 use super::fake_rig::FakeRig;
 use super::file::CalibrationFile;
-use super::mask::{MaskCheck, MaskRow};
-use super::mask_command::{MaskOptions, object};
+use super::mask::{MaskCheck, MaskComparison};
+use super::mask_command::{CheckMaskOptions, mask_check_json};
 use super::measure::{CalibrateSettings, SkippedPose, calibrate};
 use crate::rig::{Rig, Trial};
 use crate::{DeployError, DeployOptions};
@@ -34,9 +34,9 @@ fn options(arguments: &[&str]) -> CalibrateOptions {
 /// Returns the error of a calibration with a spoilt rig.
 fn spoilt(spoil: fn(&mut FakeRig)) -> DeployError {
     let settings = CalibrateSettings {
-        ball: Ball { color: [255, 0, 255] },
-        hand_eye: Offset::Unknown.into(),
-        camera: None,
+        ball: CalibrationBall { color: [255, 0, 255] },
+        hand_eye: BallOffset::Unknown.into(),
+        lens: None,
     };
     let mut rig = FakeRig::new(&arm());
     spoil(&mut rig);
@@ -56,10 +56,10 @@ fn a_camera_whose_clock_is_ahead_calibrates_nothing() {
 #[test]
 fn a_hand_that_turns_does_not_stand() {
     let error = spoilt(|rig| rig.spin = 0.02);
-    let DeployError::FewSightings { pose: 1, why, .. } = error else {
+    let DeployError::TooFewSightings { skipped_pose: 1, reason, .. } = error else {
         panic!("{error}");
     };
-    assert!(why.contains("come to rest"), "{why}");
+    assert!(reason.contains("come to rest"), "{reason}");
 }
 
 #[test]
@@ -83,11 +83,11 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
 }
 
 /// Parses options of `covers check mask` with the policies of this repository.
-fn mask_options(arguments: &[&str]) -> MaskOptions {
+fn mask_options(arguments: &[&str]) -> CheckMaskOptions {
     #[derive(Parser)]
     struct Line {
         #[command(flatten)]
-        options: MaskOptions,
+        options: CheckMaskOptions,
     }
     let run = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretrained-robot");
     Line::try_parse_from([&["mask", run], arguments].concat()).unwrap().options
@@ -204,11 +204,16 @@ fn sweeps_that_do_not_fit_are_refused() {
 #[test]
 fn a_mask_seen_in_too_few_poses_tells_what_was_left_out() {
     let check = MaskCheck {
-        rows: vec![MaskRow { pose: 1, overlap: 0.7, outside: 0.0, spare: 0.3 }],
-        left_out: vec![SkippedPose { pose: 2, why: "it is far".to_owned() }],
+        comparisons: vec![MaskComparison {
+            pose_number: 1,
+            iou: 0.7,
+            uncovered_share: 0.0,
+            excess_share: 0.3,
+        }],
+        skipped_poses: vec![SkippedPose { pose_number: 2, reason: "it is far".to_owned() }],
         ..MaskCheck::default()
     };
-    let object = object(&check);
+    let object = mask_check_json(&check);
     assert_eq!(object["holds"], false);
     assert_eq!(object["rows"].as_array().unwrap().len(), 1);
     assert_eq!(object["left_out"][0]["why"], "it is far");

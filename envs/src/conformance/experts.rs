@@ -73,9 +73,9 @@ impl ExpertRow {
 /// in `0..seeds`.
 ///
 /// # Errors
-/// [`EnvError::Setting`] for zero seeds or control settings out of range,
+/// [`EnvError::InvalidSetting`] for zero seeds or control settings out of range,
 /// [`EnvError::NoSuchVariant`], or MuJoCo's error.
-pub fn experts(
+pub fn measure_expert(
     scene: &Arc<Scene>,
     element: D2,
     control: Control,

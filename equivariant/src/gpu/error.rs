@@ -31,7 +31,7 @@ pub enum GpuError {
         "{adapter}: got a network with {needed} {what}, expected at most {limit}; lower the number \
          of samples or the widths"
     )]
-    Limit {
+    BufferTooLarge {
         /// Name of the adapter.
         adapter: String,
         /// Name of the limit that the network exceeds.
@@ -45,7 +45,7 @@ pub enum GpuError {
     #[error(
         "{layer}: got a layer without GPU kernels, expected one of this crate's; run it on the CPU"
     )]
-    Layer {
+    UnsupportedLayer {
         /// Description of the layer without kernels.
         layer: String,
     },
@@ -53,7 +53,7 @@ pub enum GpuError {
     #[error(
         "{adapter}: the device is lost: {reason}; go on from the last checkpoint on another device"
     )]
-    Lost {
+    DeviceLost {
         /// Name of the lost adapter.
         adapter: String,
         /// Message of the adapter's driver.
@@ -61,7 +61,7 @@ pub enum GpuError {
     },
     /// Command that the driver rejected, for instance for lack of memory.
     #[error("{adapter}: a command failed: {reason}")]
-    Failed {
+    CommandFailed {
         /// Name of the adapter.
         adapter: String,
         /// Message of the adapter's driver.

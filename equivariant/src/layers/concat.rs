@@ -29,7 +29,11 @@ impl Concat {
         LayerError::check_groups("Concat", first.fields, second.fields)?;
         let sizes = [first, second].map(|shape| [shape.height, shape.width]);
         if sizes[0] != sizes[1] {
-            return Err(LayerError::Sizes { layer: "Concat", first: sizes[0], second: sizes[1] });
+            return Err(LayerError::DifferentMapSizes {
+                layer: "Concat",
+                first: sizes[0],
+                second: sizes[1],
+            });
         }
         LayerError::check_map("Concat", first, 0)?;
         LayerError::check_map("Concat", second, 0)?;
@@ -80,7 +84,7 @@ impl Concat {
     fn pieces(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
         let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
         let dims = fields.map(|fields| fields.dim());
-        let ranges = Irrep::ALL.map(|irrep| fields.map(|fields| fields.range(irrep)));
+        let ranges = Irrep::ALL.map(|irrep| fields.map(|fields| fields.channel_range(irrep)));
         let pixels = 0..len / self.sum.fields.dim();
         pixels.flat_map(move |pixel| {
             ranges.clone().map(|ranges| {
@@ -144,7 +148,7 @@ mod tests {
 
     #[test]
     fn maps_that_do_not_fit_are_refused_with_both() {
-        let shape = |height, group: Group| Shape::image(height, 3, group.regular(1));
+        let shape = |height, group: Group| Shape::image(height, 3, group.regular_type(1));
         let refused = |a, b| Concat::new(a, b).unwrap_err().to_string();
         let sizes = refused(shape(2, Group::D2), shape(3, Group::D2));
         assert!(sizes.contains("got maps of 2 x 3 and 3 x 3 pixels"), "{sizes}");

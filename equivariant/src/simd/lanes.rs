@@ -1,6 +1,6 @@
 //! Vectors of sixteen numbers, on the instruction set of the CPU.
 
-use crate::real::{Real, exceeds};
+use crate::real::{Real, exceeds_or_is_nan};
 
 /// Instruction set of convolutions in single precision; variants are in ascending order of width.
 /// The default is the widest that the CPU has.
@@ -56,31 +56,31 @@ pub(crate) trait Lanes<T>: Copy {
     /// Loads a block.
     fn load(self, block: &Block<T>) -> Self::V;
     /// Converts sixteen bytes to numbers.
-    fn bytes(self, bytes: &[u8; LANES]) -> Self::V;
+    fn load_bytes(self, bytes: &[u8; LANES]) -> Self::V;
     /// Stores a block.
     fn store(self, block: &mut Block<T>, v: Self::V);
     /// Repeats a number in all lanes.
     fn splat(self, value: T) -> Self::V;
     /// Repeats group `i` of the block in all groups.
-    fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
+    fn broadcast_group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
     /// Repeats a group of four numbers.
-    fn quad(self, group: &[T; 4]) -> Self::V;
+    fn broadcast_quad(self, group: &[T; 4]) -> Self::V;
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
     /// Returns a b + c, with one rounding where the instruction set has fused operations.
     fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// Swaps lanes: lane i receives lane i xor `bits`, for `bits` in 0..4.
-    fn swap(self, v: Self::V, bits: usize) -> Self::V;
+    fn swap_lanes(self, v: Self::V, bits: usize) -> Self::V;
     /// Interleaves lanes 4 i to 4 i + 3 of two registers into the groups `[e, e, o, o]`.
-    fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
+    fn interleave_pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
     /// Zeroes lanes that are at most zero and returns the bit mask of the others, NaN among them.
-    fn rectify(self, v: Self::V) -> (Self::V, u16);
+    fn relu_with_mask(self, v: Self::V) -> (Self::V, u16);
     /// Zeroes lanes whose bit is not set.
-    fn keep(self, v: Self::V, bits: u16) -> Self::V;
+    fn keep_masked(self, v: Self::V, bits: u16) -> Self::V;
     /// Returns the larger number of each lane and the bit mask of the lanes that `v` wins: `best`
     /// wins ties, and NaN wins over every number.
-    fn larger(self, best: Self::V, v: Self::V) -> (Self::V, u16);
+    fn max_with_mask(self, best: Self::V, v: Self::V) -> (Self::V, u16);
 }
 
 /// Computation that is written once for all instruction sets.
@@ -118,10 +118,10 @@ pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
 ) -> L::V {
     if G > 1 {
         // one multiplication by signs replaces separate sums and differences of lanes
-        v = lanes.mul_add(v, signs(lanes, 1), lanes.swap(v, 1));
+        v = lanes.mul_add(v, signs(lanes, 1), lanes.swap_lanes(v, 1));
     }
     if G > 2 {
-        v = lanes.mul_add(v, signs(lanes, 2), lanes.swap(v, 2));
+        v = lanes.mul_add(v, signs(lanes, 2), lanes.swap_lanes(v, 2));
     }
     v
 }
@@ -153,7 +153,7 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn bytes(self, bytes: &[u8; LANES]) -> Block<T> {
+    fn load_bytes(self, bytes: &[u8; LANES]) -> Block<T> {
         std::array::from_fn(|lane| T::from_f64(f64::from(bytes[lane])))
     }
 
@@ -168,12 +168,12 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Block<T> {
+    fn broadcast_group<const G: usize>(self, block: &Block<T>, i: usize) -> Block<T> {
         std::array::from_fn(|lane| block[i * G + lane % G])
     }
 
     #[inline(always)]
-    fn quad(self, group: &[T; 4]) -> Block<T> {
+    fn broadcast_quad(self, group: &[T; 4]) -> Block<T> {
         std::array::from_fn(|lane| group[lane % 4])
     }
 
@@ -198,18 +198,18 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn swap(self, v: Block<T>, bits: usize) -> Block<T> {
+    fn swap_lanes(self, v: Block<T>, bits: usize) -> Block<T> {
         std::array::from_fn(|lane| v[lane ^ bits])
     }
 
     #[inline(always)]
-    fn pair(self, e: Block<T>, o: Block<T>, i: usize) -> Block<T> {
+    fn interleave_pair(self, e: Block<T>, o: Block<T>, i: usize) -> Block<T> {
         let of = |lane: usize| if lane & 2 == 0 { &e } else { &o };
         std::array::from_fn(|lane| of(lane)[4 * i + lane / 4])
     }
 
     #[inline(always)]
-    fn rectify(self, v: Block<T>) -> (Block<T>, u16) {
+    fn relu_with_mask(self, v: Block<T>) -> (Block<T>, u16) {
         let dropped = v.map(|x| x <= T::ZERO);
         let bits = (0..LANES).map(|lane| u16::from(!dropped[lane]) << lane);
         let kept = |lane: usize| if dropped[lane] { T::ZERO } else { v[lane] };
@@ -217,14 +217,14 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn keep(self, v: Block<T>, bits: u16) -> Block<T> {
+    fn keep_masked(self, v: Block<T>, bits: u16) -> Block<T> {
         let kept = |lane: usize| bits >> lane & 1 == 1;
         std::array::from_fn(|lane| if kept(lane) { v[lane] } else { T::ZERO })
     }
 
     #[inline(always)]
-    fn larger(self, best: Block<T>, v: Block<T>) -> (Block<T>, u16) {
-        let won = |lane: usize| exceeds(v[lane], best[lane]);
+    fn max_with_mask(self, best: Block<T>, v: Block<T>) -> (Block<T>, u16) {
+        let won = |lane: usize| exceeds_or_is_nan(v[lane], best[lane]);
         let bits = (0..LANES).map(|lane| u16::from(won(lane)) << lane).sum();
         let larger = |lane| if won(lane) { v[lane] } else { best[lane] };
         (std::array::from_fn(larger), bits)

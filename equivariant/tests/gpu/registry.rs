@@ -2,7 +2,7 @@
 
 use equivariant::gpu::{Device, GpuError, Network};
 use equivariant::{
-    Group, Layer, LayerKind, Relu, Sequential, equivariance_error, equivariance_error_of,
+    Group, Layer, LayerKind, Relu, Sequential, equivariance_error, equivariance_error_of_fn,
 };
 
 use crate::common::{
@@ -39,7 +39,7 @@ fn layers_without_kernels_are_refused_by_name() {
         assert!(expected, "{name}");
         let error = Network::new(device(), layer.as_ref(), 1).unwrap_err();
         let layer = layer.to_string();
-        assert_eq!(error, GpuError::Layer { layer });
+        assert_eq!(error, GpuError::UnsupportedLayer { layer });
     }
 }
 
@@ -84,7 +84,7 @@ fn they_are_so_without_operations_on_subgroups() {
         differ |= with != assert_alike(&plain, &name, layer.as_ref());
     }
     // another order of sums shows that the operations run where the adapter has them
-    assert_eq!((differ, plain.subgroups()), (device().subgroups(), false));
+    assert_eq!((differ, plain.uses_subgroups()), (device().uses_subgroups(), false));
 }
 
 /// Compares outputs and gradients with the CPU's and returns them.
@@ -109,7 +109,7 @@ fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32
 fn equivariance_error_on(layer: &dyn Layer<f32>, params: &[f32]) -> f64 {
     let mut network = network(layer, params);
     let run = |x: &[f32], y: &mut [f32]| y.copy_from_slice(&network.forward(x).unwrap());
-    equivariance_error_of(layer.in_shape(), layer.out_shape(), run, 3, &mut rng(5))
+    equivariance_error_of_fn(layer.in_shape(), layer.out_shape(), run, 3, &mut rng(5))
 }
 
 #[test]
@@ -132,8 +132,8 @@ fn all_layers_are_as_equivariant_as_on_the_cpu() {
 fn convolutions_are_exactly_equivariant() {
     for group in Group::ALL {
         for (window, size) in [([4, 2, 1], 8), ([3, 2, 1], 7)] {
-            let regular = group.regular(3);
-            let first = conv(group.trivial(3), regular, window, [size; 2]);
+            let regular = group.regular_type(3);
+            let first = conv(group.trivial_type(3), regular, window, [size; 2]);
             let relu = boxed(Relu::new(first.out_shape()));
             let side = first.out_shape().height;
             let second = conv(regular, regular, [3, 1, 1], [side; 2]);
@@ -146,20 +146,20 @@ fn convolutions_are_exactly_equivariant() {
 
 #[test]
 fn a_relu_after_weights_takes_no_kernel_of_its_own() {
-    let first = conv(Group::D2.trivial(3), Group::D2.regular(2), [4, 2, 1], [8, 8]);
+    let first = conv(Group::D2.trivial_type(3), Group::D2.regular_type(2), [4, 2, 1], [8, 8]);
     let relu = boxed(Relu::new(first.out_shape()));
     let alone = Network::new(device(), relu.as_ref(), 1).unwrap();
-    assert_eq!(alone.dispatches(), [1, 1]);
+    assert_eq!(alone.num_kernels(), [1, 1]);
     let net = Sequential::new(vec![first, relu]).unwrap();
     // fold and product; the gradient of the weights and its sum; that of the patches and the unfold
     let fused = Network::new(device(), &net, 1).unwrap();
-    assert_eq!(fused.dispatches(), [2, 4]);
+    assert_eq!(fused.num_kernels(), [2, 4]);
 }
 
 #[test]
 fn a_wrong_parameter_and_a_wrong_gradient_are_seen() {
     let layer: Box<dyn Layer<f32>> =
-        conv(Group::D2.regular(2), Group::D2.regular(3), [3, 1, 1], [4, 4]);
+        conv(Group::D2.regular_type(2), Group::D2.regular_type(3), [3, 1, 1], [4, 4]);
     let params = params(layer.as_ref(), 1);
     let x = normal(layer.in_shape().len(), 2);
     let dy = normal(layer.out_shape().len(), 3);

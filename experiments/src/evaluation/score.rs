@@ -20,7 +20,8 @@ pub struct Score {
     /// Symmetry element of the variant.
     pub element: D2,
     /// `true` if the training stream shows the variant.
-    pub seen: bool,
+    #[serde(rename = "seen")]
+    pub seen_in_training: bool,
     /// Index of the policy that the learner chose for the variant.
     pub policy: usize,
     /// Number of episodes that were played in the variant.
@@ -32,7 +33,8 @@ pub struct Score {
     /// Mean return of the episodes on the paper's scale, in `[0, 500]`.
     pub reward: f64,
     /// Results of the group's own policy in the same episodes; `None` if the group has none yet.
-    pub own: Option<PolicyScore>,
+    #[serde(rename = "own")]
+    pub own_policy_score: Option<PolicyScore>,
 }
 
 /// Results of one policy in a task variant or a task group.
@@ -51,7 +53,7 @@ pub struct PolicyScore {
 impl Score {
     /// Returns `true` if the learner chose another policy than the group's own.
     pub fn is_mismatch(&self) -> bool {
-        self.own.is_some_and(|own| own.policy != self.policy)
+        self.own_policy_score.is_some_and(|own| own.policy != self.policy)
     }
 }
 
@@ -73,11 +75,12 @@ pub struct GroupScore {
     /// Number of variants for which the learner chose another policy than the group's own.
     pub mismatches: usize,
     /// Means of the group's own policy; `None` if it was not scored on every variant.
-    pub own: Option<PolicyScore>,
+    #[serde(rename = "own")]
+    pub own_policy_score: Option<PolicyScore>,
 }
 
 /// Averages the scores of each task group, in the order in which the groups appear.
-pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
+pub fn average_by_group(scores: &[Score]) -> Vec<GroupScore> {
     let groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).unique().collect();
     let of = |group| scores.iter().filter(move |score| score.group == group);
     let summarise = |group| {
@@ -87,7 +90,7 @@ pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
             over_episodes(of(group).map(|s| figure(s) * s.episodes as f64).sum())
         };
         let own_scores: Option<Vec<(PolicyScore, usize)>> =
-            of(group).map(|score| Some((score.own?, score.episodes))).collect();
+            of(group).map(|score| Some((score.own_policy_score?, score.episodes))).collect();
         let own_mean = |pairs: &[(PolicyScore, usize)], figure: fn(&PolicyScore) -> f64| {
             let sums = pairs.iter().map(|(own, n)| figure(own) * *n as f64);
             over_episodes(sums.sum())
@@ -113,7 +116,7 @@ pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
             success_at_end: mean(|score| score.success_at_end),
             reward: mean(|score| score.reward),
             mismatches: of(group).filter(|score| score.is_mismatch()).count(),
-            own,
+            own_policy_score: own,
         }
     };
     groups.into_iter().map(summarise).collect()
@@ -127,13 +130,13 @@ mod tests {
         Score {
             group,
             element: D2::Identity,
-            seen: true,
+            seen_in_training: true,
             policy,
             episodes,
             success,
             success_at_end: 0.0,
             reward: 100.0 * success,
-            own: None,
+            own_policy_score: None,
         }
     }
 
@@ -145,24 +148,24 @@ mod tests {
             success_at_end: 0.0,
             reward: 400.0 * success,
         };
-        let with = |score: Score, scored| Score { own: Some(scored), ..score };
+        let with = |score: Score, scored| Score { own_policy_score: Some(scored), ..score };
         let reach = TaskGroup::GOAL_REACH;
         let right = with(score(reach, 2, 30, 1.0), own(2, 1.0));
         let wrong = with(score(reach, 0, 10, 0.0), own(2, 0.6));
         assert!(wrong.is_mismatch() && !right.is_mismatch());
-        let [group] = &by_group(&[right.clone(), wrong])[..] else { panic!() };
+        let [group] = &average_by_group(&[right.clone(), wrong])[..] else { panic!() };
         assert_eq!((group.mismatches, group.success), (1, 0.75));
-        let means = group.own.unwrap();
+        let means = group.own_policy_score.unwrap();
         assert_eq!((means.policy, means.success), (2, 0.9));
         assert!((means.reward - 360.0).abs() < 1e-9, "{means:?}");
-        let [partial] = &by_group(&[right, score(reach, 2, 10, 0.0)])[..] else { panic!() };
-        assert_eq!((partial.mismatches, partial.own), (0, None));
+        let [partial] = &average_by_group(&[right, score(reach, 2, 10, 0.0)])[..] else { panic!() };
+        assert_eq!((partial.mismatches, partial.own_policy_score), (0, None));
     }
 
     #[test]
     fn a_group_is_the_mean_of_its_episodes() {
         let (reach, drawer) = (TaskGroup::GOAL_REACH, TaskGroup::DRAWER_CLOSE);
-        let groups = by_group(&[
+        let groups = average_by_group(&[
             score(reach, 2, 30, 1.0),
             score(reach, 0, 10, 0.5),
             score(drawer, 1, 20, 0.25),

@@ -39,7 +39,8 @@ impl Evident {
     ) -> Result<Vec<Account>, LearnerError> {
         let Episodes { spec, courses, .. } = episodes;
         let filters = self.recogniser.settings().filters;
-        let accountant = Accountant::new(spec.image, &spec.vector, &spec.action, filters)?;
+        let accountant =
+            Accountant::new(spec.image_shape, &spec.vector_irreps, &spec.action_irreps, filters)?;
         let mut accounts = accountant.accounts_with(courses, &mut self.album)?;
         if policy != episodes.collector {
             accounts.iter_mut().for_each(Account::forget_course);

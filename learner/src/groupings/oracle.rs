@@ -113,7 +113,7 @@ impl Grouping for Oracle {
 
 /// Returns the error of an oracle without a label.
 pub(super) fn unlabelled() -> LearnerError {
-    LearnerError::Setting {
+    LearnerError::InvalidSetting {
         name: "grouping",
         value: "oracle".to_owned(),
         expected: "a grouping without labels, or a learner that a run trains: only runs and their \
@@ -161,7 +161,12 @@ mod tests {
         let message = ask(&mut oracle, ROLLOUT).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        let spec = EnvSpec { num_envs: 1, image: [1; 3], vector: Vec::new(), action: Vec::new() };
+        let spec = EnvSpec {
+            num_envs: 1,
+            image_shape: [1; 3],
+            vector_irreps: Vec::new(),
+            action_irreps: Vec::new(),
+        };
         let first = Lesson::Rollout {
             policy: 0,
             accepted: &[],

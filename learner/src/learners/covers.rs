@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize};
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    Collection, CollectionSettings, CommonSettings, Handover, NewPolicy, Training,
+    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
 };
 use super::device::LearningDevice;
 
 /// Learner of the paper: a growing collection of policies, trained by PPO.
-pub type Covers = Collection<CoversSettings>;
+pub type Covers = PolicyCollection<CoversSettings>;
 
 /// Settings of [`Covers`].
 ///
@@ -49,7 +49,7 @@ pub struct CoversSettings {
     /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
     /// Initial parameters of a new policy.
-    pub new_policy: NewPolicy,
+    pub new_policy: NewPolicyInit,
     /// Seed of all random draws of the learner.
     pub seed: u64,
     /// Device that policies train on, which is not stored in files of settings.
@@ -68,7 +68,7 @@ impl Default for CoversSettings {
             noise_correlation: 0.0,
             buffer_episodes: Some(100),
             handover: Handover::default(),
-            new_policy: NewPolicy::default(),
+            new_policy: NewPolicyInit::default(),
             seed: 0,
             device: LearningDevice::default(),
         }
@@ -88,7 +88,7 @@ impl CoversSettings {
             rollout_steps: 1000,
             buffer_episodes: None,
             handover: Handover::Reuse,
-            new_policy: NewPolicy::Random,
+            new_policy: NewPolicyInit::Random,
             ..Self::default()
         }
     }
@@ -103,7 +103,7 @@ impl CoversSettings {
     }
 }
 
-impl CollectionSettings for CoversSettings {
+impl PolicyCollectionSettings for CoversSettings {
     type Training = PpoTraining;
 
     fn common(&self) -> CommonSettings {
@@ -118,11 +118,15 @@ impl CollectionSettings for CoversSettings {
         }
     }
 
-    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<ActorCriticPolicy, RlError> {
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<ActorCriticPolicy, RlError> {
         ActorCriticPolicy::new(&self.network, spec, seed)
     }
 
-    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<ActorCriticPolicy, RlError> {
+    fn policy_with_params(
+        &self,
+        spec: &EnvSpec,
+        params: Vec<f32>,
+    ) -> Result<ActorCriticPolicy, RlError> {
         ActorCriticPolicy::with_params(&self.network, spec, params)
     }
 
@@ -130,11 +134,15 @@ impl CollectionSettings for CoversSettings {
         policy.params()
     }
 
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
         RolloutBuffer::new(spec, steps)?.with_noise_correlation(self.noise_correlation)
     }
 
-    fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {
+    fn new_training(
+        &self,
+        _: &EnvSpec,
+        policy: &ActorCriticPolicy,
+    ) -> Result<PpoTraining, RlError> {
         Ok(PpoTraining { ppo: self.ppo(policy)? })
     }
 }
@@ -148,7 +156,7 @@ impl Training for PpoTraining {
     type Policy = ActorCriticPolicy;
     type Rollout = RolloutBuffer;
 
-    fn take_over(
+    fn adapt_rollout(
         policy: &mut ActorCriticPolicy,
         rollout: &mut RolloutBuffer,
     ) -> Result<(), RlError> {
@@ -164,11 +172,11 @@ impl Training for PpoTraining {
         Ok(self.ppo.update(policy, rollout, rng)?.metrics())
     }
 
-    fn state(&self) -> AlgorithmState<'_> {
+    fn algorithm_state(&self) -> AlgorithmState<'_> {
         self.ppo.save()
     }
 
-    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+    fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         self.ppo.restore(state)
     }
 }

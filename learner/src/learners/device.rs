@@ -22,7 +22,7 @@ pub enum LearningDevice {
 
 impl LearningDevice {
     /// Returns the name of the GPU; `None` on the CPU.
-    pub fn gpu(&self) -> Option<&str> {
+    pub fn gpu_name(&self) -> Option<&str> {
         match self {
             Self::Cpu => None,
             #[cfg(feature = "wgpu")]
@@ -60,8 +60,8 @@ impl DeviceChoice {
     /// Opens the chosen device, for a learner whose updates can run on a GPU.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a GPU if the program was built without the feature `wgpu`;
-    /// [`RlError::Gpu`](rl::RlError) if there is no GPU.
+    /// [`LearnerError::InvalidSetting`] for a GPU if the program was built without the feature
+    /// `wgpu`; [`RlError::Gpu`](rl::RlError) if there is no GPU.
     pub fn open(self) -> Result<LearningDevice, LearnerError> {
         match self {
             Self::Cpu => Ok(LearningDevice::Cpu),
@@ -83,7 +83,7 @@ impl FromStr for DeviceChoice {
 
     fn from_str(name: &str) -> Result<Self, LearnerError> {
         let found = Self::ALL.into_iter().find(|choice| choice.name() == name);
-        found.ok_or_else(|| LearnerError::Setting {
+        found.ok_or_else(|| LearnerError::InvalidSetting {
             name: "device",
             value: name.to_owned(),
             expected: "cpu, gpu or auto",
@@ -99,7 +99,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 
 #[cfg(not(feature = "wgpu"))]
 fn first_gpu() -> Result<LearningDevice, LearnerError> {
-    Err(LearnerError::Setting {
+    Err(LearnerError::InvalidSetting {
         name: "device",
         value: "gpu".to_owned(),
         expected: "`cpu` or `auto`: this program was built without `--features wgpu`",
@@ -109,7 +109,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 /// Returns `true` if the first adapter is a GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
-    let adapters = rl::gpu::adapters();
+    let adapters = rl::gpu::available_adapters();
     adapters.first().is_some_and(|adapter| adapter.kind.is_hardware())
 }
 

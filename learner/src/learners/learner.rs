@@ -7,7 +7,7 @@ use cluster::{Evidence, PermutationTest};
 use rand_chacha::ChaCha8Rng;
 use rl::{ExportedPolicy, Observations, PolicyOutput, RolloutStats, UnitActivity, VectorEnv};
 
-use crate::disk::{LocalDisk, replace};
+use crate::disk::{LocalDisk, write_atomically};
 use crate::error::LearnerError;
 use crate::groupings::Recognised;
 
@@ -27,7 +27,7 @@ pub trait Learner: Send {
     ///
     /// # Errors
     /// Errors of the environment, a policy or a grouping.
-    fn recognise(
+    fn recognise_policy(
         &mut self,
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
@@ -38,27 +38,28 @@ pub trait Learner: Send {
     /// nothing.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a policy that does not exist, or an error of the environment.
-    fn perform(
+    /// [`LearnerError::InvalidSetting`] for a policy that does not exist, or an error of the
+    /// environment.
+    fn evaluate_policy(
         &mut self,
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<Performance, LearnerError>;
+    ) -> Result<PolicyEvaluation, LearnerError>;
 
-    /// Returns all parameters of policy `index` that [`Learner::perform`] depends on, so that one
-    /// which has not changed need not perform again. The default is `None`.
-    fn parameters(&self, _index: usize) -> Option<&[f32]> {
+    /// Returns all parameters of policy `index` that [`Learner::evaluate_policy`] depends on, so
+    /// that one which has not changed need not perform again. The default is `None`.
+    fn policy_parameters(&self, _index: usize) -> Option<&[f32]> {
         None
     }
 
     /// Returns policy `index` as ordinary neural-network layers, and its output for `observations`.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotExportable`]
-    /// for one that other programs have no layers for, [`LearnerError::Unexportable`] for learners
-    /// that write none.
-    fn export(
+    /// [`LearnerError::InvalidSetting`] for a policy that does not exist,
+    /// [`rl::RlError::NotExportable`] for one that other programs have no layers for,
+    /// [`LearnerError::Unexportable`] for learners that write none.
+    fn export_policy(
         &mut self,
         _index: usize,
         _observations: &Observations,
@@ -67,30 +68,36 @@ pub trait Learner: Send {
     }
 
     /// Returns the number of policies that the learner holds, at least 1.
-    fn policies(&self) -> usize;
+    fn policy_count(&self) -> usize;
 
     /// Returns the bytes of a checkpoint that holds the learner and a note of the caller's; equal
     /// learners give equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
     /// [`LearnerError::NotFinite`] for a learner with a number that is not finite;
-    /// [`LearnerError::Setting`] for an extent of too few episodes.
-    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, LearnerError>;
+    /// [`LearnerError::InvalidSetting`] for an extent of too few episodes.
+    fn to_checkpoint_bytes(
+        &self,
+        path: &Path,
+        extent: CheckpointExtent,
+        note: &str,
+    ) -> Result<Vec<u8>, LearnerError>;
 
     /// Writes a checkpoint that holds the learner and a note of the caller's to the file at `path`.
     /// It appears whole or not at all, also after a power cut;
-    /// [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
+    /// [`LearnerSettings::load_for_acting`](super::LearnerSettings::load_for_acting) reads it.
     ///
     /// # Errors
-    /// Errors of [`encode`](Learner::encode), and [`LearnerError::Write`].
-    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), LearnerError> {
-        replace(&LocalDisk, path, &self.encode(path, extent, note)?)
+    /// Errors of [`to_checkpoint_bytes`](Learner::to_checkpoint_bytes), and
+    /// [`LearnerError::Write`].
+    fn save(&self, path: &Path, extent: CheckpointExtent, note: &str) -> Result<(), LearnerError> {
+        write_atomically(&LocalDisk, path, &self.to_checkpoint_bytes(path, extent, note)?)
     }
 }
 
-/// Report of one call of [`Learner::perform`].
+/// Report of one call of [`Learner::evaluate_policy`].
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Performance {
+pub struct PolicyEvaluation {
     /// Returns and successes of the episodes.
     pub stats: RolloutStats,
     /// Activity of the units of the policy's network during the episodes; empty for a learner
@@ -104,12 +111,12 @@ pub struct Iteration {
     /// Index of the policy that trained.
     pub policy: usize,
     /// `true` if that policy was created in this iteration.
-    pub created: bool,
+    pub policy_created: bool,
     /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
     /// Evidence of the first rollout, if it left the grouping undecided and more were collected.
-    pub first_look: Option<Vec<Evidence>>,
+    pub first_rollout_evidence: Option<Vec<Evidence>>,
     /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
     pub discarded: usize,
     /// Index of the policy that each one was merged into, if any; empty for learners and groupings
@@ -118,16 +125,16 @@ pub struct Iteration {
     /// Number of decisions taken in the iteration in all environments, discarded ones included.
     pub decisions: usize,
     /// Returns and successes of the rollout that was trained on.
-    pub rollout: RolloutStats,
+    pub rollout_stats: RolloutStats,
     /// Values that the learner logs for the iteration, by name; the same names in every iteration.
     pub metrics: Metrics,
     /// Wall-clock seconds that each part of the iteration took.
-    pub seconds: Seconds,
+    pub seconds: IterationSeconds,
 }
 
 /// Wall-clock seconds of the parts of an iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Seconds {
+pub struct IterationSeconds {
     /// Seconds of the collection of rollouts: the environments and the policy's decisions.
     pub collection: f64,
     /// Seconds of the assignment to a policy: features, distances and permutations.
@@ -138,7 +145,7 @@ pub struct Seconds {
 
 /// Part of a learner that a checkpoint holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Extent {
+pub enum CheckpointExtent {
     /// All of the learner: the copy learns on to the same bits.
     Everything,
     /// Enough of the learner to act and to recognise: policies, and the first frames of at most
@@ -146,7 +153,7 @@ pub enum Extent {
     Policies {
         /// Number of episodes for each policy, at least as many as the grouping needs to recognise
         /// a task group.
-        episodes: usize,
+        episodes_per_policy: usize,
     },
 }
 
@@ -181,12 +188,12 @@ pub struct Metrics(Vec<(String, Metric)>);
 
 impl Metrics {
     /// Adds a number for the whole learner under a name.
-    pub fn number(&mut self, name: impl Into<String>, value: f64) {
+    pub fn add_number(&mut self, name: impl Into<String>, value: f64) {
         self.0.push((name.into(), Metric::Number(value)));
     }
 
     /// Adds one number for each policy under a name.
-    pub fn per_policy(
+    pub fn add_per_policy(
         &mut self,
         name: impl Into<String>,
         values: impl IntoIterator<Item = Option<f64>>,
@@ -222,7 +229,7 @@ const TEST_COLUMNS: [TestColumn; 5] = [
 
 /// Returns the names of columns with one number for each policy, also while there is one policy
 /// only.
-pub fn per_policy_columns() -> impl Iterator<Item = &'static str> {
+pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
     let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
     [DISTANCES, HEIRS].into_iter().chain(tests)
 }
@@ -239,19 +246,19 @@ impl Iteration {
 
     /// Logs the evidence of the grouping, the policy that each one was merged into where policies
     /// are merged, and the update.
-    pub(super) fn log(&mut self, update: Vec<(String, f64)>) {
+    pub(super) fn log_metrics(&mut self, update: Vec<(String, f64)>) {
         let (metrics, evidence) = (&mut self.metrics, &self.evidence);
-        metrics.number("looks", (1 + self.discarded) as f64);
-        metrics.per_policy(DISTANCES, evidence.iter().map(|e| Some(e.distance)));
+        metrics.add_number("looks", (1 + self.discarded) as f64);
+        metrics.add_per_policy(DISTANCES, evidence.iter().map(|e| Some(e.distance)));
         for (name, number) in TEST_COLUMNS {
-            metrics.per_policy(name, evidence.iter().map(|e| e.test().map(number)));
+            metrics.add_per_policy(name, evidence.iter().map(|e| e.test().map(number)));
         }
         if !self.merged_into.is_empty() {
             let heirs = self.merged_into.iter();
-            metrics.per_policy(HEIRS, heirs.map(|heir| heir.map(|heir| heir as f64)));
+            metrics.add_per_policy(HEIRS, heirs.map(|heir| heir.map(|heir| heir as f64)));
         }
         for (name, value) in update {
-            metrics.number(name, value);
+            metrics.add_number(name, value);
         }
     }
 }
@@ -263,8 +270,8 @@ mod tests {
     #[test]
     fn cells_read_back_to_the_same_bits_and_gaps_are_empty() {
         let mut metrics = Metrics::default();
-        metrics.number("loss", 0.1 + 0.2);
-        metrics.per_policy("distances", [Some(1.5), None, Some(-2.0)]);
+        metrics.add_number("loss", 0.1 + 0.2);
+        metrics.add_per_policy("distances", [Some(1.5), None, Some(-2.0)]);
         let loss = metrics.get("loss").unwrap().to_string();
         assert_eq!(loss.parse::<f64>().unwrap(), 0.1 + 0.2);
         assert_eq!(metrics.get("distances").unwrap().to_string(), "1.5;;-2");

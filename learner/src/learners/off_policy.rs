@@ -10,7 +10,7 @@ mod staged_rollout;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
-    Replay, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
+    ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
@@ -19,13 +19,13 @@ use crate::error::LearnerError;
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    Collection, CollectionSettings, CommonSettings, Handover, NewPolicy, Training,
+    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
 };
 use super::tensor_file::{Tensor, TensorFile};
 use staged_rollout::StagedRollout;
 
 /// A growing collection of policies, or a single one, trained by soft actor-critic.
-pub type OffPolicy = Collection<OffPolicySettings>;
+pub type OffPolicy = PolicyCollection<OffPolicySettings>;
 
 /// Settings of [`OffPolicy`]. [`OffPolicySettings::clear`] is the default.
 ///
@@ -62,7 +62,7 @@ pub struct OffPolicySettings {
     /// keeps all of them.
     pub buffer_episodes: Option<usize>,
     /// Initial parameters of a new policy; its replay buffer is empty.
-    pub new_policy: NewPolicy,
+    pub new_policy: NewPolicyInit,
     /// Seed of all random draws of the learner.
     pub seed: u64,
 }
@@ -89,7 +89,7 @@ impl OffPolicySettings {
             first_frames: 1,
             rollout_steps: 500,
             buffer_episodes: Some(100),
-            new_policy: NewPolicy::default(),
+            new_policy: NewPolicyInit::default(),
             seed: 0,
         }
     }
@@ -127,7 +127,7 @@ impl OffPolicySettings {
                 augmentation: Group::D2,
                 ..clear.sac
             }
-            .with_update_ratio_of(&PpoSettings::measured()),
+            .with_update_ratio_of_ppo(&PpoSettings::tuned()),
             grouping: GroupingSettings::default(),
             ..clear
         }
@@ -151,7 +151,7 @@ impl Default for OffPolicySettings {
     }
 }
 
-impl CollectionSettings for OffPolicySettings {
+impl PolicyCollectionSettings for OffPolicySettings {
     type Training = SacTraining;
 
     fn common(&self) -> CommonSettings {
@@ -166,11 +166,11 @@ impl CollectionSettings for OffPolicySettings {
         }
     }
 
-    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {
         SacPolicy::new(&self.network, self.context, spec, seed)
     }
 
-    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<SacPolicy, RlError> {
+    fn policy_with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<SacPolicy, RlError> {
         SacPolicy::with_params(&self.network, self.context, spec, params)
     }
 
@@ -178,15 +178,15 @@ impl CollectionSettings for OffPolicySettings {
         policy.params()
     }
 
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {
-        spec.check_rollout(steps)?;
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {
+        spec.check_rollout_memory(steps)?;
         Ok(StagedRollout::new(spec, steps))
     }
 
-    fn training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
+    fn new_training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
         Ok(SacTraining {
             sac: Sac::new(self.sac.clone(), policy)?,
-            replay: Replay::new(self.replay(spec), spec)?,
+            replay: ReplayBuffer::new(self.replay(spec), spec)?,
             warm_up: self.warm_up,
             newest_steps: self.newest_steps,
         })
@@ -196,7 +196,7 @@ impl CollectionSettings for OffPolicySettings {
 /// Training by soft actor-critic from a replay of the latest steps of one policy's rollouts.
 pub struct SacTraining {
     sac: Sac,
-    replay: Replay,
+    replay: ReplayBuffer,
     /// [`OffPolicySettings::warm_up`].
     warm_up: u64,
     /// [`OffPolicySettings::newest_steps`].
@@ -207,13 +207,13 @@ impl Training for SacTraining {
     type Policy = SacPolicy;
     type Rollout = StagedRollout;
 
-    fn prepare(&self, rollout: &mut StagedRollout) {
-        let recorded = self.replay.recorded();
-        rollout.warm_up(self.warm_up.saturating_sub(recorded));
+    fn prepare_rollout(&self, rollout: &mut StagedRollout) {
+        let recorded = self.replay.num_recorded();
+        rollout.draw_uniform_actions(self.warm_up.saturating_sub(recorded));
     }
 
     /// Does nothing: a replay takes steps of any policy unchanged.
-    fn take_over(_: &mut SacPolicy, _: &mut StagedRollout) -> Result<(), RlError> {
+    fn adapt_rollout(_: &mut SacPolicy, _: &mut StagedRollout) -> Result<(), RlError> {
         Ok(())
     }
 
@@ -224,24 +224,28 @@ impl Training for SacTraining {
         rng: &mut ChaCha8Rng,
     ) -> Result<Vec<(String, f64)>, RlError> {
         rollout.commit_to(&mut self.replay)?;
-        self.replay.mark_newest(self.newest_steps);
+        self.replay.set_num_newest(self.newest_steps);
         Ok(self.sac.update(policy, &self.replay, rng)?.metrics())
     }
 
-    fn state(&self) -> AlgorithmState<'_> {
+    fn algorithm_state(&self) -> AlgorithmState<'_> {
         self.sac.save()
     }
 
-    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+    fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         self.sac.restore(state)
     }
 
-    fn memory(&self, prefix: &str) -> Vec<Tensor> {
-        replay_checkpoint::tensors(&self.replay, prefix)
+    fn extra_tensors(&self, prefix: &str) -> Vec<Tensor> {
+        replay_checkpoint::replay_tensors(&self.replay, prefix)
     }
 
-    fn recall(&mut self, file: &TensorFile<'_>, prefix: &str) -> Result<(), LearnerError> {
-        self.replay = replay_checkpoint::read(file, prefix, &self.replay)?;
+    fn restore_extra_tensors(
+        &mut self,
+        file: &TensorFile<'_>,
+        prefix: &str,
+    ) -> Result<(), LearnerError> {
+        self.replay = replay_checkpoint::read_replay(file, prefix, &self.replay)?;
         Ok(())
     }
 }

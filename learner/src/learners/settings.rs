@@ -9,7 +9,7 @@ use symmetry::Group;
 use crate::error::LearnerError;
 use crate::groupings::{GroupingSettings, Labels};
 
-use super::collection::{Collection, CollectionSettings, CommonSettings};
+use super::collection::{CommonSettings, PolicyCollection, PolicyCollectionSettings};
 use super::covers::CoversSettings;
 use super::device::{DeviceChoice, LearningDevice};
 use super::learner::Learner;
@@ -51,10 +51,14 @@ impl LearnerSettings {
     ///
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
-    pub fn start(&self, spec: &EnvSpec, labels: &Labels) -> Result<Box<dyn Learner>, LearnerError> {
+    pub fn new_learner(
+        &self,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<Box<dyn Learner>, LearnerError> {
         each!(self, settings => {
             let grouping = settings.grouping.build_with(labels)?;
-            let learner = Collection::with_grouping(settings.clone(), spec, grouping)?;
+            let learner = PolicyCollection::with_grouping(settings.clone(), spec, grouping)?;
             Ok(Box::new(learner))
         })
     }
@@ -65,7 +69,7 @@ impl LearnerSettings {
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, of a learner of other settings,
     /// or of other environments.
-    pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
+    pub fn load_for_acting(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, false)
     }
 
@@ -73,15 +77,16 @@ impl LearnerSettings {
     /// the same bits.
     ///
     /// # Errors
-    /// Errors of [`LearnerSettings::load`], and [`LearnerError::PoliciesOnly`] for a file of
-    /// [`Extent::Policies`](super::Extent::Policies).
-    pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
+    /// Errors of [`LearnerSettings::load_for_acting`], and [`LearnerError::PoliciesOnlyCheckpoint`]
+    /// for a file of [`CheckpointExtent::Policies`](super::CheckpointExtent::Policies).
+    pub fn load_for_training(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, true)
     }
 
     fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Loaded {
         each!(self, settings => {
-            let (learner, note) = Collection::read(path, spec, settings, labels, whole)?;
+            let (learner, note) =
+                PolicyCollection::read_with_labels(path, spec, settings, labels, whole)?;
             Ok((Box::new(learner), note))
         })
     }
@@ -125,27 +130,29 @@ impl LearnerSettings {
         };
         match choice {
             DeviceChoice::Cpu | DeviceChoice::Auto => Ok(()),
-            DeviceChoice::Gpu => {
-                Err(LearnerError::Setting { name: "device", value: "gpu".to_owned(), expected })
-            }
+            DeviceChoice::Gpu => Err(LearnerError::InvalidSetting {
+                name: "device",
+                value: "gpu".to_owned(),
+                expected,
+            }),
         }
     }
 
     /// Returns the name of the GPU that policies train on; `None` on the CPU.
-    pub fn gpu(&self) -> Option<&str> {
+    pub fn gpu_name(&self) -> Option<&str> {
         match self {
-            Self::Covers(settings) => settings.device.gpu(),
+            Self::Covers(settings) => settings.device.gpu_name(),
             Self::OffPolicy(_) => None,
         }
     }
 
     /// Returns `true` if the learner may keep more than one policy.
-    pub fn tells_groups_apart(&self) -> bool {
+    pub fn may_hold_several_policies(&self) -> bool {
         self.common().grouping != GroupingSettings::Single
     }
 
     /// Returns the reason why the learner cannot name the policy of a task group; `None` if it can.
-    pub fn cannot_be_asked(&self) -> Option<&'static str> {
+    pub fn recognition_obstacle(&self) -> Option<&'static str> {
         match self.common().grouping {
             GroupingSettings::Single => Some("there is one policy for everything"),
             GroupingSettings::Oracle => Some("the learner is told the group"),
@@ -163,7 +170,7 @@ impl LearnerSettings {
     }
 
     /// Returns `true` if distances of a rollout and of its permutations have one unit.
-    pub fn permutes_distances(&self) -> bool {
+    pub fn permuted_distances_are_comparable(&self) -> bool {
         !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }
 
@@ -178,7 +185,7 @@ mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
-    use crate::learners::NewPolicy;
+    use crate::learners::NewPolicyInit;
 
     fn read<S: DeserializeOwned>(text: &str) -> serde_json::Result<S> {
         serde_json::from_str(text)
@@ -187,7 +194,7 @@ mod tests {
     #[test]
     fn settings_survive_a_file() {
         let other = CoversSettings {
-            new_policy: NewPolicy::Copy,
+            new_policy: NewPolicyInit::Copy,
             seed: u64::MAX,
             ..CoversSettings::paper()
         };

@@ -39,7 +39,7 @@ type Viewpoint = Vec<[[f32; 3]; 3]>;
 type Pose = ([f32; 3], [f32; 9], [f32; 3]);
 
 impl Renderer {
-    /// Draws the geoms that no joint moves into `backdrop`, for [`Renderer::render_over`].
+    /// Draws the geoms that no joint moves into `backdrop`, for [`Renderer::render_over_backdrop`].
     ///
     /// After an error the backdrop holds no picture.
     ///
@@ -80,7 +80,7 @@ impl Renderer {
     /// # Errors
     /// Errors of [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never
     /// drawn, [`RenderError::OtherRenderer`] for one that another renderer drew.
-    pub fn render_over(
+    pub fn render_over_backdrop(
         &mut self,
         data: &mut Data,
         backdrop: &mut Backdrop,

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use equivariant::{Chunks, Scalar};
+use equivariant::{ParallelChunks, Scalar};
 use rand_chacha::ChaCha8Rng;
 
 use crate::adam::{Adam, ParamGroup};
@@ -11,7 +11,7 @@ use crate::error::{RlError, check_finite};
 use crate::network::{ActorCritic, Workspace};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
-use crate::ppo::stats::{LossSums, LossWeights, Totals};
+use crate::ppo::stats::{LossSums, LossWeights, PpoTotals};
 use crate::ppo::symmetry_loss::{TransformedSamples, symmetry_loss};
 
 /// Samples of one training chunk. A minibatch of 64 then has 8 chunks to keep the cores busy;
@@ -42,7 +42,7 @@ pub(super) trait Device: Send + Sync {
     /// # Errors
     /// [`RlError::NotFinite`] for a loss or a gradient that is infinite or NaN, and errors of the
     /// device.
-    fn finish(&mut self, update: &mut Update) -> Result<Option<Totals>, RlError>;
+    fn finish(&mut self, update: &mut Update) -> Result<Option<PpoTotals>, RlError>;
 }
 
 /// Inputs and state of an update in progress.
@@ -73,8 +73,8 @@ impl<'a> Update<'a> {
         let group = |range, learning_rate| ParamGroup { range, learning_rate };
         let (network, settings) = (self.policy.network(), self.settings);
         [
-            group(network.encoder(), settings.encoder_learning_rate),
-            group(network.heads(), settings.head_learning_rate),
+            group(network.encoder_params(), settings.encoder_learning_rate),
+            group(network.head_params(), settings.head_learning_rate),
         ]
     }
 
@@ -158,7 +158,7 @@ impl Minibatch<'_> {
     ) -> LossSums {
         for (slot, &i) in self.indices[range.clone()].iter().enumerate() {
             let (image, vector) = self.buffer.observations().sample(self.buffer.spec(), i);
-            network.load(slot, image, vector, workspace);
+            network.load_sample(slot, image, vector, workspace);
         }
         network.forward(params, range.len(), workspace);
         let mut sums = self.loss(range.clone(), workspace);
@@ -202,7 +202,7 @@ impl Minibatch<'_> {
 
 /// The CPU as a [`Device`]: chunks run in parallel, and their gradients are added in a fixed order.
 pub(super) struct Cpu {
-    chunks: Chunks<f32, Workspace<f32>>,
+    chunks: ParallelChunks<f32, Workspace<f32>>,
     gradient: Vec<f32>,
 }
 
@@ -211,7 +211,7 @@ impl Cpu {
         let network = policy.network().clone();
         let num_params = network.num_params();
         Self {
-            chunks: Chunks::new(num_params, TRAINING_CHUNK, move || {
+            chunks: ParallelChunks::new(num_params, TRAINING_CHUNK, move || {
                 network.workspace(TRAINING_CHUNK)
             }),
             gradient: vec![0.0; num_params],
@@ -228,17 +228,20 @@ impl Device for Cpu {
         let (network, params) = (update.policy.network(), update.policy.params());
         let (samples, mut losses) = (minibatch.indices.len(), LossSums::default());
         self.gradient.fill(0.0);
-        let parts =
-            self.chunks.accumulate(samples, &mut self.gradient, |range, workspace, gradient| {
+        let parts = self.chunks.accumulate_gradients(
+            samples,
+            &mut self.gradient,
+            |range, workspace, gradient| {
                 minibatch.chunk(network, params, range, workspace, gradient)
-            });
+            },
+        );
         parts.iter().for_each(|part| losses.add(part));
         let sum = losses.policy_loss + losses.value_loss + losses.approx_kl + losses.symmetry_loss;
         check_finite("the loss of a minibatch", sum)?;
         Ok(Some((losses, &mut self.gradient)))
     }
 
-    fn finish(&mut self, _: &mut Update) -> Result<Option<Totals>, RlError> {
+    fn finish(&mut self, _: &mut Update) -> Result<Option<PpoTotals>, RlError> {
         Ok(None)
     }
 }

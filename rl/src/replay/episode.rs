@@ -1,6 +1,6 @@
 //! One episode of a replay buffer.
 
-use crate::env::{EnvSpec, Outcome};
+use crate::env::{EnvSpec, StepOutcome};
 
 /// Steps that an episode keeps as history after they left the replay buffer; more than the 64 steps
 /// that a recurrent context may read.
@@ -20,13 +20,13 @@ pub(super) struct Sizes {
 
 impl Sizes {
     pub fn new(spec: &EnvSpec, still_channels: usize) -> Self {
-        let [height, width, channels] = spec.image;
+        let [height, width, channels] = spec.image_shape;
         Self {
             pixels: height * width,
             moving: channels - still_channels,
             still: still_channels,
-            vector: spec.vector.len(),
-            action: spec.action.len(),
+            vector: spec.vector_irreps.len(),
+            action: spec.action_irreps.len(),
         }
     }
 
@@ -63,7 +63,7 @@ pub(super) struct Episode {
     /// Rewards of the episode's steps, `[T]`.
     pub rewards: Vec<f32>,
     /// State of the episode after its last step.
-    pub outcome: Outcome,
+    pub outcome: StepOutcome,
     /// Number of steps removed from the front of the episode.
     pub removed: usize,
     /// Number of the episode's last steps that the replay buffer still holds.
@@ -97,7 +97,7 @@ impl Episode {
         sizes: &Sizes,
         action: &[f32],
         reward: f32,
-        outcome: Outcome,
+        outcome: StepOutcome,
         next_image: &[u8],
         next_vector: &[f32],
     ) {
@@ -106,7 +106,7 @@ impl Episode {
         self.outcome = outcome;
         self.observe(sizes, next_image, next_vector);
         self.held += 1;
-        if outcome.ended() {
+        if outcome.is_ended() {
             self.shrink();
         }
     }

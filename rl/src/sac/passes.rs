@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use equivariant::Scalar;
 
-use crate::distributions::{sample_tanh, tanh_gradient};
+use crate::distributions::{sample_tanh_gaussian, tanh_gaussian_gradient};
 use crate::sac::minibatch::{Batch, SacWorkspace};
 use crate::sac::network::{CriticParts, SacNetwork};
 use crate::sac::stats::SacSums;
@@ -140,7 +140,7 @@ impl<T: Scalar> Losses<'_, T> {
         let rows = w.output.chunks_exact(2 * width).zip(noise);
         let actions = w.actions.chunks_exact_mut(width).zip(&mut w.log_pi);
         for ((output, draws), (action, log_pi)) in rows.zip(actions) {
-            *log_pi = sample_tanh(output, draws, action);
+            *log_pi = sample_tanh_gaussian(output, draws, action);
         }
     }
 
@@ -199,7 +199,7 @@ impl<T: Scalar> Losses<'_, T> {
             let d_output = &mut w.d_output[both.clone()];
             let (action, d_action) = (&w.actions[own.clone()], &w.d_actions[own]);
             let output = &w.output[both];
-            tanh_gradient(output, noise, action, d_action, d_log_pi, d_output);
+            tanh_gaussian_gradient(output, noise, action, d_action, d_log_pi, d_output);
             let (step, g) = self.batch.step(position);
             let done = self.batch.action(network, step, g);
             for ((d, &mean), taken) in d_output.iter_mut().zip(output).zip(done) {

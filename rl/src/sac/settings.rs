@@ -24,16 +24,18 @@ pub struct SacSettings {
     /// Number of consecutive steps of an episode in each window of a minibatch, a divisor of
     /// `batch`. The first step is drawn; an episode's last held step is followed by its first, so
     /// that every step is drawn equally often. A window of the newest steps of an episode with a
-    /// [`Replay::mark`](crate::Replay::mark) may thus reach back before the mark. Steps of a window
-    /// share observations, each of which is encoded once: a window of w steps takes w + 1
-    /// observations, or w + 1 + L with a context of L steps, instead of 2 w or (2 + L) w.
+    /// [`ReplayBuffer::start_newest`](crate::ReplayBuffer::start_newest) may thus reach back before
+    /// the mark. Steps of a window share observations, each of which is encoded once: a window of w
+    /// steps takes w + 1 observations, or w + 1 + L with a context of L steps, instead of 2 w or (2
+    /// + L) w.
     pub window: usize,
     /// Number of gradient steps for each recorded step, in [0, 1000]; below 1, several recorded
-    /// steps share a gradient step. Counts all steps ever recorded ([`Sac::due`](crate::Sac::due)).
+    /// steps share a gradient step. Counts all steps ever recorded
+    /// ([`Sac::gradient_steps_due`](crate::Sac::gradient_steps_due)).
     ///
     /// By default, 12 / 512: a step recorded after the burn-in is then part of 12 minibatches on
-    /// average, the maximum of PPO's default ([`SacSettings::with_update_ratio_of`]). The burn-in
-    /// is not made up for, and PPO may stop early by its KL divergence.
+    /// average, the maximum of PPO's default ([`SacSettings::with_update_ratio_of_ppo`]). The
+    /// burn-in is not made up for, and PPO may stop early by its KL divergence.
     pub updates_per_step: f32,
     /// Number of recorded steps before the first gradient step.
     pub burn_in: u64,
@@ -49,8 +51,9 @@ pub struct SacSettings {
     /// Temperature alpha, the weight of the entropy.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
-    /// the last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. Rounded to
-    /// whole windows: for 512 steps in windows of four, to a multiple of 1 / 128.
+    /// the last [`ReplayBuffer::start_newest`](crate::ReplayBuffer::start_newest); the others are
+    /// drawn from all. Rounded to whole windows: for 512 steps in windows of four, to a multiple of
+    /// 1 / 128.
     pub newest_share: f32,
     /// Group for data augmentation: a random element transforms images, vectors and actions of each
     /// window. C1 for none.
@@ -102,20 +105,20 @@ impl SacSettings {
             augmentation: Group::C1,
             cloning_weight: 0.0,
         };
-        settings.with_update_ratio_of(&PpoSettings::measured())
+        settings.with_update_ratio_of_ppo(&PpoSettings::tuned())
     }
 
     /// Sets [`SacSettings::updates_per_step`] so that a recorded step is part of as many gradients
     /// as a decision is in PPO: to `epochs / batch`.
     #[must_use]
-    pub fn with_update_ratio_of(self, ppo: &PpoSettings) -> Self {
+    pub fn with_update_ratio_of_ppo(self, ppo: &PpoSettings) -> Self {
         Self { updates_per_step: ppo.epochs as f32 / self.batch as f32, ..self }
     }
 
     /// Checks that every setting of soft actor-critic is in its range.
     ///
     /// # Errors
-    /// [`RlError::Setting`] names the field, its value and its range.
+    /// [`RlError::InvalidSetting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
         let allowed = (1..=MAX_BATCH).contains(&self.batch);

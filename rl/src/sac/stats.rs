@@ -48,7 +48,7 @@ sums! {
 #[derive(Default)]
 pub(crate) struct SacTotals {
     pub sums: SacSums,
-    pub grad_norms: f64,
+    pub grad_norm_sum: f64,
     pub clipped: f64,
     pub steps: usize,
 }
@@ -64,7 +64,7 @@ impl SacTotals {
             value: mean(self.sums.value),
             entropy: mean(-self.sums.log_pi),
             temperature,
-            grad_norm: each(self.grad_norms),
+            grad_norm: each(self.grad_norm_sum),
             clip_fraction: each(self.clipped),
             steps: self.steps,
             replay,

@@ -4,8 +4,8 @@ use equivariant::gpu::{Device, GpuError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Critic, Encoder, NetworkSettings, Ppo, PpoSettings, RlError,
-    RolloutBuffer, RolloutState, UpdateStats, VectorEnv, collect,
+    ActorCriticPolicy, Algorithm, CriticSettings, EncoderSettings, NetworkSettings, Ppo,
+    PpoSettings, PpoStats, RlError, RolloutBuffer, RolloutState, VectorEnv, collect,
 };
 use symmetry::Group;
 
@@ -16,7 +16,7 @@ const ENVS: usize = 9;
 
 fn network() -> NetworkSettings {
     NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![3, 4] },
+        encoder: EncoderSettings::Strided { fields: vec![3, 4] },
         top_fields: 6,
         vector_fields: 5,
         ..NetworkSettings::default()
@@ -41,7 +41,7 @@ fn rollout(network: &NetworkSettings) -> (ActorCriticPolicy, RolloutBuffer, ChaC
 
 /// State after an update.
 struct After {
-    stats: UpdateStats,
+    stats: PpoStats,
     /// Parameters, then both moments.
     arrays: [Vec<f32>; 3],
     steps: u64,
@@ -94,9 +94,9 @@ fn assert_alike(here: &After, there: &After, what: &str) {
 
 #[test]
 fn ten_steps_are_those_of_the_cpu() {
-    let joint = Critic::Joint { fields: 7 };
+    let joint = CriticSettings::Joint { fields: 7 };
     for group in [Group::D2, Group::C1] {
-        for critic in [joint, Critic::Pooled { width: 5 }] {
+        for critic in [joint, CriticSettings::Pooled { width: 5 }] {
             let network = NetworkSettings { group, critic, ..network() };
             let [here, there] = on_both(&settings(), &network);
             assert_eq!(here.stats.steps, 10);
@@ -115,9 +115,9 @@ fn they_are_so_without_operations_on_subgroups() {
 #[test]
 fn every_encoder_trains_as_on_the_cpu() {
     let encoders = [
-        Encoder::Pooled { fields: vec![], inner: [3, 4] },
-        Encoder::Keypoints { fields: vec![3], maps: 2 },
-        Encoder::Blind,
+        EncoderSettings::Pooled { fields: vec![], inner: [3, 4] },
+        EncoderSettings::Keypoints { fields: vec![3], maps: 2 },
+        EncoderSettings::Blind,
     ];
     for encoder in encoders {
         let network = NetworkSettings { encoder: encoder.clone(), ..network() };
@@ -191,7 +191,7 @@ fn a_lost_device_is_an_error_and_the_cpu_goes_on() {
     let before = policy.params().to_vec();
     own.close();
     let error = there.update(&mut policy, &buffer, &mut rng).unwrap_err();
-    assert!(matches!(error, RlError::Gpu(GpuError::Lost { .. })), "{error}");
+    assert!(matches!(error, RlError::Gpu(GpuError::DeviceLost { .. })), "{error}");
     assert_eq!(policy.params(), before);
     let mut here = Ppo::new(settings(), &policy).unwrap();
     here.restore(&there.save()).unwrap();

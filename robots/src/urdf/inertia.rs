@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec3};
 
 use super::origin;
-use crate::description::{Description, Inertia};
+use crate::description::{Inertia, RobotDescription};
 use crate::error::DescriptionError;
-use crate::error::{finite, require};
+use crate::error::{check_numbers, require};
 
 /// Smallest mass of a link with mass (kg).
 const LEAST_MASS: f64 = 1e-6;
@@ -19,9 +19,9 @@ pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, Descripti
     let stated = &link.inertial;
     let place = || format!("inertial of link `{}`", link.name);
     let (mass, what) = (stated.mass.value, "the mass");
-    finite(place, what, &[mass])?;
+    check_numbers(place, what, &[mass])?;
     let own = tensor(&stated.inertia);
-    finite(place, "the inertia", &own.to_cols_array())?;
+    check_numbers(place, "the inertia", &own.to_cols_array())?;
     let pose = origin(place, &stated.origin)?;
     // `urdf-rs` reads a missing `<inertial>` as zeros
     if mass == 0.0 && own == DMat3::ZERO {
@@ -31,7 +31,7 @@ pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, Descripti
     require(holds, place, what, mass, "a milligram or more")?;
     let own = physical(&link.name, own)?;
     let turn = DMat3::from_quat(pose.rotation);
-    Ok(Some(Inertia { mass, centre: pose.position, tensor: turn * own * turn.transpose() }))
+    Ok(Some(Inertia { mass, centre_of_mass: pose.position, tensor: turn * own * turn.transpose() }))
 }
 
 fn tensor(stated: &urdf_rs::Inertia) -> DMat3 {
@@ -61,7 +61,7 @@ fn physical(link: &str, tensor: DMat3) -> Result<DMat3, DescriptionError> {
 }
 
 /// Rejects links without mass that a joint moves: MuJoCo cannot simulate them.
-pub(super) fn check_moving(description: &Description) -> Result<(), DescriptionError> {
+pub(super) fn check_moving(description: &RobotDescription) -> Result<(), DescriptionError> {
     let carried = description.joints.iter().zip(&description.links[1..]);
     let mut moved = carried.filter(|(joint, _)| joint.motion.is_some());
     match moved.find(|(_, link)| link.inertia.is_none()) {
@@ -83,7 +83,7 @@ fn refuse_unless(
         return Ok(());
     }
     let [x, y, z] = [tensor.x_axis, tensor.y_axis, tensor.z_axis];
-    Err(DescriptionError::Inertia {
+    Err(DescriptionError::InvalidInertia {
         link: link.to_owned(),
         tensor: [x.x, y.y, z.z, x.y, x.z, y.z],
         reason,

@@ -5,9 +5,9 @@ use urdf_rs::JointType;
 
 use super::origin;
 use super::tree::Tree;
-use crate::description::{Drive, Joint, Motion, MotionKind};
+use crate::description::{Joint, JointMotion, MotionKind, PositionSource};
 use crate::error::DescriptionError;
-use crate::error::{finite, require};
+use crate::error::{check_numbers, require};
 
 /// Length of the shortest axis that is accepted.
 const SHORTEST_AXIS: f64 = 1e-6;
@@ -39,15 +39,24 @@ fn place(joint: &urdf_rs::Joint) -> String {
     format!("joint `{}`", joint.name)
 }
 
-fn motion(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Option<Motion>, DescriptionError> {
+fn motion(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Option<JointMotion>, DescriptionError> {
     let Some((kind, limited)) = kind(joint)? else {
         return Ok(None);
     };
     let drive = drive(joint, free)?;
-    let [speed, effort] = strength(joint, &drive)?;
+    let [max_speed, max_effort] = strength(joint, &drive)?;
     let [damping, friction] = resistance(joint)?;
     let range = if limited { Some(range(joint)?) } else { None };
-    Ok(Some(Motion { kind, axis: axis(joint)?, range, speed, effort, damping, friction, drive }))
+    Ok(Some(JointMotion {
+        kind,
+        axis: axis(joint)?,
+        range,
+        max_speed,
+        max_effort,
+        damping,
+        friction,
+        drive,
+    }))
 }
 
 /// Returns the kind of motion, and `true` if the joint has limits. `None` for a fixed joint.
@@ -62,12 +71,12 @@ fn kind(joint: &urdf_rs::Joint) -> Result<Option<(MotionKind, bool)>, Descriptio
         JointType::Spherical => "spherical",
     };
     let joint = joint.name.clone();
-    Err(DescriptionError::JointKind { joint, kind })
+    Err(DescriptionError::UnsupportedJointKind { joint, kind })
 }
 
 fn axis(joint: &urdf_rs::Joint) -> Result<DVec3, DescriptionError> {
     let place = || place(joint);
-    finite(place, "the axis", &*joint.axis.xyz)?;
+    check_numbers(place, "the axis", &*joint.axis.xyz)?;
     let axis = DVec3::from_array(*joint.axis.xyz);
     let (length, expected) = (axis.length(), "a direction");
     require(length > SHORTEST_AXIS, place, "the axis's length", length, expected)?;
@@ -76,20 +85,20 @@ fn axis(joint: &urdf_rs::Joint) -> Result<DVec3, DescriptionError> {
 
 fn range(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
     let (lower, upper) = (joint.limit.lower, joint.limit.upper);
-    finite(|| place(joint), "a limit", &[lower, upper])?;
+    check_numbers(|| place(joint), "a limit", &[lower, upper])?;
     if lower < upper {
         return Ok([lower, upper]);
     }
-    Err(DescriptionError::Limits { joint: joint.name.clone(), lower, upper })
+    Err(DescriptionError::InvalidLimits { joint: joint.name.clone(), lower, upper })
 }
 
 /// Reads the maximum speed and effort, which must be positive unless the joint follows another one.
-fn strength(joint: &urdf_rs::Joint, drive: &Drive) -> Result<[f64; 2], DescriptionError> {
+fn strength(joint: &urdf_rs::Joint, drive: &PositionSource) -> Result<[f64; 2], DescriptionError> {
     let (speed, effort) = (joint.limit.velocity, joint.limit.effort);
     let place = || place(joint);
     let what = "the limit's velocity or effort";
-    finite(place, what, &[speed, effort])?;
-    let follows = matches!(drive, Drive::Follows { .. });
+    check_numbers(place, what, &[speed, effort])?;
+    let follows = matches!(drive, PositionSource::Follows { .. });
     let expected = "a positive number in `<limit>`";
     for (limit, value) in [("the limit's velocity", speed), ("the limit's effort", effort)] {
         require(follows || value > 0.0, place, limit, value, expected)?;
@@ -102,26 +111,26 @@ fn resistance(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
     let resistance = stated.map_or([0.0; 2], |stated| [stated.damping, stated.friction]);
     let least = resistance[0].min(resistance[1]);
     let what = "damping or friction";
-    finite(|| place(joint), what, &resistance)?;
+    check_numbers(|| place(joint), what, &resistance)?;
     require(least >= 0.0, || place(joint), what, least, "zero or more")?;
     Ok(resistance)
 }
 
 /// Returns the source of the joint's position; `free` are the names of the free joints, in order.
-fn drive(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Drive, DescriptionError> {
+fn drive(joint: &urdf_rs::Joint, free: &[&str]) -> Result<PositionSource, DescriptionError> {
     let dof = |name: &str| free.iter().position(|free| *free == name);
     let Some(mimic) = &joint.mimic else {
-        let own = dof(&joint.name).map(|dof| Drive::Free { dof });
+        let own = dof(&joint.name).map(|dof| PositionSource::Free { dof });
         return own.ok_or_else(|| unknown(joint, &joint.name));
     };
     let (multiplier, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
-    finite(|| place(joint), "the mimic's multiplier or offset", &[multiplier, offset])?;
+    check_numbers(|| place(joint), "the mimic's multiplier or offset", &[multiplier, offset])?;
     let followed = dof(&mimic.joint).ok_or_else(|| unknown(joint, &mimic.joint))?;
-    Ok(Drive::Follows { dof: followed, multiplier, offset })
+    Ok(PositionSource::Follows { dof: followed, multiplier, offset })
 }
 
 fn unknown(joint: &urdf_rs::Joint, followed: &str) -> DescriptionError {
-    DescriptionError::Mimic {
+    DescriptionError::InvalidMimic {
         joint: joint.name.clone(),
         followed: followed.to_owned(),
         reason: "it must name a joint that moves and follows no other",

@@ -9,8 +9,8 @@ use super::{inertia, mesh, origin};
 use crate::capsule::{PlacedShape, Shape, join_capsules};
 use crate::description::Link;
 use crate::error::DescriptionError;
-use crate::error::{finite, require};
-use crate::fit::LEAST_SIZE;
+use crate::error::{check_numbers, require};
+use crate::fit::MIN_SHAPE_SIZE;
 use crate::pose::Pose;
 
 /// Converts a link; without a `folder`, collision meshes are rejected.
@@ -47,7 +47,9 @@ fn unplaced(
     folder: Option<&Path>,
 ) -> Result<(Option<Pose>, Shape), DescriptionError> {
     let shape = match *geometry {
-        Geometry::Box { size } => Shape::Box { half: 0.5 * DVec3::from_array(sized(link, *size)?) },
+        Geometry::Box { size } => {
+            Shape::Box { half_extents: 0.5 * DVec3::from_array(sized(link, *size)?) }
+        }
         Geometry::Cylinder { radius, length } => {
             let [radius, length] = sized(link, [radius, length])?;
             Shape::Cylinder { radius, length }
@@ -69,12 +71,12 @@ fn unplaced(
     Ok((None, shape))
 }
 
-/// Rejects sizes that are not finite or below [`LEAST_SIZE`], and returns the others.
+/// Rejects sizes that are not finite or below [`MIN_SHAPE_SIZE`], and returns the others.
 fn sized<const N: usize>(link: &str, sizes: [f64; N]) -> Result<[f64; N], DescriptionError> {
     let (place, what) = (|| place(link), "a size");
-    finite(place, what, &sizes)?;
+    check_numbers(place, what, &sizes)?;
     let least = sizes.into_iter().fold(f64::INFINITY, f64::min);
-    let holds = least >= LEAST_SIZE;
+    let holds = least >= MIN_SHAPE_SIZE;
     require(holds, place, what, least, "a micrometre or more")?;
     Ok(sizes)
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use crate::capsule::PlacedShape;
 use crate::error::DescriptionError;
-use crate::error::LARGEST;
+use crate::error::MAX_NUMBER;
 use crate::fit::bounding_capsule;
 
 /// Maximum size of a mesh file (bytes).
@@ -22,7 +22,7 @@ pub(super) fn capsule(
     scale: DVec3,
     folder: Option<&Path>,
 ) -> Result<PlacedShape, DescriptionError> {
-    let refused = |reason: String| DescriptionError::Mesh {
+    let refused = |reason: String| DescriptionError::InvalidMesh {
         link: link.to_owned(),
         file: file.to_owned(),
         reason,
@@ -35,7 +35,7 @@ pub(super) fn capsule(
     let bytes = read(&path).map_err(|error| refused(error.to_string()))?;
     let points = points(&path, &bytes).map_err(|reason| refused(reason.to_owned()))?;
     let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
-    let sound = |point: &DVec3| point.abs().max_element() <= LARGEST;
+    let sound = |point: &DVec3| point.abs().max_element() <= MAX_NUMBER;
     if points.is_empty() || !points.iter().all(sound) {
         return Err(refused("it holds no points, or points beyond 1e6 m".to_owned()));
     }
@@ -54,7 +54,7 @@ pub(super) fn check_inside(link: &str, file: &str) -> Result<(), DescriptionErro
 }
 
 fn outside(link: &str, file: &str) -> DescriptionError {
-    DescriptionError::FileOutside { link: link.to_owned(), file: file.to_owned() }
+    DescriptionError::MeshOutsideFolder { link: link.to_owned(), file: file.to_owned() }
 }
 
 /// Returns the path in the URDF's folder that `file` refers to. ROS's `package://NAME/` stands for

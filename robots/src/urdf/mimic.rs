@@ -1,29 +1,30 @@
 //! Ranges of joints that others follow, reduced so that the followers stay within their own.
 
-use crate::description::{Drive, Joint, Restriction};
-use crate::error::LARGEST;
+use crate::description::{Joint, PositionSource, RangeRestriction};
+use crate::error::MAX_NUMBER;
 use crate::error::{DescriptionError, FollowerRanges};
 
 /// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
 /// a range that is no wider counts as empty.
 const ROUNDING: f64 = 1e-6;
 /// Range of a hinge without limits: no number of a file is larger.
-const ENDLESS: [f64; 2] = [-LARGEST, LARGEST];
+const ENDLESS: [f64; 2] = [-MAX_NUMBER, MAX_NUMBER];
 
 /// Reduces the ranges of free joints until every follower stays within its own range. Returns the
 /// reductions, in order.
-pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, DescriptionError> {
+pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<RangeRestriction>, DescriptionError> {
     let is_free = |joint: &Joint| joint.motion.is_some_and(|motion| motion.is_free());
     let free: Vec<usize> = (0..joints.len()).filter(|&joint| is_free(&joints[joint])).collect();
     let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
     let stated: Vec<_> = free.iter().map(|&joint| range_of(&joints[joint])).collect();
-    let mut restrictions: Vec<Restriction> = Vec::new();
+    let mut restrictions: Vec<RangeRestriction> = Vec::new();
     for index in 0..joints.len() {
         let follower = &joints[index];
         let Some(motion) = follower.motion else {
             continue;
         };
-        let (Drive::Follows { dof, multiplier, offset }, Some(own)) = (motion.drive, motion.range)
+        let (PositionSource::Follows { dof, multiplier, offset }, Some(own)) =
+            (motion.drive, motion.range)
         else {
             continue;
         };
@@ -38,7 +39,7 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
                 followed: leader.name.clone(),
                 ranges: Box::new(FollowerRanges {
                     followed: whole,
-                    led: led(whole, multiplier, offset),
+                    required: led(whole, multiplier, offset),
                     own,
                 }),
                 other: other.map(|other| other.follower.clone()),
@@ -47,10 +48,10 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
         if range == whole {
             continue;
         }
-        restrictions.push(Restriction {
+        restrictions.push(RangeRestriction {
             joint: leader.name.clone(),
             follower: follower.name.clone(),
-            stated: stated[dof],
+            file_range: stated[dof],
             range,
         });
         if let Some(followed) = &mut joints[free[dof]].motion {
@@ -114,7 +115,7 @@ mod tests {
             (ENDLESS, [-1.0, 1.0], 1e-5, 0.0, Some([-1e5, 1e5])),
             (ENDLESS, [-1.0, 1.0], 1e-9, 0.0, Some(ENDLESS)),
             (ENDLESS, [-1.0, 1.0], -1e-310, 0.0, Some(ENDLESS)),
-            (ENDLESS, [0.0, 1.0], 1e-9, 0.0, Some([0.0, LARGEST])),
+            (ENDLESS, [0.0, 1.0], 1e-9, 0.0, Some([0.0, MAX_NUMBER])),
             (ENDLESS, [1.0, 2.0], 1e-9, 0.0, None),
             (ENDLESS, [1.0, 2.0], 0.0, 0.0, None),
             (whole, [-1.0, 1.0], 1e-310, 0.0, Some(whole)),

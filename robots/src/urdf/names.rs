@@ -38,7 +38,7 @@ fn count(
     if (least..=limit).contains(&count) {
         return Ok(());
     }
-    Err(DescriptionError::Count { place: place(), kind, count, least, limit })
+    Err(DescriptionError::CountOutOfRange { place: place(), kind, count, least, limit })
 }
 
 fn unique<'a>(
@@ -68,7 +68,7 @@ fn usable(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
     };
     // cut, because it becomes part of a message
     let name = name.chars().take(MAX_NAME).collect();
-    Err(DescriptionError::Name { kind, name, reason })
+    Err(DescriptionError::InvalidName { kind, name, reason })
 }
 
 /// Rejects a link `world` that is not a bare root.
@@ -79,7 +79,7 @@ fn not_reserved(file: &urdf_rs::Robot, link: &urdf_rs::Link) -> Result<(), Descr
     if link.name != "world" || (is_bare() && is_root()) {
         return Ok(());
     }
-    Err(DescriptionError::Name {
+    Err(DescriptionError::InvalidName {
         kind: "link",
         name: link.name.clone(),
         reason: "it is reserved for the simulated world and a root without shapes and mass",

@@ -75,7 +75,7 @@ fn ends(
         let found = index.get(&link[..]).copied();
         found.ok_or_else(|| DescriptionError::UnknownLink {
             link: link.clone(),
-            asked: format!("the joint `{}`", joint.name),
+            requested_by: format!("the joint `{}`", joint.name),
             known: file.links.iter().map(|one| one.name.clone()).collect(),
         })
     };

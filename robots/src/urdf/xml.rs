@@ -7,12 +7,12 @@
 use roxmltree::{Attribute, Document, Error, Node, ParsingOptions};
 
 use crate::error::DescriptionError;
-use crate::mjcf::escaped;
+use crate::mjcf::xml_escaped;
 
 /// Maximum size of a URDF (bytes).
-pub const MAX_BYTES: usize = 2 << 20;
+pub const MAX_URDF_BYTES: usize = 2 << 20;
 /// Maximum nesting depth of elements.
-pub const MAX_DEPTH: usize = 64;
+pub const MAX_XML_DEPTH: usize = 64;
 /// Maximum number of elements, texts and comments.
 const MAX_NODES: u32 = 1 << 18;
 /// Maximum number of namespaces that a URDF may declare, since each element may copy them.
@@ -32,11 +32,11 @@ const VECTORS: [[&str; 2]; 5] =
 /// Rewrites the elements of a URDF as plain XML that every parser reads alike.
 ///
 /// # Errors
-/// [`DescriptionError::TooLong`], [`DescriptionError::TooDeep`], [`DescriptionError::Xacro`] for a
-/// template, and [`DescriptionError::Syntax`] for whatever is no URDF.
+/// [`DescriptionError::FileTooLong`], [`DescriptionError::XmlTooDeep`], [`DescriptionError::Xacro`]
+/// for a template, and [`DescriptionError::InvalidSyntax`] for whatever is no URDF.
 pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
-    if text.len() > MAX_BYTES {
-        return Err(DescriptionError::TooLong { limit: MAX_BYTES });
+    if text.len() > MAX_URDF_BYTES {
+        return Err(DescriptionError::FileTooLong { limit: MAX_URDF_BYTES });
     }
     let text = without_comments(text)?;
     // rough counts, taken before the parsing whose cost they limit
@@ -70,7 +70,7 @@ pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
 const ALONE: &str = "expected one `<robot>` and, around it, only blanks and comments";
 
 fn syntax<T>(message: String) -> Result<T, DescriptionError> {
-    Err(DescriptionError::Syntax { message })
+    Err(DescriptionError::InvalidSyntax { message })
 }
 
 /// Removes comments between tags; lines keep their numbers. Text that looks like a comment inside a
@@ -133,8 +133,8 @@ struct Urdf<'a> {
 impl Urdf<'_> {
     /// Writes an element at depth `level`, without elements and attributes of other namespaces.
     fn write(&mut self, element: Node, level: usize) -> Result<(), DescriptionError> {
-        if level > MAX_DEPTH {
-            return Err(DescriptionError::TooDeep { limit: MAX_DEPTH });
+        if level > MAX_XML_DEPTH {
+            return Err(DescriptionError::XmlTooDeep { limit: MAX_XML_DEPTH });
         }
         let line = || self.document.text_pos_at(element.range().start).row as usize;
         if let Some(found) = self.template(element, level) {
@@ -149,7 +149,7 @@ impl Urdf<'_> {
                 return syntax(format!("line {}: {problem}", line()));
             }
             if attribute.namespace().is_none() {
-                let value = escaped(attribute.value());
+                let value = xml_escaped(attribute.value());
                 self.text += &format!(" {}=\"{value}\"", attribute.name());
             }
         }
@@ -236,9 +236,9 @@ mod tests {
             let close = "</a\n>".repeat(levels - 2);
             format!("<?xml version=\"1.0\"?>\n<!----><robot>{open}<!-->{close}-->{close}</robot>")
         };
-        elements(&nested(MAX_DEPTH)).unwrap();
-        let error = elements(&nested(MAX_DEPTH + 1)).unwrap_err();
-        assert!(matches!(error, DescriptionError::TooDeep { .. }), "{error}");
+        elements(&nested(MAX_XML_DEPTH)).unwrap();
+        let error = elements(&nested(MAX_XML_DEPTH + 1)).unwrap_err();
+        assert!(matches!(error, DescriptionError::XmlTooDeep { .. }), "{error}");
     }
 
     #[test]
@@ -282,7 +282,7 @@ mod tests {
             "<a <!-- x --> b='1'/>",
         ] {
             let error = elements(&format!("<robot>{inside}</robot>")).unwrap_err();
-            let is_syntax = matches!(error, DescriptionError::Syntax { .. });
+            let is_syntax = matches!(error, DescriptionError::InvalidSyntax { .. });
             assert!(is_syntax, "{inside}: {error}");
         }
     }

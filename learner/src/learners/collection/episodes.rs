@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use cluster::Frames;
 use evidence::Course;
-use rl::{EnvSpec, Features, Observations, Outcome, RlError, RolloutBuffer};
+use rl::{EnvSpec, FeatureExtractor, Observations, RlError, RolloutBuffer, StepOutcome};
 
 use crate::error::LearnerError;
 
@@ -36,14 +36,14 @@ impl FirstFrames {
 
 /// Experience that one assignment uses.
 #[derive(Default)]
-pub(super) struct Observed {
+pub(super) struct ObservedEpisodes {
     /// First frames of the episodes: the paper's `O`.
     pub frames: Vec<FirstFrames>,
     /// Whole episodes; empty if the grouping does not need them.
     pub courses: Vec<Course>,
 }
 
-impl Observed {
+impl ObservedEpisodes {
     /// Appends the episodes of a later rollout.
     pub fn extend(&mut self, later: Self) {
         self.frames.extend(later.frames);
@@ -52,7 +52,7 @@ impl Observed {
 
     /// Removes first frames of episodes that began before a changepoint, which belong to the
     /// earlier task group. Without later frames all stay.
-    pub fn keep_later(&mut self, cut: Option<usize>) {
+    pub fn drop_before_changepoint(&mut self, cut: Option<usize>) {
         // `None` is less than any `Some`, so without a changepoint all frames are later
         let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
         if self.frames.iter().any(is_later) {
@@ -67,7 +67,7 @@ pub trait Rollout {
     fn spec(&self) -> &EnvSpec;
 
     /// Returns T, the number of steps of every environment that were collected.
-    fn shown(&self) -> usize;
+    fn num_steps(&self) -> usize;
 
     /// Returns step `step` (from 0) of environment `env` (from 0) in the rollout.
     fn step(&self, step: usize, env: usize) -> StepView<'_>;
@@ -80,7 +80,7 @@ pub trait Rollout {
 
     /// Keeps only the latest `collections` collections since an algorithm last learnt. A rollout
     /// that holds a single collection forgets it when the next one begins.
-    fn keep(&mut self, _collections: usize) {}
+    fn keep_latest(&mut self, _collections: usize) {}
 }
 
 /// Step of one environment in a rollout.
@@ -94,7 +94,7 @@ pub struct StepView<'a> {
     /// Reward of the step.
     pub reward: f32,
     /// State of the episode after the step.
-    pub outcome: Outcome,
+    pub outcome: StepOutcome,
 }
 
 impl Rollout for RolloutBuffer {
@@ -102,12 +102,12 @@ impl Rollout for RolloutBuffer {
         self.spec()
     }
 
-    fn shown(&self) -> usize {
-        self.steps()
+    fn num_steps(&self) -> usize {
+        self.steps_per_env()
     }
 
     fn step(&self, step: usize, env: usize) -> StepView<'_> {
-        let (row, len) = (step * self.spec().num_envs + env, self.spec().action.len());
+        let (row, len) = (step * self.spec().num_envs + env, self.spec().action_irreps.len());
         let (image, vector) = self.observations().sample(self.spec(), row);
         StepView {
             image,
@@ -135,9 +135,10 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
     let mut spans = Vec::new();
     for env in 0..rollout.spec().num_envs {
         let mut start = 0;
-        while start < rollout.shown() {
-            let end = (start..rollout.shown()).find(|&t| rollout.step(t, env).outcome.ended());
-            let stop = end.map_or(rollout.shown(), |last| last + 1);
+        while start < rollout.num_steps() {
+            let end =
+                (start..rollout.num_steps()).find(|&t| rollout.step(t, env).outcome.is_ended());
+            let stop = end.map_or(rollout.num_steps(), |last| last + 1);
             spans.push(Span { env, steps: start..stop, is_whole: end.is_some() });
             start = stop;
         }
@@ -154,7 +155,7 @@ pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames
         }
         let mut frames = Observations {
             images: Vec::with_capacity(k * rollout.spec().image_len()),
-            vectors: Vec::with_capacity(k * rollout.spec().vector.len()),
+            vectors: Vec::with_capacity(k * rollout.spec().vector_irreps.len()),
         };
         for step in steps.start..steps.start + k {
             let StepView { image, vector, .. } = rollout.step(step, env);
@@ -189,7 +190,7 @@ pub(super) fn courses<R: Rollout>(rollout: &R) -> Vec<Course> {
 
 /// Returns the invariant features of episodes, as `policy` sees them now: features drift while a
 /// policy learns, so frames are embedded afresh.
-pub(super) fn embed<P: Features>(
+pub(super) fn embed_first_frames<P: FeatureExtractor>(
     policy: &mut P,
     episodes: &[FirstFrames],
 ) -> Result<Frames, LearnerError> {
@@ -216,9 +217,9 @@ mod tests {
     fn rollout(ends: &[(usize, usize)]) -> RolloutBuffer {
         let spec = EnvSpec {
             num_envs: 2,
-            image: [1, 1, 1],
-            vector: vec![Irrep::X],
-            action: vec![Irrep::X],
+            image_shape: [1, 1, 1],
+            vector_irreps: vec![Irrep::X],
+            action_irreps: vec![Irrep::X],
         };
         let mut buffer = RolloutBuffer::new(&spec, 5).unwrap();
         for step in 0..5 {
@@ -228,7 +229,7 @@ mod tests {
             let mut transition = Transition::new(&spec);
             for (env, outcome) in transition.outcomes.iter_mut().enumerate() {
                 if ends.contains(&(env, step)) {
-                    *outcome = Outcome::Truncated;
+                    *outcome = StepOutcome::Truncated;
                 }
             }
             let decisions = Decisions::new(&spec);

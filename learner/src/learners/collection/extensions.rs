@@ -9,18 +9,18 @@ use rl::{Experience as _, VectorEnv};
 
 use crate::error::LearnerError;
 use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query, Trial};
-use crate::learners::learner::{Iteration, Seconds};
+use crate::learners::learner::{Iteration, IterationSeconds};
 
-use super::Collection;
-use super::episodes::{Observed, Rollout};
-use super::settings::{CollectionSettings, Handover, RolloutOf, Training};
+use super::PolicyCollection;
+use super::episodes::{ObservedEpisodes, Rollout};
+use super::settings::{Handover, PolicyCollectionSettings, RolloutOf, Training};
 
-impl<S: CollectionSettings> Collection<S> {
+impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Discards a rollout that the grouping left undecided.
     pub(super) fn discard(&mut self, decision: GroupingDecision, iteration: &mut Iteration) {
-        self.rollout.keep(0);
+        self.rollout.keep_latest(0);
         iteration.discarded += 1;
-        iteration.first_look.get_or_insert(decision.evidence);
+        iteration.first_rollout_evidence.get_or_insert(decision.evidence);
     }
 
     /// Prepares the rollout of `collector` for training the current policy, which `decision` named,
@@ -29,7 +29,7 @@ impl<S: CollectionSettings> Collection<S> {
     ///
     /// If the decision demands a trial, the grouping judges each new rollout and may name other
     /// policies, which then collect their own.
-    pub(super) fn hand_over(
+    pub(super) fn prepare_training_rollout(
         &mut self,
         env: &mut dyn VectorEnv,
         collector: usize,
@@ -40,7 +40,7 @@ impl<S: CollectionSettings> Collection<S> {
             return Ok(Some(collector));
         }
         if self.may_reuse(decision) {
-            self.take_over()?;
+            self.adapt_rollout()?;
             return Ok(Some(collector));
         }
         // ends because a grouping names no rejected policy again, and waits for a second new one
@@ -51,21 +51,21 @@ impl<S: CollectionSettings> Collection<S> {
             }
             let mut passes = true;
             if decision.trial == Trial::Episodes
-                && !iteration.created
+                && !iteration.policy_created
                 && let Some(probe) = self.probe(env, iteration)?
             {
-                passes = self.passes_trial(self.observe_in(&probe), decision, iteration)?;
+                passes = self.passes_trial(self.observed_episodes_in(&probe), decision, iteration)?;
             }
             if passes {
                 let actor = self.current;
                 self.roll_out(env, iteration)?;
                 let is_final =
-                    decision.trial == Trial::None || (iteration.created && !iteration.can_wait());
-                if is_final || self.passes_trial(self.observe()?, decision, iteration)? {
+                    decision.trial == Trial::None || (iteration.policy_created && !iteration.can_wait());
+                if is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)? {
                     return Ok(Some(actor));
                 }
                 if decision.trial == Trial::Waived {
-                    self.take_over()?;
+                    self.adapt_rollout()?;
                     return Ok(Some(actor));
                 }
             }
@@ -84,16 +84,16 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Prepares the rollout of another policy for training the current one.
-    fn take_over(&mut self) -> Result<(), LearnerError> {
+    fn adapt_rollout(&mut self) -> Result<(), LearnerError> {
         let policy = &mut self.policies[self.current].policy;
-        Ok(S::Training::take_over(policy, &mut self.rollout)?)
+        Ok(S::Training::adapt_rollout(policy, &mut self.rollout)?)
     }
 
     /// Asks the grouping whether the current policy, which `decision` named, stays after it acted.
     /// Otherwise `decision` becomes the answer, and the policy that it names current.
     fn passes_trial(
         &mut self,
-        observed: Observed,
+        observed: ObservedEpisodes,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
     ) -> Result<bool, LearnerError> {
@@ -105,7 +105,7 @@ impl<S: CollectionSettings> Collection<S> {
             return Ok(true);
         }
         if judged.policy != Decision::Undecided {
-            iteration.created = self.adopt(&judged, observed.frames)?;
+            iteration.policy_created = self.make_current(&judged, observed.frames)?;
         }
         *decision = judged;
         Ok(false)
@@ -122,11 +122,11 @@ impl<S: CollectionSettings> Collection<S> {
         let steps = env
             .horizon()
             .and_then(|horizon| horizon.checked_mul(episodes.max(1)))
-            .filter(|&steps| steps < self.rollout.steps());
+            .filter(|&steps| steps < self.rollout.steps_per_env());
         let Some(steps) = steps else {
             return Ok(None);
         };
-        let mut rollout = self.settings.rollout(env.spec(), steps)?;
+        let mut rollout = self.settings.new_rollout(env.spec(), steps)?;
         let rng = &mut self.generators.actions;
         self.policies[self.current].act(env, &mut rollout, rng, iteration)?;
         Ok(Some(rollout))
@@ -138,7 +138,7 @@ impl<S: CollectionSettings> Collection<S> {
         &mut self,
         collector: usize,
         decision: &GroupingDecision,
-        seconds: &mut Seconds,
+        seconds: &mut IterationSeconds,
     ) -> Result<Learned, LearnerError> {
         let clock = Instant::now();
         let courses = self.courses_in(&self.rollout);

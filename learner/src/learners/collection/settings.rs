@@ -1,7 +1,9 @@
 //! Settings of every collection of policies, and the trait for the training of one policy.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{AlgorithmState, EnvSpec, Experience, ExportPolicy, Features, MeasureActivity, RlError};
+use rl::{
+    AlgorithmState, EnvSpec, Experience, ExportPolicy, FeatureExtractor, MeasureActivity, RlError,
+};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +14,7 @@ use crate::learners::tensor_file::{Tensor, TensorFile};
 use super::episodes::Rollout;
 
 /// Settings of a learner that is a collection of policies.
-pub trait CollectionSettings:
+pub trait PolicyCollectionSettings:
     Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static
 {
     /// Type of the training of the policies.
@@ -25,13 +27,18 @@ pub trait CollectionSettings:
     ///
     /// # Errors
     /// Images that the network cannot take, or a setting out of range.
-    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
 
     /// Creates a policy for the environments of `spec` with these parameters.
     ///
     /// # Errors
-    /// Errors of [`CollectionSettings::policy`], and parameters that are not the network's.
-    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<PolicyOf<Self>, RlError>;
+    /// Errors of [`PolicyCollectionSettings::new_policy`], and parameters that are not the
+    /// network's.
+    fn policy_with_params(
+        &self,
+        spec: &EnvSpec,
+        params: Vec<f32>,
+    ) -> Result<PolicyOf<Self>, RlError>;
 
     /// Returns all parameters of a policy as a flat slice.
     fn params(policy: &PolicyOf<Self>) -> &[f32];
@@ -40,35 +47,40 @@ pub trait CollectionSettings:
     ///
     /// # Errors
     /// Sizes of zero, or more memory than there is.
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
 
     /// Creates the initial state of the training of `policy`.
     ///
     /// # Errors
     /// A setting out of range.
-    fn training(&self, spec: &EnvSpec, policy: &PolicyOf<Self>) -> Result<Self::Training, RlError>;
+    fn new_training(
+        &self,
+        spec: &EnvSpec,
+        policy: &PolicyOf<Self>,
+    ) -> Result<Self::Training, RlError>;
 }
 
 /// Type of the policies of a collection with settings `S`.
-pub type PolicyOf<S> = <<S as CollectionSettings>::Training as Training>::Policy;
+pub type PolicyOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Policy;
 /// Type of the rollouts of a collection with settings `S`.
-pub type RolloutOf<S> = <<S as CollectionSettings>::Training as Training>::Rollout;
+pub type RolloutOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Rollout;
 
 /// Training of one policy of a collection: an algorithm with its state.
 pub trait Training: Sized + Send + 'static {
     /// Type of the policy that is trained.
-    type Policy: MeasureActivity + Features + ExportPolicy + Clone + Send;
+    type Policy: MeasureActivity + FeatureExtractor + ExportPolicy + Clone + Send;
     /// Type of the storage of a rollout until it is assigned to a policy.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
     /// Prepares `rollout` for a collection with this policy.
-    fn prepare(&self, _rollout: &mut Self::Rollout) {}
+    fn prepare_rollout(&self, _rollout: &mut Self::Rollout) {}
 
     /// Prepares a rollout that another policy collected for training `policy`.
     ///
     /// # Errors
     /// Errors of the policy.
-    fn take_over(policy: &mut Self::Policy, rollout: &mut Self::Rollout) -> Result<(), RlError>;
+    fn adapt_rollout(policy: &mut Self::Policy, rollout: &mut Self::Rollout)
+    -> Result<(), RlError>;
 
     /// Trains `policy` on the rollouts since the last call; returns the values to log.
     ///
@@ -82,25 +94,29 @@ pub trait Training: Sized + Send + 'static {
     ) -> Result<Vec<(String, f64)>, RlError>;
 
     /// Returns the state of the training algorithm, as named arrays and counters.
-    fn state(&self) -> AlgorithmState<'_>;
+    fn algorithm_state(&self) -> AlgorithmState<'_>;
 
-    /// Restores the state of the algorithm that [`Training::state`] returned.
+    /// Restores the state of the algorithm that [`Training::algorithm_state`] returned.
     ///
     /// # Errors
     /// A state of another algorithm or network.
-    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
+    fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 
     /// Returns all other arrays that the next update depends on, under names that begin with
     /// `prefix`.
-    fn memory(&self, _prefix: &str) -> Vec<Tensor> {
+    fn extra_tensors(&self, _prefix: &str) -> Vec<Tensor> {
         Vec::new()
     }
 
-    /// Restores the arrays that [`Training::memory`] returned.
+    /// Restores the arrays that [`Training::extra_tensors`] returned.
     ///
     /// # Errors
     /// Arrays that are missing or do not fit.
-    fn recall(&mut self, _file: &TensorFile<'_>, _prefix: &str) -> Result<(), LearnerError> {
+    fn restore_extra_tensors(
+        &mut self,
+        _file: &TensorFile<'_>,
+        _prefix: &str,
+    ) -> Result<(), LearnerError> {
         Ok(())
     }
 }
@@ -119,7 +135,7 @@ pub struct CommonSettings {
     /// Use of a rollout that is assigned to another policy than the one that collected it.
     pub handover: Handover,
     /// Initial parameters of a new policy.
-    pub new_policy: NewPolicy,
+    pub new_policy: NewPolicyInit,
     /// Seed of all random draws of the learner.
     pub seed: u64,
 }
@@ -138,7 +154,7 @@ impl CommonSettings {
         min_episodes: usize,
     ) -> Result<usize, LearnerError> {
         let refuse = |name, value: usize, expected| {
-            Err(LearnerError::Setting { name, value: value.to_string(), expected })
+            Err(LearnerError::InvalidSetting { name, value: value.to_string(), expected })
         };
         if self.first_frames == 0 {
             return refuse("first_frames", 0, "at least 1 frame");
@@ -180,7 +196,7 @@ pub enum Handover {
 /// Initial parameters of a new policy; its optimiser is fresh in any case.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum NewPolicy {
+pub enum NewPolicyInit {
     /// Random parameters, as in the paper.
     #[default]
     Random,
