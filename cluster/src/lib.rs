@@ -91,7 +91,7 @@ pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use settings::{AssignerSettings, Calibrated, Rule};
 pub use transport::{
-    COST_TOLERANCE, Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan,
+    Certificate, Entry, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, Solver, TransportPlan,
     Weights, certify, transport,
 };
 pub use wasserstein::{
