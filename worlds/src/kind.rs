@@ -22,7 +22,7 @@ pub enum WorldKind {
     Dynamics,
     /// No property: one group under several indices.
     Identical,
-    /// As [`WorldKind::Appearance`], with the colours of each group changing a little at every rollout.
+    /// As [`WorldKind::Appearance`], with colours that change a little from rollout to rollout.
     Drift,
 }
 

@@ -187,8 +187,9 @@ pub enum Handover {
     /// first frames are kept, in its buffer. The decisions of both rollouts count.
     #[default]
     CollectAgain,
-    /// The assigned policy learns from the old rollout with its own log-probabilities and values ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two
-    /// task groups.
+    /// The assigned policy learns from the old rollout with its own log-probabilities and values
+    /// ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two task
+    /// groups.
     Reuse,
 }
 
