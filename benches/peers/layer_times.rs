@@ -139,7 +139,7 @@ impl Bench {
     fn multiplications(&self) -> [usize; 2] {
         let layers = self.net.layers().iter();
         let dense =
-            layers.filter_map(|layer| Some((layer.kind().ordinary_conv()?, layer.num_params())));
+            layers.filter_map(|layer| Some((layer.kind().as_ordinary_conv()?, layer.num_params())));
         dense.fold([0; 2], |[ours, theirs], (dense, params)| {
             let pixels = dense.out_shape().num_pixels();
             let entries: usize = dense.kernel_shape().iter().product();

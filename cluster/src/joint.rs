@@ -54,7 +54,8 @@ impl SourceTest {
     }
 }
 
-/// Result of testing "rollout and buffer have one distribution" with all sources together.
+/// Result of a test of the hypothesis that a rollout and a buffer have one distribution, over all
+/// sources of features together.
 ///
 /// Whole episodes are permuted, in all sources alike, so the largest standardised distance has a
 /// null distribution that takes the sources' dependence and their number into account: the "max T"

@@ -87,7 +87,7 @@ pub use line::wasserstein1_line;
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use transport::{
-    COST_TOLERANCE, Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan,
+    Certificate, Entry, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, Solver, TransportPlan,
     Weights, certify, transport,
 };
 pub use wasserstein::{

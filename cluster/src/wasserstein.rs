@@ -17,7 +17,7 @@ use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 /// # Errors
 /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
 /// finite; [`ClusterError::Imprecise`](crate::ClusterError::Imprecise) where rounding leaves more
-/// than [`COST_TOLERANCE`](crate::COST_TOLERANCE) of the distance open.
+/// than [`MAX_RELATIVE_GAP`](crate::MAX_RELATIVE_GAP) of the distance open.
 ///
 /// ```
 /// // of three points the middle one, a third of the mass, goes half to either side

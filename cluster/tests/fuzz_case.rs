@@ -1,8 +1,8 @@
 //! One hostile input for each seed, and the verdict that it must get.
 
 use cluster::{
-    COST_TOLERANCE, ClusterError, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan, Wasserstein,
-    Weights, certify, wasserstein1_line,
+    ClusterError, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, Solver, TransportPlan,
+    Wasserstein, Weights, certify, wasserstein1_line,
 };
 use rand::seq::IndexedRandom;
 use rand::{Rng, RngExt, SeedableRng};
@@ -100,7 +100,7 @@ fn tolerance(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> f64 {
     } else {
         0.0
     };
-    let promised = (COST_TOLERANCE * plan.cost.abs()).max(RELATIVE_TOLERANCE * near_zero);
+    let promised = (MAX_RELATIVE_GAP * plan.cost.abs()).max(RELATIVE_TOLERANCE * near_zero);
     let rounded = if equal(a, b) { 0.0 } else { 1e-15 * largest(cost) };
     promised + rounded + 1e-320
 }

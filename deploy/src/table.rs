@@ -19,9 +19,9 @@ const DEVIATIONS: f64 = 1.959_963_984_540_054;
 /// Result of one trial of a policy on a robot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialScore {
-    /// Task group that was set up.
+    /// Task group whose scene was built for this trial.
     pub group: TaskGroup,
-    /// Element of D2 of the variant that was set up.
+    /// Element of D2 by which the scene was transformed.
     pub element: D2,
     /// Index of the trial among those of the variant, from 0.
     #[serde(rename = "number")]

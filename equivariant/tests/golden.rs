@@ -111,7 +111,7 @@ fn restrictions_are_those_of_their_definition_in_pytorch() {
 
 /// Returns the parameters of a convolution with the kernel and the bias of a case.
 fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
-    let dense = layer.ordinary_conv();
+    let dense = layer.as_ordinary_conv();
     let projection = dense.project_regular_kernel(&golden(&format!("{case}.kernel")));
     assert!(projection.lost_share < 1e-15, "{case}: not steerable");
     let mut params = projection.params;
@@ -125,7 +125,7 @@ fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
 
 /// Compares the gradient of a kernel, whose steerable part is that of the parameters.
 fn check_gradient(case: &str, layer: &R2Conv, gradient: &[f64]) {
-    let dense = layer.ordinary_conv();
+    let dense = layer.as_ordinary_conv();
     let biases = dense.out_shape().fields.multiplicity(symmetry::Irrep::Trivial);
     let weights = ..gradient.len() - biases;
     let dkernel = dense.project_regular_kernel(&golden(&format!("{case}.dkernel")));
@@ -161,7 +161,7 @@ fn residual_connections_are_those_of_pytorch() {
 fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
     let tensors = SafeTensors::deserialize(ESCNN).unwrap();
     let tensor = tensors.tensor(name).unwrap();
-    let dense = layer.ordinary_conv();
+    let dense = layer.as_ordinary_conv();
     assert_eq!(tensor.shape(), dense.kernel_shape());
     let (values, _) = tensor.data().as_chunks();
     let values: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();

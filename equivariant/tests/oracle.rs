@@ -68,7 +68,7 @@ proptest! {
         prop_assert_eq!(layer.is_ok(), exact == [true, true]);
         let Ok(layer) = layer else { return Ok(()) };
         let params = with_zero_bias(&layer, seed);
-        let kernel = layer.ordinary_conv().kernel(&params);
+        let kernel = layer.as_ordinary_conv().kernel(&params);
         let len = layer.in_shape().len();
         // five samples, so that groups of two to four that are staged together leave one incomplete
         let x = normal::<f64>(5 * len, seed + 1);
@@ -82,7 +82,7 @@ proptest! {
 fn one_poisoned_value_fails_the_comparison() {
     let (layer, window) = regular_layer();
     let params = with_zero_bias(&layer, 7);
-    let kernel = layer.ordinary_conv().kernel(&params);
+    let kernel = layer.as_ordinary_conv().kernel(&params);
     let x = normal::<f64>(layer.in_shape().len(), 8);
     let expected = naive(&layer, &kernel, window, &x);
     let mut y = forward(&layer, &params, &x);
@@ -110,7 +110,7 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
     expected.chunks_mut(12).for_each(|pixel| hadamard_transform(Group::D2, pixel));
     let mut regular_x = x;
     regular_x.chunks_mut(8).for_each(|pixel| hadamard_transform(Group::D2, pixel));
-    let kernel = layer.ordinary_conv().regular_kernel(&params);
+    let kernel = layer.as_ordinary_conv().regular_kernel(&params);
     let y = naive(&layer, &kernel, window, &regular_x);
     assert!(largest_deviation(&y, &expected) < 1e-12);
 }
@@ -118,7 +118,7 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
 #[test]
 fn the_regular_kernel_obeys_the_steerability_constraint() {
     let (layer, window) = regular_layer();
-    let kernel = layer.ordinary_conv().regular_kernel(&params::<f64>(&layer, 9));
+    let kernel = layer.as_ordinary_conv().regular_kernel(&params::<f64>(&layer, 9));
     let (n_in, n_out, k) = (2, 3, window.size);
     let at = |h_out: D2, h_in: D2, out: usize, input: usize, ty: usize, tx: usize| {
         let channel = (h_out.bits() * n_out + out) * 4 * n_in + h_in.bits() * n_in + input;
@@ -150,7 +150,7 @@ fn the_parameters_span_all_steerable_kernels() {
         .map(|i| {
             let mut unit = vec![0.0f64; dense / 4 + biases];
             unit[i] = 1.0;
-            layer.ordinary_conv().kernel(&unit)
+            layer.as_ordinary_conv().kernel(&unit)
         })
         .collect();
     for (i, a) in kernels.iter().enumerate() {

@@ -27,7 +27,7 @@ pub struct Schedule {
     pub clock: Clock,
 }
 
-/// Clock that measures the length of the stream's visits to task groups.
+/// Unit in which the stream measures its visits to task groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Clock {

@@ -17,7 +17,7 @@ pub struct GripperMark {
     pub hole_radius: f64,
     /// RGB colour of the mark.
     pub color: [u8; 3],
-    /// Distance from the camera that determines the size (metres): that of the table.
+    /// Distance from the camera (metres) at which the mark has the sizes above: the table's.
     pub reference_depth: f64,
 }
 

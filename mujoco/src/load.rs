@@ -10,7 +10,7 @@ use crate::raw;
 use crate::references::reject_outside_references;
 use crate::vfs::{NONEXISTENT_FOLDER, VirtualFileSystem, path_in_memory};
 
-/// Rejects references that would lead MuJoCo out of `files`; returns the path of `main`.
+/// Checks that `main` and all files that the XML names are in `files`; returns the path of `main`.
 pub(crate) fn check_file_references(
     main: &str,
     files: &[(&str, &[u8])],

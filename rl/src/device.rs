@@ -215,7 +215,7 @@ impl DevicePolicy {
             return Err(RlError::NetworkMismatch);
         }
         let spec = self.network.spec();
-        let (samples, width) = (observations.num_samples(spec)?, spec.action_irreps.len());
+        let (samples, width) = (observations.checked_num_samples(spec)?, spec.action_irreps.len());
         if !self.current {
             let params = self.plan.params_to_device_order(self.policy.params());
             self.program.write_floats(self.plan.params_buffer(), &params);

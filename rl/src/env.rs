@@ -121,7 +121,7 @@ impl Observations {
     }
 
     /// Returns N if both arrays hold N observations of the sizes of `spec`.
-    pub(crate) fn num_samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
+    pub(crate) fn checked_num_samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
         let samples = match spec.vector_irreps.len() {
             0 => self.images.len() / spec.image_len().max(1),
             width => self.vectors.len() / width,

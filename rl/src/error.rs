@@ -380,7 +380,7 @@ pub(crate) fn check_rows_finite(
 }
 
 /// Rejects parameters of another network.
-pub(crate) fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
+pub(crate) fn check_params_fit_network(got: usize, expected: usize) -> Result<(), RlError> {
     if got == expected { Ok(()) } else { Err(RlError::ParameterCountMismatch { got, expected }) }
 }
 

@@ -178,7 +178,7 @@ pub(crate) fn chain(
             if index + 1 == all.len() { output } else { ChannelBasis::Regular },
         ];
         let kind = layer.kind();
-        exported.push(match kind.ordinary_conv() {
+        exported.push(match kind.as_ordinary_conv() {
             Some(dense) => linear(group, &dense, &params[own], bases),
             None => weightless(&kind)?,
         });

@@ -12,7 +12,7 @@ use symmetry::Group;
 use crate::activity::{MeasureActivity, UnitActivity};
 use crate::distributions::{log_prob, standard_normals};
 use crate::env::{EnvSpec, Observations};
-use crate::error::{RlError, check_all_finite, check_len, check_params};
+use crate::error::{RlError, check_all_finite, check_len, check_params_fit_network};
 use crate::export;
 use crate::export::{
     ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain,
@@ -106,7 +106,7 @@ where
     ) -> Result<usize, RlError> {
         let (network, params) = (&*self.network, &self.params[..]);
         let trunk = network.trunk();
-        let samples = observations.num_samples(&trunk.spec)?;
+        let samples = observations.checked_num_samples(&trunk.spec)?;
         self.outputs.resize(samples * row, 0.0);
         self.chunks.map_rows(&mut self.outputs, row, |range, buffers, rows| {
             trunk.load_all(observations, range.clone(), buffers.trunk());
@@ -128,7 +128,7 @@ where
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         let trunk = self.trunk();
-        let (samples, width) = (observations.num_samples(&trunk.spec)?, self.feature_dim());
+        let (samples, width) = (observations.checked_num_samples(&trunk.spec)?, self.feature_dim());
         check_len("features", "[N, F]", out.len(), samples * width)?;
         let params = &self.params[trunk.params()];
         self.chunks.map_rows(out, width, |range, buffers, rows| {
@@ -166,7 +166,7 @@ where
 /// Rejects parameters of another network, and parameters that are infinite or NaN, which would only
 /// show up later as a loss that is not finite.
 pub(crate) fn check_saved_params(params: &[f32], expected: usize) -> Result<(), RlError> {
-    check_params(params.len(), expected)?;
+    check_params_fit_network(params.len(), expected)?;
     check_all_finite("a parameter", params)
 }
 
@@ -400,7 +400,7 @@ impl ExportPolicy for ActorCriticPolicy {
     }
 
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
-        let samples = observations.num_samples(self.network().spec())?;
+        let samples = observations.checked_num_samples(self.network().spec())?;
         let mut actions = vec![0.0; samples * self.action_dim()];
         let mut values = vec![0.0; samples];
         self.mean_actions(observations, &mut (), &mut actions)?;
@@ -412,7 +412,7 @@ impl ExportPolicy for ActorCriticPolicy {
 impl MeasureActivity for ActorCriticPolicy {
     fn unit_activity(&self, observations: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
-        let samples = observations.num_samples(network.spec())?;
+        let samples = observations.checked_num_samples(network.spec())?;
         let mut w = network.workspace(samples);
         network.trunk.load_all(observations, 0..samples, w.trunk());
         network.forward(params, samples, &mut w);

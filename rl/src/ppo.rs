@@ -22,7 +22,7 @@ use crate::adam::{Adam, SECOND_MOMENT_NAME, clip_global_norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::buffer::RolloutBuffer;
 use crate::distributions::{entropy, log_prob};
-use crate::error::{RlError, check_all_finite, check_finite, check_params};
+use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::minibatch::{Batch, Cpu, Decision, Device, MAX_LOG_RATIO, Output, Update};
 use crate::ppo::settings::PpoSettings;
@@ -109,7 +109,7 @@ impl Algorithm for Ppo {
         buffer: &RolloutBuffer,
         rng: &mut ChaCha8Rng,
     ) -> Result<PpoStats, RlError> {
-        check_params(self.optimiser.first_moment.len(), policy.params().len())?;
+        check_params_fit_network(self.optimiser.first_moment.len(), policy.params().len())?;
         policy.network().spec().check_compatible(buffer.spec())?;
         self.batch.fill(&self.settings, buffer, rng)?;
         let mut update = Update {

@@ -23,7 +23,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::adam::{Adam, ParamGroup, SECOND_MOMENT_NAME, clip_values, norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::env::StepOutcome;
-use crate::error::{RlError, check_all_finite, check_finite, check_params};
+use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
 use crate::replay::ReplayBuffer;
 use crate::sac::minibatch::{Draws, SacWorkspace, training_chunk};
 use crate::sac::passes::Losses;
@@ -245,7 +245,7 @@ impl Algorithm for Sac {
         replay: &ReplayBuffer,
         rng: &mut ChaCha8Rng,
     ) -> Result<SacStats, RlError> {
-        check_params(self.gradient.len(), policy.params().len())?;
+        check_params_fit_network(self.gradient.len(), policy.params().len())?;
         policy.network().spec().check_compatible(replay.spec())?;
         let mut totals = SacTotals::default();
         if !replay.is_empty() {

@@ -8,7 +8,7 @@ use crate::description::{JointMotion, MotionKind, check_length};
 use crate::error::MAX_NUMBER;
 use crate::error::{ControlError, require_finite};
 use crate::ik::{
-    DampedLeastSquares, OrientationConstraint, check_joint_ranges, range_margins, step_joints,
+    JointVelocitySolver, OrientationConstraint, check_joint_ranges, range_margins, step_joints,
     tip_miss,
 };
 use crate::pose::Pose;
@@ -131,7 +131,7 @@ pub struct CartesianControl {
     posture: Vec<f64>,
     configuration: Vec<f64>,
     velocities: Vec<f64>,
-    solver: DampedLeastSquares,
+    solver: JointVelocitySolver,
     /// Target pose of the tip in the world.
     reference: Pose,
     wanted: Twist,
@@ -160,7 +160,7 @@ impl CartesianControl {
             posture: posture.to_vec(),
             configuration: posture.to_vec(),
             velocities: vec![0.0; joints],
-            solver: DampedLeastSquares::new(joints, settings.orientation),
+            solver: JointVelocitySolver::new(joints, settings.orientation),
             wanted: Twist::ZERO,
             twist: Twist::ZERO,
             chain,

@@ -13,7 +13,7 @@ use crate::twist::Twist;
 
 /// Solver for joint velocities, with buffers that are reused from solve to solve.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct DampedLeastSquares {
+pub(crate) struct JointVelocitySolver {
     orientation: OrientationConstraint,
     /// Columns of the Jacobian.
     columns: Vec<Twist>,
@@ -22,7 +22,7 @@ pub(crate) struct DampedLeastSquares {
     velocities: Vec<f64>,
 }
 
-impl DampedLeastSquares {
+impl JointVelocitySolver {
     pub(crate) fn new(joints: usize, orientation: OrientationConstraint) -> Self {
         Self {
             orientation,
@@ -258,7 +258,7 @@ impl Chain {
         let mut search = Search {
             chain: self,
             target,
-            solver: DampedLeastSquares::new(seed.len(), settings.orientation),
+            solver: JointVelocitySolver::new(seed.len(), settings.orientation),
         };
         let mut nearest = search.run(seed.to_vec(), ITERATIONS, PULLED_ITERATIONS);
         let mut searches = 1;
@@ -285,7 +285,7 @@ impl Chain {
 struct Search<'a> {
     chain: &'a Chain,
     target: &'a Pose,
-    solver: DampedLeastSquares,
+    solver: JointVelocitySolver,
 }
 
 impl Search<'_> {
@@ -468,7 +468,7 @@ mod tests {
         let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
         let wanted =
             Twist { linear: DVec3::new(0.1, -0.2, 0.05), angular: DVec3::new(0.0, 0.1, -0.1) };
-        let mut solver = DampedLeastSquares::new(7, OrientationConstraint::Full);
+        let mut solver = JointVelocitySolver::new(7, OrientationConstraint::Full);
         let mut solve = |bounds: &dyn Fn(usize) -> [f64; 2]| {
             solver.solve(&chain, &configuration, wanted, 1e-6, |_| 0.0, bounds);
             solver.joint_velocities().to_vec()

@@ -42,8 +42,8 @@ pub struct Mjcf {
 pub struct MjcfSettings {
     /// Servos of the joints; if `None`, the model has no actuators.
     pub servo: Option<Servo>,
-    /// Links and their default class (`childclass`), which also holds for everything below them.
-    /// The scene must declare the classes.
+    /// Pairs of a link and the default class (`childclass`) of its geometries and of all links below
+    /// it. The scene must declare the classes.
     pub link_classes: Vec<(String, String)>,
     /// Elements that are added to links.
     pub additions: Vec<LinkAddition>,

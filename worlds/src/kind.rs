@@ -22,7 +22,7 @@ pub enum WorldKind {
     Dynamics,
     /// No property: one group under several indices.
     Identical,
-    /// Properties of [`WorldKind::Appearance`], with colours that drift slowly.
+    /// As [`WorldKind::Appearance`], with colours that change a little from rollout to rollout.
     Drift,
 }
 

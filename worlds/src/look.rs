@@ -92,7 +92,8 @@ impl Texture {
 }
 
 impl Appearance {
-    /// Returns the centres of the copies, relative to the centre of the first one.
+    /// Returns the centres of the copies, relative to that of the first one, in the units
+    /// of `half_size`.
     pub(crate) fn copy_centres(&self) -> impl Iterator<Item = [f32; 2]> {
         // a copy is 2 sizes wide, so a gap of 0.3 sizes remains
         let apart = 2.3 * self.half_size;

@@ -11,7 +11,7 @@ pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 /// Largest `gap + violation` of a certificate, as a fraction of the plan's cost in magnitude. See
 /// [`certify`] for what negative costs and given weights are held to where that cost is close to
 /// zero.
-pub const COST_TOLERANCE: f64 = 1e-9;
+pub const MAX_RELATIVE_GAP: f64 = 1e-9;
 
 /// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
 const MAX_POTENTIAL: f64 = 1e300;
@@ -44,7 +44,7 @@ pub(crate) struct Scratch {
 ///
 /// With potentials far larger than the cost of the plan, these checks alone would prove nothing. So
 /// `gap + violation`, by which the plan's cost may exceed the optimum, must not exceed
-/// [`COST_TOLERANCE`] times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`]
+/// [`MAX_RELATIVE_GAP`] times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`]
 /// times another number if that is more: those with negative costs, which may cancel, to the plan's
 /// cost less the least `c_ij`, and those with given weights, whose sums round, to the smallest
 /// positive `c_ij` that carries mass.
@@ -306,7 +306,7 @@ fn check_precision(
     excess: f64,
     last_bit: f64,
 ) -> Result<()> {
-    let relative = COST_TOLERANCE * plan.cost.abs() + last_bit;
+    let relative = MAX_RELATIVE_GAP * plan.cost.abs() + last_bit;
     if at_least(relative, excess) {
         return Ok(());
     }

@@ -190,7 +190,7 @@ impl FusedChain {
             };
             if let Some(pool) = &link.pool {
                 let pool_gradient = &mut input_gradient[..pooled.len()];
-                T::pool_backward(PoolBackward {
+                T::max_pool_backward(PoolBackward {
                     pool,
                     samples,
                     x: pooled,
@@ -265,7 +265,7 @@ impl Link {
         };
         let before = FeatureMapsMut::Staged(&pool.patches, &mut *saved.pooled);
         self.convolve(params, samples, x, before, saved.masks, scratch);
-        T::pool_forward(PoolForward { pool, samples, x: saved.pooled, y, scratch });
+        T::max_pool_forward(PoolForward { pool, samples, x: saved.pooled, y, scratch });
     }
 
     fn convolve<T: ConvPasses>(

@@ -23,10 +23,10 @@ pub trait ConvPasses: Real {
     fn backward(pass: ConvBackward<Self>);
 
     /// Runs the forward pass of a max-pooling in this precision.
-    fn pool_forward(pass: PoolForward<Self>);
+    fn max_pool_forward(pass: PoolForward<Self>);
 
     /// Runs the backward pass of a max-pooling in this precision.
-    fn pool_backward(pass: PoolBackward<Self>);
+    fn max_pool_backward(pass: PoolBackward<Self>);
 }
 
 impl ConvPasses for f32 {
@@ -40,12 +40,12 @@ impl ConvPasses for f32 {
         run_f32(pass, widest);
     }
 
-    fn pool_forward(pass: PoolForward<f32>) {
+    fn max_pool_forward(pass: PoolForward<f32>) {
         let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn pool_backward(pass: PoolBackward<f32>) {
+    fn max_pool_backward(pass: PoolBackward<f32>) {
         let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
@@ -60,11 +60,11 @@ impl ConvPasses for f64 {
         pass.run(Portable);
     }
 
-    fn pool_forward(pass: PoolForward<f64>) {
+    fn max_pool_forward(pass: PoolForward<f64>) {
         pass.run(Portable);
     }
 
-    fn pool_backward(pass: PoolBackward<f64>) {
+    fn max_pool_backward(pass: PoolBackward<f64>) {
         pass.run(Portable);
     }
 }

@@ -24,7 +24,7 @@ const STAGED_OUTPUT_PIXELS: usize = 64;
 /// is one product of its folded columns with a matrix of parameters `[out multiplicity of b,
 /// columns]`. The parameters of all irreps are interleaved in the order in which the kernels read
 /// them, `[folded tap and input channel, output field, irrep]`, and the bias follows;
-/// [`ordinary_conv`](R2Conv::ordinary_conv) maps them to an ordinary kernel. The parameters span
+/// [`as_ordinary_conv`](R2Conv::as_ordinary_conv) maps them to an ordinary kernel. The parameters span
 /// every steerable kernel on the grid. Types of C1 give an ordinary convolution whose parameters
 /// are the kernel `[size, size, C_in, C_out]`.
 #[derive(Clone, Debug)]
@@ -95,7 +95,7 @@ impl R2Conv {
     }
 
     /// Returns the layer as an ordinary convolution.
-    pub fn ordinary_conv(&self) -> OrdinaryConv<'_> {
+    pub fn as_ordinary_conv(&self) -> OrdinaryConv<'_> {
         OrdinaryConv {
             layer_name: "R2Conv",
             taps: self.taps.clone(),

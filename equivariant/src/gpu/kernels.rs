@@ -30,7 +30,7 @@ impl Plan {
         let mut x = x;
         while let Some(leaf) = leaves.next() {
             let y = self.add_tensor(leaf.out_shape());
-            let rectified = leaf.kind().ordinary_conv().is_some()
+            let rectified = leaf.kind().as_ordinary_conv().is_some()
                 && leaves.next_if(|next| rectifies(*next, y.shape)).is_some();
             add(self, leaf, &x, &y, rectified)?;
             x = y;
@@ -74,7 +74,7 @@ fn add(
     rectified: bool,
 ) -> Result<(), GpuError> {
     match layer.kind() {
-        LayerKind::R2Conv(conv) => linear::add(plan, &conv.ordinary_conv(), x, y, rectified),
+        LayerKind::R2Conv(conv) => linear::add(plan, &conv.as_ordinary_conv(), x, y, rectified),
         LayerKind::Linear(dense) => linear::add(plan, &dense, x, y, rectified),
         LayerKind::Relu => pointwise::relu(plan, x, y),
         LayerKind::GroupMaxPool => pointwise::group_max_pool(plan, x, y),

@@ -87,7 +87,7 @@ impl fmt::Display for AveragePool {
 }
 
 /// Returns layers for the tests of all layers.
-pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = Shape::image(4, 6, FieldType::new(group, [2, 1, 3, 0]));
     let regular = Shape::image(3, 4, group.regular_type(2));
     let halving = AveragePool::new(mixed, SlidingWindow::new(2, 2, 0))?;

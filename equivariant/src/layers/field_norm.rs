@@ -367,7 +367,7 @@ impl fmt::Display for FieldNorm {
 }
 
 /// Returns layers for the tests of all layers.
-pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let norm = |fields, statistics| FieldNorm::new(Shape::image(3, 2, fields), statistics);
     let regular = |n| group.regular_type(n);
     let fixed = NormStatistics::Fixed(vec![[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]]);

@@ -182,7 +182,7 @@ impl Parameterless for GroupMeanPool {
 }
 
 /// Returns layers for the tests of all layers.
-pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let shape = Shape::image(2, 3, group.regular_type(4));
     Ok(vec![
         TestLayer::exactly_equivariant("group max-pool", GroupMaxPool::new(shape)?),

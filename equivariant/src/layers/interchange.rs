@@ -149,7 +149,7 @@ fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
             continue;
         }
         push(format!("{i}.params"), &[own.len()], own);
-        if let Some(dense) = layer.kind().ordinary_conv() {
+        if let Some(dense) = layer.kind().as_ordinary_conv() {
             let (kernel, bias) = (dense.regular_kernel(own), dense.regular_bias(own));
             push(format!("{i}.kernel"), &dense.kernel_shape(), &kernel);
             push(format!("{i}.bias"), &[bias.len()], &bias);

@@ -215,9 +215,9 @@ pub enum LayerKind<'a, T: Scalar> {
 
 impl<'a, T: Scalar> LayerKind<'a, T> {
     /// Returns the layer as an ordinary convolution, if it is linear and has weights.
-    pub fn ordinary_conv(&self) -> Option<OrdinaryConv<'a>> {
+    pub fn as_ordinary_conv(&self) -> Option<OrdinaryConv<'a>> {
         match self {
-            LayerKind::R2Conv(conv) => Some(conv.ordinary_conv()),
+            LayerKind::R2Conv(conv) => Some(conv.as_ordinary_conv()),
             LayerKind::Linear(dense) => Some(OrdinaryConv::clone(dense)),
             _ => None,
         }

@@ -44,7 +44,7 @@ impl Linear {
     }
 
     /// Returns the layer as an ordinary convolution of one tap.
-    pub fn ordinary_conv(&self) -> OrdinaryConv<'_> {
+    pub fn as_ordinary_conv(&self) -> OrdinaryConv<'_> {
         OrdinaryConv {
             layer_name: "Linear",
             taps: TapBasis::new(self.in_type, 1),
@@ -82,7 +82,7 @@ impl LayerSignature for Linear {
 
 impl<T: Scalar> Layer<T> for Linear {
     fn kind(&self) -> LayerKind<'_, T> {
-        LayerKind::Linear(Box::new(self.ordinary_conv()))
+        LayerKind::Linear(Box::new(self.as_ordinary_conv()))
     }
 
     fn draw_params(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
@@ -123,7 +123,7 @@ impl fmt::Display for Linear {
 }
 
 /// Returns layers for the tests of all layers.
-pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = FieldType::new(group, [2, 1, 3, 0]);
     let lacking = FieldType::new(group, [1, 2, 0, 2]);
     let from_mixed = Linear::new(mixed, group.regular_type(4))?;

@@ -156,7 +156,7 @@ impl fmt::Display for Restrict {
 }
 
 /// Returns layers for the tests of all layers: restrictions to the next smaller groups.
-pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = Shape::image(3, 2, FieldType::new(group, [2, 1, 3, 0]));
     let regular = Shape::image(2, 4, group.regular_type(3));
     let sub = match group {

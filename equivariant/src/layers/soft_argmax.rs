@@ -244,7 +244,7 @@ impl fmt::Display for SpatialSoftArgmax {
 }
 
 /// Returns layers for the tests of all layers.
-pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let regular = Shape::image(4, 5, group.regular_type(3));
     let trivial = Shape::image(3, 3, group.trivial_type(2));
     let trivial = SpatialSoftArgmax::new(trivial, 1.0)?;

@@ -210,7 +210,7 @@ impl<T: Scalar> fmt::Debug for BranchSum<T> {
 }
 
 /// Returns layers for the tests of all layers.
-pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let shape = Shape::image(4, 3, group.regular_type(2));
     let same = SlidingWindow::new(3, 1, 1);
     let conv = || R2Conv::new(shape.fields, shape.fields, same, [4, 3]);

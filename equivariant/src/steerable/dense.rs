@@ -12,8 +12,8 @@ use crate::window::SlidingWindow;
 /// Ordinary convolution equal to a layer: a kernel `[C_out, C_in, size, size]` and a bias
 /// `[C_out]`.
 ///
-/// [`R2Conv::ordinary_conv`](crate::R2Conv::ordinary_conv) and
-/// [`Linear::ordinary_conv`](crate::Linear::ordinary_conv) create it; a linear layer is a
+/// [`R2Conv::as_ordinary_conv`](crate::R2Conv::as_ordinary_conv) and
+/// [`Linear::as_ordinary_conv`](crate::Linear::as_ordinary_conv) create it; a linear layer is a
 /// convolution of one tap. Cross-correlation with the kernel, plus the bias, equals the layer. It
 /// is meant for checks, export and import; layers never build it.
 ///

@@ -71,7 +71,7 @@ proptest! {
             &Representation::irreps(out_type),
             size,
         );
-        assert_equal_spans(&closed_form(&conv.ordinary_conv(), num_weights(&conv), false), &solved);
+        assert_equal_spans(&closed_form(&conv.as_ordinary_conv(), num_weights(&conv), false), &solved);
     }
 }
 
@@ -82,7 +82,7 @@ fn regular_kernels_span_the_space_of_permutation_representations() {
             let conv = layer(group.regular_type(1), group.regular_type(1), size);
             let regular = Representation::regular(group, 1);
             let solved = kernel_space(&regular, &regular, size);
-            let closed = closed_form(&conv.ordinary_conv(), num_weights(&conv), true);
+            let closed = closed_form(&conv.as_ordinary_conv(), num_weights(&conv), true);
             assert_equal_spans(&closed, &solved);
         }
     }
@@ -95,7 +95,7 @@ fn linear_layers_span_the_equivariant_matrices() {
         let linear = Linear::new(in_type, out_type).unwrap();
         let solved =
             kernel_space(&Representation::irreps(in_type), &Representation::irreps(out_type), 1);
-        let closed = closed_form(&linear.ordinary_conv(), num_weights(&linear), false);
+        let closed = closed_form(&linear.as_ordinary_conv(), num_weights(&linear), false);
         assert_equal_spans(&closed, &solved);
     }
 }
@@ -136,7 +136,7 @@ fn projection_inverts_expansion_and_measures_the_rest() {
     for group in Group::ALL {
         let mixed = FieldType::new(group, [2, 1, 1, 0]);
         let conv = layer(group.regular_type(2), mixed, 3);
-        let dense = conv.ordinary_conv();
+        let dense = conv.as_ordinary_conv();
         let mut params = common::params::<f64>(&conv, 1);
         let weights = num_weights(&conv);
         params[weights..].fill(0.0);
@@ -163,15 +163,15 @@ fn the_regular_basis_projects_to_the_same_parameters() {
     for group in Group::ALL {
         let conv = layer(group.trivial_type(2), group.regular_type(2), 4);
         let params = common::params::<f64>(&conv, 3);
-        let kernel = conv.ordinary_conv().regular_kernel(&params);
-        let back = conv.ordinary_conv().project_regular_kernel(&kernel);
+        let kernel = conv.as_ordinary_conv().regular_kernel(&params);
+        let back = conv.as_ordinary_conv().project_regular_kernel(&kernel);
         assert!(back.lost_share < 1e-14);
         let weights = num_weights(&conv);
         for (a, b) in params[..weights].iter().zip(&back.params) {
             assert!((a - b).abs() < 1e-14);
         }
         // in the regular basis, a bias is one number for all elements of a field
-        let bias = conv.ordinary_conv().regular_bias(&params);
+        let bias = conv.as_ordinary_conv().regular_bias(&params);
         for f in 0..2 {
             let values: Vec<f64> = bias.iter().skip(f).step_by(2).copied().collect();
             assert!(values.iter().all(|v| (v - values[0]).abs() < 1e-15));

@@ -5,7 +5,7 @@ use crate::gpu::plan::{Plan, Tensor};
 use crate::gpu::step::{BufferSlot, KernelStep, WorkgroupCount};
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
-/// Returns a kernel with a thread for each pixel and field of a map.
+/// Returns a GPU kernel that runs one thread per pixel and field of a feature map.
 pub(super) fn each_field(
     label: &'static str,
     channels: &ChannelLayout,

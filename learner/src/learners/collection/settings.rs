@@ -183,13 +183,13 @@ impl CommonSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Handover {
-    /// A new rollout of the assigned policy, which trains on that; the first frames of the old one
-    /// go into its buffer. Both count as decisions.
+    /// The assigned policy collects a new rollout and learns from it. Of the old rollout, only the
+    /// first frames are kept, in its buffer. The decisions of both rollouts count.
     #[default]
     CollectAgain,
-    /// The old rollout, from which the assigned policy learns with its own log-probabilities and
-    /// values ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two
-    /// task groups.
+    /// The assigned policy learns from the old rollout with its own log-probabilities and values
+    /// ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two task
+    /// groups.
     Reuse,
 }
 
