@@ -24,9 +24,9 @@ const STAGED_OUTPUT_PIXELS: usize = 64;
 /// is one product of its folded columns with a matrix of parameters `[out multiplicity of b,
 /// columns]`. The parameters of all irreps are interleaved in the order in which the kernels read
 /// them, `[folded tap and input channel, output field, irrep]`, and the bias follows;
-/// [`as_ordinary_conv`](R2Conv::as_ordinary_conv) maps them to an ordinary kernel. The parameters span
-/// every steerable kernel on the grid. Types of C1 give an ordinary convolution whose parameters
-/// are the kernel `[size, size, C_in, C_out]`.
+/// [`as_ordinary_conv`](R2Conv::as_ordinary_conv) maps them to an ordinary kernel. The parameters
+/// span every steerable kernel on the grid. Types of C1 give an ordinary convolution whose
+/// parameters are the kernel `[size, size, C_in, C_out]`.
 #[derive(Clone, Debug)]
 pub struct R2Conv {
     pub(crate) taps: TapBasis,

@@ -83,7 +83,7 @@ impl SacPolicy {
         got: usize,
     ) -> Result<usize, RlError> {
         let (network, width) = (self.network(), self.action_dim());
-        let samples = observations.num_samples(network.spec())?;
+        let samples = observations.checked_num_samples(network.spec())?;
         check_len(what, "[N, A]", got, samples * width)?;
         memory.check(network.remembered(), samples)?;
         let row = 2 * width + memory.fields;
@@ -236,7 +236,7 @@ impl ExportPolicy for SacPolicy {
     }
 
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
-        let samples = observations.num_samples(self.network().spec())?;
+        let samples = observations.checked_num_samples(self.network().spec())?;
         let width = self.action_dim();
         let mut actions = vec![0.0; samples * width];
         let mut memory = self.new_memory(samples);
@@ -332,7 +332,7 @@ impl MeasureActivity for SacPolicy {
         memory: &History,
     ) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
-        let samples = observations.num_samples(network.spec())?;
+        let samples = observations.checked_num_samples(network.spec())?;
         memory.check(network.remembered(), samples)?;
         let mut w = SacForwardBuffers::new(network, samples);
         network.trunk.load_all(observations, 0..samples, &mut w.trunk);
