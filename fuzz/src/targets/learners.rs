@@ -22,10 +22,6 @@ pub fn learners() -> Vec<LearnerSettings> {
 
 const THRESHOLD: GroupingSettings = GroupingSettings::Threshold { threshold: 0.0 };
 
-fn calibrated() -> GroupingSettings {
-    grouping(r#"{"calibrated": {"min_episodes": 4}}"#)
-}
-
 fn evidence() -> GroupingSettings {
     grouping(r#"{"evidence": {"filters": 1, "memory": 4}}"#)
 }
@@ -34,12 +30,11 @@ fn grouping(text: &str) -> GroupingSettings {
     serde_json::from_str(text).unwrap_or(GroupingSettings::Single)
 }
 
-fn of_covers() -> [CoversSettings; 5] {
+fn of_covers() -> [CoversSettings; 4] {
     let grouped = |grouping| CoversSettings { grouping, ..covers() };
     [
         grouped(GroupingSettings::Oracle),
         grouped(GroupingSettings::Single),
-        grouped(calibrated()),
         CoversSettings {
             handover: Handover::Reuse,
             new_policy: NewPolicyInit::Copy,
@@ -49,7 +44,7 @@ fn of_covers() -> [CoversSettings; 5] {
     ]
 }
 
-fn with_replays() -> [OffPolicySettings; 4] {
+fn with_replays() -> [OffPolicySettings; 3] {
     let grouped = |grouping| OffPolicySettings { grouping, ..off_policy() };
     [
         grouped(GroupingSettings::Single),
@@ -57,8 +52,7 @@ fn with_replays() -> [OffPolicySettings; 4] {
             context: Some(ContextSettings { size: 4, length: 2 }),
             ..grouped(THRESHOLD)
         },
-        OffPolicySettings { still_channels: 0, ..grouped(calibrated()) },
-        grouped(evidence()),
+        OffPolicySettings { still_channels: 0, ..grouped(evidence()) },
     ]
 }
 
