@@ -1,6 +1,7 @@
 //! Registry of groupings: settings that name one.
 
 use evidence::RecogniserSettings;
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use crate::error::LearnerError;
@@ -26,6 +27,10 @@ pub enum GroupingSettings {
     Single,
     /// One policy for each ground-truth label of a task group. Only a run can give labels.
     Oracle,
+    /// Removed rule of earlier versions. Reports read it in the settings of their runs, but no
+    /// learner has it.
+    #[serde(rename = "calibrated", skip_serializing)]
+    Removed(IgnoredAny),
 }
 
 impl Default for GroupingSettings {
@@ -56,6 +61,14 @@ impl GroupingSettings {
             Self::Threshold { threshold } => Box::new(Distance::new(threshold)?),
             Self::Single => Box::new(Single),
             Self::Oracle => Box::new(Oracle::new(labels.clone())),
+            Self::Removed(_) => {
+                return Err(LearnerError::InvalidSetting {
+                    name: "grouping",
+                    value: "calibrated".to_owned(),
+                    expected: "evidence, which replaces it; to continue a run, take the version of \
+                               this program that began it",
+                });
+            }
         })
     }
 }
@@ -88,6 +101,8 @@ mod tests {
         assert!(refuse(GroupingSettings::Oracle).contains("a grouping without labels"));
         let message = refuse(GroupingSettings::Threshold { threshold: f64::NAN });
         assert!(message.contains("NaN"), "{message}");
+        let removed = serde_json::from_str(r#"{"calibrated": {"doubt": 0.02}}"#).unwrap();
+        assert!(refuse(removed).contains("evidence, which replaces it"));
         assert!(GroupingSettings::Single.build().is_ok());
     }
 }

@@ -47,7 +47,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         loop {
             // all collections so far are of other policies, and a replay would take them
             if decision.cut.is_some() {
-                self.rollout.keep(0);
+                self.rollout.keep_latest(0);
             }
             let mut passes = true;
             if decision.trial == Trial::Episodes
