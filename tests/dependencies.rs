@@ -69,6 +69,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 19] = [
             "equivariant",
             "evidence",
             "inpainting",
+            "learner",
             "mujoco",
             "rl",
             "symmetry",

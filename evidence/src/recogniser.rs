@@ -224,8 +224,8 @@ impl Recogniser {
     }
 
     /// Creates the policy that a decision asks for, which remembers the pictures and vectors of
-    /// `accounts`. A single policy may be waiting for its first training: instead of a second one,
-    /// the episodes are held.
+    /// `accounts`. If there are `max_policies` already, the most similar one that was not rejected
+    /// is named instead. If too many wait for their first training, the episodes are held.
     fn open(
         &mut self,
         accounts: &[&Account],
@@ -235,7 +235,12 @@ impl Recogniser {
         if finding.decision != Decision::New {
             return Ok(finding);
         }
-        let untrained = self.memories.iter().filter(|memory| !memory.is_trained).count();
+        let acting = || self.memories.iter().filter(|memory| !memory.is_gone());
+        if acting().count() >= self.settings.max_policies {
+            let policy = self.most_similar(&finding, situation).unwrap_or(situation.collector);
+            return Ok(Finding { decision: Decision::Existing(policy), ..finding });
+        }
+        let untrained = acting().filter(|memory| !memory.is_trained).count();
         if situation.can_wait && untrained >= MOST_UNTRAINED {
             self.hold(accounts, situation.collector);
             return Ok(Finding { decision: Decision::Undecided, ..finding });
@@ -245,6 +250,18 @@ impl Recogniser {
             .remember(accounts.iter().copied().map(Account::without_course), self.settings.memory);
         self.memories.push(memory);
         Ok(finding)
+    }
+
+    /// Returns the policy that fits best among those that were not merged and not rejected for this
+    /// task group.
+    fn most_similar(&self, finding: &Finding, situation: Situation) -> Option<usize> {
+        let is_left = |policy: &usize| {
+            let rejected = situation.rejected.iter().chain(&finding.rejected);
+            !self.memories[*policy].is_gone() && !rejected.into_iter().any(|other| other == policy)
+        };
+        let misfit = |policy: &usize| finding.opinions[*policy].misfit();
+        let left = (0..finding.opinions.len()).filter(is_left);
+        left.min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
     }
 
     /// Decides on one rollout.

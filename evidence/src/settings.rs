@@ -15,6 +15,9 @@ pub struct RecogniserSettings {
     /// Number of episodes remembered for each policy, the latest of its training; at least
     /// `min_episodes`.
     pub memory: usize,
+    /// Largest number of policies, at least 1. Beyond it a rollout that fits no policy trains the
+    /// most similar one, which then serves several task groups.
+    pub max_policies: usize,
     /// Number of episodes that a rollout must show, and that must be remembered for a policy, to be
     /// tested; at least 4.
     pub min_episodes: usize,
@@ -47,6 +50,7 @@ impl Default for RecogniserSettings {
         Self {
             filters: 32,
             memory: 40,
+            max_policies: 1000,
             min_episodes: 4,
             doubt: 0.02,
             level: 1e-4,
@@ -77,7 +81,7 @@ impl RecogniserSettings {
         }
     }
 
-    fn sizes(&self) -> [Check; 4] {
+    fn sizes(&self) -> [Check; 5] {
         let size = |name, value: usize, least: usize, expected| Check {
             name,
             value: value as f64,
@@ -86,6 +90,7 @@ impl RecogniserSettings {
         };
         [
             size("filters", self.filters, 1, "at least 1"),
+            size("max_policies", self.max_policies, 1, "at least 1"),
             size("min_episodes", self.min_episodes, 4, "at least 4"),
             size("memory", self.memory, self.min_episodes, "at least min_episodes"),
             size("permutations", self.permutations, 20, "at least 20"),

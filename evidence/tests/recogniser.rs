@@ -63,6 +63,37 @@ fn what_looks_alike_is_told_apart_by_what_happens() {
     }
 }
 
+#[test]
+fn no_more_policies_are_created_than_the_settings_allow() {
+    let unknown = rollout(WorldKind::Appearance, 1000, 3, 0);
+    let state = knowing(WorldKind::Appearance, 1000, 3);
+    let state = state.state(serde_json::value::Serializer).unwrap();
+    let bounded = |max_policies| {
+        let settings = RecogniserSettings { max_policies, ..RecogniserSettings::default() };
+        let mut recogniser = Recogniser::new(settings).unwrap();
+        recogniser.restore(&state).unwrap();
+        recogniser
+    };
+    assert_eq!(settle(&bounded(4), &unknown, 0).decision, Decision::New);
+    let mut full = bounded(3);
+    // a policy that was rejected for the task group is not named again, until none is left
+    let mut rejected = Vec::new();
+    while rejected.len() < 3 {
+        let collector = rejected.last().copied().unwrap_or(0);
+        let situation =
+            Situation { rejected: &rejected, can_wait: false, ..Situation::of(collector) };
+        let found = full.assign(&unknown, situation, &mut rng()).unwrap();
+        let Decision::Existing(policy) = found.decision else {
+            panic!("{found:?}");
+        };
+        assert!(!rejected.contains(&policy), "{policy} of {rejected:?}");
+        rejected.push(policy);
+    }
+    let situation = Situation { rejected: &rejected, can_wait: false, ..Situation::of(1) };
+    let found = full.assign(&unknown, situation, &mut rng()).unwrap();
+    assert_eq!((found.decision, full.policies()), (Decision::Existing(1), 3));
+}
+
 /// Rollouts need not be a multiple of the horizon: their last episodes are still running.
 #[test]
 fn running_tails_do_not_silence_motion_and_earnings() {

@@ -109,10 +109,10 @@ fn states_of_another_version_are_refused_by_name() {
     let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
     let mut next = state.clone();
-    next["format"] = 3.into();
+    next["format"] = 4.into();
     next["policies"][0]["more"] = 1.into();
     let message = recogniser.restore(&next).unwrap_err().to_string();
-    let expected = "the state has format 3, expected 2: go on with";
+    let expected = "the state has format 4, expected 3: go on with";
     assert!(message.starts_with(expected), "{message}");
     assert!(recogniser.restore(&state["policies"]).is_err());
     assert!(recogniser.restore(&state).is_ok());

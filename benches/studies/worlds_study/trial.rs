@@ -180,7 +180,8 @@ impl Trial {
             let is_known = has_returned((since..=turn.last).map(|round| bed.group_at(round)));
             self.outcome.turns.push(Turn { is_known, ..turn });
         }
-        let state = self.learner.to_checkpoint_bytes("trial".as_ref(), CheckpointExtent::Everything, "")?;
+        let state =
+            self.learner.to_checkpoint_bytes("trial".as_ref(), CheckpointExtent::Everything, "")?;
         let policies = self.learner.policy_count();
         Ok(Outcome { policies, state: state.len(), ..self.outcome })
     }

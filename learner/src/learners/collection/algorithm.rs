@@ -63,7 +63,9 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             // whose B takes O. Extension: D of another policy is off-policy, so the one that was
             // assigned may have to collect it anew.
             iteration.policy_created = self.make_current(&decision, observed.frames)?;
-            if let Some(actor) = self.prepare_training_rollout(env, collector, &mut decision, &mut iteration)? {
+            if let Some(actor) =
+                self.prepare_training_rollout(env, collector, &mut decision, &mut iteration)?
+            {
                 break (actor, decision);
             }
             self.discard(decision, &mut iteration);

@@ -54,13 +54,14 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 && !iteration.policy_created
                 && let Some(probe) = self.probe(env, iteration)?
             {
-                passes = self.passes_trial(self.observed_episodes_in(&probe), decision, iteration)?;
+                passes =
+                    self.passes_trial(self.observed_episodes_in(&probe), decision, iteration)?;
             }
             if passes {
                 let actor = self.current;
                 self.roll_out(env, iteration)?;
-                let is_final =
-                    decision.trial == Trial::None || (iteration.policy_created && !iteration.can_wait());
+                let is_final = decision.trial == Trial::None
+                    || (iteration.policy_created && !iteration.can_wait());
                 if is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)? {
                     return Ok(Some(actor));
                 }
