@@ -168,6 +168,21 @@ fn a_new_policy_remembers_only_the_group_it_was_opened_for() {
     assert_eq!(other.unwrap().likeliest(), None);
 }
 
+/// A rollout that is reused creates a policy, which then trains on it.
+#[test]
+fn a_rollout_that_created_its_policy_is_remembered_once() {
+    let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
+    let mut seen = rollout(WorldKind::Appearance, 1000, 1, 0);
+    let situation = Situation { can_wait: false, ..Situation::of(0) };
+    let found = recogniser.assign(&seen, situation, &mut rng()).unwrap();
+    assert_eq!(found.decision, Decision::New);
+    seen.iter_mut().for_each(Account::forget_course);
+    recogniser.learn(1, &seen, &mut rng()).unwrap();
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let remembered = state["policies"][1]["accounts"].as_array().unwrap();
+    assert_eq!(remembered.len(), seen.len());
+}
+
 #[test]
 fn one_episode_names_its_policy_or_none_and_more_are_surer() {
     let recogniser = knowing(WorldKind::Appearance, 1000, 3);

@@ -149,9 +149,6 @@ fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
     let (again, reused) = (run(Handover::CollectAgain), run(Handover::Reuse));
     // the second rollout opens a policy, after a second look
     assert_eq!(decisions(&again), [100, 300, 200, 200]);
-    for turn in &reused {
-        eprintln!("DBG {turn:?}");
-    }
     assert_eq!(decisions(&reused), [100, 200, 100, 100]);
     for turn in reused {
         assert!(number(&turn, "approx_kl") < 1e-9 && number(&turn, "clip_fraction") == 0.0);
