@@ -32,9 +32,9 @@ impl Memory {
     /// Records that the policy trains on these episodes.
     pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
         let earned = mean_earned(accounts.iter().copied());
-        if let Some(first) = accounts.first().filter(|_| !self.is_trained) {
+        if !self.is_trained {
             // a policy may train on a rollout that it was created for, and remembers it already
-            self.accounts.retain(|account| account.began < first.began);
+            self.accounts.retain(|account| !accounts.contains(&account));
         }
         self.beginning = self.beginning.or(earned);
         self.is_trained = true;
