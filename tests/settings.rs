@@ -10,7 +10,7 @@ use covers::presets::{Budget, Method};
 use serde_json::Value;
 
 /// Files of the types of settings.
-const SOURCES: [&str; 20] = [
+const SOURCES: [&str; 19] = [
     "envs/src/camera.rs",
     "envs/src/control.rs",
     "envs/src/layout.rs",
