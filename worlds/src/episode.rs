@@ -19,43 +19,43 @@ const NEAR: f32 = 0.06;
 #[derive(Clone, Debug)]
 pub(crate) struct Episode {
     group: TaskGroup,
-    noise_amplitude: f32,
+    scene: Scene,
     variant: D2,
     hand: [f32; 2],
     object: [f32; 2],
     still: Picture,
+    /// The picture without the object, until that appears.
+    empty: Option<Picture>,
     first: Vec<u8>,
     now: Vec<u8>,
     rng: ChaCha8Rng,
 }
 
 impl Episode {
-    /// Places an object of `group` as it looks after `rounds` rounds of the stream.
-    pub fn begin(
-        scene: &Scene,
-        group: &TaskGroup,
-        rounds: usize,
-        variant: Option<D2>,
-        mut rng: ChaCha8Rng,
-    ) -> Self {
+    /// Places the object of `group` in a scene.
+    pub fn begin(scene: Scene, group: TaskGroup, variant: Option<D2>, mut rng: ChaCha8Rng) -> Self {
         // drawn even if the caller chose a variant, so that the rest of the episode stays the same
         let drawn = D2::from_bits(rng.random_range(0..4));
         let [from, to] = scene.object_range;
         let object = [0; 2].map(|_| rng.random_range(from..=to));
-        let still = Picture::without_hand(scene, &group.appearance_after(rounds), object, &mut rng);
-        let hand = [0.0; 2];
-        let first = still.with_hand(hand).with_camera_noise(scene.noise_amplitude, &mut rng);
-        Self {
-            group: *group,
-            noise_amplitude: scene.noise_amplitude,
+        let empty = (scene.first_seen > 0)
+            .then(|| Picture::without_hand(&scene, &group, object, false, &mut rng.clone()));
+        let still = Picture::without_hand(&scene, &group, object, true, &mut rng);
+        let mut episode = Self {
+            group,
+            scene,
             variant: variant.unwrap_or(drawn),
-            hand,
+            hand: [0.0; 2],
             object,
             still,
-            now: first.clone(),
-            first,
+            empty,
+            first: Vec::new(),
+            now: Vec::new(),
             rng,
-        }
+        };
+        episode.look();
+        episode.first.clone_from(&episode.now);
+        episode
     }
 
     /// Moves the hand by an action, which is given in the variant shown. Returns the reward and
@@ -66,11 +66,18 @@ impl Episode {
         for (hand, shift) in self.hand.iter_mut().zip(motion) {
             *hand = (*hand + shift).clamp(-REACH, REACH);
         }
-        self.now =
-            self.still.with_hand(self.hand).with_camera_noise(self.noise_amplitude, &mut self.rng);
+        self.scene.first_seen = self.scene.first_seen.saturating_sub(1);
+        self.look();
         let place = self.place();
         let pay = &self.group.reward;
-        (pay.reward_at(place), pay.distance(place) <= NEAR)
+        (self.scene.reward_scale * pay.reward_at(place), pay.distance(place) <= NEAR)
+    }
+
+    /// Takes the present picture.
+    fn look(&mut self) {
+        let empty = self.empty.as_ref().filter(|_| self.scene.first_seen > 0);
+        let picture = empty.unwrap_or(&self.still).with_hand(self.hand);
+        self.now = picture.with_camera_noise(self.scene.noise_amplitude, &mut self.rng);
     }
 
     /// Returns the action of an expert that takes this for a task of `group`, in the variant shown.

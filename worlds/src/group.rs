@@ -11,13 +11,15 @@ pub struct TaskGroup {
     pub reward: RewardFunction,
     /// Dynamics of the hand in the group.
     pub dynamics: HandDynamics,
+    /// Levels that the group adds to each channel of the ground's colour.
+    pub ground_tint: [f32; 3],
     /// Signed amplitude of each colour's drift, a sine with a period of 1000 rounds, in units of a
     /// byte; zero without drift.
     pub colour_drift: [f32; 3],
 }
 
-/// Reward of a step: `exp(-10 d)`, where d is the distance of the hand from a circle around a
-/// target.
+/// Reward of a step, before the scale of the scene: `exp(-10 d)`, where d is the distance of the
+/// hand from a circle around a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RewardFunction {
     /// Vector from the object to the target, in units of half the picture's side.
@@ -80,13 +82,12 @@ impl HandDynamics {
 const PERIOD: f32 = 1000.0;
 
 impl TaskGroup {
-    /// Returns the appearance of the object after `rounds` rounds of the stream.
-    pub(crate) fn appearance_after(&self, rounds: usize) -> Appearance {
+    /// Returns the group with the colours of its object after `rounds` rounds of the stream.
+    pub(crate) fn after(mut self, rounds: usize) -> Self {
         let share = (std::f32::consts::TAU * rounds as f32 / PERIOD).sin();
-        let mut look = self.appearance;
-        for (colour, drift) in look.colour.iter_mut().zip(self.colour_drift) {
+        for (colour, drift) in self.appearance.colour.iter_mut().zip(self.colour_drift) {
             *colour += share * drift;
         }
-        look
+        self
     }
 }

@@ -1,4 +1,4 @@
-//! Kinds of worlds, by the property in which their groups differ.
+//! Kinds of worlds: the properties in which their groups differ, and what changes with time.
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -6,14 +6,41 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::group::{HandDynamics, RewardFunction, TaskGroup};
 use crate::look::{Appearance, Shape, Texture};
+use crate::nuisance::{Nuisance, brighter, farther, noisier, rescaled, tinted, unchanged};
 
-/// Kind of a world: the properties in which its task groups differ.
+/// Property in which the task groups of a world can differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Property {
+    /// Colour of the object.
+    Colour,
+    /// Outline of the object.
+    Shape,
+    /// Size, texture and number of copies of the object.
+    Form,
+    /// Colour of the ground.
+    Ground,
+    /// Position of the target relative to the object.
+    Target,
+    /// Radius of the circle of full reward around the target.
+    Reward,
+    /// Dynamics of the hand: the displacement that an action causes.
+    Dynamics,
+}
+
+/// Kind of a world: the properties in which its task groups differ, and the nuisance that acts in
+/// it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WorldKind {
     /// Colour, shape, size, texture and number of copies; positions of targets differ as well.
     Appearance,
     /// Shape, with one colour and size; positions of targets differ as well.
     Shape,
+    /// Colour, with one shape and size; positions of targets differ as well.
+    Colour,
+    /// Colour of the ground, with one object; positions of targets differ as well.
+    Ground,
+    /// Groups of [`WorldKind::Appearance`], with objects that appear after five decisions.
+    LateObject,
     /// Position of the target relative to an object that looks the same in all groups.
     Target,
     /// Reward around a common target: the radius of the circle of full reward.
@@ -22,76 +49,162 @@ pub enum WorldKind {
     Dynamics,
     /// No property: one group under several indices.
     Identical,
-    /// As [`WorldKind::Appearance`], with colours that change a little from rollout to rollout.
+    /// Groups of [`WorldKind::Appearance`], with colours that change a little with time.
     Drift,
+    /// Groups of [`WorldKind::Appearance`], with objects that move outwards or inwards. Like
+    /// the next three changes, this one takes 250 rounds, and is then reversed.
+    MovingObject,
+    /// Groups of [`WorldKind::Appearance`], with light that becomes 1.3 or 0.6 times as bright.
+    ChangingLight,
+    /// Groups of [`WorldKind::Appearance`], with ground whose channels change by at most 35 of 255.
+    ChangingGround,
+    /// Groups of [`WorldKind::Appearance`], with camera noise that increases to 20 levels.
+    RisingNoise,
+    /// Groups of [`WorldKind::Appearance`], with rewards scaled by 0.01 to 100 in each visit.
+    RescaledReward,
 }
+
+/// Name of a kind, least and largest default number of groups, properties, and nuisance.
+type Spec = (&'static str, [usize; 2], &'static [Property], Nuisance);
 
 impl WorldKind {
     /// All kinds of worlds.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 15] = [
         Self::Appearance,
         Self::Shape,
+        Self::Colour,
+        Self::Ground,
+        Self::LateObject,
         Self::Target,
         Self::Reward,
         Self::Dynamics,
         Self::Identical,
         Self::Drift,
+        Self::MovingObject,
+        Self::ChangingLight,
+        Self::ChangingGround,
+        Self::RisingNoise,
+        Self::RescaledReward,
     ];
+
+    const fn spec(self) -> Spec {
+        use Property::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
+        const LOOKS: &[Property] = &[Colour, Shape, Form, Target];
+        match self {
+            Self::Appearance => ("appearance", [8, 8], LOOKS, unchanged),
+            Self::Shape => ("shape", [8, 8], &[Shape, Target], unchanged),
+            Self::Colour => ("colour", [8, 8], &[Colour, Target], unchanged),
+            Self::Ground => ("ground", [2, 6], &[Ground, Target], unchanged),
+            Self::LateObject => ("late-object", [2, 6], LOOKS, unchanged),
+            Self::Target => ("target", [2, 6], &[Target], unchanged),
+            Self::Reward => ("reward", [2, 4], &[Reward], unchanged),
+            Self::Dynamics => ("dynamics", [2, 5], &[Dynamics], unchanged),
+            Self::Identical => ("identical", [2, 16], &[], unchanged),
+            Self::Drift => ("drift", [2, 6], LOOKS, unchanged),
+            Self::MovingObject => ("moving-object", [1, 4], LOOKS, farther),
+            Self::ChangingLight => ("changing-light", [1, 4], LOOKS, brighter),
+            Self::ChangingGround => ("changing-ground", [1, 4], LOOKS, tinted),
+            Self::RisingNoise => ("rising-noise", [1, 4], LOOKS, noisier),
+            Self::RescaledReward => ("rescaled-reward", [1, 4], LOOKS, rescaled),
+        }
+    }
 
     /// Returns the kind's name in tables, for instance `appearance`.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Appearance => "appearance",
-            Self::Shape => "shape",
-            Self::Target => "target",
-            Self::Reward => "reward",
-            Self::Dynamics => "dynamics",
-            Self::Identical => "identical",
-            Self::Drift => "drift",
-        }
+        self.spec().0
+    }
+
+    /// Returns the properties in which groups differ.
+    pub const fn properties(self) -> &'static [Property] {
+        self.spec().2
+    }
+
+    /// Returns the change of the scene in the course of a stream.
+    pub(crate) const fn nuisance(self) -> Nuisance {
+        self.spec().3
     }
 
     /// Draws the default number of groups, which is fixed for some kinds.
     pub(crate) fn draw_num_groups(self, rng: &mut ChaCha8Rng) -> usize {
-        match self {
-            Self::Appearance | Self::Shape => 8,
-            Self::Target | Self::Drift => rng.random_range(2..=6),
-            Self::Reward => rng.random_range(2..=4),
-            Self::Dynamics => rng.random_range(2..=5),
-            Self::Identical => rng.random_range(2..=16),
-        }
+        let [least, most] = self.spec().1;
+        if least == most { most } else { rng.random_range(least..=most) }
     }
 
     /// Returns the largest number of groups.
     pub(crate) const fn max_num_groups(self) -> usize {
-        match self {
-            Self::Appearance | Self::Identical | Self::Drift => 16,
-            // sizes of the lists that groups are drawn from without repetition
-            Self::Shape | Self::Target => 8,
-            Self::Reward => 4,
-            Self::Dynamics => 5,
+        match self.properties() {
+            // values of a property are drawn without repetition
+            [property] | [property, Property::Target] => property.num_values(),
+            _ => 16,
         }
     }
 
     /// Draws `number` groups.
     pub(crate) fn draw_groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
-        let groups = match self {
-            Self::Appearance => appearance(number, rng),
-            Self::Shape => shapes(number, rng),
-            Self::Target => vary(number, rng, &targets(), |group, &pay| group.reward = pay),
-            Self::Reward => vary(number, rng, &rings(), |group, &pay| group.reward = pay),
-            Self::Dynamics => vary(number, rng, &HAND_DYNAMICS, |group, &m| group.dynamics = m),
-            Self::Identical => vec![group(look(rng), rng); number],
-            Self::Drift => appearance(number, rng),
+        let mut groups = match *self.properties() {
+            [] => vec![group(look(rng), rng); number],
+            [property] => {
+                let common = group(look(rng), rng);
+                let values = property.draw(number, rng).into_iter();
+                values.map(|value| property.set(common, value)).collect()
+            }
+            [property, Property::Target] => {
+                let mut look = look(rng);
+                (look.texture, look.num_copies, look.half_size) = (Texture::Plain, 1, 0.18);
+                let values = property.draw(number, rng).into_iter();
+                values.map(|value| property.set(group(look, rng), value)).collect()
+            }
+            _ => appearance(number, rng),
         };
-        let stray = |group: TaskGroup, draws: &mut ChaCha8Rng| TaskGroup {
-            colour_drift: [0; 3].map(|_| draws.random_range(-STRAY..STRAY)),
-            ..group
-        };
-        match self {
-            Self::Drift => groups.into_iter().map(|group| stray(group, rng)).collect(),
-            _ => groups,
+        if self == Self::Drift {
+            for group in &mut groups {
+                group.colour_drift = [0; 3].map(|_| rng.random_range(-STRAY..STRAY));
+            }
         }
+        groups
+    }
+}
+
+impl Property {
+    /// Returns the number of values that the property can have.
+    const fn num_values(self) -> usize {
+        match self {
+            Self::Colour | Self::Shape | Self::Ground | Self::Target => 8,
+            Self::Form => SIZES.len(),
+            Self::Reward => 4,
+            Self::Dynamics => HAND_DYNAMICS.len(),
+        }
+    }
+
+    /// Draws different values of the property, as indices.
+    fn draw(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<usize> {
+        let mut values: Vec<usize> = (0..self.num_values()).collect();
+        values.shuffle(rng);
+        values.truncate(number);
+        values
+    }
+
+    /// Returns the group with the value of an index.
+    fn set(self, mut group: TaskGroup, value: usize) -> TaskGroup {
+        match self {
+            Self::Colour => group.appearance.colour = COLOURS[value],
+            Self::Shape => group.appearance.shape = Shape::ALL[value],
+            Self::Form => group.appearance.half_size = SIZES[value],
+            Self::Ground => {
+                // each bit makes a channel brighter or darker
+                let tint = |bit| if value & bit == 0 { -35.0 } else { 35.0 };
+                group.ground_tint = [1, 2, 4].map(tint);
+            }
+            Self::Target => {
+                let (sin, cos) = (value as f32 * std::f32::consts::TAU / 8.0).sin_cos();
+                group.reward = RewardFunction { offset: [0.4 * cos, 0.4 * sin], radius: 0.0 };
+            }
+            Self::Reward => {
+                group.reward = RewardFunction { offset: [0.0; 2], radius: 0.25 * value as f32 };
+            }
+            Self::Dynamics => group.dynamics = HAND_DYNAMICS[value],
+        }
+        group
     }
 }
 
@@ -144,6 +257,7 @@ fn group(appearance: Appearance, rng: &mut ChaCha8Rng) -> TaskGroup {
         appearance,
         reward: RewardFunction { offset: [0.3 * cos, 0.3 * sin], radius: 0.0 },
         dynamics: ORDINARY,
+        ground_tint: [0.0; 3],
         colour_drift: [0.0; 3],
     }
 }
@@ -158,46 +272,4 @@ fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
         }
     }
     groups
-}
-
-fn shapes(number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
-    let common =
-        Appearance { texture: Texture::Plain, num_copies: 1, half_size: 0.18, ..look(rng) };
-    let mut shapes = Shape::ALL;
-    shapes.shuffle(rng);
-    let shapes = shapes.into_iter().take(number);
-    let looks = shapes.map(|shape| Appearance { shape, ..common });
-    looks.map(|look| group(look, rng)).collect()
-}
-
-/// Draws groups with one appearance that differ in one property, whose values come from `values`
-/// without repetition.
-fn vary<T: Copy>(
-    number: usize,
-    rng: &mut ChaCha8Rng,
-    values: &[T],
-    set: impl Fn(&mut TaskGroup, &T),
-) -> Vec<TaskGroup> {
-    let common = group(look(rng), rng);
-    let mut values = values.to_vec();
-    values.shuffle(rng);
-    let different = values.iter().take(number).map(|value| {
-        let mut group = common;
-        set(&mut group, value);
-        group
-    });
-    different.collect()
-}
-
-/// Returns eight targets around the object.
-fn targets() -> [RewardFunction; 8] {
-    std::array::from_fn(|i| {
-        let (sin, cos) = (i as f32 * std::f32::consts::TAU / 8.0).sin_cos();
-        RewardFunction { offset: [0.4 * cos, 0.4 * sin], radius: 0.0 }
-    })
-}
-
-/// Returns four circles around the object, the first of radius zero.
-fn rings() -> [RewardFunction; 4] {
-    [0.0, 0.25, 0.5, 0.75].map(|radius| RewardFunction { offset: [0.0, 0.0], radius })
 }

@@ -5,7 +5,8 @@
 //! tuned for. This crate draws such worlds: a hand moves on a plane, seen from above, and the
 //! reward depends on its position relative to an object. A *group* fixes the object's appearance,
 //! the reward and the dynamics of the hand. A [`WorldKind`] names the properties in which the
-//! groups of a world differ. No simulator is needed, and a step takes microseconds.
+//! groups of a world differ, and may add a nuisance: a change with time that calls for no other
+//! policy. No simulator is needed, and a step takes microseconds.
 //!
 //! - [`World::random`] draws groups and their surroundings: clutter, light, camera noise,
 //!   placements.
@@ -33,12 +34,13 @@ mod episode;
 mod group;
 mod kind;
 mod look;
+mod nuisance;
 mod picture;
 mod stream;
 mod world;
 
 pub use group::{HandDynamics, RewardFunction, TaskGroup};
-pub use kind::WorldKind;
+pub use kind::{Property, WorldKind};
 pub use look::{Appearance, Shape, Texture};
 pub use stream::{DEFAULT_HORIZON, StreamError, TaskStream, Visit};
 pub use world::{Scene, World};

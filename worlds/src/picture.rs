@@ -3,6 +3,7 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use crate::group::TaskGroup;
 use crate::look::{Appearance, Shape, Texture};
 use crate::world::Scene;
 
@@ -25,22 +26,26 @@ const HAND: Appearance = Appearance {
 pub(crate) struct Picture(Vec<f32>);
 
 impl Picture {
-    /// Paints the scene without the hand: ground, clutter and object, in the light of one episode.
+    /// Paints the scene of a group without the hand: ground, clutter and, if it is seen, the
+    /// object, in the light of one episode.
     pub fn without_hand(
         scene: &Scene,
-        look: &Appearance,
+        group: &TaskGroup,
         object: [f32; 2],
+        is_seen: bool,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        let mut picture = Self(vec![scene.ground_grey; PICTURE_SIZE * PICTURE_SIZE * 3]);
+        let ground: [f32; 3] = std::array::from_fn(|i| scene.ground[i] + group.ground_tint[i]);
+        let mut picture = Self(ground.repeat(PICTURE_SIZE * PICTURE_SIZE));
         for _ in 0..scene.num_clutter_objects {
             let place = [0; 2].map(|_| rng.random_range(-0.95..0.95));
             picture.paint(&litter(rng), place);
         }
-        for [dx, dy] in look.copy_centres() {
-            picture.paint(look, [object[0] + dx, object[1] + dy]);
+        for [dx, dy] in group.appearance.copy_centres().filter(|_| is_seen) {
+            picture.paint(&group.appearance, [object[0] + dx, object[1] + dy]);
         }
         let light = 1.0 + rng.random_range(-1.0..=1.0) * scene.max_light_deviation;
+        let light = scene.brightness * light;
         picture.0.iter_mut().for_each(|value| *value *= light);
         picture
     }

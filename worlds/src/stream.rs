@@ -132,12 +132,17 @@ impl TaskStream {
 
     /// Returns the index of the task group that the stream visits in round `round`, from 0.
     pub fn group_in_round(&self, round: usize) -> usize {
+        self.visits[self.visit_in_round(round)].group
+    }
+
+    /// Returns the index of the visit in round `round`, at most that of the last one.
+    fn visit_in_round(&self, round: usize) -> usize {
         let mut end = 0;
-        let visit = self.visits.iter().find(|visit| {
+        let visit = self.visits.iter().position(|visit| {
             end += visit.rounds;
             round < end
         });
-        visit.or(self.visits.last()).map_or(0, |visit| visit.group)
+        visit.unwrap_or(self.visits.len() - 1)
     }
 
     /// Returns the action (x, y) of an expert in environment `env` that takes its task for one of
@@ -153,12 +158,13 @@ impl TaskStream {
     fn begin(&mut self) {
         self.step = 0;
         let (world, round) = (&self.world, self.round);
-        let group = &world.groups[self.group_in_round(round)];
+        let scene = world.scene_in(round, self.visit_in_round(round));
+        let group = world.groups[self.group_in_round(round)].after(round);
         let episodes = (0..self.spec.num_envs).map(|env| {
             let mut rng = ChaCha8Rng::seed_from_u64(world.seed);
             // stream 0 drew the world itself
             rng.set_stream(1 + (round * self.spec.num_envs + env) as u64);
-            Episode::begin(&world.scene, group, round, self.variant, rng)
+            Episode::begin(scene, group, self.variant, rng)
         });
         self.episodes = episodes.collect();
     }

@@ -9,17 +9,23 @@ use crate::kind::WorldKind;
 /// Surroundings of the object, which all groups of a world share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scene {
-    /// Grey value of the ground, in 0..=255.
-    pub ground_grey: f32,
+    /// Colour of the ground, in 0..=255: grey, unless it changes with time.
+    pub ground: [f32; 3],
     /// Number of small grey objects on the ground, at new positions in every episode.
     pub num_clutter_objects: usize,
-    /// Largest relative deviation of an episode's brightness from 1.
+    /// Mean brightness of the pictures.
+    pub brightness: f32,
+    /// Largest deviation of an episode's brightness, relative to the mean.
     pub max_light_deviation: f32,
     /// Amplitude of the uniform camera noise, in levels of 0..=255.
     pub noise_amplitude: f32,
     /// Range of both coordinates of an object, from the centre of the picture, in units of half its
     /// side.
     pub object_range: [f32; 2],
+    /// Number of decisions of an episode before the object appears.
+    pub first_seen: usize,
+    /// Factor on all rewards.
+    pub reward_scale: f32,
 }
 
 /// World of synthetic tasks: task groups in one scene.
@@ -31,8 +37,10 @@ pub struct World {
     pub seed: u64,
     /// Task groups of the world.
     pub groups: Vec<TaskGroup>,
-    /// Surroundings of the object, which all groups share.
+    /// Surroundings of the object, which all groups share, at the beginning of a stream.
     pub scene: Scene,
+    /// Surroundings at the largest change that the nuisance of the kind causes.
+    pub changed_scene: Scene,
 }
 
 impl World {
@@ -53,25 +61,42 @@ impl World {
     fn with_rng(kind: WorldKind, seed: u64, number: usize, mut rng: ChaCha8Rng) -> Self {
         let groups = kind.draw_groups(number, &mut rng);
         let scene = Scene::draw(kind, &mut rng);
-        Self { kind, seed, groups, scene }
+        let [scene, changed_scene] = kind.nuisance()(scene, &mut rng);
+        Self { kind, seed, groups, scene, changed_scene }
+    }
+
+    /// Returns the surroundings in round `round` of a stream, which belongs to visit `visit`.
+    pub fn scene_in(&self, round: usize, visit: usize) -> Scene {
+        let (from, to) = (&self.scene, &self.changed_scene);
+        // rises to 1 and returns to 0
+        let share = 1.0 - (1.0 - (round as f32 / CHANGE_ROUNDS).rem_euclid(2.0)).abs();
+        let mix = |first: f32, last: f32| first + share * (last - first);
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        // streams from 0 on drew the world and its episodes
+        rng.set_stream(u64::MAX - visit as u64);
+        Scene {
+            ground: std::array::from_fn(|i| mix(from.ground[i], to.ground[i])),
+            brightness: mix(from.brightness, to.brightness),
+            noise_amplitude: mix(from.noise_amplitude, to.noise_amplitude),
+            object_range: std::array::from_fn(|i| mix(from.object_range[i], to.object_range[i])),
+            reward_scale: to.reward_scale.powf(rng.random_range(-1.0..1.0)),
+            ..*from
+        }
     }
 
     /// Returns the number of policies that the world requires: equal groups count once.
     pub fn num_distinct_groups(&self) -> usize {
-        match self.kind {
-            WorldKind::Identical => 1,
-            _ => self.groups.len(),
-        }
+        if self.kind.properties().is_empty() { 1 } else { self.groups.len() }
     }
 
     /// Returns the index of the first of the groups that are equal to `group`.
     pub fn first_equal_group(&self, group: usize) -> usize {
-        match self.kind {
-            WorldKind::Identical => 0,
-            _ => group,
-        }
+        if self.kind.properties().is_empty() { 0 } else { group }
     }
 }
+
+/// Rounds in which a scene changes from one extreme to the other.
+const CHANGE_ROUNDS: f32 = 250.0;
 
 impl Scene {
     /// Draws surroundings; positions range widely for [`WorldKind::Appearance`] only.
@@ -81,11 +106,14 @@ impl Scene {
         let width = if wide { 0.5 } else { rng.random_range(0.05..0.5) };
         let from = 0.2 + rng.random_range(0.0..=1.0) * (0.5 - width);
         Self {
-            ground_grey: rng.random_range(90.0..160.0),
+            ground: [rng.random_range(90.0..160.0); 3],
             num_clutter_objects: rng.random_range(0..=3),
+            brightness: 1.0,
             max_light_deviation: rng.random_range(0.0..0.12),
             noise_amplitude: rng.random_range(0.0..8.0),
             object_range: [from, from + width],
+            first_seen: if kind == WorldKind::LateObject { 5 } else { 0 },
+            reward_scale: 1.0,
         }
     }
 }

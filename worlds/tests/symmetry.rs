@@ -10,7 +10,8 @@ use worlds::{TaskStream, Visit, World, WorldKind};
 
 fn stream(kind: WorldKind, seed: u64, variant: D2) -> TaskStream {
     let world = World::random(kind, seed);
-    let visits = (0..2).map(|group| Visit { group, rounds: 1 }).collect();
+    let groups = world.groups.len();
+    let visits = (0..2).map(|visit| Visit { group: visit % groups, rounds: 1 }).collect();
     let stream = TaskStream::new(world, visits, 2).unwrap();
     stream.with_variant(variant).with_horizon(6)
 }

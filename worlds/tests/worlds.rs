@@ -2,8 +2,10 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::collections::BTreeSet;
+
 use rl::{Observations, Transition, VectorEnv};
-use worlds::{StreamError, TaskStream, Visit, World, WorldKind};
+use worlds::{Property, Scene, StreamError, TaskGroup, TaskStream, Visit, World, WorldKind};
 
 const SEEDS: std::ops::Range<u64> = 1000..1020;
 
@@ -11,19 +13,41 @@ fn visits(groups: &[usize], rounds: usize) -> Vec<Visit> {
     groups.iter().map(|&group| Visit { group, rounds }).collect()
 }
 
+/// Returns each property of a group as text; offset and radius are the target's and the reward's.
+fn properties(group: &TaskGroup) -> [(Property, String); 7] {
+    let look = &group.appearance;
+    [
+        (Property::Colour, format!("{:?}", look.colour)),
+        (Property::Shape, format!("{:?}", look.shape)),
+        (Property::Form, format!("{:?}", (look.half_size, look.texture, look.num_copies))),
+        (Property::Ground, format!("{:?}", group.ground_tint)),
+        (Property::Target, format!("{:?}", group.reward.offset)),
+        (Property::Reward, format!("{:?}", group.reward.radius)),
+        (Property::Dynamics, format!("{:?}", group.dynamics)),
+    ]
+}
+
 #[test]
 fn equal_seeds_draw_equal_worlds_and_groups_differ_where_their_kind_says() {
     for kind in WorldKind::ALL {
+        let mut seen = BTreeSet::new();
         for seed in SEEDS {
             let world = World::random(kind, seed);
             assert_eq!(world, World::random(kind, seed));
             assert_ne!(world, World::random(kind, seed + 1));
-            assert!((2..=16).contains(&world.groups.len()), "{}", kind.name());
             for (i, group) in world.groups.iter().enumerate() {
-                let equal = world.groups[..i].contains(group);
-                assert_eq!(equal, kind == WorldKind::Identical && i > 0, "{}", kind.name());
+                for other in &world.groups[..i] {
+                    let both = properties(group).into_iter().zip(properties(other));
+                    let differ = both.filter(|(a, b)| a != b).map(|(one, _)| one.0);
+                    let differ: Vec<Property> = differ.collect();
+                    // two groups may share some of a long list of properties, not all
+                    let few = kind.properties().len() <= 2;
+                    assert!(differ == kind.properties() || !few && !differ.is_empty(), "{kind:?}");
+                    seen.extend(differ);
+                }
             }
         }
+        assert!(seen.iter().eq(kind.properties()), "{kind:?} {seen:?}");
         for number in [2, 16] {
             let world = World::random_with_num_groups(kind, 1000, number);
             assert!((2..=number).contains(&world.groups.len()));
@@ -43,7 +67,7 @@ fn pay(world: &World, of_group: usize, as_group: usize) -> f32 {
         stream.step(&actions, &mut transition).unwrap();
         pay += transition.rewards.iter().sum::<f32>() / 400.0;
     }
-    pay
+    pay / world.scene_in(0, 0).reward_scale
 }
 
 #[test]
@@ -57,6 +81,79 @@ fn experts_earn_at_home_and_not_elsewhere_where_pay_or_motion_differ() {
                 let away = pay(&world, 0, 1);
                 assert!(away < 0.6 * home, "{} {seed}: {away} {home}", kind.name());
             }
+        }
+    }
+}
+
+/// Returns each part of a scene as text, with the kind in which it changes.
+fn parts(scene: &Scene) -> [(WorldKind, String); 5] {
+    [
+        (WorldKind::ChangingGround, format!("{:?}", scene.ground)),
+        (WorldKind::ChangingLight, format!("{:?}", scene.brightness)),
+        (WorldKind::RisingNoise, format!("{:?}", scene.noise_amplitude)),
+        (WorldKind::MovingObject, format!("{:?}", scene.object_range)),
+        (WorldKind::RescaledReward, format!("{:?}", scene.reward_scale)),
+    ]
+}
+
+#[test]
+fn nothing_but_the_nuisance_changes_with_time() {
+    for kind in WorldKind::ALL {
+        let world = World::random(kind, 1000);
+        let first = world.scene_in(0, 0);
+        for (round, visit) in [(100, 3), (300, 9)] {
+            let later = world.scene_in(round, visit);
+            let is_constant = parts(&first).iter().all(|(changing, _)| *changing != kind);
+            assert_eq!(later == first, is_constant, "{kind:?}");
+            for ((changing, before), (_, after)) in parts(&first).iter().zip(parts(&later)) {
+                assert_eq!(*before != after, *changing == kind, "{kind:?} {changing:?}");
+            }
+        }
+        assert_eq!(world.groups[0].colour_drift != [0.0; 3], kind == WorldKind::Drift, "{kind:?}");
+    }
+}
+
+/// Returns the pictures after this number of decisions in `group`, in which the hand stays, and the
+/// last rewards. Every round is a visit.
+fn shown(world: &World, group: usize, decisions: usize, horizon: usize) -> (Vec<u8>, Vec<f32>) {
+    let visits = visits(&vec![group; 1 + decisions], 1);
+    let mut stream = TaskStream::new(world.clone(), visits, 1).unwrap().with_horizon(horizon);
+    let mut transition = Transition::new(stream.spec());
+    stream.reset(&mut transition.observations).unwrap();
+    for _ in 0..decisions {
+        stream.step(&[0.0; 2], &mut transition).unwrap();
+    }
+    (transition.observations.images, transition.rewards)
+}
+
+#[test]
+fn nuisances_change_pictures_or_rewards_and_slowly() {
+    for kind in WorldKind::ALL.into_iter().skip_while(|&kind| kind != WorldKind::Drift) {
+        let world = World::random(kind, 1000);
+        let changed_scene = world.scene;
+        let mut constant = World { changed_scene, ..world.clone() };
+        constant.groups.iter_mut().for_each(|group| group.colour_drift = [0.0; 3]);
+        assert_eq!(shown(&world, 0, 0, 1).0, shown(&constant, 0, 0, 1).0, "{kind:?}");
+        for late in [100, 200] {
+            let [(seen, paid), (expected, plain)] =
+                [&world, &constant].map(|world| shown(world, 0, late, 1));
+            assert_eq!(seen == expected, kind == WorldKind::RescaledReward, "{kind:?}");
+            let scaled = world.scene_in(late - 1, late - 1).reward_scale * plain[0];
+            assert_eq!(paid[0] != scaled, kind == WorldKind::MovingObject, "{kind:?}");
+        }
+        let noise = |round| world.scene_in(round, 0).noise_amplitude;
+        assert!((0..249).all(|r| (0.0..0.1).contains(&(noise(r + 1) - noise(r)))));
+    }
+}
+
+#[test]
+fn a_late_object_is_not_in_the_first_pictures() {
+    for kind in [WorldKind::LateObject, WorldKind::Appearance] {
+        let world = World::random(kind, 1000);
+        for decisions in 0..6 {
+            let [one, other] = [0, 1].map(|group| shown(&world, group, decisions, 9).0);
+            let is_hidden = kind == WorldKind::LateObject && decisions < 5;
+            assert_eq!(one == other, is_hidden, "{kind:?} {decisions}");
         }
     }
 }

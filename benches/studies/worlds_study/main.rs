@@ -3,23 +3,29 @@
 //!
 //! `cargo run --release -p covers-benches --example worlds_study -- 1000 10 [KIND]`
 
+mod baseline;
+mod cases;
 mod record;
 mod scores;
 mod trial;
 
 use std::error::Error;
-use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use clap::Parser;
-use worlds::{World, WorldKind};
+use clap::builder::PossibleValuesParser;
+use clap::{Parser, ValueEnum};
+use worlds::WorldKind;
 
+use cases::{Case, Plan, Rule};
 use record::{HEADER, Record, Results, row};
 use trial::Trial;
 
 type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
+/// Assigns streams of drawn worlds by the learner's rule and by simple baselines.
+///
+/// Without options it prints the tables of all worlds, and of visits of one rollout to thirty.
 #[derive(Clone, Debug, Parser)]
 struct Arguments {
     /// Seed of the first world
@@ -29,8 +35,11 @@ struct Arguments {
     #[arg(default_value_t = 10)]
     count: u64,
     /// Kind of the worlds; without it all kinds
-    #[arg(value_parser = kind)]
-    kind: Option<WorldKind>,
+    #[arg(value_parser = PossibleValuesParser::new(Case::all().iter().map(Case::name)))]
+    kind: Option<String>,
+    /// Rule of assignment; without it all rules
+    #[arg(long)]
+    rule: Option<Rule>,
     #[command(flatten)]
     plan: Plan,
     /// File to which each world adds a line as it is done; worlds that it holds are not run again
@@ -38,56 +47,64 @@ struct Arguments {
     csv: Option<PathBuf>,
 }
 
-/// Shape of a stream. The default visits last three rollouts to ten, with switches in the middle of
-/// some.
-#[derive(Clone, Debug, clap::Args)]
-struct Plan {
-    /// Visits of all groups together; without it two of each group
-    #[arg(long)]
-    visits: Option<usize>,
-    /// Rounds that a visit lasts
-    #[arg(long, default_value = "12-40", value_parser = range)]
-    stay: RangeInclusive<usize>,
+/// Stream of one world, and the rule that assigns it.
+struct Job {
+    case: Case,
+    rule: Rule,
+    plan: Plan,
+    seed: u64,
 }
 
-fn kind(name: &str) -> Result<WorldKind, String> {
-    let kind = WorldKind::ALL.into_iter().find(|kind| kind.name() == name);
-    let names = || WorldKind::ALL.map(WorldKind::name).join(", ");
-    kind.ok_or_else(|| format!("expected one of {}", names()))
-}
+impl Arguments {
+    /// Returns the streams of each table.
+    fn tables(&self) -> Vec<Vec<Job>> {
+        let mut tables = vec![self.table(&self.plan, &Case::all())];
+        if self.plan == Plan::default() {
+            let few = [WorldKind::Appearance, WorldKind::Target].map(Case::Kind);
+            tables.extend(Plan::streams().iter().map(|plan| self.table(plan, &few)));
+        }
+        tables.retain(|jobs| !jobs.is_empty());
+        tables
+    }
 
-fn range(word: &str) -> Result<RangeInclusive<usize>, String> {
-    let ends = word.split_once('-');
-    let ends = ends.and_then(|(from, to)| Some((from.parse().ok()?, to.parse().ok()?)));
-    let range = ends.filter(|(from, to)| (1..=*to).contains(from));
-    let range = range.map(|(from, to)| from..=to);
-    range.ok_or_else(|| "expected two rising numbers from 1 on, such as 12-40".to_owned())
+    /// Returns the streams of one table. Rows alternate, so that a study that is interrupted has as
+    /// many worlds of each.
+    fn table(&self, plan: &Plan, cases: &[Case]) -> Vec<Job> {
+        let seeds = self.first..self.first + self.count;
+        let jobs = seeds.flat_map(|seed| cases.iter().map(move |&case| (seed, case)));
+        let jobs = jobs.flat_map(|(seed, case)| {
+            let job = move |&rule| Job { case, rule, plan: plan.clone(), seed };
+            Rule::value_variants().iter().map(job)
+        });
+        let is_kind = |job: &Job| self.kind.as_ref().is_none_or(|kind| kind == job.case.name());
+        jobs.filter(is_kind).filter(|job| self.rule.is_none_or(|rule| rule == job.rule)).collect()
+    }
 }
 
 fn main() -> Answer<()> {
     let arguments = Arguments::parse();
-    let results = Results::open(arguments.csv.as_deref(), &arguments.plan)?;
-    let kinds = arguments.kind.map_or(WorldKind::ALL.to_vec(), |kind| vec![kind]);
-    let records = run_all(&kinds, &arguments, &results)?;
-    println!("{HEADER}");
-    for kind in kinds {
-        let own = records.iter().filter(|record| record.kind == kind.name());
-        println!("{}", row(kind.name(), &own.collect::<Vec<_>>()));
+    let results = Results::open(arguments.csv.as_deref())?;
+    for jobs in arguments.tables() {
+        let records = run_all(&jobs, &results)?;
+        let Record { visits, stay, .. } = Record::new(&jobs[0]);
+        println!("Visits: {visits}, of {stay} rounds\n\n{HEADER}");
+        for job in jobs.iter().filter(|job| job.seed == arguments.first) {
+            let own = records.iter().filter(|record| record.is_like(job));
+            println!("{}", row(job, &own.collect::<Vec<_>>()));
+        }
+        println!();
     }
     Ok(())
 }
 
-/// Runs the worlds on threads of their own, and returns their records. Decisions are made in
-/// rayon's pool and timed. Kinds alternate, so that a study that is interrupted has as many of
-/// each.
-fn run_all(kinds: &[WorldKind], arguments: &Arguments, results: &Results) -> Answer<Vec<Record>> {
-    let seeds = arguments.first..arguments.first + arguments.count;
-    let worlds = seeds.flat_map(|seed| kinds.iter().map(move |&kind| (kind, seed)));
-    let next = Mutex::new(worlds);
+/// Runs the streams of one table on threads of their own, and returns their records. Decisions are
+/// made in rayon's pool and timed.
+fn run_all(jobs: &[Job], results: &Results) -> Answer<Vec<Record>> {
+    let next = Mutex::new(jobs.iter());
     let take = || next.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || {
         let taken = std::iter::from_fn(take);
-        taken.map(|(kind, seed)| run(kind, seed, arguments, results)).collect::<Answer<Vec<_>>>()
+        taken.map(|job| run(job, results)).collect::<Answer<Vec<_>>>()
     };
     std::thread::scope(|scope| {
         let threads = 0..rayon::current_num_threads();
@@ -101,18 +118,19 @@ fn run_all(kinds: &[WorldKind], arguments: &Arguments, results: &Results) -> Ans
 }
 
 /// Returns the record of one world, from the file if it is there.
-fn run(kind: WorldKind, seed: u64, arguments: &Arguments, results: &Results) -> Answer<Record> {
-    if let Some(record) = results.known(kind, seed) {
+fn run(job: &Job, results: &Results) -> Answer<Record> {
+    if let Some(record) = results.known(job) {
         return Ok(record.clone());
     }
-    let outcome = Trial::of(World::random(kind, seed), &arguments.plan)?.run()?;
-    let record = scores::record(kind, seed, &arguments.plan, &outcome);
+    let outcome = Trial::of(job)?.run()?;
+    let record = scores::record(job, &outcome);
     results.add(&record)?;
     Ok(record)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::cases::range;
     use super::*;
 
     #[test]
@@ -121,5 +139,19 @@ mod tests {
         for wrong in ["5", "0-4", "9-4", "a-b"] {
             assert!(range(wrong).unwrap_err().contains("rising"), "{wrong}");
         }
+    }
+
+    /// The table of worlds, and five of streams; one of a given stream.
+    #[test]
+    fn without_options_there_are_tables_of_worlds_and_of_streams() {
+        let tables = |words: &str| {
+            let words = std::iter::once("study").chain(words.split_whitespace());
+            let arguments = Arguments::parse_from(words);
+            arguments.tables().iter().map(Vec::len).collect::<Vec<_>>()
+        };
+        assert_eq!(tables("7 3"), [3 * 18 * 5, 30, 30, 30, 30, 30]);
+        assert_eq!(tables("7 1 target --rule evidence"), [1; 6]);
+        assert_eq!(tables("7 1 collapse"), [5]);
+        assert_eq!(tables("7 1 --visits 100"), [18 * 5]);
     }
 }

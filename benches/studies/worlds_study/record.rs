@@ -5,18 +5,19 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
-use worlds::WorldKind;
 
+use crate::cases::Rule;
 use crate::trial::ROUNDS;
-use crate::{Answer, Plan};
+use crate::{Answer, Job};
 
 /// Version of the study. Results of two versions do not belong in one table.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
 
 /// Counts of one world, in the order of the file's columns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     pub version: u32,
+    pub rule: Rule,
     pub kind: String,
     pub seed: u64,
     /// Columns of the plan.
@@ -49,20 +50,22 @@ pub struct Record {
 
 impl Record {
     /// Creates a record of a world without counts.
-    pub fn new(kind: WorldKind, seed: u64, plan: &Plan) -> Self {
+    pub fn new(job: &Job) -> Self {
+        let rounds = job.plan.rounds();
         Self {
             version: VERSION,
-            kind: kind.name().to_owned(),
-            seed,
-            visits: plan.visits.map_or("two".to_owned(), |n| n.to_string()),
-            stay: format!("{}-{}", plan.stay.start(), plan.stay.end()),
+            rule: job.rule,
+            kind: job.case.name().to_owned(),
+            seed: job.seed,
+            visits: job.plan.visits.map_or("two".to_owned(), |n| n.to_string()),
+            stay: format!("{}-{}", rounds.start(), rounds.end()),
             ..Self::default()
         }
     }
 
-    /// Returns the columns that must agree for two records to stand in one table.
-    fn plan(&self) -> [&str; 2] {
-        [&self.visits, &self.stay]
+    /// Returns `true` for a record of the row of `job`.
+    pub fn is_like(&self, job: &Job) -> bool {
+        self.kind == job.case.name() && self.rule == job.rule
     }
 }
 
@@ -73,8 +76,8 @@ pub struct Results {
 }
 
 impl Results {
-    /// Opens the file and reads its records of streams like `plan`.
-    pub fn open(path: Option<&Path>, plan: &Plan) -> Answer<Self> {
+    /// Opens the file and reads its records.
+    pub fn open(path: Option<&Path>) -> Answer<Self> {
         let Some(path) = path else {
             let (file, known) = (None, Vec::new());
             return Ok(Self { file, known });
@@ -89,12 +92,10 @@ impl Results {
         let is_new = file.metadata()?.len() == 0;
         let rows = csv::Reader::from_path(path)?.into_deserialize();
         let rows: Result<Vec<Record>, _> = rows.collect();
-        let mut known = rows.map_err(|error| rejected(error.to_string()))?;
+        let known = rows.map_err(|error| rejected(error.to_string()))?;
         if let Some(other) = known.iter().find(|record| record.version != VERSION) {
             return Err(rejected(format!("it holds version {}", other.version)).into());
         }
-        let own = Record::new(WorldKind::Shape, 0, plan);
-        known.retain(|record| record.plan() == own.plan());
         let mut writer = csv::WriterBuilder::new();
         let writer = writer.has_headers(is_new).from_writer(file);
         let shared = Some(Mutex::new(writer));
@@ -102,9 +103,11 @@ impl Results {
     }
 
     /// Returns the record of a world, if the file had it when it was opened.
-    pub fn known(&self, kind: WorldKind, seed: u64) -> Option<&Record> {
-        let mut known = self.known.iter();
-        known.find(|record| record.kind == kind.name() && record.seed == seed)
+    pub fn known(&self, job: &Job) -> Option<&Record> {
+        let own = Record::new(job);
+        let is_own =
+            |r: &&Record| (r.seed, &r.visits, &r.stay) == (job.seed, &own.visits, &own.stay);
+        self.known.iter().filter(is_own).find(|record| record.is_like(job))
     }
 
     /// Adds a line to the file, and flushes it.
@@ -118,14 +121,14 @@ impl Results {
     }
 }
 
-pub const HEADER: &str = "| worlds | number | as many policies as groups | exact policies \
+pub const HEADER: &str = "| worlds | rule | number | as many policies as groups | exact policies \
 | with superfluous policies | most superfluous | with missing policies | most missing \
 | right after first visits | switches noticed at once \
 | learnt by the wrong policy | rollouts a turn | policies merged | slowest decisions |\n\
-|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
-/// Returns the line of the table for worlds of one kind.
-pub fn row(kind: &str, records: &[&Record]) -> String {
+/// Returns the line of the table for one rule in worlds of one kind.
+pub fn row(Job { case, rule, .. }: &Job, records: &[&Record]) -> String {
     let count = |holds: fn(&Record) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
     let worlds = |holds| 100.0 * count(holds) / records.len().max(1) as f64;
     let sum = |of: fn(&Record) -> usize| records.iter().map(|record| of(record)).sum::<usize>();
@@ -136,7 +139,8 @@ pub fn row(kind: &str, records: &[&Record]) -> String {
     };
     let most = |of: fn(&Record) -> usize| records.iter().map(|r| of(r)).max().unwrap_or(0);
     let cells = [
-        kind.to_owned(),
+        case.name().to_owned(),
+        format!("{rule:?}"),
         records.len().to_string(),
         format!("{:.1} %", worlds(|r| r.policies == r.groups)),
         format!("{:.1} %", worlds(|r| r.exact == 1)),
@@ -159,24 +163,27 @@ mod tests {
     use std::fs;
     use std::path::PathBuf;
 
+    use worlds::WorldKind;
+
     use super::*;
+    use crate::cases::{Case, Plan};
 
     fn scratch(name: &str) -> PathBuf {
         let name = format!("worlds-study-{name}-{}.csv", std::process::id());
         std::env::temp_dir().join(name)
     }
 
-    fn plan(visits: Option<usize>) -> Plan {
-        let stay = 12..=40;
-        Plan { visits, stay }
+    fn job(visits: Option<usize>, rule: Rule, seed: u64) -> Job {
+        let plan = Plan { visits, ..Plan::default() };
+        Job { case: Case::Kind(WorldKind::Shape), rule, plan, seed }
     }
 
     #[test]
     fn the_right_number_of_policies_is_not_enough_to_be_exact() {
         let record = |policies, exact| Record { groups: 4, policies, exact, ..Record::default() };
         let records = [record(4, 1), record(4, 0), record(6, 0), record(3, 0)];
-        let line = row("target", &records.each_ref());
-        let start = "| target | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
+        let line = row(&job(None, Rule::Network, 7), &records.each_ref());
+        let start = "| shape | Network | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
         assert!(line.starts_with(start), "{line}");
         let columns = |text: &str| text.matches('|').count();
         let header: Vec<usize> = HEADER.lines().map(columns).collect();
@@ -186,11 +193,11 @@ mod tests {
     #[test]
     fn lines_of_another_version_are_refused() {
         let path = scratch("version");
-        for text in ["kind,seed\nshape,7\n", "version,kind\n7,shape\n"] {
+        for text in ["kind,seed\nshape,7\n", "version,kind\n8,shape\n"] {
             fs::write(&path, text).unwrap();
-            let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
+            let rejected = Results::open(Some(&path)).err().unwrap();
             let message = rejected.to_string();
-            assert!(message.contains("expected version 7"), "{message}");
+            assert!(message.contains("expected version 8"), "{message}");
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
         }
         fs::remove_file(&path).unwrap();
@@ -199,19 +206,20 @@ mod tests {
     #[test]
     fn results_are_found_again() {
         let path = scratch("again");
-        let results = Results::open(Some(&path), &plan(None)).unwrap();
-        assert_eq!(results.known(WorldKind::Shape, 7), None);
-        let record = Record::new(WorldKind::Shape, 7, &plan(None));
+        let results = Results::open(Some(&path)).unwrap();
+        let own = job(None, Rule::Evidence, 7);
+        assert_eq!(results.known(&own), None);
+        let record = Record::new(&own);
         results.add(&record).unwrap();
-        let again = Results::open(Some(&path), &plan(None)).unwrap();
-        assert_eq!(again.known(WorldKind::Shape, 7), Some(&record));
-        assert_eq!(again.known(WorldKind::Shape, 8), None);
-        again.add(&Record { seed: 8, ..record }).unwrap();
-        let found = |visits| Results::open(Some(&path), &plan(visits)).unwrap().known.len();
-        assert_eq!([found(None), found(Some(100))], [2, 0]);
-        let text = fs::read_to_string(&path).unwrap().replace("\n7,", "\n5,");
+        let again = Results::open(Some(&path)).unwrap();
+        assert_eq!(again.known(&own), Some(&record));
+        let others = [(None, Rule::Evidence, 8), (None, Rule::Network, 7), (Some(9), own.rule, 7)];
+        for (visits, rule, seed) in others {
+            assert_eq!(again.known(&job(visits, rule, seed)), None);
+        }
+        let text = fs::read_to_string(&path).unwrap().replace("\n8,", "\n5,");
         fs::write(&path, text).unwrap();
-        let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
+        let rejected = Results::open(Some(&path)).err().unwrap();
         assert!(rejected.to_string().contains("it holds version 5"));
         fs::remove_file(&path).unwrap();
     }

@@ -2,9 +2,7 @@
 
 use std::cmp::Reverse;
 
-use worlds::WorldKind;
-
-use crate::Plan;
+use crate::Job;
 use crate::record::Record;
 use crate::trial::{Outcome, Turn};
 
@@ -32,17 +30,6 @@ impl Served {
         let by_policy = self.0.iter().map(|served| served[group]);
         most(by_group) == Some(group) && most(by_policy) == Some(policy)
     }
-
-    /// Returns `true` if policies and groups belong to each other one to one. Merged policies are
-    /// left out.
-    fn is_bijection(&self, outcome: &Outcome) -> bool {
-        let policies = self.0.iter().enumerate();
-        let mut policies = policies.filter(|&(policy, _)| outcome.now(policy) == policy);
-        let is_paired = |(policy, served): (usize, &Vec<usize>)| {
-            most(served.iter().copied()).is_some_and(|group| self.is_pair(policy, group))
-        };
-        outcome.left() == outcome.distinct && policies.all(is_paired)
-    }
 }
 
 /// Returns the index of the largest number above zero, the first of equals.
@@ -52,9 +39,14 @@ fn most(numbers: impl Iterator<Item = usize>) -> Option<usize> {
     index.map(|(index, _)| index)
 }
 
-/// Returns `true` if each group has a policy of its own, and no policy is left over.
+/// Returns `true` if policies and groups belong to each other one to one, and no policy is left
+/// over. Merged policies are left out.
 fn is_exact(outcome: &Outcome) -> bool {
-    Served::of(outcome).is_bijection(outcome)
+    let served = Served::of(outcome);
+    let policies = (0..outcome.policies).filter(|&policy| outcome.now(policy) == policy);
+    let mut groups = policies.map(|policy| (policy, most(served.0[policy].iter().copied())));
+    outcome.left() == outcome.distinct
+        && groups.all(|(policy, group)| group.is_some_and(|group| served.is_pair(policy, group)))
 }
 
 fn judge(outcome: &Outcome) -> Vec<Judged> {
@@ -70,7 +62,7 @@ fn judge(outcome: &Outcome) -> Vec<Judged> {
 }
 
 /// Counts the outcome of one world.
-pub fn record(kind: WorldKind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
+pub fn record(job: &Job, outcome: &Outcome) -> Record {
     let judged = judge(outcome);
     let served = Served::of(outcome);
     let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
@@ -98,13 +90,16 @@ pub fn record(kind: WorldKind, seed: u64, plan: &Plan, outcome: &Outcome) -> Rec
         merged: outcome.merged(),
         slowest_us: outcome.slowest.as_micros(),
         state_bytes: outcome.state,
-        ..Record::new(kind, seed, plan)
+        ..Record::new(job)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use worlds::WorldKind;
+
     use super::*;
+    use crate::cases::{Case, Plan, Rule};
 
     /// Returns an outcome with these turns, given as policy and group; all groups are known.
     fn outcome(policies: usize, distinct: usize, turns: &[(usize, usize)]) -> Outcome {
@@ -133,8 +128,9 @@ mod tests {
         let late = outcome(2, 2, &[(0, 0), (0, 0), (0, 1), (1, 1), (1, 1)]);
         assert_eq!(right(&late), [true, true, false, true, true]);
         assert_eq!(judge(&late).iter().filter(|judged| judged.2).count(), 1);
-        let plan = Plan { visits: None, stay: 12..=40 };
-        let record = record(WorldKind::Shape, 7, &plan, &late);
+        let case = Case::Kind(WorldKind::Shape);
+        let job = Job { case, rule: Rule::Evidence, plan: Plan::default(), seed: 7 };
+        let record = record(&job, &late);
         assert_eq!([record.exact, record.known, record.right], [1, 5, 4]);
         assert_eq!([record.switches, record.noticed], [1, 0]);
         assert_eq!([record.learnt, record.foreign], [10, 2]);

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use learner::{
-    CheckpointExtent, CommonSettings, GroupingSettings, Handover, Iteration, Learner,
+    CheckpointExtent, CommonSettings, Grouping, GroupingSettings, Handover, Iteration, Learner,
     NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
 };
 use rand::seq::SliceRandom;
@@ -19,7 +19,9 @@ use rl::{
 use serde::{Deserialize, Serialize};
 use worlds::{TaskStream, Visit, World};
 
-use crate::{Answer, Plan};
+use crate::baseline::Baseline;
+use crate::cases::{Case, Rule, TURN};
+use crate::{Answer, Job};
 
 pub const ENVS: usize = 5;
 /// Number of rounds of a rollout, which has 20 episodes.
@@ -83,6 +85,7 @@ struct Shared(Arc<Mutex<Bed>>);
 #[derive(Debug)]
 struct Bed {
     stream: TaskStream,
+    case: Case,
     /// First round that was trained on last, and the group of each round.
     learnt: (usize, [Option<usize>; ROUNDS]),
 }
@@ -130,6 +133,28 @@ impl VectorEnv for Environments {
     }
 }
 
+/// Draws the visits of a stream.
+fn visits(job: &Job, world: &World, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    if job.case == Case::RareGroup {
+        let pair = [(0, 49), (1, 1)];
+        let pair = pair.map(|(group, rollouts)| Visit { group, rounds: ROUNDS * rollouts });
+        return pair.repeat(4);
+    }
+    let groups = world.groups.len();
+    // a nuisance has the time to act
+    let least = if world.scene == world.changed_scene { 1 } else { 4 };
+    let number = job.plan.visits.unwrap_or(VISITS * groups.max(least));
+    let mut visits = Vec::new();
+    while visits.len() < number {
+        let mut order: Vec<usize> = (0..groups).collect();
+        order.shuffle(rng);
+        let stay = |group| Visit { group, rounds: rng.random_range(job.plan.rounds()) };
+        visits.extend(order.into_iter().map(stay));
+    }
+    visits.truncate(number);
+    visits
+}
+
 /// State of a stream in one world, with its learner.
 pub struct Trial {
     rounds: usize,
@@ -139,31 +164,29 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Draws the visits of a world, and starts its stream.
-    pub fn of(world: World, plan: &Plan) -> Answer<Self> {
-        let seed = world.seed ^ 0xdeca;
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let number = plan.visits.unwrap_or(VISITS * world.groups.len());
-        let mut visits = Vec::new();
-        while visits.len() < number {
-            let mut groups: Vec<usize> = (0..world.groups.len()).collect();
-            groups.shuffle(&mut rng);
-            visits.extend(
-                groups
-                    .into_iter()
-                    .map(|group| Visit { group, rounds: rng.random_range(plan.stay.clone()) }),
-            );
-        }
-        visits.truncate(number);
+    /// Draws a world and its visits, and starts the stream.
+    pub fn of(job: &Job) -> Answer<Self> {
+        let world = job.case.world(job.seed);
+        let seed = job.seed ^ 0xdeca;
+        let visits = visits(job, &world, &mut ChaCha8Rng::seed_from_u64(seed));
         let rounds = visits.iter().map(|visit| visit.rounds).sum();
         let distinct = world.num_distinct_groups();
         let stream = TaskStream::new(world, visits, ENVS)?.with_horizon(HORIZON);
         let spec = stream.spec().clone();
-        let bed = Shared(Arc::new(Mutex::new(Bed { stream, learnt: (0, [None; ROUNDS]) })));
-        let settings = StandIns { seed, bed: Some(bed.clone()) };
+        let bed = Shared(Arc::new(Mutex::new(Bed {
+            stream,
+            case: job.case,
+            learnt: (0, [None; ROUNDS]),
+        })));
+        // a baseline, as the paper's rule, trains the assigned policy on the rollout as it is
+        let (handover, grouping): (_, Box<dyn Grouping>) = match job.rule {
+            Rule::Evidence => (Handover::CollectAgain, GroupingSettings::default().build()?),
+            rule => (Handover::Reuse, Box::new(Baseline::new(rule, &spec, seed)?)),
+        };
+        let settings = StandIns { seed, handover, bed: Some(bed.clone()) };
         Ok(Self {
             rounds,
-            learner: PolicyCollection::new(settings, &spec)?,
+            learner: PolicyCollection::with_grouping(settings, &spec, grouping)?,
             env: Environments { spec, bed },
             outcome: Outcome { distinct, ..Outcome::default() },
         })
@@ -222,6 +245,7 @@ const MEMORY: usize = 8;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StandIns {
     seed: u64,
+    handover: Handover,
     #[serde(skip)]
     bed: Option<Shared>,
 }
@@ -231,6 +255,8 @@ pub struct StandIns {
 #[derive(Clone, Debug, Default)]
 pub struct StandIn {
     learnt: Vec<usize>,
+    /// Number of iterations.
+    trained: usize,
     bed: Option<Shared>,
 }
 
@@ -246,14 +272,14 @@ impl PolicyCollectionSettings for StandIns {
             first_frames: 1,
             rollout_steps: ENVS * ROUNDS * HORIZON,
             buffer_episodes: Some(100),
-            handover: Handover::CollectAgain,
+            handover: self.handover,
             new_policy: NewPolicyInit::Random,
             seed: self.seed,
         }
     }
 
     fn new_policy(&self, _: &EnvSpec, _: u64) -> Result<StandIn, RlError> {
-        Ok(StandIn { learnt: Vec::new(), bed: self.bed.clone() })
+        Ok(StandIn { bed: self.bed.clone(), ..StandIn::default() })
     }
 
     fn policy_with_params(&self, spec: &EnvSpec, _: Vec<f32>) -> Result<StandIn, RlError> {
@@ -296,7 +322,7 @@ impl Training for Lessons {
         let learnt =
             std::array::from_fn(|index| (index < kept).then(|| bed.group_at(first + index)));
         bed.learnt = (first, learnt);
-        policy.learn(&learnt);
+        policy.learn(&learnt, bed.case);
         Ok(Vec::new())
     }
 
@@ -311,9 +337,14 @@ impl Training for Lessons {
 
 impl StandIn {
     /// Trains on rounds of these groups.
-    fn learn(&mut self, groups: &[Option<usize>]) {
+    fn learn(&mut self, groups: &[Option<usize>], case: Case) {
         let of = |group| groups.iter().flatten().filter(|&&g| g == group).count();
         let most = groups.iter().flatten().copied().max_by_key(|&group| of(group));
+        self.trained += 1;
+        if case == Case::Collapse && self.trained == TURN {
+            self.learnt.clear();
+            return;
+        }
         self.learnt.extend(most);
         if self.learnt.len() > MEMORY {
             self.learnt.remove(0);
@@ -321,10 +352,12 @@ impl StandIn {
     }
 
     /// Returns the group that the policy acts for, and its skill in [0, 1).
-    fn skill(&self) -> Option<(usize, f32)> {
+    fn skill(&self, case: Case) -> Option<(usize, f32)> {
         let iterations = |group| self.learnt.iter().filter(|&&learnt| learnt == group).count();
         let most = self.learnt.iter().copied().max_by_key(|&group| iterations(group))?;
-        Some((most, 1.0 - (-(iterations(most) as f32) / ITERATIONS).exp()))
+        let fails = case == Case::SuddenSuccess && self.trained < TURN;
+        let skill = 1.0 - (-(iterations(most) as f32) / ITERATIONS).exp();
+        Some((most, if fails { 0.0 } else { skill }))
     }
 
     /// Writes the actions `[N, 2]` of an expert, mixed with noise in [-1, 1] by skill.
@@ -332,10 +365,11 @@ impl StandIn {
         let Some(bed) = &self.bed else {
             return;
         };
-        let (bed, (group, skill)) = (bed.lock(), self.skill().unwrap_or((0, 0.0)));
+        let bed = bed.lock();
+        let (group, skill) = self.skill(bed.case).unwrap_or((0, 0.0));
         let expert = (0..ENVS).flat_map(|env| bed.stream.expert_action(env, group));
-        for ((mixed, action), random) in out.iter_mut().zip(expert).zip(noise) {
-            *mixed = skill * (action + EXPLORATION * random) + (1.0 - skill) * random;
+        for ((taken, action), noisy) in out.iter_mut().zip(expert).zip(noise) {
+            *taken = skill * (action + EXPLORATION * noisy) + (1.0 - skill) * noisy;
         }
     }
 }
@@ -426,13 +460,18 @@ fn has_returned(mut groups: impl Iterator<Item = usize>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cases::Plan;
     use worlds::WorldKind;
+
+    fn job(case: Case, visits: usize, stay: usize) -> Job {
+        let plan = Plan { visits: Some(visits), stay: Some(stay..=stay + 4) };
+        Job { case, rule: Rule::Evidence, plan, seed: 1000 }
+    }
 
     /// Rounds in which possible duplicates act after the update are not trained on.
     #[test]
     fn a_turn_is_dated_by_what_it_learnt() {
-        let plan = Plan { visits: Some(6), stay: 8..=12 };
-        let mut trial = Trial::of(World::random(WorldKind::Target, 1000), &plan).unwrap();
+        let mut trial = Trial::of(&job(Case::Kind(WorldKind::Target), 6, 8)).unwrap();
         let mut heard = 0;
         while trial.round() < trial.rounds {
             let turn = trial.turn().unwrap();
@@ -441,6 +480,36 @@ mod tests {
             heard += trial.round() - 1 - dropped - turn.last;
         }
         assert!(heard > 0, "no policy was heard");
+    }
+
+    #[test]
+    fn skill_grows_and_turns_where_the_case_says() {
+        let target = Case::Kind(WorldKind::Target);
+        let cases =
+            [(target, [0.9, 0.9]), (Case::SuddenSuccess, [0.0, 0.9]), (Case::Collapse, [0.9, 0.0])];
+        for (case, expected) in cases {
+            let mut policy = StandIn::default();
+            let skills = (1..=TURN).map(|_| {
+                policy.learn(&[Some(3)], case);
+                policy.skill(case).map_or(0.0, |(_, skill)| skill)
+            });
+            let skills: Vec<f32> = skills.collect();
+            for (skill, least) in skills[TURN - 2..].iter().zip(expected) {
+                assert!((least..=least * 1.1).contains(skill), "{case:?} {skills:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn baselines_see_what_they_describe() {
+        for rule in [Rule::Histogram, Rule::Image, Rule::Network, Rule::Threshold] {
+            for kind in [WorldKind::Colour, WorldKind::Reward, WorldKind::Identical] {
+                let job = Job { rule, ..job(Case::Kind(kind), 4, 8) };
+                let policies = Trial::of(&job).unwrap().run().unwrap().policies;
+                let sees = kind == WorldKind::Colour && rule != Rule::Threshold;
+                assert_eq!(policies > 1, sees, "{rule:?} {kind:?}");
+            }
+        }
     }
 
     #[test]

@@ -1,0 +1,135 @@
+//! Simple baselines: groupings by one description of first pictures.
+
+use cluster::{Candidate, Decision, Frames, Side, Source, assign_by_threshold, joint_test_until};
+use evidence::{Course, RecogniserSettings};
+use learner::{
+    Candidates, CoversSettings, Episodes, Grouping, GroupingDecision, Learned, LearnerError,
+    Lesson, Needs, PolicyCollectionSettings, Query,
+};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use rl::{ActorCriticPolicy, EnvSpec, FeatureExtractor, Observations};
+use symmetry::D2;
+
+use crate::cases::Rule;
+
+/// Returns the shares of 64 colours: four levels of each of the first three channels.
+fn histogram(spec: &EnvSpec, course: &Course) -> Vec<f32> {
+    let mut shares = vec![0.0; 64];
+    let [height, width, channels] = spec.image_shape;
+    for pixel in course.image.chunks_exact(channels) {
+        let bin = pixel[..3].iter().fold(0, |bin, &level| 4 * bin + usize::from(level / 64));
+        shares[bin] += 1.0 / (height * width) as f32;
+    }
+    shares
+}
+
+/// Returns the average of the picture's four mirror images, `[H / 2, W / 2, 3]`.
+fn mean_image(spec: &EnvSpec, course: &Course) -> Vec<f32> {
+    let [height, width, channels] = spec.image_shape;
+    let places = (0..height / 2).flat_map(|row| (0..width / 2).map(move |col| (row, col)));
+    let means = places.flat_map(|(row, col)| {
+        let mirrored = D2::ALL.map(|g| g.apply_pixel(row, col, height, width));
+        let level = |i, (y, x)| f32::from(course.image[(y * width + x) * channels + i]);
+        [0, 1, 2].map(|i| mirrored.map(|place| level(i, place)).iter().sum::<f32>() / 1020.0)
+    });
+    means.collect()
+}
+
+/// Grouping that takes the policy with the least different descriptions, or a new one if these
+/// differ too much. Without second looks, trials and merges.
+pub struct Baseline {
+    rule: Rule,
+    untrained: ActorCriticPolicy,
+    settings: RecogniserSettings,
+    /// Latest descriptions that each policy trained on.
+    memories: Vec<Vec<f32>>,
+}
+
+impl Baseline {
+    pub fn new(rule: Rule, spec: &EnvSpec, seed: u64) -> Result<Self, LearnerError> {
+        let untrained = CoversSettings::default().new_policy(spec, seed)?;
+        Ok(Self { rule, untrained, settings: RecogniserSettings::default(), memories: Vec::new() })
+    }
+
+    /// Returns descriptions of the first pictures, which but for rounding are equal for mirror
+    /// images.
+    fn describe(&mut self, episodes: Episodes<'_>) -> Result<Frames, LearnerError> {
+        let Episodes { spec, courses, .. } = episodes;
+        let points: Vec<f32> = match self.rule {
+            Rule::Histogram => courses.iter().flat_map(|c| histogram(spec, c)).collect(),
+            Rule::Image => courses.iter().flat_map(|c| mean_image(spec, c)).collect(),
+            Rule::Network | Rule::Threshold | Rule::Evidence => {
+                let first = |course: &Course| course.vectors[..spec.vector_irreps.len()].to_vec();
+                let observations = Observations {
+                    images: courses.iter().flat_map(|course| course.image.clone()).collect(),
+                    vectors: courses.iter().flat_map(first).collect(),
+                };
+                let mut features = vec![0.0; courses.len() * self.untrained.feature_dim()];
+                self.untrained.features(&observations, &mut features)?;
+                features
+            }
+        };
+        let dim = points.len() / courses.len().max(1);
+        Ok(Frames::new(points, 1, dim)?)
+    }
+
+    /// Returns the policy whose descriptions differ least by a permutation test, or a new one. The
+    /// levels are those of the learner's own rule: of its first look, and by a fitted tail of a
+    /// rejection.
+    fn test(&self, clouds: Vec<Candidate>, seed: u64) -> Result<Decision, LearnerError> {
+        let tests = clouds.into_par_iter().map(|clouds| {
+            let source = Source { clouds, side: Side::Both };
+            let stages = [self.settings.permutations / 4, self.settings.permutations];
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            // a test that is far from significant may end early
+            joint_test_until(&[source], &stages, |test| test.p_value > 0.15, &mut rng)
+        });
+        let tests = tests.collect::<Result<Vec<_>, _>>()?.into_iter().enumerate();
+        let nearest = tests.min_by(|(_, one), (_, other)| one.score.total_cmp(&other.score));
+        let fits = nearest.filter(|(_, test)| {
+            // without a source all descriptions are equal
+            test.sources[0].is_none_or(|source| {
+                source.p_value > self.settings.doubt || source.tail_p_value > self.settings.level
+            })
+        });
+        Ok(fits.map_or(Decision::New, |(policy, _)| Decision::Existing(policy)))
+    }
+}
+
+impl Grouping for Baseline {
+    fn needs(&self) -> Needs {
+        Needs { episodes: self.settings.min_episodes, whole_episodes: true }
+    }
+
+    fn assign(
+        &mut self,
+        _: Query<'_>,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<GroupingDecision, LearnerError> {
+        let rollout = self.describe(candidates.episodes())?;
+        let clouds = self.memories.iter().map(|memory| {
+            let buffer = Frames::new(memory.clone(), 1, rollout.dim())?;
+            Ok(Candidate { buffer, rollout: rollout.clone() })
+        });
+        let clouds = clouds.collect::<Result<Vec<_>, LearnerError>>()?;
+        Ok(match self.rule {
+            Rule::Threshold => assign_by_threshold(&clouds, 1.0)?.into(),
+            _ => GroupingDecision::of(self.test(clouds, rng.random())?),
+        })
+    }
+
+    fn learn(&mut self, lesson: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
+        if let Lesson::Rollout { policy, episodes, .. } = lesson {
+            let described = self.describe(episodes)?;
+            self.memories.resize(self.memories.len().max(policy + 1), Vec::new());
+            let memory = &mut self.memories[policy];
+            memory.extend(described.features());
+            let most = self.settings.memory * described.dim();
+            memory.drain(..memory.len().saturating_sub(most));
+        }
+        Ok(Learned::default())
+    }
+}
