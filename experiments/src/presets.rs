@@ -230,9 +230,10 @@ impl Budget {
     }
 
     /// Returns the preset of a method with the stream, evaluation, checkpoints, seed and threads of
-    /// `run`.
+    /// `run`, and with the removed rule of assignment if `run` has that.
     pub fn preset_with_run_settings(self, method: Method, run: &Experiment) -> Experiment {
-        let preset = self.experiment(method).with_seed(run.learner.seed());
+        let mut preset = self.experiment(method).with_seed(run.learner.seed());
+        preset.learner.take_removed_grouping(&run.learner);
         Experiment {
             schedule: run.schedule.clone(),
             evaluation: run.evaluation,

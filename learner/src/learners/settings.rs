@@ -146,6 +146,17 @@ impl LearnerSettings {
         }
     }
 
+    /// Takes the removed rule of assignment that a run of an earlier version had, if these settings
+    /// have the rule that replaces it.
+    pub fn take_removed_grouping(&mut self, run: &Self) {
+        let removed = run.common().grouping;
+        if matches!(removed, GroupingSettings::Removed(_))
+            && matches!(self.common().grouping, GroupingSettings::Evidence(_))
+        {
+            each!(self, settings => settings.grouping = removed);
+        }
+    }
+
     /// Returns `true` if the learner may keep more than one policy.
     pub fn may_hold_several_policies(&self) -> bool {
         self.common().grouping != GroupingSettings::Single
