@@ -12,7 +12,7 @@ use std::time::Duration;
 use glam::DVec3;
 use robots::{
     CartesianControl, Chain, Command, ControlError, ControlSettings, Description, KinematicArm,
-    MjcfSettings, Robot, Servo, Twist, Watchdog, gen3,
+    MjcfSettings, Robot, Servo, Twist, UrdfSettings, Watchdog, gen3,
 };
 
 /// Time between two commands.
@@ -26,9 +26,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let (arm, tip) = match &arguments[..] {
         [] => (gen3::description()?, "tool_link"),
-        [file, tip] => (Description::read(Path::new(file))?, &tip[..]),
+        [file, tip] => {
+            (Description::read_with(Path::new(file), &UrdfSettings::forgiving())?, &tip[..])
+        }
         _ => return Err("usage: embed_robot [URDF TIP_LINK]".into()),
     };
+    arm.notes().iter().chain(arm.unread_meshes()).for_each(|note| eprintln!("{note}"));
     if env::var_os("MJCF").is_some() {
         let mjcf = arm
             .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })?;

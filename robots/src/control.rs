@@ -135,7 +135,7 @@ impl CartesianControl {
     /// Starts at rest in `posture` `[len]`, to which redundant joints return.
     ///
     /// # Errors
-    /// [`ControlError::Setting`], [`ControlError::Posture`].
+    /// [`ControlError::Setting`], [`ControlError::Posture`], [`ControlError::NoSpeed`].
     ///
     /// # Panics
     /// If `posture` is not as long as the chain.
@@ -148,6 +148,7 @@ impl CartesianControl {
         check_length("posture", posture.len(), joints);
         settings.check()?;
         check_posture(&chain, posture)?;
+        check_speeds(&chain)?;
         Ok(Self {
             reference: chain.tip(posture),
             posture: posture.to_vec(),
@@ -306,7 +307,9 @@ impl CartesianControl {
     /// too fast.
     fn speed_scale(&self) -> f64 {
         let joints = self.chain.joints().iter().zip(self.solver.velocities());
-        let factor = |(joint, velocity): (&ChainJoint, &f64)| joint.motion.speed / velocity.abs();
+        let factor = |(joint, velocity): (&ChainJoint, &f64)| {
+            joint.motion.speed.map_or(1.0, |speed| speed / velocity.abs())
+        };
         // a joint at rest has the factor infinity, which the fold ignores
         joints.map(factor).fold(1.0, f64::min)
     }
@@ -320,6 +323,13 @@ impl CartesianControl {
         }
         Err(out_of_reach(&self.chain, &self.configuration, &self.reference))
     }
+}
+
+/// Rejects a chain with joints of which no maximum speed is known.
+fn check_speeds(chain: &Chain) -> Result<(), ControlError> {
+    let joints = chain.joints().iter().filter(|joint| joint.motion.speed.is_none());
+    let joints: Vec<String> = joints.map(|joint| joint.name.clone()).collect();
+    if joints.is_empty() { Ok(()) } else { Err(ControlError::NoSpeed { joints }) }
 }
 
 /// Rejects a twist that is not finite.

@@ -22,6 +22,8 @@ pub struct Description {
     pub(crate) joints: Vec<Joint>,
     pub(crate) dofs: usize,
     pub(crate) restrictions: Vec<Restriction>,
+    pub(crate) notes: Vec<String>,
+    pub(crate) unread: Vec<String>,
 }
 
 /// Reduction of a free joint's range, so that a joint that follows it stays within its own range.
@@ -42,7 +44,8 @@ pub struct Restriction {
 pub struct Link {
     /// Name, unique among the links.
     pub name: String,
-    /// Mass and inertia; `None` for a frame without mass.
+    /// Mass and inertia as in the file, which may be those of no rigid body; `None` for a frame
+    /// without mass.
     pub inertia: Option<Inertia>,
     /// Collision shapes, in the link's frame.
     pub shapes: Vec<PlacedShape>,
@@ -80,12 +83,12 @@ pub struct Motion {
     pub kind: MotionKind,
     /// Unit vector in the joint's frame.
     pub axis: DVec3,
-    /// Lowest and highest position; `None` for a hinge without limits.
+    /// Lowest and highest position; `None` for a joint without limits.
     pub range: Option<[f64; 2]>,
-    /// Maximum speed (m/s, rad/s).
-    pub speed: f64,
-    /// Maximum force or torque.
-    pub effort: f64,
+    /// Maximum speed (m/s, rad/s); `None` if the file states none.
+    pub speed: Option<f64>,
+    /// Maximum force or torque; `None` if the file states none.
+    pub effort: Option<f64>,
     /// Viscous damping: force per speed.
     pub damping: f64,
     /// Dry friction.
@@ -192,6 +195,17 @@ impl Description {
         &self.restrictions
     }
 
+    /// Returns notes on values of the file that were replaced or left out, for the user.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Returns descriptions of the collision meshes that could not be read, whose shapes are
+    /// missing from the links.
+    pub fn unread_meshes(&self) -> &[String] {
+        &self.unread
+    }
+
     /// Returns the position vector of the robot at rest: for each joint zero, or the end of its
     /// range nearest to zero.
     pub fn rest(&self) -> Vec<f64> {
@@ -268,6 +282,7 @@ impl Description {
     }
 
     /// Returns capsules in the world that enclose all shapes, each with the index of its link.
+    /// They lack [`Description::unread_meshes`].
     ///
     /// # Panics
     /// If `positions` is not of length [`Description::dofs`].

@@ -24,17 +24,45 @@ pub enum DescriptionError {
         /// Maximum number of bytes.
         limit: usize,
     },
-    /// XML elements that are nested too deep.
-    #[error("elements of the URDF are nested more than {limit} deep; URDF itself needs 5 levels")]
-    TooDeep {
-        /// Maximum number of levels.
-        limit: usize,
-    },
     /// A file that is not XML, or not a URDF.
     #[error("the URDF cannot be parsed: {message}")]
     Syntax {
-        /// Message of the parser.
+        /// Line and cause.
         message: String,
+    },
+    /// An error at a line of the file.
+    #[error("line {line}: {error}")]
+    Line {
+        /// Line number in the file, from 1.
+        line: usize,
+        /// Error, which names the element.
+        error: Box<DescriptionError>,
+    },
+    /// Several errors.
+    #[error("{} errors:\n{}", .errors.len(), listed(.errors))]
+    Several {
+        /// Errors in the order in which they were found.
+        errors: Vec<DescriptionError>,
+    },
+    /// A value of an attribute that cannot be used.
+    #[error("`{name}` of {place} is {value:?}, expected {expected}")]
+    Attribute {
+        /// Element and the link or joint that it belongs to.
+        place: String,
+        /// Name of the attribute.
+        name: &'static str,
+        /// Value in the file, cut to 80 characters.
+        value: String,
+        /// Values expected.
+        expected: &'static str,
+    },
+    /// An element or attribute that must be there.
+    #[error("{place} has no {what}; add it")]
+    Missing {
+        /// Element and the link or joint that it belongs to.
+        place: String,
+        /// Missing element or attribute.
+        what: String,
     },
     /// A template that `xacro` has not expanded, so that parts of the robot are missing.
     #[error(
@@ -111,17 +139,6 @@ pub enum DescriptionError {
         /// Name of a link in the cycle or below it.
         link: String,
     },
-    /// A joint with more than one degree of freedom.
-    #[error(
-        "the joint `{joint}` is {kind}, which is not supported; use revolute, continuous, \
-         prismatic or fixed"
-    )]
-    JointKind {
-        /// Name of the joint.
-        joint: String,
-        /// Kind of the joint in URDF.
-        kind: &'static str,
-    },
     /// A number out of range.
     #[error("{place}: {what} is {value}, expected {expected}")]
     Number {
@@ -134,21 +151,11 @@ pub enum DescriptionError {
         /// Range or property expected.
         expected: &'static str,
     },
-    /// Limits with a lower end that is not below the upper one.
+    /// A moving link without mass, in a use that needs it.
     #[error(
-        "the joint `{joint}` may move from {lower} to {upper}; give `<limit>` a lower limit below \
-         the upper one, or make the joint continuous"
+        "the joint `{joint}` moves the link `{link}`, which has no mass (a milligram or more), nor \
+         have links that are fixed to it: give it `<inertial>`, or set `UrdfSettings::repair`"
     )]
-    Limits {
-        /// Name of the joint.
-        joint: String,
-        /// Lower limit.
-        lower: f64,
-        /// Upper limit.
-        upper: f64,
-    },
-    /// A moving link without mass.
-    #[error("the joint `{joint}` moves the link `{link}`, which has no mass; give it `<inertial>`")]
     MissingInertia {
         /// Name of the link.
         link: String,
@@ -157,14 +164,15 @@ pub enum DescriptionError {
     },
     /// An inertia that no rigid body can have.
     #[error(
-        "the link `{link}` has an inertia that no rigid body can have: {reason} (ixx {}, iyy {}, \
-         izz {}, ixy {}, ixz {}, iyz {} kg m^2)",
+        "the link `{link}`, with the links that are fixed to it, has an inertia that no rigid body \
+         can have: {reason} (ixx {}, iyy {}, izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct \
+         `<inertia>`, or set `UrdfSettings::repair`",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
     Inertia {
         /// Name of the link.
         link: String,
-        /// Components ixx, iyy, izz, ixy, ixz, iyz (kg m^2) along the axes of the inertial frame.
+        /// Components ixx, iyy, izz, ixy, ixz, iyz (kg m^2) along the link's axes.
         tensor: [f64; 6],
         /// Violated condition.
         reason: &'static str,
@@ -179,40 +187,24 @@ pub enum DescriptionError {
         /// Reason for the rejection.
         reason: &'static str,
     },
-    /// A joint that follows another one out of its own range.
+    /// Collision meshes that could not be read, in a use that needs all shapes.
     #[error(
-        "the joint `{joint}` follows `{followed}`, which moves from {} to {}{}, to positions from \
-         {} to {}, outside its own range, {} to {}: correct `<limit>` or `<mimic>` of `{joint}`{}",
-        .ranges.followed[0], .ranges.followed[1], kept_by(.other), .ranges.led[0], .ranges.led[1],
-        .ranges.own[0], .ranges.own[1], or_of(.other)
+        "{}\nread the robot with `UrdfSettings::ignore_meshes` to leave all meshes out",
+        .unread.join("\n")
     )]
-    FollowerRange {
-        /// Name of the joint.
-        joint: String,
-        /// Name of the followed joint.
-        followed: String,
-        /// Ranges of both joints.
-        ranges: Box<FollowerRanges>,
-        /// Another follower of the same joint that has reduced its range, if any.
-        other: Option<String>,
+    Meshes {
+        /// Descriptions of the meshes and the reasons.
+        unread: Vec<String>,
     },
-    /// A collision mesh that cannot be used.
-    #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
-    Mesh {
-        /// Name of the link.
-        link: String,
-        /// File of the mesh, as in the URDF.
-        file: String,
-        /// Reason for the rejection.
-        reason: String,
-    },
-    /// A file outside of the URDF's folder.
-    #[error("the link `{link}` names the file `{file}`, which lies outside of the URDF's folder")]
-    FileOutside {
-        /// Name of the link.
-        link: String,
-        /// File, as in the URDF.
-        file: String,
+    /// Joints without maximum force or torque, which servos need.
+    #[error(
+        "servos need the efforts of the joints {}, which the URDF does not state: add `effort` to \
+         their `<limit>`, or set `UrdfSettings::effort`",
+        .joints.join(", ")
+    )]
+    NoEffort {
+        /// Names of the joints.
+        joints: Vec<String>,
     },
     /// A branch of more links than MuJoCo can read.
     #[error(
@@ -257,6 +249,16 @@ pub enum ControlError {
         value: String,
         /// Range expected.
         expected: &'static str,
+    },
+    /// Joints without maximum speed.
+    #[error(
+        "control needs the speeds of the joints {}, which the URDF does not state: add `velocity` \
+         to their `<limit>`, or set `UrdfSettings::speed`",
+        .joints.join(", ")
+    )]
+    NoSpeed {
+        /// Names of the joints.
+        joints: Vec<String>,
     },
     /// A posture with a joint outside of its range.
     #[error(
@@ -304,32 +306,25 @@ pub enum ControlError {
     },
 }
 
-/// Ranges (radians, metres) of a joint that follows another one out of its own range.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FollowerRanges {
-    /// Range of the followed joint.
-    pub followed: [f64; 2],
-    /// Lowest and highest position to which the followed joint leads the follower.
-    pub led: [f64; 2],
-    /// Range of the follower.
-    pub own: [f64; 2],
-}
-
-fn kept_by(other: &Option<String>) -> String {
-    let of = other.as_ref();
-    of.map_or_else(String::new, |other| format!(" to keep `{other}` in its range"))
-}
-
-fn or_of(other: &Option<String>) -> String {
-    let of = other.as_ref();
-    of.map_or_else(String::new, |other| format!(" or of `{other}`"))
-}
-
 fn at_limit(joint: &Option<String>) -> String {
     match joint {
         Some(joint) => format!("; the joint `{joint}` is at the end of its range"),
         None => String::new(),
     }
+}
+
+/// Maximum number of errors in a message.
+const MAX_LISTED: usize = 50;
+
+fn listed(errors: &[DescriptionError]) -> String {
+    let lines: Vec<String> = errors.iter().take(MAX_LISTED).map(|e| e.to_string()).collect();
+    let more = errors.len().saturating_sub(MAX_LISTED);
+    lines.join("\n") + &if more > 0 { format!("\nand {more} more") } else { String::new() }
+}
+
+/// Joins errors, of which there is at least one.
+pub(crate) fn all(mut errors: Vec<DescriptionError>) -> DescriptionError {
+    if errors.len() == 1 { errors.remove(0) } else { DescriptionError::Several { errors } }
 }
 
 /// Returns [`ControlError::NotFinite`] unless `holds`.

@@ -17,7 +17,7 @@ use glam::{DQuat, DVec3};
 use crate::capsule::{PlacedShape, Shape};
 use crate::description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind};
 use crate::error::DescriptionError;
-use crate::error::{finite, require};
+use crate::error::{all, finite, require};
 use crate::overlap::Solids;
 use crate::pose::Pose;
 
@@ -94,9 +94,10 @@ impl Servo {
     }
 
     /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
-    /// instance one of [`Description::holding_forces`].
+    /// instance one of [`Description::holding_forces`]. Zero for a joint without effort, which can
+    /// have no servo.
     pub fn feed_forward(&self, motion: &Motion, force: f64) -> f64 {
-        force * self.saturation / motion.effort
+        motion.effort.map_or(0.0, |effort| force * self.saturation / effort)
     }
 
     /// Returns the control with which a joint follows a position (radians, metres) and its velocity
@@ -119,7 +120,10 @@ impl Description {
     /// # Errors
     /// [`DescriptionError::Number`] for a servo out of range, [`DescriptionError::UnknownLink`] for
     /// a class or an addition of an unknown link, [`DescriptionError::LongRow`] for more than 96
-    /// nested links.
+    /// nested links, [`DescriptionError::Name`] for a link `world` with shapes or mass.
+    /// [`DescriptionError::MissingInertia`] and [`DescriptionError::Inertia`] for bodies that cannot
+    /// be simulated, [`DescriptionError::Meshes`] for meshes that could not be read; with servos,
+    /// [`DescriptionError::NoEffort`].
     pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let name = escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
@@ -145,6 +149,12 @@ impl Description {
         settings.servo.map_or(Ok(()), |servo| servo.check())?;
         self.check_links(settings)?;
         self.check_nesting()?;
+        self.check_world()?;
+        let (inertias, _, mut errors) = self.simulated_inertias(false);
+        errors.extend(self.lacking(settings.servo.is_some()));
+        if !errors.is_empty() {
+            return Err(all(errors));
+        }
         let servos = settings.servo.map_or(String::new(), |servo| self.servos(&servo));
         let section = |(name, text): (&str, String)| match &text[..] {
             "" => String::new(),
@@ -152,7 +162,7 @@ impl Description {
         };
         let touching = self.touching_at_rest();
         let sections = [
-            ("worldbody", self.bodies(settings)),
+            ("worldbody", self.bodies(settings, &inertias)),
             ("contact", self.excludes(&touching)),
             ("equality", self.equalities()),
             ("actuator", servos),
@@ -186,12 +196,38 @@ impl Description {
         }
     }
 
+    /// Rejects a link `world` that is not a bare root: MuJoCo reserves the name for its own body.
+    fn check_world(&self) -> Result<(), DescriptionError> {
+        let mut links = self.links.iter().enumerate();
+        let is_bare = |link: &Link| link.shapes.is_empty() && link.inertia.is_none();
+        let taken =
+            links.any(|(index, link)| link.name == "world" && (index > 0 || !is_bare(link)));
+        if !taken {
+            return Ok(());
+        }
+        Err(DescriptionError::Name {
+            kind: "link",
+            name: "world".to_owned(),
+            reason: "it is reserved for the simulated world and a root without shapes and mass",
+        })
+    }
+
+    /// Returns errors for meshes and, with `servos`, efforts that the model lacks.
+    fn lacking(&self, servos: bool) -> Vec<DescriptionError> {
+        let unread = self.unread.clone();
+        let meshes = (!unread.is_empty()).then_some(DescriptionError::Meshes { unread });
+        let joints = self.free_joints().filter(|(_, motion)| servos && motion.effort.is_none());
+        let joints: Vec<String> = joints.map(|(joint, _)| joint.name.clone()).collect();
+        let efforts = (!joints.is_empty()).then_some(DescriptionError::NoEffort { joints });
+        meshes.into_iter().chain(efforts).collect()
+    }
+
     /// Writes the bodies, each inside its parent.
     ///
     /// Links are in depth-first order, so a link closes the open bodies that it does not hang on.
-    fn bodies(&self, settings: &MjcfSettings) -> String {
-        let mut text =
-            body(&self.links[0], &self.base, settings) + &contents(&self.links[0], settings);
+    fn bodies(&self, settings: &MjcfSettings, inertias: &[Option<Inertia>]) -> String {
+        let contents = |link: usize| contents(&self.links[link], inertias[link], settings);
+        let mut text = body(&self.links[0], &self.base, settings) + &contents(0);
         let mut open = vec![0];
         for (index, joint) in self.joints.iter().enumerate() {
             while open.last().is_some_and(|&link| link != joint.parent) {
@@ -202,7 +238,7 @@ impl Description {
             open.push(link);
             text += &body(&self.links[link], &joint.origin, settings);
             text += &joint.motion.map_or(String::new(), |motion| moving(&joint.name, &motion));
-            text += &contents(&self.links[link], settings);
+            text += &contents(link);
         }
         text + &"</body>\n".repeat(open.len())
     }
@@ -242,16 +278,6 @@ impl Description {
         pairs.filter(|&pair| touch(pair) && !never_collide(pair)).collect()
     }
 
-    /// Returns, for each link, the first of the links that are fixed to it, itself included.
-    fn rigid_bodies(&self) -> Vec<usize> {
-        let mut bodies = vec![0];
-        for (index, joint) in self.joints.iter().enumerate() {
-            let fixed_to = bodies[joint.parent];
-            bodies.push(joint.motion.map_or(fixed_to, |_| index + 1));
-        }
-        bodies
-    }
-
     /// Returns the links between `link` and the root that at most one joint separates from it, as
     /// far as both have shapes.
     fn neighbours(&self, link: usize) -> Vec<usize> {
@@ -289,7 +315,9 @@ impl Description {
     fn servos(&self, servo: &Servo) -> String {
         let of_joint = |(joint, motion): (&Joint, &Motion)| {
             let name = escaped(&joint.name);
-            let (stiffness, effort) = (motion.effort / servo.saturation, motion.effort);
+            // no servos are written where an effort is unknown
+            let effort = motion.effort.unwrap_or_default();
+            let stiffness = effort / servo.saturation;
             let damping = stiffness * servo.damping_time;
             format!(
                 "<general name=\"{name}\" joint=\"{name}\" biastype=\"affine\" \
@@ -319,12 +347,12 @@ fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
 const NO_MASS: &str = "<inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>\n";
 
 /// Writes the mass, shapes and added elements of a link.
-fn contents(link: &Link, settings: &MjcfSettings) -> String {
+fn contents(link: &Link, inertia: Option<Inertia>, settings: &MjcfSettings) -> String {
     let shapes = link.shapes.iter().enumerate();
     let geoms = shapes.map(|(index, shape)| geom(&format!("{}_{index}", link.name), shape));
     let additions = settings.additions.iter();
     let additions = additions.filter(|addition| addition.link == link.name);
-    let mass = match link.inertia {
+    let mass = match inertia {
         Some(inertia) => inertial(&inertia),
         None if link.shapes.is_empty() => String::new(),
         None => NO_MASS.to_owned(),

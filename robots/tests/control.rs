@@ -389,7 +389,7 @@ proptest! {
                 let rows = control.chain().joints().iter().zip(control.joints()).zip(&joints);
                 for ((joint, now), before) in rows {
                     let speed = (now - before).abs() / TICK;
-                    prop_assert!(speed <= joint.motion.speed + 1e-9, "{}: {speed}", joint.name);
+                    prop_assert!(speed <= joint.motion.speed.unwrap() + 1e-9, "{}: {speed}", joint.name);
                     let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
                     prop_assert!((low..=high).contains(now));
                 }

@@ -202,7 +202,7 @@ fn holding_forces_hold() {
             let joints = arm.free_joints().zip(positions.iter().zip(&forces));
             let controls: Vec<f64> = joints
                 .map(|((_, motion), (&position, &force))| {
-                    assert!(force.abs() < motion.effort, "{force}");
+                    assert!(force.abs() < motion.effort.unwrap(), "{force}");
                     servo.control(position, 0.0) + servo.feed_forward(motion, force)
                 })
                 .collect();
@@ -282,8 +282,9 @@ fn followers_follow_and_efforts_hold_in_motion() {
             furthest = furthest.max((balance - (0.2 - 0.5 * swing)).abs());
         }
         for ((_, motion), force) in arm.free_joints().zip(data.actuator_force()) {
-            assert!(force.abs() <= motion.effort, "{force} {}", motion.effort);
-            spent = spent.max(force.abs() / motion.effort);
+            let effort = motion.effort.unwrap();
+            assert!(force.abs() <= effort, "{force} {effort}");
+            spent = spent.max(force.abs() / effort);
         }
     }
     println!("travelled {travelled}, furthest {furthest}, spent {spent}");

@@ -81,9 +81,15 @@ impl Draw {
             let kind = kinds[self.0.random_range(0..kinds.len())];
             let moves = link > 0 && kind != "fixed";
             let massive = moves || self.chance(0.3);
+            let carries_load = moves && self.chance(0.2);
             let inertial = if massive { self.inertial() } else { String::new() };
+            let (inertial, load) = if carries_load {
+                (String::new(), self.load(link, &inertial))
+            } else {
+                (inertial, String::new())
+            };
             let shapes = if self.chance(0.7) { self.shapes(sizes) } else { String::new() };
-            let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>", name(link));
+            let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>{load}", name(link));
             if link == 0 {
                 continue;
             }
@@ -114,6 +120,15 @@ impl Draw {
             );
         }
         urdf + "</robot>"
+    }
+
+    /// A link with the mass of `link`, to which it is fixed.
+    fn load(&mut self, link: usize, inertial: &str) -> String {
+        let (origin, parent) = (self.origin(), name(link));
+        format!(
+            "<link name=\"load {link}\">{inertial}</link><joint name=\"hold {link}\" \
+             type=\"fixed\">{origin}<parent link=\"{parent}\"/><child link=\"load {link}\"/></joint>"
+        )
     }
 
     fn range(&mut self) -> [f64; 2] {

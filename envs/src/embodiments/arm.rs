@@ -3,7 +3,7 @@
 use glam::DVec3;
 use robots::{
     Addition, Capsule, CartesianControl, Chain, ControlSettings, Description, Drive as JointDrive,
-    MjcfSettings, Pose, RobotState, Servo,
+    MjcfSettings, Motion, Pose, RobotState, Servo,
 };
 
 use crate::actuation::{Actuation, JointPositions, ServoController, ServoSettings};
@@ -170,7 +170,8 @@ impl Arm {
     /// Returns the time in which the fingers close (seconds); `None` for fingers that do not move.
     pub fn closing_time(&self) -> Option<f64> {
         let (_, motion) = self.robot().free_joints().nth(self.finger?)?;
-        motion.range.map(|[low, high]| (high - low) / motion.speed)
+        let [low, high] = motion.range?;
+        Some((high - low) / motion.speed?)
     }
 
     /// Returns the open positions of the finger joint and of the joints that mimic it.
@@ -212,15 +213,16 @@ impl Arm {
     }
 }
 
-/// Returns the index of the finger joint, which must be a free joint with a range.
+/// Returns the index of the finger joint, which must be a free joint with a range and a speed.
 fn finger(robot: &Description, joint: Option<&str>) -> Result<Option<usize>, EnvError> {
     let Some(name) = joint else {
         return Ok(None);
     };
+    let is_limited = |motion: &Motion| motion.range.is_some() && motion.speed.is_some();
     let found = robot
         .free_joints()
-        .position(|(joint, motion)| joint.name == name && motion.range.is_some());
-    let expected = "a joint of the robot that has limits and follows no other";
+        .position(|(joint, motion)| joint.name == name && is_limited(motion));
+    let expected = "a joint of the robot that has limits, also of velocity, and follows no other";
     require(found.is_some(), "gripper.joint", &name, expected)?;
     Ok(found)
 }

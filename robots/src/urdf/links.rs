@@ -1,98 +1,93 @@
-//! Links of a URDF: inertias and collision shapes.
+//! Links of a URDF: masses and collision shapes.
 
-use std::path::Path;
+use glam::{DMat3, DVec3};
 
-use glam::DVec3;
-use urdf_rs::Geometry;
-
-use super::{inertia, mesh, origin};
+use super::Report;
+use super::mesh::Meshes;
+use super::xml::{Element, Found};
 use crate::capsule::{PlacedShape, Shape, join_capsules};
-use crate::description::Link;
-use crate::error::DescriptionError;
-use crate::error::{finite, require};
+use crate::description::{Inertia, Link};
 use crate::fit::LEAST_SIZE;
-use crate::pose::Pose;
 
-/// Converts a link; without a `folder`, collision meshes are rejected.
-pub(super) fn link(
-    stated: &urdf_rs::Link,
-    folder: Option<&Path>,
-) -> Result<Link, DescriptionError> {
-    for visual in &stated.visual {
-        check_visual(&stated.name, visual)?;
+/// Reads a link.
+pub(super) fn link(link: Element, meshes: &Meshes, report: &mut Report) -> Link {
+    let stated = link.child("inertial").map(inertia);
+    let inertia = stated.and_then(|inertia| report.keep(inertia)).flatten();
+    let mut shapes = Vec::new();
+    for collision in link.children("collision") {
+        let shape = shape(link.name(), collision, meshes, report);
+        shapes.extend(report.keep(shape).flatten());
     }
-    let shapes = stated.collision.iter().map(|collision| shape(&stated.name, collision, folder));
-    Ok(Link {
-        name: stated.name.clone(),
-        inertia: inertia::inertia(stated)?,
-        shapes: join_capsules(shapes.collect::<Result<_, _>>()?),
-    })
+    Link { name: link.name().to_owned(), inertia, shapes: join_capsules(shapes) }
 }
 
+/// Reads the mass and inertia of a link, which need not be those of a rigid body. `None` if all
+/// numbers are zero.
+fn inertia(inertial: Element) -> Found<Option<Inertia>> {
+    let mass = inertial.child("mass").ok_or_else(|| inertial.missing("`<mass>`"))?;
+    mass.text("value").ok_or_else(|| mass.missing("`value`"))?;
+    let value = mass.number("value", 0.0)?;
+    mass.require(value >= 0.0, "value", "zero or more kilograms")?;
+    let stated = inertial.child("inertia");
+    let of = |name| stated.map_or(Ok(0.0), |inertia| inertia.number(name, 0.0));
+    let [xx, yy, zz, xy, xz, yz] = ["ixx", "iyy", "izz", "ixy", "ixz", "iyz"].map(of);
+    let [xy, xz, yz] = [xy?, xz?, yz?];
+    let own = DMat3::from_cols_array(&[xx?, xy, xz, xy, yy?, yz, xz, yz, zz?]);
+    let pose = inertial.origin()?;
+    let turn = DMat3::from_quat(pose.rotation);
+    let inertia =
+        Inertia { mass: value, centre: pose.position, tensor: turn * own * turn.transpose() };
+    Ok((value > 0.0 || own != DMat3::ZERO).then_some(inertia))
+}
+
+/// Kinds of collision shapes.
+const SHAPES: [&str; 5] = ["box", "cylinder", "capsule", "sphere", "mesh"];
+
+/// Reads a shape. `None` for a shape that is left out.
 fn shape(
     link: &str,
-    collision: &urdf_rs::Collision,
-    folder: Option<&Path>,
-) -> Result<PlacedShape, DescriptionError> {
-    let pose = origin(|| place(link), &collision.origin)?;
-    let (own, shape) = unplaced(link, &collision.geometry, folder)?;
-    let pose = own.map_or(pose, |own| pose * own);
-    Ok(PlacedShape { pose, shape })
-}
-
-/// Converts a shape. Returns it with its pose in the frame of `<origin>`, which only a mesh has.
-fn unplaced(
-    link: &str,
-    geometry: &Geometry,
-    folder: Option<&Path>,
-) -> Result<(Option<Pose>, Shape), DescriptionError> {
-    let shape = match *geometry {
-        Geometry::Box { size } => Shape::Box { half: 0.5 * DVec3::from_array(sized(link, *size)?) },
-        Geometry::Cylinder { radius, length } => {
-            let [radius, length] = sized(link, [radius, length])?;
-            Shape::Cylinder { radius, length }
-        }
-        Geometry::Capsule { radius, length } => {
-            let [radius, length] = sized(link, [radius, length])?;
-            Shape::Capsule { radius, length }
-        }
-        Geometry::Sphere { radius } => {
-            let [radius] = sized(link, [radius])?;
-            Shape::Sphere { radius }
-        }
-        Geometry::Mesh { ref filename, scale } => {
-            let scale = scale.map_or(DVec3::ONE, |scale| DVec3::from_array(*scale));
-            let PlacedShape { pose, shape } = mesh::capsule(link, filename, scale, folder)?;
-            return Ok((Some(pose), shape));
-        }
+    collision: Element,
+    meshes: &Meshes,
+    report: &mut Report,
+) -> Found<Option<PlacedShape>> {
+    let pose = collision.origin()?;
+    let geometry = collision.child("geometry").unwrap_or(collision);
+    let found = SHAPES.iter().find_map(|&kind| Some((kind, geometry.child(kind)?)));
+    let Some((kind, element)) = found else {
+        return Err(geometry.missing("box, cylinder, sphere, capsule or mesh"));
     };
-    Ok((None, shape))
-}
-
-/// Rejects sizes that are not finite or below [`LEAST_SIZE`], and returns the others.
-fn sized<const N: usize>(link: &str, sizes: [f64; N]) -> Result<[f64; N], DescriptionError> {
-    let (place, what) = (|| place(link), "a size");
-    finite(place, what, &sizes)?;
-    let least = sizes.into_iter().fold(f64::INFINITY, f64::min);
-    let holds = least >= LEAST_SIZE;
-    require(holds, place, what, least, "a micrometre or more")?;
-    Ok(sizes)
-}
-
-fn place(link: &str) -> String {
-    format!("collision shape of link `{link}`")
-}
-
-/// Rejects a visual shape that names a file outside of the URDF's folder.
-fn check_visual(link: &str, visual: &urdf_rs::Visual) -> Result<(), DescriptionError> {
-    // visual shapes are not used here, but other tools would open their files
-    let material = visual.material.as_ref();
-    let texture = material.and_then(|material| material.texture.as_ref());
-    let mesh = match &visual.geometry {
-        Geometry::Mesh { filename, .. } => Some(filename),
-        _ => None,
+    if kind == "mesh" {
+        let own = meshes.shape(link, element, report)?;
+        return Ok(own.map(|own| PlacedShape { pose: pose * own.pose, shape: own.shape }));
+    }
+    let shape = match kind {
+        "box" => {
+            let size = element.vector("size", DVec3::ZERO)?;
+            element.require(size.min_element() >= 0.0, "size", "zero or more metres")?;
+            sized(size.to_array()).map(|size| Shape::Box { half: 0.5 * DVec3::from_array(size) })
+        }
+        "sphere" => sized([length(element, "radius")?]).map(|[radius]| Shape::Sphere { radius }),
+        round => sized([length(element, "radius")?, length(element, "length")?]).map(
+            |[radius, length]| match round {
+                "cylinder" => Shape::Cylinder { radius, length },
+                _ => Shape::Capsule { radius, length },
+            },
+        ),
     };
-    let texture = texture.map(|texture| &texture.filename);
-    let mut files = mesh.into_iter().chain(texture);
-    files.try_for_each(|file| mesh::check_inside(link, file))
+    if shape.is_none() {
+        report.note(element, "it has no size and is left out");
+    }
+    Ok(shape.map(|shape| PlacedShape { pose, shape }))
+}
+
+fn length(shape: Element, attribute: &'static str) -> Found<f64> {
+    let length = shape.number(attribute, 0.0)?;
+    shape.require(length >= 0.0, attribute, "zero or more metres")?;
+    Ok(length)
+}
+
+/// Enlarges sizes to [`LEAST_SIZE`]. `None` if all are smaller.
+fn sized<const N: usize>(sizes: [f64; N]) -> Option<[f64; N]> {
+    let any = sizes.iter().any(|&size| size >= LEAST_SIZE);
+    any.then(|| sizes.map(|size| size.max(LEAST_SIZE)))
 }

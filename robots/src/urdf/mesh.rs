@@ -1,109 +1,159 @@
 //! Collision shapes from mesh files: a capsule that encloses the points of a mesh.
 
 use std::fs::File;
-use std::io::{self, Read};
-use std::path::{Component, Path, PathBuf};
+use std::io::Read;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::collada;
+use super::xml::{Element, decode};
+use super::{Report, UrdfSettings};
 use crate::capsule::PlacedShape;
-use crate::error::DescriptionError;
-use crate::error::LARGEST;
+use crate::error::{DescriptionError, LARGEST};
 use crate::fit::bounding_capsule;
 
 /// Maximum size of a mesh file (bytes).
 const MAX_BYTES: u64 = 64 << 20;
+/// Number of folders that are searched for packages: the URDF's own and those above it.
+const SEARCHED: usize = 6;
 
-/// Reads the mesh `file`, which lies in `folder` or below, and returns a capsule that encloses its
-/// points.
-pub(super) fn capsule(
-    link: &str,
-    file: &str,
-    scale: DVec3,
-    folder: Option<&Path>,
-) -> Result<PlacedShape, DescriptionError> {
-    let refused = |reason: String| DescriptionError::Mesh {
-        link: link.to_owned(),
-        file: file.to_owned(),
-        reason,
-    };
-    check_inside(link, file)?;
-    let folder =
-        folder.ok_or_else(|| refused("the URDF was given without its folder".to_owned()))?;
-    let path = real_path(folder, file).map_err(|error| refused(error.to_string()))?;
-    let path = path.ok_or_else(|| outside(link, file))?;
-    let bytes = read(&path).map_err(|error| refused(error.to_string()))?;
-    let points = points(&path, &bytes).map_err(|reason| refused(reason.to_owned()))?;
-    let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
-    let sound = |point: &DVec3| point.abs().max_element() <= LARGEST;
-    if points.is_empty() || !points.iter().all(sound) {
-        return Err(refused("it holds no points, or points beyond 1e6 m".to_owned()));
+/// Reader of the meshes that a URDF names.
+pub(super) struct Meshes<'a> {
+    settings: &'a UrdfSettings,
+    /// The URDF's folder and those above it, nearest first, without symbolic links. Empty for a
+    /// URDF that is no file.
+    folders: Vec<PathBuf>,
+    /// Folder that no mesh may lie outside of, unless a package of the settings holds it.
+    root: PathBuf,
+}
+
+impl<'a> Meshes<'a> {
+    pub(super) fn new(settings: &'a UrdfSettings, folder: Option<&Path>) -> Self {
+        let real = |path: &Path| path.canonicalize().ok();
+        let own = folder.and_then(real).unwrap_or_default();
+        let limit = settings.root.as_deref().and_then(real);
+        let above = own.ancestors().filter(|above| above.parent().is_some()).take(SEARCHED);
+        let within = |above: &Path| limit.as_ref().is_none_or(|root| above.starts_with(root));
+        let folders = above.filter(|&above| above == own || within(above));
+        let folders: Vec<PathBuf> = folders.map(Path::to_owned).collect();
+        let root = limit.or_else(|| folders.last().cloned()).unwrap_or_default();
+        Self { settings, folders, root }
     }
-    Ok(bounding_capsule(&points))
-}
 
-/// Rejects the name of a file outside of the URDF's folder.
-pub(super) fn check_inside(link: &str, file: &str) -> Result<(), DescriptionError> {
-    let path = relative(file);
-    let plain = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
-    let parts = Path::new(path).components().all(plain);
-    if parts && !path.contains("://") && !path.contains('\\') {
-        return Ok(());
+    /// Returns a capsule that encloses the points of a mesh. `None` if meshes are ignored, and for
+    /// a mesh without points or one that cannot be read, which is reported.
+    pub(super) fn shape(
+        &self,
+        link: &str,
+        mesh: Element,
+        report: &mut Report,
+    ) -> Result<Option<PlacedShape>, DescriptionError> {
+        let scale = mesh.vector("scale", DVec3::ONE)?;
+        if self.settings.ignore_meshes {
+            return Ok(None);
+        }
+        let file = mesh.text("filename").ok_or_else(|| mesh.missing("`filename`"))?;
+        match self.points(file) {
+            Ok(points) if points.is_empty() => report.note(mesh, "the file holds no points"),
+            Ok(points) => {
+                let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
+                return Ok(Some(bounding_capsule(&points)));
+            }
+            Err(reason) => report.unread.push(format!(
+                "line {}: the link `{link}` collides as the mesh `{file}`, which cannot be used: \
+                 {reason}",
+                mesh.line()
+            )),
+        }
+        Ok(None)
     }
-    Err(outside(link, file))
-}
 
-fn outside(link: &str, file: &str) -> DescriptionError {
-    DescriptionError::FileOutside { link: link.to_owned(), file: file.to_owned() }
-}
+    fn points(&self, file: &str) -> Result<Vec<DVec3>, String> {
+        let path = self.find(file)?;
+        let mut bytes = Vec::new();
+        let read =
+            File::open(&path).and_then(|open| open.take(MAX_BYTES + 1).read_to_end(&mut bytes));
+        let points = read.map_err(|error| error.to_string()).and_then(|_| points(&path, bytes));
+        let sound = |point: &DVec3| point.abs().max_element() <= LARGEST;
+        let points = points.and_then(|points| {
+            let all = points.iter().all(sound);
+            if all { Ok(points) } else { Err("it holds points beyond 1e6".to_owned()) }
+        });
+        points.map_err(|reason| format!("`{}`: {reason}", path.display()))
+    }
 
-/// Returns the path in the URDF's folder that `file` refers to. ROS's `package://NAME/` stands for
-/// that folder.
-fn relative(file: &str) -> &str {
-    let in_package = file.strip_prefix("package://").map(|rest| match rest.split_once('/') {
-        Some((package, path)) if ![".", "..", ""].contains(&package) => path,
-        // a path that is rejected
-        _ => "..",
-    });
-    in_package.unwrap_or(file)
-}
+    /// Finds the file that a URDF names. The error lists the paths that were tried.
+    fn find(&self, file: &str) -> Result<PathBuf, String> {
+        if self.folders.is_empty() {
+            return Err("the URDF was read without its folder; use `Description::read`".to_owned());
+        }
+        let tried = self.candidates(&file.replace('\\', "/"))?;
+        let mut outside = String::new();
+        for path in tried.iter().filter_map(|path| path.canonicalize().ok()) {
+            let mut packages = self.settings.packages.iter().map(|(_, folder)| folder.as_path());
+            let inside = |folder: &Path| folder.canonicalize().is_ok_and(|f| path.starts_with(f));
+            if path.is_file() && (inside(&self.root) || packages.any(inside)) {
+                return Ok(path);
+            }
+            outside = format!("; no file outside of `{}` is read", self.root.display());
+        }
+        let tried: Vec<String> = tried.iter().map(|path| format!("`{}`", path.display())).collect();
+        Err(format!(
+            "no such file, tried {}{outside}; give the folder of its package in \
+             `UrdfSettings::packages`, or the folder around all files as `UrdfSettings::root`",
+            tried.join(", ")
+        ))
+    }
 
-/// Returns the file's path with symbolic links resolved. `None` if it lies outside of the folder.
-fn real_path(folder: &Path, file: &str) -> io::Result<Option<PathBuf>> {
-    let folder = folder.canonicalize()?;
-    let path = folder.join(relative(file)).canonicalize()?;
-    Ok(path.starts_with(&folder).then_some(path))
-}
-
-fn read(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
-    Ok(bytes)
+    /// Returns the paths at which a file may lie, the most likely one first.
+    fn candidates(&self, file: &str) -> Result<Vec<PathBuf>, String> {
+        let (scheme, path) = file.split_once("://").unwrap_or(("", file));
+        match scheme {
+            "" | "file" => Ok(vec![self.folders[0].join(path)]),
+            "package" | "model" => {
+                let (name, path) = path.split_once('/').unwrap_or(("", path));
+                let given = self.settings.packages.iter().find(|(given, _)| given == name);
+                if let Some((_, folder)) = given {
+                    return Ok(vec![folder.join(path)]);
+                }
+                // a package's folder may have another name than the package
+                let near = self.folders.iter();
+                Ok(near
+                    .flat_map(|folder| [folder.join(name).join(path), folder.join(path)])
+                    .collect())
+            }
+            other => {
+                Err(format!("`{other}://` is not read, only package://, model:// and file://"))
+            }
+        }
+    }
 }
 
 /// Returns all points of a mesh, with repetitions.
-fn points(path: &Path, bytes: &[u8]) -> Result<Vec<DVec3>, &'static str> {
+fn points(path: &Path, bytes: Vec<u8>) -> Result<Vec<DVec3>, String> {
     if bytes.len() as u64 > MAX_BYTES {
-        return Err("it has more than 64 MB");
+        return Err("it has more than 64 MB".to_owned());
     }
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    let text = || std::str::from_utf8(bytes).map_err(|_| "it is neither binary STL nor text");
     match extension.to_str() {
-        // a binary STL may start with `solid`, too, so the length decides
-        Some("stl") => binary_stl(bytes).map_or_else(|| named(text()?, "vertex"), Ok),
-        Some("obj") => named(text()?, "v"),
-        _ => Err("only STL and OBJ files are read"),
+        // a binary STL may start with `solid`, too
+        Some("stl") => match std::str::from_utf8(&bytes) {
+            Ok(text) if text.contains("vertex") => named(text, "vertex"),
+            _ => binary_stl(&bytes),
+        },
+        Some("obj") => named(&decode(bytes), "v"),
+        Some("dae") => collada::points(&decode(bytes)),
+        _ => Err("only STL, OBJ and DAE (COLLADA) files are read".to_owned()),
     }
 }
 
 /// Parses a binary STL: 80 bytes, the number of triangles, and for each a normal, three points and
-/// two bytes. `None` if the length does not match the number of triangles.
-fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
-    let (head, triangles) = bytes.split_at_checked(84)?;
-    let count = u32::from_le_bytes(head[80..].try_into().ok()?) as usize;
-    let (triangles, rest) = triangles.as_chunks::<50>();
-    if triangles.len() != count || !rest.is_empty() {
-        return None;
+/// two bytes. The number is wrong in many files, so the length decides.
+fn binary_stl(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
+    let triangles = bytes.get(84..).unwrap_or_default().as_chunks::<50>().0;
+    if triangles.is_empty() && bytes.len() != 84 {
+        return Err("it is neither a text with `vertex` nor binary STL".to_owned());
     }
     let number = |bytes: &[u8; 4]| f64::from(f32::from_le_bytes(*bytes));
     let corners = triangles.iter().flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
@@ -111,11 +161,11 @@ fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
         let [x, y, z] = [0, 1, 2].map(|axis| number(&corner.as_chunks::<4>().0[axis]));
         DVec3::new(x, y, z)
     };
-    Some(corners.map(point).collect())
+    Ok(corners.map(point).collect())
 }
 
 /// Parses the points of a text, three numbers on each line that starts with `word`.
-fn named(text: &str, word: &str) -> Result<Vec<DVec3>, &'static str> {
+fn named(text: &str, word: &str) -> Result<Vec<DVec3>, String> {
     let mut points = Vec::new();
     for line in text.lines() {
         let mut words = line.split_whitespace();
@@ -133,27 +183,6 @@ fn named(text: &str, word: &str) -> Result<Vec<DVec3>, &'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn files_outside_of_the_folder_are_told_from_those_inside() {
-        for inside in ["a.stl", "meshes/a.stl", "./a.stl", "package://arm/meshes/a.stl"] {
-            assert!(check_inside("l", inside).is_ok(), "{inside}");
-        }
-        for outside in [
-            "/etc/passwd",
-            "../a.stl",
-            "meshes/../../a.stl",
-            "file:///etc/passwd",
-            "https://host/a.stl",
-            "package://../a.stl",
-            "package://arm/../a.stl",
-            "package:///etc/passwd",
-            "package://arm",
-            "..\\a.stl",
-        ] {
-            assert!(check_inside("l", outside).is_err(), "{outside}");
-        }
-    }
 
     /// A binary STL of these triangles.
     fn stl(triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
@@ -178,24 +207,25 @@ mod tests {
         };
         let text = format!("solid\n facet normal 0 0 1\n{}endsolid", lines("vertex"));
         let object = format!("# v 9 9 9\nvn 0 0 1\n{}f 1 2 3\n", lines("v"));
-        for (name, bytes) in [
-            ("a.STL", stl(&[corners])),
-            ("a.stl", text.into_bytes()),
-            ("a.obj", object.into_bytes()),
-        ] {
-            assert_eq!(points(Path::new(name), &bytes).unwrap(), expected, "{name}");
+        let mut binary = stl(&[corners]);
+        for count in [1, 7] {
+            binary[80] = count;
+            assert_eq!(points(Path::new("a.STL"), binary.clone()).unwrap(), expected);
         }
+        for (name, text) in [("a.stl", text), ("a.obj", object)] {
+            assert_eq!(points(Path::new(name), text.into_bytes()).unwrap(), expected, "{name}");
+        }
+        assert_eq!(points(Path::new("a.stl"), stl(&[])).unwrap(), []);
     }
 
     #[test]
     fn files_that_are_no_meshes_are_refused() {
-        let refused = |name: &str, bytes: &[u8]| points(Path::new(name), bytes).unwrap_err();
-        assert!(refused("a.dae", b"v 1 2 3").contains("only STL"));
+        let refused =
+            |name: &str, bytes: &[u8]| points(Path::new(name), bytes.to_vec()).unwrap_err();
+        assert!(refused("a.ply", b"v 1 2 3").contains("only STL"));
         assert!(refused("a.obj", b"v 1 2").contains("fewer than three"));
         assert!(refused("a.obj", b"v 1 2 x").contains("fewer than three"));
-        let mut cut = stl(&[[[1.0; 3]; 3]]);
-        cut.pop();
-        cut[3] = 0xff;
-        assert!(refused("a.stl", &cut).contains("neither binary"));
+        assert!(refused("a.stl", b"solid").contains("neither a text"));
+        assert!(refused("a.dae", b"v 1 2 3").contains("COLLADA"));
     }
 }

@@ -1,8 +1,7 @@
 //! Ranges of joints that others follow, reduced so that the followers stay within their own.
 
-use crate::description::{Drive, Joint, Restriction};
+use crate::description::{Drive, Joint, Motion, Restriction};
 use crate::error::LARGEST;
-use crate::error::{DescriptionError, FollowerRanges};
 
 /// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
 /// a range that is no wider counts as empty.
@@ -11,8 +10,11 @@ const ROUNDING: f64 = 1e-6;
 const ENDLESS: [f64; 2] = [-LARGEST, LARGEST];
 
 /// Reduces the ranges of free joints until every follower stays within its own range. Returns the
-/// reductions, in order.
-pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, DescriptionError> {
+/// reductions, in order. A follower that cannot loses its range, and `note` gets its index.
+pub(super) fn restrict(
+    joints: &mut [Joint],
+    mut note: impl FnMut(usize, String),
+) -> Vec<Restriction> {
     let is_free = |joint: &Joint| joint.motion.is_some_and(|motion| motion.is_free());
     let free: Vec<usize> = (0..joints.len()).filter(|&joint| is_free(&joints[joint])).collect();
     let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
@@ -31,18 +33,13 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
         // earlier followers may have reduced it already
         let whole = range_of(leader).unwrap_or(ENDLESS);
         let Some(range) = narrowed(whole, own, multiplier, offset) else {
-            let mut before = restrictions.iter().rev();
-            let other = before.find(|before| before.joint == leader.name);
-            return Err(DescriptionError::FollowerRange {
-                joint: follower.name.clone(),
-                followed: leader.name.clone(),
-                ranges: Box::new(FollowerRanges {
-                    followed: whole,
-                    led: led(whole, multiplier, offset),
-                    own,
-                }),
-                other: other.map(|other| other.follower.clone()),
-            });
+            let ([low, high], leader) = (own, &leader.name);
+            note(
+                index,
+                format!("it cannot follow `{leader}` and stay from {low} to {high}, so it follows"),
+            );
+            joints[index].motion = Some(Motion { range: None, ..motion });
+            continue;
         };
         if range == whole {
             continue;
@@ -57,7 +54,7 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
             motion.range = Some(range);
         }
     }
-    Ok(restrictions)
+    restrictions
 }
 
 /// Returns the part of the range `whole` in which the follower stays within its `own` range.

@@ -2,6 +2,9 @@
 
 use std::collections::HashMap;
 
+use super::Report;
+use super::joints::StatedJoint;
+use super::xml::Element;
 use crate::error::DescriptionError;
 
 /// Links and joints of a file in depth-first order, in which MuJoCo numbers bodies and joints.
@@ -15,24 +18,50 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    pub(super) fn new(file: &urdf_rs::Robot) -> Result<Self, DescriptionError> {
-        let names = file.links.iter().enumerate();
-        let index: HashMap<&str, usize> = names.map(|(i, link)| (&link.name[..], i)).collect();
-        let mut children = vec![Vec::new(); file.links.len()];
-        let mut carried_by = vec![None; file.links.len()];
-        for (joint, stated) in file.joints.iter().enumerate() {
-            let [parent, child] = ends(file, &index, stated)?;
-            if let Some(first) = carried_by[child].replace(joint) {
-                let joints = [first, joint].map(|joint: usize| file.joints[joint].name.clone());
-                let link = file.links[child].name.clone();
-                return Err(DescriptionError::SeveralParents { link, joints });
+    /// Builds the tree. `None` if links and joints form none, which is reported.
+    pub(super) fn new(
+        links: &[Element],
+        joints: &[StatedJoint],
+        report: &mut Report,
+    ) -> Option<Self> {
+        let index: HashMap<&str, usize> =
+            links.iter().enumerate().map(|(index, link)| (link.name(), index)).collect();
+        let mut children = vec![Vec::new(); links.len()];
+        let mut carried_by = vec![None; links.len()];
+        let before = report.errors.len();
+        for (number, joint) in joints.iter().enumerate() {
+            let mut find = |link: Option<&str>| {
+                let link = link?;
+                let found = index.get(link).copied();
+                report.keep(found.ok_or_else(|| {
+                    joint.element.at(DescriptionError::UnknownLink {
+                        link: link.to_owned(),
+                        asked: joint.element.place(),
+                        known: links.iter().map(|link| link.name().to_owned()).collect(),
+                    })
+                }))
+            };
+            let [Some(parent), Some(child)] = [find(joint.parent), find(joint.child)] else {
+                continue;
+            };
+            if let Some(first) = carried_by[child].replace(number) {
+                let joints =
+                    [first, number].map(|joint: usize| joints[joint].element.name().to_owned());
+                let link = links[child].name().to_owned();
+                report
+                    .errors
+                    .push(joint.element.at(DescriptionError::SeveralParents { link, joints }));
             }
-            children[parent].push((joint, child));
+            children[parent].push((number, child));
         }
-        let root = root(file, &carried_by)?;
+        // links without their joints would only be reported as further roots
+        if report.errors.len() > before || joints.iter().any(|joint| joint.child.is_none()) {
+            return None;
+        }
+        let root = report.keep(root(links, &carried_by))?;
         let tree = Self::from_root(root, &children);
-        tree.check_complete(file)?;
-        Ok(tree)
+        report.keep(tree.check_complete(links))?;
+        Some(tree)
     }
 
     fn from_root(root: usize, children: &[Vec<(usize, usize)>]) -> Self {
@@ -54,43 +83,29 @@ impl Tree {
     }
 
     /// Rejects files with links that the root does not lead to.
-    fn check_complete(&self, file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
+    fn check_complete(&self, links: &[Element]) -> Result<(), DescriptionError> {
         // there is one root and one parent for every other link, so the rest hangs on a cycle
-        let mut reached = vec![false; file.links.len()];
+        let mut reached = vec![false; links.len()];
         self.links.iter().for_each(|&link| reached[link] = true);
         match reached.iter().position(|reached| !reached) {
             None => Ok(()),
-            Some(link) => Err(DescriptionError::Cycle { link: file.links[link].name.clone() }),
+            Some(link) => Err(cycle(links[link])),
         }
     }
 }
 
-/// Returns the indices of a joint's parent and child links.
-fn ends(
-    file: &urdf_rs::Robot,
-    index: &HashMap<&str, usize>,
-    joint: &urdf_rs::Joint,
-) -> Result<[usize; 2], DescriptionError> {
-    let find = |link: &String| {
-        let found = index.get(&link[..]).copied();
-        found.ok_or_else(|| DescriptionError::UnknownLink {
-            link: link.clone(),
-            asked: format!("the joint `{}`", joint.name),
-            known: file.links.iter().map(|link| link.name.clone()).collect(),
-        })
-    };
-    Ok([find(&joint.parent.link)?, find(&joint.child.link)?])
+fn cycle(link: Element) -> DescriptionError {
+    link.at(DescriptionError::Cycle { link: link.name().to_owned() })
 }
 
 /// Returns the index of the only link without a parent.
-fn root(file: &urdf_rs::Robot, carried_by: &[Option<usize>]) -> Result<usize, DescriptionError> {
+fn root(links: &[Element], carried_by: &[Option<usize>]) -> Result<usize, DescriptionError> {
     let free = (0..carried_by.len()).filter(|&link| carried_by[link].is_none());
-    let name = |link: usize| file.links[link].name.clone();
     match free.collect::<Vec<_>>()[..] {
         [root] => Ok(root),
-        [] => Err(DescriptionError::Cycle { link: name(0) }),
+        [] => Err(cycle(links[0])),
         ref roots => Err(DescriptionError::SeveralRoots {
-            roots: roots.iter().map(|&link| name(link)).collect(),
+            roots: roots.iter().map(|&link| links[link].name().to_owned()).collect(),
         }),
     }
 }
