@@ -178,7 +178,7 @@ pub enum DescriptionError {
         reason: &'static str,
     },
     /// A `<mimic>` of a joint that cannot be followed.
-    #[error("the joint `{joint}` cannot follow `{followed}`: {reason}")]
+    #[error("the joint `{joint}` cannot follow `{followed}`: {reason}; correct its `<mimic>`")]
     Mimic {
         /// Name of the joint.
         joint: String,

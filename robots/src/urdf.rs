@@ -36,8 +36,8 @@ pub struct UrdfSettings {
     pub root: Option<PathBuf>,
     /// `true` if meshes are left out: links then collide only as their other shapes.
     pub ignore_meshes: bool,
-    /// Maximum speed (rad/s, m/s) of joints for which the file states none. If
-    /// `None`, they have none, and control refuses them.
+    /// Maximum speed (rad/s, m/s) of joints for which the file states none. If `None`, they have
+    /// none, and control refuses them.
     pub speed: Option<f64>,
     /// Maximum torque or force (newton metres, newtons), likewise, which servos need.
     pub effort: Option<f64>,

@@ -152,7 +152,7 @@ fn points(path: &Path, bytes: Vec<u8>) -> Result<Vec<DVec3>, String> {
 /// two bytes. The number is wrong in many files, so the length decides.
 fn binary_stl(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
     let triangles = bytes.get(84..).unwrap_or_default().as_chunks::<50>().0;
-    if triangles.is_empty() && bytes.len() != 84 {
+    if triangles.is_empty() && ![80, 84].contains(&bytes.len()) {
         return Err("it is neither a text with `vertex` nor binary STL".to_owned());
     }
     let number = |bytes: &[u8; 4]| f64::from(f32::from_le_bytes(*bytes));
@@ -215,7 +215,10 @@ mod tests {
         for (name, text) in [("a.stl", text), ("a.obj", object)] {
             assert_eq!(points(Path::new(name), text.into_bytes()).unwrap(), expected, "{name}");
         }
-        assert_eq!(points(Path::new("a.stl"), stl(&[])).unwrap(), []);
+        // no triangles, with and without their number
+        for empty in [stl(&[]), vec![0; 80]] {
+            assert_eq!(points(Path::new("a.stl"), empty).unwrap(), []);
+        }
     }
 
     #[test]
