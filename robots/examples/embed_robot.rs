@@ -7,6 +7,7 @@ use std::cell::Cell;
 use std::env;
 use std::error::Error;
 use std::path::Path;
+use std::process::ExitCode;
 use std::time::Duration;
 
 use glam::DVec3;
@@ -22,7 +23,15 @@ const PERIOD: Duration = Duration::from_millis(25);
 const GEN3_JOINTS: [&str; 7] =
     ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "joint_7"];
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    let Err(error) = run() else {
+        return ExitCode::SUCCESS;
+    };
+    eprintln!("{error}");
+    ExitCode::FAILURE
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let (arm, tip) = match &arguments[..] {
         [] => (gen3::description()?, "tool_link"),

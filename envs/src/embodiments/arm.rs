@@ -219,9 +219,8 @@ fn finger(robot: &Description, joint: Option<&str>) -> Result<Option<usize>, Env
         return Ok(None);
     };
     let is_limited = |motion: &Motion| motion.range.is_some() && motion.speed.is_some();
-    let found = robot
-        .free_joints()
-        .position(|(joint, motion)| joint.name == name && is_limited(motion));
+    let found =
+        robot.free_joints().position(|(joint, motion)| joint.name == name && is_limited(motion));
     let expected = "a joint of the robot that has limits, also of velocity, and follows no other";
     require(found.is_some(), "gripper.joint", &name, expected)?;
     Ok(found)
