@@ -1,15 +1,18 @@
-//! Benchmarks of exact 1-Wasserstein distances and of one decision of the calibrated assigner, on
-//! one thread.
+//! Benchmarks of exact 1-Wasserstein distances on one thread, and of one assignment among 16 policies
+//! on all.
 
 use std::hint::black_box;
 
-use cluster::{Assigner, Candidate, ClusterError, Decision, Frames, wasserstein1};
+use cluster::{Decision, wasserstein1};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use evidence::{Account, EvidenceError, Recogniser, RecogniserSettings, Situation};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const DIM: usize = 64;
-const FRAMES: usize = 4;
+const VECTOR_DIM: usize = 7;
+const ACTION_DIM: usize = 4;
+const POLICIES: usize = 16;
 
 fn cloud(points: usize, shift: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
     (0..points * DIM).map(|_| shift + rng.random_range(-1.0..1.0)).collect()
@@ -31,27 +34,46 @@ fn distances(c: &mut Criterion) {
     group.finish();
 }
 
-fn candidate(shift: f32, rng: &mut ChaCha8Rng) -> Result<Candidate, ClusterError> {
-    Ok(Candidate {
-        buffer: Frames::new(cloud(20 * FRAMES, shift, rng), FRAMES, DIM)?,
-        rollout: Frames::new(cloud(20 * FRAMES, 0.0, rng), FRAMES, DIM)?,
+/// Returns the summaries of 20 episodes whose first images, vectors, motion and returns all differ
+/// with `policy`.
+fn episodes(policy: usize, rng: &mut ChaCha8Rng) -> Vec<Account> {
+    let mut values = |length: usize, centre: f32| -> Vec<f32> {
+        (0..length).map(|_| centre + rng.random_range(-0.1..0.1)).collect()
+    };
+    let centre = policy as f32;
+    let episode = |began| Account {
+        began,
+        picture: values(DIM, centre),
+        vector: values(VECTOR_DIM, centre),
+        motion: Some(values(VECTOR_DIM * ACTION_DIM, centre)),
+        slope: Some(values(ACTION_DIM, centre)),
+        earned: Some(values(1, centre)[0]),
+    };
+    (0..20).map(episode).collect()
+}
+
+fn assign(rng: &mut ChaCha8Rng) -> Result<impl FnMut() -> Option<Decision>, EvidenceError> {
+    let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
+    for policy in 0..POLICIES {
+        for _ in 0..2 {
+            recogniser.learn(policy, &episodes(policy, rng), rng)?;
+        }
+    }
+    let (rollout, mut rng) = (episodes(1, rng), rng.clone());
+    // the policy that acted is rejected, and all others are compared
+    Ok(move || {
+        let found = recogniser.assign(&rollout, Situation::of(0), &mut rng);
+        found.ok().map(|found| found.decision)
     })
 }
 
 fn decision(c: &mut Criterion) {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let shifts = [2.0, 0.0, 1.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-    let candidates: Result<Vec<_>, _> =
-        shifts.map(|s| candidate(s, &mut rng)).into_iter().collect();
-    let Ok(candidates) = candidates else {
-        panic!("the clouds are refused");
+    let Ok(mut assign) = assign(&mut rng) else {
+        panic!("the episodes are refused");
     };
-    let assigner = Assigner::default();
-    c.bench_function("assign_among_8_policies", |b| {
-        b.iter(|| {
-            let assignment = assigner.assign(black_box(&candidates), &mut rng);
-            assert!(assignment.is_ok_and(|a| a.decision == Decision::Existing(1)));
-        });
+    c.bench_function("assign_among_16_policies", |b| {
+        b.iter(|| assert_eq!(assign(), Some(Decision::Existing(1))));
     });
 }
 

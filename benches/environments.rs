@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, Backdrop, Batch, Camera, Control, Embodiment, EnvError, RGB, Randomisation, Scene,
-    SceneRenderer, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Backdrop, Camera, Control, Embodiment, EnvError, RGB_CHANNELS, Randomisation,
+    Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -50,14 +50,16 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     group.bench_function("reset", |b| {
         b.iter(|| assert!(table.reset(D2::FlipX, &mut rng).is_ok()));
     });
-    let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; SIZE * SIZE * RGB]);
+    let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; SIZE * SIZE * RGB_CHANNELS]);
     group.bench_function("picture", |b| {
         b.iter(|| assert!(renderer.render(&mut table, &mut rgb).is_ok()));
     });
     let whole = rgb.clone();
-    renderer.draw_backdrop(&mut table, &mut backdrop)?;
+    renderer.render_backdrop(&mut table, &mut backdrop)?;
     group.bench_function("picture_over_backdrop", |b| {
-        b.iter(|| assert!(renderer.render_over(&mut table, &mut backdrop, &mut rgb).is_ok()));
+        b.iter(|| {
+            assert!(renderer.render_over_backdrop(&mut table, &mut backdrop, &mut rgb).is_ok())
+        });
     });
     assert!(rgb == whole);
     group.finish();
@@ -79,13 +81,13 @@ fn vector(
         ..VecEnvSettings::default()
     };
     let mut env = VecEnv::new(settings, task, &D2::ALL)?;
-    let mut batch = Batch::new(&settings);
-    env.reset(batch.observations())?;
+    let mut batch = StepBuffers::new(&settings);
+    env.reset(batch.observations_mut())?;
     let mut group = c.benchmark_group(task.name());
     group.throughput(Throughput::Elements(ENVS as u64));
     group.bench_function(name, |b| {
         b.iter(|| {
-            let failures = env.step(&[0.1; ENVS * ACTION_DIM], batch.step());
+            let failures = env.step(&[0.1; ENVS * ACTION_DIM], batch.step_mut());
             assert!(failures.is_ok_and(<[_]>::is_empty));
         });
     });

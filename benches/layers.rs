@@ -9,20 +9,20 @@ use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use equivariant::{
-    Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, R2Conv, Relu, Scratch, Sequential,
-    Signature,
+    Group, GroupMaxPool, Layer, LayerError, LayerSignature, Linear, R2Conv, Relu, Scratch,
+    Sequential, SlidingWindow,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const SAMPLES: usize = 16;
 
 fn encoder() -> Result<Sequential<f32>, LayerError> {
-    let halve = Kernel::new(4, 2, 1);
-    let last = Kernel::new(3, 1, 0);
+    let halve = SlidingWindow::new(4, 2, 1);
+    let last = SlidingWindow::new(3, 1, 0);
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
-    let (mut fields, mut size) = (Group::D2.trivial(6), 48);
+    let (mut fields, mut size) = (Group::D2.trivial_type(6), 48);
     for (n, kernel) in [(4, halve), (8, halve), (16, halve), (16, halve), (32, last)] {
-        let conv = R2Conv::new(fields, Group::D2.regular(n), kernel, [size; 2])?;
+        let conv = R2Conv::new(fields, Group::D2.regular_type(n), kernel, [size; 2])?;
         let shape = conv.out_shape();
         (fields, size) = (shape.fields, shape.height);
         layers.push(Box::new(conv));
@@ -56,7 +56,7 @@ impl Batch {
             x,
             y: vec![0.0; SAMPLES * out_len],
             dy: vec![1.0; SAMPLES * out_len],
-            scratch: layer.scratch(SAMPLES),
+            scratch: layer.allocate_scratch(SAMPLES),
         }
     }
 
@@ -105,10 +105,9 @@ fn layers(c: &mut Criterion) {
 }
 
 /// Measures exponentials alone and after a product, as in a recurrent unit. Kernels that leave the
-/// upper halves of vector registers in use make them fifty times as slow on a processor with
-/// AVX-512.
+/// upper halves of vector registers in use make them fifty times as slow on a CPU with AVX-512.
 fn exponentials(c: &mut Criterion) {
-    let fields = Group::D2.regular(16);
+    let fields = Group::D2.regular_type(16);
     let layer = match Linear::new(fields, fields) {
         Ok(layer) => layer,
         Err(error) => panic!("the layer is refused: {error}"),

@@ -2,7 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 /// Number of steps of an episode.
 pub const HORIZON: usize = 50;
@@ -11,9 +11,9 @@ pub const HORIZON: usize = 50;
 pub fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: 20,
-        image: [48, 48, envs::ExtraView::First.channels()],
-        vector: envs::VECTOR_IRREPS.to_vec(),
-        action: envs::ACTION_IRREPS.to_vec(),
+        image_shape: [48, 48, envs::ExtraView::First.num_channels()],
+        vector_irreps: envs::VECTOR_IRREPS.to_vec(),
+        action_irreps: envs::ACTION_IRREPS.to_vec(),
     }
 }
 
@@ -39,20 +39,20 @@ impl VectorEnv for Noise {
         Some(HORIZON)
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.steps = 0;
         out.images.fill_with(|| self.rng.random());
         out.vectors.fill_with(|| self.rng.random_range(-1.0..1.0));
         Ok(())
     }
 
-    fn step(&mut self, _actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, _actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         let steps = self.steps + 1;
         self.reset(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);
         out.rewards.fill_with(|| self.rng.random());
         let ended = steps == HORIZON;
-        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(ended)];
+        let outcome = [StepOutcome::Running, StepOutcome::Truncated][usize::from(ended)];
         out.outcomes.fill(outcome);
         self.steps = if ended { 0 } else { steps };
         Ok(())

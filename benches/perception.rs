@@ -5,8 +5,8 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use inpainting::{
-    Calibration, ColorCorrection, Distortion, Extrinsics, Intrinsics, Link, Mark, Perception,
-    PerceptionSettings, PinholeCamera,
+    ArmLink, Calibration, ColorCorrection, Distortion, Extrinsics, GripperMark, Intrinsics,
+    Perception, PerceptionSettings, PinholeCamera,
 };
 
 const SIZE: usize = 48;
@@ -20,12 +20,14 @@ fn perception() -> Perception {
             distortion: Distortion::NONE,
             extrinsics: Extrinsics::overhead(1.5),
         },
-        policy: PinholeCamera::overhead(SIZE, 1.5, 0.44),
+        policy_camera: PinholeCamera::overhead(SIZE, 1.5, 0.44),
         oversampling: 3,
-        links: (0..LINKS).map(|link| Link { joints: [link, link + 1], radius: 0.05 }).collect(),
-        growth: 0.015,
-        correction: ColorCorrection::GreyWorld,
-        mark: Mark::disc(0.03, [0, 0, 255], 1.5),
+        arm_links: (0..LINKS)
+            .map(|link| ArmLink { end_joints: [link, link + 1], radius: 0.05 })
+            .collect(),
+        mask_margin_m: 0.015,
+        colour_correction: ColorCorrection::GreyWorld,
+        gripper_mark: GripperMark::disc(0.03, [0, 0, 255], 1.5),
     };
     Perception::new(settings, &[100; 3 * SIZE * SIZE]).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -55,8 +57,8 @@ fn look(criterion: &mut Criterion) {
         bencher.iter(|| {
             turn = 1 - turn;
             let arm = &arms[turn];
-            let looked = perception.look(black_box(&frames[turn]), arm, arm[LINKS], &mut out);
-            assert!(looked.is_ok() && perception.mask().iter().any(|hidden| *hidden));
+            let looked = perception.observe(black_box(&frames[turn]), arm, arm[LINKS], &mut out);
+            assert!(looked.is_ok() && perception.arm_mask().iter().any(|hidden| *hidden));
         });
     });
     group.finish();

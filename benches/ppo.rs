@@ -10,7 +10,7 @@ use noise::{HORIZON, Noise, spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Decisions, NetworkSettings, Observations, OnPolicy, Ppo,
+    ActorCriticPolicy, Algorithm, Decisions, NetworkSettings, Observations, OnPolicyActor, Ppo,
     PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
 };
 
@@ -39,9 +39,10 @@ fn measure(c: &mut Criterion, threads: usize) -> Result<(), RlError> {
     group.throughput(Throughput::Elements((HORIZON * spec().num_envs) as u64));
     group.bench_function("update_1000_decisions", |b| {
         let fresh = || unlimited(&policy).map(|ppo| (ppo, policy.clone(), rng.clone()));
-        let update = |fresh: Result<(Ppo, ActorCriticPolicy, ChaCha8Rng), RlError>| {
-            let stats =
-                fresh.and_then(|(mut ppo, mut p, mut rng)| ppo.update(&mut p, &buffer, &mut rng));
+        let update = |prepared: Result<(Ppo, ActorCriticPolicy, ChaCha8Rng), RlError>| {
+            let stats = prepared.and_then(|(mut ppo, mut p, mut own_rng)| {
+                ppo.update(&mut p, &buffer, &mut own_rng)
+            });
             assert!(stats.is_ok_and(|stats| stats.epochs == PpoSettings::default().epochs));
         };
         b.iter_batched(fresh, update, BatchSize::PerIteration);

@@ -10,8 +10,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, ContextSettings, Experience, Metrics, NetworkSettings,
-    Ppo, PpoSettings, Replay, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy,
-    SacSettings, collect,
+    Ppo, PpoSettings, ReplayBuffer, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac,
+    SacPolicy, SacSettings, collect,
 };
 use symmetry::Group;
 
@@ -57,7 +57,7 @@ impl Case<'_> {
     ) -> Result<(), RlError> {
         let mut policy = SacPolicy::new(&self.network, context, &spec(), 0)?;
         let replay = ReplaySettings { steps: HORIZON, ..ReplaySettings::default() };
-        let mut replay = Replay::new(replay, &spec())?;
+        let mut replay = ReplayBuffer::new(replay, &spec())?;
         self.fill(&mut policy, &mut replay)?;
         let samples = 512 * STEPS;
         let updates = samples as f32 / settings.batch as f32;
@@ -89,11 +89,12 @@ impl Case<'_> {
         group.sample_size(10);
         group.throughput(Throughput::Elements(samples as u64));
         group.bench_function(name, |b| {
-            let update = |fresh: Result<(A, A::Policy), RlError>| {
-                let mut rng = ChaCha8Rng::seed_from_u64(2);
-                let stats = fresh
-                    .and_then(|(mut a, mut policy)| a.update(&mut policy, experience, &mut rng));
-                assert!(stats.is_ok());
+            let update = |prepared: Result<(A, A::Policy), RlError>| {
+                let mut update_rng = ChaCha8Rng::seed_from_u64(2);
+                let result = prepared.and_then(|(mut a, mut fresh_policy)| {
+                    a.update(&mut fresh_policy, experience, &mut update_rng)
+                });
+                assert!(result.is_ok());
             };
             b.iter_batched(&fresh, update, BatchSize::PerIteration);
         });

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use covers::cli::{StreamOptions, run_name};
-use covers::commands::{Outcome, conclude};
+use covers::commands::{CommandOutcome, print_summary_or_save};
 use covers::experiments::text::rollout_line;
 use covers::presets::Method;
 use covers::{CoversError, Event, Run, StopSignal};
@@ -25,16 +25,16 @@ fn main() -> ExitCode {
     }
 }
 
-fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
+fn learn(options: &StreamOptions) -> Result<CommandOutcome, CoversError> {
     let experiment = options.budget.experiment(Method::Covers);
-    let experiment = options.run.changes.apply(experiment)?;
+    let experiment = options.run_options.settings.apply(experiment)?;
     experiment.check(&TaskRegistry::standard())?;
     let name = run_name(options.budget.name(), &experiment);
-    let folder = options.run.output.run_folder(&name)?;
+    let folder = options.run_options.run_folder.create_run_folder(&name)?;
     let bar = progress_bar(experiment.schedule.total_decisions());
     let mut run = Run::start(experiment, folder)?;
-    let stop = StopSignal::on_signals()?;
-    run.stop_at(stop.clone());
+    let stop = StopSignal::from_os_signals()?;
+    run.set_stop_signal(stop.clone());
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = event {
             let printed = bar.suspend(|| writeln!(stdout(), "{}", rollout_line(&progress)));
@@ -49,7 +49,7 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
         }
     }
     bar.finish_and_clear();
-    conclude(&mut run, options.run.output.json, &mut stdout())
+    print_summary_or_save(&mut run, options.run_options.run_folder.json, &mut stdout())
 }
 
 /// Returns a progress bar that is hidden if standard error is no terminal.

@@ -9,7 +9,9 @@ use std::fs::{File, create_dir_all};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use envs::{Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskRegistry};
+use envs::{
+    Camera, Control, Embodiment, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskRegistry,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -47,7 +49,7 @@ fn film(
     table.reset(element, &mut ChaCha8Rng::seed_from_u64(1))?;
     let (mut frames, mut reward, mut success) = (Vec::new(), 0.0, false);
     loop {
-        let mut picture = vec![0; SIZE * SIZE * RGB];
+        let mut picture = vec![0; SIZE * SIZE * RGB_CHANNELS];
         renderer.render(&mut table, &mut picture)?;
         frames.push(picture);
         let action = table.expert_action()?;
@@ -74,8 +76,11 @@ fn write_gif(path: &Path, films: &[Vec<Vec<u8>>]) -> Result<(), Box<dyn Error>> 
     let mut encoder = gif::Encoder::new(File::create(path)?, width, height, &[])?;
     encoder.set_repeat(gif::Repeat::Infinite)?;
     for index in 0..films[0].len() {
-        let line =
-            |y| films.iter().flat_map(move |film| &film[index][y * SIZE * RGB..][..SIZE * RGB]);
+        let line = |y| {
+            films.iter().flat_map(move |film| {
+                &film[index][y * SIZE * RGB_CHANNELS..][..SIZE * RGB_CHANNELS]
+            })
+        };
         let rgb: Vec<u8> = (0..SIZE).flat_map(line).copied().collect();
         let mut frame = gif::Frame::from_rgb_speed(width, height, &rgb, 10);
         frame.delay = DELAY;

@@ -7,8 +7,8 @@
 //! ones.
 
 use equivariant::{
-    Chunks, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, R2Conv, Relu, Sequential,
-    Shape, Signature,
+    Group, GroupMaxPool, Layer, LayerError, LayerSignature, Linear, ParallelChunks, R2Conv, Relu,
+    Sequential, Shape, SlidingWindow,
 };
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -24,13 +24,13 @@ const CHUNK: usize = 16;
 /// Builds a network of two halving convolutions and a flattening one, each with a ReLU, a group
 /// pooling and a linear layer for the class scores.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
-    let halving = Kernel::new(4, 2, 1);
+    let halving = SlidingWindow::new(4, 2, 1);
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
-    let mut shape = Shape::image(SIDE, SIDE, group.trivial(1));
+    let mut shape = Shape::image(SIDE, SIDE, group.trivial_type(1));
     for channels in [16, 32, 64] {
-        let fields = group.regular(channels / group.order());
+        let fields = group.regular_type(channels / group.order());
         let conv = match shape.height {
-            4 => R2Conv::flatten(shape, fields)?,
+            4 => R2Conv::whole_map(shape, fields)?,
             size => R2Conv::new(shape.fields, fields, halving, [size; 2])?,
         };
         shape = conv.out_shape();
@@ -40,7 +40,7 @@ fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     let pool = GroupMaxPool::new(shape)?;
     let invariants = pool.out_shape().fields;
     layers.push(Box::new(pool));
-    layers.push(Box::new(Linear::new(invariants, group.trivial(CLASSES))?));
+    layers.push(Box::new(Linear::new(invariants, group.trivial_type(CLASSES))?));
     Sequential::new(layers)
 }
 
@@ -49,17 +49,17 @@ fn train(net: &Sequential<f32>, data: &Data, steps: usize) -> Vec<f32> {
     let mut params = vec![0.0; net.num_params()];
     net.init(&mut ChaCha8Rng::seed_from_u64(1), &mut params);
     let mut velocity = vec![0.0; params.len()];
-    let (samples, scratch) = (data.labels.len(), net.scratch(CHUNK));
+    let (samples, scratch) = (data.labels.len(), net.allocate_scratch(CHUNK));
     let buffers = move || (vec![0.0; CHUNK * CLASSES], scratch.clone());
-    let mut chunks = Chunks::new(params.len(), CHUNK, buffers);
+    let mut chunks = ParallelChunks::new(params.len(), CHUNK, buffers);
     for _ in 0..steps {
         velocity.iter_mut().for_each(|v| *v *= 0.9);
-        chunks.accumulate(samples, &mut velocity, |range, (y, scratch), gradient| {
+        chunks.accumulate_gradients(samples, &mut velocity, |range, (y, own_scratch), gradient| {
             let x = &data.pictures[range.start * PIXELS..range.end * PIXELS];
             let y = &mut y[..range.len() * CLASSES];
-            net.forward(&params, x, y, scratch);
+            net.forward(&params, x, y, own_scratch);
             let dy = cross_entropy(y, &data.labels[range]);
-            net.backward(&params, x, y, &dy, None, gradient, scratch);
+            net.backward(&params, x, y, &dy, None, gradient, own_scratch);
         });
         for (p, v) in params.iter_mut().zip(&velocity) {
             *p -= 0.05 / samples as f32 * v;
@@ -84,7 +84,7 @@ fn cross_entropy(scores: &[f32], labels: &[usize]) -> Vec<f32> {
 
 /// Returns the share of images whose largest score is the label's, in `[0, 1]`.
 fn accuracy(net: &Sequential<f32>, params: &[f32], data: &Data) -> f64 {
-    let mut scratch = net.scratch(1);
+    let mut scratch = net.allocate_scratch(1);
     let mut scores = [0.0; CLASSES];
     let samples = data.pictures.chunks(PIXELS).zip(&data.labels);
     let right = samples.filter(|(x, label)| {

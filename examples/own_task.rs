@@ -11,9 +11,9 @@ use covers::experiments::text::{event_text, summary_table};
 use covers::presets::{Budget, Method};
 use covers::schedule::Schedule;
 use covers::{CoversError, Experiment, Override, Run, RunFolder, apply_overrides};
-use envs::reward::{hamacher, long_tail};
+use envs::reward::{hamacher_product, long_tail_reward};
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
+    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
     TaskRegistry, conformance,
 };
 use glam::DVec3;
@@ -38,36 +38,36 @@ impl Task for BlockPush {
         "block-push"
     }
 
-    fn parts(&self) -> Parts<'_> {
-        Parts {
+    fn parts(&self) -> TaskParts<'_> {
+        TaskParts {
             mjcf: Some(include_str!("block_push.xml")),
             object_body: Some("block"),
-            ..Parts::default()
+            ..TaskParts::default()
         }
     }
 
     /// Places the block right of the centre and away from the robot, so that the four variants are
     /// in four quadrants.
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let (x, y) = (rng.random_range(0.08..0.2), rng.random_range(0.08..0.14));
         let object = DVec3::new(x, y, 0.07);
         Placement { object, goal: object + DVec3::new(0.0, TRAVEL, 0.0) }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
-        let remaining = (start.placement.goal.y - now.object.y).abs();
-        let way = |measured: &Measurement| measured.tcp.distance(measured.object + PUSH);
-        let approach = long_tail(way(now), NEAR, way(&start.measured));
-        let in_place = long_tail(remaining, DONE, TRAVEL);
-        let success = remaining <= SUCCESS;
+        let goal_distance = (start.placement.goal.y - now.object.y).abs();
+        let way = |measurement: &Measurement| measurement.tcp.distance(measurement.object + PUSH);
+        let approach_reward = long_tail_reward(way(now), NEAR, way(&start.measurement));
+        let in_place_reward = long_tail_reward(goal_distance, DONE, TRAVEL);
+        let success = goal_distance <= SUCCESS;
         StepReward {
-            approach,
-            in_place,
-            remaining,
+            approach_reward,
+            in_place_reward,
+            goal_distance,
             reward: if success {
                 10.0
             } else {
-                4.0 * approach + 6.0 * hamacher(approach, in_place)
+                4.0 * approach_reward + 6.0 * hamacher_product(approach_reward, in_place_reward)
             },
             success,
         }
@@ -120,7 +120,7 @@ fn main() -> ExitCode {
 }
 
 fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
-    let group = TaskGroup::of(&BlockPush);
+    let group = TaskGroup::from_task(&BlockPush);
     let experiment = experiment(options.budget, group).with_seed(options.seed);
     let experiment = apply_overrides(&options.set, experiment)?;
     conformance::check(group)?;
@@ -129,7 +129,7 @@ fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
     tasks.register(group)?;
     let name = format!("own-task-seed{}", options.seed);
     let folder = RunFolder::create("runs".as_ref(), &name)?;
-    let mut run = Run::start_with(experiment, tasks, folder)?;
+    let mut run = Run::start_with_tasks(experiment, tasks, folder)?;
     finish(&mut run)?;
     Ok(())
 }
@@ -142,7 +142,7 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
     };
     let experiment = budget.experiment(Method::Covers);
     let rollout = experiment.learner.rollout_steps();
-    let others = TaskGroup::STANDARD.map(|group| (group, others * rollout));
+    let others = TaskGroup::STANDARD.map(|other| (other, others * rollout));
     let visits = [others.as_slice(), &[(group, own * rollout)]].concat();
     Experiment { schedule: Schedule::shuffled(cycles, &visits), ..experiment }
 }

@@ -13,17 +13,17 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Subcommand;
-use envs::conformance::{ExpertRow, SymmetryRow, experts, symmetry};
+use envs::conformance::{ExpertRow, SymmetryRow, measure_expert, measure_symmetry};
 use envs::{Camera, Control, Embodiment, EnvError, Scene, TaskGroup};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
 use crate::CoversError;
-use deploy::MaskOptions;
+use deploy::CheckMaskOptions;
 use experiments::RunError;
 
-pub use parity::{ParityRow, parity};
+pub use parity::{ParityRow, compare_recordings};
 
 /// Subcommands of `covers check`.
 #[derive(Clone, Debug, Subcommand)]
@@ -42,7 +42,7 @@ pub enum Check {
         json: bool,
     },
     /// Checks that the mask of a robot hides its arm where the camera shows it.
-    Mask(MaskOptions),
+    Mask(CheckMaskOptions),
     /// Compares recordings of Meta-World with this simulation: rewards, single steps, replay.
     #[command(after_help = "Example: covers check parity tests/recordings")]
     Parity {
@@ -95,16 +95,16 @@ fn check_experts(
 ) -> Result<bool, RunError> {
     let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
     let mut rows = Vec::new();
-    for embodiment in embodiments {
-        rows.extend(of_variants(embodiment, &D2::ALL, |scene, element| {
-            experts(scene, element, Control::default(), seeds)
+    for each in embodiments {
+        rows.extend(of_variants(each, &D2::ALL, |scene, element| {
+            measure_expert(scene, element, Control::default(), seeds)
         })?);
     }
     print(&rows, json, out, expert_line)?;
     Ok(rows.iter().all(ExpertRow::passes))
 }
 
-/// Applies `check` to the variants `elements` of the standard groups on all processors, and returns
+/// Applies `check` to the variants `elements` of the standard groups on all CPUs, and returns
 /// the results in the order of groups and elements.
 fn of_variants<R: Send>(
     embodiment: Embodiment,
@@ -134,7 +134,8 @@ fn check_symmetry(
     out: &mut impl Write,
 ) -> Result<bool, RunError> {
     let others = [D2::FlipX, D2::FlipY, D2::HalfTurn];
-    let rows = of_variants(embodiment, &others, |scene, element| symmetry(scene, element, seeds))?;
+    let rows =
+        of_variants(embodiment, &others, |scene, element| measure_symmetry(scene, element, seeds))?;
     print(&rows, json, out, symmetry_line)?;
     Ok(rows.iter().all(SymmetryRow::passes))
 }
@@ -155,7 +156,7 @@ fn symmetry_line(row: &SymmetryRow) -> String {
 }
 
 fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool, RunError> {
-    let rows = parity(folder)?;
+    let rows = compare_recordings(folder)?;
     print(&rows, json, out, parity_line)?;
     Ok(rows.iter().all(ParityRow::passes))
 }
@@ -165,14 +166,14 @@ fn parity_line(row: &ParityRow) -> String {
         "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  \
          single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",
         row.file,
-        row.reward_deviation,
+        row.max_reward_deviation,
         row.success_mismatches,
         row.reward_steps,
-        row.physics_median,
-        row.physics_p99,
-        row.physics_max,
+        row.median_qpos_deviation,
+        row.p99_qpos_deviation,
+        row.max_qpos_deviation,
         row.physics_steps,
-        row.replay_deviation,
+        row.max_replay_deviation_m,
         row.replay_steps
     )
 }
@@ -189,7 +190,8 @@ fn print<R: Serialize>(
     } else {
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     };
-    writeln!(out, "{text}").map_err(|error| RunError::write("standard output".as_ref(), error))
+    writeln!(out, "{text}")
+        .map_err(|error| RunError::cannot_write("standard output".as_ref(), error))
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use symmetry::Group;
 
 /// Options for threads and machine-readable output.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct Work {
+pub struct ThreadAndJsonOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads: Threads,
@@ -25,7 +25,7 @@ pub struct Work {
 
 /// Options that change the settings of a preset or a file.
 #[derive(Clone, Debug, Args)]
-pub struct Changes {
+pub struct SettingsOptions {
     /// Seed of all random numbers; equal seeds give equal metrics.
     #[arg(long)]
     pub seed: Option<u64>,
@@ -42,11 +42,11 @@ pub struct Changes {
     pub group: Option<Group>,
     /// Set any field of the settings, such as `covers.ppo.gamma=0.97`; may be repeated, and the
     /// last value of a field wins.
-    #[arg(long, value_name = "PATH=VALUE")]
-    pub set: Vec<Override>,
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub overrides: Vec<Override>,
 }
 
-impl Changes {
+impl SettingsOptions {
     /// Applies these changes to an experiment.
     ///
     /// # Errors
@@ -63,13 +63,13 @@ impl Changes {
         }
         let experiment = experiment.with_threads(self.threads.count());
         // last, so that `--set` wins over the other options
-        Ok(overrides::apply(&self.set, experiment)?)
+        Ok(overrides::apply(&self.overrides, experiment)?)
     }
 }
 
 /// Options for the folder of a run and the output.
 #[derive(Clone, Debug, Args)]
-pub struct Output {
+pub struct RunFolderOptions {
     /// Print the summary as one JSON object in the last line.
     #[arg(long)]
     pub json: bool,
@@ -84,18 +84,18 @@ pub struct Output {
     pub overwrite: bool,
 }
 
-impl Output {
+impl RunFolderOptions {
     /// Creates the folder of a run: `--folder`, or a new one with this name.
     ///
     /// # Errors
     /// [`RunError::Write`].
-    pub fn run_folder(&self, name: &str) -> Result<RunFolder, RunError> {
+    pub fn create_run_folder(&self, name: &str) -> Result<RunFolder, RunError> {
         let Some(path) = &self.folder else {
             return RunFolder::create(&self.runs, name);
         };
-        std::fs::create_dir_all(path).map_err(|error| RunError::write(path, error))?;
-        let folder = RunFolder::open(path);
-        Ok(if self.overwrite { folder.overwriting() } else { folder })
+        std::fs::create_dir_all(path).map_err(|error| RunError::cannot_write(path, error))?;
+        let folder = RunFolder::from_path(path);
+        Ok(if self.overwrite { folder.allow_overwriting() } else { folder })
     }
 }
 
@@ -104,10 +104,10 @@ impl Output {
 pub struct RunOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub changes: Changes,
+    pub settings: SettingsOptions,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub output: Output,
+    pub run_folder: RunFolderOptions,
 }
 
 /// Trains COVERS on an unlabelled stream of table-top tasks.
@@ -119,7 +119,7 @@ pub struct StreamOptions {
     pub budget: Budget,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub run: RunOptions,
+    pub run_options: RunOptions,
 }
 
 /// Options of `covers train`.
@@ -139,7 +139,7 @@ pub struct TrainOptions {
     #[arg(long)]
     pub config: Option<PathBuf>,
     /// Device of policy updates. Devices round differently, so runs on different devices diverge.
-    #[arg(long, value_parser = device(), default_value = "cpu")]
+    #[arg(long, value_parser = device_parser(), default_value = "cpu")]
     pub device: DeviceChoice,
     /// Show learning curves, groups and policies, distances and the latest image on the terminal;
     /// `q` stops the run with a checkpoint.
@@ -148,7 +148,7 @@ pub struct TrainOptions {
     pub tui: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub run: RunOptions,
+    pub run_options: RunOptions,
 }
 
 impl TrainOptions {
@@ -161,7 +161,7 @@ impl TrainOptions {
             Some(path) => Experiment::read(path)?,
             None => self.budget.experiment(self.preset),
         };
-        self.run.changes.apply(experiment)?.with_device(self.device)
+        self.run_options.settings.apply(experiment)?.with_device(self.device)
     }
 
     /// Returns the name of the run's folder: the settings file or the method, the budget unless it
@@ -183,7 +183,7 @@ pub fn run_name(stem: &str, experiment: &Experiment) -> String {
 }
 
 /// Returns the parser of `--device`.
-pub(crate) fn device() -> impl TypedValueParser<Value = DeviceChoice> {
+pub(crate) fn device_parser() -> impl TypedValueParser<Value = DeviceChoice> {
     PossibleValuesParser::new(DeviceChoice::ALL.map(DeviceChoice::name))
         .try_map(|name| name.parse::<DeviceChoice>())
 }

@@ -7,13 +7,13 @@ use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
-use crate::cli::{TrainOptions, Work, device};
-use crate::sweep::{self, ArrayJob, Plan, SweepOutcome};
-use experiments::cli::{say, thread_count};
+use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser};
+use crate::sweep::{self, ArrayJob, SweepOutcome, SweepPlan};
+use experiments::cli::{print_escaped, thread_count_parser};
 use experiments::evaluation::Evaluator;
 use experiments::text::{event_text, score_table, summary_table};
 use experiments::{Event, Run, RunError, RunFolder, StopSignal, Stream, memory, thread_pool};
-use learner::{DeviceChoice, Extent, Labels};
+use learner::{CheckpointExtent, DeviceChoice, Labels};
 use report::ReportOptions;
 
 /// Subcommands that work on learners.
@@ -39,13 +39,14 @@ pub enum Command {
 #[command(after_help = "Example: covers resume runs/covers-seed0")]
 pub struct ResumeOptions {
     /// Folder of the run.
-    pub run: PathBuf,
+    #[arg(value_name = "RUN")]
+    pub run_folder: PathBuf,
     /// Device of policy updates from here on, which may differ from the device before.
-    #[arg(long, value_parser = device(), default_value = "cpu")]
+    #[arg(long, value_parser = device_parser(), default_value = "cpu")]
     pub device: DeviceChoice,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub work: Work,
+    pub threads_and_json: ThreadAndJsonOptions,
 }
 
 /// Options of `covers sweep`.
@@ -61,7 +62,7 @@ pub struct SweepOptions {
     #[arg(long, default_value = "runs")]
     pub runs: PathBuf,
     /// Worker threads of each run; results do not depend on them.
-    #[arg(long, default_value_t = 1, value_parser = thread_count())]
+    #[arg(long, default_value_t = 1, value_parser = thread_count_parser())]
     pub threads: u16,
     /// Run only the job with this index, from 0; wait if another worker runs it.
     #[arg(long)]
@@ -83,7 +84,8 @@ pub struct SweepOptions {
 )]
 pub struct EvalOptions {
     /// Folder of a run, or a folder that `covers pack` created.
-    pub run: PathBuf,
+    #[arg(value_name = "RUN")]
+    pub run_folder: PathBuf,
     /// Least number of episodes of each group, rounded up so that all variants and environments
     /// play equally many.
     #[arg(long, default_value_t = 100)]
@@ -100,7 +102,7 @@ pub struct EvalOptions {
     pub randomised: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub work: Work,
+    pub threads_and_json: ThreadAndJsonOptions,
 }
 
 /// Options of `covers pack`.
@@ -108,7 +110,8 @@ pub struct EvalOptions {
 #[command(after_help = "Example: covers pack runs/covers-seed0 small")]
 pub struct PackOptions {
     /// Folder of the run.
-    pub run: PathBuf,
+    #[arg(value_name = "RUN")]
+    pub run_folder: PathBuf,
     /// Folder to create.
     pub folder: PathBuf,
     /// Episodes whose first frames are kept for each policy.
@@ -118,7 +121,7 @@ pub struct PackOptions {
 
 /// Outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum CommandOutcome {
     /// Finished command.
     Done,
     /// Run that SIGINT, SIGTERM, SIGHUP or a closed standard output stopped. It wrote a checkpoint,
@@ -126,7 +129,7 @@ pub enum Outcome {
     Interrupted,
 }
 
-impl Outcome {
+impl CommandOutcome {
     /// Returns the exit code of the process: 0, or 3 after an interruption.
     pub fn exit_code(self) -> u8 {
         match self {
@@ -141,24 +144,25 @@ impl Command {
     ///
     /// # Errors
     /// Errors of the command, or an `out` that cannot be written to.
-    pub fn run(&self, out: &mut impl Write) -> Result<Outcome, CoversError> {
+    pub fn run(&self, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
         match self {
             Self::Train(options) => train(options, out),
             Self::Resume(options) => {
-                let threads = Some(options.work.threads.count());
-                let (folder, tasks) = (RunFolder::open(&options.run), TaskRegistry::standard());
-                let mut run = Run::resume_with(folder, threads, options.device, tasks)?;
-                finish(&mut run, options.work.json, out)
+                let threads = Some(options.threads_and_json.threads.count());
+                let (folder, tasks) =
+                    (RunFolder::from_path(&options.run_folder), TaskRegistry::standard());
+                let mut run = Run::resume_with_tasks(folder, threads, options.device, tasks)?;
+                finish(&mut run, options.threads_and_json.json, out)
             }
             Self::Sweep(options) => sweep(options, out),
-            Self::Eval(options) => Ok(evaluate(options, out).map(|()| Outcome::Done)?),
-            Self::Report(options) => Ok(options.run(out).map(|()| Outcome::Done)?),
-            Self::Pack(options) => Ok(pack(options, out).map(|()| Outcome::Done)?),
+            Self::Eval(options) => Ok(evaluate(options, out).map(|()| CommandOutcome::Done)?),
+            Self::Report(options) => Ok(options.run(out).map(|()| CommandOutcome::Done)?),
+            Self::Pack(options) => Ok(pack(options, out).map(|()| CommandOutcome::Done)?),
         }
     }
 }
 
-fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
+fn train(options: &TrainOptions, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
     // before the run's folder is created, so that a refused run leaves nothing
@@ -167,42 +171,44 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, Covers
     if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
         return Err(CoversError::NoTerminal);
     }
-    let folder = options.run.output.run_folder(&options.run_name(&experiment))?;
+    let folder =
+        options.run_options.run_folder.create_run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
     #[cfg(feature = "tui")]
     if options.tui {
-        watch::screen::train(&mut run)?;
-        run.stop_at(StopSignal::on_signals()?);
-        return conclude(&mut run, options.run.output.json, out);
+        watch::screen::train_with_screen(&mut run)?;
+        run.set_stop_signal(StopSignal::from_os_signals()?);
+        return print_summary_or_save(&mut run, options.run_options.run_folder.json, out);
     }
-    finish(&mut run, options.run.output.json, out)
+    finish(&mut run, options.run_options.run_folder.json, out)
 }
 
-fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
-    let jobs = Plan::read(&options.plan)?.jobs()?;
+fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
+    let jobs = SweepPlan::read(&options.plan)?.jobs()?;
     if options.slurm || options.kubernetes.is_some() {
-        say(out, &array_job(options, jobs.len())?)?;
-        return Ok(Outcome::Done);
+        print_escaped(out, &array_job(options, jobs.len())?)?;
+        return Ok(CommandOutcome::Done);
     }
     let chosen = match options.job {
         None => &jobs[..],
-        Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::Setting {
+        Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::InvalidSetting {
             name: "job",
             value: job.to_string(),
             expected: "the index of a job of the plan, from 0 to one less than its number of jobs",
         })?,
     };
     let threads = usize::from(options.threads);
-    let ended = sweep::work(chosen, &options.runs, threads, &StopSignal::on_signals()?, out)?;
-    let SweepOutcome { stopped, failed } = ended;
+    let ended =
+        sweep::run_worker(chosen, &options.runs, threads, &StopSignal::from_os_signals()?, out)?;
+    let SweepOutcome { stopped, failed_jobs: failed } = ended;
     match (stopped, failed.is_empty()) {
-        (false, true) => Ok(Outcome::Done),
-        (false, false) => Err(CoversError::Jobs { failed }),
-        (true, true) => Ok(Outcome::Interrupted),
+        (false, true) => Ok(CommandOutcome::Done),
+        (false, false) => Err(CoversError::SweepJobsFailed { failed_jobs: failed }),
+        (true, true) => Ok(CommandOutcome::Interrupted),
         // the exit code says that the sweep can be continued, so failures are only printed
         (true, false) => {
-            say(out, &CoversError::Jobs { failed }.to_string())?;
-            Ok(Outcome::Interrupted)
+            print_escaped(out, &CoversError::SweepJobsFailed { failed_jobs: failed }.to_string())?;
+            Ok(CommandOutcome::Interrupted)
         }
     }
 }
@@ -212,29 +218,29 @@ fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError>
     let array = ArrayJob {
         plan: &options.plan,
         runs: &options.runs,
-        jobs,
+        job_count: jobs,
         threads: usize::from(options.threads),
     };
     if let Some(image) = &options.kubernetes {
-        return Ok(format!("{:#}", array.kubernetes(image)?));
+        return Ok(format!("{:#}", array.kubernetes_job_json(image)?));
     }
     // members of the array may start in another folder
     let absolute =
-        |path: &Path| std::path::absolute(path).map_err(|error| RunError::read(path, error));
+        |path: &Path| std::path::absolute(path).map_err(|error| RunError::cannot_read(path, error));
     let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
-    let program =
-        std::env::current_exe().map_err(|error| RunError::read(Path::new("covers"), error))?;
+    let program = std::env::current_exe()
+        .map_err(|error| RunError::cannot_read(Path::new("covers"), error))?;
     let (plan, runs) = (&plan, &runs);
-    Ok(ArrayJob { plan, runs, ..array }.slurm(&program))
+    Ok(ArrayJob { plan, runs, ..array }.slurm_script(&program))
 }
 
 /// Runs to the end or until a signal, and prints every event. A closed output stops the run as a
 /// signal does.
-fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
-    let stop = StopSignal::on_signals()?;
-    run.stop_at(stop.clone());
+fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
+    let stop = StopSignal::from_os_signals()?;
+    run.set_stop_signal(stop.clone());
     let folder = run.folder().path().display();
-    say_or_stop(out, &format!("{folder}: {}", run.notice()), &stop);
+    say_or_stop(out, &format!("{folder}: {}", run.start_message()), &stop);
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = &event
             && let Some(warning) = progress.warning
@@ -247,12 +253,12 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, Co
             say_or_stop(out, &event_text(&event), &stop);
         }
     }
-    conclude(run, json, out)
+    print_summary_or_save(run, json, out)
 }
 
 /// Prints a line, and requests a stop if standard output is closed.
 fn say_or_stop(out: &mut impl Write, line: &str, stop: &StopSignal) {
-    if let Err(error) = say(out, line) {
+    if let Err(error) = print_escaped(out, line) {
         warn(&format!("{error}: the run stops"));
         stop.request();
     }
@@ -269,58 +275,63 @@ fn warn(line: &str) {
 ///
 /// # Errors
 /// Errors of the run, or an `out` that the summary cannot be written to.
-pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
+pub fn print_summary_or_save(
+    run: &mut Run,
+    json: bool,
+    out: &mut impl Write,
+) -> Result<CommandOutcome, CoversError> {
     let folder = run.folder().path().display().to_string();
     if run.is_finished()
         && let Some(summary) = run.summary()?
     {
-        say(out, &summary_table(&summary))?;
-        say(out, &format!("files: {folder}"))?;
+        print_escaped(out, &summary_table(&summary))?;
+        print_escaped(out, &format!("files: {folder}"))?;
         if json {
-            say(out, &serde_json::json!(summary).to_string())?;
+            print_escaped(out, &serde_json::json!(summary).to_string())?;
         }
-        return Ok(Outcome::Done);
+        return Ok(CommandOutcome::Done);
     }
     run.save()?;
     let rollouts = run.stats().rollouts;
     // the device is in no file, so the command must name it
-    let device = match run.experiment().learner.gpu() {
+    let device = match run.experiment().learner.gpu_name() {
         Some(_) => " --device gpu",
         None => "",
     };
     let ending =
         format!("stopped after {rollouts} rollouts; continue with: covers resume {folder}{device}");
-    if say(out, &ending).is_err() {
+    if print_escaped(out, &ending).is_err() {
         warn(&ending);
     }
-    Ok(Outcome::Interrupted)
+    Ok(CommandOutcome::Interrupted)
 }
 
 fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError> {
-    let folder = RunFolder::open(&options.run);
-    let mut experiment = folder.experiment()?.with_threads(options.work.threads.count());
+    let folder = RunFolder::from_path(&options.run_folder);
+    let mut experiment =
+        folder.read_experiment()?.with_threads(options.threads_and_json.threads.count());
     memory::check_environments(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
-    let spec = Stream::spec_of(&experiment.envs);
+    let spec = Stream::env_spec(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let (mut learner, own) = folder.load_with_policies(learner, &spec, &labels)?;
+    let (mut learner, own) = folder.load_with_own_policies(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
     let envs = if options.randomised {
         with_randomisation(experiment.envs)
     } else {
-        experiment.envs.clean()
+        experiment.envs.without_randomisation()
     };
     let tasks = TaskRegistry::standard();
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     // a round of one group is an episode of each environment in each of four variants
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
-    let scores = pool.install(|| evaluator.all(&mut *learner, &own, rounds))?.scores;
-    if options.work.json {
-        say(out, &serde_json::json!(scores).to_string())
+    let scores = pool.install(|| evaluator.score_all_variants(&mut *learner, &own, rounds))?.scores;
+    if options.threads_and_json.json {
+        print_escaped(out, &serde_json::json!(scores).to_string())
     } else {
-        say(out, &score_table(&scores))
+        print_escaped(out, &score_table(&scores))
     }
 }
 
@@ -331,14 +342,14 @@ fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
 }
 
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
-    let from = RunFolder::open(&options.run);
-    let experiment = from.experiment()?;
-    let spec = Stream::spec_of(&experiment.envs);
+    let from = RunFolder::from_path(&options.run_folder);
+    let experiment = from.read_experiment()?;
+    let spec = Stream::env_spec(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
     let learner = from.load_learner(learner, &spec, &labels)?;
     let episodes = options.episodes;
-    let extent = Extent::Policies { episodes };
+    let extent = CheckpointExtent::Policies { episodes_per_policy: episodes };
     let to = RunFolder::pack(&options.folder, &experiment, &*learner, extent)?;
-    say(out, &format!("{} policies in {}", learner.policies(), to.path().display()))
+    print_escaped(out, &format!("{} policies in {}", learner.policy_count(), to.path().display()))
 }

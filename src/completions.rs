@@ -30,6 +30,6 @@ impl CompletionsOptions {
         let name = program.get_name().to_owned();
         clap_complete::generate(self.shell, &mut program, name, &mut script);
         let written = out.write_all(&script);
-        written.map_err(|error| RunError::write(Path::new("standard output"), error))
+        written.map_err(|error| RunError::cannot_write(Path::new("standard output"), error))
     }
 }

@@ -8,15 +8,15 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use envs::{Camera, Embodiment, EnvError, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use envs::{Camera, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use symmetry::D2;
 
-use crate::cli::Work;
+use crate::cli::ThreadAndJsonOptions;
 use experiments::presets::{Budget, Method};
-use experiments::{Experiment, Run, RunError, RunFolder, instructions, memory, processor};
+use experiments::{Experiment, Run, RunError, RunFolder, instruction_sets, memory, processor_name};
 
 /// Version of MuJoCo that the environments were measured with.
 const MUJOCO: &str = "2.2.2";
@@ -41,30 +41,31 @@ pub struct DoctorOptions {
     pub runs: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub work: Work,
+    pub threads_and_json: ThreadAndJsonOptions,
 }
 
-/// State of a part of the machine.
+/// State of a part of the machine, as `covers doctor` judges it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Health {
-    /// Works well.
+    /// Part that works well.
     Good,
-    /// Works, but could be better.
+    /// Part that works, but could be better.
     Fair,
-    /// Does not work.
+    /// Part that does not work.
     Bad,
 }
 
-/// Result of the check of one part.
+/// Result of the check of one part of the machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// Name of the part.
+    /// Name of the part that was checked.
     pub part: &'static str,
-    /// State of the part.
+    /// State of the part that was checked.
     pub health: Health,
-    /// Description of the part.
-    pub found: String,
+    /// Description of what the check found in the part.
+    #[serde(rename = "found")]
+    pub description: String,
     /// Way to fix or improve the part; `None` if it works well.
     #[serde(rename = "cure")]
     pub fix: Option<String>,
@@ -72,7 +73,7 @@ pub struct Finding {
 
 impl Finding {
     fn good(part: &'static str, found: impl Into<String>) -> Self {
-        Self { part, health: Health::Good, found: found.into(), fix: None }
+        Self { part, health: Health::Good, description: found.into(), fix: None }
     }
 
     fn bad(part: &'static str, error: &impl std::fmt::Display, fix: &str) -> Self {
@@ -85,14 +86,14 @@ impl Finding {
     }
 
     fn line(&self) -> String {
-        let Self { part, found, fix, .. } = self;
+        let Self { part, description, fix, .. } = self;
         let mark = match self.health {
             Health::Good => "ok",
             Health::Fair => "fair",
             Health::Bad => "BAD",
         };
         let fix = fix.iter().map(|fix| format!("\n{:17}{fix}", ""));
-        format!("{mark:<4}  {part:<9}  {found}{}", fix.collect::<String>())
+        format!("{mark:<4}  {part:<9}  {description}{}", fix.collect::<String>())
     }
 }
 
@@ -102,21 +103,21 @@ impl DoctorOptions {
     /// # Errors
     /// An `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
-        let findings = examine(self.work.threads.count(), &self.runs);
-        let text = if self.work.json {
+        let findings = check_machine(self.threads_and_json.threads.count(), &self.runs);
+        let text = if self.threads_and_json.json {
             serde_json::json!(findings).to_string()
         } else {
             findings.iter().map(Finding::line).collect::<Vec<_>>().join("\n")
         };
         let written = writeln!(out, "{text}");
-        written.map_err(|error| RunError::write(Path::new("standard output"), error))?;
+        written.map_err(|error| RunError::cannot_write(Path::new("standard output"), error))?;
         Ok(findings.iter().all(|found| found.health != Health::Bad))
     }
 }
 
 /// Checks all parts of this machine. Training is measured on this many threads; `runs` is the
 /// folder that runs would be written to.
-pub fn examine(threads: usize, runs: &Path) -> Vec<Finding> {
+pub fn check_machine(threads: usize, runs: &Path) -> Vec<Finding> {
     let memory = the_memory();
     // rendering libraries that find no memory would end the process, and with it the report
     let may_draw = memory::check_environments(threads).is_ok();
@@ -124,13 +125,13 @@ pub fn examine(threads: usize, runs: &Path) -> Vec<Finding> {
     if may_draw {
         others.extend([the_pictures(), the_learning(threads)]);
     }
-    [vec![the_processor()], the_gpus(), others].concat()
+    [vec![the_cpu()], the_gpus(), others].concat()
 }
 
 /// Lists the GPU adapters that policies can be updated on; empty without the feature `wgpu`.
 #[cfg(feature = "wgpu")]
 fn the_gpus() -> Vec<Finding> {
-    let adapters = rl::gpu::adapters();
+    let adapters = rl::gpu::available_adapters();
     let fix =
         "policies are updated on the CPU: install the Vulkan driver of a GPU, if there is one";
     if adapters.is_empty() {
@@ -151,21 +152,21 @@ fn the_gpus() -> Vec<Finding> {
     Vec::new()
 }
 
-fn the_processor() -> Finding {
-    let name = processor().unwrap_or_else(|| "unknown".to_owned());
+fn the_cpu() -> Finding {
+    let name = processor_name().unwrap_or_else(|| "unknown".to_owned());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let sets = instructions().join(", ");
+    let sets = instruction_sets().join(", ");
     let found = format!("{name}, {cores} threads, instructions: {sets}");
-    let fix = "networks run on portable code, several times slower: use a processor with AVX2";
+    let fix = "networks run on portable code, several times slower: use a CPU with AVX2";
     let fast = sets.contains("avx2") && sets.contains("fma");
-    Finding::good("processor", found).unless(fast, Health::Fair, fix)
+    Finding::good("CPU", found).unless(fast, Health::Fair, fix)
 }
 
 fn the_memory() -> Finding {
     if let Err(limit) = memory::check_environments(1) {
         return Finding::bad("memory", &limit.to_string(), "raise the limit of this process");
     }
-    let Some(free) = memory::available() else {
+    let Some(free) = memory::available_bytes() else {
         return Finding::good("memory", "unknown");
     };
     let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
@@ -204,7 +205,7 @@ fn the_disk(runs: &Path) -> Finding {
 /// A path that is no folder, or one that this process may not write to.
 fn free_disk(folder: &Path) -> std::io::Result<u64> {
     let absolute = std::path::absolute(folder)?;
-    let existing = absolute.ancestors().find(|folder| folder.exists()).unwrap_or(&absolute);
+    let existing = absolute.ancestors().find(|parent| parent.exists()).unwrap_or(&absolute);
     if !existing.is_dir() {
         return Err(std::io::ErrorKind::NotADirectory.into());
     }
@@ -226,9 +227,9 @@ fn the_simulator() -> Finding {
 fn the_pictures() -> Finding {
     match time_pictures() {
         Ok(time) => {
-            let renderer = envs::mujoco::opengl().unwrap_or("unknown");
+            let renderer = envs::mujoco::opengl_description().unwrap_or("unknown");
             let milliseconds = time.as_secs_f64() * 1e3;
-            let size = camera().drawn_size();
+            let size = camera().rendered_size();
             let found = format!("{milliseconds:.2} ms for {size} x {size} pixels by {renderer}");
             Finding::good("pictures", found)
         }
@@ -253,7 +254,7 @@ fn time_pictures() -> Result<Duration, EnvError> {
     let mut renderer = SceneRenderer::new(Arc::clone(&scene))?;
     let mut table = TableTop::new(scene, envs::Control::default())?;
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))?;
-    let mut picture = vec![0; camera.size * camera.size * RGB];
+    let mut picture = vec![0; camera.size * camera.size * RGB_CHANNELS];
     let mut times = Vec::new();
     for _ in 0..PICTURES {
         let clock = Instant::now();
@@ -285,9 +286,9 @@ fn time_learning(mut experiment: Experiment) -> Result<f64, RunError> {
     let name = TaskGroup::GOAL_REACH.name();
     experiment.schedule.groups.retain(|plan| plan.group == name);
     experiment.schedule.cycles = 1;
-    experiment.evaluation.visit_rounds = 0;
+    experiment.evaluation.visit_episodes_per_env = 0;
     let scratch = Scratch::new()?;
-    let mut run = Run::start(experiment, RunFolder::open(&scratch.0))?;
+    let mut run = Run::start(experiment, RunFolder::from_path(&scratch.0))?;
     run.advance()?;
     let (clock, before) = (Instant::now(), run.stats().decisions);
     run.advance()?;
@@ -302,7 +303,7 @@ struct Scratch(PathBuf);
 impl Scratch {
     fn new() -> Result<Self, RunError> {
         let path = std::env::temp_dir().join(format!("covers-doctor-{}", std::process::id()));
-        fs::create_dir_all(&path).map_err(|error| RunError::write(&path, error))?;
+        fs::create_dir_all(&path).map_err(|error| RunError::cannot_write(&path, error))?;
         Ok(Self(path))
     }
 }
@@ -351,7 +352,7 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_PATH"));
         assert_eq!(the_disk(file).health, Health::Bad, "a file is no folder");
         assert_eq!(the_disk(&to_come).part, "disk");
-        assert!(the_disk(&to_come).found.contains("covers-doctor-to-come"));
+        assert!(the_disk(&to_come).description.contains("covers-doctor-to-come"));
         // a file system without room
         let full = the_disk(Path::new("/proc/self"));
         assert_eq!(full.health, Health::Bad, "{full:?}");
@@ -361,11 +362,11 @@ mod tests {
     #[cfg(feature = "wgpu")]
     #[test]
     fn every_adapter_is_listed_and_software_is_only_fair() {
-        let (found, adapters) = (the_gpus(), rl::gpu::adapters());
+        let (found, adapters) = (the_gpus(), rl::gpu::available_adapters());
         let any = adapters.iter().any(|adapter| adapter.kind.is_hardware());
         assert_eq!(found.len(), adapters.len().max(1));
         for (finding, adapter) in found.iter().zip(adapters) {
-            assert_eq!((finding.part, &finding.found), ("gpu", &adapter.to_string()));
+            assert_eq!((finding.part, &finding.description), ("gpu", &adapter.to_string()));
             let good = finding.health == Health::Good;
             assert_eq!(good, any, "{adapter}: {finding:?}");
         }

@@ -7,7 +7,7 @@ use render::RenderError;
 use report::ReportError;
 use watch::WatchError;
 
-/// Error of a command.
+/// Error of a `covers` command.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CoversError {
@@ -29,13 +29,13 @@ pub enum CoversError {
     /// Failed jobs of a sweep.
     #[error(
         "these jobs failed: {}. The reason of each is printed above; the next sweep tries them \
-         again", failed.join(", ")
+         again", failed_jobs.join(", ")
     )]
-    Jobs {
-        /// Names of the jobs.
-        failed: Vec<String>,
+    SweepJobsFailed {
+        /// Names of the failed jobs.
+        failed_jobs: Vec<String>,
     },
-    /// Screen without a terminal.
+    /// Request for a full-screen view without a terminal.
     #[error(
         "`--tui` needs a terminal, but standard output is not one: leave the option out, or follow \
          the run with `covers watch`"

@@ -38,17 +38,17 @@ pub mod sweep;
 
 pub use error::CoversError;
 pub use experiments::{
-    CheckpointPlan, Evaluation, EvaluationPlan, Event, Experiment, LatestFrame, Progress,
-    Provenance, Run, RunData, RunError, RunFolder, RunStats, StopSignal, Stream, Summary,
+    CheckpointPlan, EvaluationPlan, EvaluationReport, Event, Experiment, LatestFrame, Provenance,
+    RolloutReport, Run, RunData, RunError, RunFolder, RunStats, StopSignal, Stream, Summary,
     evaluation, presets, schedule,
 };
 pub use learner::disk::{Disk, LocalDisk};
 pub use learner::overrides::{Override, apply as apply_overrides};
 pub use learner::{
-    Candidates, Collection, CollectionSettings, CommonSettings, Covers, CoversSettings,
-    DeviceChoice, Distance, Episodes, Evident, Extent, Grouping, GroupingDecision,
-    GroupingSettings, Handover, Iteration, Labels, Learned, Learner, LearnerError, LearnerSettings,
-    LearningDevice, Lesson, Metric, Metrics, Needs, NewPolicy, OffPolicy, OffPolicySettings,
-    Performance, Query, Recognised, Seconds, Single, Trial,
+    Candidates, CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Distance,
+    Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Handover, Iteration,
+    IterationSeconds, Labels, Learned, Learner, LearnerError, LearnerSettings, LearningDevice,
+    Lesson, Metric, Metrics, Needs, NewPolicyInit, OffPolicy, OffPolicySettings, PolicyCollection,
+    PolicyCollectionSettings, PolicyEvaluation, Query, Recognised, Single, Trial,
 };
 pub use {deploy, experiments, render, report, watch};

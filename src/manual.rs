@@ -8,7 +8,7 @@ use clap::{Args, Command};
 use clap_mangen::Man;
 
 use experiments::RunError;
-use experiments::cli::say;
+use experiments::cli::print_escaped;
 
 /// Options of `covers man`.
 #[derive(Clone, Debug, Args)]
@@ -29,7 +29,8 @@ impl ManualOptions {
     /// Prints the page of one of `program`'s commands in roff, or writes the pages of all.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for an unknown command; a folder or `out` that cannot be written to.
+    /// [`RunError::InvalidSetting`] for an unknown command; a folder or `out` that cannot be
+    /// written to.
     pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), RunError> {
         let mut program = program.disable_help_subcommand(true);
         // sets the display names of nested commands, which are the titles of their pages
@@ -37,12 +38,12 @@ impl ManualOptions {
         match &self.out {
             Some(folder) => {
                 let pages = write(&program, folder)?;
-                say(out, &format!("{pages} pages in {}", folder.display()))
+                print_escaped(out, &format!("{pages} pages in {}", folder.display()))
             }
             None => {
                 let page = render(self.chosen(&program)?);
                 let written = page.and_then(|page| out.write_all(&page));
-                written.map_err(|error| RunError::write(Path::new("standard output"), error))
+                written.map_err(|error| RunError::cannot_write(Path::new("standard output"), error))
             }
         }
     }
@@ -50,7 +51,7 @@ impl ManualOptions {
     fn chosen<'a>(&self, program: &'a Command) -> Result<&'a Command, RunError> {
         let mut words = self.command.iter();
         let chosen = words.try_fold(program, |command, word| command.find_subcommand(word));
-        chosen.ok_or_else(|| RunError::Setting {
+        chosen.ok_or_else(|| RunError::InvalidSetting {
             name: "command",
             value: self.command.join(" "),
             expected: "a command that `covers --help` lists",
@@ -60,10 +61,10 @@ impl ManualOptions {
 
 /// Writes the pages of a command and its subcommands, and returns their number.
 fn write(command: &Command, folder: &Path) -> Result<usize, RunError> {
-    fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
+    fs::create_dir_all(folder).map_err(|error| RunError::cannot_write(folder, error))?;
     let path = folder.join(format!("{}.1", title(command)));
     let written = render(command).and_then(|page| fs::write(&path, page));
-    written.map_err(|error| RunError::write(&path, error))?;
+    written.map_err(|error| RunError::cannot_write(&path, error))?;
     let below = command.get_subcommands().map(|own| write(own, folder));
     below.sum::<Result<usize, _>>().map(|below| 1 + below)
 }

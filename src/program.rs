@@ -14,7 +14,7 @@ use crate::manual::ManualOptions;
 use crate::preset_list::PresetsOptions;
 use deploy::{CalibrateOptions, DeployOptions};
 use experiments::memory;
-use experiments::printable::printable_lines;
+use experiments::printable::escape_unprintable_lines;
 use render::RenderOptions;
 use watch::WatchOptions;
 
@@ -115,8 +115,8 @@ impl Program {
 }
 
 /// Formats an error for standard error, with control characters of file names escaped.
-pub fn error_line(error: &CoversError) -> String {
-    format!("error: {}", printable_lines(&error.to_string()))
+pub fn format_error(error: &CoversError) -> String {
+    format!("error: {}", escape_unprintable_lines(&error.to_string()))
 }
 
 #[cfg(test)]
@@ -188,9 +188,12 @@ mod tests {
         }
         for words in commands(&Program::command(), &[]) {
             let words: Vec<&str> = words.iter().map(String::as_str).collect();
-            let page = printed(&[&["man"], &words[..]].concat()).unwrap();
+            let command_page = printed(&[&["man"], &words[..]].concat()).unwrap();
             let title = format!(".TH covers-{} 1", words.join("-"));
-            assert!(page.contains(&title) && page.contains("Example"), "{title}: {page}");
+            assert!(
+                command_page.contains(&title) && command_page.contains("Example"),
+                "{title}: {command_page}"
+            );
         }
         let unknown = printed(&["man", "fly"]).unwrap_err().to_string();
         assert!(unknown.contains("`command` is fly"), "{unknown}");

@@ -5,5 +5,5 @@ mod plan;
 mod worker;
 
 pub use arrays::ArrayJob;
-pub use plan::{Job, Plan};
-pub use worker::{SweepOutcome, work};
+pub use plan::{SweepJob, SweepPlan};
+pub use worker::{SweepOutcome, run_worker};

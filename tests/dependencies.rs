@@ -26,7 +26,7 @@ const LICENCES: [&str; 11] = [
 const EXCEPTIONS: [&str; 1] = ["LLVM-exception"];
 
 /// Crates that are compiled in several versions, how many, and who asks for the older ones.
-const SEVERAL_VERSIONS: [(&str, usize); 6] = [
+const SEVERAL_VERSIONS: [(&str, usize); 8] = [
     // 0.2 by nano-gemm, which is faer's; 0.6 by faer itself
     ("equator", 2),
     // as equator
@@ -39,6 +39,10 @@ const SEVERAL_VERSIONS: [(&str, usize); 6] = [
     ("signal-hook", 2),
     // 1 by interpol and 2 by equator-macro 0.2, both faer's; 3 by all others
     ("syn", 3),
+    // 1 by serde-xml-rs, which is urdf-rs'; 2 by all others
+    ("thiserror", 2),
+    // as thiserror
+    ("thiserror-impl", 2),
 ];
 
 /// The table of imports in ARCHITECTURE.md: a crate, what its code may import, and what its tests,
@@ -65,6 +69,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 19] = [
             "equivariant",
             "evidence",
             "inpainting",
+            "learner",
             "mujoco",
             "rl",
             "symmetry",

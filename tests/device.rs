@@ -10,7 +10,7 @@ fn on(method: Method, device: DeviceChoice) -> Result<Experiment, String> {
 }
 
 #[test]
-fn learners_with_replays_or_a_symmetry_loss_learn_on_the_processor() {
+fn learners_with_replays_or_a_symmetry_loss_learn_on_the_cpu() {
     for (method, reason) in
         [(Method::Clear, "a learner with replays"), (Method::CnnDrac, "a symmetry loss")]
     {
@@ -19,7 +19,7 @@ fn learners_with_replays_or_a_symmetry_loss_learn_on_the_processor() {
         assert!(message.contains(reason), "{message}");
         for choice in [DeviceChoice::Cpu, DeviceChoice::Auto] {
             let experiment = on(method, choice).unwrap();
-            assert_eq!(experiment.learner.gpu(), None);
+            assert_eq!(experiment.learner.gpu_name(), None);
         }
     }
 }
@@ -65,7 +65,7 @@ mod gpu {
     }
 
     #[test]
-    fn a_run_learns_the_same_on_a_gpu_and_goes_on_on_the_processor() {
+    fn a_run_learns_the_same_on_a_gpu_and_goes_on_on_the_cpu() {
         let scratch = Scratch::new("device");
         let [here, there] = [DeviceChoice::Cpu, DeviceChoice::Gpu].map(|device| {
             let folder = RunFolder::create(&scratch.0, "run").unwrap();
@@ -74,9 +74,9 @@ mod gpu {
         let mut losses = 0;
         for ((name, expected), (_, got)) in here.0.iter().zip(&there.0) {
             let numbers = [expected, got].map(|text| text.parse::<f64>());
-            if let [Ok(expected), Ok(got)] = numbers {
-                let allowed = 1e-3 * expected.abs().max(0.1);
-                assert!((expected - got).abs() <= allowed, "{name}: {expected} {got}");
+            if let [Ok(wanted), Ok(found)] = numbers {
+                let allowed = 1e-3 * wanted.abs().max(0.1);
+                assert!((wanted - found).abs() <= allowed, "{name}: {wanted} {found}");
                 losses += usize::from(name.contains("loss"));
             }
         }
@@ -88,9 +88,9 @@ mod gpu {
         run.advance().unwrap();
         run.save().unwrap();
         drop(run);
-        let (again, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
-        let mut run = Run::resume_with(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
-        run.advance().unwrap();
+        let (again, tasks) = (RunFolder::from_path(folder), TaskRegistry::standard());
+        let mut resumed = Run::resume_with_tasks(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
+        resumed.advance().unwrap();
         let gpus = Provenance::read(folder).unwrap().into_iter().map(|line| line.gpu);
         let gpus: Vec<bool> = gpus.map(|gpu| gpu.is_some()).collect();
         assert_eq!(gpus, [true, false, true]);

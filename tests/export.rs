@@ -8,7 +8,7 @@ use covers::export::ExportOptions;
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
 use envs::{Camera, Control, Embodiment, ExtraView};
-use rl::{Critic, Encoder, NetworkSettings};
+use rl::{CriticSettings, EncoderSettings, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
 
@@ -24,11 +24,11 @@ struct Options {
 
 fn export(run: &Path, policy: &str, out: &Path) -> Result<String, CoversError> {
     let (run, to) = (run.display().to_string(), out.display().to_string());
-    let mut out = Vec::new();
+    let mut printed = Vec::new();
     let arguments = ["export", &run, "--policy", policy, "--out", &to];
     let options = Options::try_parse_from(arguments).unwrap().export;
-    options.run(&mut out)?;
-    Ok(String::from_utf8(out).unwrap())
+    options.run(&mut printed)?;
+    Ok(String::from_utf8(printed).unwrap())
 }
 
 /// The arrays of a safetensors file.
@@ -64,12 +64,12 @@ fn difference(folder: &Path) -> f64 {
     assert_eq!(names, expected);
     let mut largest: f64 = 0.0;
     for (name, tensor) in &outputs {
-        let golden = named(name).unwrap();
-        assert_eq!(tensor.shape, golden.shape, "{name}");
-        assert!(golden.values.iter().any(|&value| value != 0.0), "{name}");
-        for (got, expected) in tensor.values.iter().zip(&golden.values) {
-            assert!(got.is_finite() && expected.is_finite(), "{name}");
-            largest = largest.max((got - expected).abs() / expected.abs().max(1.0));
+        let kept = named(name).unwrap();
+        assert_eq!(tensor.shape, kept.shape, "{name}");
+        assert!(kept.values.iter().any(|&value| value != 0.0), "{name}");
+        for (got, wanted) in tensor.values.iter().zip(&kept.values) {
+            assert!(got.is_finite() && wanted.is_finite(), "{name}");
+            largest = largest.max((got - wanted).abs() / wanted.abs().max(1.0));
         }
     }
     largest
@@ -100,10 +100,10 @@ fn network(experiment: &mut Experiment) -> &mut NetworkSettings {
 fn policies() -> Vec<Experiment> {
     let groups = Group::ALL.into_iter().map(|group| narrow(Method::Covers, group));
     let mut pooled = narrow(Method::Covers, Group::D2);
-    network(&mut pooled).encoder = Encoder::Pooled { fields: vec![1], inner: [2, 1] };
-    network(&mut pooled).critic = Critic::Pooled { width: 5 };
+    network(&mut pooled).encoder = EncoderSettings::Pooled { fields: vec![1], inner: [2, 1] };
+    network(&mut pooled).critic = CriticSettings::Pooled { width: 5 };
     let mut blind = narrow(Method::Covers, Group::C2);
-    network(&mut blind).encoder = Encoder::Blind;
+    network(&mut blind).encoder = EncoderSettings::Blind;
     let others = [pooled, blind, narrow(Method::EquiSac, Group::D2)];
     groups.chain(others).collect()
 }
@@ -156,7 +156,7 @@ fn a_description_says_what_the_pictures_show() {
         (ExtraView::FirstAndCloseUp, 9, "of the episode's first; red, green, blue of the close-up"),
     ] {
         let mut experiment = narrow(Method::Covers, Group::D2);
-        (experiment.envs.camera.oversampling, experiment.envs.camera.beside) = (2, beside);
+        (experiment.envs.camera.oversampling, experiment.envs.camera.extra_views) = (2, beside);
         let scratch = Scratch::new("export-pictures");
         let folder = scratch.0.join("new");
         export(&scratch.pack(&experiment), "0", &folder).unwrap();
@@ -204,7 +204,7 @@ fn what_cannot_be_exported_is_refused_with_the_reason() {
     let covers = narrow(Method::Covers, Group::D2);
     assert!(refusal(&covers, "1").contains("`policy` is 1"));
     let mut keypoints = covers.clone();
-    let encoder = Encoder::Keypoints { fields: vec![1], maps: 2 };
+    let encoder = EncoderSettings::Keypoints { fields: vec![1], maps: 2 };
     network(&mut keypoints).encoder = encoder;
     assert!(refusal(&keypoints, "0").contains("keypoints has no form in ordinary layers"));
     let recurrent = narrow(Method::ThreeRl, Group::C1);
@@ -212,6 +212,6 @@ fn what_cannot_be_exported_is_refused_with_the_reason() {
     let scratch = Scratch::new("export-refused");
     let error = export(&scratch.pack(&covers), "0", &scratch.0).unwrap_err();
     assert!(error.to_string().contains("exists already"));
-    let error = export(&scratch.0, "0", &scratch.0.join("new")).unwrap_err();
-    assert!(error.to_string().contains("holds no run"));
+    let no_run = export(&scratch.0, "0", &scratch.0.join("new")).unwrap_err();
+    assert!(no_run.to_string().contains("holds no run"));
 }

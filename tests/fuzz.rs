@@ -60,9 +60,10 @@ fn run(target: &Target) {
     for input in inputs.iter().cloned().chain(mutations) {
         let read = std::panic::catch_unwind(|| target.run(&input));
         let read = read.unwrap_or_else(|_| panic!("{}: {}", target.name, input.escape_ascii()));
-        match read.is_some_and(|reading| reading.accepted) {
-            true => accepted += 1,
-            false => refused += 1,
+        if read.is_some_and(|reading| reading.accepted) {
+            accepted += 1;
+        } else {
+            refused += 1;
         }
     }
     let counts = format!("{}: {accepted} accepted, {refused} refused", target.name);

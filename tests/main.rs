@@ -22,6 +22,7 @@ mod pretrained;
 mod render;
 mod report;
 mod runs;
+mod settings;
 mod table1;
 #[cfg(feature = "tui")]
 mod terminal;

@@ -2,7 +2,7 @@
 
 use covers::presets::{Budget, Method};
 use covers::{Experiment, LearnerError, LearnerSettings, Override, apply_overrides as apply};
-use learner::overrides::{differences, typed};
+use learner::overrides::{differences, from_json_value};
 
 fn smoke() -> Experiment {
     Budget::Smoke.experiment(Method::Covers)
@@ -50,7 +50,7 @@ fn unknown_fields_name_the_nearest_known_one() {
     }
     let text = serde_json::to_string(&smoke()).unwrap();
     let wrong = serde_json::from_str(&text.replace("\"gamma\"", "\"gama\"")).unwrap();
-    let message = typed::<Experiment>(wrong).unwrap_err().to_string();
+    let message = from_json_value::<Experiment>(wrong).unwrap_err().to_string();
     assert!(message.contains("learner.covers.ppo.gama"), "{message}");
     assert!(message.contains("did you mean `gamma`?"), "{message}");
 }
@@ -65,6 +65,6 @@ fn the_last_value_of_a_setting_counts() {
 fn values_of_other_types_are_refused_with_their_path() {
     let message = set(&["covers.ppo.gamma=much"]).unwrap_err().to_string();
     assert!(message.contains("learner.covers.ppo.gamma"), "{message}");
-    let message = set(&["covers.ppo.gamma"]).unwrap_err().to_string();
-    assert!(message.contains("PATH=VALUE"), "{message}");
+    let missing_value = set(&["covers.ppo.gamma"]).unwrap_err().to_string();
+    assert!(missing_value.contains("PATH=VALUE"), "{missing_value}");
 }

@@ -111,8 +111,8 @@ fn a_dangling_link_and_a_long_line_are_found() {
     let text = "[a](Cargo.toml#b) [c](no.md), [d](#e)\n```\n[f](no.rs)\n```\n![g](src/no.png) [h](https://i.k)";
     assert_eq!(dangling(root, text), ["no.md", "src/no.png"]);
     let long = "x".repeat(COLUMNS + 1);
-    let text = format!("short\n| {long} |\n```\n{long}\n```\n[a](b) {long}\n{long}");
-    assert_eq!(too_long(&text), [long]);
+    let lines = format!("short\n| {long} |\n```\n{long}\n```\n[a](b) {long}\n{long}");
+    assert_eq!(too_long(&lines), [long]);
 }
 
 /// The pages that a summary of the book links to.

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use covers::check::{ParityRow, parity};
+use covers::check::{ParityRow, compare_recordings};
 use envs::{Camera, Embodiment, Layout, Scene, TaskGroup};
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
@@ -15,18 +15,18 @@ const REACH: &str = "mj222_reach_expert.npz";
 
 #[test]
 fn rewards_steps_and_replays_are_meta_worlds() {
-    let rows = parity(Path::new(RECORDINGS)).unwrap();
+    let rows = compare_recordings(Path::new(RECORDINGS)).unwrap();
     assert_eq!(rows.len(), 8);
     for row in rows {
         assert!(row.passes(), "{row:?}");
         assert_eq!(row.reward_steps, 200);
         assert_eq!(row.success_mismatches, 0, "{row:?}");
-        assert!(row.reward_deviation <= 1e-9, "{row:?}");
+        assert!(row.max_reward_deviation <= 1e-9, "{row:?}");
         assert!(row.physics_steps >= 100, "{row:?}");
-        assert!(row.physics_median <= 1e-15, "{row:?}");
-        assert!(row.physics_p99 <= 5e-12, "{row:?}");
+        assert!(row.median_qpos_deviation <= 1e-15, "{row:?}");
+        assert!(row.p99_qpos_deviation <= 5e-12, "{row:?}");
         assert!(row.replay_steps >= 90, "{row:?}");
-        assert!(row.replay_deviation <= 1e-10, "{row:?}");
+        assert!(row.max_replay_deviation_m <= 1e-10, "{row:?}");
     }
 }
 
@@ -38,13 +38,13 @@ fn episodes_start_where_meta_worlds_do() {
     let further_back = [2.163679, -0.562765, -1.225574, 2.173459, 1.237292, 1.003001, 1.918364];
     for group in TaskGroup::STANDARD {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
-        let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
+        let scene = Scene::new_in_layout(layout, group, arm, Camera::default()).unwrap();
         let joints = match group.name() {
             "button-press" => further_back,
             _ => over_the_centre,
         };
         // a state begins with the time
-        let qpos = &scene.settled().values()[1..];
+        let qpos = &scene.start_state().values()[1..];
         for (got, expected) in qpos.iter().zip(joints) {
             assert!((got - expected).abs() < 1e-6, "{group}: {got}, {expected}");
         }
@@ -87,7 +87,7 @@ fn start(bytes: &[u8]) -> usize {
 }
 
 fn only_row(folder: &Path) -> ParityRow {
-    let mut rows = parity(folder).unwrap();
+    let mut rows = compare_recordings(folder).unwrap();
     assert_eq!(rows.len(), 1);
     rows.remove(0)
 }
@@ -106,7 +106,7 @@ fn a_reward_that_differs_is_noticed() {
             add(bytes, 17, 1e-6);
         }
     }));
-    assert!((row.reward_deviation - 1e-6).abs() < 1e-9, "{row:?}");
+    assert!((row.max_reward_deviation - 1e-6).abs() < 1e-9, "{row:?}");
     assert_eq!(row.success_mismatches, 0);
 }
 
@@ -128,13 +128,13 @@ fn another_motion_is_noticed() {
             add(bytes, 3 * 3 + 2, 5e-3);
         }
     }));
-    assert!(row.physics_max > 1e-5, "{row:?}");
-    assert!(row.replay_deviation > 1e-5, "{row:?}");
-    assert!(row.reward_deviation <= 1e-9, "{row:?}");
+    assert!(row.max_qpos_deviation > 1e-5, "{row:?}");
+    assert!(row.max_replay_deviation_m > 1e-5, "{row:?}");
+    assert!(row.max_reward_deviation <= 1e-9, "{row:?}");
 }
 
 fn message(folder: &Path) -> String {
-    parity(folder).unwrap_err().to_string()
+    compare_recordings(folder).unwrap_err().to_string()
 }
 
 #[test]
@@ -171,8 +171,8 @@ fn damaged_recordings_are_refused_by_name() {
                 damage(bytes);
             }
         });
-        let text = message(&folder);
-        assert!(text.contains(expected) && text.contains(REACH), "{text}");
+        let refusal = message(&folder);
+        assert!(refusal.contains(expected) && refusal.contains(REACH), "{refusal}");
     }
 }
 
@@ -199,7 +199,7 @@ fn what_is_no_recording_is_refused_by_name() {
     let text = message(&to);
     assert!(text.contains(REACH) && text.contains("not an npz archive"), "{text}");
     fs::rename(to.join(REACH), to.join("mj222_basketball_expert.npz")).unwrap();
-    let text = message(&to);
-    assert!(text.contains("basketball") && text.contains("plate-slide"), "{text}");
+    let swapped = message(&to);
+    assert!(swapped.contains("basketball") && swapped.contains("plate-slide"), "{swapped}");
     assert!(message(&to.join("nowhere")).contains("cannot read"));
 }

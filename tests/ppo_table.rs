@@ -105,11 +105,8 @@ fn every_setting_of_the_update_is_in_a_table() {
 
 #[test]
 fn every_logged_column_is_written_and_every_metric_is_in_the_table() {
-    let update = rl::UpdateStats {
-        log_std: vec![0.0],
-        symmetry_loss: Some(0.0),
-        ..rl::UpdateStats::default()
-    };
+    let update =
+        rl::PpoStats { log_std: vec![0.0], symmetry_loss: Some(0.0), ..rl::PpoStats::default() };
     let metrics: Vec<String> = update.metrics().into_iter().map(|(name, _)| name).collect();
     let writer = include_str!("../experiments/src/logs.rs");
     let columns = rows().into_iter().filter(|cells| cells.len() == 4);

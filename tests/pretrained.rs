@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use covers::evaluation::{Evaluator, Findings, OwnPolicies};
+use covers::evaluation::{EvaluationResults, Evaluator, OwnPolicies};
 use covers::{Labels, RunFolder, Stream};
 use envs::{ExtraView, TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
@@ -11,30 +11,30 @@ use symmetry::D2;
 fn know_their_groups_and_solve_them(name: &str, beside: ExtraView) {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets");
     let folder = assets.join(name);
-    let folder = RunFolder::open(&folder);
-    let mut experiment = folder.experiment().unwrap().with_threads(2);
-    assert_eq!(experiment.envs.camera.beside, beside);
+    let folder = RunFolder::from_path(&folder);
+    let mut experiment = folder.read_experiment().unwrap().with_threads(2);
+    assert_eq!(experiment.envs.camera.extra_views, beside);
     for plan in &mut experiment.schedule.groups {
         plan.variants = vec![D2::Identity];
     }
-    let spec = Stream::spec_of(&experiment.envs);
+    let spec = Stream::env_spec(&experiment.envs);
     let labels = Labels::default();
-    let learner = &experiment.learner;
-    let loaded = folder.load_with_policies(learner, &spec, &labels);
+    let settings = &experiment.learner;
+    let loaded = folder.load_with_own_policies(settings, &spec, &labels);
     let (mut learner, own) = loaded.unwrap();
     assert_eq!(own, OwnPolicies::default(), "a pack has no books");
-    assert_eq!(learner.policies(), 4);
+    assert_eq!(learner.policy_count(), 4);
     let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, 5, labels).unwrap();
-    let mut findings = Findings::default();
+    let mut findings = EvaluationResults::default();
     for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };
-        evaluator.variant(&mut *learner, variant, &own, 1, &mut findings).unwrap();
+        evaluator.score_variant(&mut *learner, variant, &own, 1, &mut findings).unwrap();
     }
     let mut chosen = Vec::new();
     for score in findings.scores {
         assert!(score.success >= 0.9, "{score:?}");
-        assert_eq!(score.seen, score.element == D2::Identity);
+        assert_eq!(score.seen_in_training, score.element == D2::Identity);
         chosen.push(score.policy);
     }
     chosen.sort_unstable();

@@ -21,10 +21,10 @@ struct Options {
 fn render(run: &Path, out: &Path, more: &[&str]) -> Result<String, CoversError> {
     let (run, to) = (run.display().to_string(), out.display().to_string());
     let arguments = [&["render", &run, "--out", &to], more].concat();
-    let mut out = Vec::new();
+    let mut printed = Vec::new();
     let options = Options::try_parse_from(arguments).unwrap().render;
-    options.run(&mut out)?;
-    Ok(String::from_utf8(out).unwrap())
+    options.run(&mut printed)?;
+    Ok(String::from_utf8(printed).unwrap())
 }
 
 /// The sides of a GIF, the number of its pictures, and its first one as `[height, width, 4]`.
@@ -89,7 +89,7 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
     fs::write(&there, "a film").unwrap();
     let film = scratch.0.join("film.gif");
     let below_a_file = there.join("film.gif");
-    for (run, out, more, expected) in [
+    for (source, out, more, expected) in [
         (&run, &film, &["--group", "button-pres"][..], "button-press"),
         (&run, &film, &["--group", "drawer-close"], "a group of the run's schedule"),
         (&scratch.0, &film, &[], "holds no run"),
@@ -98,7 +98,7 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
         (&run, &scratch.0.join("film.png"), &[], ".gif or .mp4"),
         (&run, &scratch.0.join("film"), &[], ".gif or .mp4"),
     ] {
-        let message = render(run, out, more).unwrap_err().to_string();
+        let message = render(source, out, more).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
     assert_eq!(fs::read(&there).unwrap(), b"a film");

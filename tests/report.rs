@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::Parser;
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
-use covers::program::error_line;
+use covers::program::format_error;
 use covers::watch::WatchOptions;
 use covers::{CoversError, Experiment, Run, RunFolder, Summary};
 use envs::Embodiment;
@@ -61,7 +61,7 @@ struct Options {
 fn small(method: Method, seed: u64) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_seed(seed);
     experiment.schedule.groups.truncate(2);
-    experiment.evaluation.visit_rounds = 1;
+    experiment.evaluation.visit_episodes_per_env = 1;
     experiment.with_threads(2)
 }
 
@@ -272,12 +272,12 @@ fn names_do_not_steer_the_terminal() {
         fs::read_to_string(file).unwrap()
     });
     let mut watched = Vec::new();
-    WatchOptions { run, json: false }.print(&mut watched).unwrap();
+    WatchOptions { run_folder: run, json: false }.print_events(&mut watched).unwrap();
     let watched = String::from_utf8(watched).unwrap();
     assert!(watched.contains("goal\\u001b[2J"), "{watched}");
-    let refused = error_line(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
-    for text in files.chain([text, watched, refused]) {
-        assert_eq!(steering(&text), None, "{text}");
+    let refused = format_error(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
+    for shown in files.chain([text, watched, refused]) {
+        assert_eq!(steering(&shown), None, "{shown}");
     }
 }
 
@@ -352,7 +352,7 @@ fn with_cell(table: &str, column: &str, cell: &str) -> String {
 fn films_are_inside_of_the_page_where_they_are_asked_for() {
     let scratch = Scratch::new("films");
     let mut scored_once = small(Method::Equi, 0);
-    scored_once.evaluation.visit_rounds = 0;
+    scored_once.evaluation.visit_episodes_per_env = 0;
     scratch.run("equi-seed0", scored_once);
     let folder = scratch.0.join("report");
     let html = |more: &[&str]| {
@@ -373,13 +373,13 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     assert_eq!(page.matches("<details").count(), 1);
     assert_eq!(page.matches("<details open>").count(), 1);
     assert!(!page.contains("<h2>Each seed</h2>"), "there is no curve");
-    let (text, page) = html(&["--films"]);
-    assert_eq!((gifs(&page), page.matches("src=").count()), (2, 2));
-    assert!(text.contains("\nequi-seed0: 2 films, "), "{text}");
+    let (with_films, film_page) = html(&["--films"]);
+    assert_eq!((gifs(&film_page), film_page.matches("src=").count()), (2, 2));
+    assert!(with_films.contains("\nequi-seed0: 2 films, "), "{with_films}");
     fs::remove_dir_all(scratch.0.join("equi-seed0/checkpoints")).unwrap();
-    let (text, page) = html(&["--films"]);
-    assert!(text.contains("\nequi-seed0: no films"), "{text}");
-    assert_eq!(gifs(&page), 0);
+    let (without, bare_page) = html(&["--films"]);
+    assert!(without.contains("\nequi-seed0: no films"), "{without}");
+    assert_eq!(gifs(&bare_page), 0);
 }
 
 #[test]
@@ -395,8 +395,8 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let remark = "the settings are those of the preset `equi`, not of `covers`";
     assert!(text.contains(remark), "{text}");
     let rows = Rows::of(&text);
-    // results, figures over seeds, visits, efficiency, variants, and the run itself; with one policy
-    // for everything there is no recognition
+    // results, figures over seeds, visits, efficiency, variants, and the run itself; with one
+    // policy for everything there is no recognition
     let tables = [
         (vec!["covers (1)"], 6),
         (vec!["covers (1)"], 14),
@@ -411,13 +411,13 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let mut own = small(Method::Equi, 0);
     own.envs.camera.size = 32;
     scratch.run("equi-seed0", own);
-    let text = scratch.report(&["equi-seed0"], &[]).unwrap();
-    assert!(paper(&text).is_empty(), "{text}");
-    assert!(text.contains("`envs.camera.size` 48 and 32"), "{text}");
+    let own_text = scratch.report(&["equi-seed0"], &[]).unwrap();
+    assert!(paper(&own_text).is_empty(), "{own_text}");
+    assert!(own_text.contains("`envs.camera.size` 48 and 32"), "{own_text}");
     let both = ["covers-seed0", "equi-seed0"];
-    let text = scratch.report(&both, &[]).unwrap();
-    assert!(text.contains("covers (2) against the other methods"), "{text}");
-    Rows::of(&text).find(&["equi (3)"], 5);
+    let both_text = scratch.report(&both, &[]).unwrap();
+    assert!(both_text.contains("covers (2) against the other methods"), "{both_text}");
+    Rows::of(&both_text).find(&["equi (3)"], 5);
 }
 
 #[test]
@@ -430,12 +430,12 @@ fn runs_that_do_not_compare_are_refused() {
     scratch.run("cnn-seed0", other);
     let refusal = scratch.refusal(&["equi-seed0", "equi-seed1"]);
     assert!(refusal.contains("learner.covers.network.group"), "{refusal}");
-    let refusal = scratch.refusal(&["equi-seed0", "cnn-seed0"]);
-    assert!(refusal.contains("schedule.cycles"), "{refusal}");
+    let other_schedule = scratch.refusal(&["equi-seed0", "cnn-seed0"]);
+    assert!(other_schedule.contains("schedule.cycles"), "{other_schedule}");
     fs::create_dir(scratch.0.join("copy")).unwrap();
     let copied = Path::new("copy").join("equi-seed0");
     fs::rename(scratch.0.join("equi-seed1"), scratch.0.join("moved")).unwrap();
     scratch.run("copy/equi-seed0", alone(Method::Equi, 0));
-    let refusal = scratch.refusal(&["equi-seed0", copied.to_str().unwrap()]);
-    assert!(refusal.contains("two runs have seed 0"), "{refusal}");
+    let same_seed = scratch.refusal(&["equi-seed0", copied.to_str().unwrap()]);
+    assert!(same_seed.contains("two runs have seed 0"), "{same_seed}");
 }

@@ -13,8 +13,8 @@ use covers::{
 };
 use envs::tasks::DrawerClose;
 use envs::{
-    Camera, Embodiment, EpisodeStart, ExpertCommand, Layout, Measurement, Parts, Placement,
-    StepReward, Task, TaskGroup, TaskRegistry, VecEnvSettings,
+    Camera, Embodiment, EpisodeStart, ExpertCommand, Layout, Measurement, Placement, StepReward,
+    Task, TaskGroup, TaskParts, TaskRegistry, VecEnvSettings,
 };
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
@@ -61,7 +61,7 @@ fn experiment(seed: u64, threads: usize) -> Experiment {
     experiment.schedule.groups.truncate(3);
     let groups = &mut experiment.schedule.groups;
     groups.iter_mut().for_each(|plan| plan.decisions = 4 * 80);
-    experiment.evaluation.visit_rounds = 1;
+    experiment.evaluation.visit_episodes_per_env = 1;
     experiment.evaluation.every = Some(3);
     experiment
 }
@@ -133,18 +133,18 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let folder = crash_after(7, start(&scratch.0, experiment));
     let resumed = Run::resume(&folder, Some(1)).unwrap();
     assert_eq!(resumed.stats().rollouts, 6);
-    assert_eq!(resumed.stats().opened_for.len(), 2);
+    assert_eq!(resumed.stats().created_for_group.len(), 2);
     let (again, bytes) = finish(resumed);
     let files = FILES.iter().chain(&["the last checkpoint"]);
     for (file, (got, expected)) in files.zip(bytes.iter().zip(&reference)) {
         assert!(got == expected, "{file} differs");
     }
-    let timeless = |summary: &Summary| {
-        let mut summary = summary.clone();
-        summary.seconds = 0.0;
-        summary.decisions_per_second = None;
-        summary.tables.remove("timings.csv").unwrap();
-        summary
+    let timeless = |timed: &Summary| {
+        let mut timed = timed.clone();
+        timed.seconds = 0.0;
+        timed.decisions_per_second = None;
+        timed.table_checksums.remove("timings.csv").unwrap();
+        timed
     };
     assert_eq!(timeless(&again), timeless(&summary));
     // what has ended stays as it is
@@ -178,7 +178,7 @@ fn every_other_method_runs_its_smoke_budget() {
             continue;
         }
         let (summary, _) = finish(start(&scratch.0, small(method)));
-        let many = small(method).learner.tells_groups_apart();
+        let many = small(method).learner.may_hold_several_policies();
         assert_eq!(summary.policies > 1, many, "{method:?}");
         if method == Method::CoversGt {
             assert_eq!((summary.policies, summary.assignment_accuracy), (2, Some(1.0)));
@@ -196,7 +196,7 @@ fn replays_mirrored_decisions_and_randomised_pictures_go_on_to_the_same_bytes_on
     let others = [Method::CnnDrac, Method::CoversRandomised];
     for method in [&off_policy[..], &others].concat() {
         let (summary, reference) = finish(start(&scratch.0, small(method)));
-        let many = small(method).learner.tells_groups_apart();
+        let many = small(method).learner.may_hold_several_policies();
         assert_eq!(summary.policies > 1, many, "{method:?}");
         let folder = crash_after(2, start(&scratch.0, small(method)));
         let resumed = Run::resume(&folder, Some(1)).unwrap();
@@ -225,7 +225,7 @@ fn an_interrupted_run_with_labels_goes_on_to_the_same_bytes() {
     let folder = crash_after(4, start(&scratch.0, experiment));
     let resumed = Run::resume(&folder, Some(1)).unwrap();
     assert_eq!(resumed.stats().rollouts, 4);
-    assert_eq!(resumed.stats().opened_for.len(), 2);
+    assert_eq!(resumed.stats().created_for_group.len(), 2);
     assert!(!resumed.is_finished());
     let (_, bytes) = finish(resumed);
     assert!(bytes == reference);
@@ -239,12 +239,12 @@ impl Task for Alias {
         "alias"
     }
 
-    fn parts(&self) -> Parts<'_> {
+    fn parts(&self) -> TaskParts<'_> {
         DrawerClose.parts()
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-        DrawerClose.place(rng)
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+        DrawerClose.draw_placement(rng)
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
@@ -260,19 +260,19 @@ impl Task for Alias {
 fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
     let scratch = Scratch::new("alias");
     let mut tasks = TaskRegistry::standard();
-    tasks.register(TaskGroup::of(&Alias)).unwrap();
+    tasks.register(TaskGroup::from_task(&Alias)).unwrap();
     let mut experiment = small(Method::Covers);
     experiment.schedule.groups[1].group = "alias".to_owned();
     experiment.checkpoints.every = 1;
     let folder = || RunFolder::create(&scratch.0, "run").unwrap();
-    let start = |folder| Run::start_with(experiment.clone(), tasks.clone(), folder);
+    let start = |place| Run::start_with_tasks(experiment.clone(), tasks.clone(), place);
     let message = Run::start(experiment.clone(), folder()).err().unwrap();
     assert!(message.to_string().contains("alias"), "{message}");
     let (_, reference) = finish(start(folder()).unwrap());
     let path = crash_after(1, start(folder()).unwrap());
     assert!(Run::resume(&path, None).is_err());
-    let folder = RunFolder::open(&path);
-    let run = Run::resume_with(folder, Some(1), DeviceChoice::Cpu, tasks.clone()).unwrap();
+    let crashed = RunFolder::from_path(&path);
+    let run = Run::resume_with_tasks(crashed, Some(1), DeviceChoice::Cpu, tasks.clone()).unwrap();
     let (summary, bytes) = finish(run);
     assert!(bytes == reference);
     assert!(summary.groups.iter().any(|group| group.group.name() == "alias"));
@@ -282,8 +282,8 @@ fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
 fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
     let scratch = Scratch::new("edited");
     let hand = experiment(0, 2).with_embodiment(Embodiment::HAND);
-    let folder = RunFolder::open(&crash_after(4, start(&scratch.0, hand)));
-    let settings = folder.experiment().unwrap();
+    let folder = RunFolder::from_path(&crash_after(4, start(&scratch.0, hand)));
+    let settings = folder.read_experiment().unwrap();
     let mut longer = settings.clone();
     longer.schedule.groups[0].decisions += 80;
     let cases = [
@@ -332,7 +332,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let (folder, packed) = (folder.to_str().unwrap(), packed.to_str().unwrap());
     let said = command(&["pack", folder, packed, "--episodes", "100"]);
     assert!(said.contains("policies in"), "{said}");
-    let size = |folder: &str| fs::metadata(newest(Path::new(folder))).unwrap().len();
+    let size = |at: &str| fs::metadata(newest(Path::new(at))).unwrap().len();
     assert!(size(packed) < size(folder));
     let scores = command(&["eval", folder, "--episodes", "16", "--json"]);
     assert!(scores.contains(r#""group":"drawer-close""#), "{scores}");
@@ -351,15 +351,15 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "7"];
     let message = self::command(&too_few).unwrap_err().to_string();
     assert!(message.contains("`episodes` is 7"), "{message}");
-    let table = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
-    assert_eq!(table.lines().count(), 2 + 3, "{table}");
+    let sawyer = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
+    assert_eq!(sawyer.lines().count(), 2 + 3, "{sawyer}");
 }
 
 #[test]
 fn a_packed_folder_is_not_resumed_and_says_what_is() {
     let scratch = Scratch::new("packed");
     let folder = RunFolder::create(&scratch.0, "run").unwrap();
-    fs::create_dir(folder.checkpoints()).unwrap();
+    fs::create_dir(folder.checkpoint_folder()).unwrap();
     for file in ["experiment.json", "checkpoints/000000.safetensors"] {
         fs::copy(pretrained().join(file), folder.path().join(file)).unwrap();
     }
@@ -373,12 +373,12 @@ fn a_packed_folder_is_not_resumed_and_says_what_is() {
 fn packing_starts_no_environments() {
     let scratch = Scratch::new("unstarted");
     // no stream can start in this layout, which has one variant of each group
-    let mut experiment = RunFolder::open(&pretrained()).experiment().unwrap();
+    let mut experiment = RunFolder::from_path(&pretrained()).read_experiment().unwrap();
     experiment.envs.layout = Layout::MetaWorld;
     let folder = RunFolder::create(&scratch.0, "run").unwrap();
     folder.write_experiment(&experiment).unwrap();
-    fs::create_dir(folder.checkpoints()).unwrap();
-    let copy = folder.checkpoints().join("000000.safetensors");
+    fs::create_dir(folder.checkpoint_folder()).unwrap();
+    let copy = folder.checkpoint_folder().join("000000.safetensors");
     fs::copy(newest(&pretrained()), copy).unwrap();
     let (folder, packed) = (folder.path().to_str().unwrap(), scratch.0.join("packed"));
     let message = command(&["eval", folder]).unwrap_err().to_string();
@@ -433,7 +433,8 @@ fn options_are_checked_and_named() {
 fn changes_reach_the_experiment() {
     let line = "continual_stream --embodiment hand --group C1 --set covers.ppo.gamma=0.97";
     let options = StreamOptions::parse_from(line.split(' '));
-    let experiment = options.run.changes.apply(options.budget.experiment(Method::Covers)).unwrap();
+    let experiment =
+        options.run_options.settings.apply(options.budget.experiment(Method::Covers)).unwrap();
     assert_eq!(experiment.envs.embodiment, Embodiment::HAND);
     let LearnerSettings::Covers(settings) = experiment.learner else {
         panic!("{:?}", experiment.learner);
@@ -447,7 +448,7 @@ fn spec(size: usize) -> EnvSpec {
         camera: Camera { size, ..Camera::default() },
         ..VecEnvSettings::default()
     };
-    Stream::spec_of(&settings)
+    Stream::env_spec(&settings)
 }
 
 /// How a learner on pictures of this size is refused.

@@ -90,7 +90,7 @@ fn studies_are_those_of_the_kept_runs() {
         let files = files(&kept.join(&study));
         assert!(files.len() > 4, "{study}");
         for name in files {
-            let text = |folder: &Path| fs::read_to_string(folder.join(&name)).unwrap();
+            let text = |source: &Path| fs::read_to_string(source.join(&name)).unwrap();
             let same = text(&made.0) == text(&kept.join(&study));
             assert!(same, "`make efficiency` makes another {name} of {study}");
         }
@@ -142,9 +142,10 @@ fn other_groups_policies_played_for_ordinary_networks() {
         assert_eq!(counted, format!("{mismatches} |"), "{method}");
         let (success, rest) = average.split_once(" [").unwrap();
         let reward = rest.split_once("] ").unwrap().1;
-        match mismatches.starts_with("0 ") {
-            true => assert_eq!(own, format!("{success} {reward}"), "{method}"),
-            false => assert_eq!(own, "- (2)", "{method}"),
+        if mismatches.starts_with("0 ") {
+            assert_eq!(own, format!("{success} {reward}"), "{method}");
+        } else {
+            assert_eq!(own, "- (2)", "{method}");
         }
     }
 }

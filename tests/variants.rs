@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use covers::experiments::sheet::{contact_sheet, variant_pictures};
-use envs::{ACTION_IRREPS, ExtraView, RGB, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
+use envs::{ACTION_IRREPS, ExtraView, RGB_CHANNELS, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
 use rl::{Actor, ActorCriticPolicy, EnvSpec, NetworkSettings, Observations};
 use symmetry::D2;
 
@@ -16,7 +16,7 @@ fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
     assert_eq!(different.len(), 16);
     for variants in &groups {
         for (element, picture) in D2::ALL.into_iter().zip(variants) {
-            let mirrored = element.transform_image(&variants[0], size, size, RGB);
+            let mirrored = element.transform_image(&variants[0], size, size, RGB_CHANNELS);
             assert!(*picture == mirrored, "{element} is not a mirror image");
         }
     }
@@ -29,16 +29,16 @@ fn the_contact_sheet_shows_every_picture_in_its_place() {
     let settings = VecEnvSettings::default();
     let (size, enlarge, gap) = (settings.camera.size, 4, 6);
     let sheet = contact_sheet(&settings, &TaskGroup::STANDARD).unwrap();
-    assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB);
+    assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB_CHANNELS);
     let cell = size * enlarge + gap;
     for (row, variants) in
         variant_pictures(&settings, &TaskGroup::STANDARD).unwrap().iter().enumerate()
     {
         for (column, picture) in variants.iter().enumerate() {
-            for (i, pixel) in picture.chunks(RGB).enumerate() {
+            for (i, pixel) in picture.chunks(RGB_CHANNELS).enumerate() {
                 let y = gap + row * cell + (i / size) * enlarge + 1;
                 let x = gap + column * cell + (i % size) * enlarge + 1;
-                let shown = &sheet.rgb[(y * sheet.width + x) * RGB..][..RGB];
+                let shown = &sheet.rgb[(y * sheet.width + x) * RGB_CHANNELS..][..RGB_CHANNELS];
                 assert_eq!(shown, pixel, "row {row}, column {column}, pixel {i}");
             }
         }
@@ -47,7 +47,7 @@ fn the_contact_sheet_shows_every_picture_in_its_place() {
 
 /// One observation of a variant: its picture twice, and `vector` mapped by `element`.
 fn observation(picture: &[u8], vector: &[f32], element: D2) -> Observations {
-    let images = picture.chunks_exact(RGB).flat_map(|pixel| [pixel, pixel].concat());
+    let images = picture.chunks_exact(RGB_CHANNELS).flat_map(|pixel| [pixel, pixel].concat());
     let signs = VECTOR_IRREPS.map(|irrep| f32::from(irrep.sign(element)));
     Observations {
         images: images.collect(),
@@ -75,9 +75,9 @@ fn deviation(map: impl Fn(D2) -> D2) -> f32 {
     let size = settings.camera.size;
     let spec = EnvSpec {
         num_envs: 1,
-        image: [size, size, ExtraView::First.channels()],
-        vector: VECTOR_IRREPS.to_vec(),
-        action: ACTION_IRREPS.to_vec(),
+        image_shape: [size, size, ExtraView::First.num_channels()],
+        vector_irreps: VECTOR_IRREPS.to_vec(),
+        action_irreps: ACTION_IRREPS.to_vec(),
     };
     // a large gain, so that actions are of order one and a relative error means something
     let network = NetworkSettings { action_gain: 1.0, ..NetworkSettings::default() };

@@ -28,7 +28,7 @@ fn watched(folder: &Path, json: bool) -> Result<String, CoversError> {
     let words = &words[..2 + usize::from(json)];
     let mut out = Vec::new();
     let options = Options::try_parse_from(words).unwrap();
-    options.watch.print(&mut out)?;
+    options.watch.print_events(&mut out)?;
     Ok(String::from_utf8(out).unwrap())
 }
 
@@ -42,7 +42,7 @@ fn lines_are_those_of_the_run_itself_and_end_with_it() {
     let mut experiment = Budget::Smoke.experiment(Method::Covers).with_threads(2);
     experiment = experiment.with_embodiment(Embodiment::HAND);
     experiment.schedule.groups.truncate(2);
-    experiment.evaluation.visit_rounds = 1;
+    experiment.evaluation.visit_episodes_per_env = 1;
     let folder = RunFolder::create(&scratch.0, "covers-seed0").unwrap();
     let path = folder.path().to_owned();
     let mut run = Run::start(experiment, folder).unwrap();
@@ -83,8 +83,8 @@ fn what_is_no_run_is_refused() {
     assert!(message.contains("nowhere holds no run"), "{message}");
     assert!(refusal(&scratch.0).contains("holds no run"));
     let packed = scratch.pack(&packed::small(Method::Equi));
-    let message = refusal(&packed);
-    assert!(message.contains("has no tables to watch"), "{message}");
+    let packed_message = refusal(&packed);
+    assert!(packed_message.contains("has no tables to watch"), "{packed_message}");
     let text = "rollout,decisions,group,last_group,straddles,policy\n0,500,a,a,false,9\n";
     fs::write(packed.join("metrics.csv"), text).unwrap();
     assert!(refusal(&packed).contains("metrics.csv holds a row that cannot be"));

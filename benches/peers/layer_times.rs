@@ -12,7 +12,7 @@ use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use equivariant::{Chunks, Layer, LayerError, Scratch, Sequential, Signature};
+use equivariant::{Layer, LayerError, LayerSignature, ParallelChunks, Scratch, Sequential};
 use networks::network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
@@ -54,7 +54,7 @@ struct Bench {
     net: Sequential<f32>,
     params: Vec<f32>,
     gradient: Vec<f32>,
-    chunks: Chunks<f32, Workspace>,
+    chunks: ParallelChunks<f32, Workspace>,
     x: Vec<f32>,
     y: Vec<f32>,
     alone: Workspace,
@@ -63,12 +63,12 @@ struct Bench {
 impl Bench {
     fn new(spec: Spec) -> Result<Bench, LayerError> {
         let net = spec.build()?;
-        let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch(CHUNK));
+        let (out, scratch) = (CHUNK * net.out_shape().len(), net.allocate_scratch(CHUNK));
         let mut params = vec![0.0; net.num_params()];
         net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
         Ok(Bench {
             gradient: vec![0.0; params.len()],
-            chunks: Chunks::new(params.len(), CHUNK, move || Workspace {
+            chunks: ParallelChunks::new(params.len(), CHUNK, move || Workspace {
                 y: vec![0.0; out],
                 scratch: scratch.clone(),
             }),
@@ -76,7 +76,10 @@ impl Bench {
                 .map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0)
                 .collect(),
             y: vec![0.0; spec.batch * net.out_shape().len()],
-            alone: Workspace { y: vec![0.0; net.out_shape().len()], scratch: net.scratch(1) },
+            alone: Workspace {
+                y: vec![0.0; net.out_shape().len()],
+                scratch: net.allocate_scratch(1),
+            },
             params,
             net,
             spec,
@@ -88,7 +91,7 @@ impl Bench {
         let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
         self.gradient.fill(0.0);
         let samples = x.len() / in_len;
-        self.chunks.accumulate(samples, &mut self.gradient, |range, w, gradient| {
+        self.chunks.accumulate_gradients(samples, &mut self.gradient, |range, w, gradient| {
             let x = &x[range.start * in_len..range.end * in_len];
             let y = &mut w.y[..range.len() * out_len];
             net.forward(params, x, y, &mut w.scratch);
@@ -135,9 +138,10 @@ impl Bench {
     /// network's.
     fn multiplications(&self) -> [usize; 2] {
         let layers = self.net.layers().iter();
-        let dense = layers.filter_map(|layer| Some((layer.kind().dense()?, layer.num_params())));
+        let dense =
+            layers.filter_map(|layer| Some((layer.kind().as_ordinary_conv()?, layer.num_params())));
         dense.fold([0; 2], |[ours, theirs], (dense, params)| {
-            let pixels = dense.out_shape().pixels();
+            let pixels = dense.out_shape().num_pixels();
             let entries: usize = dense.kernel_shape().iter().product();
             [ours + params * pixels, theirs + entries * pixels]
         })

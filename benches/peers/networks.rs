@@ -1,25 +1,27 @@
 //! Networks that the timing programs of this folder share.
 
-use equivariant::{Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential, Signature};
+use equivariant::{
+    Group, Layer, LayerError, LayerSignature, MaxPool, R2Conv, Relu, Sequential, SlidingWindow,
+};
 
 /// Number of channels of an image.
 pub const CHANNELS: usize = 6;
 /// Window of networks without pooling, which halves the image.
-pub const HALVING: Kernel = Kernel::new(4, 2, 1);
+pub const HALVING: SlidingWindow = SlidingWindow::new(4, 2, 1);
 
 /// Builds convolutions to these numbers of regular fields of D2, each with a ReLU, on images of
 /// `size` x `size` x 6. They halve the image, or are 3 x 3 and followed by pooling.
 pub fn network(size: usize, fields: &[usize], pooled: bool) -> Result<Sequential<f32>, LayerError> {
-    let kernel = if pooled { Kernel::new(3, 1, 1) } else { HALVING };
+    let kernel = if pooled { SlidingWindow::new(3, 1, 1) } else { HALVING };
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
-    let (mut from, mut size) = (Group::D2.trivial(CHANNELS), size);
+    let (mut from, mut size) = (Group::D2.trivial_type(CHANNELS), size);
     for &n in fields {
-        let conv = R2Conv::new(from, Group::D2.regular(n), kernel, [size; 2])?;
+        let conv = R2Conv::new(from, Group::D2.regular_type(n), kernel, [size; 2])?;
         let mut shape = conv.out_shape();
         layers.push(Box::new(conv));
         layers.push(Box::new(Relu::new(shape)?));
         if pooled {
-            let pool = MaxPool::new(shape, Kernel::new(2, 2, 0))?;
+            let pool = MaxPool::new(shape, SlidingWindow::new(2, 2, 0))?;
             shape = pool.out_shape();
             layers.push(Box::new(pool));
         }

@@ -12,7 +12,7 @@ mod networks;
 
 use std::time::Instant;
 
-use equivariant::{Layer, LayerError, Scratch, Sequential, Signature};
+use equivariant::{Layer, LayerError, LayerSignature, Scratch, Sequential};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use networks::{CHANNELS, HALVING, network};
@@ -99,7 +99,7 @@ impl Passes {
             gradient: vec![0.0; params.len()],
             x: pixels.map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0).collect(),
             y: vec![0.0; CHUNK * net.out_shape().len()],
-            scratch: net.scratch(CHUNK),
+            scratch: net.allocate_scratch(CHUNK),
             params,
             net,
         })

@@ -15,8 +15,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use envs::{
-    ACTION_DIM, Backdrop, Batch, Camera, Control, Embodiment, HAND_START, RGB, Scene,
-    SceneRenderer, TableTop, TaskGroup, TaskRegistry, VecEnv, VecEnvSettings,
+    ACTION_DIM, Backdrop, Camera, Control, Embodiment, HAND_TARGET_START, RGB_CHANNELS, Scene,
+    SceneRenderer, StepBuffers, TableTop, TaskGroup, TaskRegistry, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use mujoco::Data;
@@ -66,21 +66,21 @@ impl Subject {
         let scene = Arc::clone(table.scene());
         let mut tables = vec![table];
         for _ in 1..ENVS {
-            let mut table = TableTop::new(Arc::clone(&scene), CONTROL)?;
-            table.reset(D2::Identity, &mut rng)?;
-            tables.push(table);
+            let mut another = TableTop::new(Arc::clone(&scene), CONTROL)?;
+            another.reset(D2::Identity, &mut rng)?;
+            tables.push(another);
         }
         // as the pools that it is compared with, which have stepped before: the first step touches
         // fresh memory
-        for table in &mut tables {
-            table.step(&action(&mut rng))?;
+        for each in &mut tables {
+            each.step(&action(&mut rng))?;
         }
         let mut turns = (0..ENVS).cycle();
         start.wait();
         rate(|| {
-            let table = &mut tables[turns.next().unwrap_or(0)];
-            if table.step(&action(&mut rng))?.truncated {
-                table.reset(D2::Identity, &mut rng)?;
+            let current = &mut tables[turns.next().unwrap_or(0)];
+            if current.step(&action(&mut rng))?.truncated {
+                current.reset(D2::Identity, &mut rng)?;
             }
             Ok(())
         })
@@ -91,13 +91,14 @@ impl Subject {
     fn ceiling(self, start: &Barrier) -> Result<f64, Failure> {
         let (table, mut rng) = self.table()?;
         let model = &table.scene().model;
-        let (hand_target, begin) = (model.mocap("hand_target")?, table.simulation().save());
+        let (hand_target, begin) =
+            (model.mocap_body("hand_target")?, table.simulation().save_state());
         let mut simulations = Vec::new();
         for _ in 0..ENVS {
             let mut data = Data::new(Arc::clone(model));
-            data.restore(&begin)?;
+            data.restore_state(&begin)?;
             data.step(5)?;
-            simulations.push((data, HAND_START, 0));
+            simulations.push((data, HAND_TARGET_START, 0));
         }
         let mut turns = (0..ENVS).cycle();
         start.wait();
@@ -105,8 +106,8 @@ impl Subject {
             let (data, target, steps) = &mut simulations[turns.next().unwrap_or(0)];
             *steps += 1;
             if *steps % CONTROL.horizon == 0 {
-                data.restore(&begin)?;
-                *target = HAND_START;
+                data.restore_state(&begin)?;
+                *target = HAND_TARGET_START;
             }
             let [x, y, z, finger] = action(&mut rng).map(f64::from);
             let (low, high) = (DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35));
@@ -129,15 +130,15 @@ impl Subject {
         let (mut table, mut rng) = self.table()?;
         let mut renderer = SceneRenderer::new(Arc::clone(table.scene()))?;
         let mut backdrop = Backdrop::default();
-        let mut rgb = vec![0; self.camera.size * self.camera.size * RGB];
+        let mut rgb = vec![0; self.camera.size * self.camera.size * RGB_CHANNELS];
         let (mut spent, mut frames, start) = (Duration::ZERO, 0_u32, Instant::now());
         let mut begins = true;
         while start.elapsed() < TURN {
             let before = Instant::now();
             if begins {
-                renderer.draw_backdrop(&mut table, &mut backdrop)?;
+                renderer.render_backdrop(&mut table, &mut backdrop)?;
             }
-            renderer.render_over(&mut table, &mut backdrop, &mut rgb)?;
+            renderer.render_over_backdrop(&mut table, &mut backdrop, &mut rgb)?;
             spent += before.elapsed();
             frames += 1;
             begins = table.step(&action(&mut rng))?.truncated;
@@ -156,18 +157,18 @@ impl Subject {
 
     fn switch(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare(&TaskGroup::STANDARD)?;
+        driven.env.prepare_task_groups(&TaskGroup::STANDARD)?;
         let mut groups = TaskGroup::STANDARD.into_iter().cycle();
         let switches = rate(|| {
             let group = groups.next().unwrap_or(self.group);
-            Ok(driven.env.set_tasks(group, &D2::ALL)?)
+            Ok(driven.env.set_task_group(group, &D2::ALL)?)
         })?;
         Ok(1e3 / switches)
     }
 
     fn memory(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare(&TaskGroup::STANDARD)?;
+        driven.env.prepare_task_groups(&TaskGroup::STANDARD)?;
         for _ in 0..50 {
             driven.step()?;
         }
@@ -183,7 +184,7 @@ struct Driven {
     env: VecEnv,
     rng: ChaCha8Rng,
     actions: Vec<f32>,
-    batch: Batch,
+    batch: StepBuffers,
 }
 
 impl Driven {
@@ -200,9 +201,9 @@ impl Driven {
             env: VecEnv::new(settings, subject.group, &D2::ALL)?,
             rng: ChaCha8Rng::seed_from_u64(0),
             actions: vec![0.0; num_envs * ACTION_DIM],
-            batch: Batch::new(&settings),
+            batch: StepBuffers::new(&settings),
         };
-        driven.env.reset(driven.batch.observations())?;
+        driven.env.reset(driven.batch.observations_mut())?;
         Ok(driven)
     }
 
@@ -210,7 +211,7 @@ impl Driven {
         for row in self.actions.chunks_exact_mut(ACTION_DIM) {
             row.copy_from_slice(&action(&mut self.rng));
         }
-        match self.env.step(&self.actions, self.batch.step())? {
+        match self.env.step(&self.actions, self.batch.step_mut())? {
             [] => Ok(()),
             [failure, ..] => Err(failure.error.to_string().into()),
         }

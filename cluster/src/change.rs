@@ -22,8 +22,8 @@ const EQUAL: f64 = 1e-9;
 pub struct ChangeTest {
     /// Number of episodes before the likeliest changepoint.
     pub cut: usize,
-    /// Exact p-value of "nothing changes", over all cuts and sources together, as in a
-    /// [`JointTest`](crate::JointTest).
+    /// Exact p-value of the hypothesis that nothing changes, over all cuts and sources together, as
+    /// in a [`JointTest`](crate::JointTest).
     pub p_value: f64,
 }
 
@@ -185,8 +185,8 @@ fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
     let mut best = (f64::NEG_INFINITY, 0);
     for scan in scans {
         let scores = scan.scores();
-        for (largest, scores) in largest.iter_mut().zip(scores.chunks_exact(width)) {
-            *largest = scores.iter().copied().fold(*largest, f64::max);
+        for (running, chunk) in largest.iter_mut().zip(scores.chunks_exact(width)) {
+            *running = chunk.iter().copied().fold(*running, f64::max);
         }
         for (index, &score) in scores[..width].iter().enumerate() {
             if score > best.0 {

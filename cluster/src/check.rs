@@ -28,17 +28,7 @@ pub(crate) fn rows(
 
 /// Checks that a size is at least one.
 pub(crate) fn positive(name: &'static str, value: usize) -> Result<()> {
-    at_least(name, value, 1, "at least 1")
-}
-
-/// Checks that a size is at least `least`, which `expected` says in words.
-pub(crate) fn at_least(
-    name: &'static str,
-    value: usize,
-    least: usize,
-    expected: &'static str,
-) -> Result<()> {
-    within(name, value as f64, value >= least, expected)
+    within(name, value as f64, value >= 1, "at least 1")
 }
 
 /// Checks that a number lies `inside` its range, which `expected` says in words.

@@ -4,12 +4,12 @@ use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanCosts;
 use crate::frames::Frames;
 
-/// Rollout and two buffers in one feature space.
+/// Frames of a rollout and of two policies' buffers, in one feature space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contest {
     /// Frames of the rollout.
     pub rollout: Frames,
-    /// Buffers that the rollout may belong to.
+    /// Frames of the buffers of the two policies that the rollout may belong to.
     pub rivals: [Frames; 2],
 }
 

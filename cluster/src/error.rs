@@ -88,13 +88,19 @@ pub enum ClusterError {
         /// Weight given.
         value: f64,
     },
-    /// The weights of one side are no distribution.
-    #[error("the weights of {side} add up to {sum}: expected 1; divide them by their sum")]
-    WeightSum {
-        /// `sources` or `sinks`, or the name of a cloud.
-        side: &'static str,
-        /// Sum of the weights given.
-        sum: f64,
+    /// The weights of a side are no distribution.
+    #[error(
+        "the weights of {} add up to {}, those of {} to {}: expected 1 within {tolerance:e} for \
+         both; divide the weights of each side by their sum",
+        .sides[0], .sums[0], .sides[1], .sums[1]
+    )]
+    WeightSums {
+        /// `sources` and `sinks`, or the names of the clouds.
+        sides: [&'static str; 2],
+        /// Sums of the weights given.
+        sums: [f64; 2],
+        /// Largest difference from one that is accepted.
+        tolerance: f64,
     },
     /// A cloud has another number of weights than of points.
     #[error("{side} has {points} points and {weights} weights: expected a weight for each point")]
@@ -227,7 +233,7 @@ pub enum ClusterError {
         /// Size in the rollout.
         rollout: usize,
     },
-    /// Frames of two rollouts that do not go together.
+    /// Frames of two rollouts that differ in a size.
     #[error("{what} is {first} in one rollout and {second} in the other, expected the same")]
     FramesMismatch {
         /// Name of the size that differs.
@@ -236,17 +242,6 @@ pub enum ClusterError {
         first: usize,
         /// Size in the second rollout.
         second: usize,
-    },
-    /// The rollout holds too few episodes for the calibrated rule, whatever the buffers hold.
-    #[error(
-        "the rollout has {episodes} episodes: the calibrated rule expects at least {needed}; \
-         collect more episodes before assigning, or use the fixed rule"
-    )]
-    RolloutTooSmall {
-        /// Episodes in the rollout.
-        episodes: usize,
-        /// Episodes that the settings ask for.
-        needed: usize,
     },
     /// A reservoir was restored from parts that no run could have left.
     #[error("a reservoir of capacity {capacity} that has seen {seen} episodes cannot hold {held}")]

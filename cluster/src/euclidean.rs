@@ -20,7 +20,8 @@ const BLOCK_ROWS: usize = 64;
 /// Multiplications below which a second thread does not pay.
 const PARALLEL: usize = 1 << 22;
 
-/// A matrix of distances, with memory that is kept.
+/// Matrix of Euclidean distances between points, whose memory is kept from one computation to the
+/// next.
 ///
 /// `||x - y||^2 = ||x||^2 + ||y||^2 - 2 <x, y>` turns the distances into one matrix product (faer),
 /// around the common centre of both clouds. Where the three terms cancel, the distance is computed
@@ -36,13 +37,13 @@ pub struct EuclideanCosts {
 }
 
 impl EuclideanCosts {
-    /// Makes a matrix that has no memory yet.
+    /// Makes a matrix that has allocated no memory yet.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Returns the distances between the points of `x` `[n, dim]` and `y` `[m, dim]`, row-major
-    /// `[n, m]`.
+    /// Returns the Euclidean distances between the points of `x` `[n, dim]` and `y` `[m, dim]`,
+    /// row-major `[n, m]`.
     ///
     /// Large matrices are computed on the threads of the current rayon pool; the bits do not depend
     /// on their number.
@@ -80,12 +81,14 @@ impl EuclideanCosts {
         let (points, rows) = (BLOCK_ROWS * dim, BLOCK_ROWS * m);
         if n * m * dim > PARALLEL {
             let blocks = costs.par_chunks_mut(rows).zip(x.par_chunks(points));
-            blocks.for_each_init(Centred::default, |block, (costs, x)| {
-                columns.distances(block, x, costs);
+            blocks.for_each_init(Centred::default, |block, (block_costs, block_x)| {
+                columns.distances(block, block_x, block_costs);
             });
         } else {
             let blocks = costs.chunks_mut(rows).zip(x.chunks(points));
-            blocks.for_each(|(costs, x)| columns.distances(&mut self.block, x, costs));
+            blocks.for_each(|(block_costs, block_x)| {
+                columns.distances(&mut self.block, block_x, block_costs)
+            });
         }
         Ok(&self.costs)
     }
@@ -193,7 +196,8 @@ fn mend_row(row: &mut [f64], own: f64, p: &[f32], norms: &[f64], y: &[f32]) {
     }
 }
 
-fn euclidean(p: &[f32], q: &[f32]) -> f64 {
+/// Returns the distance between two points, computed from their differences.
+pub(crate) fn euclidean(p: &[f32], q: &[f32]) -> f64 {
     let squared = |(&a, &b)| {
         let difference = f64::from(a) - f64::from(b);
         difference * difference

@@ -23,7 +23,7 @@ impl Frames {
         Ok(Self { features, frames_per_episode, dim })
     }
 
-    /// Returns all features, `[episodes, frames_per_episode, dim]`.
+    /// Returns the features of all frames, `[episodes, frames_per_episode, dim]`.
     pub fn features(&self) -> &[f32] {
         &self.features
     }
@@ -33,46 +33,22 @@ impl Frames {
         self.features.len() / self.episode_len()
     }
 
-    /// Returns the number of frames an episode (the paper's `k`).
+    /// Returns the number of frames of each episode (the paper's `k`).
     pub fn frames_per_episode(&self) -> usize {
         self.frames_per_episode
     }
 
-    /// Returns the number of features a frame.
+    /// Returns the number of features of each frame.
     pub fn dim(&self) -> usize {
         self.dim
     }
 
-    /// Returns the features of one episode, `[frames_per_episode, dim]`.
+    /// Returns the features of the episode of this index, `[frames_per_episode, dim]`.
     ///
     /// # Panics
     /// If `index` is not below [`episodes`](Self::episodes).
     pub fn episode(&self, index: usize) -> &[f32] {
         &self.features[index * self.episode_len()..][..self.episode_len()]
-    }
-
-    /// Returns the episodes of both, those of `self` first, for [`Assigner::settle`].
-    ///
-    /// # Errors
-    /// Another number of features, or of frames an episode.
-    ///
-    /// [`Assigner::settle`]: crate::Assigner::settle
-    pub fn joined(&self, other: &Self) -> Result<Self> {
-        self.check_alike(other)?;
-        let features = [self.features.as_slice(), &other.features].concat();
-        Ok(Self { features, ..*self })
-    }
-
-    /// Returns the episodes of these indices, in this order.
-    ///
-    /// # Errors
-    /// No index.
-    ///
-    /// # Panics
-    /// If an index is not below [`episodes`](Self::episodes).
-    pub fn select(&self, indices: &[usize]) -> Result<Self> {
-        let features: Vec<_> = indices.iter().flat_map(|&i| self.episode(i)).collect();
-        Self::new(features.into_iter().copied().collect(), self.frames_per_episode, self.dim)
     }
 
     /// Rejects frames of another size.
@@ -97,7 +73,8 @@ impl Frames {
     }
 }
 
-/// Buffer of one policy and the new rollout, both as features of that policy's extractor.
+/// Frames of one policy's buffer and of the new rollout, both as features of that policy's
+/// extractor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// Frames of the policy's buffer `B_j`.

@@ -13,16 +13,16 @@ use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, 
 /// Source of evidence: its points for the episodes of a rollout and of a buffer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
-    /// Clouds of the rollout and the buffer.
+    /// Points of the rollout's and of the buffer's episodes.
     pub clouds: Candidate,
-    /// Direction of differences that count.
+    /// Direction in which a difference counts against the buffer's group.
     pub side: Side,
 }
 
-/// Direction of differences between two clouds that count.
+/// Direction of differences between rollout and buffer that count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// All differences.
+    /// Differences in any direction.
     Both,
     /// Only a rollout with a smaller mean value over all dimensions; otherwise the distance is
     /// zero.
@@ -32,11 +32,12 @@ pub enum Side {
 /// Result of one source in a [`JointTest`]. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceTest {
-    /// `W1` between both sides in the source's own unit; zero on the side that does not count.
+    /// 1-Wasserstein distance between rollout and buffer in the source's own unit; zero on the side
+    /// that does not count.
     pub distance: f64,
-    /// Mean distance over random splits.
+    /// Mean of the distance over random splits of the pooled episodes.
     pub mean: f64,
-    /// `(distance - mean) / sd`, with moments over random splits.
+    /// Standardised distance `(distance - mean) / sd`, with moments over random splits.
     pub score: f64,
     /// Share of splits, including the observed one, whose largest score over all sources is at
     /// least this source's score: its p-value, adjusted for the number of sources.
@@ -53,7 +54,8 @@ impl SourceTest {
     }
 }
 
-/// Result of testing "rollout and buffer have one distribution" with all sources together.
+/// Result of a test of the hypothesis that a rollout and a buffer have one distribution, over all
+/// sources of features together.
 ///
 /// Whole episodes are permuted, in all sources alike, so the largest standardised distance has a
 /// null distribution that takes the sources' dependence and their number into account: the "max T"
@@ -71,7 +73,7 @@ pub struct JointTest {
     pub p_value: f64,
 }
 
-/// Runs the test with `permutations` random splits.
+/// Runs a joint test of all sources with `permutations` random splits.
 ///
 /// # Errors
 /// No split, no source, sources that show different numbers of episodes, or clouds that cannot be
@@ -84,8 +86,8 @@ pub fn joint_test<R: Rng + ?Sized>(
     joint_test_until(sources, &[permutations], |_| false, rng)
 }
 
-/// Runs the test in stages until an outcome is `decided`. `stages` are total numbers of random
-/// splits, ascending; the last stage ends the test in any case.
+/// Runs a joint test of all sources in stages until an outcome is `decided`. `stages` are total
+/// numbers of random splits, ascending; the last stage ends the test in any case.
 ///
 /// If `decided` only stops tests that are not going to be significant, as Besag and
 /// Clifford do in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no
@@ -102,8 +104,8 @@ pub fn joint_test_until<R: Rng + ?Sized>(
     positive("splits", stages.iter().copied().min().unwrap_or(1))?;
     let (rollout, buffer) = episodes(sources)?;
     let pools = sources.iter().map(|source| {
-        let Candidate { rollout: o, buffer } = &source.clouds;
-        let features = [o.features(), buffer.features()].concat();
+        let Candidate { rollout: o, buffer: b } = &source.clouds;
+        let features = [o.features(), b.features()].concat();
         Pool::new(&features, o, source.side, rollout)
     });
     let mut pools = pools.collect::<Result<Vec<_>>>()?;
@@ -239,7 +241,7 @@ fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
     let reached = maxima(&exact, 0..=permutations);
     let null = describe(maxima(&outer, 1..=permutations), ROUNDING);
     let standardised = |score: f64| (score - null.mean) / null.sd.max(ROUNDING);
-    let source = |index: usize| {
+    let outcome_of = |index: usize| {
         let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
         let score = outer[index].as_ref()?[0];
         let reaching = reached.iter().filter(|&&m| m >= exact - EQUAL).count();
@@ -251,7 +253,7 @@ fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
             tail_p_value: tail(standardised(score), &null),
         })
     };
-    let sources: Vec<_> = (0..pools.len()).map(source).collect();
+    let sources: Vec<_> = (0..pools.len()).map(outcome_of).collect();
     let p_values = sources.iter().flatten().map(|source| source.p_value);
     JointTest {
         p_value: p_values.fold(1.0, f64::min),
@@ -321,16 +323,16 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let sources = [source(&draw(8, 0.3, &mut rng), &draw(9, 0.0, &mut rng), Side::Both)];
         let run = |stages: &[usize], splits: usize| {
-            let mut rng = ChaCha8Rng::seed_from_u64(7);
+            let mut split_rng = ChaCha8Rng::seed_from_u64(7);
             let decided = |test: &JointTest| test.null.permutations >= splits;
-            joint_test_until(&sources, stages, decided, &mut rng).unwrap()
+            joint_test_until(&sources, stages, decided, &mut split_rng).unwrap()
         };
         let whole = joint_test(&sources, 60, &mut ChaCha8Rng::seed_from_u64(7)).unwrap();
         assert_eq!(run(&[10, 30, 60], 100), whole);
         assert_eq!(run(&[10, 30, 60], 20).null.permutations, 30);
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
-        assert!(joint_test_until(&sources, &[], |_| true, &mut rng).is_err());
-        assert!(joint_test(&sources, 0, &mut rng).is_err());
+        let mut other_rng = ChaCha8Rng::seed_from_u64(7);
+        assert!(joint_test_until(&sources, &[], |_| true, &mut other_rng).is_err());
+        assert!(joint_test(&sources, 0, &mut other_rng).is_err());
     }
 
     /// Tests that stop once nine splits reach the distance at hand: 1000 tests in which nothing

@@ -4,12 +4,13 @@
 //! The crate works on points alone, without tasks, networks or policies. It has three parts.
 //!
 //! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
-//!   equal weights. [`Wasserstein`] takes any weights and reuses its memory. [`transport()`] and
-//!   [`Solver`] solve the same problem on a given cost matrix. Each answer carries potentials that
-//!   prove it optimal, and [`certify`] checks the proof before the answer is returned.
-//! - Assignment. [`Assigner`] compares the first frames of new episodes with the buffer of each
-//!   policy, in that policy's own feature space, and returns the policy whose group they belong to,
-//!   if there is one, with all its evidence.
+//!   equal weights, and [`wasserstein1_gradient`] its gradient in the points. [`Wasserstein`] takes
+//!   any weights and reuses its memory. [`transport()`] and [`Solver`] solve the same problem on a
+//!   given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
+//!   checks the proof before the answer is returned.
+//! - Comparison. [`joint_test`] is a permutation test of several sources of evidence, by whole
+//!   episodes, and [`change_test`] one for a changepoint. [`assign_by_threshold`] is the paper's
+//!   rule of assignment. [`lead`] compares two groups from as little as one frame.
 //! - Memory. [`Reservoir`] keeps a bounded uniform sample of the episodes of a group.
 //!
 //! # Definitions
@@ -20,22 +21,21 @@
 //! W1(X, Y) = min <gamma, M>_F   subject to   gamma 1 = 1/n,  gamma^T 1 = 1/m,  gamma >= 0.
 //! ```
 //!
-//! This equation and the fixed rule (`W1 <= d_epsilon = 1.0`, nearest policy first) are those of
-//! Liu et al., "Continual Vision-based Reinforcement Learning with Group Symmetries" (CoRL 2023),
-//! section 4.3 and Algorithm 1. The default rule compares `W1` with its distribution over random
-//! splits of the pooled episodes,
+//! This equation and the rule of [`assign_by_threshold`] are those of Liu et al., "Continual
+//! Vision-based Reinforcement Learning with Group Symmetries" (CoRL 2023), section 4.3 and Algorithm
+//! 1. [`joint_test`] compares `W1` with its distribution over random splits of the pooled episodes,
 //!
 //! ```text
 //! score = (W1 - mean) / sd,    p = (1 + splits at least as far apart) / (1 + splits),
 //! ```
 //!
 //! and therefore depends neither on the scale of a network's features nor on the spread of its
-//! group. If no group fits, it asks for one more rollout; see [`Calibrated`].
+//! group.
 //!
 //! # Example
 //!
 //! ```
-//! use cluster::{Assigner, Candidate, Decision, Frames};
+//! use cluster::{Candidate, Decision, Frames, Side, Source, assign_by_threshold, joint_test};
 //! use rand::{RngExt, SeedableRng};
 //! use rand_chacha::ChaCha8Rng;
 //!
@@ -45,24 +45,23 @@
 //!     let features = (0..20 * 4 * 8).map(|_| centre + rng.random_range(-1.0..1.0)).collect();
 //!     Frames::new(features, 4, 8)
 //! };
-//! let (known, rollout, another) = (episodes(0.0)?, episodes(0.0)?, episodes(0.0)?);
+//! let (known, rollout) = (episodes(0.0)?, episodes(0.0)?);
 //! let near = Candidate { buffer: known, rollout: rollout.clone() };
-//! let far = Candidate { buffer: episodes(5.0)?, rollout: rollout.clone() };
+//! let far = Candidate { buffer: episodes(5.0)?, rollout };
 //!
-//! let assigner = Assigner::default();
-//! let assignment = assigner.assign(&[far.clone(), near], &mut rng)?;
+//! // the threshold is in the features' unit
+//! let assignment = assign_by_threshold(&[far.clone(), near.clone()], 2.0)?;
 //! assert_eq!(assignment.decision, Decision::Existing(1));
-//! assert!(assignment.evidence[0].score() > assignment.evidence[1].score());
-//!
-//! // a policy is never created from one rollout: collect another one, and test both together
-//! let first = assigner.assign(&[far.clone()], &mut rng)?;
-//! assert_eq!(first.decision, Decision::Undecided);
-//! let both = Candidate { rollout: rollout.joined(&another)?, ..far };
-//! assert_eq!(assigner.settle(&[both], &mut rng)?.decision, Decision::New);
+//! // a test needs no threshold
+//! let mut p_value = |clouds| {
+//!     let source = Source { clouds, side: Side::Both };
+//!     joint_test(&[source], 100, &mut rng).map(|test| test.p_value)
+//! };
+//! assert!(p_value(far)? < 0.02 && p_value(near)? > 0.02);
 //! # Ok::<(), cluster::ClusterError>(())
 //! ```
 
-mod assigner;
+mod assignment;
 mod change;
 mod check;
 mod contest;
@@ -73,12 +72,11 @@ mod joint;
 mod line;
 mod permutation;
 mod reservoir;
-mod settings;
 mod tail;
 mod transport;
 mod wasserstein;
 
-pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict};
+pub use assignment::{Assignment, Decision, Evidence, Judgement, Verdict, assign_by_threshold};
 pub use change::{ChangeTest, change_places, change_test};
 pub use contest::{Contest, lead};
 pub use error::ClusterError;
@@ -88,12 +86,13 @@ pub use joint::{JointTest, Side, Source, SourceTest, joint_test, joint_test_unti
 pub use line::wasserstein1_line;
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
-pub use settings::{AssignerSettings, Calibrated, Rule};
 pub use transport::{
-    COST_TOLERANCE, Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan,
+    Certificate, Entry, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, Solver, TransportPlan,
     Weights, certify, transport,
 };
-pub use wasserstein::{Cloud, Wasserstein, wasserstein1};
+pub use wasserstein::{
+    Cloud, Wasserstein, WassersteinGradient, wasserstein1, wasserstein1_gradient,
+};
 
 #[cfg(test)]
 mod fixtures {

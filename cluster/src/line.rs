@@ -2,7 +2,7 @@
 
 use crate::check::rows;
 use crate::error::{ClusterError, Result};
-use crate::transport::{Balance, COST_TOLERANCE, Weights, check_weights_of};
+use crate::transport::{Balance, MAX_RELATIVE_GAP, Weights, check_weights_of};
 
 /// Units, of 2^60, that each given weight adds to what rounding leaves of a difference of sums:
 /// 2^-52 of the whole.
@@ -29,8 +29,7 @@ const WEIGHT_ROUNDING: u64 = 1 << 8;
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
 pub fn wasserstein1_line(x: &[f32], a: Weights, y: &[f32], b: Weights) -> Result<f64> {
-    check_weights_of("x", a, rows("x", x, 1, "point")?)?;
-    check_weights_of("y", b, rows("y", y, 1, "point")?)?;
+    check_weights_of(a, rows("x", x, 1, "point")?, b, rows("y", y, 1, "point")?)?;
     // weights as integers: what is left of a difference of sums would be multiplied by the
     // distance of a point however far
     let mut balance = Balance::default();
@@ -55,7 +54,7 @@ pub fn wasserstein1_line(x: &[f32], a: Weights, y: &[f32], b: Weights) -> Result
     }
     let total = balance.total as f64;
     let (cost, excess) = (area / total, unsure / total);
-    let tolerance = COST_TOLERANCE * cost;
+    let tolerance = MAX_RELATIVE_GAP * cost;
     // equal distributions leave nothing but rounding, some 1e-16 of the distances: that is returned
     if unsure < area && excess > tolerance {
         return Err(ClusterError::Imprecise { cost, excess, tolerance });

@@ -27,9 +27,9 @@ impl<E> Reservoir<E> {
         Self::from_parts(capacity, 0, Vec::new())
     }
 
-    /// Restores a reservoir from what [`capacity`](Self::capacity), [`seen`](Self::seen) and
-    /// [`episodes`](Self::episodes) gave, in the same order. That is all of its state: with the
-    /// same generator it goes on alike.
+    /// Restores a reservoir from the values of [`capacity`](Self::capacity), [`seen`](Self::seen)
+    /// and [`episodes`](Self::episodes), with the episodes in the same order. They are all of its
+    /// state: with the same generator it continues in the same way.
     ///
     /// # Errors
     /// A capacity of zero, or a number of episodes other than `min(capacity, seen)`.
@@ -42,8 +42,8 @@ impl<E> Reservoir<E> {
         Ok(Self { capacity, seen, episodes })
     }
 
-    /// Offers an episode; returns the one that goes: none while there is room, else a held one or
-    /// the offered one.
+    /// Offers an episode to the sample and returns the one that is dropped. While there is room,
+    /// none is dropped, and otherwise a stored episode or the offered one.
     pub fn offer<R: Rng + ?Sized>(&mut self, episode: E, rng: &mut R) -> Option<E> {
         self.seen += 1;
         if self.episodes.len() < self.capacity {
@@ -57,17 +57,18 @@ impl<E> Reservoir<E> {
         }
     }
 
-    /// Returns the episodes held. Their order says nothing about them, but is part of the state.
+    /// Returns the episodes that the reservoir stores. Their order has no meaning, but is part of
+    /// the state.
     pub fn episodes(&self) -> &[E] {
         &self.episodes
     }
 
-    /// Returns the number of episodes offered so far.
+    /// Returns the number of episodes offered to the reservoir so far.
     pub fn seen(&self) -> u64 {
         self.seen
     }
 
-    /// Returns the largest number of episodes held.
+    /// Returns the largest number of episodes that the reservoir stores.
     pub fn capacity(&self) -> usize {
         self.capacity
     }

@@ -45,9 +45,9 @@ mod tests {
             let x = 2.0 + score * 2.0_f64.sqrt();
             let tail = (1.0 + x) * (-x).exp();
             assert_close(pearson3_tail(score, 2.0_f64.sqrt()), tail);
-            let x = 3.0 + score * 3.0_f64.sqrt();
-            let tail = (1.0 + x + x * x / 2.0) * (-x).exp();
-            assert_close(pearson3_tail(score, 2.0 / 3.0_f64.sqrt()), tail);
+            let x3 = 3.0 + score * 3.0_f64.sqrt();
+            let tail3 = (1.0 + x3 + x3 * x3 / 2.0) * (-x3).exp();
+            assert_close(pearson3_tail(score, 2.0 / 3.0_f64.sqrt()), tail3);
         }
         // that of shape 1/2: erfc of the root, from tables
         for (root, erfc) in [

@@ -13,7 +13,7 @@ mod problem;
 mod solver;
 mod start;
 
-pub use certificate::{COST_TOLERANCE, RELATIVE_TOLERANCE, certify};
+pub use certificate::{MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, certify};
 pub use problem::{Certificate, Entry, MAX_COST, TransportPlan, Weights};
 pub use solver::{Solver, transport};
 

@@ -2,7 +2,7 @@
 
 use crate::check::{positive, rows};
 use crate::error::Result;
-use crate::euclidean::EuclideanCosts;
+use crate::euclidean::{EuclideanCosts, euclidean};
 use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
@@ -17,7 +17,7 @@ use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 /// # Errors
 /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
 /// finite; [`ClusterError::Imprecise`](crate::ClusterError::Imprecise) where rounding leaves more
-/// than [`COST_TOLERANCE`](crate::COST_TOLERANCE) of the distance open.
+/// than [`MAX_RELATIVE_GAP`](crate::MAX_RELATIVE_GAP) of the distance open.
 ///
 /// ```
 /// // of three points the middle one, a third of the mass, goes half to either side
@@ -37,6 +37,63 @@ pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64> {
     let (mut costs, mut solver) = (EuclideanCosts::new(), Solver::new());
     let costs = costs.compute_checked(x, y, dim)?;
     Ok(solver.solve(costs, uniform(x), uniform(y))?.cost)
+}
+
+/// 1-Wasserstein distance between two clouds and its gradient in their points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WassersteinGradient {
+    /// [`wasserstein1`] of the clouds, up to rounding.
+    pub distance: f64,
+    /// Derivatives with respect to the first cloud, `[n, dim]`.
+    pub x: Vec<f64>,
+    /// Derivatives with respect to the second cloud, `[m, dim]`.
+    pub y: Vec<f64>,
+}
+
+/// Returns [`wasserstein1`] of the clouds `x` `[n, dim]` and `y` `[m, dim]` and its gradient with
+/// respect to the points of both.
+///
+/// `W1` is a minimum over plans. By the envelope theorem its gradient is that of the cost of the
+/// optimal plan `gamma`, which is kept fixed:
+///
+/// ```text
+/// dW1 / dX_i =  sum_l gamma_il (X_i - Y_l) / ||X_i - Y_l||_2
+/// dW1 / dY_l = -sum_i gamma_il (X_i - Y_l) / ||X_i - Y_l||_2
+/// ```
+///
+/// `W1` is not differentiable at every cloud. A pair of equal points contributes zero, one of the
+/// subgradients of its distance. Where several plans are optimal, the result is the gradient of the
+/// cost of one of them, an upper bound of `W1` that touches it at these clouds.
+///
+/// # Errors
+/// Errors of [`wasserstein1`].
+///
+/// ```
+/// // half of the mass moves from 1 to 3, the other half stays where it is
+/// let gradient = cluster::wasserstein1_gradient(&[0.0, 1.0], &[0.0, 3.0], 1)?;
+/// assert_eq!((gradient.distance, gradient.x, gradient.y), (1.0, vec![0.0, -0.5], vec![0.0, 0.5]));
+/// # Ok::<(), cluster::ClusterError>(())
+/// ```
+pub fn wasserstein1_gradient(x: &[f32], y: &[f32], dim: usize) -> Result<WassersteinGradient> {
+    positive("dim", dim)?;
+    let uniform = |cloud: &[f32]| Weights::Uniform(cloud.len() / dim);
+    let mut workspace = Wasserstein::new();
+    let plan = workspace.solve((x, uniform(x)), (y, uniform(y)), dim)?;
+    let (mut by_x, mut by_y) = (vec![0.0; x.len()], vec![0.0; y.len()]);
+    for entry in &plan.entries {
+        let (i, l) = (entry.source * dim, entry.sink * dim);
+        let distance = euclidean(&x[i..i + dim], &y[l..l + dim]);
+        if distance == 0.0 {
+            continue;
+        }
+        for d in 0..dim {
+            let difference = f64::from(x[i + d]) - f64::from(y[l + d]);
+            let pull = entry.mass * (difference / distance);
+            by_x[i + d] += pull;
+            by_y[l + d] -= pull;
+        }
+    }
+    Ok(WassersteinGradient { distance: plan.cost, x: by_x, y: by_y })
 }
 
 /// Solver of the 1-Wasserstein distance between weighted clouds, with plan, potentials and memory
@@ -98,7 +155,6 @@ fn costs<'a>(
     dim: usize,
 ) -> Result<&'a [f64]> {
     let costs = costs.compute(x, y, dim)?;
-    check_weights_of("x", a, x.len() / dim)?;
-    check_weights_of("y", b, y.len() / dim)?;
+    check_weights_of(a, x.len() / dim, b, y.len() / dim)?;
     Ok(costs)
 }

@@ -28,18 +28,18 @@ fn refusal(spoil: impl Fn(&mut TransportPlan)) -> ClusterError {
 fn the_certificate_refuses_moved_mass() {
     let error = refusal(|plan| plan.entries[0].sink = (plan.entries[0].sink + 1) % 4);
     assert!(matches!(error, ClusterError::Marginal { side: "sink", .. }), "{error}");
-    let error = refusal(|plan| plan.entries[0].mass += 0.01);
-    assert!(matches!(error, ClusterError::Marginal { side: "source", .. }), "{error}");
-    let error = refusal(|plan| plan.entries.clear());
-    assert!(matches!(error, ClusterError::Marginal { got: 0.0, .. }), "{error}");
-    let error = refusal(|plan| plan.entries[0].mass = f64::NAN);
-    assert!(matches!(error, ClusterError::NegativeMass { .. }), "{error}");
+    let heavier = refusal(|plan| plan.entries[0].mass += 0.01);
+    assert!(matches!(heavier, ClusterError::Marginal { side: "source", .. }), "{heavier}");
+    let empty = refusal(|plan| plan.entries.clear());
+    assert!(matches!(empty, ClusterError::Marginal { got: 0.0, .. }), "{empty}");
+    let not_a_number = refusal(|plan| plan.entries[0].mass = f64::NAN);
+    assert!(matches!(not_a_number, ClusterError::NegativeMass { .. }), "{not_a_number}");
     // a negative entry that its row and column make good
-    let error = refusal(|plan| {
+    let negative = refusal(|plan| {
         let moved = |sink, mass| Entry { source: 0, sink, mass };
         plan.entries.extend([moved(0, -0.01), moved(0, 0.01)]);
     });
-    assert!(matches!(error, ClusterError::NegativeMass { .. }), "{error}");
+    assert!(matches!(negative, ClusterError::NegativeMass { .. }), "{negative}");
 }
 
 #[test]
@@ -61,28 +61,34 @@ fn the_certificate_refuses_a_feasible_plan_that_is_not_optimal() {
 fn the_certificate_refuses_spoilt_potentials() {
     let error = refusal(|plan| plan.source_potentials[2] += 0.01);
     assert!(matches!(error, ClusterError::DualInfeasible { source_index: 2, .. }), "{error}");
-    let error = refusal(|plan| plan.sink_potentials[1] -= 0.01);
-    assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
-    let error = refusal(|plan| plan.sink_potentials[3] = f64::NAN);
-    assert!(matches!(error, ClusterError::DualInfeasible { sink_index: 3, .. }), "{error}");
+    let sink_moved = refusal(|plan| plan.sink_potentials[1] -= 0.01);
+    assert!(matches!(sink_moved, ClusterError::DualityGap { .. }), "{sink_moved}");
+    let nan_potential = refusal(|plan| plan.sink_potentials[3] = f64::NAN);
+    assert!(
+        matches!(nan_potential, ClusterError::DualInfeasible { sink_index: 3, .. }),
+        "{nan_potential}"
+    );
     // opposite shifts cancel in the dual value but not in the reduced costs of a plan with mixed
     // pairs
-    let error =
+    let opposite =
         refusal(|plan| (plan.source_potentials[0], plan.source_potentials[1]) = (1e6, -1e6));
-    assert!(matches!(error, ClusterError::DualInfeasible { source_index: 0, .. }), "{error}");
+    assert!(matches!(opposite, ClusterError::DualInfeasible { source_index: 0, .. }), "{opposite}");
 }
 
 #[test]
 fn the_certificate_refuses_false_claims_and_shapes() {
     let error = refusal(|plan| plan.cost += 0.01);
     assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
-    let error = refusal(|plan| plan.cost = f64::NAN);
-    assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
-    let error = refusal(|plan| plan.sink_potentials.truncate(3));
-    assert!(matches!(error, ClusterError::PlanShape { got: 3, expected: 4, .. }), "{error}");
-    let error = refusal(|plan| plan.entries[0].source = 6);
-    assert!(matches!(error, ClusterError::EntryOutOfRange { source_index: 6, .. }), "{error}");
+    let nan_cost = refusal(|plan| plan.cost = f64::NAN);
+    assert!(matches!(nan_cost, ClusterError::DualityGap { .. }), "{nan_cost}");
+    let truncated = refusal(|plan| plan.sink_potentials.truncate(3));
+    assert!(
+        matches!(truncated, ClusterError::PlanShape { got: 3, expected: 4, .. }),
+        "{truncated}"
+    );
+    let outside = refusal(|plan| plan.entries[0].source = 6);
+    assert!(matches!(outside, ClusterError::EntryOutOfRange { source_index: 6, .. }), "{outside}");
     let (cost, plan) = solved();
-    let error = certify(&cost, Weights::Uniform(4), SIDES.1, &plan).unwrap_err();
-    assert!(matches!(error, ClusterError::CostShape { len: 24, .. }), "{error}");
+    let narrow = certify(&cost, Weights::Uniform(4), SIDES.1, &plan).unwrap_err();
+    assert!(matches!(narrow, ClusterError::CostShape { len: 24, .. }), "{narrow}");
 }

@@ -1,6 +1,8 @@
 //! Distances against closed forms, brute force and replication; hostile input.
 
-use cluster::{ClusterError, EuclideanCosts, Weights, wasserstein1, wasserstein1_line};
+use cluster::{
+    ClusterError, EuclideanCosts, Weights, wasserstein1, wasserstein1_gradient, wasserstein1_line,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -158,4 +160,61 @@ fn distances_have_the_same_bits_on_any_number_of_threads() {
     let one = on(1);
     assert_eq!(one, on(2));
     assert_eq!(one, on(3));
+}
+
+#[test]
+fn the_gradient_agrees_with_central_differences() {
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let step = 2.0_f32.powi(-12);
+    for (n, m, dim) in [(1, 1, 3), (6, 6, 2), (9, 5, 3), (5, 9, 3), (20, 12, 16)] {
+        // steps and coordinates are exact in f32
+        let mut draw = |points: usize| -> Vec<f32> {
+            normals(&mut rng, points * dim).iter().map(|v| (v * 256.0).round() / 256.0).collect()
+        };
+        let (x, y) = (draw(n), draw(m));
+        let gradient = wasserstein1_gradient(&x, &y, dim).unwrap();
+        assert_close(gradient.distance, wasserstein1(&x, &y, dim).unwrap());
+        for (k, got) in gradient.x.iter().chain(&gradient.y).enumerate() {
+            let value = |change: f32| {
+                let mut moved = [x.clone(), y.clone()].concat();
+                moved[k] += change;
+                wasserstein1(&moved[..n * dim], &moved[n * dim..], dim).unwrap()
+            };
+            let expected = (value(step) - value(-step)) / f64::from(2.0 * step);
+            assert!((got - expected).abs() < 1e-6, "{n}, {m}, {k}: {got} {expected}");
+        }
+    }
+}
+
+#[test]
+fn the_gradient_balances_and_gives_back_the_distance() {
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    for (n, m, shared) in [(7, 7, 0), (12, 5, 3), (30, 40, 10), (6, 6, 6)] {
+        // shared points contribute nothing
+        let (x, mut y) = (normals(&mut rng, 3 * n), normals(&mut rng, 3 * m));
+        y[..3 * shared].copy_from_slice(&x[..3 * shared]);
+        let gradient = wasserstein1_gradient(&x, &y, 3).unwrap();
+        for d in 0..3 {
+            // moving both clouds changes nothing
+            let sum = |part: &[f64]| part.iter().skip(d).step_by(3).sum::<f64>();
+            assert!((sum(&gradient.x) + sum(&gradient.y)).abs() < 1e-15 * (n + m) as f64);
+        }
+        // the distance is homogeneous: Euler's theorem
+        let by = |part: &[f64], points: &[f32]| {
+            part.iter().zip(points).map(|(g, p)| g * f64::from(*p)).sum::<f64>()
+        };
+        let distance = by(&gradient.x, &x) + by(&gradient.y, &y);
+        assert!((distance - gradient.distance).abs() < 1e-13, "{n}, {m}: {gradient:?}");
+        // each point moves the distance by its weight at most
+        for (part, points) in [(&gradient.x, n), (&gradient.y, m)] {
+            for slope in part.chunks_exact(3) {
+                let slope = slope.iter().map(|g| g * g).sum::<f64>().sqrt();
+                assert!(slope * points as f64 <= 1.0 + 1e-12, "{n}, {m}: {slope}");
+            }
+        }
+    }
+    assert!(matches!(
+        wasserstein1_gradient(&[1.0], &[1.0], 0),
+        Err(ClusterError::OutOfRange { name: "dim", .. })
+    ));
 }

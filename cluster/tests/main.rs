@@ -3,8 +3,6 @@
 
 #![allow(clippy::expect_used, clippy::unwrap_used, reason = "tests and their helpers")]
 
-mod assigner;
-mod assigner_input;
 mod certificate;
 mod common;
 mod distance;

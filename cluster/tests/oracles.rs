@@ -1,5 +1,5 @@
 //! The solver against solvers of others: a general linear program, an assignment solver, recordings
-//! of POT.
+//! of POT and of SciPy.
 
 use cluster::{Wasserstein, Weights, transport};
 use lapjv::{Matrix, lapjv};
@@ -126,5 +126,33 @@ fn weighted_clouds_agree_with_the_recordings_of_pot() {
             "{}: {got} and {expected}",
             problem["name"]
         );
+    }
+}
+
+/// `benches/peers/assignment_golden.py` made the recordings.
+#[test]
+fn block_matrices_with_forbidden_pairs_agree_with_the_recordings_of_scipy() {
+    let recorded: Value = serde_json::from_str(include_str!("golden/scipy.json")).unwrap();
+    let prices = numbers(&recorded, "prices");
+    for matrix in recorded["matrices"].as_array().unwrap() {
+        let [rows, columns, values] = ["rows", "columns", "values"].map(|key| numbers(matrix, key));
+        let n = rows.len();
+        for (case, expected) in values.into_iter().enumerate() {
+            let mut allowed = numbers(matrix, "costs").into_iter();
+            // the last case has all prices in one matrix
+            let mixed = |i, j| prices[(5 * i + 7 * j) % prices.len()];
+            let cost: Vec<f64> = (0..n * n)
+                .map(|k| match (k / n, k % n) {
+                    (i, j) if rows[i] == columns[j] => allowed.next().unwrap() / 1e4,
+                    (i, j) => prices.get(case).copied().unwrap_or(mixed(i, j)),
+                })
+                .collect();
+            let plan = uniform(&cost, n, n).unwrap();
+            let got = plan.cost * n as f64;
+            assert!((got - expected).abs() <= 1e-9 * expected, "{n}, {case}: {got} {expected}");
+            let forbidden = plan.entries.iter().filter(|e| rows[e.source] != columns[e.sink]);
+            let (used, least) = (forbidden.count() as u64, matrix["forbidden"].as_u64().unwrap());
+            assert!(used == least || case == prices.len() && used > least, "{n}, {case}: {used}");
+        }
     }
 }

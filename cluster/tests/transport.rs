@@ -122,6 +122,26 @@ fn weights_may_be_zero_or_very_small() {
 }
 
 #[test]
+fn weights_of_single_precision_are_divided_by_their_sum() {
+    let softmax = |len: usize| -> Vec<f64> {
+        let logits = random_costs(26, len);
+        let exps: Vec<f32> = logits.iter().map(|c| (4.0 * *c as f32).exp()).collect();
+        let sum: f32 = exps.iter().sum();
+        exps.iter().map(|e| f64::from(e / sum)).collect()
+    };
+    for weights in [vec![f64::from(0.2_f32); 5], softmax(30), softmax(1000)] {
+        let n = weights.len();
+        let sum: f64 = weights.iter().sum();
+        assert!((sum - 1.0).abs() > 1e-9, "{n}: {sum}");
+        let divided: Vec<f64> = weights.iter().map(|w| w / sum).collect();
+        let cost: Vec<f64> = random_costs(27, 3 * n).iter().map(|c| 2.0 + c).collect();
+        let solve = |w: &[f64]| transport(&cost, Weights::Given(w), Weights::Uniform(3)).unwrap();
+        let (got, expected) = (solve(&weights).cost, solve(&divided).cost);
+        assert!((got / expected - 1.0).abs() < 1e-14, "{n}: {got} {expected}");
+    }
+}
+
+#[test]
 fn weights_that_are_no_distribution_are_refused() {
     let message = |weights: &[f64]| {
         let sides = (Weights::Given(weights), Weights::Uniform(1));
@@ -129,7 +149,8 @@ fn weights_that_are_no_distribution_are_refused() {
     };
     assert_eq!(
         message(&[0.5, 0.25]),
-        "the weights of sources add up to 0.75: expected 1; divide them by their sum"
+        "the weights of sources add up to 0.75, those of sinks to 1: expected 1 within 1e-6 for \
+         both; divide the weights of each side by their sum"
     );
     assert_eq!(
         message(&[1.5, -0.5]),

@@ -106,9 +106,9 @@ proptest! {
         for (got, expected) in sent.iter().chain(&received).zip(weights) {
             prop_assert!((got - expected).abs() < 1e-14);
         }
-        for (p, u) in x.points.iter().zip(u) {
-            for (q, v) in y.points.iter().zip(v) {
-                prop_assert!(u + v <= distance(p, q) + 1e-13);
+        for (p, source) in x.points.iter().zip(u) {
+            for (q, sink) in y.points.iter().zip(v) {
+                prop_assert!(source + sink <= distance(p, q) + 1e-13);
             }
         }
         let worth = |w: &[f64], potentials: &[f64]| -> f64 {

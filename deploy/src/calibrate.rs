@@ -2,6 +2,7 @@
 //! mask.
 
 mod approach;
+mod camera_file;
 mod command;
 mod file;
 mod mask;
@@ -19,7 +20,7 @@ mod tests;
 
 pub use command::CalibrateOptions;
 pub use file::CalibrationFile;
-pub use mask::{MaskCheck, MaskRow};
-pub use mask_command::MaskOptions;
-pub use measure::{CalibrateSettings, Calibrated, SkippedPose, calibrate};
-pub use poses::poses;
+pub use mask::{MaskCheck, MaskComparison};
+pub use mask_command::CheckMaskOptions;
+pub use measure::{CalibrateSettings, CalibrationResult, SkippedPose, calibrate};
+pub use poses::calibration_poses;

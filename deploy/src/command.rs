@@ -9,16 +9,16 @@ use envs::embodiments::Arm;
 use envs::{TaskGroup, TaskRegistry};
 
 use crate::DeployError;
-use experiments::cli::say;
+use experiments::cli::print_escaped;
 use experiments::{RunError, RunFolder};
-use learner::disk::{LocalDisk, replace};
-use render::gif;
+use learner::disk::{LocalDisk, write_atomically};
+use render::encode_gif;
 
 use super::deployment::Deployment;
 use super::faults::{Fault, FaultSweep};
 use super::film_strip::FilmStrip;
-use super::options::{RobotKind, SiteOptions};
-use super::results::Results;
+use super::options::{RobotKind, RunAndRigOptions};
+use super::results::ResultsFolder;
 use super::rig::{Rig, Trial};
 use super::settings::{RigSettings, VisionSettings};
 use super::simulated::SimulatedRig;
@@ -47,7 +47,7 @@ struct Batch<'a> {
 pub struct DeployOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub site: SiteOptions,
+    pub run_and_rig: RunAndRigOptions,
     /// Number of trials of each variant.
     #[arg(long, default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub trials: usize,
@@ -88,10 +88,10 @@ impl DeployOptions {
     /// Runs all trials, then those of the sweeps, and prints to `out`.
     ///
     /// # Errors
-    /// As [`Deployment::trial`]; folders and an `out` that cannot be written to; options that
+    /// As [`Deployment::run_trial`]; folders and an `out` that cannot be written to; options that
     /// contradict each other.
     pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
-        let nominal = self.site.rig.settings()?;
+        let nominal = self.run_and_rig.rig.settings()?;
         // check the sweeps before the first trial
         let sweeps = self.sweep_settings(nominal)?;
         let (mut deployment, mut rig) = self.simulated(nominal)?;
@@ -120,26 +120,16 @@ impl DeployOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
-        // a fault that is ignored would pass for one that does no harm
-        let single = self.site.rig.fault.iter().map(|of| of.fault);
-        let mut faults = self.sweep.iter().map(|of| of.fault).chain(single);
-        if let Some(fault) = faults.next() {
-            return Err(RunError::Setting {
-                name: "fault",
-                value: fault.name().to_owned(),
-                expected: "none: faults are set in simulated rigs alone",
-            }
-            .into());
-        }
-        let mut deployment = self.site.deployment(VisionSettings::default())?;
+        self.run_and_rig.rig.reject_faults(self.sweep.iter().map(|of| of.fault))?;
+        let mut deployment = self.run_and_rig.deployment(VisionSettings::default())?;
         let results = self.results()?;
         self.act(&mut deployment, rig, arm, results.as_ref(), out)?;
         Ok(())
     }
 
-    fn results(&self) -> Result<Option<Results>, DeployError> {
+    fn results(&self) -> Result<Option<ResultsFolder>, DeployError> {
         let faults = || self.sweep.iter().map(|sweep| sweep.fault);
-        self.out.as_deref().map(|folder| Results::create(folder, faults())).transpose()
+        self.out.as_deref().map(|folder| ResultsFolder::create(folder, faults())).transpose()
     }
 
     /// Runs the trials, or the dry run of one.
@@ -148,13 +138,14 @@ impl DeployOptions {
         deployment: &mut Deployment,
         rig: &mut dyn Rig,
         arm: &Arm,
-        results: Option<&Results>,
+        results: Option<&ResultsFolder>,
         out: &mut impl Write,
     ) -> Result<Vec<TrialScore>, DeployError> {
         let groups = self.groups()?;
         if self.dry_run {
-            let report = deployment.dry_run(rig, arm, &self.first(groups[0]))?;
-            say(out, report.text().trim_end())?;
+            let report = deployment.dry_run(rig, arm, &self.first(groups[0]));
+            let report = self.run_and_rig.camera.name_file_in_error(report)?;
+            print_escaped(out, report.text().trim_end())?;
             return Ok(Vec::new());
         }
         let batch = Batch { groups: &groups, trials: self.trials, video: self.video.as_deref() };
@@ -163,25 +154,26 @@ impl DeployOptions {
             results.write_trials(&scores)?;
         }
         if self.json {
-            say(out, &serde_json::json!(scores).to_string())?;
+            print_escaped(out, &serde_json::json!(scores).to_string())?;
         }
         Ok(scores)
     }
 
     /// Returns the first trial of a group.
     fn first(&self, group: TaskGroup) -> Trial {
-        Trial { variant: group.variants()[0], number: 0, seed: self.site.rig.seed }
+        Trial { variant: group.variants()[0], index: 0, seed: self.run_and_rig.rig.seed }
     }
 
     fn groups(&self) -> Result<Vec<TaskGroup>, RunError> {
-        let schedule = RunFolder::open(&self.site.run).experiment()?.schedule;
-        schedule.chosen(self.task.as_deref(), &TaskRegistry::standard())
+        let schedule =
+            RunFolder::from_path(&self.run_and_rig.run_folder).read_experiment()?.schedule;
+        schedule.select_groups(self.task.as_deref(), &TaskRegistry::standard())
     }
 
     fn simulated(&self, settings: RigSettings) -> Result<(Deployment, SimulatedRig), DeployError> {
-        let RobotKind::KinovaSim = self.site.rig.robot;
-        let deployment = self.site.deployment(settings.vision)?;
-        let rig = SimulatedRig::new(settings.simulation, *deployment.camera())?;
+        let RobotKind::KinovaSim = self.run_and_rig.rig.robot;
+        let deployment = self.run_and_rig.deployment(settings.vision)?;
+        let rig = SimulatedRig::new(settings.simulation, *deployment.training_camera())?;
         Ok((deployment, rig))
     }
 
@@ -189,7 +181,7 @@ impl DeployOptions {
     fn sweep_settings(&self, nominal: RigSettings) -> Result<Vec<SweepSettings>, DeployError> {
         let mut sweeps: Vec<SweepSettings> = Vec::new();
         for FaultSweep { fault, amounts } in &self.sweep {
-            let refused = |expected| RunError::Setting {
+            let refused = |expected| RunError::InvalidSetting {
                 name: "sweep",
                 value: fault.name().to_owned(),
                 expected,
@@ -198,14 +190,15 @@ impl DeployOptions {
                 return Err(refused("each fault once").into());
             }
             let replaced = matches!(fault, Fault::PositionError | Fault::AngleError);
-            if replaced && self.site.camera.calibration.is_some() {
+            if replaced && self.run_and_rig.camera.calibration.is_some() {
                 return Err(refused(
                     "another fault, or no --calibration: the file takes the place of the \
                      calibration that would be wrong, so all amounts would be one",
                 )
                 .into());
             }
-            let settings = amounts.iter().map(|&amount| Ok((amount, fault.set(amount, nominal)?)));
+            let settings =
+                amounts.iter().map(|&amount| Ok((amount, fault.set_amount(amount, nominal)?)));
             sweeps.push((*fault, settings.collect::<Result<_, DeployError>>()?));
         }
         Ok(sweeps)
@@ -218,7 +211,7 @@ impl DeployOptions {
         sweeps: &[SweepSettings],
         nominal: RigSettings,
         scores: &[TrialScore],
-        results: &Results,
+        results: &ResultsFolder,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
         let groups = self.groups()?;
@@ -228,10 +221,10 @@ impl DeployOptions {
         for (fault, amounts) in sweeps {
             let mut swept = Vec::new();
             for &(amount, settings) in amounts {
-                say(out, &format!("{}: {amount}", fault.axis()))?;
+                print_escaped(out, &format!("{}: {amount}", fault.axis_label()))?;
                 let scores = if settings == nominal && trials <= self.trials {
-                    say(out, "among the trials above")?;
-                    let first = scores.iter().filter(|score| score.number < trials);
+                    print_escaped(out, "among the trials above")?;
+                    let first = scores.iter().filter(|score| score.trial_index < trials);
                     first.copied().collect()
                 } else {
                     let (mut deployment, mut rig) = self.simulated(settings)?;
@@ -260,18 +253,19 @@ impl DeployOptions {
         for variant in groups.iter().flat_map(|group| group.variants()) {
             let of_variant = scores.len();
             for number in 0..trials {
-                let trial = Trial { variant, number, seed: self.site.rig.seed };
+                let trial = Trial { variant, index: number, seed: self.run_and_rig.rig.seed };
                 let mut strip = video.map(|_| FilmStrip::default());
-                let score = deployment.trial(rig, arm, &trial, strip.as_mut())?;
+                let score = deployment.run_trial(rig, arm, &trial, strip.as_mut());
+                let score = self.run_and_rig.camera.name_file_in_error(score)?;
                 if let (Some(folder), Some(strip)) = (video, strip) {
                     self.keep(folder, &trial, &score, &strip)?;
                 }
                 scores.push(score);
             }
             let solved = scores[of_variant..].iter().filter(|score| score.success);
-            say(out, &format!("{variant}: {} of {trials}", solved.count()))?;
+            print_escaped(out, &format!("{variant}: {} of {trials}", solved.count()))?;
         }
-        say(out, &deployment_table(&scores))?;
+        print_escaped(out, &deployment_table(&scores))?;
         Ok(scores)
     }
 
@@ -283,21 +277,22 @@ impl DeployOptions {
         score: &TrialScore,
         strip: &FilmStrip,
     ) -> Result<(), DeployError> {
-        if score.success && trial.number > 0 {
+        if score.success && trial.index > 0 {
             return Ok(());
         }
         let variant = trial.variant.to_string().replace(' ', "-");
         let outcome = if score.success { "solved" } else { "failed" };
         let ending = if self.gif { "gif" } else { "png" };
-        let path = folder.join(format!("{variant}-{}-{outcome}.{ending}", trial.number));
-        let written = |error| RunError::write(&path, error);
+        let path = folder.join(format!("{variant}-{}-{outcome}.{ending}", trial.index));
+        let written = |error| RunError::cannot_write(&path, error);
         std::fs::create_dir_all(folder).map_err(written)?;
         let bytes = if self.gif {
-            let title = format!("{}, trial {}", trial.variant, trial.number);
-            gif(&strip.film(&title)).map_err(|error| RunError::write(&path, error))?
+            let title = format!("{}, trial {}", trial.variant, trial.index);
+            encode_gif(&strip.to_film(&title))
+                .map_err(|error| RunError::cannot_write(&path, error))?
         } else {
-            strip.picture().to_png().map_err(|error| RunError::write(&path, error))?
+            strip.to_picture().to_png().map_err(|error| RunError::cannot_write(&path, error))?
         };
-        Ok(replace(&LocalDisk, &path, &bytes)?)
+        Ok(write_atomically(&LocalDisk, &path, &bytes)?)
     }
 }

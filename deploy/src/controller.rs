@@ -9,11 +9,11 @@ use robots::{Command, ControlError, Pose, RobotState, Twist, TwistLimits};
 
 use crate::DeployError;
 
-use super::observer::Observer;
+use super::observer::RigPerception;
 use super::rig::Rig;
 
 /// Time between commands: a Kinova Gen3 accepts them at 40 Hz.
-pub(super) const TICK: Duration = Duration::from_millis(25);
+pub(super) const COMMAND_PERIOD: Duration = Duration::from_millis(25);
 /// Proportional gain (1/s) from the distance to the target to the speed of the hand.
 const RATE: f64 = 10.0;
 /// Fraction of [`RATE`] at which the hand's orientation is restored. Objects that the hand pushes
@@ -45,48 +45,48 @@ pub(super) struct ActionController {
     reference: DVec3,
     /// Current twist of the reference.
     twist: Twist,
-    closing: f64,
-    refused: usize,
+    gripper_closure: f64,
+    refused_commands: usize,
     /// Time spent on the commands of the last decision, waiting excluded.
-    spent: Duration,
+    command_time: Duration,
 }
 
 impl ActionController {
     /// Creates a controller of an arm that rests at `start`, for a policy trained with `control`.
     pub fn new(arm: &Arm, control: &Control, start: &RobotState) -> Self {
         let seconds = control.decision_seconds();
-        let ticks = (seconds / TICK.as_secs_f64()).round().max(1.0);
+        let ticks = (seconds / COMMAND_PERIOD.as_secs_f64()).round().max(1.0);
         let settings = arm.settings();
         Self {
             limits: settings.control.limits,
-            rotation: arm.chain().tip(&settings.ready).rotation,
+            rotation: arm.chain().tip_pose(&settings.ready_joint_positions).rotation,
             // a hand without fingers never closes
-            closing_time: arm.closing_time().unwrap_or(f64::INFINITY),
+            closing_time: arm.closing_seconds().unwrap_or(f64::INFINITY),
             displacement: control.displacement / ticks,
             ticks: ticks as usize,
             target: start.tip.position,
             reference: start.tip.position,
             twist: Twist::ZERO,
-            closing: start.closing,
-            refused: 0,
-            spent: Duration::ZERO,
+            gripper_closure: start.gripper_closure,
+            refused_commands: 0,
+            command_time: Duration::ZERO,
         }
     }
 
     /// Returns `true` if a decision lasts a whole number of ticks.
-    pub fn is_whole_ticks(control: &Control) -> bool {
-        let ticks = control.decision_seconds() / TICK.as_secs_f64();
+    pub fn is_multiple_of_command_period(control: &Control) -> bool {
+        let ticks = control.decision_seconds() / COMMAND_PERIOD.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0
     }
 
     /// Returns the number of commands that the arm refused because it could not follow them.
-    pub fn refused(&self) -> usize {
-        self.refused
+    pub fn refused_commands(&self) -> usize {
+        self.refused_commands
     }
 
     /// Returns the time that computing and sending the commands of the last decision took.
-    pub fn spent(&self) -> Duration {
-        self.spent
+    pub fn command_time(&self) -> Duration {
+        self.command_time
     }
 
     /// Executes `action` for one decision and records the arm's states in `observer`. Components
@@ -94,44 +94,48 @@ impl ActionController {
     ///
     /// # Errors
     /// [`DeployError::Robot`], [`DeployError::Rig`]; the arm may be moving.
-    pub fn decide(
+    pub fn execute_action(
         &mut self,
         rig: &mut dyn Rig,
-        observer: &mut Observer,
+        observer: &mut RigPerception,
         action: [f32; ACTION_DIM],
     ) -> Result<(), DeployError> {
         let [x, y, z, finger] = action.map(|value| f64::from(value.clamp(-1.0, 1.0)));
-        self.spent = Duration::ZERO;
+        self.command_time = Duration::ZERO;
         for _ in 0..self.ticks {
             let started = Instant::now();
             // a robot may report a refused command when its state is read: count it, and read again
             let state = match rig.state() {
-                Err(ControlError::OutOfReach { .. }) => {
-                    self.refused += 1;
+                Err(ControlError::CannotFollow { .. }) => {
+                    self.refused_commands += 1;
                     rig.state()?
                 }
                 state => state?,
             };
             self.move_target(DVec3::new(x, y, z), finger, &state);
             let command = self.command(&state);
-            self.twist = self.limits.ramp(self.twist, command.twist, TICK.as_secs_f64());
-            self.reference += TICK.as_secs_f64() * self.twist.linear;
+            self.twist = self.limits.ramp(self.twist, command.twist, COMMAND_PERIOD.as_secs_f64());
+            self.reference += COMMAND_PERIOD.as_secs_f64() * self.twist.linear;
             match rig.command(&command) {
-                Err(ControlError::OutOfReach { .. }) => self.refused += 1,
+                Err(ControlError::CannotFollow { .. }) => self.refused_commands += 1,
                 sent => sent?,
             }
-            self.spent += started.elapsed();
-            rig.wait(TICK).map_err(|source| DeployError::Rig { source })?;
+            self.command_time += started.elapsed();
+            rig.wait(COMMAND_PERIOD).map_err(|source| DeployError::Rig { source })?;
             self.record(rig, observer)?;
         }
         Ok(())
     }
 
     /// Records the arm's state in `observer`.
-    fn record(&mut self, rig: &mut dyn Rig, observer: &mut Observer) -> Result<(), DeployError> {
+    fn record(
+        &mut self,
+        rig: &mut dyn Rig,
+        observer: &mut RigPerception,
+    ) -> Result<(), DeployError> {
         match rig.state() {
-            Ok(state) => observer.record(rig.now(), state),
-            Err(ControlError::OutOfReach { .. }) => self.refused += 1,
+            Ok(state) => observer.record_state(rig.now(), state),
+            Err(ControlError::CannotFollow { .. }) => self.refused_commands += 1,
             Err(other) => return Err(other.into()),
         }
         Ok(())
@@ -144,8 +148,9 @@ impl ActionController {
         // both stay close to the measured position, or the arm would catch up in one jump
         let within_lead = |place: DVec3| hand + (place - hand).clamp_length_max(LEAD);
         (self.target, self.reference) = (within_lead(wanted), within_lead(self.reference));
-        let closing = self.closing + finger * TICK.as_secs_f64() / self.closing_time;
-        self.closing = closing.clamp(0.0, 1.0);
+        let closing =
+            self.gripper_closure + finger * COMMAND_PERIOD.as_secs_f64() / self.closing_time;
+        self.gripper_closure = closing.clamp(0.0, 1.0);
     }
 
     fn command(&self, state: &RobotState) -> Command {
@@ -153,6 +158,9 @@ impl ActionController {
         let [_, turn] = state.tip.displacement_to(&target);
         // the position follows the reference, the orientation follows the measured pose
         let way = [self.target - self.reference, TURNING * turn];
-        Command { twist: self.limits.towards(way, RATE), closing: self.closing }
+        Command {
+            twist: self.limits.twist_towards(way, RATE),
+            gripper_closure: self.gripper_closure,
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use envs::embodiments::Arm;
 use envs::{
-    ACTION_DIM, Camera, Control, Layout, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
+    ACTION_DIM, Camera, Control, Layout, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup,
     VecEnvSettings,
 };
 use glam::DVec3;
@@ -22,13 +22,13 @@ use learner::{Labels, Learner, LearnerSettings, Recognised};
 use super::controller::ActionController;
 use super::dry_run::{DryRunReport, DryRunRig};
 use super::film_strip::FilmStrip;
-use super::latency::{LatencyProfile, Stage};
-use super::observer::Observer;
+use super::latency::{DecisionStage, LatencyProfile};
+use super::observer::RigPerception;
 use super::plausibility;
-use super::rig::{Rig, SetUp, Trial, then_stop};
+use super::rig::{Rig, SetUp, Trial, stop_after};
 use super::settings::VisionSettings;
 use super::table::TrialScore;
-use super::trial::{FirstPicture, TrialEnv};
+use super::trial::{FirstPictureEnv, TrialEnv};
 
 /// Policies of a run with the camera and the table of their training.
 pub struct Deployment {
@@ -36,7 +36,7 @@ pub struct Deployment {
     spec: EnvSpec,
     control: Control,
     camera: Camera,
-    /// Picture of the empty table `[drawn_size, drawn_size, 3]` by the camera of training.
+    /// Picture of the empty table `[rendered_size, rendered_size, 3]` by the camera of training.
     table: Vec<u8>,
     vision: VisionSettings,
 }
@@ -45,23 +45,24 @@ impl Deployment {
     /// Loads the policies of the newest intact checkpoint in `folder`.
     ///
     /// # Errors
-    /// As [`RunFolder::experiment`] and [`RunFolder::load_learner`], and errors of the scene;
-    /// [`RunError::Setting`] for policies that were trained in another layout, with decisions that
-    /// are no multiple of the arm's control period, or with a context, which needs rewards.
+    /// As [`RunFolder::read_experiment`] and [`RunFolder::load_learner`], and errors of the scene;
+    /// [`RunError::InvalidSetting`] for policies that were trained in another layout, with
+    /// decisions that are no multiple of the arm's control period, or with a context, which needs
+    /// rewards.
     pub fn load(folder: &RunFolder, vision: VisionSettings) -> Result<Self, DeployError> {
-        let Experiment { learner, mut envs, .. } = folder.experiment()?;
-        check(&learner, &envs)?;
+        let Experiment { learner, mut envs, .. } = folder.read_experiment()?;
+        check_training_conditions(&learner, &envs)?;
         // a rig has one robot
         envs.num_envs = 1;
-        let spec = Stream::spec_of(&envs);
-        let drawn = envs.camera.with_size(envs.camera.drawn_size());
-        let mut table = vec![0; drawn.size * drawn.size * RGB];
+        let spec = Stream::env_spec(&envs);
+        let drawn = envs.camera.with_size(envs.camera.rendered_size());
+        let mut table = vec![0; drawn.size * drawn.size * RGB_CHANNELS];
         // the group that puts nothing on the table
         let empty = TaskGroup::GOAL_REACH;
         let scene = Arc::new(Scene::new(empty, envs.embodiment, drawn)?);
         let mut top = TableTop::new(Arc::clone(&scene), envs.control)?;
         top.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))?;
-        SceneRenderer::of_table(scene)?.render(&mut top, &mut table)?;
+        SceneRenderer::without_arm(scene)?.render(&mut top, &mut table)?;
         Ok(Self {
             learner: folder.load_learner(&learner, &spec, &Labels::default())?,
             spec,
@@ -73,21 +74,22 @@ impl Deployment {
     }
 
     /// Returns the camera that the policies were trained with.
-    pub fn camera(&self) -> &Camera {
+    pub fn training_camera(&self) -> &Camera {
         &self.camera
     }
 
     /// Runs a trial: sets the table up, lets the learner choose a policy from the first picture,
     /// and lets the policy act. `arm` is the model of the rig's robot. The robot is stopped at the
-    /// end and before any error is returned, except [`DeployError::OtherCamera`], before which it
-    /// is sent nothing.
+    /// end and before any error is returned, except [`DeployError::ImplausibleCalibration`], before
+    /// which it is sent nothing.
     ///
     /// # Errors
-    /// [`DeployError::OtherCamera`] for a calibration that is not that of the rig's camera;
+    /// [`DeployError::ImplausibleCalibration`] for a calibration that is not that of the rig's
+    /// camera;
     /// [`DeployError::Rig`], [`DeployError::Robot`], [`DeployError::StalePicture`],
     /// [`DeployError::CameraClockAhead`], directly or as the cause of [`RunError::Rl`]; errors of
     /// the perception and the learner.
-    pub fn trial(
+    pub fn run_trial(
         &mut self,
         rig: &mut dyn Rig,
         arm: &Arm,
@@ -101,7 +103,7 @@ impl Deployment {
     /// it is.
     ///
     /// # Errors
-    /// As [`Deployment::trial`].
+    /// As [`Deployment::run_trial`].
     pub fn dry_run(
         &mut self,
         rig: &mut dyn Rig,
@@ -112,10 +114,10 @@ impl Deployment {
         let played = self.run(&mut dry, arm, trial, None)?;
         Ok(DryRunReport {
             policy: played.score.policy,
-            fits: played.score.fits,
+            policy_fits: played.score.policy_fits,
             actions: played.actions,
             latencies: played.latencies,
-            blocked: dry.into_blocked_commands(),
+            blocked_commands: dry.into_blocked_commands(),
         })
     }
 
@@ -126,25 +128,27 @@ impl Deployment {
         trial: &Trial,
         strip: Option<&mut FilmStrip>,
     ) -> Result<Played, DeployError> {
-        // outside of `then_stop`: an error here must not send anything to the robot
+        // outside of `stop_after`: an error here must not send anything to the robot
         self.check_calibration(rig)?;
         let env = self.env(&mut *rig, arm, trial, strip);
         let played = env.and_then(|mut env| {
             let score = self.play(&mut env, trial)?;
             Ok(Played { score, actions: env.actions, latencies: env.latencies })
         });
-        then_stop(rig, played)
+        stop_after(rig, played)
     }
 
     /// Rejects a calibration from a file that cannot be that of the rig's camera. Does not move the
     /// arm.
     ///
     /// # Errors
-    /// [`DeployError::OtherCamera`].
+    /// [`DeployError::ImplausibleCalibration`].
     pub(super) fn check_calibration(&self, rig: &dyn Rig) -> Result<(), DeployError> {
         // the estimate of a single trial would accept a file in one trial and reject it in the next
         let file = self.vision.calibration;
-        file.map_or(Ok(()), |file| plausibility::check(&file, &rig.standing_calibration()))
+        file.map_or(Ok(()), |file| {
+            plausibility::check_plausibility(&file, &rig.trial_independent_calibration())
+        })
     }
 
     /// Returns the perception of a table that was set up as `set_up`, with the arm in the state
@@ -155,10 +159,10 @@ impl Deployment {
         arm: &Arm,
         set_up: &SetUp,
         start: RobotState,
-    ) -> Result<Observer, DeployError> {
+    ) -> Result<RigPerception, DeployError> {
         let calibration = self.vision.calibration.unwrap_or_else(|| rig.calibration());
         let start = (rig.now(), start);
-        Observer::new(&self.vision, arm, calibration, &self.camera, &self.table, set_up, start)
+        RigPerception::new(&self.vision, arm, calibration, &self.camera, &self.table, set_up, start)
     }
 
     /// Sets the table up for a trial and returns the trial as an environment.
@@ -181,33 +185,35 @@ impl Deployment {
             spec: self.spec.clone(),
             control: self.control,
             goal: set_up.goal.unwrap_or(DVec3::ZERO),
-            first: Vec::new(),
-            start: Observations::new(&self.spec),
+            first_picture: Vec::new(),
+            first_observation: Observations::new(&self.spec),
             actions: Vec::new(),
             latencies: LatencyProfile::default(),
-            observed: None,
-            strip,
+            last_observed_at: None,
+            film_strip: strip,
         })
     }
 
     /// Lets the learner choose a policy, and lets the policy act for one episode.
     fn play(&mut self, env: &mut TrialEnv, trial: &Trial) -> Result<TrialScore, DeployError> {
-        env.begin()?;
+        env.observe_start()?;
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
-        let mut look = FirstPicture { spec: &self.spec, first: &env.start };
+        let mut look =
+            FirstPictureEnv { spec: &self.spec, first_observation: &env.first_observation };
         let started = Instant::now();
-        let Recognised { policy, fits } = self.learner.recognise(&mut look, Some(1), &mut rng)?;
-        env.latencies.record(Stage::Recognition, started.elapsed());
-        let stats = self.learner.perform(policy, env, 1)?.stats;
+        let Recognised { policy, fits } =
+            self.learner.recognise_policy(&mut look, Some(1), &mut rng)?;
+        env.latencies.record(DecisionStage::ChoosePolicy, started.elapsed());
+        let stats = self.learner.evaluate_policy(policy, env, 1)?.stats;
         Ok(TrialScore {
             group: trial.variant.group,
             element: trial.variant.element,
-            number: trial.number,
+            trial_index: trial.index,
             policy,
-            fits,
+            policy_fits: fits,
             success: stats.success_rate() == Some(1.0),
             success_at_end: stats.success_at_end_rate() == Some(1.0),
-            refused: env.controller.refused(),
+            refused_commands: env.controller.refused_commands(),
         })
     }
 }
@@ -220,13 +226,17 @@ struct Played {
 }
 
 /// Rejects policies that would act under other conditions than those of their training.
-pub(super) fn check(learner: &LearnerSettings, envs: &VecEnvSettings) -> Result<(), DeployError> {
-    let refuse =
-        |name, value: String, expected| Err(RunError::Setting { name, value, expected }.into());
+pub(super) fn check_training_conditions(
+    learner: &LearnerSettings,
+    envs: &VecEnvSettings,
+) -> Result<(), DeployError> {
+    let refuse = |name, value: String, expected| {
+        Err(RunError::InvalidSetting { name, value, expected }.into())
+    };
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }
-    if !ActionController::is_whole_ticks(&envs.control) {
+    if !ActionController::is_multiple_of_command_period(&envs.control) {
         return refuse(
             "envs.control.action_repeat",
             envs.control.action_repeat.to_string(),

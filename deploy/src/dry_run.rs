@@ -6,22 +6,24 @@ use std::time::Duration;
 use envs::ACTION_DIM;
 use envs::embodiments::Arm;
 use inpainting::{Calibration, Intrinsics};
-use rl::BoxError;
+use rl::BoxedEnvError;
 use robots::{CartesianControl, Command, ControlError, Robot, RobotState, Twist, TwistLimits};
 
 use crate::DeployError;
 
-use super::controller::TICK;
-use super::latency::{LatencyProfile, Stage};
-use super::rig::{Rig, SetUp, Trial, Verdict, fresh_picture};
+use super::controller::COMMAND_PERIOD;
+use super::latency::{DecisionStage, LatencyProfile};
+use super::rig::{Rig, SetUp, TaskVerdict, Trial, fresh_picture};
 
-/// Command that was not sent.
+/// Command that a dry run did not send to the robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockedCommand {
-    /// Command of the policy's action.
+    /// Command into which the controller turned the policy's action.
     pub command: Command,
-    /// Twist of the hand after the tick, within the arm's limits of speed and acceleration.
-    pub twist: Twist,
+    /// Velocity that the hand would have had after the tick if the command had been sent. It is
+    /// within the arm's limits of speed and acceleration, and zero if the arm would refuse the
+    /// command.
+    pub resulting_twist: Twist,
     /// Reason for which the arm would refuse the command; `None` if it would accept it.
     pub refusal: Option<String>,
 }
@@ -29,39 +31,40 @@ pub struct BlockedCommand {
 /// Result of a dry run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DryRunReport {
-    /// Index of the policy that the learner chose.
+    /// Index of the policy that the learner chose from the first picture.
     pub policy: usize,
     /// `true` if the learner considered the policy to match the task.
-    pub fits: bool,
-    /// Actions of the policy.
+    pub policy_fits: bool,
+    /// Actions of the policy, one for each decision.
     pub actions: Vec<[f32; ACTION_DIM]>,
-    /// Blocked commands, the same number for each decision.
-    pub blocked: Vec<BlockedCommand>,
-    /// Times of all stages.
+    /// Commands that the dry run withheld from the robot, in order; the same number for each
+    /// decision.
+    pub blocked_commands: Vec<BlockedCommand>,
+    /// Times that each stage of a decision took in the dry run.
     pub latencies: LatencyProfile,
 }
 
 impl DryRunReport {
-    /// Formats the decisions with their commands, and a table of times.
+    /// Formats the decisions of the dry run with their commands, and a table of times.
     pub fn text(&self) -> String {
-        let fits = if self.fits { "fits" } else { "does not fit" };
+        let fits = if self.policy_fits { "fits" } else { "does not fit" };
         let mut text = format!("policy {}, which {fits}\n", self.policy);
-        let each = self.blocked.len() / self.actions.len().max(1);
-        let commands = self.blocked.chunks(each.max(1));
-        for (number, (action, commands)) in self.actions.iter().zip(commands).enumerate() {
-            text += &decision(number, action, commands);
+        let each = self.blocked_commands.len() / self.actions.len().max(1);
+        let commands = self.blocked_commands.chunks(each.max(1));
+        for (number, (action, own)) in self.actions.iter().zip(commands).enumerate() {
+            text += &decision(number, action, own);
         }
-        let refused = self.blocked.iter().filter(|one| one.refusal.is_some());
+        let refused = self.blocked_commands.iter().filter(|one| one.refusal.is_some());
         // writing to a String cannot fail
         let _ = writeln!(
             text,
             "{} commands were withheld, {} of which the arm would refuse; nothing was sent\n\n\
              stage        times  median (ms)  worst (ms)",
-            self.blocked.len(),
+            self.blocked_commands.len(),
             refused.count()
         );
-        for stage in Stage::ALL {
-            if let Some(times) = self.latencies.times(stage) {
+        for stage in DecisionStage::ALL {
+            if let Some(times) = self.latencies.median_and_max(stage) {
                 let [median, worst] = times.map(|time| 1e3 * time.as_secs_f64());
                 let (name, count) = (stage.name(), self.latencies.count(stage));
                 let _ = writeln!(text, "{name:<12} {count:>5}  {median:>11.2}  {worst:>10.2}");
@@ -76,15 +79,15 @@ fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[BlockedComman
     let Some(last) = commands.last() else {
         return String::new();
     };
-    let [x, y, z] = last.twist.linear.to_array();
+    let [x, y, z] = last.resulting_twist.linear.to_array();
     let refusal = commands.iter().find_map(|one| one.refusal.as_deref());
     let refusal = refusal.map_or_else(String::new, |why| format!("; refused: {why}"));
     format!(
         "decision {number:>3}: action {action}; {} commands, the last {x:>6.3} {y:>6.3} {z:>6.3} \
          m/s, {:.3} rad/s, fingers {:.2}{refusal}\n",
         commands.len(),
-        last.twist.angular.length(),
-        last.command.closing,
+        last.resulting_twist.angular.length(),
+        last.command.gripper_closure,
     )
 }
 
@@ -94,7 +97,7 @@ pub(super) struct DryRunRig<'a> {
     control: CartesianControl,
     limits: TwistLimits,
     twist: Twist,
-    blocked: Vec<BlockedCommand>,
+    blocked_commands: Vec<BlockedCommand>,
 }
 
 impl<'a> DryRunRig<'a> {
@@ -107,16 +110,16 @@ impl<'a> DryRunRig<'a> {
         let (chain, control) = (arm.chain().clone(), settings.control);
         Ok(Self {
             rig,
-            control: CartesianControl::new(chain, &settings.ready, control)?,
+            control: CartesianControl::new(chain, &settings.ready_joint_positions, control)?,
             limits: control.limits,
             twist: Twist::ZERO,
-            blocked: Vec::new(),
+            blocked_commands: Vec::new(),
         })
     }
 
-    /// Returns the blocked commands.
+    /// Returns the commands that were not sent to the robot.
     pub fn into_blocked_commands(self) -> Vec<BlockedCommand> {
-        self.blocked
+        self.blocked_commands
     }
 
     /// Checks that the arm would accept a command in its current state.
@@ -139,15 +142,15 @@ impl Robot for DryRunRig<'_> {
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         let tried = self.try_out(command);
-        let seconds = TICK.as_secs_f64();
+        let seconds = COMMAND_PERIOD.as_secs_f64();
         // a robot stops when it refuses a command
         self.twist = match tried {
             Ok(()) => self.limits.ramp(self.twist, command.twist, seconds),
             Err(_) => Twist::ZERO,
         };
-        self.blocked.push(BlockedCommand {
+        self.blocked_commands.push(BlockedCommand {
             command: *command,
-            twist: self.twist,
+            resulting_twist: self.twist,
             refusal: tried.as_ref().err().map(ToString::to_string),
         });
         tried
@@ -163,7 +166,7 @@ impl Robot for DryRunRig<'_> {
 impl Rig for DryRunRig<'_> {
     /// Takes a picture of the table and the arm as they are. What the arm hides is treated as empty
     /// table.
-    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxedEnvError> {
         let Intrinsics { width, height, .. } = self.calibration().intrinsics;
         let mut background = vec![0; 3 * width * height];
         // an old picture may show another table
@@ -171,31 +174,31 @@ impl Rig for DryRunRig<'_> {
             DeployError::Rig { source } => source,
             other => other.into(),
         })?;
-        Ok(SetUp { background, parked: self.rig.state()?, goal: None })
+        Ok(SetUp { background, parked_state: self.rig.state()?, goal: None })
     }
 
     fn calibration(&self) -> Calibration {
         self.rig.calibration()
     }
 
-    fn standing_calibration(&self) -> Calibration {
-        self.rig.standing_calibration()
+    fn trial_independent_calibration(&self) -> Calibration {
+        self.rig.trial_independent_calibration()
     }
 
     fn now(&self) -> Duration {
         self.rig.now()
     }
 
-    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
         self.rig.wait(time)
     }
 
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError> {
         self.rig.picture(rgb)
     }
 
     /// Returns no success, because nothing moved.
-    fn verdict(&mut self) -> Result<Verdict, BoxError> {
-        Ok(Verdict::default())
+    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
+        Ok(TaskVerdict::default())
     }
 }

@@ -1,13 +1,14 @@
 //! Errors of this crate.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use experiments::RunError;
 use learner::LearnerError;
 use render::RenderError;
-use rl::BoxError;
+use rl::BoxedEnvError;
 
-/// Error of a trial on a robot, or of a calibration.
+/// Error of a trial on a robot, or of calibrating its camera.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DeployError {
@@ -29,19 +30,19 @@ pub enum DeployError {
     /// Error of the rig: its table, its camera or its clock.
     #[error("the rig failed: {source}")]
     Rig {
-        /// Cause.
-        source: BoxError,
+        /// Cause of the rig's failure.
+        source: BoxedEnvError,
     },
     /// Camera whose latest picture is too old.
     #[error(
         "the camera's newest picture is {} ms old, expected at most {} ms",
-        age.as_millis(), most.as_millis()
+        age.as_millis(), max_age.as_millis()
     )]
     StalePicture {
-        /// Age of the picture.
+        /// Age of the camera's latest picture.
         age: Duration,
-        /// Maximum age.
-        most: Duration,
+        /// Maximum accepted age of a picture.
+        max_age: Duration,
     },
     /// Camera whose clock is ahead of the robot's.
     #[error(
@@ -49,49 +50,58 @@ pub enum DeployError {
         ahead.as_millis()
     )]
     CameraClockAhead {
-        /// Time from now to the picture's time stamp.
+        /// Time from now to the picture's time stamp, which lies in the future.
         ahead: Duration,
     },
     /// Hand that did not reach a pose in time.
     #[error(
-        "the hand did not reach its target within 20 s: {left:.0} mm and {turn:.0} degrees are left"
+        "the hand did not reach its target within 20 s: {remaining_mm:.0} mm and \
+         {remaining_deg:.0} degrees are left"
     )]
     PoseNotReached {
-        /// Remaining distance (mm).
-        left: f64,
-        /// Remaining angle (degrees).
-        turn: f64,
+        /// Remaining distance of the hand from the pose (mm).
+        remaining_mm: f64,
+        /// Remaining angle between the hand and the pose (degrees).
+        remaining_deg: f64,
     },
     /// Hand that kept moving after the robot was stopped.
     #[error("the hand does not come to rest within 2 s of a stop")]
     HandNotAtRest,
     /// Calibration ball that was seen in too few poses.
     #[error(
-        "the ball was seen in {got} poses, expected at least {needed}; pose {pose} was left out: \
-         {why}"
+        "the ball was seen in {sightings} poses, expected at least {needed}; pose {skipped_pose} \
+         was left out: {reason}"
     )]
-    FewSightings {
+    TooFewSightings {
         /// Number of poses in which the ball was seen.
-        got: usize,
-        /// Minimum number of poses.
+        sightings: usize,
+        /// Minimum number of poses in which the ball must be seen.
         needed: usize,
         /// Number of the first pose that was skipped, counted from 1.
-        pose: usize,
-        /// Reason for which it was skipped.
-        why: String,
+        skipped_pose: usize,
+        /// Reason for which that pose was skipped.
+        reason: String,
+    },
+    /// Calibration file that does not fit the rig.
+    #[error("`{}`: {source}", .path.display())]
+    CalibrationFile {
+        /// Path of the calibration file.
+        path: PathBuf,
+        /// Reason for which the calibration does not fit the rig.
+        source: Box<DeployError>,
     },
     /// Calibration that cannot be that of the rig's camera.
     #[error(
-        "the calibration is not of this rig's camera: its {what} is {value}, expected {expected}. \
+        "the calibration is not of this rig's camera: its {part} is {value}, expected {expected}. \
          Make a new one with `covers calibrate` and try it with `covers check mask`; if it is \
          right, correct what the rig says of its camera"
     )]
-    OtherCamera {
-        /// Name of the implausible part.
-        what: &'static str,
-        /// Value of the part.
+    ImplausibleCalibration {
+        /// Name of the implausible part of the calibration.
+        part: &'static str,
+        /// Value of the implausible part.
         value: String,
-        /// Description of plausible values.
+        /// Description of plausible values of the part.
         expected: String,
     },
 }

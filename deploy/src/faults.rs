@@ -7,7 +7,7 @@ use experiments::RunError;
 
 use super::settings::RigSettings;
 
-/// Fault, or setting, whose amount can be varied.
+/// Fault of a simulated rig, or setting of the perception, whose amount can be varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// Distance of the camera from its calibrated position (mm).
@@ -21,21 +21,21 @@ pub enum Fault {
     /// Standard deviation of the exposure's drift (%).
     ExposureDrift,
     /// Standard deviation of the drift of the gains of red and blue (%).
-    BalanceDrift,
+    WhiteBalanceDrift,
     /// Margin of the mask around the arm (mm).
-    MaskGrowth,
+    MaskMargin,
 }
 
 impl Fault {
-    /// All faults.
+    /// All faults whose amount can be varied.
     pub const ALL: [Self; 7] = [
         Self::PositionError,
         Self::AngleError,
         Self::PictureLatency,
         Self::CommandLatency,
         Self::ExposureDrift,
-        Self::BalanceDrift,
-        Self::MaskGrowth,
+        Self::WhiteBalanceDrift,
+        Self::MaskMargin,
     ];
 
     /// Returns the fault's name in commands and files.
@@ -46,21 +46,21 @@ impl Fault {
             Self::PictureLatency => "picture-latency",
             Self::CommandLatency => "command-latency",
             Self::ExposureDrift => "exposure-drift",
-            Self::BalanceDrift => "balance-drift",
-            Self::MaskGrowth => "mask-growth",
+            Self::WhiteBalanceDrift => "balance-drift",
+            Self::MaskMargin => "mask-growth",
         }
     }
 
-    /// Returns the label of an axis: name and unit.
-    pub fn axis(self) -> &'static str {
+    /// Returns the fault's label for the axis of a figure: name and unit.
+    pub fn axis_label(self) -> &'static str {
         match self {
             Self::PositionError => "error of the camera's position (mm)",
             Self::AngleError => "error of the camera's angle (degrees)",
             Self::PictureLatency => "age of pictures (ms)",
             Self::CommandLatency => "age of commands (ms)",
             Self::ExposureDrift => "drift of the exposure (%)",
-            Self::BalanceDrift => "drift of the white balance (%)",
-            Self::MaskGrowth => "growth of the mask (mm)",
+            Self::WhiteBalanceDrift => "drift of the white balance (%)",
+            Self::MaskMargin => "growth of the mask (mm)",
         }
     }
 
@@ -68,17 +68,21 @@ impl Fault {
     ///
     /// # Errors
     /// An amount out of range.
-    pub fn set(self, amount: f64, mut settings: RigSettings) -> Result<RigSettings, DeployError> {
+    pub fn set_amount(
+        self,
+        amount: f64,
+        mut settings: RigSettings,
+    ) -> Result<RigSettings, DeployError> {
         let RigSettings { simulation, vision } = &mut settings;
-        let camera = &mut simulation.imperfections;
+        let camera = &mut simulation.camera_imperfections;
         match self {
             Self::PositionError => camera.position_error = amount / 1e3,
             Self::AngleError => camera.angle_error = amount.to_radians(),
             Self::PictureLatency => camera.latency = amount / 1e3,
-            Self::CommandLatency => simulation.command_latency = amount / 1e3,
-            Self::ExposureDrift => camera.exposure_drift = amount / 1e2,
-            Self::BalanceDrift => camera.balance_drift = amount / 1e2,
-            Self::MaskGrowth => vision.growth = amount / 1e3,
+            Self::CommandLatency => simulation.command_latency_s = amount / 1e3,
+            Self::ExposureDrift => camera.exposure_drift_sd = amount / 1e2,
+            Self::WhiteBalanceDrift => camera.white_balance_drift_sd = amount / 1e2,
+            Self::MaskMargin => vision.mask_margin_m = amount / 1e3,
         }
         camera.check()?;
         let in_range = match self {
@@ -86,13 +90,13 @@ impl Fault {
             Self::PictureLatency => amount <= 400.0,
             // the simulation delays commands by whole control steps
             Self::CommandLatency => amount <= 1000.0 && amount % 12.5 == 0.0,
-            Self::MaskGrowth => amount <= 1000.0,
+            Self::MaskMargin => amount <= 1000.0,
             _ => true,
         };
         if in_range {
             return Ok(settings);
         }
-        Err(RunError::Setting {
+        Err(RunError::InvalidSetting {
             name: self.name(),
             value: amount.to_string(),
             expected: "a picture-latency of at most 400 ms, a command-latency of whole control \
@@ -105,7 +109,7 @@ impl Fault {
 /// Fault with the amounts to try, parsed from text such as `angle-error=0,0.5,1`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaultSweep {
-    /// Fault to vary.
+    /// Fault whose amount is varied.
     pub fault: Fault,
     /// Rising amounts in the fault's unit; the last one is above 0.
     pub amounts: Vec<f64>,
@@ -116,7 +120,7 @@ impl FromStr for FaultSweep {
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
         let refused =
-            |expected| RunError::Setting { name: "sweep", value: text.to_owned(), expected };
+            |expected| RunError::InvalidSetting { name: "sweep", value: text.to_owned(), expected };
         let (fault, amounts) = named(text)?;
         let amounts: Result<Vec<f64>, _> = amounts.split(',').map(str::parse).collect();
         let amounts = amounts.map_err(|_| refused(FORM))?;
@@ -133,9 +137,9 @@ impl FromStr for FaultSweep {
 /// Fault with one amount, parsed from text such as `angle-error=3`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultAmount {
-    /// Fault to set.
+    /// Fault whose amount is set.
     pub fault: Fault,
-    /// Amount in the fault's unit; 0 or more.
+    /// Amount of the fault in its unit; 0 or more.
     pub amount: f64,
 }
 
@@ -144,19 +148,21 @@ impl FromStr for FaultAmount {
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
         let (fault, amount) = named(text)?;
-        let in_range = |amount: &f64| *amount >= 0.0 && amount.is_finite();
-        let amount = amount.parse().ok().filter(in_range).ok_or_else(|| RunError::Setting {
-            name: "fault",
-            value: text.to_owned(),
-            expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
-        })?;
+        let in_range = |parsed: &f64| *parsed >= 0.0 && parsed.is_finite();
+        let amount =
+            amount.parse().ok().filter(in_range).ok_or_else(|| RunError::InvalidSetting {
+                name: "fault",
+                value: text.to_owned(),
+                expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
+            })?;
         Ok(Self { fault, amount })
     }
 }
 
 /// Splits a text at its `=` into a fault and the text of its amounts.
 fn named(text: &str) -> Result<(Fault, &str), DeployError> {
-    let refused = |expected| RunError::Setting { name: "fault", value: text.to_owned(), expected };
+    let refused =
+        |expected| RunError::InvalidSetting { name: "fault", value: text.to_owned(), expected };
     let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
     let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
     Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))
@@ -223,27 +229,27 @@ mod tests {
     /// docs/deployment.md.
     #[test]
     fn amounts_are_in_the_units_that_axes_name() {
-        let nominal = RigSettings::NOMINAL;
+        let nominal = RigSettings::NOMINAL_FAULTS;
         let amounts = [5.0, 0.5, 60.0, 25.0, 10.0, 3.0, 20.0];
         for (fault, amount) in Fault::ALL.into_iter().zip(amounts) {
-            let none = fault.set(0.0, nominal).unwrap();
+            let none = fault.set_amount(0.0, nominal).unwrap();
             assert_ne!(none, nominal, "{}", fault.name());
-            assert_eq!(fault.set(amount, none).unwrap(), nominal, "{}", fault.name());
+            assert_eq!(fault.set_amount(amount, none).unwrap(), nominal, "{}", fault.name());
         }
     }
 
     #[test]
     fn amounts_out_of_range_are_refused() {
-        let nominal = RigSettings::NOMINAL;
+        let nominal = RigSettings::NOMINAL_FAULTS;
         for (fault, amount, says) in [
             (Fault::PositionError, 101.0, "`position_error` is 0.101"),
             (Fault::AngleError, 12.0, "`angle_error`"),
             (Fault::PictureLatency, 450.0, "450"),
             (Fault::CommandLatency, 20.0, "12.5"),
-            (Fault::ExposureDrift, 101.0, "`exposure_drift`"),
-            (Fault::MaskGrowth, 1001.0, "mask-growth"),
+            (Fault::ExposureDrift, 101.0, "`exposure_drift_sd`"),
+            (Fault::MaskMargin, 1001.0, "mask-growth"),
         ] {
-            let message = fault.set(amount, nominal).unwrap_err().to_string();
+            let message = fault.set_amount(amount, nominal).unwrap_err().to_string();
             assert!(message.contains(says), "{message}");
         }
     }

@@ -1,11 +1,11 @@
 //! Film strips of a trial: the camera's pictures, the masks and the policy's pictures.
 
-use envs::RGB;
+use envs::RGB_CHANNELS;
 use inpainting::{Intrinsics, Perception};
 
-use experiments::colours::rgb;
+use experiments::colours::line_rgb;
 use experiments::sheet::Picture;
-use render::{Cell, Film, Row, grid};
+use render::{Film, GridCell, GridRow, compose_grid};
 
 /// Width and height of a cell (pixels), in the aspect ratio of the camera's pictures, 4 to 3.
 const CELL: [usize; 2] = [192, 144];
@@ -23,12 +23,12 @@ pub struct FilmStrip {
 
 impl FilmStrip {
     /// Adds the pictures of a decision. The policy's picture, `seen`, is square.
-    pub(super) fn add(&mut self, raw: &[u8], perception: &Perception, seen: &[u8]) {
+    pub(super) fn add_decision(&mut self, raw: &[u8], perception: &Perception, seen: &[u8]) {
         let Intrinsics { width, height, .. } = perception.settings().calibration.intrinsics;
-        let view = perception.view().intrinsics;
-        let mask = perception.mask().iter();
+        let view = perception.rectified_camera().intrinsics;
+        let mask = perception.arm_mask().iter();
         let mask: Vec<u8> = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; 3]).collect();
-        let side = (seen.len() / RGB).isqrt();
+        let side = (seen.len() / RGB_CHANNELS).isqrt();
         self.columns.push([
             fitted(raw, [width, height]),
             fitted(&mask, [view.width, view.height]),
@@ -37,7 +37,7 @@ impl FilmStrip {
     }
 
     /// Returns a picture with three rows on white: the first decision and every fifth after it.
-    pub fn picture(&self) -> Picture {
+    pub fn to_picture(&self) -> Picture {
         let [wide, high] = CELL.map(|side| side + GAP);
         let (width, height) = (self.columns.len().div_ceil(EVERY) * wide + GAP, 3 * high + GAP);
         let mut rgb = vec![255; width * height * 3];
@@ -53,15 +53,18 @@ impl FilmStrip {
     }
 
     /// Returns a film of all decisions with the three pictures side by side.
-    pub fn film(&self, title: &str) -> Film {
-        let cell = |row: usize| Cell {
+    pub fn to_film(&self, title: &str) -> Film {
+        let cell = |row: usize| GridCell {
             width: CELL[0],
             height: CELL[1],
             frames: self.columns.iter().map(|cells| cells[row].clone()).collect(),
         };
-        let row =
-            Row { title: title.to_owned(), colour: rgb(0), cells: [0, 1, 2].map(cell).to_vec() };
-        grid(&["camera", "mask", "policy"], &[row])
+        let row = GridRow {
+            title: title.to_owned(),
+            colour: line_rgb(0),
+            cells: [0, 1, 2].map(cell).to_vec(),
+        };
+        compose_grid(&["camera", "mask", "policy"], &[row])
     }
 }
 
@@ -96,10 +99,10 @@ mod tests {
         assert!(square[..3] == [255; 3] && square[24 * 3..][..3] == [10; 3]);
         assert_eq!(dark(&fitted(&[10; 640 * 480 * 3], [640, 480])), 192 * 144);
         let strip = FilmStrip { columns: vec![[square.clone(), square.clone(), square]; 6] };
-        let picture = strip.picture();
+        let picture = strip.to_picture();
         assert_eq!((picture.width, picture.height), (2 * 196 + 4, 3 * 148 + 4));
         assert_eq!(dark(&picture.rgb), 6 * 144 * 144);
-        let film = strip.film("");
+        let film = strip.to_film("");
         assert_eq!(film.frames.len(), 6);
         assert!(film.frames.iter().all(|frame| dark(frame) == 3 * 144 * 144));
     }

@@ -2,55 +2,60 @@
 
 use std::time::Duration;
 
-/// Stage of a decision. The recognition runs once per trial.
+/// Stage of a decision on a robot whose time is measured. The recognition runs once per trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum DecisionStage {
     /// Fetching the camera's picture.
-    Picture,
+    FetchPicture,
     /// Removing the arm from the picture.
     InPainting,
-    /// Choice of a policy by the learner.
-    Recognition,
+    /// Choice of a policy by the learner from the first picture.
+    ChoosePolicy,
     /// Choice of an action by the policy.
-    Policy,
+    ChooseAction,
     /// Computing the commands of a decision and sending them to the robot.
-    Commands,
+    SendCommands,
 }
 
-impl Stage {
-    /// All stages, in the order in which they run.
-    pub const ALL: [Self; 5] =
-        [Self::Picture, Self::InPainting, Self::Recognition, Self::Policy, Self::Commands];
+impl DecisionStage {
+    /// All stages of a decision, in the order in which they run.
+    pub const ALL: [Self; 5] = [
+        Self::FetchPicture,
+        Self::InPainting,
+        Self::ChoosePolicy,
+        Self::ChooseAction,
+        Self::SendCommands,
+    ];
 
     /// Returns the stage's name in tables.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Picture => "picture",
+            Self::FetchPicture => "picture",
             Self::InPainting => "in-painting",
-            Self::Recognition => "recognition",
-            Self::Policy => "policy",
-            Self::Commands => "commands",
+            Self::ChoosePolicy => "recognition",
+            Self::ChooseAction => "policy",
+            Self::SendCommands => "commands",
         }
     }
 }
 
-/// Measured times of all stages.
+/// Measured times of all stages of the decisions on a robot.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct LatencyProfile([Vec<Duration>; Stage::ALL.len()]);
+pub struct LatencyProfile([Vec<Duration>; DecisionStage::ALL.len()]);
 
 impl LatencyProfile {
     /// Adds the time that a stage took.
-    pub(super) fn record(&mut self, stage: Stage, took: Duration) {
+    pub(super) fn record(&mut self, stage: DecisionStage, took: Duration) {
         self.0[stage as usize].push(took);
     }
 
-    /// Returns the number of times a stage ran.
-    pub fn count(&self, stage: Stage) -> usize {
+    /// Returns the number of times that a stage was measured.
+    pub fn count(&self, stage: DecisionStage) -> usize {
         self.0[stage as usize].len()
     }
 
     /// Returns the median and the largest time of a stage, or `None` if it never ran.
-    pub fn times(&self, stage: Stage) -> Option<[Duration; 2]> {
+    pub fn median_and_max(&self, stage: DecisionStage) -> Option<[Duration; 2]> {
         let mut times = self.0[stage as usize].clone();
         times.sort_unstable();
         let median = *times.get(times.len() / 2)?;
@@ -65,16 +70,19 @@ mod tests {
     #[test]
     fn stages_have_their_own_times() {
         let mut latencies = LatencyProfile::default();
-        for (index, stage) in Stage::ALL.into_iter().enumerate() {
+        for (index, stage) in DecisionStage::ALL.into_iter().enumerate() {
             assert_eq!(stage as usize, index);
-            assert_eq!(latencies.times(stage), None);
+            assert_eq!(latencies.median_and_max(stage), None);
             for millis in [9, 1, 4] {
                 latencies.record(stage, Duration::from_millis(millis + index as u64));
             }
         }
         let millis = |[median, most]: [Duration; 2]| [median.as_millis(), most.as_millis()];
-        assert_eq!(latencies.times(Stage::Picture).map(millis), Some([4, 9]));
-        assert_eq!(latencies.times(Stage::Commands).map(millis), Some([8, 13]));
-        assert_eq!(latencies.count(Stage::Policy), 3);
+        assert_eq!(latencies.median_and_max(DecisionStage::FetchPicture).map(millis), Some([4, 9]));
+        assert_eq!(
+            latencies.median_and_max(DecisionStage::SendCommands).map(millis),
+            Some([8, 13])
+        );
+        assert_eq!(latencies.count(DecisionStage::ChooseAction), 3);
     }
 }

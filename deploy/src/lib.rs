@@ -29,8 +29,8 @@ mod trial;
 mod tests;
 
 pub use calibrate::{
-    CalibrateOptions, CalibrateSettings, Calibrated, CalibrationFile, MaskCheck, MaskOptions,
-    MaskRow, SkippedPose, calibrate, poses,
+    CalibrateOptions, CalibrateSettings, CalibrationFile, CalibrationResult, CheckMaskOptions,
+    MaskCheck, MaskComparison, SkippedPose, calibrate, calibration_poses,
 };
 pub use command::DeployOptions;
 pub use deployment::Deployment;
@@ -38,9 +38,9 @@ pub use dry_run::{BlockedCommand, DryRunReport};
 pub use error::DeployError;
 pub use faults::{Fault, FaultAmount, FaultSweep};
 pub use film_strip::FilmStrip;
-pub use latency::{LatencyProfile, Stage};
-pub use options::{CameraOptions, Faults, RigOptions, RobotKind, SiteOptions};
-pub use rig::{Rig, SetUp, Trial, Verdict};
+pub use latency::{DecisionStage, LatencyProfile};
+pub use options::{CameraOptions, FaultLevel, RigOptions, RobotKind, RunAndRigOptions};
+pub use rig::{Rig, SetUp, TaskVerdict, Trial};
 pub use settings::{RigSettings, VisionSettings};
 pub use simulated::{SimulatedRig, SimulationSettings};
 pub use table::{TrialScore, deployment_table};

@@ -3,19 +3,19 @@
 use std::time::Duration;
 
 use envs::embodiments::Arm;
-use envs::{Camera, Pictures};
+use envs::{Camera, ObservationPictures};
 use glam::DVec3;
 use inpainting::{Calibration, Perception};
 use robots::RobotState;
 
 use crate::DeployError;
 
-use super::rig::{OLDEST, Rig, SetUp, fresh_picture};
+use super::rig::{MAX_PICTURE_AGE, Rig, SetUp, fresh_picture};
 use super::settings::VisionSettings;
 use super::state_history::StateHistory;
 
 /// Perception of a rig: removes the arm from pictures by the joints' positions at their time.
-pub(super) struct Observer {
+pub(super) struct RigPerception {
     perception: Perception,
     history: StateHistory,
     /// Latest picture of the camera `[H, W, 3]`.
@@ -24,14 +24,14 @@ pub(super) struct Observer {
     taken: Duration,
     /// Camera that the policy was trained with.
     camera: Camera,
-    /// Last picture without the arm `[drawn_size, drawn_size, 3]`.
+    /// Last picture without the arm `[rendered_size, rendered_size, 3]`.
     painted: Vec<u8>,
 }
 
-impl Observer {
+impl RigPerception {
     /// Creates the perception of a table that was set up as `set_up`, for a policy trained with
-    /// `camera`. `table` `[drawn_size, drawn_size, 3]` is a picture of the empty table by that
-    /// camera, and `start` the time with the arm's state.
+    /// `camera`. `table` `[rendered_size, rendered_size, 3]` is a picture of the empty table by
+    /// that camera, and `start` the time with the arm's state.
     ///
     /// # Errors
     /// [`DeployError::Inpainting`].
@@ -44,15 +44,15 @@ impl Observer {
         set_up: &SetUp,
         start: (Duration, RobotState),
     ) -> Result<Self, DeployError> {
-        let parked = arm.capsules(&set_up.parked);
+        let parked = arm.capsules(&set_up.parked_state);
         let radii = parked.iter().map(|capsule| capsule.radius);
-        let settings = settings.perception(calibration, camera, radii);
+        let settings = settings.perception_settings(calibration, camera, radii);
         let mut perception = Perception::new(settings, table)?;
-        perception.begin(&set_up.background, &joints(arm, &set_up.parked))?;
+        perception.begin_episode(&set_up.background, &joints(arm, &set_up.parked_state))?;
         Ok(Self {
             perception,
             taken: start.0,
-            history: StateHistory::new(start, OLDEST),
+            history: StateHistory::new(start, MAX_PICTURE_AGE),
             picture: vec![0; set_up.background.len()],
             camera: *camera,
             painted: vec![0; table.len()],
@@ -60,7 +60,7 @@ impl Observer {
     }
 
     /// Records the arm's state at the time `now`, which must not go back.
-    pub fn record(&mut self, now: Duration, state: RobotState) {
+    pub fn record_state(&mut self, now: Duration, state: RobotState) {
         self.history.record(now, state);
     }
 
@@ -73,7 +73,7 @@ impl Observer {
     ///
     /// # Errors
     /// As [`fresh_picture`].
-    pub fn shoot(&mut self, rig: &mut dyn Rig) -> Result<(), DeployError> {
+    pub fn fetch_picture(&mut self, rig: &mut dyn Rig) -> Result<(), DeployError> {
         self.taken = fresh_picture(rig, &mut self.picture)?;
         Ok(())
     }
@@ -83,22 +83,26 @@ impl Observer {
     ///
     /// # Errors
     /// [`DeployError::Inpainting`].
-    pub fn paint(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), DeployError> {
+    pub fn write_without_arm(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), DeployError> {
         // pictures come late: mask the arm where it was when the picture was taken
-        let joints = joints(arm, &self.history.at(self.taken));
+        let joints = joints(arm, &self.history.state_at(self.taken));
         let gripper = self.state().tip.position;
-        self.perception.look(&self.picture, &joints, gripper, &mut self.painted)?;
-        self.camera.shrink(&self.painted, out);
+        self.perception.observe(&self.picture, &joints, gripper, &mut self.painted)?;
+        self.camera.downsample(&self.painted, out);
         self.camera.draw_mark(&self.camera.mark, gripper, out);
         Ok(())
     }
 
     /// Composes the image of an observation, `[size, size, C]`, from the last picture of
-    /// [`Observer::paint`], `now`, and the episode's first one.
-    pub fn compose(&self, now: &[u8], first: &[u8], image: &mut [u8]) {
-        let pictures =
-            Pictures { now, first, drawn: &self.painted, hand: self.state().tip.position };
-        self.camera.compose(&pictures, image);
+    /// [`RigPerception::write_without_arm`], `current`, and the episode's first one.
+    pub fn compose_observation(&self, current: &[u8], first: &[u8], image: &mut [u8]) {
+        let pictures = ObservationPictures {
+            current,
+            first,
+            rendered: &self.painted,
+            hand: self.state().tip.position,
+        };
+        self.camera.compose_observation(&pictures, image);
     }
 
     /// Returns the camera's last picture `[H, W, 3]`.

@@ -6,13 +6,14 @@ use clap::{Args, ValueEnum};
 
 use crate::DeployError;
 use experiments::{RunError, RunFolder};
+use inpainting::InpaintingError::OutOfSight;
 
 use super::calibrate::CalibrationFile;
 use super::deployment::Deployment;
-use super::faults::FaultAmount;
+use super::faults::{Fault, FaultAmount};
 use super::settings::{RigSettings, VisionSettings};
 
-/// Robot that the commands support.
+/// Robot that the deployment commands support.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RobotKind {
     /// Simulated Kinova Gen3, with which no policy was trained.
@@ -21,7 +22,7 @@ pub enum RobotKind {
 
 /// Set of faults of a simulated robot and its camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Faults {
+pub enum FaultLevel {
     /// No faults.
     Off,
     /// Faults about as large as those of real robots and cameras.
@@ -39,36 +40,53 @@ pub struct RigOptions {
     pub seed: u64,
     /// Faults of the camera and the arm.
     #[arg(long, value_enum, default_value = "nominal")]
-    pub faults: Faults,
+    pub faults: FaultLevel,
     /// Amount of a single fault, as `position-error=30`, with the names and units of `covers deploy
     /// --sweep`; may be given several times, for one fault each.
-    #[arg(long, value_name = "FAULT=AMOUNT")]
-    pub fault: Vec<FaultAmount>,
+    #[arg(long = "fault", value_name = "FAULT=AMOUNT")]
+    pub fault_amounts: Vec<FaultAmount>,
 }
 
 impl RigOptions {
     /// Returns the settings of the simulated rig and the perception.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for amounts out of range, and for two amounts of one fault.
+    /// [`RunError::InvalidSetting`] for amounts out of range, and for two amounts of one fault.
     pub fn settings(&self) -> Result<RigSettings, DeployError> {
         let mut settings = match self.faults {
-            Faults::Off => RigSettings::OFF,
-            Faults::Nominal => RigSettings::NOMINAL,
+            FaultLevel::Off => RigSettings::NO_FAULTS,
+            FaultLevel::Nominal => RigSettings::NOMINAL_FAULTS,
         };
-        for (number, FaultAmount { fault, amount }) in self.fault.iter().enumerate() {
+        for (number, FaultAmount { fault, amount }) in self.fault_amounts.iter().enumerate() {
             // a second amount would silently replace the first
-            if self.fault[..number].iter().any(|of| of.fault == *fault) {
-                return Err(RunError::Setting {
+            if self.fault_amounts[..number].iter().any(|of| of.fault == *fault) {
+                return Err(RunError::InvalidSetting {
                     name: "fault",
                     value: format!("{}, twice", fault.name()),
                     expected: "each fault once",
                 }
                 .into());
             }
-            settings = fault.set(*amount, settings)?;
+            settings = fault.set_amount(*amount, settings)?;
         }
         Ok(settings)
+    }
+
+    /// Rejects single faults, and those of a sweep, for a rig that is not simulated: an ignored
+    /// fault would pass for a harmless one.
+    pub(crate) fn reject_faults(
+        &self,
+        swept: impl IntoIterator<Item = Fault>,
+    ) -> Result<(), DeployError> {
+        let single = self.fault_amounts.iter().map(|of| of.fault);
+        single.chain(swept).next().map_or(Ok(()), |fault| {
+            Err(RunError::InvalidSetting {
+                name: "fault",
+                value: fault.name().to_owned(),
+                expected: "none: faults are set in simulated rigs alone",
+            }
+            .into())
+        })
     }
 }
 
@@ -82,9 +100,10 @@ pub struct CameraOptions {
 
 /// Options that choose the policies, the robot and the camera's calibration.
 #[derive(Clone, Debug, Args)]
-pub struct SiteOptions {
+pub struct RunAndRigOptions {
     /// Folder of a run, or one that `covers pack` made.
-    pub run: PathBuf,
+    #[arg(value_name = "RUN")]
+    pub run_folder: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub rig: RigOptions,
@@ -93,14 +112,14 @@ pub struct SiteOptions {
     pub camera: CameraOptions,
 }
 
-impl SiteOptions {
+impl RunAndRigOptions {
     /// Loads the policies, with these settings of the perception and the calibration of the
     /// options.
     ///
     /// # Errors
     /// As [`CameraOptions::apply`] and [`Deployment::load`].
     pub fn deployment(&self, vision: VisionSettings) -> Result<Deployment, DeployError> {
-        Deployment::load(&RunFolder::open(&self.run), self.camera.apply(vision)?)
+        Deployment::load(&RunFolder::from_path(&self.run_folder), self.camera.apply(vision)?)
     }
 }
 
@@ -112,5 +131,20 @@ impl CameraOptions {
     pub fn apply(&self, settings: VisionSettings) -> Result<VisionSettings, DeployError> {
         let read = self.calibration.as_deref().map(CalibrationFile::read);
         Ok(VisionSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
+    }
+
+    /// Adds the path of the calibration file to an error that its calibration causes.
+    pub(super) fn name_file_in_error<T>(
+        &self,
+        outcome: Result<T, DeployError>,
+    ) -> Result<T, DeployError> {
+        use DeployError::{CalibrationFile, ImplausibleCalibration, Inpainting};
+        outcome.map_err(|error| match (&self.calibration, error) {
+            (
+                Some(path),
+                source @ (ImplausibleCalibration { .. } | Inpainting(OutOfSight { .. })),
+            ) => CalibrationFile { path: path.clone(), source: Box::new(source) },
+            (_, other) => other,
+        })
     }
 }

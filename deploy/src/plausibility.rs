@@ -19,28 +19,31 @@ const POINTS: usize = 9;
 /// Rejects a calibration that cannot be that of the rig's camera, whose own estimate is `known`.
 ///
 /// # Errors
-/// [`DeployError::OtherCamera`].
-pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), DeployError> {
+/// [`DeployError::ImplausibleCalibration`].
+pub(super) fn check_plausibility(
+    file: &Calibration,
+    known: &Calibration,
+) -> Result<(), DeployError> {
     let (inside, expected) = (&file.intrinsics, &known.intrinsics);
     let size = [inside.width, inside.height];
     let known_size = [expected.width, expected.height];
     require(size == known_size, "size", format!("{size:?} pixels"), || {
         format!("{known_size:?}, the size of the rig's pictures")
     })?;
-    for (of, known) in inside.focal.iter().zip(expected.focal) {
-        let [low, high] = [1.0 - FOCAL, 1.0 + FOCAL].map(|part| part * known);
+    for (of, focal) in inside.focal_lengths.iter().zip(expected.focal_lengths) {
+        let [low, high] = [1.0 - FOCAL, 1.0 + FOCAL].map(|part| part * focal);
         let value = format!("{of} pixels");
         require((low..=high).contains(of), "focal length", value, || {
-            format!("{low:.0} to {high:.0} pixels, the rig's being {known:.0}")
+            format!("{low:.0} to {high:.0} pixels, the rig's being {focal:.0}")
         })?;
     }
     let most = SHIFT * expected.width as f64;
-    let [x, y] = [0, 1].map(|axis| inside.centre[axis] - expected.centre[axis]);
-    let value = format!("at {:?} pixels", inside.centre);
+    let [x, y] = [0, 1].map(|axis| inside.principal_point[axis] - expected.principal_point[axis]);
+    let value = format!("at {:?} pixels", inside.principal_point);
     require(x.hypot(y) <= most, "optical axis", value, || {
-        format!("at most {most:.0} pixels from {:?}, the rig's", expected.centre)
+        format!("at most {most:.0} pixels from {:?}, the rig's", expected.principal_point)
     })?;
-    let value = |shift| match shift {
+    let describe = |shift| match shift {
         Shift::Pixels(pixels) => format!("bent by up to {pixels:.0} pixels against the rig's"),
         Shift::Hidden(pixel) => {
             format!("one that shows nothing at pixel {pixel:?}, where the rig's does")
@@ -48,20 +51,20 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Deplo
     };
     let shift = shift(file, known);
     let holds = matches!(shift, Shift::Pixels(pixels) if pixels <= most);
-    require(holds, "lens", value(shift), || {
+    require(holds, "lens", describe(shift), || {
         format!("at most {most:.0} pixels from where the rig's shows a point")
     })?;
-    let [place, angle] = apart(file, known);
-    let value = format!("{:.3} m", file.position());
-    require(place <= LARGEST[0], "position", value, || {
+    let [place, angle] = distance_m_and_angle_deg(file, known);
+    let position = format!("{:.3} m", file.position());
+    require(place <= LARGEST[0], "position", position, || {
         format!("at most {} m from {:.3} m, the rig's", LARGEST[0], known.position())
     })?;
-    let value = format!("turned by {angle:.0} degrees against the rig's");
-    require(angle <= LARGEST[1], "rotation", value, || format!("at most {} degrees", LARGEST[1]))
+    let rotation = format!("turned by {angle:.0} degrees against the rig's");
+    require(angle <= LARGEST[1], "rotation", rotation, || format!("at most {} degrees", LARGEST[1]))
 }
 
 /// Returns the distance between two cameras (metres) and the angle between them (degrees).
-pub(super) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
+pub(super) fn distance_m_and_angle_deg(one: &Calibration, other: &Calibration) -> [f64; 2] {
     let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
     let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
     // a quaternion and its negative are the same rotation, so the angle may exceed half a turn
@@ -87,10 +90,10 @@ fn shift(file: &Calibration, known: &Calibration) -> Shift {
         let parts = [index % POINTS, index / POINTS].map(|i| i as f64 / (POINTS - 1) as f64);
         let pixel = [0, 1].map(|axis| parts[axis] * size[axis] as f64);
         // a lens may leave the corners of its picture dark
-        let Some(way) = known.direction(pixel) else {
+        let Some(way) = known.direction_of_pixel(pixel) else {
             continue;
         };
-        let Some([column, row]) = bent.pixel(way) else {
+        let Some([column, row]) = bent.project_direction(way) else {
             return Shift::Hidden(pixel);
         };
         largest = largest.max((column - pixel[0]).hypot(row - pixel[1]));
@@ -100,7 +103,7 @@ fn shift(file: &Calibration, known: &Calibration) -> Shift {
 
 fn require(
     holds: bool,
-    what: &'static str,
+    part: &'static str,
     value: String,
     expected: impl Fn() -> String,
 ) -> Result<(), DeployError> {
@@ -108,7 +111,7 @@ fn require(
         return Ok(());
     }
     let expected = expected();
-    Err(DeployError::OtherCamera { what, value, expected })
+    Err(DeployError::ImplausibleCalibration { part, value, expected })
 }
 
 #[cfg(test)]
@@ -141,8 +144,7 @@ mod tests {
     }
 
     fn bent(radial: [f64; 2]) -> Calibration {
-        let distortion = Distortion { radial, tangential: [0.001; 2] };
-        Calibration { distortion, ..known() }
+        Calibration { distortion: Distortion::brown_conrady(radial, [0.001; 2]), ..known() }
     }
 
     /// Checks that a correct file is accepted by rigs with the largest allowed error.
@@ -151,12 +153,12 @@ mod tests {
         let diagonal = DVec3::ONE.normalize();
         for axis in [DVec3::X, -DVec3::Y, DVec3::Z, diagonal] {
             let turn = DMat3::from_axis_angle(axis, 10_f64.to_radians());
-            check(&hung(turn, 1.5 * DVec3::Z + 0.1 * diagonal), &known()).unwrap();
-            check(&known(), &hung(turn, 1.5 * DVec3::Z - 0.1 * diagonal)).unwrap();
+            check_plausibility(&hung(turn, 1.5 * DVec3::Z + 0.1 * diagonal), &known()).unwrap();
+            check_plausibility(&known(), &hung(turn, 1.5 * DVec3::Z - 0.1 * diagonal)).unwrap();
         }
-        check(&bent([0.05, -0.05]), &known()).unwrap();
-        check(&inside(|of| of.focal = [600.0, 630.0]), &known()).unwrap();
-        check(&inside(|of| of.centre = [300.0, 255.0]), &known()).unwrap();
+        check_plausibility(&bent([0.05, -0.05]), &known()).unwrap();
+        check_plausibility(&inside(|of| of.focal_lengths = [600.0, 630.0]), &known()).unwrap();
+        check_plausibility(&inside(|of| of.principal_point = [300.0, 255.0]), &known()).unwrap();
     }
 
     /// Checks lenses whose pictures have dark corners.
@@ -164,11 +166,11 @@ mod tests {
     fn lenses_that_show_nothing_in_corners_are_compared_elsewhere() {
         for radial in [[-0.37, 0.0], [-0.4, 0.0], [-0.49, -0.49]] {
             let lens = bent(radial);
-            check(&lens, &lens).unwrap();
-            assert!(lens.direction([640.0, 480.0]).is_none());
+            check_plausibility(&lens, &lens).unwrap();
+            assert!(lens.direction_of_pixel([640.0, 480.0]).is_none());
         }
-        check(&bent([-0.35, 0.0]), &bent([-0.35, 0.0])).unwrap();
-        let message = check(&known(), &bent([-0.4, 0.0])).unwrap_err().to_string();
+        check_plausibility(&bent([-0.35, 0.0]), &bent([-0.35, 0.0])).unwrap();
+        let message = check_plausibility(&known(), &bent([-0.4, 0.0])).unwrap_err().to_string();
         assert!(message.contains("bent by up to"), "{message}");
     }
 
@@ -184,9 +186,9 @@ mod tests {
             (turned(DVec3::Z, 90.0), ["rotation", "90 degrees", "15 degrees"]),
             (turned(DVec3::X, 180.0), ["rotation", "180 degrees", "15 degrees"]),
             (turned(DVec3::X, 90.0), ["rotation", "90 degrees", "15 degrees"]),
-            (inside(|of| of.focal = [1.93; 2]), ["focal length", "1.93", "554 to 676"]),
+            (inside(|of| of.focal_lengths = [1.93; 2]), ["focal length", "1.93", "554 to 676"]),
             (
-                inside(|of| of.centre = [240.0, 318.0]),
+                inside(|of| of.principal_point = [240.0, 318.0]),
                 ["optical axis", "[240.0, 318.0]", "[318.0, 240.0]"],
             ),
             (inside(|of| (of.width, of.height) = (480, 640)), ["size", "[480, 640]", "[640, 480]"]),
@@ -196,7 +198,7 @@ mod tests {
             (bent([0.49, 0.49]), ["lens", "bent by up to", "64 pixels"]),
             (bent([-0.49, -0.49]), ["lens", "shows nothing at pixel [0.0, 0.0]", "64 pixels"]),
         ] {
-            let message = check(&file, &known()).unwrap_err().to_string();
+            let message = check_plausibility(&file, &known()).unwrap_err().to_string();
             let advice = ["`covers calibrate`", "`covers check mask`"];
             for words in says.iter().chain(&advice) {
                 assert!(message.contains(words), "{words}: {message}");

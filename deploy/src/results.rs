@@ -6,25 +6,25 @@ use envs::TaskGroup;
 
 use crate::DeployError;
 use experiments::RunError;
-use learner::disk::{LocalDisk, replace};
+use learner::disk::{LocalDisk, write_atomically};
 
 use super::faults::Fault;
-use super::sweep::{Swept, figure, swept_rows};
-use super::table::{TrialScore, deployment_markdown, trial_rows};
+use super::sweep::{SweepResults, sweep_csv, sweep_svg};
+use super::table::{TrialScore, deployment_markdown, trials_csv};
 
 /// Folder with `table.md` and `trials.csv`, and for each sweep a table (CSV) and a figure (SVG)
 /// named after the fault.
-pub struct Results {
+pub struct ResultsFolder {
     folder: PathBuf,
 }
 
-impl Results {
+impl ResultsFolder {
     /// Creates the folder if there is none. `faults` are those that will be swept.
     ///
     /// # Errors
     /// [`RunError::FileExists`] if one of the files exists, and a folder that cannot be created.
     pub fn create(folder: &Path, faults: impl Iterator<Item = Fault>) -> Result<Self, DeployError> {
-        std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
+        std::fs::create_dir_all(folder).map_err(|error| RunError::cannot_write(folder, error))?;
         // check all files before any trial runs, which takes minutes
         let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
@@ -43,9 +43,9 @@ impl Results {
     /// Files that cannot be written.
     pub fn write_trials(&self, scores: &[TrialScore]) -> Result<(), DeployError> {
         let write = |name: &str, text: String| {
-            replace(&LocalDisk, &self.folder.join(name), text.as_bytes())
+            write_atomically(&LocalDisk, &self.folder.join(name), text.as_bytes())
         };
-        write("trials.csv", trial_rows(scores))?;
+        write("trials.csv", trials_csv(scores))?;
         Ok(write("table.md", deployment_markdown(scores))?)
     }
 
@@ -57,12 +57,13 @@ impl Results {
         &self,
         fault: Fault,
         groups: &[TaskGroup],
-        swept: &Swept,
+        swept: &SweepResults,
     ) -> Result<(), DeployError> {
-        let write =
-            |ending, text: String| replace(&LocalDisk, &self.of(fault, ending), text.as_bytes());
-        write("csv", swept_rows(fault, swept))?;
-        Ok(write("svg", figure(fault, groups, swept))?)
+        let write = |ending, text: String| {
+            write_atomically(&LocalDisk, &self.of(fault, ending), text.as_bytes())
+        };
+        write("csv", sweep_csv(fault, swept))?;
+        Ok(write("svg", sweep_svg(fault, groups, swept))?)
     }
 
     fn of(&self, fault: Fault, ending: &str) -> PathBuf {
@@ -80,36 +81,36 @@ mod tests {
         TrialScore {
             group: TaskGroup::BUTTON_PRESS,
             element: D2::FlipX,
-            number,
+            trial_index: number,
             policy: 1,
-            fits: true,
+            policy_fits: true,
             success: number == 0,
             success_at_end: false,
-            refused: 2,
+            refused_commands: 2,
         }
     }
 
     #[test]
     fn what_another_run_wrote_is_kept() {
         let folder = std::env::temp_dir().join(format!("covers-results-{}", std::process::id()));
-        let create = |fault: Fault| Results::create(&folder, std::iter::once(fault));
-        let results = create(Fault::MaskGrowth).unwrap();
+        let create = |fault: Fault| ResultsFolder::create(&folder, std::iter::once(fault));
+        let results = create(Fault::MaskMargin).unwrap();
         let swept = vec![(0.0, vec![score(0)]), (10.0, vec![score(1)])];
         let groups = [TaskGroup::BUTTON_PRESS];
         for _ in 0..2 {
-            results.write_sweep(Fault::MaskGrowth, &groups, &swept).unwrap();
+            results.write_sweep(Fault::MaskMargin, &groups, &swept).unwrap();
         }
-        let refused = create(Fault::MaskGrowth).err().unwrap();
+        let refused = create(Fault::MaskMargin).err().unwrap();
         assert!(refused.to_string().contains("mask-growth.csv"), "{refused}");
         create(Fault::AngleError).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-        assert_eq!(read("mask-growth.csv"), swept_rows(Fault::MaskGrowth, &swept));
+        assert_eq!(read("mask-growth.csv"), sweep_csv(Fault::MaskMargin, &swept));
         results.write_trials(&[score(0), score(1)]).unwrap();
         let lines = "button-press,flip x,0,1,1,1,0,2\nbutton-press,flip x,1,1,1,0,0,2\n";
         assert!(read("trials.csv").ends_with(lines));
         assert!(read("table.md").contains("| button-press | 2 | 0.50 |"));
-        let refused = create(Fault::AngleError).err().unwrap();
-        assert!(refused.to_string().contains("table.md"), "{refused}");
+        let again = create(Fault::AngleError).err().unwrap();
+        assert!(again.to_string().contains("table.md"), "{again}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

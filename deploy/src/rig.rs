@@ -5,7 +5,7 @@ use std::time::Duration;
 use envs::{TaskGroup, TaskVariant};
 use glam::DVec3;
 use inpainting::Calibration;
-use rl::BoxError;
+use rl::BoxedEnvError;
 use robots::{ControlError, Robot, RobotState};
 use symmetry::D2;
 
@@ -17,8 +17,8 @@ pub struct Trial {
     /// Task variant to set up. The policy does not see it.
     pub variant: TaskVariant,
     /// Index of the trial of this variant; each has its own placement.
-    pub number: usize,
-    /// Seed of placements and faults.
+    pub index: usize,
+    /// Seed of the trial's placement and faults.
     pub seed: u64,
 }
 
@@ -27,7 +27,7 @@ impl Trial {
     pub fn on_empty_table(seed: u64) -> Self {
         Self {
             variant: TaskVariant { group: TaskGroup::GOAL_REACH, element: D2::Identity },
-            number: 0,
+            index: 0,
             seed,
         }
     }
@@ -38,15 +38,15 @@ impl Trial {
 pub struct SetUp {
     /// Picture `[H, W, 3]` of the table with its objects, taken with the arm parked outside of it.
     pub background: Vec<u8>,
-    /// State of the parked arm.
-    pub parked: RobotState,
+    /// State of the arm while it is parked outside of the picture.
+    pub parked_state: RobotState,
     /// Goal position of the hand (metres, world); `None` in tasks whose policy does not observe it.
     pub goal: Option<DVec3>,
 }
 
 /// Success of a task, judged by an observer outside of the policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Verdict {
+pub struct TaskVerdict {
     /// `true` if the task was solved at any time since the last verdict.
     pub success: bool,
     /// `true` if the task is solved now.
@@ -57,7 +57,7 @@ pub struct Verdict {
 ///
 /// # Errors
 /// Error of the operation, or else of the stop; [`ControlError::NotStopped`] if both failed.
-pub(super) fn then_stop<T>(
+pub(super) fn stop_after<T>(
     rig: &mut dyn Rig,
     done: Result<T, DeployError>,
 ) -> Result<T, DeployError> {
@@ -73,7 +73,7 @@ pub(super) fn then_stop<T>(
 }
 
 /// Maximum age of a picture; an older one stops the arm.
-pub(super) const OLDEST: Duration = Duration::from_millis(500);
+pub(super) const MAX_PICTURE_AGE: Duration = Duration::from_millis(500);
 
 /// Copies the camera's latest picture into `rgb` `[H, W, 3]` and returns the time at which it was
 /// taken.
@@ -91,17 +91,18 @@ pub(super) fn newest_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Durati
     Ok(taken)
 }
 
-/// Copies the latest picture like [`newest_picture`], but rejects one older than [`OLDEST`].
+/// Copies the latest picture like [`newest_picture`], but rejects one older than
+/// [`MAX_PICTURE_AGE`].
 ///
 /// # Errors
 /// As [`newest_picture`]; [`DeployError::StalePicture`].
 pub(super) fn fresh_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Duration, DeployError> {
     let taken = newest_picture(rig, rgb)?;
-    let (age, most) = (rig.now() - taken, OLDEST);
-    if age > most { Err(DeployError::StalePicture { age, most }) } else { Ok(taken) }
+    let (age, max_age) = (rig.now() - taken, MAX_PICTURE_AGE);
+    if age > max_age { Err(DeployError::StalePicture { age, max_age }) } else { Ok(taken) }
 }
 
-/// Robot with its table, its camera and its clock.
+/// Robot with its table, its camera and its clock, on which trials run.
 ///
 /// All positions are in the policy's frame: the origin is the middle of the table, x points right,
 /// y away from the robot, and z up. The [`Robot`] keeps the last commanded twist, so it must stop
@@ -113,7 +114,7 @@ pub trait Rig: Robot {
     ///
     /// # Errors
     /// Errors of the hardware.
-    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError>;
+    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxedEnvError>;
 
     /// Returns the estimated calibration of the camera since the last [`Rig::set_up`]. A dry run
     /// calls this without a set-up.
@@ -122,7 +123,7 @@ pub trait Rig: Robot {
     /// Returns the estimated calibration that is the same for all trials. A calibration from a file
     /// is compared with it, before [`Rig::set_up`]. The default is [`Rig::calibration`], which must
     /// then work at any time.
-    fn standing_calibration(&self) -> Calibration {
+    fn trial_independent_calibration(&self) -> Calibration {
         self.calibration()
     }
 
@@ -133,19 +134,19 @@ pub trait Rig: Robot {
     ///
     /// # Errors
     /// Errors of the hardware.
-    fn wait(&mut self, time: Duration) -> Result<(), BoxError>;
+    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError>;
 
     /// Copies the camera's latest picture into `rgb` `[H, W, 3]` and returns the time at which it
     /// was taken.
     ///
     /// # Errors
     /// Errors of the hardware.
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError>;
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError>;
 
     /// Returns the success of the task, which the policy does not see. Called after every decision
     /// while the arm moves, so it must not block.
     ///
     /// # Errors
     /// Errors of the hardware.
-    fn verdict(&mut self) -> Result<Verdict, BoxError>;
+    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError>;
 }

@@ -1,7 +1,9 @@
 //! Settings of the perception, and of a simulated rig with it.
 
 use envs::Camera;
-use inpainting::{Calibration, ColorCorrection, Link, Mark, PerceptionSettings, PinholeCamera};
+use inpainting::{
+    ArmLink, Calibration, ColorCorrection, GripperMark, PerceptionSettings, PinholeCamera,
+};
 
 use super::simulated::SimulationSettings;
 
@@ -9,11 +11,11 @@ use super::simulated::SimulationSettings;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisionSettings {
     /// Margin of the mask around the arm (metres).
-    pub growth: f64,
+    pub mask_margin_m: f64,
     /// Pixels of in-painting along each side of a pixel that is drawn for a policy; odd.
     pub oversampling: usize,
-    /// Method of colour correction.
-    pub correction: ColorCorrection,
+    /// Method by which the colours of the camera's pictures are corrected.
+    pub colour_correction: ColorCorrection,
     /// Calibration that replaces the rig's own; `None` to use the rig's.
     pub calibration: Option<Calibration>,
 }
@@ -21,19 +23,19 @@ pub struct VisionSettings {
 /// Settings of a simulated rig and of the perception of its pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigSettings {
-    /// Faults of the camera and the arm.
+    /// Faults of the simulated camera and the simulated arm.
     pub simulation: SimulationSettings,
-    /// Settings of the perception.
+    /// Settings of the perception of the rig's pictures.
     pub vision: VisionSettings,
 }
 
 impl RigSettings {
     /// Settings without faults and with the default perception.
-    pub const OFF: Self =
-        Self { simulation: SimulationSettings::OFF, vision: VisionSettings::DEFAULT };
+    pub const NO_FAULTS: Self =
+        Self { simulation: SimulationSettings::NO_FAULTS, vision: VisionSettings::DEFAULT };
     /// Settings with nominal faults and the default perception.
-    pub const NOMINAL: Self =
-        Self { simulation: SimulationSettings::NOMINAL, vision: VisionSettings::DEFAULT };
+    pub const NOMINAL_FAULTS: Self =
+        Self { simulation: SimulationSettings::NOMINAL_FAULTS, vision: VisionSettings::DEFAULT };
 }
 
 impl Default for VisionSettings {
@@ -46,31 +48,33 @@ impl Default for VisionSettings {
 
 impl VisionSettings {
     const DEFAULT: Self = Self {
-        growth: 0.02,
+        mask_margin_m: 0.02,
         oversampling: 3,
-        correction: ColorCorrection::GreyWorld,
+        colour_correction: ColorCorrection::GreyWorld,
         calibration: None,
     };
 
     /// Returns the settings of the perception of an arm of capsules with these radii (metres), two
     /// joints for each, for a policy that was trained with `camera`. Pictures have the size at
     /// which observations are drawn, and no mark.
-    pub(super) fn perception(
+    pub(super) fn perception_settings(
         &self,
         calibration: Calibration,
         camera: &Camera,
         radii: impl Iterator<Item = f64>,
     ) -> PerceptionSettings {
-        let link =
-            |(index, radius): (usize, f64)| Link { joints: [2 * index, 2 * index + 1], radius };
+        let link = |(index, radius): (usize, f64)| ArmLink {
+            end_joints: [2 * index, 2 * index + 1],
+            radius,
+        };
         PerceptionSettings {
             calibration,
-            policy: pinhole(&camera.with_size(camera.drawn_size())),
+            policy_camera: pinhole(&camera.with_size(camera.rendered_size())),
             oversampling: self.oversampling,
-            links: radii.enumerate().map(link).collect(),
-            growth: self.growth,
-            correction: self.correction,
-            mark: Mark::disc(0.0, camera.mark.color, camera.height),
+            arm_links: radii.enumerate().map(link).collect(),
+            mask_margin_m: self.mask_margin_m,
+            colour_correction: self.colour_correction,
+            gripper_mark: GripperMark::disc(0.0, camera.mark.color, camera.height),
         }
     }
 }

@@ -10,35 +10,40 @@ use std::time::Duration;
 use envs::embodiments::{Arm, ArmSettings, KinovaGen3};
 use envs::mujoco::State;
 use envs::{
-    Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SimulatedArm, TableTop,
-    TaskGroup,
+    Camera, Control, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer, SimulatedArm,
+    TableTop, TaskGroup,
 };
 use glam::DVec3;
-use inpainting::{Calibration, Distortion, Extrinsics, Imperfections, Intrinsics, SimulatedCamera};
+use inpainting::{
+    Calibration, CameraImperfections, Distortion, Extrinsics, Intrinsics, SimulatedCamera,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::BoxError;
-use robots::{Addition, Command, ControlError, Robot, RobotState, Watchdog};
+use rl::BoxedEnvError;
+use robots::{Command, ControlError, LinkAddition, Robot, RobotState, Watchdog};
 
 use crate::DeployError;
 
-use super::rig::{Rig, SetUp, Trial, Verdict};
+use super::rig::{Rig, SetUp, TaskVerdict, Trial};
 
-/// Faults of a simulated rig.
+/// Faults of the camera and the arm of a simulated rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimulationSettings {
-    /// Faults of the camera.
-    pub imperfections: Imperfections,
+    /// Faults of the simulated camera.
+    pub camera_imperfections: CameraImperfections,
     /// Delay from a command to its effect (seconds).
-    pub command_latency: f64,
+    pub command_latency_s: f64,
 }
 
 impl SimulationSettings {
     /// Perfect camera and an arm without delay.
-    pub const OFF: Self = Self { imperfections: Imperfections::OFF, command_latency: 0.0 };
+    pub const NO_FAULTS: Self =
+        Self { camera_imperfections: CameraImperfections::NONE, command_latency_s: 0.0 };
     /// Camera with the faults of real ones, and an arm with the delay of one cycle at 40 Hz.
-    pub const NOMINAL: Self =
-        Self { imperfections: Imperfections::NOMINAL, command_latency: 0.025 };
+    pub const NOMINAL_FAULTS: Self = Self {
+        camera_imperfections: CameraImperfections::REALSENSE_D435,
+        command_latency_s: 0.025,
+    };
 }
 
 type Watched = Watchdog<SimulatedArm, Box<dyn Fn() -> Duration>>;
@@ -66,7 +71,7 @@ pub struct SimulatedRig {
     embodiment: Embodiment,
     clock: Rc<Cell<Duration>>,
     workspace: Option<Workspace>,
-    verdict: Verdict,
+    verdict: TaskVerdict,
 }
 
 /// Simulation of one task group.
@@ -96,9 +101,12 @@ impl SimulatedRig {
     ///
     /// # Errors
     /// As [`SimulatedRig::new`].
-    pub fn with_ball(settings: SimulationSettings, policy: Camera) -> Result<Self, DeployError> {
+    pub fn carrying_ball(
+        settings: SimulationSettings,
+        policy: Camera,
+    ) -> Result<Self, DeployError> {
         let arm = carrying_ball()?;
-        Ok(Self::of(settings, policy, arm.clone(), Embodiment::of(arm)))
+        Ok(Self::of(settings, policy, arm.clone(), Embodiment::from_spec(arm)))
     }
 
     fn of(settings: SimulationSettings, policy: Camera, arm: Arm, embodiment: Embodiment) -> Self {
@@ -109,17 +117,17 @@ impl SimulatedRig {
             embodiment,
             clock: Rc::default(),
             workspace: None,
-            verdict: Verdict::default(),
+            verdict: TaskVerdict::default(),
         }
     }
 
-    /// Returns the model of the arm.
+    /// Returns the model of the rig's arm.
     pub fn arm(&self) -> &Arm {
         &self.arm
     }
 
-    /// Returns the true calibration of the camera, except for the lens distortion.
-    pub fn truth(&self) -> Calibration {
+    /// Returns the true calibration of the simulated camera, except for the lens distortion.
+    pub fn true_calibration(&self) -> Calibration {
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,
             distortion: Distortion::NONE,
@@ -137,24 +145,24 @@ impl SimulatedRig {
     fn camera(&self, trial: &Trial) -> Result<SimulatedCamera, DeployError> {
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         rng.set_stream(camera_stream(trial));
-        Ok(SimulatedCamera::new(self.truth(), self.settings.imperfections, rng)?)
+        Ok(SimulatedCamera::new(self.true_calibration(), self.settings.camera_imperfections, rng)?)
     }
 
     /// Builds the simulation of a group, drawn by a perfect camera with the field of view of
     /// `camera`.
     fn compile(&self, group: TaskGroup, camera: SimulatedCamera) -> Result<Workspace, DeployError> {
-        let inside = camera.ideal().intrinsics;
+        let inside = camera.ideal_camera().intrinsics;
         // the perfect camera is square: half its width in pixels gives what it sees of the table
         let half = inside.width as f64 / 2.0;
         let seen = Camera {
-            half_extent: half * self.policy.height / inside.focal[0],
+            half_extent: half * self.policy.height / inside.focal_lengths[0],
             ..self.policy.with_size(inside.width)
         };
         let scene = Arc::new(Scene::new(group, self.embodiment, seen)?);
-        let arm = SimulatedArm::new(Arc::clone(&scene), self.settings.command_latency)?;
+        let arm = SimulatedArm::new(Arc::clone(&scene), self.settings.command_latency_s)?;
         let clock = Rc::clone(&self.clock);
         let time: Box<dyn Fn() -> Duration> = Box::new(move || clock.get());
-        let pixels = vec![0; inside.width * inside.width * RGB];
+        let pixels = vec![0; inside.width * inside.width * RGB_CHANNELS];
         Ok(Workspace {
             group,
             robot: Watchdog::new(arm, time),
@@ -176,10 +184,10 @@ impl SimulatedRig {
             None => self.compile(group, camera)?,
         };
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
-        rng.set_stream(trial.number as u64);
-        let placement = workspace.ghost.scene().place(&mut rng);
+        rng.set_stream(trial.index as u64);
+        let placement = workspace.ghost.scene().draw_placement(&mut rng);
         let element = trial.variant.element;
-        workspace.robot.robot_mut().start(element, placement)?;
+        workspace.robot.robot_mut().start_episode(element, placement)?;
         workspace.ghost.reset_to(element, placement)?;
         // late pictures must not show the last trial
         workspace.history.clear();
@@ -188,8 +196,8 @@ impl SimulatedRig {
         workspace.remember(self.clock.get());
         let goal = workspace.ghost.observable_goal();
         self.workspace = Some(workspace);
-        self.verdict = Verdict::default();
-        Ok(SetUp { background, parked, goal })
+        self.verdict = TaskVerdict::default();
+        Ok(SetUp { background, parked_state: parked, goal })
     }
 
     /// Simulates one control step and checks the watchdog.
@@ -202,7 +210,7 @@ impl SimulatedRig {
         let verdict = &mut self.verdict;
         verdict.success |= outcome.success;
         verdict.success_at_end = outcome.success;
-        self.workspace()?.robot.check()?;
+        self.workspace()?.robot.check_timeout()?;
         Ok(())
     }
 }
@@ -210,7 +218,7 @@ impl SimulatedRig {
 impl Workspace {
     /// Stores the current state, and drops the oldest one if there are too many.
     fn remember(&mut self, now: Duration) {
-        let state = self.robot.robot().table().simulation().save();
+        let state = self.robot.robot().table().simulation().save_state();
         self.history.push_back((now, state));
         if self.history.len() > KEPT {
             self.history.pop_front();
@@ -225,7 +233,7 @@ impl Workspace {
         let found = self.history.get(after.saturating_sub(1));
         let (_, state) = found.ok_or(EnvError::NotReset)?;
         let simulation = self.ghost.simulation_mut();
-        simulation.restore(state)?;
+        simulation.restore_state(state)?;
         simulation.forward_kinematics()?;
         self.renderer.render(&mut self.ghost, &mut self.ideal[which])
     }
@@ -251,10 +259,10 @@ impl Workspace {
 
     /// Returns the camera's picture, made of the first `instants` pictures of the perfect camera.
     fn shoot(&mut self, instants: usize, now: Duration) -> Result<Vec<u8>, DeployError> {
-        let Intrinsics { width, height, .. } = self.camera.calibration().intrinsics;
-        let mut rgb = vec![0; width * height * RGB];
+        let Intrinsics { width, height, .. } = self.camera.reported_calibration().intrinsics;
+        let mut rgb = vec![0; width * height * RGB_CHANNELS];
         let ideal = self.ideal.each_ref().map(|picture| &picture[..]);
-        self.camera.shoot(&ideal[..instants], now.as_secs_f64(), &mut rgb)?;
+        self.camera.take_picture(&ideal[..instants], now.as_secs_f64(), &mut rgb)?;
         Ok(rgb)
     }
 
@@ -281,7 +289,7 @@ fn camera_stream(trial: &Trial) -> u64 {
     let name = variant.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
     });
-    CAMERAS | name.wrapping_add(trial.number as u64)
+    CAMERAS | name.wrapping_add(trial.index as u64)
 }
 
 /// Returns the arm with its ball, which is built once per process.
@@ -292,10 +300,10 @@ fn carrying_ball() -> Result<&'static Arm, DeployError> {
     }
     let bare = KinovaGen3.arm()?;
     let settings = bare.settings();
-    let working = bare.chain().tip(&settings.ready).rotation;
+    let working = bare.chain().tip_pose(&settings.ready_joint_positions).rotation;
     let DVec3 { x, y, z } = working.conjugate() * BALL;
-    let ball = Addition {
-        link: settings.hand.clone(),
+    let ball = LinkAddition {
+        link: settings.hand_link.clone(),
         mjcf: format!(
             r#"<geom name="ball" type="sphere" size="0.02" pos="{x} {y} {z}" mass="0" rgba="1 0 1 1"/>"#
         ),
@@ -310,11 +318,11 @@ fn carrying_ball() -> Result<&'static Arm, DeployError> {
 
 /// Returns the state of the arm turned away from the table by half a turn about its base.
 fn parked(arm: &Arm) -> RobotState {
-    let mut joints = arm.settings().ready.clone();
+    let mut joints = arm.settings().ready_joint_positions.clone();
     if let Some(pan) = joints.first_mut() {
         *pan += std::f64::consts::PI;
     }
-    RobotState { tip: arm.chain().tip(&joints), joints, closing: 0.0 }
+    RobotState { tip: arm.chain().tip_pose(&joints), joints, gripper_closure: 0.0 }
 }
 
 impl Robot for SimulatedRig {
@@ -336,26 +344,29 @@ impl Robot for SimulatedRig {
 }
 
 impl Rig for SimulatedRig {
-    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError> {
+    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxedEnvError> {
         Ok(self.set(trial)?)
     }
 
     /// Returns the trial's calibration with its errors; before the first trial, the true one.
     fn calibration(&self) -> Calibration {
         let workspace = self.workspace.as_ref();
-        workspace.map_or_else(|| self.truth(), |workspace| *workspace.camera.calibration())
+        workspace.map_or_else(
+            || self.true_calibration(),
+            |workspace| *workspace.camera.reported_calibration(),
+        )
     }
 
     /// Returns the true calibration, without the errors that each trial draws.
-    fn standing_calibration(&self) -> Calibration {
-        self.truth()
+    fn trial_independent_calibration(&self) -> Calibration {
+        self.true_calibration()
     }
 
     fn now(&self) -> Duration {
         self.clock.get()
     }
 
-    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
         let steps = time.as_secs_f64() / STEP.as_secs_f64();
         for _ in 0..steps.round() as usize {
             self.advance()?;
@@ -363,14 +374,14 @@ impl Rig for SimulatedRig {
         Ok(())
     }
 
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError> {
         let now = self.clock.get();
         let (picture, taken) = self.workspace()?.picture(now)?;
         rgb.copy_from_slice(&picture);
         Ok(taken)
     }
 
-    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
         Ok(std::mem::take(&mut self.verdict))
     }
 }

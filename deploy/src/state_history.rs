@@ -36,7 +36,7 @@ impl StateHistory {
 
     /// Returns the state at a time, interpolated linearly between the records before and after it.
     /// A time outside of the records gives the nearest record.
-    pub fn at(&self, time: Duration) -> RobotState {
+    pub fn state_at(&self, time: Duration) -> RobotState {
         let states = || self.earlier.iter().chain([&self.last]);
         let after = states().find(|(then, _)| *then > time);
         let before = states().take_while(|(then, _)| *then <= time).last();
@@ -57,7 +57,7 @@ fn between(from: &RobotState, to: &RobotState, share: f64) -> RobotState {
     RobotState {
         joints: joints.map(|(a, b)| a + share * (b - a)).collect(),
         tip: if share < 0.5 { from.tip } else { to.tip },
-        closing: from.closing + share * (to.closing - from.closing),
+        gripper_closure: from.gripper_closure + share * (to.gripper_closure - from.gripper_closure),
     }
 }
 
@@ -76,7 +76,7 @@ mod tests {
         RobotState {
             joints: vec![angle],
             tip: Pose::from_xyz_rpy([angle, 0.0, 0.0], [0.0; 3]),
-            closing: angle / 10.0,
+            gripper_closure: angle / 10.0,
         }
     }
 
@@ -93,10 +93,10 @@ mod tests {
     fn between_two_notes_the_arm_is_on_the_straight_way() {
         let history = history(60);
         for t in [0, 7, 20, 35, 59, 60] {
-            let was = history.at(millis(t));
+            let was = history.state_at(millis(t));
             let angle = t as f64 / 10.0;
             assert!((was.joints[0] - angle).abs() < 1e-12, "{t}: {was:?}");
-            assert!((was.closing - angle / 10.0).abs() < 1e-12, "{t}: {was:?}");
+            assert!((was.gripper_closure - angle / 10.0).abs() < 1e-12, "{t}: {was:?}");
             // the hand is not interpolated: it stands at one of the notes
             let nearest = 2.0 * (t as f64 / 20.0).round();
             assert_eq!(was.tip.position.x, nearest, "{t}");
@@ -106,10 +106,10 @@ mod tests {
     #[test]
     fn before_the_first_and_after_the_last_note_it_is_there() {
         let mut history = StateHistory::new((millis(40), state(4.0)), millis(100));
-        assert_eq!(history.at(millis(10)), state(4.0));
+        assert_eq!(history.state_at(millis(10)), state(4.0));
         history.record(millis(60), state(6.0));
-        assert_eq!(history.at(millis(10)), state(4.0));
-        assert_eq!(history.at(millis(500)), state(6.0));
+        assert_eq!(history.state_at(millis(10)), state(4.0));
+        assert_eq!(history.state_at(millis(500)), state(6.0));
         assert_eq!(history.last(), &state(6.0));
     }
 
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn as_much_is_kept_as_pictures_may_be_old() {
         let history = history(10_000);
-        let angle = history.at(millis(9_907)).joints[0];
+        let angle = history.state_at(millis(9_907)).joints[0];
         assert!((angle - 990.7).abs() < 1e-9, "{angle}");
         assert!(history.earlier.len() <= 7, "{}", history.earlier.len());
     }
@@ -127,8 +127,8 @@ mod tests {
     fn time_may_stand_still() {
         let mut history = history(20);
         history.record(millis(20), state(9.0));
-        assert_eq!(history.at(millis(20)), state(9.0));
+        assert_eq!(history.state_at(millis(20)), state(9.0));
         history.record(millis(40), state(11.0));
-        assert_eq!(history.at(millis(30)).joints, [10.0]);
+        assert_eq!(history.state_at(millis(30)).joints, [10.0]);
     }
 }

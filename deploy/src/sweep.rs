@@ -2,11 +2,11 @@
 
 use envs::TaskGroup;
 
-use experiments::colours::{Stroke, stroke};
-use report::svg::{DOT, Drawing};
+use experiments::colours::{Stroke, line_stroke};
+use report::svg::{DOT_RADIUS, SvgPlot};
 
 use super::faults::Fault;
-use super::table::{COLUMNS, TrialScore, cells, wilson};
+use super::table::{TRIAL_CSV_HEADER, TrialScore, trial_csv_row, wilson_interval};
 
 /// Height of a panel (pixels).
 const HEIGHT: f64 = 100.0;
@@ -14,14 +14,14 @@ const HEIGHT: f64 = 100.0;
 const BOUNDS: [f64; 2] = [-0.05, 1.05];
 
 /// Results of a sweep: each amount with its trials.
-pub type Swept = Vec<(f64, Vec<TrialScore>)>;
+pub type SweepResults = Vec<(f64, Vec<TrialScore>)>;
 
 /// Returns a table (CSV) with a row for each trial.
-pub fn swept_rows(fault: Fault, swept: &Swept) -> String {
-    let mut text = format!("fault,amount,{COLUMNS}\n");
+pub fn sweep_csv(fault: Fault, swept: &SweepResults) -> String {
+    let mut text = format!("fault,amount,{TRIAL_CSV_HEADER}\n");
     for (amount, scores) in swept {
         for score in scores {
-            text += &format!("{},{amount},{}\n", fault.name(), cells(score));
+            text += &format!("{},{amount},{}\n", fault.name(), trial_csv_row(score));
         }
     }
     text
@@ -29,18 +29,18 @@ pub fn swept_rows(fault: Fault, swept: &Swept) -> String {
 
 /// Draws the success of each group over the amount (SVG), a panel for each, with intervals of 95 %
 /// as bands.
-pub fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
+pub fn sweep_svg(fault: Fault, groups: &[TaskGroup], swept: &SweepResults) -> String {
     let end = swept.last().map_or(0.0, |(amount, _)| *amount);
-    let mut drawing = Drawing::half(end, fault.axis());
+    let mut drawing = SvgPlot::new_half_width(end, fault.axis_label());
     for (number, group) in groups.iter().enumerate() {
-        drawing.panel(group.name(), HEIGHT, BOUNDS, &[0.0, 0.5, 1.0]);
-        curve(&mut drawing, &stroke(number), *group, swept);
+        drawing.begin_panel(group.name(), HEIGHT, BOUNDS, &[0.0, 0.5, 1.0]);
+        curve(&mut drawing, &line_stroke(number), *group, swept);
     }
-    drawing.finish(&format!("Success against {}", fault.axis()))
+    drawing.into_svg(&format!("Success against {}", fault.axis_label()))
 }
 
 /// Draws the line of one group, its band and a dot for each amount.
-fn curve(drawing: &mut Drawing, stroke: &Stroke, group: TaskGroup, swept: &Swept) {
+fn curve(drawing: &mut SvgPlot, stroke: &Stroke, group: TaskGroup, swept: &SweepResults) {
     let counts = swept.iter().map(|(amount, scores)| {
         let of_group: Vec<bool> =
             scores.iter().filter(|score| score.group == group).map(|score| score.success).collect();
@@ -51,18 +51,19 @@ fn curve(drawing: &mut Drawing, stroke: &Stroke, group: TaskGroup, swept: &Swept
     let counts: Vec<_> = counts.filter(|(_, _, trials)| *trials > 0).collect();
     let bound = |side: usize| -> Vec<(f64, f64)> {
         let points = counts.iter();
-        let point = |&(amount, successes, trials): &_| (amount, wilson(successes, trials)[side]);
+        let point =
+            |&(amount, successes, trials): &_| (amount, wilson_interval(successes, trials)[side]);
         points.map(point).collect()
     };
-    drawing.band(&bound(0), &bound(1), stroke.colour);
+    drawing.add_band(&bound(0), &bound(1), stroke.colour);
     let share = |&(amount, successes, trials): &(f64, usize, usize)| {
         (amount, successes as f64 / trials as f64)
     };
     let points: Vec<_> = counts.iter().map(share).collect();
-    drawing.line(&points, stroke);
+    drawing.add_line(&points, stroke);
     for (point, (amount, successes, trials)) in points.into_iter().zip(&counts) {
         let title = format!("{} at {amount}: {successes} of {trials}", group.name());
-        drawing.dot(point, DOT, stroke.colour, &title);
+        drawing.add_dot(point, DOT_RADIUS, stroke.colour, &title);
     }
 }
 
@@ -76,18 +77,18 @@ mod tests {
         TrialScore {
             group,
             element: D2::FlipX,
-            number: 3,
+            trial_index: 3,
             policy: 1,
-            fits: true,
+            policy_fits: true,
             success,
             success_at_end: false,
-            refused: 2,
+            refused_commands: 2,
         }
     }
 
     const GROUPS: [TaskGroup; 2] = [TaskGroup::GOAL_REACH, TaskGroup::BUTTON_PRESS];
 
-    fn swept() -> Swept {
+    fn swept() -> SweepResults {
         let [reach, press] = GROUPS;
         let trials = |successes| (0..4).map(move |n| score(press, n < successes));
         vec![
@@ -98,7 +99,7 @@ mod tests {
 
     #[test]
     fn every_trial_has_a_row() {
-        let text = swept_rows(Fault::MaskGrowth, &swept());
+        let text = sweep_csv(Fault::MaskMargin, &swept());
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 1 + 10);
         assert_eq!(lines[1], "mask-growth,0,button-press,flip x,3,1,1,1,0,2");
@@ -111,7 +112,7 @@ mod tests {
     /// begins 14 below the first.
     #[test]
     fn a_group_has_a_line_through_its_shares() {
-        let text = figure(Fault::MaskGrowth, &GROUPS, &swept());
+        let text = sweep_svg(Fault::MaskMargin, &GROUPS, &swept());
         let y = |share: f64| 34.0 + HEIGHT + 14.0 + HEIGHT * (1.0 - (share + 0.05) / 1.1);
         let line = format!("points=\"64.0,{:.1} 504.0,{:.1}\"", y(1.0), y(0.25));
         assert!(text.contains(&line), "{line}: {text}");

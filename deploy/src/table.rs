@@ -16,30 +16,33 @@ const PAPER: [(&str, f64); 4] =
 /// Half width of a 95 % interval in standard deviations of the normal distribution.
 const DEVIATIONS: f64 = 1.959_963_984_540_054;
 
-/// Result of one trial.
+/// Result of one trial of a policy on a robot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialScore {
-    /// Task group that was set up.
+    /// Task group whose scene was built for this trial.
     pub group: TaskGroup,
-    /// Element of D2 that makes the variant.
+    /// Element of D2 by which the scene was transformed.
     pub element: D2,
-    /// Index of the trial of the variant.
-    pub number: usize,
+    /// Index of the trial among those of the variant, from 0.
+    #[serde(rename = "number")]
+    pub trial_index: usize,
     /// Index of the policy that the learner chose from the first picture.
     pub policy: usize,
     /// `true` if the learner considered the policy to match the group.
-    pub fits: bool,
-    /// `true` if the task was solved at any time.
+    #[serde(rename = "fits")]
+    pub policy_fits: bool,
+    /// `true` if the task was solved at any time of the trial.
     pub success: bool,
-    /// `true` if the task was solved at the end.
+    /// `true` if the task was solved at the end of the trial.
     pub success_at_end: bool,
-    /// Number of commands that the arm refused because it could not follow them.
-    pub refused: usize,
+    /// Number of commands in the trial that the arm refused because it could not follow them.
+    #[serde(rename = "refused")]
+    pub refused_commands: usize,
 }
 
 /// Returns the score interval of 95 % of a success rate (Wilson, "Probable inference, the law of
 /// succession, and statistical inference", JASA 22, 1927); `[0, 1]` without trials.
-pub(super) fn wilson(successes: usize, trials: usize) -> [f64; 2] {
+pub(super) fn wilson_interval(successes: usize, trials: usize) -> [f64; 2] {
     if trials == 0 {
         return [0.0, 1.0];
     }
@@ -90,40 +93,41 @@ fn row(name: &str, scores: &[&TrialScore], paper: Option<f64>) -> Vec<String> {
     };
     let (successes, success) = share(|score| score.success);
     let (_, at_end) = share(|score| score.success_at_end);
-    let [low, high] = wilson(successes, trials);
+    let [low, high] = wilson_interval(successes, trials);
     vec![
         name.to_owned(),
         trials.to_string(),
         format!("{success:.2}"),
         format!("{low:.2} to {high:.2}"),
         format!("{at_end:.2}"),
-        paper.map_or_else(|| "-".to_owned(), |success| format!("{success:.2}")),
+        paper.map_or_else(|| "-".to_owned(), |reported| format!("{reported:.2}")),
         policies(scores),
     ]
 }
 
-/// Header (CSV) of the columns of [`cells`].
-pub(super) const COLUMNS: &str = "group,variant,number,policy,fits,success,success_at_end,refused";
+/// Header (CSV) of the columns of [`trial_csv_row`].
+pub(super) const TRIAL_CSV_HEADER: &str =
+    "group,variant,number,policy,fits,success,success_at_end,refused";
 
 /// Formats a trial as a row (CSV) without a line break.
-pub(super) fn cells(score: &TrialScore) -> String {
+pub(super) fn trial_csv_row(score: &TrialScore) -> String {
     format!(
         "{},{},{},{},{},{},{},{}",
         score.group.name(),
         score.element,
-        score.number,
+        score.trial_index,
         score.policy,
-        u8::from(score.fits),
+        u8::from(score.policy_fits),
         u8::from(score.success),
         u8::from(score.success_at_end),
-        score.refused
+        score.refused_commands
     )
 }
 
 /// Returns a table (CSV) with a row for each trial.
-pub(super) fn trial_rows(scores: &[TrialScore]) -> String {
-    let rows = scores.iter().map(|score| cells(score) + "\n");
-    format!("{COLUMNS}\n{}", rows.collect::<String>())
+pub(super) fn trials_csv(scores: &[TrialScore]) -> String {
+    let rows = scores.iter().map(|score| trial_csv_row(score) + "\n");
+    format!("{TRIAL_CSV_HEADER}\n{}", rows.collect::<String>())
 }
 
 /// Lists the chosen policies, each with its number of trials.
@@ -147,12 +151,12 @@ mod tests {
         for (successes, trials, expected) in
             [(9, 20, [0.258_2, 0.657_9]), (20, 20, [0.838_9, 1.0]), (0, 5, [0.0, 0.434_5])]
         {
-            let interval = wilson(successes, trials);
-            for (bound, expected) in interval.into_iter().zip(expected) {
-                assert!((bound - expected).abs() < 5e-4, "{interval:?}");
+            let interval = wilson_interval(successes, trials);
+            for (bound, limit) in interval.into_iter().zip(expected) {
+                assert!((bound - limit).abs() < 5e-4, "{interval:?}");
             }
         }
-        assert_eq!(wilson(0, 0), [0.0, 1.0]);
+        assert_eq!(wilson_interval(0, 0), [0.0, 1.0]);
     }
 
     #[test]
@@ -160,12 +164,12 @@ mod tests {
         let score = |group, number, success| TrialScore {
             group,
             element: D2::Identity,
-            number,
+            trial_index: number,
             policy: 2 + number / 3,
-            fits: true,
+            policy_fits: true,
             success,
             success_at_end: false,
-            refused: 0,
+            refused_commands: 0,
         };
         let mut scores: Vec<_> =
             (0..4).map(|number| score(TaskGroup::PLATE_SLIDE, number, number > 0)).collect();
@@ -178,6 +182,6 @@ mod tests {
         assert_eq!(lines[3][..3], ["goal-reach", "1", "1.00"]);
         assert_eq!(lines[4][..3], ["all", "5", "0.80"]);
         assert_eq!(lines[4][7], "-", "two groups of four");
-        assert_eq!(trial_rows(&scores).lines().count(), 1 + scores.len());
+        assert_eq!(trials_csv(&scores).lines().count(), 1 + scores.len());
     }
 }

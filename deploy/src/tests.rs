@@ -10,18 +10,18 @@ use envs::embodiments::{Arm, KinovaGen3};
 use envs::{Layout, TaskGroup, TaskVariant};
 use glam::{DMat3, DVec3};
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
-use rl::BoxError;
+use rl::BoxedEnvError;
 use robots::{
     CartesianControl, Command, ControlError, ControlSettings, KinematicArm, Robot, RobotState,
     Watchdog,
 };
 use symmetry::D2;
 
-use super::deployment::check;
+use super::deployment::check_training_conditions;
 use super::dry_run::DryRunRig;
 use super::{
-    BlockedCommand, Deployment, MaskCheck, Rig, SetUp, SimulatedRig, SimulationSettings, Stage,
-    Trial, Verdict, VisionSettings, poses,
+    BlockedCommand, DecisionStage, Deployment, MaskCheck, Rig, SetUp, SimulatedRig,
+    SimulationSettings, TaskVerdict, Trial, VisionSettings, calibration_poses,
 };
 use crate::DeployError;
 use experiments::{Experiment, RunFolder};
@@ -29,7 +29,7 @@ use learner::{LearnerSettings, OffPolicySettings};
 
 const TRIAL: Trial = Trial {
     variant: TaskVariant { group: TaskGroup::GOAL_REACH, element: D2::FlipX },
-    number: 1,
+    index: 1,
     seed: 1000,
 };
 
@@ -39,10 +39,10 @@ fn deployment() -> Deployment {
 
 fn seeing(vision: VisionSettings) -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
-    Deployment::load(&RunFolder::open(&folder), vision).unwrap()
+    Deployment::load(&RunFolder::from_path(&folder), vision).unwrap()
 }
 
-type Camera = fn(Duration) -> Result<Duration, BoxError>;
+type Camera = fn(Duration) -> Result<Duration, BoxedEnvError>;
 
 /// Rig with a kinematic arm over a grey table, as an example of a rig of your own.
 struct DryRig {
@@ -59,10 +59,10 @@ fn arm() -> Arm {
 fn dry_rig(camera: Camera) -> DryRig {
     let arm = arm();
     let start = robots::Pose {
-        position: envs::HAND_START,
-        rotation: arm.chain().tip(&arm.settings().ready).rotation,
+        position: envs::HAND_TARGET_START,
+        rotation: arm.chain().tip_pose(&arm.settings().ready_joint_positions).rotation,
     };
-    let posture = arm.chain().solve(&start, &arm.settings().ready).unwrap();
+    let posture = arm.chain().solve_ik(&start, &arm.settings().ready_joint_positions).unwrap();
     let settings =
         ControlSettings { limits: arm.settings().control.limits, ..ControlSettings::default() };
     let control = CartesianControl::new(arm.chain().clone(), &posture, settings).unwrap();
@@ -90,10 +90,10 @@ impl Robot for DryRig {
 }
 
 impl Rig for DryRig {
-    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxedEnvError> {
         Ok(SetUp {
             background: vec![100; 3 * 640 * 480],
-            parked: self.robot.state()?,
+            parked_state: self.robot.state()?,
             goal: Some(DVec3::new(0.15, -0.1, 0.15)),
         })
     }
@@ -110,25 +110,25 @@ impl Rig for DryRig {
         self.clock.get()
     }
 
-    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
         self.robot.robot_mut().advance(time.as_secs_f64())?;
         self.clock.set(self.clock.get() + time);
         Ok(())
     }
 
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError> {
         rgb.fill(100);
         (self.camera)(self.clock.get())
     }
 
-    fn verdict(&mut self) -> Result<Verdict, BoxError> {
-        Ok(Verdict::default())
+    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
+        Ok(TaskVerdict::default())
     }
 }
 
 /// Returns `true` if the hand moves in the next second.
 fn moves(rig: &mut DryRig) -> bool {
-    let place = |rig: &mut DryRig| rig.robot.robot().control().tip().position;
+    let place = |dry: &mut DryRig| dry.robot.robot().control().tip_pose().position;
     let before = place(rig);
     rig.robot.robot_mut().advance(1.0).unwrap();
     place(rig).distance(before) > 1e-9
@@ -137,11 +137,11 @@ fn moves(rig: &mut DryRig) -> bool {
 #[test]
 fn a_robot_without_a_simulation_runs_a_trial_and_stands_at_its_end() {
     let mut rig = dry_rig(Ok);
-    let score = deployment().trial(&mut rig, &arm(), &TRIAL, None).unwrap();
+    let score = deployment().run_trial(&mut rig, &arm(), &TRIAL, None).unwrap();
     assert!(!score.success);
     // 50 decisions at 8 Hz
     assert_eq!(rig.now(), Duration::from_millis(6250));
-    let way = rig.state().unwrap().tip.position.distance(envs::HAND_START);
+    let way = rig.state().unwrap().tip.position.distance(envs::HAND_TARGET_START);
     assert!(way > 0.02, "{way}");
     assert!(!moves(&mut rig));
 }
@@ -157,7 +157,7 @@ fn a_camera_that_fails_or_stops_stops_the_arm() {
         [(fails, "the cable is loose"), (freezes, "ms old"), (ahead, "2 ms from now")]
     {
         let mut rig = dry_rig(camera);
-        let failed = deployment().trial(&mut rig, &arm(), &TRIAL, None);
+        let failed = deployment().run_trial(&mut rig, &arm(), &TRIAL, None);
         let message = failed.unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
         assert!(rig.now() < Duration::from_secs(1) && !moves(&mut rig));
@@ -182,7 +182,7 @@ impl Robot for Untouched {
 }
 
 impl Rig for Untouched {
-    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxedEnvError> {
         panic!("the arm would have moved to its start")
     }
 
@@ -194,15 +194,15 @@ impl Rig for Untouched {
         self.0.now()
     }
 
-    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
         self.0.wait(time)
     }
 
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError> {
         self.0.picture(rgb)
     }
 
-    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
         panic!("nobody is to be asked")
     }
 }
@@ -216,20 +216,20 @@ fn a_dry_run_sends_nothing_to_the_robot() {
     let mut deployment = deployment();
     let report = deployment.dry_run(&mut rig, &arm(), &TRIAL).unwrap();
     assert_eq!(rig.state().unwrap(), before);
-    assert_eq!((report.actions.len(), report.blocked.len()), (50, 250));
+    assert_eq!((report.actions.len(), report.blocked_commands.len()), (50, 250));
     let limits = arm().settings().control.limits;
     let mut last = robots::Twist::ZERO;
-    for BlockedCommand { command, twist, refusal } in &report.blocked {
+    for BlockedCommand { command, resulting_twist, refusal } in &report.blocked_commands {
         assert!(refusal.is_none() && command.check().is_ok());
-        assert!(command.twist.linear.length() <= limits.speed + 1e-12);
-        let sudden = (twist.linear - last.linear).length() / 0.025;
-        assert!(sudden <= limits.acceleration + 1e-9, "{sudden}");
-        last = *twist;
+        assert!(command.twist.linear.length() <= limits.max_speed + 1e-12);
+        let sudden = (resulting_twist.linear - last.linear).length() / 0.025;
+        assert!(sudden <= limits.max_acceleration + 1e-9, "{sudden}");
+        last = *resulting_twist;
     }
-    assert!(report.blocked.iter().any(|one| one.twist.linear.length() > 0.05));
+    assert!(report.blocked_commands.iter().any(|one| one.resulting_twist.linear.length() > 0.05));
     let text = report.text();
     assert!(text.contains("decision  49") && text.contains("250 commands were withheld, 0"));
-    for (stage, count) in Stage::ALL.into_iter().zip([51, 51, 1, 50, 50]) {
+    for (stage, count) in DecisionStage::ALL.into_iter().zip([51, 51, 1, 50, 50]) {
         assert_eq!(report.latencies.count(stage), count, "{}", stage.name());
         assert!(text.contains(stage.name()), "{text}");
     }
@@ -249,17 +249,17 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
         ..known
     };
     let mut millimetres = known;
-    millimetres.intrinsics.focal = [1.93; 2];
+    millimetres.intrinsics.focal_lengths = [1.93; 2];
     let mut bent = known;
-    bent.distortion.radial = [0.49; 2];
+    bent.distortion = Distortion::brown_conrady([0.49; 2], [0.0; 2]);
     let trial = |calibration: Calibration, rig: &mut dyn Rig| {
         let mut deployment =
             seeing(VisionSettings { calibration: Some(calibration), ..VisionSettings::default() });
-        let first = &poses(&arm())[..1];
+        let first = &calibration_poses(&arm())[..1];
         let masks = MaskCheck::measure(&deployment, rig, &arm(), first, &TRIAL);
         let refusals = [
             masks.map(|_| ()),
-            deployment.trial(rig, &arm(), &TRIAL, None).map(|_| ()),
+            deployment.run_trial(rig, &arm(), &TRIAL, None).map(|_| ()),
             deployment.dry_run(rig, &arm(), &TRIAL).map(|_| ()),
         ];
         refusals.map(Result::unwrap_err)
@@ -273,7 +273,7 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
         (bent, "lens"),
     ] {
         for error in trial(calibration, &mut Untouched(dry_rig(Ok))) {
-            assert!(matches!(error, DeployError::OtherCamera { .. }), "{error}");
+            assert!(matches!(error, DeployError::ImplausibleCalibration { .. }), "{error}");
             assert!(error.to_string().contains(says), "{says}: {error}");
         }
     }
@@ -283,11 +283,11 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
 /// has errors of its own.
 #[test]
 fn calibrations_are_held_to_the_same_camera_in_every_trial() {
-    let mut settings = SimulationSettings::OFF;
-    settings.imperfections.position_error = 0.08;
-    let camera = *deployment().camera();
+    let mut settings = SimulationSettings::NO_FAULTS;
+    settings.camera_imperfections.position_error = 0.08;
+    let camera = *deployment().training_camera();
     let mut rig = SimulatedRig::new(settings, camera).unwrap();
-    let (arm, truth) = (rig.arm().clone(), rig.truth());
+    let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     rig.set_up(&TRIAL).unwrap();
     let misjudged = rig.calibration().position() - truth.position();
     assert!((misjudged.length() - 0.08).abs() < 1e-9, "{misjudged}");
@@ -298,14 +298,15 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
-    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut other_rig = SimulatedRig::new(settings, camera).unwrap();
     let mut deployment =
         seeing(VisionSettings { calibration: Some(file), ..VisionSettings::default() });
-    for number in [1, 2] {
-        let trial = Trial { number, ..TRIAL };
-        deployment.trial(&mut rig, &arm, &trial, None).unwrap();
+    for index in [1, 2] {
+        let trial = Trial { index, ..TRIAL };
+        deployment.run_trial(&mut other_rig, &arm, &trial, None).unwrap();
     }
-    MaskCheck::measure(&deployment, &mut rig, &arm, &poses(&arm)[..1], &TRIAL).unwrap();
+    MaskCheck::measure(&deployment, &mut other_rig, &arm, &calibration_poses(&arm)[..1], &TRIAL)
+        .unwrap();
 }
 
 /// Checks that the background of a dry run must be a recent picture.
@@ -326,8 +327,8 @@ fn a_dry_run_takes_no_old_background() {
 #[test]
 fn a_dry_run_without_a_table_is_refused() {
     let mut deployment = deployment();
-    let camera = *deployment.camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
+    let camera = *deployment.training_camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::NO_FAULTS, camera).unwrap();
     let arm = rig.arm().clone();
     let failed = deployment.dry_run(&mut rig, &arm, &TRIAL);
     assert!(matches!(failed, Err(DeployError::Rig { .. })));
@@ -337,27 +338,27 @@ fn a_dry_run_without_a_table_is_refused() {
 #[test]
 fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     let mut deployment = deployment();
-    let camera = *deployment.camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL, camera).unwrap();
+    let camera = *deployment.training_camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, camera).unwrap();
     assert!(rig.state().is_err(), "no table is set");
     let arm = rig.arm().clone();
     let mut strip = super::FilmStrip::default();
-    let score = deployment.trial(&mut rig, &arm, &TRIAL, Some(&mut strip)).unwrap();
-    assert!(score.success && score.fits && score.refused == 0, "{score:?}");
+    let score = deployment.run_trial(&mut rig, &arm, &TRIAL, Some(&mut strip)).unwrap();
+    assert!(score.success && score.policy_fits && score.refused_commands == 0, "{score:?}");
     // decisions 0, 5, ... 50
-    let picture = strip.picture();
+    let picture = strip.to_picture();
     assert_eq!((picture.width, picture.height), (11 * 196 + 4, 3 * 148 + 4));
-    let again = deployment.trial(&mut rig, &arm, &TRIAL, None).unwrap();
+    let again = deployment.run_trial(&mut rig, &arm, &TRIAL, None).unwrap();
     assert_eq!(again.policy, score.policy);
 }
 
 #[test]
 fn a_camera_that_sees_too_little_is_refused() {
-    let mut settings = SimulationSettings::OFF;
-    settings.imperfections.position_error = 0.5;
-    let mut rig = SimulatedRig::new(settings, *deployment().camera()).unwrap();
+    let mut settings = SimulationSettings::NO_FAULTS;
+    settings.camera_imperfections.position_error = 0.5;
+    let mut rig = SimulatedRig::new(settings, *deployment().training_camera()).unwrap();
     let arm = rig.arm().clone();
-    let error = deployment().trial(&mut rig, &arm, &TRIAL, None).unwrap_err();
+    let error = deployment().run_trial(&mut rig, &arm, &TRIAL, None).unwrap_err();
     assert!(matches!(error, DeployError::Rig { .. }), "{error}");
     assert!(error.to_string().contains("`position_error` is 0.5"), "{error}");
 }
@@ -365,7 +366,7 @@ fn a_camera_that_sees_too_little_is_refused() {
 #[test]
 fn policies_that_would_act_otherwise_are_refused() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
-    let learnt = RunFolder::open(&folder).experiment().unwrap();
+    let learnt = RunFolder::from_path(&folder).read_experiment().unwrap();
     type Spoil = fn(&mut Experiment);
     let cases: [(&str, Spoil); 3] = [
         ("envs.layout", |e| e.envs.layout = Layout::MetaWorld),
@@ -374,11 +375,11 @@ fn policies_that_would_act_otherwise_are_refused() {
             e.learner = LearnerSettings::OffPolicy(OffPolicySettings::three_rl());
         }),
     ];
-    check(&learnt.learner, &learnt.envs).unwrap();
+    check_training_conditions(&learnt.learner, &learnt.envs).unwrap();
     for (name, spoil) in cases {
         let mut spoilt = learnt.clone();
         spoil(&mut spoilt);
-        let refusal = check(&spoilt.learner, &spoilt.envs).unwrap_err();
+        let refusal = check_training_conditions(&spoilt.learner, &spoilt.envs).unwrap_err();
         assert!(refusal.to_string().contains(name), "{refusal}");
     }
 }

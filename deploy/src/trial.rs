@@ -3,41 +3,41 @@
 use std::time::Instant;
 
 use envs::embodiments::Arm;
-use envs::{ACTION_DIM, Control, RGB};
+use envs::{ACTION_DIM, Control, RGB_CHANNELS};
 use glam::DVec3;
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 use crate::DeployError;
-use experiments::scale;
+use experiments::scale_vectors;
 
 use super::controller::ActionController;
 use super::film_strip::FilmStrip;
-use super::latency::{LatencyProfile, Stage};
-use super::observer::Observer;
+use super::latency::{DecisionStage, LatencyProfile};
+use super::observer::RigPerception;
 use super::rig::Rig;
 
 /// Environment that shows nothing but the first picture of a trial, for the choice of a policy. The
 /// robot does not move.
-pub(super) struct FirstPicture<'a> {
+pub(super) struct FirstPictureEnv<'a> {
     pub spec: &'a EnvSpec,
-    pub first: &'a Observations,
+    pub first_observation: &'a Observations,
 }
 
-impl VectorEnv for FirstPicture<'_> {
+impl VectorEnv for FirstPictureEnv<'_> {
     fn spec(&self) -> &EnvSpec {
         self.spec
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
-        out.clone_from(self.first);
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
+        out.clone_from(self.first_observation);
         Ok(())
     }
 
-    fn step(&mut self, _: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, _: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         out.clone_from(&Transition::new(self.spec));
-        out.observations.clone_from(self.first);
-        out.final_observations.clone_from(self.first);
-        out.outcomes.fill(Outcome::Truncated);
+        out.observations.clone_from(self.first_observation);
+        out.final_observations.clone_from(self.first_observation);
+        out.outcomes.fill(StepOutcome::Truncated);
         Ok(())
     }
 }
@@ -46,23 +46,23 @@ impl VectorEnv for FirstPicture<'_> {
 pub(super) struct TrialEnv<'a> {
     pub rig: &'a mut dyn Rig,
     pub arm: &'a Arm,
-    pub observer: Observer,
+    pub observer: RigPerception,
     pub controller: ActionController,
     pub spec: EnvSpec,
     pub control: Control,
     /// Goal position of the hand (metres, world); zero in tasks whose policy does not observe it.
     pub goal: DVec3,
     /// First picture of the trial `[size, size, 3]`; empty before it.
-    pub first: Vec<u8>,
-    /// Observation at the start.
-    pub start: Observations,
+    pub first_picture: Vec<u8>,
+    /// Observation at the start of the trial.
+    pub first_observation: Observations,
     /// Actions of the policy so far.
     pub actions: Vec<[f32; ACTION_DIM]>,
-    /// Times of all stages.
+    /// Times that each stage of a decision took.
     pub latencies: LatencyProfile,
     /// Time of the last observation; `None` before the first.
-    pub observed: Option<Instant>,
-    pub strip: Option<&'a mut FilmStrip>,
+    pub last_observed_at: Option<Instant>,
+    pub film_strip: Option<&'a mut FilmStrip>,
 }
 
 impl TrialEnv<'_> {
@@ -70,47 +70,48 @@ impl TrialEnv<'_> {
     ///
     /// # Errors
     /// Errors of the rig and the perception.
-    pub fn begin(&mut self) -> Result<(), DeployError> {
+    pub fn observe_start(&mut self) -> Result<(), DeployError> {
         let mut start = Observations::new(&self.spec);
         self.observe(&mut start)?;
-        self.start = start;
+        self.first_observation = start;
         Ok(())
     }
 
     /// Writes the current observation into `out` `[1, ..]`.
     fn observe(&mut self, out: &mut Observations) -> Result<(), DeployError> {
-        let mut picture = vec![0; self.spec.image[0] * self.spec.image[1] * RGB];
+        let mut picture =
+            vec![0; self.spec.image_shape[0] * self.spec.image_shape[1] * RGB_CHANNELS];
         let started = Instant::now();
-        self.observer.shoot(self.rig)?;
-        self.latencies.record(Stage::Picture, started.elapsed());
-        let started = Instant::now();
-        self.observer.paint(self.arm, &mut picture)?;
-        self.latencies.record(Stage::InPainting, started.elapsed());
-        if let Some(strip) = &mut self.strip {
+        self.observer.fetch_picture(self.rig)?;
+        self.latencies.record(DecisionStage::FetchPicture, started.elapsed());
+        let paint_started = Instant::now();
+        self.observer.write_without_arm(self.arm, &mut picture)?;
+        self.latencies.record(DecisionStage::InPainting, paint_started.elapsed());
+        if let Some(strip) = &mut self.film_strip {
             let perception = self.observer.perception();
-            strip.add(self.observer.picture(), perception, &picture);
+            strip.add_decision(self.observer.picture(), perception, &picture);
         }
-        if self.first.is_empty() {
-            self.first.clone_from(&picture);
+        if self.first_picture.is_empty() {
+            self.first_picture.clone_from(&picture);
         }
-        self.observer.compose(&picture, &self.first, &mut out.images);
+        self.observer.compose_observation(&picture, &self.first_picture, &mut out.images);
         let (hand, goal) = (self.observer.state().tip.position, self.goal);
         let aperture = self.arm.aperture(self.observer.state());
         // order of the vector in training
         let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];
         out.vectors.copy_from_slice(&numbers.map(|number| number as f32));
-        scale(&mut out.vectors);
+        scale_vectors(&mut out.vectors);
         Ok(())
     }
 
     fn act(&mut self, action: &[f32], out: &mut Transition) -> Result<(), DeployError> {
-        if let Some(observed) = self.observed {
-            self.latencies.record(Stage::Policy, observed.elapsed());
+        if let Some(observed) = self.last_observed_at {
+            self.latencies.record(DecisionStage::ChooseAction, observed.elapsed());
         }
         let action = std::array::from_fn::<_, ACTION_DIM, _>(|i| action[i]);
         self.actions.push(action);
-        self.controller.decide(self.rig, &mut self.observer, action)?;
-        self.latencies.record(Stage::Commands, self.controller.spent());
+        self.controller.execute_action(self.rig, &mut self.observer, action)?;
+        self.latencies.record(DecisionStage::SendCommands, self.controller.command_time());
         let verdict = self.rig.verdict().map_err(|source| DeployError::Rig { source })?;
         self.observe(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);
@@ -118,9 +119,9 @@ impl TrialEnv<'_> {
         out.rewards.fill(0.0);
         out.success.fill(verdict.success || verdict.success_at_end);
         out.success_at_end.fill(verdict.success_at_end);
-        let running = self.actions.len() < self.control.decisions();
-        out.outcomes.fill(if running { Outcome::Running } else { Outcome::Truncated });
-        self.observed = Some(Instant::now());
+        let running = self.actions.len() < self.control.decisions_per_episode();
+        out.outcomes.fill(if running { StepOutcome::Running } else { StepOutcome::Truncated });
+        self.last_observed_at = Some(Instant::now());
         Ok(())
     }
 }
@@ -131,17 +132,17 @@ impl VectorEnv for TrialEnv<'_> {
     }
 
     fn horizon(&self) -> Option<usize> {
-        Some(self.control.decisions())
+        Some(self.control.decisions_per_episode())
     }
 
     /// Returns the first observation again. The robot still rests at its start.
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
-        out.clone_from(&self.start);
-        self.observed = Some(Instant::now());
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
+        out.clone_from(&self.first_observation);
+        self.last_observed_at = Some(Instant::now());
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         Ok(self.act(actions, out)?)
     }
 }

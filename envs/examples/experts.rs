@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use envs::conformance::experts;
+use envs::conformance::measure_expert;
 use envs::{Camera, Control, Embodiment, Scene, TaskGroup};
 use symmetry::D2;
 
@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for group in TaskGroup::STANDARD {
         let scene = Arc::new(Scene::new(group, embodiment, Camera::default())?);
         for element in D2::ALL {
-            let row = experts(&scene, element, Control::default(), episodes)?;
+            let row = measure_expert(&scene, element, Control::default(), episodes)?;
             println!(
                 "{} {} of {episodes}, return {:.1}",
                 row.variant, row.successes, row.mean_return

@@ -5,38 +5,39 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use robots::{
-    CartesianControl, Command, ControlError, Description, Motion, Pose, RobotState, Servo, Twist,
+    CartesianControl, Command, ControlError, JointMotion, Pose, RobotDescription, RobotState,
+    Servo, Twist,
 };
 
-use crate::control::PHYSICS_STEPS;
+use crate::control::PHYSICS_STEPS_PER_CONTROL_STEP;
 use crate::error::EnvError;
 
 /// Joint positions by joint name (metres or radians).
 pub type JointPositions = Vec<(String, f64)>;
 
-/// Mechanism by which the hand follows its target, which actions move.
+/// Mechanism by which the hand follows its target; actions move that target.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Actuation {
     /// Weld that pulls the body `hand` to the mocap body `hand_target`. The first two actuators,
     /// `right_finger` and `left_finger`, get the finger action and its negative.
     Weld,
-    /// Servo motors in the joints, as in a real arm.
+    /// Servo motors in the joints, as in a real arm; inverse kinematics gives their targets.
     Servos(Box<ServoController>),
 }
 
 /// Settings of a [`ServoController`] that stay constant while it runs.
 #[derive(Debug, PartialEq)]
 pub(crate) struct ServoSettings {
-    pub arm: Description,
+    pub arm: RobotDescription,
     pub servo: Servo,
     /// Orientation in which the hand is held.
-    pub rotation: DQuat,
+    pub hand_rotation: DQuat,
     /// Index of the finger joint among the arm's free joints.
     pub finger: Option<usize>,
     /// Largest distance of the target from the hand (metres).
-    pub lead: f64,
-    /// Limits of the hand's motion.
+    pub max_target_lead: f64,
+    /// Maximum speeds and accelerations of the hand.
     pub limits: robots::TwistLimits,
 }
 
@@ -48,7 +49,7 @@ pub struct ServoController {
     /// Addresses in `qpos` of the arm's free joints.
     addresses: Vec<usize>,
     /// Commanded finger position: 0 is open, 1 is closed.
-    closing: f64,
+    gripper_closure: f64,
     /// Last command of [`ServoController::command`], which stays in force.
     commanded: Command,
 }
@@ -64,7 +65,7 @@ impl ServoController {
             servos: Arc::new(servos),
             control,
             addresses: Vec::new(),
-            closing: 0.0,
+            gripper_closure: 0.0,
             commanded: Command::default(),
         }
     }
@@ -87,7 +88,7 @@ impl ServoController {
     /// Returns `wanted` moved so that it is at most `lead` from `hand`. The target of a slow or
     /// blocked arm thus cannot run away.
     pub(crate) fn within_lead(&self, wanted: DVec3, hand: DVec3) -> DVec3 {
-        hand + (wanted - hand).clamp_length_max(self.servos.lead)
+        hand + (wanted - hand).clamp_length_max(self.servos.max_target_lead)
     }
 
     /// Sets the servo controls for one control step that moves the hand towards `target` (metres,
@@ -98,7 +99,7 @@ impl ServoController {
         target: DVec3,
         finger: f64,
     ) -> Result<(), EnvError> {
-        let seconds = control_seconds(data);
+        let seconds = control_step_seconds(data);
         self.follow(target, seconds)?;
         self.close(finger, seconds);
         Ok(data.set_ctrl(&self.controls(&self.positions(data)))?)
@@ -114,7 +115,7 @@ impl ServoController {
     /// Holds hand and fingers at their present position.
     pub(crate) fn stop(&mut self) {
         self.control.stop();
-        self.commanded = Command { twist: Twist::ZERO, closing: self.closing };
+        self.commanded = Command { twist: Twist::ZERO, gripper_closure: self.gripper_closure };
     }
 
     /// Sets the servo controls for one control step of the command in force. Returns the finger
@@ -123,13 +124,13 @@ impl ServoController {
         &mut self,
         data: &mut Data,
     ) -> Result<(f64, Option<ControlError>), EnvError> {
-        let seconds = control_seconds(data);
+        let seconds = control_step_seconds(data);
         let stopped = self.advance_command(data, seconds).err();
         // a command that cannot be followed must not be tried again in the next step
         if stopped.is_some() {
             self.stop();
         }
-        let way = self.commanded.closing - self.closing;
+        let way = self.commanded.gripper_closure - self.gripper_closure;
         let finger = self
             .closing_speed()
             .map_or(0.0, |(speed, travel)| (way * travel / (speed * seconds)).clamp(-1.0, 1.0));
@@ -142,8 +143,9 @@ impl ServoController {
     /// hand, because the servos would push ever harder.
     fn advance_command(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
         let twist = self.commanded.twist;
-        let [ahead, turned] = self.state(data).tip.displacement_to(&self.control.tip());
-        let held_back = ahead.length() > self.servos.lead && ahead.dot(twist.linear) > 0.0;
+        let [ahead, turned] = self.state(data).tip.displacement_to(&self.control.tip_pose());
+        let held_back =
+            ahead.length() > self.servos.max_target_lead && ahead.dot(twist.linear) > 0.0;
         let held_turned = turned.length() > MAX_TURN_ERROR && turned.dot(twist.angular) > 0.0;
         // a command that moves back towards the hand is not held up
         if held_back || held_turned {
@@ -159,11 +161,11 @@ impl ServoController {
         let positions = self.positions(data);
         let chain = self.control.chain();
         let joints = chain.configuration(&positions);
-        let closing = self.finger().map_or(0.0, |(dof, motion)| {
+        let gripper_closure = self.finger().map_or(0.0, |(dof, motion)| {
             let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
             ((positions[dof] - open) / (closed - open)).clamp(0.0, 1.0)
         });
-        RobotState { tip: chain.tip(&joints), joints, closing }
+        RobotState { tip: chain.tip_pose(&joints), joints, gripper_closure }
     }
 
     /// Returns the positions of the arm's free joints.
@@ -172,7 +174,7 @@ impl ServoController {
     }
 
     /// Returns the joint that closes the fingers, and its index among the free joints.
-    fn finger(&self) -> Option<(usize, &Motion)> {
+    fn finger(&self) -> Option<(usize, &JointMotion)> {
         let dof = self.servos.finger?;
         let (_, motion) = self.servos.arm.free_joints().nth(dof)?;
         Some((dof, motion))
@@ -182,25 +184,25 @@ impl ServoController {
     fn closing_speed(&self) -> Option<(f64, f64)> {
         let (_, motion) = self.finger()?;
         let travel = motion.range.map_or(1.0, |[low, high]| high - low);
-        Some((motion.speed?, travel))
+        Some((motion.max_speed?, travel))
     }
 
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
-        let target = Pose { position: target, rotation: self.servos.rotation };
-        let way = self.control.tip().displacement_to(&target);
-        let twist = self.servos.limits.towards(way, APPROACH_RATE);
+        let target = Pose { position: target, rotation: self.servos.hand_rotation };
+        let way = self.control.tip_pose().displacement_to(&target);
+        let twist = self.servos.limits.twist_towards(way, APPROACH_RATE);
         let followed = self.control.command(twist);
         match followed.and_then(|()| self.control.tick(seconds)) {
             // no error: the arm stops at the limit of its reach
-            Err(ControlError::OutOfReach { .. }) => Ok(()),
+            Err(ControlError::CannotFollow { .. }) => Ok(()),
             outcome => Ok(outcome?),
         }
     }
 
     fn close(&mut self, finger: f64, seconds: f64) {
         if let Some((speed, travel)) = self.closing_speed() {
-            let closing = self.closing + finger * seconds * speed / travel;
-            self.closing = closing.clamp(0.0, 1.0);
+            let closing = self.gripper_closure + finger * seconds * speed / travel;
+            self.gripper_closure = closing.clamp(0.0, 1.0);
         }
     }
 
@@ -209,16 +211,16 @@ impl ServoController {
     fn controls(&self, positions: &[f64]) -> Vec<f64> {
         let ServoSettings { arm, servo, finger, .. } = &*self.servos;
         let forces = arm.holding_forces(positions);
-        let mut controls = vec![0.0; arm.dofs()];
-        let velocities = self.control.velocities();
-        let targets = self.control.joints().iter().zip(velocities);
+        let mut controls = vec![0.0; arm.num_dofs()];
+        let velocities = self.control.joint_velocities();
+        let targets = self.control.joint_positions().iter().zip(velocities);
         for (joint, (&position, &velocity)) in self.control.chain().joints().iter().zip(targets) {
-            controls[joint.dof] = servo.control(position, velocity);
+            controls[joint.dof_index] = servo.control_signal(position, velocity);
         }
         for (dof, (_, motion)) in arm.free_joints().enumerate() {
             if *finger == Some(dof) {
                 let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
-                controls[dof] = open + self.closing * (closed - open);
+                controls[dof] = open + self.gripper_closure * (closed - open);
             }
             controls[dof] += servo.feed_forward(motion, forces[dof]);
         }
@@ -227,6 +229,6 @@ impl ServoController {
 }
 
 /// Returns the duration of a control step in seconds.
-pub(crate) fn control_seconds(data: &Data) -> f64 {
-    PHYSICS_STEPS as f64 * data.model().timestep()
+pub(crate) fn control_step_seconds(data: &Data) -> f64 {
+    PHYSICS_STEPS_PER_CONTROL_STEP as f64 * data.model().timestep()
 }

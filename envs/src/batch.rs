@@ -6,10 +6,10 @@ use crate::tabletop::VECTOR_DIM;
 /// Borrowed buffers for the observations of N environments.
 #[derive(Debug)]
 pub struct ObservationsMut<'a> {
-    /// Images `[N, size, size, C]`: the current RGB picture, then those of
+    /// Images `[N, size, size, C]` of the observations: the current RGB picture, then those of
     /// [`ExtraView`](crate::ExtraView).
     pub images: &'a mut [u8],
-    /// Vectors `[N, 7]`, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
+    /// Vectors `[N, 7]` of the observations, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
     pub vectors: &'a mut [f32],
 }
 
@@ -21,7 +21,7 @@ pub struct StepMut<'a> {
     pub observations: ObservationsMut<'a>,
     /// Last observations of episodes that ended; only rows with `truncated` are written.
     pub final_observations: ObservationsMut<'a>,
-    /// Rewards `[N]`, in `[0, 1]`.
+    /// Rewards of the decision `[N]`, in `[0, 1]`.
     pub rewards: &'a mut [f32],
     /// `[N]`: `true` if the success condition held at any control step of the decision.
     pub success: &'a mut [bool],
@@ -35,26 +35,26 @@ pub struct StepMut<'a> {
 /// Owned buffers for the results of [`VecEnv`](crate::VecEnv); [`StepMut`] documents their
 /// contents.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Batch {
-    /// Images `[N, size, size, C]`, C = 6 by default.
+pub struct StepBuffers {
+    /// Images `[N, size, size, C]` of the current observations, C = 6 by default.
     pub images: Vec<u8>,
-    /// Vectors `[N, 7]`.
+    /// Vectors `[N, 7]` of the current observations: hand, aperture and goal.
     pub vectors: Vec<f32>,
     /// Last images `[N, size, size, C]` of episodes that ended.
     pub final_images: Vec<u8>,
     /// Last vectors `[N, 7]` of episodes that ended.
     pub final_vectors: Vec<f32>,
-    /// Rewards `[N]`.
+    /// Rewards of the last decision `[N]`, in `[0, 1]`.
     pub rewards: Vec<f32>,
-    /// Success at any control step `[N]`.
+    /// Flags `[N]`: `true` if the success condition held at any control step of the decision.
     pub success: Vec<bool>,
-    /// Success at the last control step `[N]`.
+    /// Flags `[N]`: `true` if the success condition holds after the decision's last control step.
     pub success_at_end: Vec<bool>,
-    /// Ends of episodes `[N]`.
+    /// Flags `[N]`: `true` where an episode reached its time limit, or its environment failed.
     pub truncated: Vec<bool>,
 }
 
-impl Batch {
+impl StepBuffers {
     /// Creates zeroed buffers for the environments of `settings`.
     pub fn new(settings: &VecEnvSettings) -> Self {
         let (n, image) = (settings.num_envs, settings.image_len());
@@ -70,13 +70,14 @@ impl Batch {
         }
     }
 
-    /// Returns the buffers that a reset fills.
-    pub fn observations(&mut self) -> ObservationsMut<'_> {
+    /// Returns the buffers of current observations, for [`VecEnv::reset`](crate::VecEnv::reset) to
+    /// fill.
+    pub fn observations_mut(&mut self) -> ObservationsMut<'_> {
         ObservationsMut { images: &mut self.images, vectors: &mut self.vectors }
     }
 
-    /// Returns the buffers that a step fills.
-    pub fn step(&mut self) -> StepMut<'_> {
+    /// Returns the buffers of a step's outcome, for [`VecEnv::step`](crate::VecEnv::step) to fill.
+    pub fn step_mut(&mut self) -> StepMut<'_> {
         StepMut {
             observations: ObservationsMut { images: &mut self.images, vectors: &mut self.vectors },
             final_observations: ObservationsMut {

@@ -9,14 +9,14 @@ use crate::error::{EnvError, require};
 
 mod compose;
 
-pub use compose::Pictures;
+pub use compose::ObservationPictures;
 
-/// Colour channels of one picture.
-pub const RGB: usize = 3;
+/// Number of colour channels of one picture: red, green and blue.
+pub const RGB_CHANNELS: usize = 3;
 /// Largest side of a drawn picture (pixels).
 const MAX_SIDE: usize = 4096;
 /// Range of drawn pixels along each side of an observed pixel.
-pub(crate) const OVERSAMPLING: RangeInclusive<usize> = 1..=8;
+pub(crate) const OVERSAMPLING_RANGE: RangeInclusive<usize> = 1..=8;
 /// Lowest camera (metres). A camera at or below the hand would project it mirrored.
 const MIN_HEIGHT: f64 = 0.6;
 
@@ -27,27 +27,28 @@ const MIN_HEIGHT: f64 = 0.6;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// Pixels along either side; an even number, so that flips map pixels to pixels.
+    /// Pixels along either side of an observed picture; an even number, so that flips map pixels to
+    /// pixels.
     pub size: usize,
     /// Drawn pixels along each side of an observed pixel, 1 to 8 (1 if a file has no value). An
     /// observed pixel is their mean, so an edge can move by less than a pixel.
     #[serde(default = "one")]
     pub oversampling: usize,
-    /// Height above the table (metres).
+    /// Height of the camera above the table (metres).
     pub height: f64,
     /// Half the side of the visible square of the table (metres). Together with the height it sets
     /// the field of view.
     pub half_extent: f64,
     /// Unlit colour of the floor around the table, RGB in `[0, 1]`.
     pub background: [f64; 3],
-    /// Light sources.
+    /// Light sources of the scene.
     pub light: Light,
-    /// Mark over the gripper.
+    /// Mark that is drawn over the gripper in the pictures.
     pub mark: Mark,
     /// Pictures that an observation holds besides the current one; the first picture if a file has
     /// no value.
-    #[serde(default)]
-    pub beside: ExtraView,
+    #[serde(default, rename = "beside")]
+    pub extra_views: ExtraView,
 }
 
 /// White light that is symmetric under D2: ambient, from the camera and from straight above. A
@@ -55,11 +56,11 @@ pub struct Camera {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
-    /// Ambient light, in `[0, 1]`.
+    /// Intensity of the ambient light, in `[0, 1]`.
     pub ambient: f64,
-    /// Light from the camera, in `[0, 1]`.
+    /// Intensity of the light from the camera, in `[0, 1]`.
     pub camera: f64,
-    /// Light from straight above, in `[0, 1]`.
+    /// Intensity of the light from straight above, in `[0, 1]`.
     pub overhead: f64,
 }
 
@@ -68,11 +69,11 @@ pub struct Light {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mark {
-    /// Outer radius (metres); 0 draws nothing.
+    /// Outer radius of the mark (metres); 0 draws nothing.
     pub radius: f64,
-    /// Radius of the hole (metres); 0 for a filled disc.
+    /// Radius of the hole in the mark (metres); 0 for a filled disc.
     pub hole: f64,
-    /// RGB colour.
+    /// Colour of the mark: red, green and blue, 0 to 255.
     pub color: [u8; 3],
 }
 
@@ -86,7 +87,7 @@ impl Default for Camera {
             background: [0.73, 0.74, 0.74],
             light: Light::default(),
             mark: Mark::default(),
-            beside: ExtraView::default(),
+            extra_views: ExtraView::default(),
         }
     }
 }
@@ -108,13 +109,13 @@ impl Camera {
     /// colours out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`].
+    /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
         let even = (2..=MAX_SIDE).contains(&self.size) && self.size.is_multiple_of(2);
         require(even, "image size", &self.size, SIZE)?;
-        let samples = OVERSAMPLING.contains(&self.oversampling);
+        let samples = OVERSAMPLING_RANGE.contains(&self.oversampling);
         require(samples, "oversampling", &self.oversampling, SAMPLES)?;
-        let drawn = self.drawn_size();
+        let drawn = self.rendered_size();
         require(drawn <= MAX_SIDE, "image size times oversampling", &drawn, DRAWN)?;
         let high = self.height >= MIN_HEIGHT && self.height.is_finite();
         require(high, "camera height", &self.height, HEIGHT)?;
@@ -157,7 +158,7 @@ impl Camera {
     }
 
     /// Converts a length on the table from millimetres to pixels.
-    pub(crate) fn pixels(&self, millimetres: f64) -> f64 {
+    pub(crate) fn millimetres_to_pixels(&self, millimetres: f64) -> f64 {
         millimetres / 1e3 * self.pixels_per_metre()
     }
 
@@ -165,7 +166,7 @@ impl Camera {
     pub fn draw_mark(&self, mark: &Mark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
         let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
-        on_ring([u, -v], radii, self.size, |pixel| {
+        for_each_ring_pixel([u, -v], radii, self.size, |pixel| {
             rgb[pixel * 3..][..3].copy_from_slice(&mark.color);
         });
     }
@@ -174,7 +175,7 @@ impl Camera {
 /// Calls `visit` with the index of every pixel of a picture `[size, size]` whose centre is nearer
 /// than `radii[0]`, but not nearer than `radii[1]`, to the point `offset` (right, down) from the
 /// picture's centre. All lengths are in pixels. Mirroring the offset mirrors the ring exactly.
-pub(crate) fn on_ring(
+pub(crate) fn for_each_ring_pixel(
     offset: [f64; 2],
     radii: [f64; 2],
     size: usize,
@@ -239,7 +240,7 @@ const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ExtraView {
-    /// First picture of the episode.
+    /// First picture of the episode, which makes 6 channels with the current one.
     #[default]
     First,
     /// Close-up of the table below the hand, without the gripper's mark, which shows objects
@@ -247,24 +248,24 @@ pub enum ExtraView {
     /// [`Camera::oversampling`](crate::Camera::oversampling) times as large as in the whole
     /// picture. The area beyond the picture is grey.
     CloseUp,
-    /// First picture of the episode, then the close-up.
+    /// First picture of the episode, then the close-up; 9 channels with the current picture.
     FirstAndCloseUp,
 }
 
 impl ExtraView {
     /// Returns the number of channels of an observation's image, C: 6 or 9.
-    pub const fn channels(self) -> usize {
+    pub const fn num_channels(self) -> usize {
         match self {
-            Self::First | Self::CloseUp => 2 * RGB,
-            Self::FirstAndCloseUp => 3 * RGB,
+            Self::First | Self::CloseUp => 2 * RGB_CHANNELS,
+            Self::FirstAndCloseUp => 3 * RGB_CHANNELS,
         }
     }
 
     /// Returns the number of last channels that are constant during an episode, and need to be
     /// stored once: 3 or 0.
-    pub const fn still_channels(self) -> usize {
+    pub const fn num_still_channels(self) -> usize {
         match self {
-            Self::First => RGB,
+            Self::First => RGB_CHANNELS,
             Self::CloseUp | Self::FirstAndCloseUp => 0,
         }
     }

@@ -1,11 +1,11 @@
 //! Rules for tasks, as functions that a task's tests call.
 //!
-//! [`check`] tests a group against all rules in one line. [`experts()`] and [`symmetry()`] measure
-//! one variant on a chosen number of placements.
+//! [`check`] tests a group against all rules in one line. [`measure_expert`] and
+//! [`measure_symmetry`] measure one variant on a chosen number of placements.
 //!
 //! ```no_run
 //! #[test]
-//! fn my_task_conforms() -> Result<(), envs::conformance::Flaw> {
+//! fn my_task_conforms() -> Result<(), envs::conformance::ConformanceError> {
 //!     envs::conformance::check(envs::TaskGroup::DRAWER_CLOSE)
 //! }
 //! ```
@@ -16,6 +16,6 @@ mod rules;
 mod scene_rules;
 mod symmetry;
 
-pub use experts::{ExpertRow, VariantName, experts};
-pub use rules::{Flaw, check};
-pub use symmetry::{SymmetryRow, symmetry};
+pub use experts::{ExpertRow, VariantName, measure_expert};
+pub use rules::{ConformanceError, check};
+pub use symmetry::{SymmetryRow, measure_symmetry};

@@ -5,19 +5,19 @@ use serde::{Deserialize, Serialize};
 use crate::error::{EnvError, require};
 
 /// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
-pub const PHYSICS_STEPS: usize = 5;
+pub const PHYSICS_STEPS_PER_CONTROL_STEP: usize = 5;
 /// Duration of a control step (seconds).
 const CONTROL_STEP: f64 = 0.0125;
 
-/// Action scale, action repeat and episode length.
+/// Action scale, action repeat and episode length of an environment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Control {
-    /// Control steps that one action is held for.
+    /// Number of control steps (12.5 ms each) that one action is held for.
     pub action_repeat: usize,
     /// Displacement of the hand's target by a full action, per decision (metres).
     pub displacement: f64,
-    /// Control steps in an episode; a multiple of `action_repeat`.
+    /// Number of control steps (12.5 ms each) in an episode; a multiple of `action_repeat`.
     pub horizon: usize,
 }
 
@@ -42,27 +42,27 @@ impl Control {
 
     /// Returns the number of decisions in an episode; 0 if the action repeat is 0, which
     /// [`Control::check`] rejects.
-    pub fn decisions(&self) -> usize {
+    pub fn decisions_per_episode(&self) -> usize {
         self.horizon.checked_div(self.action_repeat).unwrap_or(0)
     }
 
-    /// Rejects settings out of range.
+    /// Rejects an action repeat, a displacement or a horizon that is out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`].
+    /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
         let whole = self.horizon > 0 && self.horizon.checked_rem(self.action_repeat) == Some(0);
         let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
         let expected = "a positive multiple of the action repeat";
         require(whole, "horizon", &value, expected)?;
         let positive = self.displacement > 0.0 && self.displacement.is_finite();
-        let expected = "a positive length in metres";
-        require(positive, "displacement", &self.displacement, expected)
+        let expected_displacement = "a positive length in metres";
+        require(positive, "displacement", &self.displacement, expected_displacement)
     }
 }
 
 /// Returns the action of one environment with its components clipped to `[-1, 1]`.
-pub(crate) fn clip<const N: usize>(action: &[f32; N]) -> Result<[f64; N], EnvError> {
+pub(crate) fn clip_action<const N: usize>(action: &[f32; N]) -> Result<[f64; N], EnvError> {
     check_action(action)?;
     Ok(action.map(|value| f64::from(value.clamp(-1.0, 1.0))))
 }
@@ -82,10 +82,10 @@ mod tests {
     #[test]
     fn decisions_of_settings_that_are_refused_are_none() {
         let never = Control { action_repeat: 0, ..Control::default() };
-        assert_eq!(never.decisions(), 0);
+        assert_eq!(never.decisions_per_episode(), 0);
         let message = never.check().unwrap_err().to_string();
         assert!(message.contains("500 with action repeat 0"), "{message}");
-        assert_eq!(Control::default().decisions(), 50);
-        assert_eq!(Control::meta_world().decisions(), 500);
+        assert_eq!(Control::default().decisions_per_episode(), 50);
+        assert_eq!(Control::meta_world().decisions_per_episode(), 500);
     }
 }

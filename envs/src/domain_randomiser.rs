@@ -6,7 +6,7 @@ use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::camera::{Camera, RGB, on_ring};
+use crate::camera::{Camera, RGB_CHANNELS, for_each_ring_pixel};
 use crate::homography::Homography;
 use crate::randomisation::Randomisation;
 
@@ -23,14 +23,14 @@ const GAMMA: f64 = 2.2;
 const MAX_SHARE: f64 = 0.25;
 
 /// Red, green and blue levels (of 255), padded to fill a SIMD register.
-type Pixel = [f32; RGB + 1];
+type Pixel = [f32; RGB_CHANNELS + 1];
 
 /// Camera errors of one environment in its current episode, and its random stream.
 #[derive(Clone, Debug)]
 pub(crate) struct CameraState {
     rng: ChaCha8Rng,
     view: Homography,
-    gains: [f32; RGB],
+    gains: [f32; RGB_CHANNELS],
     /// Number of blur passes, and the share of a pixel that each pass gives to either neighbour.
     blur: (usize, f32),
 }
@@ -40,7 +40,7 @@ impl CameraState {
     pub fn new(seed: u64, index: usize) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(PICTURE_STREAMS | index as u64);
-        Self { rng, view: Homography::IDENTITY, gains: [1.0; RGB], blur: (0, 0.0) }
+        Self { rng, view: Homography::IDENTITY, gains: [1.0; RGB_CHANNELS], blur: (0, 0.0) }
     }
 }
 
@@ -60,16 +60,18 @@ impl DomainRandomiser {
         Self { amounts, camera, levels: room.clone(), spare: room }
     }
 
-    /// Draws the camera errors of the episode that begins.
-    pub fn begin(&self, state: &mut CameraState) {
+    /// Draws the camera errors (pose, exposure, white balance, blur) of the episode that begins.
+    pub fn begin_episode(&self, state: &mut CameraState) {
         let (amounts, rng) = (&self.amounts, &mut state.rng);
         // all numbers are drawn whatever the amounts, so that one amount does not shift the others'
         // draws
-        let position = vector(amounts.position_error / 1e3, rng);
-        let turn = vector(amounts.angle_error.to_radians(), rng);
+        let position = vector(amounts.max_position_error_mm / 1e3, rng);
+        let turn = vector(amounts.max_angle_error_deg.to_radians(), rng);
         let [exposure, red, blue] = normals(rng).map(f64::from);
-        let light = |deviation| (amounts.exposure * exposure + amounts.balance * deviation) / 100.0;
-        let blur = self.camera.pixels(rng.random::<f64>() * amounts.blur);
+        let light = |deviation| {
+            (amounts.exposure_sd * exposure + amounts.white_balance_sd * deviation) / 100.0
+        };
+        let blur = self.camera.millimetres_to_pixels(rng.random::<f64>() * amounts.max_blur_mm);
         state.view = Homography::new(&self.camera, position, turn);
         // green is the reference of the white balance; levels are light to the power 1 / GAMMA
         state.gains = [red, 0.0, blue].map(|of| (light(of) / GAMMA).exp() as f32);
@@ -78,7 +80,7 @@ impl DomainRandomiser {
 
     /// Turns `rgb` `[size, size, 3]`, a perfect picture without mark, into a picture of the
     /// episode's camera, with the mark over the gripper at `hand` (metres).
-    pub fn disturb(&mut self, state: &mut CameraState, hand: DVec3, rgb: &mut [u8]) {
+    pub fn add_camera_errors(&mut self, state: &mut CameraState, hand: DVec3, rgb: &mut [u8]) {
         self.resample(&state.view, rgb);
         for _ in 0..state.blur.0 {
             self.blur(state.blur.1);
@@ -91,21 +93,21 @@ impl DomainRandomiser {
     /// Resamples the picture through a homography, with bilinear interpolation; border pixels
     /// extend outwards.
     fn resample(&mut self, view: &Homography, rgb: &[u8]) {
-        for (out, rgb) in self.spare.iter_mut().zip(rgb.chunks_exact(RGB)) {
-            *out = [rgb[0], rgb[1], rgb[2], 0].map(f32::from);
+        for (out, color) in self.spare.iter_mut().zip(rgb.chunks_exact(RGB_CHANNELS)) {
+            *out = [color[0], color[1], color[2], 0].map(f32::from);
         }
         let size = self.camera.size;
         let (middle, last) = (size as f32 / 2.0 - 0.5, (size - 1) as f32);
         for (row, out) in self.levels.chunks_exact_mut(size).enumerate() {
-            for (column, out) in out.iter_mut().enumerate() {
-                let [x, y] = view.place([column as f32 - middle, middle - row as f32]);
-                let (row, column) = (middle - y, middle + x);
-                let (top, down) = split(row.clamp(0.0, last), size);
-                let (left, across) = split(column.clamp(0.0, last), size);
+            for (column, target) in out.iter_mut().enumerate() {
+                let [x, y] = view.nominal_offset([column as f32 - middle, middle - row as f32]);
+                let (source_row, source_column) = (middle - y, middle + x);
+                let (top, down) = split(source_row.clamp(0.0, last), size);
+                let (left, across) = split(source_column.clamp(0.0, last), size);
                 let start = top * size + left;
                 let (above, below) = (&self.spare[start..][..2], &self.spare[start + size..][..2]);
                 let [above, below] = [above, below].map(|two| interpolate(two[0], two[1], across));
-                *out = interpolate(above, below, down);
+                *target = interpolate(above, below, down);
             }
         }
     }
@@ -116,17 +118,18 @@ impl DomainRandomiser {
         let size = self.camera.size;
         let lines = self.levels.chunks_exact(size);
         for (line, out) in lines.zip(self.spare.chunks_exact_mut(size)) {
-            for (index, out) in out.iter_mut().enumerate() {
+            for (index, target) in out.iter_mut().enumerate() {
                 let (before, behind) = neighbours(index, size);
-                *out = blurred(line[index], [line[before], line[behind]], share);
+                *target = blurred(line[index], [line[before], line[behind]], share);
             }
         }
         let line = |index: usize| &self.spare[index * size..][..size];
         for (index, out) in self.levels.chunks_exact_mut(size).enumerate() {
             let (above, below) = neighbours(index, size);
             let around = line(above).iter().zip(line(below));
-            for (out, (own, (above, below))) in out.iter_mut().zip(line(index).iter().zip(around)) {
-                *out = blurred(*own, [*above, *below], share);
+            for (target, (own, (over, under))) in out.iter_mut().zip(line(index).iter().zip(around))
+            {
+                *target = blurred(*own, [*over, *under], share);
             }
         }
     }
@@ -135,26 +138,28 @@ impl DomainRandomiser {
     fn patch(&mut self, hand: DVec3, rng: &mut ChaCha8Rng) {
         let amounts = &self.amounts;
         let [right, up] = self.camera.project(hand);
-        for _ in 0..rng.random_range(0..=amounts.patches) {
-            let [x, y, _] =
-                normals(rng).map(|aside| self.camera.pixels(PATCH_SPREAD * f64::from(aside)));
+        for _ in 0..rng.random_range(0..=amounts.max_patches) {
+            let [x, y, _] = normals(rng)
+                .map(|aside| self.camera.millimetres_to_pixels(PATCH_SPREAD * f64::from(aside)));
             let offset = [right + x, y - up];
-            let radius = self.camera.pixels(rng.random::<f64>() * amounts.patch_radius);
-            let color = normals(rng).map(|off| amounts.patch_color as f32 * off);
-            on_ring(offset, [radius, 0.0], self.camera.size, |pixel| {
+            let radius = self
+                .camera
+                .millimetres_to_pixels(rng.random::<f64>() * amounts.max_patch_radius_mm);
+            let color = normals(rng).map(|off| amounts.patch_color_sd as f32 * off);
+            for_each_ring_pixel(offset, [radius, 0.0], self.camera.size, |pixel| {
                 let levels = self.levels[pixel].iter_mut().zip(color);
-                levels.for_each(|(level, color)| *level += color);
+                levels.for_each(|(level, added)| *level += added);
             });
         }
     }
 
     /// Applies `gains` and noise, and writes the result as bytes.
-    fn expose(&self, gains: [f32; RGB], rng: &mut ChaCha8Rng, rgb: &mut [u8]) {
-        let deviation = self.amounts.noise as f32;
-        let pixels = self.levels.iter().zip(rgb.chunks_exact_mut(RGB));
+    fn expose(&self, gains: [f32; RGB_CHANNELS], rng: &mut ChaCha8Rng, rgb: &mut [u8]) {
+        let deviation = self.amounts.noise_sd as f32;
+        let pixels = self.levels.iter().zip(rgb.chunks_exact_mut(RGB_CHANNELS));
         for (levels, out) in pixels {
             let noise = normals(rng);
-            for channel in 0..RGB {
+            for channel in 0..RGB_CHANNELS {
                 let level = levels[channel] * gains[channel] + deviation * noise[channel];
                 // the cast rounds, and saturates at 0 and 255
                 out[channel] = (level + 0.5) as u8;
@@ -207,12 +212,13 @@ fn vector(most: f64, rng: &mut ChaCha8Rng) -> DVec3 {
 
 /// Draws three numbers of mean 0 and variance 1. Each is the sum of three uniform 7-bit integers:
 /// close to normal, except that the tails end at 2.98.
-fn normals(rng: &mut ChaCha8Rng) -> [f32; RGB] {
+fn normals(rng: &mut ChaCha8Rng) -> [f32; RGB_CHANNELS] {
     /// Reciprocal of the standard deviation of the sum, sqrt(3 (128^2 - 1) / 12).
     const SCALE: f32 = 0.015_625_477;
     let bits: u64 = rng.random();
     let part = |index: usize| (bits >> (7 * index)) as i32 & 127;
-    let sum = |channel| part(channel) + part(RGB + channel) + part(2 * RGB + channel);
+    let sum =
+        |channel| part(channel) + part(RGB_CHANNELS + channel) + part(2 * RGB_CHANNELS + channel);
     // doubled, to subtract the mean of 3 * 63.5 in integers
     std::array::from_fn(|channel| (2 * sum(channel) - 3 * 127) as f32 * (0.5 * SCALE))
 }

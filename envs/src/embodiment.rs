@@ -24,43 +24,44 @@ static REGISTERED: RwLock<Vec<Embodiment>> = RwLock::new(Vec::new());
 impl Embodiment {
     /// Seven-joint Sawyer arm. Open loop, it breaks the symmetry of the table by one or two
     /// centimetres.
-    pub const SAWYER: Self = Self::of(&Sawyer);
+    pub const SAWYER: Self = Self::from_spec(&Sawyer);
     /// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
-    pub const HAND: Self = Self::of(&Hand);
+    pub const HAND: Self = Self::from_spec(&Hand);
     /// Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that were trained
     /// with another arm.
-    pub const KINOVA_GEN3: Self = Self::of(&KinovaGen3);
+    pub const KINOVA_GEN3: Self = Self::from_spec(&KinovaGen3);
 
     /// Embodiments for training, in the order of reports. Every task must pass its conformance
     /// rules with them.
     pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::HAND];
-    /// Embodiments of this crate.
+    /// Embodiments that this crate provides.
     pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
 
-    /// Returns the embodiment that `spec` defines.
+    /// Returns the handle of the embodiment that `spec` defines.
     ///
     /// A spec that is made at run time must be leaked, as with
-    /// [`TaskGroup::of`](crate::TaskGroup::of): `Embodiment::of(Box::leak(Box::new(spec)))`.
-    pub const fn of(spec: &'static dyn EmbodimentSpec) -> Self {
+    /// [`TaskGroup::from_task`](crate::TaskGroup::from_task):
+    /// `Embodiment::from_spec(Box::leak(Box::new(spec)))`.
+    pub const fn from_spec(spec: &'static dyn EmbodimentSpec) -> Self {
         Self(spec)
     }
 
-    /// Returns the name as settings and files spell it, for instance `sawyer`.
+    /// Returns the embodiment's name as settings and files spell it, for instance `sawyer`.
     pub fn name(self) -> &'static str {
         self.0.name()
     }
 
-    /// Returns the definition.
+    /// Returns the specification that defines the embodiment.
     pub fn spec(self) -> &'static dyn EmbodimentSpec {
         self.0
     }
 
-    /// Registers the name in this process, so that settings with it can be read. Registering an
-    /// embodiment again has no effect.
+    /// Registers the embodiment's name in this process, so that settings with it can be read.
+    /// Registering an embodiment again has no effect.
     ///
     /// # Errors
-    /// [`EnvError::EmbodimentName`] for a malformed name, [`EnvError::DuplicateEmbodiment`] for a
-    /// name that is taken.
+    /// [`EnvError::InvalidEmbodimentName`] for a malformed name, [`EnvError::DuplicateEmbodiment`]
+    /// for a name that is taken.
     pub fn register(self) -> Result<(), EnvError> {
         self.check_name()?;
         let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
@@ -77,13 +78,15 @@ impl Embodiment {
         Ok(())
     }
 
-    /// Returns the embodiments of this crate, then the registered ones.
+    /// Returns the embodiments whose names settings may hold: those of this crate, then the
+    /// registered ones.
     pub fn known() -> Vec<Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
         [&Self::BUILT_IN, &registered[..]].concat()
     }
 
-    /// Returns `true` if the four variants of a group move as exact mirror images of each other.
+    /// Returns `true` if the four variants of a task group move as exact mirror images of each
+    /// other.
     pub fn mirrors_exactly(self) -> bool {
         self.0.mirrors_exactly()
     }
@@ -100,7 +103,7 @@ impl Embodiment {
             return Ok(());
         }
         let name = self.name().to_owned();
-        Err(EnvError::EmbodimentName { name })
+        Err(EnvError::InvalidEmbodimentName { name })
     }
 }
 
@@ -174,7 +177,7 @@ mod tests {
 
     #[test]
     fn a_registered_name_is_read_and_a_taken_or_malformed_one_refused() {
-        let crane = Embodiment::of(&CRANE);
+        let crane = Embodiment::from_spec(&CRANE);
         crane.register().unwrap();
         crane.register().unwrap();
         assert_eq!("crane_2".parse::<Embodiment>().unwrap(), crane);
@@ -183,8 +186,8 @@ mod tests {
         assert!(message.contains("crane_2"), "{message}");
         static OTHER: [Named; 3] = [Named("crane_2"), Named("sawyer"), Named("My Arm")];
         for (other, says) in OTHER.iter().zip(["taken", "taken", "`My Arm`"]) {
-            let message = Embodiment::of(other).register().unwrap_err().to_string();
-            assert!(message.contains(says), "{message}");
+            let refusal = Embodiment::from_spec(other).register().unwrap_err().to_string();
+            assert!(refusal.contains(says), "{refusal}");
         }
     }
 }

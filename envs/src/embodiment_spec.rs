@@ -14,7 +14,7 @@ pub(crate) const OPEN_APERTURE: f64 = 0.1;
 /// Parts of a scene that depend on the embodiment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EmbodimentParts {
-    /// MJCF of the embodiment, a `<mujocoinclude>`.
+    /// MJCF of the embodiment, a `<mujocoinclude>` document.
     ///
     /// Required are the bodies `hand`, `right_claw` and `left_claw`, and the sites `right_tip` and
     /// `left_tip`. Scripted experts assume that open claws are 0.1 m apart and that the tips are
@@ -24,7 +24,7 @@ pub struct EmbodimentParts {
     /// Names and texts of the files that parts of a scene include. `contacts.xml` declares the
     /// classes `surroundings` and `table_contact` and the default collisions, `drawer_stop.xml`
     /// stops a closed drawer, and `puck.xml` declares the collision shapes of the puck.
-    pub included: Vec<(&'static str, Cow<'static, str>)>,
+    pub included_files: Vec<(&'static str, Cow<'static, str>)>,
 }
 
 /// Definition of an embodiment. It keeps no state between calls.
@@ -49,7 +49,7 @@ pub trait EmbodimentSpec: Any + Send + Sync {
     /// Returns the mechanism by which decisions move the hand.
     ///
     /// # Errors
-    /// Those of [`EmbodimentSpec::parts`].
+    /// Errors of [`EmbodimentSpec::parts`].
     fn actuation(&self) -> Result<Actuation, EnvError> {
         Ok(Actuation::Weld)
     }
@@ -61,7 +61,7 @@ pub trait EmbodimentSpec: Any + Send + Sync {
 
     /// Returns the MJCF for the layout `metaworld`, if it differs. An episode then starts from the
     /// model's initial pose, as with Meta-World's own arm.
-    fn meta_world(&self) -> Option<&str> {
+    fn meta_world_mjcf(&self) -> Option<&str> {
         None
     }
 }

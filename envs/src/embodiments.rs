@@ -17,11 +17,11 @@ pub use kinova_gen3::KinovaGen3;
 const GRIPPER: Mjcf<'static> = part!("gripper.xml");
 
 /// Returns parts made of files of this crate.
-fn parts(mjcf: &'static str, included: &[Mjcf<'static>]) -> EmbodimentParts {
-    let files = included.iter().chain([&GRIPPER]);
+fn parts(mjcf: &'static str, included_files: &[Mjcf<'static>]) -> EmbodimentParts {
+    let files = included_files.iter().chain([&GRIPPER]);
     EmbodimentParts {
         mjcf: mjcf.into(),
-        included: files.map(|&(name, text)| (name, text.into())).collect(),
+        included_files: files.map(|&(name, text)| (name, text.into())).collect(),
     }
 }
 
@@ -54,7 +54,8 @@ impl EmbodimentSpec for Hand {
 #[derive(Clone, Copy, Debug)]
 pub struct Sawyer;
 
-/// Joint positions (radians) near rest with the hand at [`HAND_START`](crate::HAND_START).
+/// Joint positions (radians) near rest with the hand at
+/// [`HAND_TARGET_START`](crate::HAND_TARGET_START).
 const REST: [(&str, f64); 7] = [
     ("j0", 1.932580),
     ("j1", -0.499083),
@@ -75,13 +76,13 @@ impl EmbodimentSpec for Sawyer {
         Ok(parts(part!("sawyer.xml").1, &included))
     }
 
-    /// Returns the positions for [`HAND_START`](crate::HAND_START), whatever the target: the weld
-    /// pulls the arm from there.
+    /// Returns the positions for [`HAND_TARGET_START`](crate::HAND_TARGET_START), whatever the
+    /// target: the weld pulls the arm from there.
     fn initial_joint_positions(&self, _: DVec3) -> Result<JointPositions, EnvError> {
         Ok(REST.iter().map(|&(name, at)| (name.to_owned(), at)).collect())
     }
 
-    fn meta_world(&self) -> Option<&str> {
+    fn meta_world_mjcf(&self) -> Option<&str> {
         Some(part!("sawyer.xml" in "metaworld").1)
     }
 }

@@ -6,81 +6,81 @@ use crate::task::TaskGroup;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EnvError {
-    /// Unknown task name.
+    /// Task group whose name is not in the registry.
     #[error("unknown task `{name}`: expected one of {}", known.join(", "))]
     UnknownTask {
-        /// Name given.
+        /// Task name that is unknown.
         name: String,
-        /// Names in the registry.
+        /// Names of the task groups in the registry.
         known: Vec<&'static str>,
     },
-    /// Malformed task name.
+    /// Task name that is not in kebab-case.
     #[error(
         "the task's name is `{name}`, expected kebab-case: \
          lower-case letters and digits in words that are joined by hyphens"
     )]
-    TaskName {
-        /// Name given.
+    InvalidTaskName {
+        /// Task name that is malformed.
         name: String,
     },
-    /// Duplicate name of a task group.
+    /// Task group whose name another task group has already.
     #[error("another task group is called `{name}` already: choose another name")]
     DuplicateTask {
-        /// Name given.
+        /// Name that both task groups have.
         name: String,
     },
-    /// Unknown embodiment name.
+    /// Embodiment whose name is neither built in nor registered.
     #[error("unknown embodiment `{name}`: expected one of {}", known.join(", "))]
     UnknownEmbodiment {
-        /// Name given.
+        /// Embodiment name that is unknown.
         name: String,
         /// Names of this crate's and of registered embodiments.
         known: Vec<&'static str>,
     },
-    /// Malformed embodiment name.
+    /// Embodiment name that is not words of lower-case letters and digits, joined by `-` or `_`.
     #[error(
         "the embodiment's name is `{name}`, expected lower-case letters and digits in words that \
          are joined by hyphens or underscores"
     )]
-    EmbodimentName {
-        /// Name given.
+    InvalidEmbodimentName {
+        /// Embodiment name that is malformed.
         name: String,
     },
-    /// Duplicate embodiment name.
+    /// Embodiment whose name another embodiment has already.
     #[error("the embodiment name `{name}` is taken by another one: choose another name")]
     DuplicateEmbodiment {
-        /// Name given.
+        /// Name that both embodiments have.
         name: String,
     },
-    /// Setting out of range.
+    /// Setting of an environment whose value is out of range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting.
         name: &'static str,
-        /// Value given.
+        /// Rejected value of the setting.
         value: String,
-        /// Description of accepted values.
+        /// Description of the setting's accepted values.
         expected: &'static str,
     },
-    /// Action that is NaN or infinite.
+    /// Action with a component that is NaN or infinite.
     #[error(
         "component {component} of the action is {value}, \
          expected a finite number (it is clipped to [-1, 1])"
     )]
     NonFiniteAction {
-        /// Index of the component, 0..4.
+        /// Index of the action's component, 0 to 3.
         component: usize,
-        /// Value given.
+        /// Rejected value of the component.
         value: f32,
     },
-    /// Slice of the wrong length.
+    /// Slice argument of the wrong length.
     #[error("`{what}` has {got} elements, expected {expected}")]
-    Length {
-        /// Name of the argument.
+    LengthMismatch {
+        /// Name of the argument that has the wrong length.
         what: &'static str,
-        /// Length given.
+        /// Number of elements that the argument has.
         got: usize,
-        /// Length required by the settings.
+        /// Number of elements that the settings require.
         expected: usize,
     },
     /// Step before a reset, after the end of an episode, or after a failure of the simulation.
@@ -89,12 +89,12 @@ pub enum EnvError {
     /// Error of one environment of a [`VecEnv`](crate::VecEnv).
     #[error("environment {index}: {source}")]
     InEnv {
-        /// Index of the environment.
+        /// Index of the environment that failed, from 0.
         index: usize,
         /// Error of that environment.
         source: Box<EnvError>,
     },
-    /// Variant that the layout does not have.
+    /// Task variant that the layout does not have.
     #[error(
         "the layout `{layout}` has no variant under {element}: \
          use `identity`, or the layout `symmetric`"
@@ -102,26 +102,26 @@ pub enum EnvError {
     NoSuchVariant {
         /// Name of the layout.
         layout: &'static str,
-        /// Element requested.
+        /// Element of D2 of the requested variant.
         element: symmetry::D2,
     },
     /// Task group that the layout does not support.
     #[error(
         "the layout `{layout}` does not support {group}: \
-         use the layout `symmetric`, or implement `Task::meta_world` for the task"
+         use the layout `symmetric`, or implement `Task::meta_world_spec` for the task"
     )]
     NoSuchLayout {
         /// Name of the layout.
         layout: &'static str,
-        /// Task group.
+        /// Task group that the layout does not support.
         group: TaskGroup,
     },
-    /// Placement that is NaN or infinite.
+    /// Placement with a coordinate that is NaN or infinite.
     #[error("the placement's {what} is {value}, expected finite numbers of metres")]
     NonFinitePlacement {
-        /// `object` or `goal`.
+        /// Part of the placement that is not finite: `object` or `goal`.
         what: &'static str,
-        /// Value given.
+        /// Rejected position (metres).
         value: glam::DVec3,
     },
     /// Command of a scripted expert that is NaN or infinite.
@@ -130,31 +130,31 @@ pub enum EnvError {
          expected finite numbers"
     )]
     NonFiniteCommand {
-        /// Task group.
+        /// Task group of the scripted expert.
         group: TaskGroup,
-        /// Target of the hand (metres, canonical frame).
+        /// Commanded target of the hand (metres, canonical frame).
         hand: glam::DVec3,
-        /// Finger action.
+        /// Commanded finger action.
         finger: f64,
     },
-    /// Snapshot of another scene.
+    /// Snapshot of another scene, task or control than those of the environment.
     #[error("the snapshot is of {got}, this environment is {expected}")]
-    OtherScene {
+    SceneMismatch {
         /// Task, embodiment, layout and control of the snapshot.
         got: String,
         /// Task, embodiment, layout and control of the environment.
         expected: String,
     },
-    /// Empty set of variants.
+    /// Empty set of variants to draw episodes from.
     #[error("no variants of {group} to draw from: name at least one element of D2")]
     NoVariants {
-        /// Task group.
+        /// Task group for which no variant was given.
         group: TaskGroup,
     },
     /// Panic while simulating one environment.
     #[error("the environment panicked: {message}")]
     Panicked {
-        /// Panic message.
+        /// Message of the panic.
         message: String,
     },
     /// Use of a vector environment in another process than the one that made it.
@@ -162,7 +162,7 @@ pub enum EnvError {
         "the vector environment was made in process {made_in}, this is process {process}: a fork \
          does not copy its worker threads, so make environments after the fork, or use `spawn`"
     )]
-    OtherProcess {
+    UsedAfterFork {
         /// Identifier of the process that made it.
         made_in: u32,
         /// Identifier of the calling process.
@@ -171,15 +171,15 @@ pub enum EnvError {
     /// Worker thread that ended without an answer.
     #[error("worker thread {worker} of the vector environment panicked: {message}")]
     WorkerLost {
-        /// Index of the worker.
+        /// Index of the worker thread, from 0.
         worker: usize,
-        /// Panic message.
+        /// Message of the panic that ended the worker thread.
         message: String,
     },
     /// Worker thread that could not be started.
     #[error("cannot start worker thread {worker}: {source}")]
     Spawn {
-        /// Index of the worker.
+        /// Index of the worker thread, from 0.
         worker: usize,
         /// Error of the operating system.
         source: std::io::Error,
@@ -208,7 +208,7 @@ impl EnvError {
     }
 }
 
-/// Returns [`EnvError::Setting`] unless `holds`.
+/// Returns [`EnvError::InvalidSetting`] unless `holds`.
 pub(crate) fn require(
     holds: bool,
     name: &'static str,
@@ -219,5 +219,5 @@ pub(crate) fn require(
         return Ok(());
     }
     let value = value.to_string();
-    Err(EnvError::Setting { name, value, expected })
+    Err(EnvError::InvalidSetting { name, value, expected })
 }

@@ -23,10 +23,10 @@ impl Homography {
     /// of `turn` (radians) about its direction.
     ///
     /// The camera's pixel (u, v) looks along R (u, v, -f), from a height larger by `position.z`.
-    /// [`Homography::place`] returns the nominal camera's pixel for the point where that ray meets
-    /// the table.
+    /// [`Homography::nominal_offset`] returns the nominal camera's pixel for the point where that
+    /// ray meets the table.
     pub fn new(camera: &Camera, position: DVec3, turn: DVec3) -> Self {
-        let focal = camera.pixels(1e3 * camera.height);
+        let focal = camera.millimetres_to_pixels(1e3 * camera.height);
         let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
         let higher = 1.0 + position.z / camera.height;
         let across = |axis| {
@@ -36,14 +36,15 @@ impl Homography {
         let row = rotation.row(2);
         let down = [-row.x / focal, -row.y / focal, row.z];
         Self {
-            rows: [across(0), across(1), down].map(|row| row.map(|number| number as f32)),
-            shift: [position.x, position.y].map(|metres| camera.pixels(1e3 * metres) as f32),
+            rows: [across(0), across(1), down].map(|numbers| numbers.map(|number| number as f32)),
+            shift: [position.x, position.y]
+                .map(|metres| camera.millimetres_to_pixels(1e3 * metres) as f32),
         }
     }
 
     /// Returns the offset (right, up) in the nominal picture of the point at this offset in the
     /// camera's picture; both from the picture's centre, in pixels.
-    pub fn place(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+    pub fn nominal_offset(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let [x, y, divisor] = self.rows.map(|[a, b, c]| a * u + b * v + c);
         let scale = 1.0 / divisor;
         [self.shift[0] + x * scale, self.shift[1] + y * scale]
@@ -60,7 +61,7 @@ mod tests {
         let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
         let eye = position + camera.height * DVec3::Z;
         let ray = rotation.transpose() * (point - eye);
-        let focal = camera.pixels(1e3 * camera.height);
+        let focal = camera.millimetres_to_pixels(1e3 * camera.height);
         [ray.x, ray.y].map(|across| -focal * across / ray.z)
     }
 
@@ -73,7 +74,7 @@ mod tests {
         for point in [[0.0, 0.0], [0.3, -0.2], [-0.4, 0.35]] {
             let point = DVec3::new(point[0], point[1], 0.0);
             let seen = projected(&camera, position, turn, point);
-            let place = view.place(seen.map(|offset| offset as f32));
+            let place = view.nominal_offset(seen.map(|offset| offset as f32));
             let right = camera.project(point);
             for axis in 0..2 {
                 let off = (f64::from(place[axis]) - right[axis]).abs();
@@ -87,7 +88,7 @@ mod tests {
         let view = Homography::new(&Camera::default(), DVec3::ZERO, DVec3::ZERO);
         assert_eq!(view, Homography::IDENTITY);
         for offset in [[0.5, -23.5], [-7.5, 11.5]] {
-            assert_eq!(view.place(offset), offset);
+            assert_eq!(view.nominal_offset(offset), offset);
         }
     }
 
@@ -96,11 +97,11 @@ mod tests {
     fn a_tilt_moves_the_picture_and_a_height_scales_it() {
         let camera = Camera::default();
         let tilt = Homography::new(&camera, DVec3::ZERO, 0.5_f64.to_radians() * DVec3::Y);
-        let [x, y] = tilt.place([0.0; 2]);
-        let moved = camera.pixels(1500.0 * 0.5_f64.to_radians().tan()) as f32;
+        let [x, y] = tilt.nominal_offset([0.0; 2]);
+        let moved = camera.millimetres_to_pixels(1500.0 * 0.5_f64.to_radians().tan()) as f32;
         assert!((x + moved).abs() < 1e-4 && y == 0.0, "{x} {y} {moved}");
         let high = Homography::new(&camera, 0.15 * DVec3::Z, DVec3::ZERO);
-        let [x, y] = high.place([10.0, -20.0]);
-        assert!((x - 11.0).abs() < 1e-4 && (y + 22.0).abs() < 1e-4, "{x} {y}");
+        let [high_x, high_y] = high.nominal_offset([10.0, -20.0]);
+        assert!((high_x - 11.0).abs() < 1e-4 && (high_y + 22.0).abs() < 1e-4, "{high_x} {high_y}");
     }
 }

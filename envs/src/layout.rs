@@ -13,7 +13,7 @@ use crate::task::{MetaWorldSpec, TaskGroup};
 
 /// Position of the hand's target at the start of every episode of the symmetric layout (metres):
 /// above the centre, clear of an open drawer.
-pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
+pub const HAND_TARGET_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
 
 const SYMMETRIC: [Mjcf<'static>; 4] =
     parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "symmetric");
@@ -26,7 +26,7 @@ const SETTLED: usize = 4000;
 const META_WORLD_RESET: usize = 250;
 
 /// Settings of the simulation that leads to the start state of episodes.
-pub(crate) struct Settling {
+pub(crate) struct SettlingSettings {
     /// Position of the hand's target (metres).
     pub hand_target: DVec3,
     /// Joint positions other than zero.
@@ -51,10 +51,10 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// Every layout.
+    /// All layouts: the symmetric one and Meta-World's.
     pub const ALL: [Self; 2] = [Self::Symmetric, Self::MetaWorld];
 
-    /// Returns the name as options spell it.
+    /// Returns the layout's name as options spell it: `symmetric` or `metaworld`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Symmetric => "symmetric",
@@ -62,7 +62,7 @@ impl Layout {
         }
     }
 
-    /// Returns the elements of the variants that a group has in this layout.
+    /// Returns the elements of D2 whose variants a task group has in this layout.
     pub fn elements(self) -> &'static [D2] {
         match self {
             Self::Symmetric => &D2::ALL,
@@ -70,7 +70,8 @@ impl Layout {
         }
     }
 
-    /// Returns the control settings of this layout.
+    /// Returns the layout's control settings: displacement by a full action (metres a decision),
+    /// action repeat and horizon (both in control steps of 12.5 ms).
     pub fn control(self) -> Control {
         match self {
             Self::Symmetric => Control::default(),
@@ -89,12 +90,12 @@ impl Layout {
     }
 
     /// Returns the task's Meta-World settings if this layout follows them.
-    pub(crate) fn meta_world(
+    pub(crate) fn meta_world_spec(
         self,
         group: TaskGroup,
     ) -> Result<Option<MetaWorldSpec<'static>>, EnvError> {
         let layout = self.name();
-        match (self, group.task().meta_world()) {
+        match (self, group.task().meta_world_spec()) {
             (Self::Symmetric, _) => Ok(None),
             (Self::MetaWorld, Some(spec)) => Ok(Some(spec)),
             (Self::MetaWorld, None) => Err(EnvError::NoSuchLayout { layout, group }),
@@ -105,12 +106,12 @@ impl Layout {
     /// at `hand_target` (metres).
     ///
     /// # Errors
-    /// Those of [`EmbodimentSpec::initial_joint_positions`].
+    /// Errors of [`EmbodimentSpec::initial_joint_positions`].
     pub(crate) fn settling(
         self,
         hand_target: DVec3,
         spec: &dyn EmbodimentSpec,
-    ) -> Result<Settling, EnvError> {
+    ) -> Result<SettlingSettings, EnvError> {
         let joint_positions = match self.meta_world_mjcf(spec) {
             // Meta-World's arm starts from the model's initial pose, stretched to the side
             Some(_) => JointPositions::new(),
@@ -120,19 +121,19 @@ impl Layout {
             Self::Symmetric => SETTLED,
             Self::MetaWorld => META_WORLD_RESET,
         };
-        Ok(Settling { hand_target, joint_positions, steps })
+        Ok(SettlingSettings { hand_target, joint_positions, steps })
     }
 
     /// Returns the embodiment's MJCF for this layout, if it is not the usual one.
     pub(crate) fn meta_world_mjcf(self, spec: &dyn EmbodimentSpec) -> Option<&str> {
         match self {
             Self::Symmetric => None,
-            Self::MetaWorld => spec.meta_world(),
+            Self::MetaWorld => spec.meta_world_mjcf(),
         }
     }
 
     /// Returns the files that other parts include by name.
-    pub(crate) fn included(self) -> &'static [Mjcf<'static>] {
+    pub(crate) fn included_files(self) -> &'static [Mjcf<'static>] {
         match self {
             Self::Symmetric => &SYMMETRIC,
             Self::MetaWorld => &META_WORLD,
@@ -140,7 +141,7 @@ impl Layout {
     }
 
     /// Rejects an element that this layout has no variant for.
-    pub(crate) fn check(self, element: D2) -> Result<(), EnvError> {
+    pub(crate) fn check_variant(self, element: D2) -> Result<(), EnvError> {
         if self.elements().contains(&element) {
             return Ok(());
         }
@@ -155,13 +156,13 @@ impl std::fmt::Display for Layout {
 }
 
 /// Maps a point between the canonical and the world frame. Every element is its own inverse.
-pub(crate) fn map(element: D2, point: DVec3) -> DVec3 {
+pub(crate) fn map_point(element: D2, point: DVec3) -> DVec3 {
     let [x, y] = element.apply_xy([point.x, point.y]);
     DVec3::new(x, y, point.z)
 }
 
 /// Returns the orientation (w, x, y, z) of an object under `element`. A flip along y rotates it by
 /// half a turn instead of mirroring it, which is equivalent for objects that are symmetric along x.
-pub(crate) fn facing(element: D2) -> [f64; 4] {
+pub(crate) fn orientation_quat(element: D2) -> [f64; 4] {
     if element.flips_y() { [0.0, 0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0, 0.0] }
 }

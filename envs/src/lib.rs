@@ -14,18 +14,18 @@
 //! - [`mujoco`]: the wrapper whose models, simulations and errors this crate exposes.
 //!
 //! ```
-//! use envs::{ACTION_DIM, Batch, TaskGroup, VecEnv, VecEnvSettings};
+//! use envs::{ACTION_DIM, StepBuffers, TaskGroup, VecEnv, VecEnvSettings};
 //! use symmetry::D2;
 //!
 //! fn main() -> Result<(), envs::EnvError> {
 //!     let settings = VecEnvSettings { num_envs: 4, ..VecEnvSettings::default() };
 //!     let mut env = VecEnv::new(settings, TaskGroup::BUTTON_PRESS, &D2::ALL)?;
-//!     let mut batch = Batch::new(&settings);
-//!     env.reset(batch.observations())?;
+//!     let mut batch = StepBuffers::new(&settings);
+//!     env.reset(batch.observations_mut())?;
 //!     for _ in 0..50 {
 //!         // a policy would choose them from batch.images and batch.vectors
 //!         let actions = [0.5; 4 * ACTION_DIM];
-//!         env.step(&actions, batch.step())?;
+//!         env.step(&actions, batch.step_mut())?;
 //!     }
 //!     assert!(batch.truncated.iter().all(|&end| end), "50 decisions are an episode");
 //!     Ok(())
@@ -65,14 +65,14 @@ mod vec_env;
 mod worker;
 
 pub use actuation::{Actuation, JointPositions, ServoController};
-pub use batch::{Batch, ObservationsMut, StepMut};
-pub use camera::{Camera, ExtraView, Light, Mark, Pictures, RGB};
-pub use control::{Control, PHYSICS_STEPS};
+pub use batch::{ObservationsMut, StepBuffers, StepMut};
+pub use camera::{Camera, ExtraView, Light, Mark, ObservationPictures, RGB_CHANNELS};
+pub use control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP};
 pub use embodiment::Embodiment;
 pub use embodiment_spec::{EmbodimentParts, EmbodimentSpec};
 pub use error::EnvError;
-pub use layout::{HAND_START, Layout};
-pub use messages::{EnvCommand, Failure};
+pub use layout::{HAND_TARGET_START, Layout};
+pub use messages::{EnvCommand, EnvFailure};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
@@ -81,11 +81,11 @@ pub use robots;
 pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Solid, Step, TableTop, VECTOR_DIM,
+    ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Solid, StepResult, TableTop, VECTOR_DIM,
     VECTOR_IRREPS,
 };
 pub use task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
-    TaskGroup, TaskVariant,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task,
+    TaskGroup, TaskParts, TaskVariant,
 };
 pub use vec_env::VecEnv;

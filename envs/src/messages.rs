@@ -4,22 +4,22 @@ use std::sync::Arc;
 
 use symmetry::D2;
 
-use crate::batch::Batch;
+use crate::batch::StepBuffers;
 use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, Step, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, StepResult, VECTOR_DIM};
 
 /// Failure of one environment, which does not affect the others.
 #[derive(Debug)]
-pub struct Failure {
-    /// Index of the environment.
+pub struct EnvFailure {
+    /// Index of the environment that failed.
     pub env: usize,
-    /// Diverged simulation, or panic.
+    /// Error of the environment: a diverged simulation, a panic, or a decision without an episode.
     pub error: EnvError,
 }
 
-/// Command for one environment in [`VecEnv::advance`](crate::VecEnv::advance).
+/// Command for one environment in [`VecEnv::execute_commands`](crate::VecEnv::execute_commands).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EnvCommand {
     /// Takes one decision. If it ends the episode, the next one begins at once, as in
@@ -30,12 +30,12 @@ pub enum EnvCommand {
     StepNoAutoReset,
     /// Begins an episode, and abandons a running one. The action is ignored.
     Reset,
-    /// Does nothing. The action is ignored.
-    Rest,
+    /// Does nothing: the environment keeps its last observation. The action is ignored.
+    Idle,
 }
 
-/// Command for a worker, which answers each with a [`Reply`].
-pub(crate) enum Command {
+/// Command for a worker, which answers each with a [`WorkerReply`].
+pub(crate) enum WorkerCommand {
     /// Makes a renderer for this scene, unless there is one.
     Prepare(Arc<Scene>),
     /// Selects this prepared scene from the next reset on, with variants drawn from these elements.
@@ -56,7 +56,7 @@ pub(crate) enum Command {
 pub(crate) type Fault = fn(&mut crate::tabletop::TableTop, &mut crate::renderer::SceneRenderer);
 
 /// Answer of a worker: the rows that came with the command, and an error that stopped it.
-pub(crate) struct Reply {
+pub(crate) struct WorkerReply {
     pub rows: Option<WorkerBatch>,
     pub result: Result<(), EnvError>,
 }
@@ -65,27 +65,27 @@ pub(crate) struct Reply {
 pub(crate) struct WorkerBatch {
     pub commands: Vec<EnvCommand>,
     pub actions: Vec<f32>,
-    pub batch: Batch,
-    pub failures: Vec<Failure>,
+    pub batch: StepBuffers,
+    pub failures: Vec<EnvFailure>,
 }
 
 impl WorkerBatch {
     /// Creates rows for `settings.num_envs` environments.
     pub(crate) fn new(settings: &VecEnvSettings) -> Self {
         Self {
-            commands: vec![EnvCommand::Rest; settings.num_envs],
+            commands: vec![EnvCommand::Idle; settings.num_envs],
             actions: vec![0.0; settings.num_envs * ACTION_DIM],
-            batch: Batch::new(settings),
+            batch: StepBuffers::new(settings),
             failures: Vec::new(),
         }
     }
 
     /// Clears the outcome of `row`, for a row without a decision.
     pub(crate) fn clear(&mut self, row: usize) {
-        self.write_outcome(row, &Step::default());
+        self.write_outcome(row, &StepResult::default());
     }
 
-    fn write_outcome(&mut self, row: usize, step: &Step) {
+    fn write_outcome(&mut self, row: usize, step: &StepResult) {
         let batch = &mut self.batch;
         batch.rewards[row] = step.reward as f32;
         batch.success[row] = step.success;
@@ -94,15 +94,15 @@ impl WorkerBatch {
     }
 
     /// Returns `true` if the episode of `row` has ended and its command begins the next one.
-    pub(crate) fn begins_anew(&self, row: usize) -> bool {
+    pub(crate) fn auto_resets(&self, row: usize) -> bool {
         self.batch.truncated[row] && self.commands[row] == EnvCommand::Step
     }
 
     /// Writes the outcome of a decision, and returns the images and vectors for its observation:
     /// the final ones if the next episode begins at once.
-    pub(crate) fn write_step(&mut self, row: usize, step: &Step) -> (&mut [u8], &mut [f32]) {
+    pub(crate) fn write_step(&mut self, row: usize, step: &StepResult) -> (&mut [u8], &mut [f32]) {
         self.write_outcome(row, step);
-        let anew = self.begins_anew(row);
+        let anew = self.auto_resets(row);
         let batch = &mut self.batch;
         if anew {
             (&mut batch.final_images, &mut batch.final_vectors)
@@ -112,14 +112,14 @@ impl WorkerBatch {
     }
 
     /// Ends the episode of `row` at its last observation, like a time-out.
-    pub(crate) fn end_early(&mut self, row: usize) {
+    pub(crate) fn end_as_truncated(&mut self, row: usize) {
         let batch = &mut self.batch;
         let image = batch.images.len() / batch.rewards.len();
         copy_row(&batch.images, row, &mut batch.final_images, row, image);
         let vectors = &mut batch.final_vectors;
         copy_row(&batch.vectors, row, vectors, row, VECTOR_DIM);
         let truncated = true;
-        self.write_outcome(row, &Step { truncated, ..Step::default() });
+        self.write_outcome(row, &StepResult { truncated, ..StepResult::default() });
     }
 }
 

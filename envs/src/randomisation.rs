@@ -21,78 +21,83 @@ const MAX_BLUR: f64 = 4.0;
 pub struct Randomisation {
     /// Largest distance of the camera from its nominal position (mm, 0 to 100). The distance is
     /// uniform up to it, in a uniform direction.
-    pub position_error: f64,
+    pub max_position_error_mm: f64,
     /// Largest rotation of the camera (degrees, 0 to 10): uniform up to it, about a uniform axis.
-    pub angle_error: f64,
+    pub max_angle_error_deg: f64,
     /// Standard deviation of the logarithm of the exposure (%, 0 to 100).
-    pub exposure: f64,
+    pub exposure_sd: f64,
     /// Standard deviation of the logarithms of the red and the blue gain (%, 0 to 100).
-    pub balance: f64,
+    pub white_balance_sd: f64,
     /// Largest standard deviation of the blur (mm on the table, 0 to 4 pixels): uniform up to it.
-    pub blur: f64,
+    pub max_blur_mm: f64,
     /// Standard deviation of the noise (levels of 255, 0 to 64).
-    pub noise: f64,
+    pub noise_sd: f64,
     /// Largest number of off-colour patches in a picture (0 to 100): uniform up to it. Patches are
     /// discs around the gripper, like the remains of an arm that was painted out.
-    pub patches: usize,
+    pub max_patches: usize,
     /// Largest radius of a patch (mm, 0 to 200): uniform up to it.
-    pub patch_radius: f64,
+    pub max_patch_radius_mm: f64,
     /// Standard deviation of a patch's error in each channel (levels of 255, 0 to 255).
-    pub patch_color: f64,
+    pub patch_color_sd: f64,
 }
 
 impl Randomisation {
-    /// No randomisation.
+    /// Amounts for pictures without any randomisation: all zero.
     pub const OFF: Self = Self {
-        position_error: 0.0,
-        angle_error: 0.0,
-        exposure: 0.0,
-        balance: 0.0,
-        blur: 0.0,
-        noise: 0.0,
-        patches: 0,
-        patch_radius: 0.0,
-        patch_color: 0.0,
+        max_position_error_mm: 0.0,
+        max_angle_error_deg: 0.0,
+        exposure_sd: 0.0,
+        white_balance_sd: 0.0,
+        max_blur_mm: 0.0,
+        noise_sd: 0.0,
+        max_patches: 0,
+        max_patch_radius_mm: 0.0,
+        patch_color_sd: 0.0,
     };
 
     /// Amounts near those that `covers deploy` assumes: its mean error of the camera pose, its
     /// drift of exposure and white balance before correction, and the noise of a middle grey before
     /// a median reduces it.
     pub const NOMINAL: Self = Self {
-        position_error: 10.0,
-        angle_error: 1.0,
-        exposure: 10.0,
-        balance: 3.0,
-        blur: 8.0,
-        noise: 3.0,
-        patches: 2,
-        patch_radius: 40.0,
-        patch_color: 40.0,
+        max_position_error_mm: 10.0,
+        max_angle_error_deg: 1.0,
+        exposure_sd: 10.0,
+        white_balance_sd: 3.0,
+        max_blur_mm: 8.0,
+        noise_sd: 3.0,
+        max_patches: 2,
+        max_patch_radius_mm: 40.0,
+        patch_color_sd: 40.0,
     };
 
     /// Rejects amounts out of range for pictures of `camera`.
     ///
     /// # Errors
-    /// [`EnvError::Setting`].
+    /// [`EnvError::InvalidSetting`].
     pub fn check(&self, camera: &Camera) -> Result<(), EnvError> {
         let ranges = [
-            (self.position_error, 100.0, "position_error", "0 to 100 mm"),
-            (self.angle_error, 10.0, "angle_error", "0 to 10 degrees"),
-            (self.exposure, 100.0, "exposure", "0 to 100 %"),
-            (self.balance, 100.0, "balance", "0 to 100 %"),
-            (self.noise, 64.0, "noise", "0 to 64 levels of 255"),
-            (self.patch_radius, 200.0, "patch_radius", "0 to 200 mm"),
-            (self.patch_color, 255.0, "patch_color", "0 to 255 levels"),
+            (self.max_position_error_mm, 100.0, "max_position_error_mm", "0 to 100 mm"),
+            (self.max_angle_error_deg, 10.0, "max_angle_error_deg", "0 to 10 degrees"),
+            (self.exposure_sd, 100.0, "exposure_sd", "0 to 100 %"),
+            (self.white_balance_sd, 100.0, "white_balance_sd", "0 to 100 %"),
+            (self.noise_sd, 64.0, "noise_sd", "0 to 64 levels of 255"),
+            (self.max_patch_radius_mm, 200.0, "max_patch_radius_mm", "0 to 200 mm"),
+            (self.patch_color_sd, 255.0, "patch_color_sd", "0 to 255 levels"),
         ];
         for (amount, most, name, expected) in ranges {
             require((0.0..=most).contains(&amount), name, &amount, expected)?;
         }
         // in pixels, since the cost of a blur depends on them
-        let blurred = (0.0..=MAX_BLUR).contains(&camera.pixels(self.blur));
-        require(blurred, "blur", &self.blur, BLUR)?;
-        require(self.sees_the_table(camera), "angle_error", &self.angle_error, SEEN)?;
-        let few = self.patches <= 100;
-        require(few, "patches", &self.patches, "0 to 100")
+        let blurred = (0.0..=MAX_BLUR).contains(&camera.millimetres_to_pixels(self.max_blur_mm));
+        require(blurred, "max_blur_mm", &self.max_blur_mm, BLUR)?;
+        require(
+            self.sees_the_table(camera),
+            "max_angle_error_deg",
+            &self.max_angle_error_deg,
+            SEEN,
+        )?;
+        let few = self.max_patches <= 100;
+        require(few, "max_patches", &self.max_patches, "0 to 100")
     }
 }
 
@@ -101,7 +106,7 @@ impl Randomisation {
     /// rotation.
     fn sees_the_table(&self, camera: &Camera) -> bool {
         let corner = (2_f64.sqrt() * camera.half_extent / camera.height).atan();
-        corner + self.angle_error.to_radians() < 80_f64.to_radians()
+        corner + self.max_angle_error_deg.to_radians() < 80_f64.to_radians()
     }
 }
 
@@ -125,15 +130,15 @@ mod tests {
         Randomisation::NOMINAL.check(&camera).unwrap();
         type Change = fn(&mut Randomisation);
         let changes: [(Change, &str); 9] = [
-            (|of| of.position_error = 101.0, "`position_error` is 101"),
-            (|of| of.angle_error = -1.0, "`angle_error` is -1"),
-            (|of| of.exposure = f64::NAN, "`exposure` is NaN"),
-            (|of| of.balance = f64::INFINITY, "`balance` is inf"),
-            (|of| of.blur = 80.0, "`blur` is 80"),
-            (|of| of.noise = 65.0, "`noise` is 65"),
-            (|of| of.patches = 101, "`patches` is 101"),
-            (|of| of.patch_radius = 201.0, "`patch_radius` is 201"),
-            (|of| of.patch_color = 256.0, "`patch_color` is 256"),
+            (|of| of.max_position_error_mm = 101.0, "`max_position_error_mm` is 101"),
+            (|of| of.max_angle_error_deg = -1.0, "`max_angle_error_deg` is -1"),
+            (|of| of.exposure_sd = f64::NAN, "`exposure_sd` is NaN"),
+            (|of| of.white_balance_sd = f64::INFINITY, "`white_balance_sd` is inf"),
+            (|of| of.max_blur_mm = 80.0, "`max_blur_mm` is 80"),
+            (|of| of.noise_sd = 65.0, "`noise_sd` is 65"),
+            (|of| of.max_patches = 101, "`max_patches` is 101"),
+            (|of| of.max_patch_radius_mm = 201.0, "`max_patch_radius_mm` is 201"),
+            (|of| of.patch_color_sd = 256.0, "`patch_color_sd` is 256"),
         ];
         for (change, says) in changes {
             let mut amounts = Randomisation::NOMINAL;
@@ -145,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_wide_camera_may_turn_by_less() {
-        let turned = Randomisation { angle_error: 10.0, ..Randomisation::NOMINAL };
+        let turned = Randomisation { max_angle_error_deg: 10.0, ..Randomisation::NOMINAL };
         turned.check(&Camera::default()).unwrap();
         let wide = Camera { height: 0.6, half_extent: 2.0, ..Camera::default() };
         let message = turned.check(&wide).unwrap_err().to_string();
@@ -157,8 +162,8 @@ mod tests {
     fn what_is_missing_in_a_file_is_nominal_and_what_is_unknown_is_refused() {
         let read = serde_json::from_str::<Randomisation>;
         assert_eq!(read("{}").unwrap(), Randomisation::NOMINAL);
-        let little = read(r#"{"noise": 0.5}"#).unwrap();
-        let expected = Randomisation { noise: 0.5, ..Randomisation::NOMINAL };
+        let little = read(r#"{"noise_sd": 0.5}"#).unwrap();
+        let expected = Randomisation { noise_sd: 0.5, ..Randomisation::NOMINAL };
         assert_eq!(little, expected);
         let message = read(r#"{"nois": 1}"#).unwrap_err().to_string();
         assert!(message.contains("nois"), "{message}");

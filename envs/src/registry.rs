@@ -5,28 +5,29 @@ use crate::task::TaskGroup;
 use crate::tasks::{ButtonPress, DrawerClose, GoalReach, PlateSlide};
 
 impl TaskGroup {
-    /// Move the fingertips to a goal that the vector observation contains and pictures do not show.
-    pub const GOAL_REACH: Self = Self::of(&GoalReach);
-    /// Push a button into its box.
-    pub const BUTTON_PRESS: Self = Self::of(&ButtonPress);
-    /// Push a drawer shut.
-    pub const DRAWER_CLOSE: Self = Self::of(&DrawerClose);
-    /// Slide a puck into a goal cage.
-    pub const PLATE_SLIDE: Self = Self::of(&PlateSlide);
+    /// Task group of moving the fingertips to a goal that the vector observation contains and
+    /// pictures do not show.
+    pub const GOAL_REACH: Self = Self::from_task(&GoalReach);
+    /// Task group of pushing a button into its box.
+    pub const BUTTON_PRESS: Self = Self::from_task(&ButtonPress);
+    /// Task group of pushing a drawer shut.
+    pub const DRAWER_CLOSE: Self = Self::from_task(&DrawerClose);
+    /// Task group of sliding a puck into a goal cage.
+    pub const PLATE_SLIDE: Self = Self::from_task(&PlateSlide);
 
-    /// The paper's four groups, in the order of reports.
+    /// All four task groups of the COVERS paper, in the order of reports.
     pub const STANDARD: [Self; 4] =
         [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
 
-    /// Rejects a group whose name is not in kebab-case.
+    /// Rejects a task group whose name is not in kebab-case.
     ///
     /// # Errors
-    /// [`EnvError::TaskName`].
+    /// [`EnvError::InvalidTaskName`].
     pub fn check_name(self) -> Result<(), EnvError> {
         if self.name().split('-').all(is_word) {
             return Ok(());
         }
-        Err(EnvError::TaskName { name: self.name().to_owned() })
+        Err(EnvError::InvalidTaskName { name: self.name().to_owned() })
     }
 }
 
@@ -57,11 +58,11 @@ impl TaskRegistry {
         Self { groups: TaskGroup::STANDARD.to_vec() }
     }
 
-    /// Adds a group.
+    /// Adds a task group to the registry, under its name.
     ///
     /// # Errors
-    /// [`EnvError::TaskName`] for a name that is not in kebab-case, [`EnvError::DuplicateTask`] for
-    /// one that is taken.
+    /// [`EnvError::InvalidTaskName`] for a name that is not in kebab-case,
+    /// [`EnvError::DuplicateTask`] for one that is taken.
     pub fn register(&mut self, group: TaskGroup) -> Result<(), EnvError> {
         group.check_name()?;
         if self.groups.contains(&group) {
@@ -72,7 +73,7 @@ impl TaskRegistry {
         Ok(())
     }
 
-    /// Returns the group called `name`.
+    /// Returns the registered task group called `name`.
     ///
     /// # Errors
     /// [`EnvError::UnknownTask`], which lists the known names.
@@ -85,7 +86,7 @@ impl TaskRegistry {
         })
     }
 
-    /// Returns the groups in the order of their registration.
+    /// Returns the registered task groups in the order of their registration.
     pub fn groups(&self) -> &[TaskGroup] {
         &self.groups
     }
@@ -98,7 +99,7 @@ mod tests {
 
     use super::*;
     use crate::instance_id::Named;
-    use crate::task::{EpisodeStart, ExpertCommand, Measurement, Parts, Placement};
+    use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, TaskParts};
     use crate::task::{StepReward, Task};
 
     impl Task for Named {
@@ -106,11 +107,11 @@ mod tests {
             self.0
         }
 
-        fn parts(&self) -> Parts<'_> {
-            Parts::default()
+        fn parts(&self) -> TaskParts<'_> {
+            TaskParts::default()
         }
 
-        fn place(&self, _: &mut ChaCha8Rng) -> Placement {
+        fn draw_placement(&self, _: &mut ChaCha8Rng) -> Placement {
             Placement { object: DVec3::ZERO, goal: DVec3::ZERO }
         }
 
@@ -126,7 +127,7 @@ mod tests {
     #[test]
     fn names_are_found_again_and_unknown_ones_list_the_known() {
         let mut registry = TaskRegistry::standard();
-        registry.register(TaskGroup::of(&Named("peg-insert-2"))).unwrap();
+        registry.register(TaskGroup::from_task(&Named("peg-insert-2"))).unwrap();
         assert_eq!(registry.groups().len(), 5);
         for &group in registry.groups() {
             assert_eq!(registry.get(group.name()).unwrap(), group);
@@ -139,7 +140,7 @@ mod tests {
     #[test]
     fn a_task_that_is_made_at_run_time_is_a_group_too() {
         let made: &'static Named = Box::leak(Box::new(Named("made-at-run-time")));
-        let group = TaskGroup::of(made);
+        let group = TaskGroup::from_task(made);
         assert_eq!(group.to_string(), "made-at-run-time");
         assert_eq!(serde_json::to_string(&group).unwrap(), "\"made-at-run-time\"");
     }
@@ -147,7 +148,7 @@ mod tests {
     #[test]
     fn taken_and_malformed_names_are_refused() {
         let mut registry = TaskRegistry::standard();
-        let taken = registry.register(TaskGroup::of(&Named("goal-reach")));
+        let taken = registry.register(TaskGroup::from_task(&Named("goal-reach")));
         let message = taken.unwrap_err().to_string();
         assert!(message.contains("called `goal-reach` already"), "{message}");
         const BAD: [Named; 7] = [
@@ -161,9 +162,9 @@ mod tests {
         ];
         const NAMES: &[Named] = &BAD;
         for named in NAMES {
-            let refused = registry.register(TaskGroup::of(named));
-            let message = refused.unwrap_err().to_string();
-            assert!(message.contains("kebab-case"), "{message}");
+            let refused = registry.register(TaskGroup::from_task(named));
+            let refusal = refused.unwrap_err().to_string();
+            assert!(refusal.contains("kebab-case"), "{refusal}");
         }
         assert_eq!(registry, TaskRegistry::standard());
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 
-use crate::camera::{Mark, Pictures, RGB};
+use crate::camera::{Mark, ObservationPictures, RGB_CHANNELS};
 use crate::error::EnvError;
 use crate::scene::{ARM_GEOM_GROUP, Scene};
 use crate::tabletop::TableTop;
@@ -17,7 +17,7 @@ pub struct SceneRenderer {
     mark: Option<Mark>,
     /// Last rendered picture, before downsampling and without the mark `[drawn_size, drawn_size,
     /// 3]`.
-    drawn: Vec<u8>,
+    rendered: Vec<u8>,
 }
 
 impl SceneRenderer {
@@ -43,17 +43,17 @@ impl SceneRenderer {
     ///
     /// # Errors
     /// [`EnvError::Render`] if no off-screen OpenGL is available.
-    pub fn of_table(scene: Arc<Scene>) -> Result<Self, EnvError> {
+    pub fn without_arm(scene: Arc<Scene>) -> Result<Self, EnvError> {
         Self::showing(scene, false, None)
     }
 
     fn showing(scene: Arc<Scene>, arm: bool, mark: Option<Mark>) -> Result<Self, EnvError> {
-        let drawn = scene.camera.drawn_size();
+        let size = scene.camera.rendered_size();
         // by default tables and objects are drawn; not the arm, collision shapes (4) or marks (5)
         let mut options = RenderOptions::default();
-        options.geom_groups[ARM_GEOM_GROUP] = arm;
-        let renderer = Renderer::new(Arc::clone(&scene.model), drawn, drawn, options)?;
-        Ok(Self { scene, renderer, mark, drawn: vec![0; drawn * drawn * RGB] })
+        options.visible_geom_groups[ARM_GEOM_GROUP] = arm;
+        let renderer = Renderer::new(Arc::clone(&scene.model), size, size, options)?;
+        Ok(Self { scene, renderer, mark, rendered: vec![0; size * size * RGB_CHANNELS] })
     }
 
     /// Renders the camera's view of `table` into `rgb` `[size, size, 3]`; row 0 is the largest y,
@@ -63,17 +63,17 @@ impl SceneRenderer {
     /// [`EnvError::NotReset`] if no episode is running, [`EnvError::Render`].
     pub fn render(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
         let view = self.view(table)?;
-        self.renderer.render(table.simulation_mut(), view, &mut self.drawn)?;
+        self.renderer.render(table.simulation_mut(), view, &mut self.rendered)?;
         self.finish_picture(table, rgb);
         Ok(())
     }
 
     /// Draws the objects that stand still during the episode that `table` has begun, for
-    /// [`SceneRenderer::render_over`].
+    /// [`SceneRenderer::render_over_backdrop`].
     ///
     /// # Errors
-    /// Those of [`SceneRenderer::render`].
-    pub fn draw_backdrop(
+    /// Errors of [`SceneRenderer::render`].
+    pub fn render_backdrop(
         &mut self,
         table: &mut TableTop,
         backdrop: &mut Backdrop,
@@ -86,15 +86,15 @@ impl SceneRenderer {
     /// about half the time, and almost for free while no object moves.
     ///
     /// # Errors
-    /// Those of [`SceneRenderer::render`].
-    pub fn render_over(
+    /// Errors of [`SceneRenderer::render`].
+    pub fn render_over_backdrop(
         &mut self,
         table: &mut TableTop,
         backdrop: &mut Backdrop,
         rgb: &mut [u8],
     ) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
-        self.renderer.render_over(table.simulation_mut(), backdrop, &mut self.drawn)?;
+        self.renderer.render_over_backdrop(table.simulation_mut(), backdrop, &mut self.rendered)?;
         self.finish_picture(table, rgb);
         Ok(())
     }
@@ -108,25 +108,36 @@ impl SceneRenderer {
         Ok(CameraView {
             camera: self.scene.camera_id,
             mirror: Mirror {
-                columns: mirrors && element.flips_x(),
-                rows: mirrors && element.flips_y(),
+                swaps_left_right: mirrors && element.flips_x(),
+                swaps_top_bottom: mirrors && element.flips_y(),
             },
         })
     }
 
     /// Composes the image `[size, size, C]` of an observation of `table` from the last rendered
-    /// picture, the current one `now` and the episode's first one.
-    pub fn compose(&self, table: &TableTop, now: &[u8], first: &[u8], image: &mut [u8]) {
-        let pictures = Pictures { now, first, drawn: &self.drawn, hand: table.hand() };
-        self.scene.camera.compose(&pictures, image);
+    /// picture, the current one `current` and the episode's first one.
+    pub fn compose_observation(
+        &self,
+        table: &TableTop,
+        current: &[u8],
+        first: &[u8],
+        image: &mut [u8],
+    ) {
+        let pictures = ObservationPictures {
+            current,
+            first,
+            rendered: &self.rendered,
+            hand: table.hand_position(),
+        };
+        self.scene.camera.compose_observation(&pictures, image);
     }
 
     /// Downsamples the rendered picture into `rgb` and adds the mark.
     fn finish_picture(&self, table: &TableTop, rgb: &mut [u8]) {
-        self.scene.camera.shrink(&self.drawn, rgb);
+        self.scene.camera.downsample(&self.rendered, rgb);
         if let Some(mark) = &self.mark {
-            // not on `drawn`, since close-ups are cut from it and have no mark
-            self.scene.camera.draw_mark(mark, table.hand(), rgb);
+            // not on `rendered`, since close-ups are cut from it and have no mark
+            self.scene.camera.draw_mark(mark, table.hand_position(), rgb);
         }
     }
 }

@@ -2,18 +2,18 @@
 //!
 //! Source: dm_control's `tolerance` as Meta-World's rewards use it.
 
-/// Returns 1 for `distance <= bound`, beyond it the long tail `1 / (9 d^2 + 1)`, where
-/// `d = (distance - bound) / margin`; this is 0.1 at `d = 1`.
+/// Returns the long-tailed reward of a distance: 1 up to `bound`, then `1 / (9 d^2 + 1)`.
 ///
+/// Here `d = (distance - bound) / margin`, and the reward is 0.1 at `d = 1`.
 /// `distance`, `bound` and `margin` are in metres. With a margin of 0 the value beyond the bound is
 /// 0.
-pub fn long_tail(distance: f64, bound: f64, margin: f64) -> f64 {
+pub fn long_tail_reward(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 1.0 / (9.0 * d * d + 1.0))
 }
 
-/// Returns 1 for `distance <= bound`, beyond it the Gaussian `0.1^(d^2)`, where
-/// `d = (distance - bound) / margin`.
-pub fn gaussian(distance: f64, bound: f64, margin: f64) -> f64 {
+/// Returns the Gaussian reward of a distance: 1 up to `bound`, then `0.1^(d^2)`, with d as in
+/// [`long_tail_reward`].
+pub fn gaussian_reward(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 0.1_f64.powf(d * d))
 }
 
@@ -29,7 +29,7 @@ fn tolerance(distance: f64, bound: f64, margin: f64, tail: impl Fn(f64) -> f64) 
 
 /// Returns the Hamacher product `ab / (a + b - ab)` of two values in `[0, 1]`, a soft "and"; 0 if
 /// the denominator is 0.
-pub fn hamacher(a: f64, b: f64) -> f64 {
+pub fn hamacher_product(a: f64, b: f64) -> f64 {
     let denominator = a + b - a * b;
     if denominator > 0.0 { a * b / denominator } else { 0.0 }
 }
@@ -40,7 +40,7 @@ mod tests {
 
     #[test]
     fn tolerances_are_one_inside_and_a_tenth_at_the_margin() {
-        for f in [long_tail, gaussian] {
+        for f in [long_tail_reward, gaussian_reward] {
             assert_eq!(f(0.05, 0.05, 0.2), 1.0);
             assert!((f(0.25, 0.05, 0.2) - 0.1).abs() < 1e-12);
             assert_eq!(f(0.06, 0.05, 0.0), 0.0);
@@ -49,9 +49,9 @@ mod tests {
 
     #[test]
     fn hamacher_has_one_as_unit_and_zero_as_absorber() {
-        assert_eq!(hamacher(0.3, 1.0), 0.3);
-        assert_eq!(hamacher(0.0, 0.7), 0.0);
-        assert_eq!(hamacher(0.0, 0.0), 0.0);
-        assert!((hamacher(0.5, 0.5) - 1.0 / 3.0).abs() < 1e-15);
+        assert_eq!(hamacher_product(0.3, 1.0), 0.3);
+        assert_eq!(hamacher_product(0.0, 0.7), 0.0);
+        assert_eq!(hamacher_product(0.0, 0.0), 0.0);
+        assert!((hamacher_product(0.5, 0.5) - 1.0 / 3.0).abs() < 1e-15);
     }
 }

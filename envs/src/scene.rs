@@ -9,15 +9,15 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::actuation::{Actuation, ServoController};
 use crate::camera::Camera;
-use crate::control::{Control, PHYSICS_STEPS};
+use crate::control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::instance_id::InstanceId;
-use crate::layout::{HAND_START, Layout, Settling};
+use crate::layout::{HAND_TARGET_START, Layout, SettlingSettings};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{MetaWorldSpec, Parts, Placement, TaskGroup};
+use crate::task::{MetaWorldSpec, Placement, TaskGroup, TaskParts};
 
-/// Geom group of arm and gripper.
+/// MuJoCo geom group (3) of the arm's and the gripper's geoms.
 pub const ARM_GEOM_GROUP: usize = 3;
 
 /// Name of the main file, which includes the parts.
@@ -33,15 +33,15 @@ const EMBODIMENT: &str = "embodiment.xml";
 /// of environments share it.
 #[derive(Debug)]
 pub struct Scene {
-    /// Layout of the scene.
+    /// Layout (geometry) that the scene follows.
     pub layout: Layout,
-    /// Task group.
+    /// Task group whose scene it is.
     pub group: TaskGroup,
-    /// Embodiment.
+    /// Embodiment that acts in the scene.
     pub embodiment: Embodiment,
-    /// Compiled model.
+    /// Compiled MuJoCo model of the scene.
     pub model: Arc<Model>,
-    /// Camera above the centre.
+    /// Camera above the centre of the table.
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
     /// Position of the hand's target when an episode starts (metres).
@@ -49,8 +49,8 @@ pub struct Scene {
     /// Meta-World's settings of the task, if the layout follows them.
     meta_world: Option<MetaWorldSpec<'static>>,
     pub(crate) hand: BodyId,
-    pub(crate) claws: [BodyId; 2],
-    pub(crate) tips: [SiteId; 2],
+    pub(crate) claw_bodies: [BodyId; 2],
+    pub(crate) tip_sites: [SiteId; 2],
     pub(crate) hand_target: MocapId,
     pub(crate) object: Option<MocapId>,
     pub(crate) goal: Option<MocapId>,
@@ -62,9 +62,9 @@ pub struct Scene {
     /// Addresses in `qpos` and start positions of the joints that do not start at zero.
     pub(crate) start_joints: Vec<(usize, f64)>,
     /// Address in `qpos` of the position of Meta-World's loose cylinder, if the scene has it.
-    pub(crate) decoy: Option<usize>,
+    pub(crate) decoy_qpos_address: Option<usize>,
     /// State in which every episode starts.
-    pub(crate) settled: State,
+    pub(crate) start_state: State,
     /// Controller of an arm with servos; `None` if a weld moves the hand.
     pub(crate) controller: Option<ServoController>,
 }
@@ -73,18 +73,18 @@ impl Scene {
     /// Compiles the scene of `group` in the symmetric layout and simulates it until it is at rest.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for an invalid camera, or an offset or joint position that is not
-    /// finite; [`EnvError::TaskName`], [`EnvError::EmbodimentName`], or MuJoCo's error for the
-    /// model.
+    /// [`EnvError::InvalidSetting`] for an invalid camera, or an offset or joint position that is
+    /// not finite; [`EnvError::InvalidTaskName`], [`EnvError::InvalidEmbodimentName`], or MuJoCo's
+    /// error for the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
-        Self::in_layout(Layout::Symmetric, group, embodiment, camera)
+        Self::new_in_layout(Layout::Symmetric, group, embodiment, camera)
     }
 
     /// Compiles the scene of `group` in `layout` and simulates it to the start of its episodes.
     ///
     /// # Errors
-    /// Those of [`Scene::new`], and [`EnvError::NoSuchLayout`].
-    pub fn in_layout(
+    /// Errors of [`Scene::new`], and [`EnvError::NoSuchLayout`].
+    pub fn new_in_layout(
         layout: Layout,
         group: TaskGroup,
         embodiment: Embodiment,
@@ -94,26 +94,26 @@ impl Scene {
         camera.check()?;
         group.check_name()?;
         embodiment.check_name()?;
-        let meta_world = layout.meta_world(group)?;
-        let hand_target_start = meta_world.map_or(HAND_START, |spec| spec.hand_target);
+        let meta_world = layout.meta_world_spec(group)?;
+        let hand_target_start = meta_world.map_or(HAND_TARGET_START, |spec| spec.hand_target);
         let settling = layout.settling(hand_target_start, embodiment.spec())?;
         let parts = group.task().parts();
         check_parts(&parts)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
-        let mocap = |name| model.mocap(name);
-        let (settled, controller) = settle(&model, &settling, embodiment.spec().actuation()?)?;
+        let mocap = |name| model.mocap_body(name);
+        let (start_state, controller) = settle(&model, &settling, embodiment.spec().actuation()?)?;
         Ok(Self {
             layout,
             group,
             embodiment,
             hand_target_start,
             meta_world,
-            decoy: meta_world.and_then(|spec| decoy(&model, &spec)),
+            decoy_qpos_address: meta_world.and_then(|spec| decoy(&model, &spec)),
             camera,
             camera_id: model.camera("top")?,
             hand: model.body("hand")?,
-            claws: [model.body("right_claw")?, model.body("left_claw")?],
-            tips: [model.site("right_tip")?, model.site("left_tip")?],
+            claw_bodies: [model.body("right_claw")?, model.body("left_claw")?],
+            tip_sites: [model.site("right_tip")?, model.site("left_tip")?],
             hand_target: mocap("hand_target")?,
             object: parts.mjcf.map(|_| mocap("object")).transpose()?,
             // a scene may lack the body `goal`, but one that exists must be a mocap body
@@ -122,16 +122,16 @@ impl Scene {
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
             start_joints: addresses(&model, parts.start_joints)?,
-            settled,
+            start_state,
             controller,
             model,
         })
     }
 
-    /// Returns the state in which every episode starts, with open fingers: at rest, or as
-    /// Meta-World's reset leaves it.
-    pub fn settled(&self) -> &State {
-        &self.settled
+    /// Returns the simulation state in which every episode starts, with open fingers: at rest, or
+    /// as Meta-World's reset leaves it.
+    pub fn start_state(&self) -> &State {
+        &self.start_state
     }
 
     /// Returns everything besides the state that determines the future of an episode.
@@ -145,11 +145,11 @@ impl Scene {
         }
     }
 
-    /// Draws the placement of an episode.
-    pub fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+    /// Draws the placement of an episode from the task's distribution.
+    pub fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         match &self.meta_world {
-            None => self.group.task().place(rng),
-            Some(spec) => (spec.place)(rng),
+            None => self.group.task().draw_placement(rng),
+            Some(spec) => (spec.draw_placement)(rng),
         }
     }
 }
@@ -193,14 +193,14 @@ pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
 }
 
 /// Rejects values that would lead to measurements and rewards that are NaN.
-fn check_parts(parts: &Parts<'_>) -> Result<(), EnvError> {
+fn check_parts(parts: &TaskParts<'_>) -> Result<(), EnvError> {
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
     require(offset.is_finite(), "object_offset", &offset, expected)?;
     for (joint, position) in parts.start_joints {
         let value = format!("{position} for the joint `{joint}`");
-        let expected = "finite positions";
-        require(position.is_finite(), "start_joints", &value, expected)?;
+        let expected_position = "finite positions";
+        require(position.is_finite(), "start_joints", &value, expected_position)?;
     }
     Ok(())
 }
@@ -211,7 +211,7 @@ fn compile(
     embodiment: Embodiment,
     camera: &Camera,
 ) -> Result<Model, EnvError> {
-    let addition = layout.meta_world(group)?.and_then(|spec| spec.addition);
+    let addition = layout.meta_world_spec(group)?.and_then(|spec| spec.extra_mjcf);
     let embodiment_parts = embodiment.spec().parts()?;
     let meta_world_mjcf = layout.meta_world_mjcf(embodiment.spec());
     let mut parts: Vec<Mjcf<'_>> =
@@ -223,8 +223,8 @@ fn compile(
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // the files that the parts above include by name
-    parts.extend(embodiment_parts.included.iter().map(|(name, text)| (*name, &text[..])));
-    parts.extend(layout.included());
+    parts.extend(embodiment_parts.included_files.iter().map(|(name, text)| (*name, &text[..])));
+    parts.extend(layout.included_files());
     let files: Vec<(&str, &[u8])> =
         parts.iter().map(|&(name, text)| (name, text.as_bytes())).collect();
     Ok(Model::from_files(MAIN, &files)?)
@@ -239,7 +239,7 @@ fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>,
 /// Returns the address of the loose cylinder of Meta-World's reach task. A task's own joint called
 /// `decoy` is left alone.
 fn decoy(model: &Model, spec: &MetaWorldSpec<'_>) -> Option<usize> {
-    spec.addition?;
+    spec.extra_mjcf?;
     let joint = model.joint("decoy").ok()?;
     Some(model.joint_qpos_address(joint))
 }
@@ -248,7 +248,7 @@ fn decoy(model: &Model, spec: &MetaWorldSpec<'_>) -> Option<usize> {
 /// servos.
 fn settle(
     model: &Arc<Model>,
-    settling: &Settling,
+    settling: &SettlingSettings,
     actuation: Actuation,
 ) -> Result<(State, Option<ServoController>), EnvError> {
     let mut data = Data::new(Arc::clone(model));
@@ -257,7 +257,7 @@ fn settle(
         data.qpos_mut()[address] = *position;
     }
     let hand_target = settling.hand_target.to_array();
-    data.set_mocap_position(model.mocap("hand_target")?, hand_target)?;
+    data.set_mocap_position(model.mocap_body("hand_target")?, hand_target)?;
     let controller = match actuation {
         Actuation::Weld => {
             data.set_ctrl(&OPEN_FINGERS)?;
@@ -268,12 +268,12 @@ fn settle(
             controller.start(model, &settling.joint_positions)?;
             for _ in 0..SERVOS_SETTLED {
                 controller.advance(&mut data, settling.hand_target, OPEN_ACTION)?;
-                data.step(PHYSICS_STEPS)?;
+                data.step(PHYSICS_STEPS_PER_CONTROL_STEP)?;
             }
             Some(*controller)
         }
     };
-    Ok((data.save(), controller))
+    Ok((data.save_state(), controller))
 }
 
 /// Control steps in which servos come to rest, in any layout: 1 s.

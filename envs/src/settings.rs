@@ -16,17 +16,17 @@ pub const MAX_THREADS: usize = 1024;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VecEnvSettings {
-    /// Number of environments, N.
+    /// Number of environments, N, that step together.
     pub num_envs: usize,
     /// Number of worker threads, 1 to 1024; results do not depend on this.
     pub threads: usize,
     /// Layout of the scenes; [`Layout::MetaWorld`] goes with [`Control::meta_world`].
     pub layout: Layout,
-    /// Embodiment.
+    /// Embodiment that acts in the environments, an arm or a hand alone.
     pub embodiment: Embodiment,
-    /// Camera above the table.
+    /// Camera above the table, with its light and the gripper's mark.
     pub camera: Camera,
-    /// Action scale, action repeat and horizon.
+    /// Action scale, action repeat and episode length.
     pub control: Control,
     /// Domain randomisation of the pictures; `None` for perfect pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -54,20 +54,20 @@ const FIRST_PICTURE: &str = "the first picture if pictures are randomised: camer
 whole pictures, so close-ups would be without them";
 
 impl VecEnvSettings {
-    /// Returns the length of one environment's image, size x size x C.
+    /// Returns the number of bytes of one environment's image, size x size x C.
     pub fn image_len(&self) -> usize {
-        self.camera.size * self.camera.size * self.camera.beside.channels()
+        self.camera.size * self.camera.size * self.camera.extra_views.num_channels()
     }
 
     /// Returns the settings without domain randomisation.
-    pub fn clean(self) -> Self {
+    pub fn without_randomisation(self) -> Self {
         Self { randomisation: None, ..self }
     }
 
-    /// Rejects settings out of range.
+    /// Rejects settings of environments that are out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`].
+    /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
         require(self.num_envs > 0, "num_envs", &self.num_envs, "at least 1")?;
         let few = (1..=MAX_THREADS).contains(&self.threads);
@@ -75,7 +75,7 @@ impl VecEnvSettings {
         self.camera.check()?;
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
-            let first = self.camera.beside == ExtraView::First;
+            let first = self.camera.extra_views == ExtraView::First;
             require(first, "camera.beside", &"a close-up", FIRST_PICTURE)?;
         }
         self.control.check()

@@ -12,12 +12,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::camera::RGB;
+use crate::camera::RGB_CHANNELS;
 use crate::domain_randomiser::{CameraState, DomainRandomiser};
 use crate::error::EnvError;
 #[cfg(test)]
 use crate::messages::Fault;
-use crate::messages::{Command, EnvCommand, Failure, Reply, WorkerBatch, row_mut};
+use crate::messages::{EnvCommand, EnvFailure, WorkerBatch, WorkerCommand, WorkerReply, row_mut};
 use crate::renderer::SceneRenderer;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
@@ -56,7 +56,7 @@ pub(crate) struct SubEnvs {
 
 impl SubEnvs {
     pub(crate) fn new(envs: Range<usize>, settings: VecEnvSettings) -> Self {
-        let pixels = settings.camera.size * settings.camera.size * RGB;
+        let pixels = settings.camera.size * settings.camera.size * RGB_CHANNELS;
         let slots = envs.map(|index| Slot {
             index,
             rng: slot_rng(settings.seed, index),
@@ -79,16 +79,18 @@ impl SubEnvs {
         }
     }
 
-    pub(crate) fn handle(&mut self, command: Command) -> Reply {
-        let without_rows = |result| Reply { rows: None, result };
+    pub(crate) fn handle(&mut self, command: WorkerCommand) -> WorkerReply {
+        let without_rows = |result| WorkerReply { rows: None, result };
         match command {
-            Command::Prepare(scene) => without_rows(self.prepare(scene)),
-            Command::SetTasks(scene, elements) => without_rows(self.set_tasks(&scene, elements)),
-            Command::Reseed(seed) => without_rows(self.reseed(seed)),
-            Command::Advance(rows) => self.with_rows(rows, Self::advance),
-            Command::Experts(rows) => self.with_rows(rows, Self::experts),
+            WorkerCommand::Prepare(scene) => without_rows(self.prepare(scene)),
+            WorkerCommand::SetTasks(scene, elements) => {
+                without_rows(self.set_task_group(&scene, elements))
+            }
+            WorkerCommand::Reseed(seed) => without_rows(self.reseed(seed)),
+            WorkerCommand::Advance(rows) => self.with_rows(rows, Self::advance),
+            WorkerCommand::Experts(rows) => self.with_rows(rows, Self::experts),
             #[cfg(test)]
-            Command::Inject(row, fault) => {
+            WorkerCommand::Inject(row, fault) => {
                 self.slots[row].fault = Some(fault);
                 without_rows(Ok(()))
             }
@@ -99,9 +101,9 @@ impl SubEnvs {
         &mut self,
         mut rows: WorkerBatch,
         work: fn(&mut Self, &mut WorkerBatch) -> Result<(), EnvError>,
-    ) -> Reply {
+    ) -> WorkerReply {
         let result = work(self, &mut rows);
-        Reply { rows: Some(rows), result }
+        WorkerReply { rows: Some(rows), result }
     }
 
     fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
@@ -117,14 +119,14 @@ impl SubEnvs {
             let renderer = match self.randomiser {
                 // the randomiser draws the mark itself, after its disturbances
                 None => SceneRenderer::new(scene),
-                Some(_) => SceneRenderer::of_table(scene),
+                Some(_) => SceneRenderer::without_arm(scene),
             };
             entry.insert(renderer?);
         }
         Ok(())
     }
 
-    fn set_tasks(&mut self, scene: &Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
+    fn set_task_group(&mut self, scene: &Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
         self.elements = elements;
         let present = |tables: &Vec<TableTop>| {
             tables.first().is_some_and(|table| Arc::ptr_eq(table.scene(), scene))
@@ -159,13 +161,13 @@ impl SubEnvs {
         match rows.commands[row] {
             EnvCommand::Step | EnvCommand::StepNoAutoReset => {
                 if !self.attempt(row, rows, Self::decide)? {
-                    rows.end_early(row);
+                    rows.end_as_truncated(row);
                 }
             }
-            EnvCommand::Reset | EnvCommand::Rest => rows.clear(row),
+            EnvCommand::Reset | EnvCommand::Idle => rows.clear(row),
         }
-        if rows.commands[row] == EnvCommand::Reset || rows.begins_anew(row) {
-            self.attempt(row, rows, Self::begin)?;
+        if rows.commands[row] == EnvCommand::Reset || rows.auto_resets(row) {
+            self.attempt(row, rows, Self::begin_episode)?;
         }
         Ok(())
     }
@@ -187,8 +189,8 @@ impl SubEnvs {
         rows: &mut WorkerBatch,
         work: fn(&mut Self, usize, &mut WorkerBatch) -> Result<(), EnvError>,
     ) -> Result<bool, EnvError> {
-        // unwind safe, since the next `begin` of this row resets everything that a panic may leave
-        // half done
+        // unwind safe, since the next `begin_episode` of this row resets everything that a panic
+        // may leave half done
         let caught = catch_unwind(AssertUnwindSafe(|| work(self, row, rows)));
         let panicked = |panic: Box<dyn Any + Send>| {
             let message = panic_message(&*panic);
@@ -198,19 +200,19 @@ impl SubEnvs {
         match caught.unwrap_or_else(panicked) {
             Ok(()) => Ok(true),
             Err(error @ EnvError::Render(_)) => {
-                // the OpenGL context may be lost; `begin` makes a new renderer
+                // the OpenGL context may be lost; `begin_episode` makes a new renderer
                 self.renderers.remove(&self.tables[row].scene().group);
                 Err(error.in_env(env))
             }
             Err(error) => {
-                rows.failures.push(Failure { env, error });
+                rows.failures.push(EnvFailure { env, error });
                 Ok(false)
             }
         }
     }
 
     /// Starts an episode in slot `row` and writes its first observation.
-    fn begin(&mut self, row: usize, rows: &mut WorkerBatch) -> Result<(), EnvError> {
+    fn begin_episode(&mut self, row: usize, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         self.prepare(Arc::clone(self.tables[row].scene()))?;
         let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
         let renderer = renderer_of(&mut self.renderers, table)?;
@@ -218,14 +220,18 @@ impl SubEnvs {
         table.end_episode();
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
         table.reset(element, &mut slot.rng)?;
-        renderer.draw_backdrop(table, &mut slot.backdrop)?;
-        renderer.render_over(table, &mut slot.backdrop, &mut slot.first)?;
+        renderer.render_backdrop(table, &mut slot.backdrop)?;
+        renderer.render_over_backdrop(table, &mut slot.backdrop, &mut slot.first)?;
         if let Some(randomiser) = &mut self.randomiser {
-            randomiser.begin(&mut slot.camera_state);
-            randomiser.disturb(&mut slot.camera_state, table.hand(), &mut slot.first);
+            randomiser.begin_episode(&mut slot.camera_state);
+            randomiser.add_camera_errors(
+                &mut slot.camera_state,
+                table.hand_position(),
+                &mut slot.first,
+            );
         }
         let image = row_mut(&mut rows.batch.images, row, self.settings.image_len());
-        renderer.compose(table, &slot.first, &slot.first, image);
+        renderer.compose_observation(table, &slot.first, &slot.first, image);
         row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
         Ok(())
     }
@@ -240,13 +246,17 @@ impl SubEnvs {
         action.copy_from_slice(row_mut(&mut rows.actions, row, ACTION_DIM));
         let step = table.step(&action)?;
         let vector = table.observe()?;
-        renderer.render_over(table, &mut slot.backdrop, &mut self.picture)?;
+        renderer.render_over_backdrop(table, &mut slot.backdrop, &mut self.picture)?;
         if let Some(randomiser) = &mut self.randomiser {
-            randomiser.disturb(&mut slot.camera_state, table.hand(), &mut self.picture);
+            randomiser.add_camera_errors(
+                &mut slot.camera_state,
+                table.hand_position(),
+                &mut self.picture,
+            );
         }
         let (images, vectors) = rows.write_step(row, &step);
         let image = row_mut(images, row, self.settings.image_len());
-        renderer.compose(table, &self.picture, &slot.first, image);
+        renderer.compose_observation(table, &self.picture, &slot.first, image);
         row_mut(vectors, row, VECTOR_DIM).copy_from_slice(&vector);
         Ok(())
     }
@@ -292,13 +302,13 @@ mod tests {
         let settings = VecEnvSettings::default();
         let [reach, drawer] = [TaskGroup::GOAL_REACH, TaskGroup::DRAWER_CLOSE].map(|group| {
             let (embodiment, camera) = (settings.embodiment, settings.camera);
-            let scene = Scene::in_layout(settings.layout, group, embodiment, camera);
+            let scene = Scene::new_in_layout(settings.layout, group, embodiment, camera);
             Arc::new(scene.unwrap())
         });
         let mut envs = SubEnvs::new(0..2, settings);
-        let switch = |envs: &mut SubEnvs, scene| {
-            envs.set_tasks(scene, D2::ALL.to_vec()).unwrap();
-            envs.tables.as_ptr()
+        let switch = |sub_envs: &mut SubEnvs, scene| {
+            sub_envs.set_task_group(scene, D2::ALL.to_vec()).unwrap();
+            sub_envs.tables.as_ptr()
         };
         let first = switch(&mut envs, &reach);
         envs.tables[0].reset(D2::Identity, &mut slot_rng(0, 0)).unwrap();

@@ -8,10 +8,10 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::actuation::ServoController;
-use crate::control::{Control, PHYSICS_STEPS, clip};
+use crate::control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP, clip_action};
 use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::EnvError;
-use crate::layout::{facing, map};
+use crate::layout::{map_point, orientation_quat};
 use crate::scene::{ARM_GEOM_GROUP, Scene, SceneKey, check_placement};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
 
@@ -22,12 +22,12 @@ pub use simulated_arm::SimulatedArm;
 /// Number of action components: displacement of the hand's target along x, y and z, and the
 /// fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
-/// Irreps of the action's components.
+/// Irreps of D2 by which the action's components transform under the symmetries.
 pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
 /// Number of components of the vector observation: hand x, y, z (metres from the centre), aperture
 /// in `[0, 1]`, goal x, y, z (metres; zero if hidden).
 pub const VECTOR_DIM: usize = 7;
-/// Irreps of the vector observation's components.
+/// Irreps of D2 by which the vector observation's components transform under the symmetries.
 pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
     [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::Trivial];
 
@@ -35,16 +35,17 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
 /// `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
 
-/// Outcome of one decision.
+/// Outcome of one decision: reward, success and truncation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Step {
-    /// Mean over the control steps of Meta-World's reward / 10, in `[0, 1]`.
+pub struct StepResult {
+    /// Reward of the decision, in `[0, 1]`: a tenth of Meta-World's reward, averaged over the
+    /// control steps.
     pub reward: f64,
-    /// `true` if the success condition held at any control step.
+    /// `true` if the success condition held at any control step of the decision.
     pub success: bool,
-    /// `true` if the success condition holds after the last control step.
+    /// `true` if the success condition holds after the decision's last control step.
     pub success_at_end: bool,
-    /// `true` if the time limit is reached.
+    /// `true` if the episode has reached its time limit.
     pub truncated: bool,
 }
 
@@ -82,61 +83,62 @@ impl TableTop {
     /// Creates an environment on `scene`; call a reset before the first step.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for control settings out of range.
+    /// [`EnvError::InvalidSetting`] for control settings out of range.
     pub fn new(scene: Arc<Scene>, control: Control) -> Result<Self, EnvError> {
         control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
         Ok(Self { scene, control, data, episode: None })
     }
 
-    /// Returns the scene.
+    /// Returns the scene of the environment.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
-    /// Returns the control settings.
+    /// Returns the environment's control settings: displacement by a full action (metres a
+    /// decision), action repeat and horizon (both in control steps of 12.5 ms).
     pub fn control(&self) -> Control {
         self.control
     }
 
-    /// Returns the simulation, for reading positions, contacts and its state.
+    /// Returns the MuJoCo simulation, for reading positions, contacts and its state.
     pub fn simulation(&self) -> &Data {
         &self.data
     }
 
-    /// Returns the simulation, for rendering or changing it. Changes affect the rest of the
+    /// Returns the MuJoCo simulation, for rendering or changing it. Changes affect the rest of the
     /// episode; [`TableTop::reset`] undoes them.
     pub fn simulation_mut(&mut self) -> &mut Data {
         &mut self.data
     }
 
-    /// Starts an episode of the variant `element` at a placement drawn from `rng`.
+    /// Starts an episode of the variant `element`, at a placement drawn from `rng`.
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`], or MuJoCo's error for the state.
     pub fn reset(&mut self, element: D2, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
-        let placement = self.scene.place(rng);
+        let placement = self.scene.draw_placement(rng);
         self.reset_to(element, placement)
     }
 
-    /// Starts an episode of the variant `element` at a given placement (canonical frame).
+    /// Starts an episode of the variant `element` at a given placement (canonical frame, metres).
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`] or [`EnvError::NonFinitePlacement`], and nothing has changed; or
     /// MuJoCo's error for the state, and no episode is running.
     pub fn reset_to(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
         let scene = Arc::clone(&self.scene);
-        scene.layout.check(element)?;
+        scene.layout.check_variant(element)?;
         check_placement(&placement)?;
         // ended first, so that a failure below leaves no episode on a half-set state
         self.end_episode();
-        self.data.restore(&scene.settled)?;
+        self.data.restore_state(&scene.start_state)?;
         self.put_objects(element, &placement)?;
         self.data.forward_kinematics()?;
         let start = EpisodeStart {
             placement,
             hand_target: scene.hand_target_start,
-            measured: self.measure(element, &placement),
+            measurement: self.measure(element, &placement),
         };
         self.episode = Some(Episode {
             element,
@@ -154,48 +156,48 @@ impl TableTop {
         let scene = &self.scene;
         for (body, position) in [(scene.object, placement.object), (scene.goal, placement.goal)] {
             if let Some(body) = body {
-                let position = map(element, position).to_array();
+                let position = map_point(element, position).to_array();
                 self.data.set_mocap_position(body, position)?;
-                self.data.set_mocap_quat(body, facing(element))?;
+                self.data.set_mocap_orientation(body, orientation_quat(element))?;
             }
         }
         for &(address, position) in &scene.start_joints {
             self.data.qpos_mut()[address] = position;
         }
-        if let Some(address) = scene.decoy {
-            let position = map(element, placement.object).to_array();
+        if let Some(address) = scene.decoy_qpos_address {
+            let position = map_point(element, placement.object).to_array();
             // the first three coordinates of a free joint are its position
             self.data.qpos_mut()[address..address + 3].copy_from_slice(&position);
         }
         Ok(())
     }
 
-    /// Returns a copy of the running episode.
+    /// Returns a snapshot of the running episode.
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
     pub fn save(&self) -> Result<Snapshot, EnvError> {
         Ok(Snapshot {
             key: self.key(),
-            simulation: self.data.save(),
+            simulation: self.data.save_state(),
             episode: self.episode.clone().ok_or(EnvError::NotReset)?,
         })
     }
 
-    /// Restores a saved episode, which then continues to the same bits.
+    /// Restores the episode of a snapshot, which then continues to the same bits.
     ///
     /// # Errors
-    /// [`EnvError::OtherScene`] for a snapshot of another scene, task or control; nothing has
+    /// [`EnvError::SceneMismatch`] for a snapshot of another scene, task or control; nothing has
     /// changed then.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), EnvError> {
         let key = self.key();
         if snapshot.key != key {
-            return Err(EnvError::OtherScene {
+            return Err(EnvError::SceneMismatch {
                 got: snapshot.key.describe(&key),
                 expected: key.describe(&key),
             });
         }
-        self.data.restore(&snapshot.simulation)?;
+        self.data.restore_state(&snapshot.simulation)?;
         self.data.forward_kinematics()?;
         self.episode = Some(snapshot.episode.clone());
         Ok(())
@@ -205,22 +207,23 @@ impl TableTop {
         self.scene.key(self.control)
     }
 
-    /// Holds `action` for one decision. Components are clipped to `[-1, 1]`.
+    /// Holds `action` for one decision, simulates it, and returns reward and success. Components
+    /// are clipped to `[-1, 1]`.
     ///
     /// # Errors
     /// [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`] before a reset
     /// and after the end of an episode; [`EnvError::Simulation`] if the simulation diverges, which
     /// ends the episode.
-    pub fn step(&mut self, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
-        let [x, y, z, finger] = clip(action)?;
-        let decisions = self.control.decisions();
+    pub fn step(&mut self, action: &[f32; ACTION_DIM]) -> Result<StepResult, EnvError> {
+        let [x, y, z, finger] = clip_action(action)?;
+        let decisions = self.control.decisions_per_episode();
         // taken out, so that a failed simulation leaves no episode to continue
         let running = self.episode.take_if(|episode| episode.decisions < decisions);
         let mut episode = running.ok_or(EnvError::NotReset)?;
         let repeat = self.control.action_repeat as f64;
         // spread evenly over the control steps, so that `displacement` is the length per decision
         let move_by = DVec3::new(x, y, z) * self.control.displacement / repeat;
-        let mut step = Step::default();
+        let mut step = StepResult::default();
         for _ in 0..self.control.action_repeat {
             let now = self.control_step(&mut episode, move_by, finger)?;
             step.reward += now.reward * REWARD_SCALE / repeat;
@@ -243,7 +246,7 @@ impl TableTop {
         let [low, high] = self.scene.layout.target_bounds();
         episode.target = (episode.target + move_by).clamp(low, high);
         if let Some(controller) = &episode.controller {
-            episode.target = controller.within_lead(episode.target, self.hand());
+            episode.target = controller.within_lead(episode.target, self.hand_position());
         }
         let target = episode.target;
         self.data.set_mocap_position(self.scene.hand_target, target.to_array())?;
@@ -256,7 +259,7 @@ impl TableTop {
 
     /// Simulates one control step of 12.5 ms.
     fn pass(&mut self, episode: &mut Episode, finger: f64) -> Result<StepReward, EnvError> {
-        self.data.step(PHYSICS_STEPS)?;
+        self.data.step(PHYSICS_STEPS_PER_CONTROL_STEP)?;
         episode.touched |= self.data.contact_count() > 0;
         // `step` leaves positions one physics step behind; kinematics alone do not alter the state
         self.data.forward_kinematics()?;
@@ -272,7 +275,7 @@ impl TableTop {
     }
 
     /// Returns `true` if there was any contact at the end of a control step of the running episode.
-    pub(crate) fn touched(&self) -> bool {
+    pub(crate) fn had_contact(&self) -> bool {
         self.episode.as_ref().is_some_and(|episode| episode.touched)
     }
 
@@ -282,7 +285,7 @@ impl TableTop {
     }
 
     /// Returns the position of the hand (metres, world frame).
-    pub fn hand(&self) -> DVec3 {
+    pub fn hand_position(&self) -> DVec3 {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 
@@ -290,7 +293,7 @@ impl TableTop {
     /// episode is running.
     pub fn observable_goal(&self) -> Option<DVec3> {
         let episode = self.episode.as_ref()?;
-        let goal = map(episode.element, episode.start.placement.goal);
+        let goal = map_point(episode.element, episode.start.placement.goal);
         self.scene.goal_observable.then_some(goal)
     }
 
@@ -300,7 +303,7 @@ impl TableTop {
     /// [`EnvError::NotReset`].
     pub fn observe(&self) -> Result<[f32; VECTOR_DIM], EnvError> {
         self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let (hand, goal) = (self.hand(), self.observable_goal().unwrap_or(DVec3::ZERO));
+        let (hand, goal) = (self.hand_position(), self.observable_goal().unwrap_or(DVec3::ZERO));
         let aperture = self.aperture();
         Ok([hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z].map(|value| value as f32))
     }
@@ -316,8 +319,8 @@ impl TableTop {
             let group = self.scene.group;
             return Err(EnvError::NonFiniteCommand { group, hand, finger });
         }
-        let here = map(episode.element, self.hand());
-        let wanted = map(episode.element, hand - here) / self.control.displacement;
+        let here = map_point(episode.element, self.hand_position());
+        let wanted = map_point(episode.element, hand - here) / self.control.displacement;
         let bounded = wanted.clamp(DVec3::NEG_ONE, DVec3::ONE);
         Ok([bounded.x as f32, bounded.y as f32, bounded.z as f32, finger as f32])
     }
@@ -348,20 +351,20 @@ impl TableTop {
 
     fn aperture(&self) -> f64 {
         let [right, left] =
-            self.scene.claws.map(|body| DVec3::from_array(self.data.body_position(body)));
+            self.scene.claw_bodies.map(|body| DVec3::from_array(self.data.body_position(body)));
         (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0)
     }
 
     fn measure(&self, element: D2, placement: &Placement) -> Measurement {
         let [right, left] =
-            self.scene.tips.map(|site| DVec3::from_array(self.data.site_position(site)));
+            self.scene.tip_sites.map(|site| DVec3::from_array(self.data.site_position(site)));
         let object = match self.scene.object_body {
-            Some(body) => map(element, DVec3::from_array(self.data.body_position(body))),
+            Some(body) => map_point(element, DVec3::from_array(self.data.body_position(body))),
             None => placement.object,
         };
         Measurement {
-            hand: map(element, self.hand()),
-            tcp: map(element, (right + left) / 2.0),
+            hand: map_point(element, self.hand_position()),
+            tcp: map_point(element, (right + left) / 2.0),
             aperture: self.aperture(),
             object: object + self.scene.object_offset,
         }
@@ -372,18 +375,18 @@ impl TableTop {
 /// in other groups.
 const SHOWN: std::ops::RangeInclusive<usize> = 0..=ARM_GEOM_GROUP;
 
-/// Geom of one colour, with its pose.
+/// Geom of one colour in a scene, with its pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solid<'a> {
     /// Unique name in the scene; `None` only for geoms of foreign scenes.
     pub name: Option<&'a str>,
-    /// Shape in its own frame (metres).
+    /// Shape of the geom in its own frame (metres).
     pub shape: Shape,
-    /// Position of the centre (metres, world frame).
+    /// Position of the geom's centre (metres, world frame).
     pub position: DVec3,
-    /// Axes x, y and z in the world frame, as columns.
+    /// Axes x, y and z of the geom in the world frame, as columns.
     pub axes: DMat3,
-    /// Red, green, blue and opacity in `[0, 1]`.
+    /// Colour of the geom: red, green, blue and opacity, each in `[0, 1]`.
     pub rgba: [f32; 4],
     /// `true` for geoms of the arm and the gripper.
     pub is_arm: bool,

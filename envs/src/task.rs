@@ -18,12 +18,14 @@ use crate::instance_id::{InstanceId, impl_traits_by_name};
 pub struct TaskGroup(&'static dyn Task);
 
 impl TaskGroup {
-    /// Returns the group of `task`.
+    /// Returns the handle of the task group that `task` defines: its four variants under D2, with
+    /// `task` as the identity variant.
     ///
-    /// A reference to a task without fields is `'static` already: `TaskGroup::of(&MyTask)`. A task
-    /// that is made at run time must be leaked: `TaskGroup::of(Box::leak(Box::new(task)))`. Make
-    /// the handle of a task with fields once and copy it: another instance counts as another task.
-    pub const fn of(task: &'static dyn Task) -> Self {
+    /// A reference to a task without fields is `'static` already: `TaskGroup::from_task(&MyTask)`.
+    /// A task that is made at run time must be leaked:
+    /// `TaskGroup::from_task(Box::leak(Box::new(task)))`. Make the handle of a task with fields
+    /// once and copy it: another instance counts as another task.
+    pub const fn from_task(task: &'static dyn Task) -> Self {
         Self(task)
     }
 
@@ -42,7 +44,7 @@ impl TaskGroup {
         InstanceId::of(self.0)
     }
 
-    /// Returns the group's variants, one for each element of [`D2::ALL`].
+    /// Returns the group's four variants, one for each element of [`D2::ALL`].
     pub fn variants(self) -> [TaskVariant; 4] {
         D2::ALL.map(|element| TaskVariant { group: self, element })
     }
@@ -53,9 +55,9 @@ impl_traits_by_name!(TaskGroup);
 /// Variant of a task group: the group, and the symmetry that maps its identity variant to this one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TaskVariant {
-    /// Task group.
+    /// Task group of the variant.
     pub group: TaskGroup,
-    /// Element that maps the canonical scene to this one.
+    /// Element of D2 that maps the canonical scene to this variant's.
     pub element: D2,
 }
 
@@ -69,56 +71,59 @@ impl std::fmt::Display for TaskVariant {
 /// centre).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Origin of the scene's `object` body; unused by scenes without one.
+    /// Position of the scene's `object` body (its origin); unused by scenes without one.
     pub object: DVec3,
     /// Target position of the object or the fingertips, and origin of the scene's `goal` body.
     pub goal: DVec3,
 }
 
-/// Measurements that the reward depends on, in the canonical frame (metres).
+/// Measurements of the state that the reward depends on, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
-    /// Origin of the hand body.
+    /// Position of the origin of the hand body (metres).
     pub hand: DVec3,
-    /// Tool centre point, between the fingertips.
+    /// Position of the tool centre point, between the fingertips (metres).
     pub tcp: DVec3,
     /// Distance between the claws divided by 0.1 m, in `[0, 1]`; 1 is open.
     pub aperture: f64,
-    /// Reference point of the object (see [`Parts::object_offset`]).
+    /// Position of the object's reference point (metres; see [`TaskParts::object_offset`]).
     pub object: DVec3,
 }
 
 /// Start of an episode, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EpisodeStart {
-    /// Positions of object and goal.
+    /// Positions of object and goal in the episode.
     pub placement: Placement,
-    /// Position of the hand's target; the hand itself rests a few millimetres below it.
+    /// Position of the hand's target at the start (metres).
+    ///
+    /// In the symmetric layout a hand that a weld moves rests 4 mm below it; in Meta-World's layout
+    /// it is not at rest yet. An arm with servos rests at the target.
     pub hand_target: DVec3,
-    /// Measurements in the start state.
-    pub measured: Measurement,
+    /// Measurements of the task in the start state of the episode.
+    pub measurement: Measurement,
 }
 
 /// Reward, success and reward terms of one control step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepReward {
-    /// Term in `[0, 1]` for the distance of the fingertips from the object and, in some tasks, for
-    /// the finger action; 1 in Goal Reach.
-    pub approach: f64,
-    /// Term in `[0, 1]` for the distance of the object from its goal.
-    pub in_place: f64,
+    /// Reward term in `[0, 1]` for the distance of the fingertips from the object and, in some
+    /// tasks, for the finger action; 1 in Goal Reach.
+    pub approach_reward: f64,
+    /// Reward term in `[0, 1]` for the distance of the object from its goal.
+    pub in_place_reward: f64,
     /// Distance of the object (in Goal Reach, the fingertips) from its goal (metres).
-    pub remaining: f64,
-    /// Dense reward, in `[0, 10]`.
+    pub goal_distance: f64,
+    /// Dense reward of the control step, in `[0, 10]`.
     pub reward: f64,
-    /// `true` if the success condition holds now.
+    /// `true` if the success condition holds after the control step.
     pub success: bool,
 }
 
-/// Constant parts of a task. `Parts::default()` is the bare table with a hidden goal.
+/// Constant parts of a task. `TaskParts::default()` is the bare table with a hidden goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Parts<'a> {
-    /// MJCF of the task, a `<mujocoinclude>`; `None` for the bare table.
+pub struct TaskParts<'a> {
+    /// MJCF of the task's objects, a `<mujocoinclude>`; `None` for the bare table.
     ///
     /// A mocap body `object` is required; it is moved to the placement's object. A mocap body
     /// `goal` is optional. Both are rotated by half a turn in the variants that flip y, so
@@ -135,14 +140,15 @@ pub struct Parts<'a> {
     /// names of arena and embodiment are taken, for instance the bodies `hand` and `hand_target`,
     /// the sites `right_tip` and `left_tip` and the camera `top`.
     pub mjcf: Option<&'a str>,
-    /// Body whose position the task reads; if `None`, the placement's object is read.
+    /// Name of the body whose position the task reads; if `None`, the placement's object is read.
     pub object_body: Option<&'a str>,
     /// Offset from the origin of `object_body` to the task's reference point (metres, canonical
     /// frame); finite.
     pub object_offset: DVec3,
-    /// Joints that do not start at zero, with their start positions (metres, radians); finite.
+    /// Names of the joints that do not start at zero, with their start positions (metres, radians);
+    /// finite.
     pub start_joints: &'a [(&'a str, f64)],
-    /// `true` if the goal is part of the observation.
+    /// `true` if the goal is part of the vector observation; otherwise zeros take its place.
     pub goal_observable: bool,
 }
 
@@ -151,13 +157,13 @@ pub struct Parts<'a> {
 pub struct MetaWorldSpec<'a> {
     /// Meta-World's name of the task, without its version.
     pub name: &'a str,
-    /// Position of the hand's target when an episode starts (metres).
+    /// Position of the hand's target when an episode starts (metres, world frame).
     pub hand_target: DVec3,
-    /// Additional part of the scene, a `<mujocoinclude>`. The name `decoy` is then reserved for a
-    /// free joint, whose body starts at the placement's object.
-    pub addition: Option<&'a str>,
+    /// Additional part of the scene as MJCF, a `<mujocoinclude>`. The name `decoy` is then reserved
+    /// for a free joint, whose body starts at the placement's object.
+    pub extra_mjcf: Option<&'a str>,
     /// Function that draws a placement from Meta-World's ranges.
-    pub place: fn(&mut ChaCha8Rng) -> Placement,
+    pub draw_placement: fn(&mut ChaCha8Rng) -> Placement,
 }
 
 /// Task in its canonical frame; it keeps no state between calls.
@@ -169,11 +175,11 @@ pub trait Task: Any + Send + Sync {
     fn name(&self) -> &str;
 
     /// Returns the constant parts of the task.
-    fn parts(&self) -> Parts<'_>;
+    fn parts(&self) -> TaskParts<'_>;
 
     /// Draws a placement. All objects, or all goals, must lie in one quadrant and more than 1 mm
     /// off its axes, so that the four variants fill four quadrants.
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement;
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement;
 
     /// Returns reward and success of the state `now` of an episode with the start `start`; `finger`
     /// is the action's finger component in `[-1, 1]`.
@@ -183,7 +189,7 @@ pub trait Task: Any + Send + Sync {
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand;
 
     /// Returns the settings for the layout `metaworld`; `None` if the task has no scene in it.
-    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         None
     }
 }
@@ -191,8 +197,8 @@ pub trait Task: Any + Send + Sync {
 /// Command of a scripted expert, in the canonical frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExpertCommand {
-    /// Target of the hand (metres).
+    /// Commanded target of the hand (metres).
     pub hand: DVec3,
-    /// Finger action in `[-1, 1]`; 1 closes.
+    /// Commanded finger action in `[-1, 1]`; 1 closes.
     pub finger: f64,
 }

@@ -17,7 +17,7 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::task::{MetaWorldSpec, Parts, Placement};
+use crate::task::{MetaWorldSpec, Placement, TaskParts};
 
 /// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives
 /// a different task.
@@ -29,13 +29,21 @@ const META_WORLD_X: Range<f64> = -0.1..0.1;
 const META_WORLD_HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.2);
 
 /// Returns the parts of a task whose reference point is at `offset` from a body of its scene.
-fn scene(mjcf: &'static str, body: &'static str, offset: DVec3) -> Parts<'static> {
-    Parts { mjcf: Some(mjcf), object_body: Some(body), object_offset: offset, ..Parts::default() }
+fn scene(mjcf: &'static str, body: &'static str, offset: DVec3) -> TaskParts<'static> {
+    TaskParts {
+        mjcf: Some(mjcf),
+        object_body: Some(body),
+        object_offset: offset,
+        ..TaskParts::default()
+    }
 }
 
 /// Returns Meta-World's settings for a task without an additional part.
-fn spec(name: &'static str, place: fn(&mut ChaCha8Rng) -> Placement) -> MetaWorldSpec<'static> {
-    MetaWorldSpec { name, hand_target: META_WORLD_HAND_START, addition: None, place }
+fn spec(
+    name: &'static str,
+    draw_placement: fn(&mut ChaCha8Rng) -> Placement,
+) -> MetaWorldSpec<'static> {
+    MetaWorldSpec { name, hand_target: META_WORLD_HAND_START, extra_mjcf: None, draw_placement }
 }
 
 fn uniform(rng: &mut ChaCha8Rng, range: Range<f64>) -> f64 {

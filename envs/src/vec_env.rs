@@ -9,15 +9,15 @@ use symmetry::D2;
 use crate::batch::{ObservationsMut, StepMut};
 use crate::control::check_action;
 use crate::error::EnvError;
-use crate::messages::{Command, EnvCommand, Failure, WorkerBatch, copy_row};
+use crate::messages::{EnvCommand, EnvFailure, WorkerBatch, WorkerCommand, copy_row};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, VECTOR_DIM};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
 
-/// N environments of one task group. Where an episode ends, the next begins at once with a newly
-/// drawn variant.
+/// Vectorised environment: N table-top environments that step together on one task group. Where an
+/// episode ends, the next begins at once with a newly drawn variant.
 ///
 /// Environment i draws from its own random stream, so results depend on the seed alone.
 ///
@@ -31,13 +31,13 @@ use crate::worker::Worker;
 /// environments. The next [`VecEnv::reset`] makes new renderers and recovers.
 ///
 /// A fork copies no worker threads, so in a forked child every call that needs them returns
-/// [`EnvError::OtherProcess`], and dropping the environments there leaks their memory.
+/// [`EnvError::UsedAfterFork`], and dropping the environments there leaks their memory.
 pub struct VecEnv {
     settings: VecEnvSettings,
     scenes: BTreeMap<TaskGroup, Arc<Scene>>,
     workers: Vec<Worker>,
     rows: Vec<WorkerBatch>,
-    failures: Vec<Failure>,
+    failures: Vec<EnvFailure>,
     /// `true` while episodes run: after a reset, until the tasks change or a call fails.
     running: bool,
     /// Identifier of the process with the worker threads.
@@ -48,8 +48,8 @@ impl VecEnv {
     /// Starts the worker threads on `group`, with variants drawn uniformly from `elements`.
     ///
     /// # Errors
-    /// [`EnvError::Setting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or an error of
-    /// MuJoCo or OpenGL.
+    /// [`EnvError::InvalidSetting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or an
+    /// error of MuJoCo or OpenGL.
     pub fn new(
         settings: VecEnvSettings,
         group: TaskGroup,
@@ -69,25 +69,25 @@ impl VecEnv {
         // rendering (see `mujoco`)
         vec_env.scene(group)?;
         vec_env.workers = spawn(settings)?;
-        vec_env.set_tasks(group, elements)?;
+        vec_env.set_task_group(group, elements)?;
         Ok(vec_env)
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the environments, with the seed of the last [`VecEnv::reseed`].
     pub fn settings(&self) -> &VecEnvSettings {
         &self.settings
     }
 
     /// Makes the models and renderers of `groups` and simulates their scenes to rest, so that
-    /// [`VecEnv::set_tasks`] is cheap from then on.
+    /// [`VecEnv::set_task_group`] is cheap from then on.
     ///
     /// # Errors
     /// [`EnvError::DuplicateTask`] if another task of this name is prepared, or an error of MuJoCo
     /// or OpenGL.
-    pub fn prepare(&mut self, groups: &[TaskGroup]) -> Result<(), EnvError> {
+    pub fn prepare_task_groups(&mut self, groups: &[TaskGroup]) -> Result<(), EnvError> {
         for &group in groups {
             let scene = self.scene(group)?;
-            self.broadcast(|| Command::Prepare(Arc::clone(&scene)))?;
+            self.broadcast(|| WorkerCommand::Prepare(Arc::clone(&scene)))?;
         }
         Ok(())
     }
@@ -95,31 +95,31 @@ impl VecEnv {
     /// Switches every environment to `group`, with variants drawn uniformly from `elements`.
     /// Running episodes end: call [`VecEnv::reset`] next.
     ///
-    /// A group that is not prepared is prepared first, see [`VecEnv::prepare`].
+    /// A group that is not prepared is prepared first, see [`VecEnv::prepare_task_groups`].
     ///
     /// # Errors
     /// [`EnvError::DuplicateTask`] if another task of this name is prepared,
     /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or an error of MuJoCo or OpenGL. If
     /// the group is rejected, running episodes go on.
-    pub fn set_tasks(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
+    pub fn set_task_group(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
         if elements.is_empty() {
             return Err(EnvError::NoVariants { group });
         }
         let layout = self.settings.layout;
-        elements.iter().try_for_each(|&g| layout.check(g))?;
-        self.prepare(&[group])?;
+        elements.iter().try_for_each(|&g| layout.check_variant(g))?;
+        self.prepare_task_groups(&[group])?;
         let scene = self.scene(group)?;
         self.running = false;
-        self.broadcast(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
+        self.broadcast(|| WorkerCommand::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
-    /// Restarts the random streams of variants and placements from `seed`. Episodes from the next
-    /// [`VecEnv::reset`] on are those of a new environment with this seed.
+    /// Restarts the random streams of variants, placements and camera errors from `seed`. Episodes
+    /// from the next [`VecEnv::reset`] on are those of a new environment with this seed.
     ///
     /// # Errors
     /// [`EnvError::WorkerLost`].
     pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
-        self.broadcast(|| Command::Reseed(seed))?;
+        self.broadcast(|| WorkerCommand::Reseed(seed))?;
         self.settings.seed = seed;
         Ok(())
     }
@@ -135,7 +135,7 @@ impl VecEnv {
             return Err(EnvError::DuplicateTask { name });
         }
         let VecEnvSettings { layout, embodiment, camera, .. } = self.settings;
-        let scene = Arc::new(Scene::in_layout(layout, group, embodiment, camera)?);
+        let scene = Arc::new(Scene::new_in_layout(layout, group, embodiment, camera)?);
         self.scenes.insert(group, Arc::clone(&scene));
         Ok(scene)
     }
@@ -143,12 +143,12 @@ impl VecEnv {
     /// Starts a new episode in every environment, and returns the environments that failed.
     ///
     /// # Errors
-    /// [`EnvError::Length`] for buffers of the wrong size, or an error of OpenGL.
-    pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<&[Failure], EnvError> {
+    /// [`EnvError::LengthMismatch`] for buffers of the wrong size, or an error of OpenGL.
+    pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<&[EnvFailure], EnvError> {
         self.check_observations(&out)?;
         self.prepare_rows();
         self.rows.iter_mut().for_each(|rows| rows.commands.fill(EnvCommand::Reset));
-        self.run(Command::Advance)?;
+        self.run(WorkerCommand::Advance)?;
         self.copy_observations(out);
         Ok(&self.failures)
     }
@@ -157,10 +157,10 @@ impl VecEnv {
     /// that failed.
     ///
     /// # Errors
-    /// [`EnvError::Length`] or [`EnvError::NonFiniteAction`], and nothing has moved;
+    /// [`EnvError::LengthMismatch`] or [`EnvError::NonFiniteAction`], and nothing has moved;
     /// [`EnvError::NotReset`]; an [`EnvError::InEnv`] with an error of OpenGL, after which
     /// [`VecEnv::reset`] makes new renderers.
-    pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
+    pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[EnvFailure], EnvError> {
         self.check_step(actions, &out)?;
         self.require_running()?;
         self.rows.iter_mut().for_each(|rows| rows.commands.fill(EnvCommand::Step));
@@ -174,15 +174,15 @@ impl VecEnv {
     /// last observation.
     ///
     /// # Errors
-    /// Errors of [`VecEnv::step`]; [`EnvError::NotReset`] for commands other than `Reset` before the
-    /// first reset, or after the tasks changed or a call failed. One environment without a running
-    /// episode is a [`Failure`] of that environment.
-    pub fn advance(
+    /// Errors of [`VecEnv::step`]; [`EnvError::NotReset`] for commands other than `Reset` before
+    /// the first reset, or after the tasks changed or a call failed. One environment without a
+    /// running episode is an [`EnvFailure`] of that environment.
+    pub fn execute_commands(
         &mut self,
         actions: &[f32],
         commands: &[EnvCommand],
         out: StepMut<'_>,
-    ) -> Result<&[Failure], EnvError> {
+    ) -> Result<&[EnvFailure], EnvError> {
         self.check_step(actions, &out)?;
         check_len("commands", commands.len(), self.settings.num_envs)?;
         if commands.iter().any(|&command| command != EnvCommand::Reset) {
@@ -195,15 +195,15 @@ impl VecEnv {
         self.advance_rows(actions, out)
     }
 
-    /// Writes the scripted experts' actions to `actions` `[N, 4]`.
+    /// Writes the scripted experts' actions for the present states to `actions` `[N, 4]`.
     ///
     /// # Errors
-    /// [`EnvError::Length`], [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`]; episodes go
-    /// on.
+    /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`];
+    /// episodes go on.
     pub fn expert_actions(&mut self, actions: &mut [f32]) -> Result<(), EnvError> {
         check_len("actions", actions.len(), self.settings.num_envs * ACTION_DIM)?;
         self.require_running()?;
-        self.send_rows(Command::Experts)?;
+        self.send_rows(WorkerCommand::Experts)?;
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             actions[action_range(worker)].copy_from_slice(&rows.actions);
         }
@@ -216,7 +216,7 @@ impl VecEnv {
         if made_in == process {
             return Ok(());
         }
-        Err(EnvError::OtherProcess { made_in, process })
+        Err(EnvError::UsedAfterFork { made_in, process })
     }
 
     /// Returns an error if no episodes run, or after a worker was lost with its rows.
@@ -229,11 +229,15 @@ impl VecEnv {
     }
 
     /// Executes the commands in the rows and copies the results out.
-    fn advance_rows(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
+    fn advance_rows(
+        &mut self,
+        actions: &[f32],
+        out: StepMut<'_>,
+    ) -> Result<&[EnvFailure], EnvError> {
         for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
             rows.actions.copy_from_slice(&actions[action_range(worker)]);
         }
-        self.run(Command::Advance)?;
+        self.run(WorkerCommand::Advance)?;
         self.copy_finals(out.final_observations);
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             let envs = worker.envs.clone();
@@ -247,7 +251,7 @@ impl VecEnv {
     }
 
     /// Sends the rows to the workers with `command`, and collects the failures.
-    fn run(&mut self, command: fn(WorkerBatch) -> Command) -> Result<(), EnvError> {
+    fn run(&mut self, command: fn(WorkerBatch) -> WorkerCommand) -> Result<(), EnvError> {
         self.running = false;
         // after an error episodes count as ended, until a reset succeeds
         self.send_rows(command)?;
@@ -260,7 +264,7 @@ impl VecEnv {
     }
 
     /// Sends every worker its rows and waits for them to come back.
-    fn send_rows(&mut self, command: fn(WorkerBatch) -> Command) -> Result<(), EnvError> {
+    fn send_rows(&mut self, command: fn(WorkerBatch) -> WorkerCommand) -> Result<(), EnvError> {
         self.require_own_process()?;
         for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
             worker.send(command(rows));
@@ -269,7 +273,7 @@ impl VecEnv {
     }
 
     /// Sends every worker a command without rows.
-    fn broadcast(&mut self, command: impl Fn() -> Command) -> Result<(), EnvError> {
+    fn broadcast(&mut self, command: impl Fn() -> WorkerCommand) -> Result<(), EnvError> {
         self.require_own_process()?;
         for worker in &self.workers {
             worker.send(command());
@@ -312,7 +316,7 @@ impl VecEnv {
         let image = self.settings.image_len();
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             for (row, env) in worker.envs.clone().enumerate() {
-                if rows.begins_anew(row) {
+                if rows.auto_resets(row) {
                     copy_row(&rows.batch.final_images, row, out.images, env, image);
                     copy_row(&rows.batch.final_vectors, row, out.vectors, env, VECTOR_DIM);
                 }
@@ -371,7 +375,7 @@ fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), EnvE
     if got == expected {
         return Ok(());
     }
-    Err(EnvError::Length { what, got, expected })
+    Err(EnvError::LengthMismatch { what, got, expected })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use crate::error::EnvError;
-use crate::messages::{Command, Reply};
+use crate::messages::{WorkerCommand, WorkerReply};
 use crate::settings::VecEnvSettings;
 use crate::sub_envs::{SubEnvs, panic_message};
 
@@ -14,8 +14,8 @@ pub(crate) struct Worker {
     /// Range of the environments that this worker owns.
     pub envs: Range<usize>,
     index: usize,
-    commands: Option<SyncSender<Command>>,
-    replies: Receiver<Reply>,
+    commands: Option<SyncSender<WorkerCommand>>,
+    replies: Receiver<WorkerReply>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -44,18 +44,18 @@ impl Worker {
     }
 
     /// Sends a command. If the thread is gone, [`Worker::receive`] reports it.
-    pub(crate) fn send(&self, command: Command) {
+    pub(crate) fn send(&self, command: WorkerCommand) {
         if let Some(commands) = &self.commands {
             let _ = commands.send(command);
         }
     }
 
     /// Waits for the answer to the last command.
-    pub(crate) fn receive(&mut self) -> Reply {
+    pub(crate) fn receive(&mut self) -> WorkerReply {
         self.replies.recv().unwrap_or_else(|_| {
             let worker = self.index;
             let message = self.exit_message();
-            Reply { rows: None, result: Err(EnvError::WorkerLost { worker, message }) }
+            WorkerReply { rows: None, result: Err(EnvError::WorkerLost { worker, message }) }
         })
     }
 

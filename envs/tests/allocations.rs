@@ -9,7 +9,8 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Control, ExtraView, Randomisation, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, Control, ExtraView, Randomisation, StepBuffers, TaskGroup, VecEnv,
+    VecEnvSettings,
 };
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use symmetry::D2;
@@ -42,7 +43,11 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
         ..settings
     });
     steps_allocate_nothing(VecEnvSettings {
-        camera: Camera { oversampling: 3, beside: ExtraView::FirstAndCloseUp, ..settings.camera },
+        camera: Camera {
+            oversampling: 3,
+            extra_views: ExtraView::FirstAndCloseUp,
+            ..settings.camera
+        },
         ..settings
     });
     let counted = allocations(|| (0..200).for_each(|_| drop(black_box(vec![0; 3]))));
@@ -51,12 +56,12 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
 
 fn steps_allocate_nothing(settings: VecEnvSettings) {
     let mut env = VecEnv::new(settings, TaskGroup::PLATE_SLIDE, &D2::ALL).unwrap();
-    let mut batch = Batch::new(&settings);
-    env.reset(batch.observations()).unwrap();
+    let mut batch = StepBuffers::new(&settings);
+    env.reset(batch.observations_mut()).unwrap();
     let mut ends = 0;
     let mut steps = |n| {
         for _ in 0..n {
-            env.step(&[0.3; N * ACTION_DIM], batch.step()).unwrap();
+            env.step(&[0.3; N * ACTION_DIM], batch.step_mut()).unwrap();
             ends += usize::from(batch.truncated[0]);
         }
     };

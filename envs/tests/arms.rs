@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use envs::conformance::experts;
+use envs::conformance::measure_expert;
 use envs::embodiments::{Arm, ArmSettings, Finger, Gripper, KinovaGen3};
 use envs::{
-    ACTION_DIM, Batch, Camera, Control, Embodiment, EmbodimentSpec, EnvError, HAND_START, Scene,
-    TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, Control, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene,
+    StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -30,7 +30,7 @@ fn experts_solve_every_variant_with_the_gen3() {
     for group in TaskGroup::STANDARD {
         let scene = scene(group, Embodiment::KINOVA_GEN3);
         for element in D2::ALL {
-            let row = experts(&scene, element, Control::default(), 2).unwrap();
+            let row = measure_expert(&scene, element, Control::default(), 2).unwrap();
             assert_eq!(row.success_rate(), 1.0, "{row:?}");
         }
     }
@@ -40,7 +40,7 @@ fn experts_solve_every_variant_with_the_gen3() {
 #[test]
 fn the_gen3_rests_at_the_start() {
     let table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
-    let off = table.hand().distance(HAND_START);
+    let off = table.hand_position().distance(HAND_TARGET_START);
     assert!(off < 1e-4, "{off}");
     let [.., aperture, _, _, _] = table.observe().unwrap();
     assert!((aperture - 1.0).abs() < 1e-3, "{aperture}");
@@ -56,9 +56,9 @@ fn the_gen3_rests_at_the_start() {
 #[test]
 fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
     let arm = KinovaGen3.arm().unwrap();
-    let joints = arm.settings().ready.clone();
-    let tip = arm.chain().tip(&joints);
-    let closing = |closing| RobotState { tip, joints: joints.clone(), closing };
+    let joints = arm.settings().ready_joint_positions.clone();
+    let tip = arm.chain().tip_pose(&joints);
+    let closing = |gripper_closure| RobotState { tip, joints: joints.clone(), gripper_closure };
     for (state, reach) in [(closing(0.0), 0.053), (closing(1.0), 0.0335)] {
         let out = arm.capsules(&state).into_iter().filter_map(|capsule| {
             // pads and fingers: shapes below the hand and near it
@@ -83,20 +83,20 @@ fn the_gen3_keeps_to_its_limits() {
     let mut random = ChaCha8Rng::seed_from_u64(1001);
     let mut spent = 0.0_f64;
     let mut fastest = 0.0_f64;
-    for _ in 0..step.decisions() {
-        let before = table.hand();
+    for _ in 0..step.decisions_per_episode() {
+        let before = table.hand_position();
         let action = std::array::from_fn(|_| random.random_range(-2.0_f32..2.0));
         table.step(&action).unwrap();
-        fastest = fastest.max(table.hand().distance(before) / 0.125);
+        fastest = fastest.max(table.hand_position().distance(before) / 0.125);
         let data = table.simulation();
         for ((joint, motion), force) in arm.robot().free_joints().zip(data.actuator_force()) {
-            let effort = motion.effort.unwrap();
+            let effort = motion.max_effort.unwrap();
             assert!(force.abs() <= effort, "{}: {force}", joint.name);
             spent = spent.max(force.abs() / effort);
             let model = data.model();
             let address = model.joint_dof_address(model.joint(&joint.name).unwrap());
             let speed = data.qvel()[address].abs();
-            assert!(speed < 1.2 * motion.speed.unwrap(), "{}: {speed}", joint.name);
+            assert!(speed < 1.2 * motion.max_speed.unwrap(), "{}: {speed}", joint.name);
         }
     }
     assert!(spent > 0.1 && (0.15..0.5).contains(&fastest), "{spent} {fastest}");
@@ -110,13 +110,13 @@ fn an_arm_stands_where_its_reach_ends_and_comes_back() {
     for _ in 0..25 {
         table.step(&[1.0, 1.0, 1.0, 0.0]).unwrap();
     }
-    let furthest = table.hand();
+    let furthest = table.hand_position();
     assert!(furthest.x < 0.295 || furthest.y < 0.295, "{furthest}");
-    assert!(furthest.distance(HAND_START) > 0.3, "{furthest}");
+    assert!(furthest.distance(HAND_TARGET_START) > 0.3, "{furthest}");
     for _ in 0..6 {
         table.step(&[-1.0, -1.0, -1.0, 0.0]).unwrap();
     }
-    let back = furthest - table.hand();
+    let back = furthest - table.hand_position();
     assert!(back.min_element() > 0.05, "{back}");
 }
 
@@ -124,12 +124,12 @@ fn an_arm_stands_where_its_reach_ends_and_comes_back() {
 #[test]
 fn a_saved_episode_of_an_arm_continues_to_the_same_bits() {
     let mut table = started(TaskGroup::PLATE_SLIDE, Embodiment::KINOVA_GEN3);
-    let decide = |table: &mut TableTop, decisions| {
+    let decide = |played: &mut TableTop, decisions| {
         for _ in 0..decisions {
-            let action = table.expert_action().unwrap();
-            table.step(&action).unwrap();
+            let action = played.expert_action().unwrap();
+            played.step(&action).unwrap();
         }
-        table.save().unwrap()
+        played.save().unwrap()
     };
     // under way, and with the puck under a finger
     for decisions in [3, 12] {
@@ -152,13 +152,13 @@ const READY: [f64; 6] = [0.2, 0.1, 0.7, -0.3, -0.6, -1.1];
 
 /// Arm of a URDF without anything of this crate, with a peg for a gripper.
 fn six_joint(name: &str) -> ArmSettings {
-    let robot = envs::robots::Description::from_urdf(SIX_JOINT).unwrap();
-    let peg = Finger { link: "tip".to_owned(), claw: DVec3::ZERO, tip: DVec3::ZERO };
+    let robot = envs::robots::RobotDescription::from_urdf(SIX_JOINT).unwrap();
+    let peg = Finger { link: "tip".to_owned(), claw_point: DVec3::ZERO, tip_point: DVec3::ZERO };
     ArmSettings {
         name: name.to_owned(),
-        robot: robot.placed(envs::robots::Pose::at(BASE)).unwrap(),
-        hand: "tip".to_owned(),
-        ready: READY.to_vec(),
+        robot: robot.with_base_pose(envs::robots::Pose::from_position(BASE)).unwrap(),
+        hand_link: "tip".to_owned(),
+        ready_joint_positions: READY.to_vec(),
         gripper: Gripper {
             link: "hand & tool".to_owned(),
             fingers: [peg.clone(), peg],
@@ -171,13 +171,13 @@ fn six_joint(name: &str) -> ArmSettings {
             ..envs::robots::ControlSettings::default()
         },
         servo: envs::robots::Servo::default(),
-        lead: 0.03,
+        max_target_lead: 0.03,
         additions: Vec::new(),
     }
 }
 
 fn made(settings: ArmSettings) -> Embodiment {
-    Embodiment::of(Box::leak(Box::new(Arm::new(settings).unwrap())))
+    Embodiment::from_spec(Box::leak(Box::new(Arm::new(settings).unwrap())))
 }
 
 /// A tip as large as the arm touches links that are joints away.
@@ -186,12 +186,12 @@ fn an_arm_names_the_pairs_of_links_that_do_not_collide() {
     let ball = "<link name=\"tip\"><collision><geometry><sphere radius=\"2\"/></geometry></collision>\
                 </link>";
     let urdf = SIX_JOINT.replacen("<link name=\"tip\"/>", ball, 1);
-    let robot = envs::robots::Description::from_urdf(&urdf).unwrap();
+    let robot = envs::robots::RobotDescription::from_urdf(&urdf).unwrap();
     let arm = Arm::new(ArmSettings { robot, ..six_joint("six_joint_with_a_ball") });
     let pair = ["column", "tip"].map(str::to_owned);
-    assert!(arm.unwrap().excluded().contains(&pair));
+    assert!(arm.unwrap().excluded_link_pairs().contains(&pair));
     let thin = Arm::new(six_joint("six_joint")).unwrap();
-    assert!(!thin.excluded().contains(&pair));
+    assert!(!thin.excluded_link_pairs().contains(&pair));
 }
 
 /// Scenes, settings and experts must accept a foreign arm like the crate's own.
@@ -209,14 +209,15 @@ fn an_arm_of_somebody_elses_drives_a_scripted_expert() {
     let settings = read().unwrap();
     assert_eq!(settings.embodiment, arm);
     let scene = scene(TaskGroup::GOAL_REACH, settings.embodiment);
-    let of = |element| experts(&scene, element, settings.control, 5).unwrap();
+    let of = |element| measure_expert(&scene, element, settings.control, 5).unwrap();
     let rows = D2::ALL.map(of);
     assert!(rows.iter().all(|row| row.success_rate() == 1.0), "{rows:#?}");
 }
 
 #[test]
 fn a_snapshot_with_a_namesake_is_refused() {
-    let [one, other] = [0.03, 0.02].map(|lead| made(ArmSettings { lead, ..six_joint("twin") }));
+    let [one, other] = [0.03, 0.02]
+        .map(|max_target_lead| made(ArmSettings { max_target_lead, ..six_joint("twin") }));
     one.register().unwrap();
     assert!(matches!(other.register(), Err(EnvError::DuplicateEmbodiment { .. })));
     let mut table = started(TaskGroup::GOAL_REACH, one);
@@ -229,13 +230,13 @@ fn a_snapshot_with_a_namesake_is_refused() {
 fn arms_that_cannot_be_driven_are_refused() {
     type Change = fn(&mut ArmSettings);
     let cases: [(Change, &str); 7] = [
-        (|arm| arm.hand = "claw".to_owned(), "`claw`, which a chain names"),
-        (|arm| arm.ready = vec![0.0; 7], "`ready` is [0.0"),
-        (|arm| arm.ready[1] = 0.5, "the joint `lift` is at 0.5"),
+        (|arm| arm.hand_link = "claw".to_owned(), "`claw`, which a chain names"),
+        (|arm| arm.ready_joint_positions = vec![0.0; 7], "`ready_joint_positions` is [0.0"),
+        (|arm| arm.ready_joint_positions[1] = 0.5, "the joint `lift` is at 0.5"),
         (|arm| arm.gripper.link = "palm".to_owned(), "`palm`"),
         (|arm| arm.gripper.fingers[1].link = "thumb".to_owned(), "`thumb`"),
         (|arm| arm.gripper.joint = Some("balance".to_owned()), "`gripper.joint` is balance"),
-        (|arm| arm.lead = f64::NAN, "`lead` is NaN"),
+        (|arm| arm.max_target_lead = f64::NAN, "`max_target_lead` is NaN"),
     ];
     for (change, says) in cases {
         let mut settings = six_joint("refused");
@@ -248,7 +249,7 @@ fn arms_that_cannot_be_driven_are_refused() {
     assert!(message.contains("cannot reach"), "{message}");
     let name = made(six_joint("Six Joint"));
     let scene = Scene::new(TaskGroup::GOAL_REACH, name, Camera::default());
-    assert!(matches!(scene, Err(EnvError::EmbodimentName { .. })));
+    assert!(matches!(scene, Err(EnvError::InvalidEmbodimentName { .. })));
 }
 
 /// Observations must not depend on the number of worker threads.
@@ -262,13 +263,13 @@ fn arms_move_alike_on_any_number_of_threads() {
             ..VecEnvSettings::default()
         };
         let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
-        let mut batch = Batch::new(&settings);
-        env.reset(batch.observations()).unwrap();
+        let mut batch = StepBuffers::new(&settings);
+        env.reset(batch.observations_mut()).unwrap();
         let mut random = ChaCha8Rng::seed_from_u64(1003);
         for _ in 0..10 {
             let actions: Vec<f32> =
                 (0..4 * ACTION_DIM).map(|_| random.random_range(-1.0..1.0)).collect();
-            env.step(&actions, batch.step()).unwrap();
+            env.step(&actions, batch.step_mut()).unwrap();
         }
         (batch.images.clone(), batch.vectors.clone(), batch.rewards.clone())
     };

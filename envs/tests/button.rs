@@ -12,7 +12,7 @@ use symmetry::D2;
 #[derive(Debug)]
 struct Press {
     /// Remaining travel (metres).
-    remaining: f64,
+    goal_distance: f64,
     reward: f64,
     success: bool,
 }
@@ -42,7 +42,7 @@ fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
         let way = (env.measurement().unwrap().object.y - rest.y).abs();
         if way > 0.002 {
             presses.push(Press {
-                remaining: TRAVEL - way,
+                goal_distance: TRAVEL - way,
                 reward: outcome.reward,
                 success: outcome.success,
             });
@@ -60,7 +60,7 @@ fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
             assert!(rising && presses[0].reward < 0.18, "{seed}: {presses:?}");
             let last = &presses[presses.len() - 1];
             assert!((0.45..0.58).contains(&last.reward), "{seed}: {last:?}");
-            let short = (last.remaining - stop).abs() < 1e-3 && last.remaining > SUCCESS;
+            let short = (last.goal_distance - stop).abs() < 1e-3 && last.goal_distance > SUCCESS;
             assert!(short, "{embodiment}, {seed}: {last:?}");
             assert!(presses.iter().all(|press| !press.success), "{seed}");
         }

@@ -4,10 +4,10 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use envs::conformance::{Flaw, check, experts, symmetry};
+use envs::conformance::{ConformanceError, check, measure_expert, measure_symmetry};
 use envs::{
     Camera, Control, Embodiment, EnvError, EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec,
-    Parts, Placement, Scene, StepReward, Task, TaskGroup,
+    Placement, Scene, StepReward, Task, TaskGroup, TaskParts,
 };
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ use crate::common::spoilt::{Reward, Spoilt};
 use crate::common::{self, PushBlock};
 
 fn leaked(task: impl Task + 'static) -> TaskGroup {
-    TaskGroup::of(Box::leak(Box::new(task)))
+    TaskGroup::from_task(Box::leak(Box::new(task)))
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn rewards_with_a_flaw_are_refused() {
     /// 1 in the few control steps in which the hand starts to move, 0 elsewhere, so that the mean
     /// of their decision is in range.
     fn peak(start: &EpisodeStart, now: &Measurement) -> f64 {
-        let way = now.hand.distance(start.measured.hand);
+        let way = now.hand.distance(start.measurement.hand);
         f64::from(u8::from(way > 0.0 && way < 1e-3))
     }
     let cases: [(&str, Reward, &str); 10] = [
@@ -97,9 +97,9 @@ fn rewards_with_a_flaw_are_refused() {
             "in range",
         ),
         ("negative", |r, start, now, _| r.reward -= peak(start, now), "in range"),
-        ("approach", |r, _, _, _| r.approach = 1.5, "in range"),
-        ("in place", |r, _, _, _| r.in_place = -0.5, "in range"),
-        ("no distance", |r, _, _, _| r.remaining = f64::NAN, "in range"),
+        ("approach", |r, _, _, _| r.approach_reward = 1.5, "in range"),
+        ("in place", |r, _, _, _| r.in_place_reward = -0.5, "in range"),
+        ("no distance", |r, _, _, _| r.goal_distance = f64::NAN, "in range"),
         ("easy", |r, _, _, _| r.success = true, "doing nothing"),
         ("impossible", |r, _, _, _| r.success = false, "expert"),
         (
@@ -141,7 +141,7 @@ fn what_a_snapshot_does_not_hold_is_refused() {
     static STEPS: AtomicU64 = AtomicU64::new(0);
     let spoilt = Spoilt {
         reward: |reward, start, now, _| {
-            if now.hand.distance(start.measured.hand) < 1.5e-3 {
+            if now.hand.distance(start.measurement.hand) < 1.5e-3 {
                 STEPS.store(0, Ordering::Relaxed);
             }
             if STEPS.fetch_add(1, Ordering::Relaxed) > 510 {
@@ -215,25 +215,25 @@ fn a_malformed_name_is_refused() {
     let task = PushBlock { name: "Push Block".to_owned(), ..PushBlock::default() };
     let flaw = check(leaked(task)).unwrap_err();
     let source = match flaw {
-        Flaw::Failed { source, .. } => source,
+        ConformanceError::CheckFailed { source, .. } => source,
         other => panic!("{other}"),
     };
-    assert!(matches!(source, EnvError::TaskName { .. }), "{source}");
+    assert!(matches!(source, EnvError::InvalidTaskName { .. }), "{source}");
 }
 
 /// The rules must also cover a task's settings for Meta-World's layout.
 #[test]
-fn a_flaw_of_the_stock_layout_alone_is_found() {
+fn a_flaw_of_the_metaworld_layout_alone_is_found() {
     struct Stuck(PushBlock);
     impl Task for Stuck {
         fn name(&self) -> &str {
             self.0.name()
         }
-        fn parts(&self) -> Parts<'_> {
+        fn parts(&self) -> TaskParts<'_> {
             self.0.parts()
         }
-        fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-            self.0.place(rng)
+        fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+            self.0.draw_placement(rng)
         }
         fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
             self.0.reward(start, now, finger)
@@ -241,12 +241,12 @@ fn a_flaw_of_the_stock_layout_alone_is_found() {
         fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
             self.0.expert(placement, now)
         }
-        fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+        fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
             Some(MetaWorldSpec {
                 name: "push-block",
                 hand_target: DVec3::new(0.0, 0.0, 0.2),
-                addition: None,
-                place: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
+                extra_mjcf: None,
+                draw_placement: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
             })
         }
     }
@@ -258,7 +258,7 @@ fn a_flaw_of_the_stock_layout_alone_is_found() {
 fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
     let scene = |group| Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
     let scenes = TaskGroup::STANDARD.map(scene);
-    let of = |scene: &Arc<Scene>| D2::ALL.map(|element| (Arc::clone(scene), element));
+    let of = |shared: &Arc<Scene>| D2::ALL.map(|element| (Arc::clone(shared), element));
     scenes.iter().flat_map(of).collect()
 }
 
@@ -266,7 +266,7 @@ fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
 fn an_expert_that_cannot_get_there_does_not_succeed() {
     let crawling = Control { displacement: 1e-4, horizon: 100, ..Control::default() };
     for (scene, element) in variants(Embodiment::HAND) {
-        let row = experts(&scene, element, crawling, 1).unwrap();
+        let row = measure_expert(&scene, element, crawling, 1).unwrap();
         assert_eq!(row.success_rate(), 0.0, "{row:?}");
     }
 }
@@ -276,7 +276,7 @@ fn an_expert_that_cannot_get_there_does_not_succeed() {
 #[test]
 fn the_hand_mirrors_exactly() {
     for (scene, element) in variants(Embodiment::HAND) {
-        let row = symmetry(&scene, element, 2).unwrap();
+        let row = measure_symmetry(&scene, element, 2).unwrap();
         assert!(row.free_deviation <= 1e-12, "{row:?}");
         assert!(row.contact_deviation <= 1e-12, "{row:?}");
         assert!(row.reward_deviation <= 1e-9, "{row:?}");
@@ -288,7 +288,7 @@ fn the_hand_mirrors_exactly() {
 #[test]
 fn no_seeds_are_refused() {
     let (scene, element) = variants(Embodiment::HAND).remove(0);
-    let error = experts(&scene, element, Control::default(), 0).unwrap_err();
+    let error = measure_expert(&scene, element, Control::default(), 0).unwrap_err();
     assert!(error.to_string().contains("`seeds` is 0"), "{error}");
-    assert!(symmetry(&scene, element, 0).is_err());
+    assert!(measure_symmetry(&scene, element, 0).is_err());
 }

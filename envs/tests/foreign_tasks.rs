@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Control, Embodiment, EnvError, Scene, TableTop, TaskGroup, VecEnv,
-    VecEnvSettings,
+    ACTION_DIM, Camera, Control, Embodiment, EnvError, Scene, StepBuffers, TableTop, TaskGroup,
+    VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -33,7 +33,7 @@ fn generous() -> TaskGroup {
 
 fn with_scene(scene: String) -> TaskGroup {
     let task = PushBlock { scene, ..PushBlock::default() };
-    TaskGroup::of(Box::leak(Box::new(task)))
+    TaskGroup::from_task(Box::leak(Box::new(task)))
 }
 
 #[test]
@@ -45,19 +45,19 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
         ..VecEnvSettings::default()
     };
     let plain = Spoilt::default().group();
-    let mut batch = Batch::new(&settings);
+    let mut batch = StepBuffers::new(&settings);
     let mut env = VecEnv::new(settings, plain, &D2::ALL).unwrap();
-    env.reset(batch.observations()).unwrap();
+    env.reset(batch.observations_mut()).unwrap();
     let objectless =
         PushBlock { name: "objectless".to_owned(), scene: "<mujocoinclude/>".to_owned() };
-    let objectless = TaskGroup::of(Box::leak(Box::new(objectless)));
+    let objectless = TaskGroup::from_task(Box::leak(Box::new(objectless)));
     let refused = [(generous(), "called `push-block` already"), (objectless, "MuJoCo cannot load")];
-    for (refused, says) in refused {
-        let message = env.set_tasks(refused, &D2::ALL).unwrap_err().to_string();
+    for (task, says) in refused {
+        let message = env.set_task_group(task, &D2::ALL).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
-        env.step(&[0.0; ACTION_DIM], batch.step()).unwrap();
+        env.step(&[0.0; ACTION_DIM], batch.step_mut()).unwrap();
     }
-    env.set_tasks(plain, &D2::ALL).unwrap();
+    env.set_task_group(plain, &D2::ALL).unwrap();
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
         (started(plain, short), "horizon: 100"),
     ] {
         let refused = table.restore(&other.save().unwrap()).unwrap_err();
-        assert!(matches!(refused, EnvError::OtherScene { .. }), "{refused}");
+        assert!(matches!(refused, EnvError::SceneMismatch { .. }), "{refused}");
         assert!(refused.to_string().contains(says), "{refused}");
         assert!(table.save().unwrap() == before);
     }
@@ -106,7 +106,7 @@ fn parts_that_are_not_numbers_are_refused() {
     };
     for (spoilt, says) in [(offset, "`object_offset` is [0, NaN, 0]"), (joint, "joint `push`")] {
         let error = scene(spoilt.group()).unwrap_err();
-        assert!(matches!(error, EnvError::Setting { .. }), "{error}");
+        assert!(matches!(error, EnvError::InvalidSetting { .. }), "{error}");
         assert!(error.to_string().contains(says), "{error}");
     }
 }
@@ -127,7 +127,7 @@ fn an_expert_that_asks_for_what_is_no_number_is_refused() {
 #[test]
 fn a_reset_that_fails_leaves_no_episode_running() {
     let mut table = started(Spoilt::default().group(), Control::default());
-    let placement = table.scene().place(&mut ChaCha8Rng::seed_from_u64(1));
+    let placement = table.scene().draw_placement(&mut ChaCha8Rng::seed_from_u64(1));
     let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
     *table.simulation_mut() = mujoco::Data::new(Arc::new(other));
     table.reset_to(D2::Identity, placement).unwrap_err();

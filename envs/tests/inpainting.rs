@@ -3,9 +3,11 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Control, Embodiment, Light, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use envs::{
+    Camera, Control, Embodiment, Light, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup,
+};
 use glam::DVec3;
-use inpainting::{ColorCorrection, Inpainter, InpainterSettings, Link};
+use inpainting::{ArmLink, ColorCorrection, Inpainter, InpainterSettings};
 use mujoco::Model;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -54,7 +56,7 @@ impl Studio {
         Self {
             table: TableTop::new(Arc::clone(&scene), Control::default()).unwrap(),
             raw: SceneRenderer::with_arm(Arc::clone(&scene)).unwrap(),
-            alone: SceneRenderer::of_table(Arc::clone(&scene)).unwrap(),
+            alone: SceneRenderer::without_arm(Arc::clone(&scene)).unwrap(),
             shortcut: SceneRenderer::new(Arc::clone(&scene)).unwrap(),
             arm: Arm::new(&scene.model).unwrap(),
             thickness: 1.0,
@@ -62,7 +64,7 @@ impl Studio {
     }
 
     fn paint(renderer: &mut SceneRenderer, table: &mut TableTop) -> Vec<u8> {
-        let mut rgb = vec![0; SIZE * SIZE * RGB];
+        let mut rgb = vec![0; SIZE * SIZE * RGB_CHANNELS];
         renderer.render(table, &mut rgb).unwrap();
         rgb
     }
@@ -73,12 +75,12 @@ impl Studio {
             .arm
             .links()
             .iter()
-            .map(|link| Link { radius: self.thickness * link.radius, ..*link });
+            .map(|link| ArmLink { radius: self.thickness * link.radius, ..*link });
         let settings = InpainterSettings {
             camera: arm::pinhole(&camera),
-            links: links.collect(),
-            correction,
-            mark: arm::mark(&camera),
+            arm_links: links.collect(),
+            colour_correction: correction,
+            gripper_mark: arm::mark(&camera),
         };
         Inpainter::new(settings, &Self::paint(&mut self.alone, &mut self.table)).unwrap()
     }
@@ -98,7 +100,7 @@ impl Studio {
             tally.pixels += SIZE * SIZE;
             tally.arm += differing(&raw, &alone).count();
             let shown = differing(&raw, &alone);
-            tally.uncovered += shown.filter(|&i| !full.mask()[i]).count();
+            tally.uncovered += shown.filter(|&i| !full.arm_mask()[i]).count();
             let without_arm = self.inpaint(&mut composed, &alone);
             tally.from_composed += differing(&painted, &without_arm).count();
             let live = Self::paint(&mut self.shortcut, &mut self.table);
@@ -115,7 +117,7 @@ impl Studio {
 
     fn inpaint(&self, inpainter: &mut Inpainter, rgb: &[u8]) -> Vec<u8> {
         let mut out = vec![0; rgb.len()];
-        let (joints, hand) = (self.arm.joints(&self.table), self.table.hand());
+        let (joints, hand) = (self.arm.joints(&self.table), self.table.hand_position());
         inpainter.inpaint(rgb, &joints, hand, &mut out).unwrap();
         out
     }
@@ -123,8 +125,8 @@ impl Studio {
 
 /// Stores in `last_seen` the pixels of `raw` without the arm.
 fn remember(last_seen: &mut [u8], raw: &[u8], alone: &[u8]) {
-    let pixels = raw.chunks_exact(RGB).zip(alone.chunks_exact(RGB));
-    for (old, (now, without_arm)) in last_seen.chunks_exact_mut(RGB).zip(pixels) {
+    let pixels = raw.chunks_exact(RGB_CHANNELS).zip(alone.chunks_exact(RGB_CHANNELS));
+    for (old, (now, without_arm)) in last_seen.chunks_exact_mut(RGB_CHANNELS).zip(pixels) {
         if now == without_arm {
             old.copy_from_slice(now);
         }
@@ -133,8 +135,8 @@ fn remember(last_seen: &mut [u8], raw: &[u8], alone: &[u8]) {
 
 /// Returns the indices of the pixels in which two pictures differ.
 fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
-    let pixels = a.chunks_exact(RGB).zip(b.chunks_exact(RGB)).enumerate();
-    pixels.filter(|(_, (a, b))| a != b).map(|(index, _)| index)
+    let pixels = a.chunks_exact(RGB_CHANNELS).zip(b.chunks_exact(RGB_CHANNELS)).enumerate();
+    pixels.filter(|(_, (p, q))| p != q).map(|(index, _)| index)
 }
 
 /// The picture without the arm is the limit of in-painting: equal pixels, except single ones at the

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use envs::{
-    Batch, Camera, Embodiment, EnvError, Layout, Scene, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    Camera, Embodiment, EnvError, Layout, Scene, StepBuffers, TableTop, TaskGroup, VecEnv,
+    VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +13,7 @@ use symmetry::D2;
 use crate::common::{self, PushBlock};
 
 fn table(layout: Layout, group: TaskGroup) -> TableTop {
-    let scene = Scene::in_layout(layout, group, Embodiment::HAND, Camera::default());
+    let scene = Scene::new_in_layout(layout, group, Embodiment::HAND, Camera::default());
     TableTop::new(Arc::new(scene.unwrap()), layout.control()).unwrap()
 }
 
@@ -34,35 +35,35 @@ fn a_snapshot_of_another_scene_is_refused() {
 }
 
 #[test]
-fn the_stock_layout_has_no_mirrored_variants() {
+fn the_metaworld_layout_has_no_mirrored_variants() {
     let mut table = table(Layout::MetaWorld, TaskGroup::PLATE_SLIDE);
     let message = table.reset(D2::FlipX, &mut rng()).unwrap_err().to_string();
     assert!(message.contains("`metaworld` has no variant under flip x"), "{message}");
 }
 
 #[test]
-fn a_task_without_stock_figures_has_no_stock_scene() {
-    let group = TaskGroup::of(Box::leak(Box::new(PushBlock::default())));
+fn a_task_without_metaworld_figures_has_no_metaworld_scene() {
+    let group = TaskGroup::from_task(Box::leak(Box::new(PushBlock::default())));
     let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
-    let refused = Scene::in_layout(layout, group, arm, Camera::default());
+    let refused = Scene::new_in_layout(layout, group, arm, Camera::default());
     let message = refused.unwrap_err().to_string();
     assert!(message.contains("`metaworld` does not support push-block"), "{message}");
 }
 
 #[test]
-fn a_vector_environment_runs_the_stock_layout_and_refuses_mirrored_variants_of_it() {
+fn a_vector_environment_runs_the_metaworld_layout_and_refuses_its_mirrored_variants() {
     let settings = VecEnvSettings {
         num_envs: 2,
         layout: Layout::MetaWorld,
         control: Layout::MetaWorld.control(),
         ..VecEnvSettings::default()
     };
-    let mut batch = Batch::new(&settings);
+    let mut batch = StepBuffers::new(&settings);
     let mut env = VecEnv::new(settings, TaskGroup::BUTTON_PRESS, &[D2::Identity]).unwrap();
-    env.reset(batch.observations()).unwrap();
+    env.reset(batch.observations_mut()).unwrap();
     // Meta-World starts the button's hand 0.2 m back
     assert!((batch.vectors[1] + 0.2).abs() < 0.01, "{:?}", batch.vectors);
-    let refused = env.set_tasks(TaskGroup::BUTTON_PRESS, &D2::ALL);
+    let refused = env.set_task_group(TaskGroup::BUTTON_PRESS, &D2::ALL);
     let error = refused.unwrap_err();
     assert!(matches!(error, EnvError::NoSuchVariant { .. }), "{error}");
 }
@@ -70,12 +71,12 @@ fn a_vector_environment_runs_the_stock_layout_and_refuses_mirrored_variants_of_i
 #[test]
 fn a_vector_environment_runs_a_task_of_somebody_elses() {
     let settings = VecEnvSettings { num_envs: 4, ..VecEnvSettings::default() };
-    let group = TaskGroup::of(Box::leak(Box::new(PushBlock::default())));
-    let mut batch = Batch::new(&settings);
+    let group = TaskGroup::from_task(Box::leak(Box::new(PushBlock::default())));
+    let mut batch = StepBuffers::new(&settings);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    env.prepare(&TaskGroup::STANDARD).unwrap();
-    env.set_tasks(group, &[D2::FlipY]).unwrap();
-    assert!(env.reset(batch.observations()).unwrap().is_empty());
+    env.prepare_task_groups(&TaskGroup::STANDARD).unwrap();
+    env.set_task_group(group, &[D2::FlipY]).unwrap();
+    assert!(env.reset(batch.observations_mut()).unwrap().is_empty());
     let green = |pixel: &[u8]| pixel[1] > 60 && pixel[0] < 60;
     let pixels = batch.images.chunks_exact(6).filter(|pixel| green(pixel));
     assert!(pixels.count() > 4 * 10, "the block shows");
@@ -89,10 +90,10 @@ fn two_tasks_of_one_name_are_refused() {
         scene: common::SCENE.replace("0.04 0.04 0.04", "0.06 0.04 0.04"),
         ..PushBlock::default()
     };
-    let group = |task: PushBlock| TaskGroup::of(Box::leak(Box::new(task)));
+    let group = |task: PushBlock| TaskGroup::from_task(Box::leak(Box::new(task)));
     let (first, second) = (group(PushBlock::default()), group(wide));
     let mut env = VecEnv::new(settings, first, &D2::ALL).unwrap();
-    env.set_tasks(first, &D2::ALL).unwrap();
-    let message = env.set_tasks(second, &D2::ALL).unwrap_err().to_string();
+    env.set_task_group(first, &D2::ALL).unwrap();
+    let message = env.set_task_group(second, &D2::ALL).unwrap_err().to_string();
     assert!(message.contains("called `push-block` already"), "{message}");
 }

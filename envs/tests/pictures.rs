@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use envs::{
-    Backdrop, Camera, Control, Embodiment, ExtraView, RGB, Scene, SceneRenderer, TableTop,
+    Backdrop, Camera, Control, Embodiment, ExtraView, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
     TaskGroup,
 };
 use rand::SeedableRng;
@@ -37,9 +37,9 @@ impl Studio {
     /// `seed` draws.
     fn pictures(&mut self, seed: u64) -> Vec<Vec<u8>> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let placement = self.group.task().place(&mut rng);
+        let placement = self.group.task().draw_placement(&mut rng);
         let picture = |element| {
-            let mut rgb = vec![0; self.size * self.size * RGB];
+            let mut rgb = vec![0; self.size * self.size * RGB_CHANNELS];
             self.table.reset_to(element, placement).unwrap();
             self.renderer.render(&mut self.table, &mut rgb).unwrap();
             rgb
@@ -50,13 +50,13 @@ impl Studio {
 
 /// Returns the expected pictures of the four variants: the canonical picture, mirrored.
 fn mirrored(pictures: &[Vec<u8>], size: usize) -> [Vec<u8>; 4] {
-    D2::ALL.map(|element| element.transform_image(&pictures[0], size, size, RGB))
+    D2::ALL.map(|element| element.transform_image(&pictures[0], size, size, RGB_CHANNELS))
 }
 
 /// Counts the pixels in which two pictures differ.
 fn differing_pixels(a: &[u8], b: &[u8]) -> usize {
-    let pixels = a.chunks(RGB).zip(b.chunks(RGB));
-    pixels.filter(|(a, b)| a != b).count()
+    let pixels = a.chunks(RGB_CHANNELS).zip(b.chunks(RGB_CHANNELS));
+    pixels.filter(|(p, q)| p != q).count()
 }
 
 /// Asserts that at most a few pictures differ, each by an edge.
@@ -98,12 +98,13 @@ fn variants_are_mirror_images_bit_for_bit() {
 #[test]
 fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
     let camera =
-        Camera { oversampling: 3, beside: ExtraView::FirstAndCloseUp, ..Camera::default() };
-    let channels = camera.beside.channels();
+        Camera { oversampling: 3, extra_views: ExtraView::FirstAndCloseUp, ..Camera::default() };
+    let channels = camera.extra_views.num_channels();
     for group in TaskGroup::STANDARD {
         let mut studio = Studio::seen_by(group, Embodiment::HAND, camera);
         for (seed, [x, y, z]) in [[1.0, 0.7, -1.0], [-0.3, 1.0, -1.0]].into_iter().enumerate() {
-            let placement = group.task().place(&mut ChaCha8Rng::seed_from_u64(seed as u64));
+            let placement =
+                group.task().draw_placement(&mut ChaCha8Rng::seed_from_u64(seed as u64));
             let mut image = |element: D2| {
                 studio.table.reset_to(element, placement).unwrap();
                 for _ in 0..8 {
@@ -111,15 +112,15 @@ fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
                     let action = [x as f32, y as f32, z as f32, -1.0];
                     studio.table.step(&action).unwrap();
                 }
-                let mut seen = vec![0; studio.size * studio.size * RGB];
+                let mut seen = vec![0; studio.size * studio.size * RGB_CHANNELS];
                 studio.renderer.render(&mut studio.table, &mut seen).unwrap();
                 let mut image = vec![0; studio.size * studio.size * channels];
                 let first = vec![7; seen.len()];
-                studio.renderer.compose(&studio.table, &seen, &first, &mut image);
+                studio.renderer.compose_observation(&studio.table, &seen, &first, &mut image);
                 image
             };
             let canonical = image(D2::Identity);
-            let differs = |pixel: &[u8]| pixel[..RGB] != pixel[2 * RGB..];
+            let differs = |pixel: &[u8]| pixel[..RGB_CHANNELS] != pixel[2 * RGB_CHANNELS..];
             assert!(canonical.chunks(channels).any(differs));
             for element in D2::ALL {
                 let mirrored =
@@ -189,15 +190,15 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
         .flat_map(|embodiment| TaskGroup::STANDARD.map(|group| (group, embodiment)));
     for (group, embodiment) in cases {
         let Studio { mut table, mut renderer, .. } = Studio::new(group, embodiment, size);
-        let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; size * size * RGB]);
+        let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; size * size * RGB_CHANNELS]);
         let mut expected = rgb.clone();
         for element in D2::ALL {
             let mut rng = ChaCha8Rng::seed_from_u64(2);
             table.reset(element, &mut rng).unwrap();
-            renderer.draw_backdrop(&mut table, &mut backdrop).unwrap();
+            renderer.render_backdrop(&mut table, &mut backdrop).unwrap();
             loop {
                 renderer.render(&mut table, &mut expected).unwrap();
-                renderer.render_over(&mut table, &mut backdrop, &mut rgb).unwrap();
+                renderer.render_over_backdrop(&mut table, &mut backdrop, &mut rgb).unwrap();
                 assert!(rgb == expected, "{group} {embodiment} {element}");
                 let action = table.expert_action().unwrap();
                 if table.step(&action).unwrap().truncated {
@@ -224,7 +225,7 @@ fn the_canonical_drawer_is_up_and_to_the_right() {
     let size = 48;
     let picture = &Studio::new(TaskGroup::DRAWER_CLOSE, Embodiment::SAWYER, size).pictures(4)[0];
     let green = picture
-        .chunks_exact(RGB)
+        .chunks_exact(RGB_CHANNELS)
         .enumerate()
         .filter(|(_, pixel)| pixel[1] > pixel[0].saturating_add(20) && pixel[1] > pixel[2]);
     let (mut rows, mut columns, mut count) = (0, 0, 0);
@@ -248,13 +249,13 @@ fn a_point_projects_to_its_pixel() {
     };
     for embodiment in Embodiment::STANDARD {
         let mut studio = Studio::seen_by(TaskGroup::BUTTON_PRESS, embodiment, camera);
-        let placement = studio.group.task().place(&mut ChaCha8Rng::seed_from_u64(1));
+        let placement = studio.group.task().draw_placement(&mut ChaCha8Rng::seed_from_u64(1));
         let cap = placement.object + glam::DVec3::new(0.0, -0.1764, 0.0425);
         for (element, rgb) in D2::ALL.into_iter().zip(studio.pictures(1)) {
             let [x, y] = element.apply_xy([cap.x, cap.y]);
             let [u, v] = camera.project(glam::DVec3::new(x, y, cap.z));
             let (row, column) = ((48.0 - v) as usize, (48.0 + u) as usize);
-            let pixel = &rgb[(row * 96 + column) * RGB..][..RGB];
+            let pixel = &rgb[(row * 96 + column) * RGB_CHANNELS..][..RGB_CHANNELS];
             assert!(
                 pixel[0] > 60 && pixel[1] < 20 && pixel[2] < 20,
                 "{embodiment} {element}: {pixel:?} is not the red cap"

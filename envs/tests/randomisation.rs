@@ -1,6 +1,6 @@
 //! Environments with randomised pictures compared to those with perfect ones.
 
-use envs::{ACTION_DIM, Batch, ExtraView, Randomisation, TaskGroup, VecEnv, VecEnvSettings};
+use envs::{ACTION_DIM, ExtraView, Randomisation, StepBuffers, TaskGroup, VecEnv, VecEnvSettings};
 use symmetry::D2;
 
 const N: usize = 3;
@@ -20,19 +20,19 @@ fn settings(threads: usize, randomisation: Option<Randomisation>) -> VecEnvSetti
 }
 
 /// Everything that some steps of a group return, starting with the reset.
-fn walk(settings: VecEnvSettings, group: TaskGroup, seed: Option<u64>) -> Vec<Batch> {
+fn walk(settings: VecEnvSettings, group: TaskGroup, seed: Option<u64>) -> Vec<StepBuffers> {
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
-    let mut batch = Batch::new(&settings);
+    let mut batch = StepBuffers::new(&settings);
     if let Some(seed) = seed {
-        env.reset(batch.observations()).unwrap();
+        env.reset(batch.observations_mut()).unwrap();
         env.reseed(seed).unwrap();
     }
-    env.reset(batch.observations()).unwrap();
+    env.reset(batch.observations_mut()).unwrap();
     let mut seen = vec![batch.clone()];
     for step in 0..STEPS {
         let action = |i: usize| ((i * 7 + step * 3) % 5) as f32 / 2.0 - 1.0;
         let actions: Vec<f32> = (0..N * ACTION_DIM).map(action).collect();
-        env.step(&actions, batch.step()).unwrap();
+        env.step(&actions, batch.step_mut()).unwrap();
         seen.push(batch.clone());
     }
     seen
@@ -51,20 +51,22 @@ fn pictures_alone_are_others_and_they_have_the_same_shape() {
     let group = TaskGroup::PLATE_SLIDE;
     let clean = walk(settings(2, None), group, None);
     let random = walk(settings(2, Some(Randomisation::NOMINAL)), group, None);
-    for (clean, random) in clean.iter().zip(&random) {
-        assert_eq!(random.images.len(), clean.images.len());
-        let image = clean.images.len() / N;
-        for (clean, random) in clean.images.chunks(image).zip(random.images.chunks(image)) {
-            let off = clean.iter().zip(random).map(|(a, b)| f64::from(a.abs_diff(*b)));
+    for (clean_batch, random_batch) in clean.iter().zip(&random) {
+        assert_eq!(random_batch.images.len(), clean_batch.images.len());
+        let image = clean_batch.images.len() / N;
+        for (clean_image, random_image) in
+            clean_batch.images.chunks(image).zip(random_batch.images.chunks(image))
+        {
+            let off = clean_image.iter().zip(random_image).map(|(a, b)| f64::from(a.abs_diff(*b)));
             let off = off.sum::<f64>() / image as f64;
             assert!(off > 1.0 && off < 60.0, "{off} levels off on average");
         }
-        let same = Batch {
-            images: clean.images.clone(),
-            final_images: clean.final_images.clone(),
-            ..random.clone()
+        let same = StepBuffers {
+            images: clean_batch.images.clone(),
+            final_images: clean_batch.final_images.clone(),
+            ..random_batch.clone()
         };
-        assert!(same == *clean, "placements, vectors and rewards stay");
+        assert!(same == *clean_batch, "placements, vectors and rewards stay");
     }
 }
 
@@ -83,12 +85,12 @@ fn any_number_of_threads_shows_the_same_and_so_does_a_seed_given_later() {
 /// Light and white balance are measured in a corner of the table, where nothing moves.
 #[test]
 fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another() {
-    let amounts = Randomisation { exposure: 20.0, balance: 10.0, ..Randomisation::OFF };
+    let amounts = Randomisation { exposure_sd: 20.0, white_balance_sd: 10.0, ..Randomisation::OFF };
     let walk = walk(settings(2, Some(amounts)), TaskGroup::GOAL_REACH, None);
-    let corners = |batch: &Batch| -> Vec<Vec<u8>> {
+    let corners = |batch: &StepBuffers| -> Vec<Vec<u8>> {
         let image = batch.images.len() / N;
         let images = batch.images.chunks(image);
-        images.map(|image| image[..ExtraView::First.channels()].to_vec()).collect()
+        images.map(|pixels| pixels[..ExtraView::First.num_channels()].to_vec()).collect()
     };
     let mut episodes = vec![corners(&walk[0])];
     for (step, batch) in walk.iter().enumerate().skip(1) {
@@ -111,10 +113,10 @@ fn settings_without_it_read_and_write_as_before() {
     let random = settings(2, Some(Randomisation::NOMINAL));
     let text = serde_json::to_string(&random).unwrap();
     assert_eq!(serde_json::from_str::<VecEnvSettings>(&text).unwrap(), random);
-    assert_eq!(random.clean(), settings(2, None));
+    assert_eq!(random.without_randomisation(), settings(2, None));
     let mut wild = Randomisation::NOMINAL;
-    wild.position_error = 500.0;
+    wild.max_position_error_mm = 500.0;
     let refused = VecEnv::new(settings(2, Some(wild)), TaskGroup::GOAL_REACH, &D2::ALL);
     let message = refused.err().unwrap().to_string();
-    assert!(message.contains("`position_error` is 500, expected 0 to 100 mm"), "{message}");
+    assert!(message.contains("`max_position_error_mm` is 500, expected 0 to 100 mm"), "{message}");
 }

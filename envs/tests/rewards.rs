@@ -6,8 +6,10 @@
 //!
 //! ```python
 //! observation, reward, _, _, info = env.step(action)      # step k, action[3] clipped to [-1, 1]
-//! row(goal=env._target_pos, start_tcp=env.init_tcp, start_object=observation_at_reset[4:7], tcp=env.tcp_center,
-//!     object=observation[4:7], aperture=observation[3], finger=action[3], reward=reward, success=info["success"])
+//! row(goal=env._target_pos, start_tcp=env.init_tcp, start_object=observation_at_reset[4:7],
+//! tcp=env.tcp_center,
+//!     object=observation[4:7], aperture=observation[3], finger=action[3], reward=reward,
+//! success=info["success"])
 //! ```
 //!
 //! with the table's centre (0, 0.6) moved to the origin; Goal Reach is raised by 0.02 m, since our
@@ -45,8 +47,8 @@ fn rewards_and_successes_are_meta_worlds() {
         let goal = DVec3::from_array(row.goal);
         let start = EpisodeStart {
             placement: Placement { object: goal, goal },
-            hand_target: envs::HAND_START,
-            measured: measurement(row.start_tcp, row.start_object, 1.0),
+            hand_target: envs::HAND_TARGET_START,
+            measurement: measurement(row.start_tcp, row.start_object, 1.0),
         };
         let now = measurement(row.tcp, row.object, row.aperture);
         let got = row.group.task().reward(&start, &now, row.finger);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Control, Embodiment, HAND_START, Layout, Scene, TableTop, TaskGroup};
+use envs::{Camera, Control, Embodiment, HAND_TARGET_START, Layout, Scene, TableTop, TaskGroup};
 use mujoco::Data;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -33,9 +33,10 @@ fn everything_in_every_scene_has_a_name() {
     for layout in Layout::ALL {
         for embodiment in Embodiment::BUILT_IN {
             for group in TaskGroup::STANDARD {
-                let scene = Scene::in_layout(layout, group, embodiment, Camera::default()).unwrap();
-                let unnamed = scene.model.unnamed();
-                let warning = scene.model.warning();
+                let scene =
+                    Scene::new_in_layout(layout, group, embodiment, Camera::default()).unwrap();
+                let unnamed = scene.model.unnamed_objects();
+                let warning = scene.model.compile_warning();
                 assert!(unnamed.is_empty(), "{layout}, {embodiment}, {group}: {unnamed:?}");
                 assert_eq!(warning, None, "{layout}, {embodiment}, {group}");
             }
@@ -50,10 +51,10 @@ fn hands_rest_below_their_target() {
     for embodiment in Embodiment::STANDARD {
         let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
-        data.restore(scene.settled()).unwrap();
+        data.restore_state(scene.start_state()).unwrap();
         data.forward_kinematics().unwrap();
         let hand = data.body_position(scene.model.body("hand").unwrap());
-        let sag = HAND_START - glam::DVec3::from_array(hand);
+        let sag = HAND_TARGET_START - glam::DVec3::from_array(hand);
         assert!((sag.z - 3.81e-3).abs() < 5e-5, "{embodiment}: {sag}");
         assert!(sag.truncate().length() < 5e-4, "{embodiment}: {sag}");
         let fastest = data.qvel().iter().fold(0.0, |max, v| larger(max, v.abs()));
@@ -68,13 +69,13 @@ fn the_hand_follows_its_target_as_the_arm_does() {
     let follow = |embodiment| {
         let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
-        data.restore(scene.settled()).unwrap();
+        data.restore_state(scene.start_state()).unwrap();
         let (target, hand) =
-            (scene.model.mocap("hand_target").unwrap(), scene.model.body("hand").unwrap());
+            (scene.model.mocap_body("hand_target").unwrap(), scene.model.body("hand").unwrap());
         let mut lags = Vec::new();
         for step in 1..=40 {
             let x = 0.004 * f64::from(step);
-            data.set_mocap_position(target, [x, 0.0, HAND_START.z]).unwrap();
+            data.set_mocap_position(target, [x, 0.0, HAND_TARGET_START.z]).unwrap();
             data.step(5).unwrap();
             data.forward_kinematics().unwrap();
             lags.push(x - data.body_position(hand)[0]);
@@ -83,8 +84,8 @@ fn the_hand_follows_its_target_as_the_arm_does() {
     };
     let (arm, hand) = (follow(Embodiment::SAWYER), follow(Embodiment::HAND));
     // at 0.32 m/s: 12 mm by the weld's damper and 1 to 5 mm by the damping of what it pulls
-    for (step, (arm, hand)) in arm.iter().zip(&hand).enumerate() {
-        assert!((arm - hand).abs() < 4e-3, "step {step}: {arm} and {hand}");
+    for (step, (arm_at, hand_at)) in arm.iter().zip(&hand).enumerate() {
+        assert!((arm_at - hand_at).abs() < 4e-3, "step {step}: {arm_at} and {hand_at}");
     }
     assert!((0.012..0.020).contains(&hand[39]), "{}", hand[39]);
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use envs::embodiments::KinovaGen3;
 use envs::robots::{Command, ControlError, Robot, Twist, Watchdog};
-use envs::{Camera, Embodiment, HAND_START, Placement, Scene, SimulatedArm, TaskGroup};
+use envs::{Camera, Embodiment, HAND_TARGET_START, Placement, Scene, SimulatedArm, TaskGroup};
 use glam::DVec3;
 use symmetry::D2;
 
@@ -22,12 +22,12 @@ fn scene(embodiment: Embodiment) -> Arc<Scene> {
 fn started(latency: f64) -> SimulatedArm {
     let mut arm = SimulatedArm::new(scene(Embodiment::KINOVA_GEN3), latency).unwrap();
     let placement = Placement { object: DVec3::ZERO, goal: DVec3::new(0.1, 0.1, 0.1) };
-    arm.start(D2::Identity, placement).unwrap();
+    arm.start_episode(D2::Identity, placement).unwrap();
     arm
 }
 
-fn moving(linear: DVec3, closing: f64) -> Command {
-    Command { twist: Twist::from_linear(linear), closing }
+fn moving(linear: DVec3, gripper_closure: f64) -> Command {
+    Command { twist: Twist::from_linear(linear), gripper_closure }
 }
 
 fn advance(arm: &mut SimulatedArm, steps: usize) {
@@ -40,15 +40,15 @@ fn advance(arm: &mut SimulatedArm, steps: usize) {
 fn a_twist_moves_the_tip_at_its_speed_and_closes_the_fingers() {
     let mut arm = started(0.0);
     let start = arm.state().unwrap();
-    assert!(start.tip.position.distance(HAND_START) < 1e-4 && start.closing < 1e-3);
+    assert!(start.tip.position.distance(HAND_TARGET_START) < 1e-4 && start.gripper_closure < 1e-3);
     arm.command(&moving(0.1 * DVec3::X, 1.0)).unwrap();
     advance(&mut arm, 80);
     let state = arm.state().unwrap();
     let way = state.tip.position - start.tip.position;
     // a second, less half of the 50 ms in which it speeds up, and the lag of its servos
     assert!((0.09..0.1).contains(&way.x) && way.y.abs() < 0.003 && way.z.abs() < 0.003, "{way}");
-    assert!(state.closing > 0.95, "{}", state.closing);
-    let hand = arm.table().hand();
+    assert!(state.gripper_closure > 0.95, "{}", state.gripper_closure);
+    let hand = arm.table().hand_position();
     assert!(hand.distance(state.tip.position) < 1e-6, "its joints tell where it is");
     arm.stop().unwrap();
     advance(&mut arm, 40);
@@ -75,7 +75,9 @@ fn latency_shifts_what_is_commanded_and_nothing_else() {
         let off = place.distance(later[i + 5]);
         assert!(off < 1e-5, "{i}: {off}");
     }
-    assert!(later[4].distance(HAND_START) < 1e-4 && now[4].distance(HAND_START) > 1e-3);
+    assert!(
+        later[4].distance(HAND_TARGET_START) < 1e-4 && now[4].distance(HAND_TARGET_START) > 1e-3
+    );
 }
 
 #[test]
@@ -87,7 +89,7 @@ fn an_arm_that_cannot_follow_says_so_and_stands() {
             advance(&mut arm, 1);
             arm.state().err()
         });
-        assert!(matches!(fault, Some(ControlError::OutOfReach { .. })), "{fault:?}");
+        assert!(matches!(fault, Some(ControlError::CannotFollow { .. })), "{fault:?}");
         advance(&mut arm, 40);
         let stands = arm.state().unwrap().tip.position;
         advance(&mut arm, 40);
@@ -135,7 +137,7 @@ fn a_watchdog_stops_an_arm_that_nobody_commands() {
     // 200 ms are 16 steps
     assert!(places[15].distance(places[10]) > 4e-3);
     assert!(places[59].distance(places[45]) < 1e-4);
-    let way = places[59].distance(HAND_START);
+    let way = places[59].distance(HAND_TARGET_START);
     assert!((0.01..0.025).contains(&way), "{way}");
 }
 
@@ -151,7 +153,7 @@ fn capsules_follow_the_joints_that_the_arm_tells() {
     let mut seen = 0;
     for geom in model.geoms().filter(|&geom| model.geom_group(geom) == envs::ARM_GEOM_GROUP) {
         let middle = DVec3::from_array(data.geom_position(geom));
-        let inside = capsules.iter().map(|capsule| capsule.distance(middle));
+        let inside = capsules.iter().map(|capsule| capsule.signed_distance(middle));
         let inside = inside.fold(f64::INFINITY, f64::min);
         assert!(inside < 0.0, "{:?}: {inside}", model.name(geom));
         seen += 1;

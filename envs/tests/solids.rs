@@ -48,9 +48,9 @@ fn every_scene_has_solids_of_its_table_and_its_arm() {
 fn solids_are_where_the_simulation_has_them() {
     let mut table = started(TaskGroup::GOAL_REACH, Embodiment::HAND, D2::FlipX);
     let before: Vec<(bool, DVec3)> = table.solids().map(|s| (s.is_arm, s.position)).collect();
-    let hand = table.hand();
+    let hand = table.hand_position();
     table.step(&[1.0, 0.0, 0.0, 0.0]).unwrap();
-    let moved = table.hand() - hand;
+    let moved = table.hand_position() - hand;
     assert!(moved.x > 0.01, "{moved}");
     for (solid, (is_arm, position)) in table.solids().zip(before) {
         let own = solid.position - position;

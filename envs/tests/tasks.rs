@@ -82,11 +82,11 @@ fn success_at_the_end_is_that_of_the_last_control_step() {
         table.reset(D2::FlipX, &mut rng).unwrap();
         let task = table.scene().group.task();
         let begun = EpisodeStart {
-            placement: table.scene().place(&mut ChaCha8Rng::seed_from_u64(seed)),
-            hand_target: envs::HAND_START,
-            measured: table.measurement().unwrap(),
+            placement: table.scene().draw_placement(&mut ChaCha8Rng::seed_from_u64(seed)),
+            hand_target: envs::HAND_TARGET_START,
+            measurement: table.measurement().unwrap(),
         };
-        for decision in 0..table.control().decisions() {
+        for decision in 0..table.control().decisions_per_episode() {
             let action = match decision {
                 0..30 => table.expert_action().unwrap(),
                 _ => [0.6, -0.6, 0.6, 0.0],
@@ -107,7 +107,7 @@ fn placements_that_are_not_numbers_are_refused_and_change_nothing() {
     for group in TaskGroup::STANDARD {
         let mut table = table(group);
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let sound = table.scene().place(&mut rng);
+        let sound = table.scene().draw_placement(&mut rng);
         table.reset_to(D2::Identity, sound).unwrap();
         let before = table.save().unwrap();
         for bad in [f64::NAN, f64::INFINITY] {

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Control, EnvError, ExtraView, ObservationsMut, RGB, Randomisation,
-    Scene, SceneRenderer, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, Control, EnvError, ExtraView, ObservationsMut, RGB_CHANNELS, Randomisation,
+    Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -28,13 +28,13 @@ fn action(step: usize) -> Vec<f32> {
 fn trace(threads: usize) -> Vec<u32> {
     let settings = settings(threads);
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
-    let mut buffers = Batch::new(&settings);
+    let mut buffers = StepBuffers::new(&settings);
     let mut trace = Vec::new();
     for group in [TaskGroup::DRAWER_CLOSE, TaskGroup::PLATE_SLIDE, TaskGroup::DRAWER_CLOSE] {
-        env.set_tasks(group, &D2::ALL).unwrap();
-        env.reset(buffers.observations()).unwrap();
+        env.set_task_group(group, &D2::ALL).unwrap();
+        env.reset(buffers.observations_mut()).unwrap();
         for step in 0..7 {
-            env.step(&action(step), buffers.step()).unwrap();
+            env.step(&action(step), buffers.step_mut()).unwrap();
             trace.extend(buffers.images.iter().map(|&v| u32::from(v)));
             trace.extend(buffers.vectors.iter().map(|v| v.to_bits()));
             trace.extend(buffers.rewards.iter().map(|v| v.to_bits()));
@@ -60,23 +60,23 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    let mut buffers = Batch::new(&settings);
-    env.reset(buffers.observations()).unwrap();
+    let mut buffers = StepBuffers::new(&settings);
+    env.reset(buffers.observations_mut()).unwrap();
     let start = buffers.vectors.clone();
-    for step in 1..=settings.control.decisions() {
+    for step in 1..=settings.control.decisions_per_episode() {
         assert!(buffers.truncated.iter().all(|&end| !end), "before step {step}");
-        env.step(&[1.0; N * ACTION_DIM], buffers.step()).unwrap();
+        env.step(&[1.0; N * ACTION_DIM], buffers.step_mut()).unwrap();
     }
     assert!(buffers.truncated.iter().all(|&end| end));
-    for env in 0..N {
-        let row = env * VECTOR_DIM..env * VECTOR_DIM + 3;
+    for index in 0..N {
+        let row = index * VECTOR_DIM..index * VECTOR_DIM + 3;
         assert_eq!(
             buffers.vectors[row.clone()],
             start[row.clone()],
             "a new episode starts at rest"
         );
         let moved = buffers.final_vectors[row.start] - start[row.start];
-        assert!(moved > 0.1, "environment {env} moved {moved} m in its episode");
+        assert!(moved > 0.1, "environment {index} moved {moved} m in its episode");
     }
     // the second half of the channels is the episode's first picture, which is also the current one
     // now
@@ -107,7 +107,7 @@ impl Twin {
             large: large(settings, group),
             renderer: SceneRenderer::new(scene).unwrap(),
             rng,
-            first: vec![0; settings.camera.size * settings.camera.size * RGB],
+            first: vec![0; settings.camera.size * settings.camera.size * RGB_CHANNELS],
         }
     }
 
@@ -123,16 +123,16 @@ impl Twin {
         let mut now = self.first.clone();
         self.renderer.render(&mut self.table, &mut now).unwrap();
         let mut pictures = vec![now];
-        match self.table.scene().camera.beside {
+        match self.table.scene().camera.extra_views {
             ExtraView::First => pictures.push(self.first.clone()),
             ExtraView::CloseUp => pictures.push(self.close_up()),
             ExtraView::FirstAndCloseUp => pictures.extend([self.first.clone(), self.close_up()]),
         }
         let pixel = |index| {
-            let pixels = pictures.iter().map(move |picture| &picture[index..][..RGB]);
+            let pixels = pictures.iter().map(move |picture| &picture[index..][..RGB_CHANNELS]);
             pixels.flatten().copied()
         };
-        let image = (0..self.first.len()).step_by(RGB).flat_map(pixel);
+        let image = (0..self.first.len()).step_by(RGB_CHANNELS).flat_map(pixel);
         (image.collect(), self.table.observe().unwrap().to_vec())
     }
 
@@ -140,10 +140,10 @@ impl Twin {
     fn close_up(&mut self) -> Vec<u8> {
         let camera = self.table.scene().camera;
         let side = camera.size * camera.oversampling;
-        let mut large = vec![0; side * side * RGB];
+        let mut large = vec![0; side * side * RGB_CHANNELS];
         let (table, renderer) = &mut self.large;
         renderer.render(table, &mut large).unwrap();
-        let hand = self.table.hand();
+        let hand = self.table.hand_position();
         let per_metre = side as f64 / (2.0 * camera.half_extent);
         let middle = [-hand.y, hand.x].map(|way| (way * per_metre).round());
         let half = [side, camera.size].map(|side| side as f64 / 2.0);
@@ -151,11 +151,12 @@ impl Twin {
             let place = [index / camera.size, index % camera.size];
             let [row, column] =
                 [0, 1].map(|axis| half[0] + middle[axis] + place[axis] as f64 - half[1]);
-            let inside = |place: f64| (0.0..side as f64).contains(&place);
+            let inside = |coordinate: f64| (0.0..side as f64).contains(&coordinate);
             if inside(row) && inside(column) {
-                large[(row as usize * side + column as usize) * RGB..][..RGB].to_vec()
+                large[(row as usize * side + column as usize) * RGB_CHANNELS..][..RGB_CHANNELS]
+                    .to_vec()
             } else {
-                vec![128; RGB]
+                vec![128; RGB_CHANNELS]
             }
         };
         (0..camera.size * camera.size).flat_map(pixel).collect()
@@ -168,7 +169,7 @@ fn large(settings: &VecEnvSettings, group: TaskGroup) -> (TableTop, SceneRendere
     let large = camera.with_size(camera.size * camera.oversampling);
     let scene = Arc::new(Scene::new(group, settings.embodiment, large).unwrap());
     let table = TableTop::new(Arc::clone(&scene), settings.control).unwrap();
-    (table, SceneRenderer::of_table(scene).unwrap())
+    (table, SceneRenderer::without_arm(scene).unwrap())
 }
 
 /// Returns row `env` of observations.
@@ -185,7 +186,7 @@ fn every_row_is_what_one_environment_driven_by_hand_shows() {
     for beside in [ExtraView::First, ExtraView::CloseUp, ExtraView::FirstAndCloseUp] {
         for oversampling in [1, 3] {
             let mut settings = settings(2);
-            (settings.camera.oversampling, settings.camera.beside) = (oversampling, beside);
+            (settings.camera.oversampling, settings.camera.extra_views) = (oversampling, beside);
             rows_equal_environments_driven_by_hand(settings);
         }
     }
@@ -194,31 +195,31 @@ fn every_row_is_what_one_environment_driven_by_hand_shows() {
 fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
     let group = TaskGroup::BUTTON_PRESS;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
-    let mut buffers = Batch::new(&settings);
-    let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
-    env.reset(buffers.observations()).unwrap();
-    for (env, twin) in twins.iter_mut().enumerate() {
-        assert_eq!(row(&buffers.observations(), env), twin.begin());
+    let mut buffers = StepBuffers::new(&settings);
+    let mut twins = [0, 1, 2].map(|index| Twin::new(&settings, group, index));
+    env.reset(buffers.observations_mut()).unwrap();
+    for (index, twin) in twins.iter_mut().enumerate() {
+        assert_eq!(row(&buffers.observations_mut(), index), twin.begin());
     }
     for step in 0..14 {
         let actions = action(step);
-        env.step(&actions, buffers.step()).unwrap();
-        for (env, twin) in twins.iter_mut().enumerate() {
-            let action = actions[env * ACTION_DIM..][..ACTION_DIM].try_into().unwrap();
+        env.step(&actions, buffers.step_mut()).unwrap();
+        for (index, twin) in twins.iter_mut().enumerate() {
+            let action = actions[index * ACTION_DIM..][..ACTION_DIM].try_into().unwrap();
             let expected = twin.table.step(action).unwrap();
             twin.large.0.step(action).unwrap();
-            assert_eq!(buffers.rewards[env], expected.reward as f32);
-            assert_eq!(buffers.success[env], expected.success);
-            assert_eq!(buffers.success_at_end[env], expected.success_at_end);
-            assert_eq!(buffers.truncated[env], expected.truncated);
+            assert_eq!(buffers.rewards[index], expected.reward as f32);
+            assert_eq!(buffers.success[index], expected.success);
+            assert_eq!(buffers.success_at_end[index], expected.success_at_end);
+            assert_eq!(buffers.truncated[index], expected.truncated);
             let mut observation = twin.observe();
             if expected.truncated {
-                let last = buffers.step().final_observations;
-                assert_eq!(row(&last, env), observation, "environment {env}");
+                let last = buffers.step_mut().final_observations;
+                assert_eq!(row(&last, index), observation, "environment {index}");
                 observation = twin.begin();
             }
-            let now = row(&buffers.observations(), env);
-            assert_eq!(now, observation, "environment {env} after step {step}");
+            let now = row(&buffers.observations_mut(), index);
+            assert_eq!(now, observation, "environment {index} after step {step}");
         }
     }
 }
@@ -228,18 +229,18 @@ fn success_at_any_step_and_at_the_end_are_told_apart() {
     let settings = VecEnvSettings { control: Control::default(), ..settings(2) };
     let group = TaskGroup::GOAL_REACH;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
-    let mut batch = Batch::new(&settings);
-    let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
-    env.reset(batch.observations()).unwrap();
+    let mut batch = StepBuffers::new(&settings);
+    let mut twins = [0, 1, 2].map(|index| Twin::new(&settings, group, index));
+    env.reset(batch.observations_mut()).unwrap();
     twins.iter_mut().for_each(|twin| drop(twin.begin()));
     let mut apart = 0;
-    for decision in 0..settings.control.decisions() {
+    for decision in 0..settings.control.decisions_per_episode() {
         let action = |twin: &Twin| match decision {
             0..30 => twin.table.expert_action().unwrap(),
             _ => [0.6, -0.6, 0.6, 0.0],
         };
         let actions = twins.each_ref().map(action);
-        env.step(actions.as_flattened(), batch.step()).unwrap();
+        env.step(actions.as_flattened(), batch.step_mut()).unwrap();
         let expected = [0, 1, 2].map(|i| twins[i].table.step(&actions[i]).unwrap());
         assert_eq!(batch.success, expected.map(|step| step.success));
         assert_eq!(batch.success_at_end, expected.map(|step| step.success_at_end));
@@ -250,12 +251,12 @@ fn success_at_any_step_and_at_the_end_are_told_apart() {
 
 #[test]
 fn a_seed_given_later_is_as_good_as_one_given_at_first() {
-    let first = |env: &mut VecEnv, buffers: &mut Batch| {
-        env.reset(buffers.observations()).unwrap();
+    let first = |env: &mut VecEnv, buffers: &mut StepBuffers| {
+        env.reset(buffers.observations_mut()).unwrap();
         (buffers.images.clone(), buffers.vectors.clone())
     };
     let settings = settings(2);
-    let mut buffers = Batch::new(&settings);
+    let mut buffers = StepBuffers::new(&settings);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let fresh = first(&mut env, &mut buffers);
     let second = first(&mut env, &mut buffers);
@@ -280,15 +281,15 @@ fn settings_travel_as_json_and_unknown_ones_are_refused() {
 fn variants_are_drawn_from_the_elements_given() {
     let settings = VecEnvSettings { num_envs: 12, ..settings(2) };
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &[D2::FlipX]).unwrap();
-    let mut buffers = Batch::new(&settings);
-    env.reset(buffers.observations()).unwrap();
-    let goals = |buffers: &Batch| -> Vec<(bool, bool)> {
-        let rows = buffers.vectors.chunks_exact(VECTOR_DIM);
+    let mut buffers = StepBuffers::new(&settings);
+    env.reset(buffers.observations_mut()).unwrap();
+    let goals = |batch: &StepBuffers| -> Vec<(bool, bool)> {
+        let rows = batch.vectors.chunks_exact(VECTOR_DIM);
         rows.map(|row| (row[4] < 0.0, row[5] < 0.0)).collect()
     };
     assert!(goals(&buffers).iter().all(|&quadrant| quadrant == (true, false)));
-    env.set_tasks(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    env.reset(buffers.observations()).unwrap();
+    env.set_task_group(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
+    env.reset(buffers.observations_mut()).unwrap();
     let quadrants: std::collections::HashSet<_> = goals(&buffers).into_iter().collect();
     assert!(quadrants.len() > 1);
 }
@@ -297,23 +298,23 @@ fn variants_are_drawn_from_the_elements_given() {
 fn bad_input_is_refused_and_changes_nothing() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    let mut buffers = Batch::new(&settings);
-    let early = env.step(&action(0), buffers.step()).unwrap_err();
+    let mut buffers = StepBuffers::new(&settings);
+    let early = env.step(&action(0), buffers.step_mut()).unwrap_err();
     assert!(early.to_string().contains("no episode is running"), "{early}");
-    env.reset(buffers.observations()).unwrap();
-    let short = env.step(&[0.0; 3], buffers.step()).unwrap_err();
+    env.reset(buffers.observations_mut()).unwrap();
+    let short = env.step(&[0.0; 3], buffers.step_mut()).unwrap_err();
     assert!(short.to_string().contains("`actions` has 3 elements, expected 12"));
     let mut bad = action(0);
     bad[6] = f32::INFINITY;
-    let message = env.step(&bad, buffers.step()).unwrap_err().to_string();
+    let message = env.step(&bad, buffers.step_mut()).unwrap_err().to_string();
     assert!(message.contains("environment 1: component 2 of the action is inf"), "{message}");
-    let none = env.set_tasks(TaskGroup::GOAL_REACH, &[]).unwrap_err();
+    let none = env.set_task_group(TaskGroup::GOAL_REACH, &[]).unwrap_err();
     assert!(none.to_string().contains("no variants of goal-reach"));
-    env.step(&action(0), buffers.step()).unwrap();
+    env.step(&action(0), buffers.step_mut()).unwrap();
     let mut fresh = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    let mut expected = Batch::new(&settings);
-    fresh.reset(expected.observations()).unwrap();
-    fresh.step(&action(0), expected.step()).unwrap();
+    let mut expected = StepBuffers::new(&settings);
+    fresh.reset(expected.observations_mut()).unwrap();
+    fresh.step(&action(0), expected.step_mut()).unwrap();
     assert_eq!(buffers.vectors, expected.vectors);
     assert_eq!(buffers.images, expected.images);
 }
@@ -322,15 +323,15 @@ fn bad_input_is_refused_and_changes_nothing() {
 fn a_switch_ends_running_episodes() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &[D2::Identity]).unwrap();
-    let mut buffers = Batch::new(&settings);
-    env.reset(buffers.observations()).unwrap();
-    env.set_tasks(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    env.reset(buffers.observations()).unwrap();
-    env.set_tasks(TaskGroup::DRAWER_CLOSE, &[D2::HalfTurn]).unwrap();
-    let stale = env.step(&action(0), buffers.step()).unwrap_err();
+    let mut buffers = StepBuffers::new(&settings);
+    env.reset(buffers.observations_mut()).unwrap();
+    env.set_task_group(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
+    env.reset(buffers.observations_mut()).unwrap();
+    env.set_task_group(TaskGroup::DRAWER_CLOSE, &[D2::HalfTurn]).unwrap();
+    let stale = env.step(&action(0), buffers.step_mut()).unwrap_err();
     assert!(stale.to_string().contains("no episode is running"), "{stale}");
-    env.reset(buffers.observations()).unwrap();
-    env.step(&action(0), buffers.step()).unwrap();
+    env.reset(buffers.observations_mut()).unwrap();
+    env.step(&action(0), buffers.step_mut()).unwrap();
 }
 
 #[test]
@@ -338,25 +339,25 @@ fn preparing_groups_changes_nothing_that_is_seen() {
     let settings = settings(2);
     let mut plain = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut prepared = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    let mut buffers = [Batch::new(&settings), Batch::new(&settings)];
+    let mut buffers = [StepBuffers::new(&settings), StepBuffers::new(&settings)];
     let [a, b] = &mut buffers;
     for group in [TaskGroup::GOAL_REACH, TaskGroup::PLATE_SLIDE] {
-        plain.set_tasks(group, &D2::ALL).unwrap();
-        prepared.set_tasks(group, &D2::ALL).unwrap();
-        plain.reset(a.observations()).unwrap();
-        prepared.reset(b.observations()).unwrap();
-        plain.step(&action(0), a.step()).unwrap();
+        plain.set_task_group(group, &D2::ALL).unwrap();
+        prepared.set_task_group(group, &D2::ALL).unwrap();
+        plain.reset(a.observations_mut()).unwrap();
+        prepared.reset(b.observations_mut()).unwrap();
+        plain.step(&action(0), a.step_mut()).unwrap();
         // in the middle of episodes
-        prepared.prepare(&TaskGroup::STANDARD).unwrap();
-        prepared.step(&action(0), b.step()).unwrap();
+        prepared.prepare_task_groups(&TaskGroup::STANDARD).unwrap();
+        prepared.step(&action(0), b.step_mut()).unwrap();
         assert_eq!((&a.images, &a.vectors), (&b.images, &b.vectors), "{group}");
     }
 }
 
 /// Returns settings with pictures that cannot be randomised.
-fn randomised(beside: ExtraView) -> VecEnvSettings {
+fn randomised(extra_views: ExtraView) -> VecEnvSettings {
     VecEnvSettings {
-        camera: Camera { beside, ..Camera::default() },
+        camera: Camera { extra_views, ..Camera::default() },
         randomisation: Some(Randomisation::NOMINAL),
         ..settings(1)
     }
@@ -373,6 +374,6 @@ fn settings_out_of_range_are_refused() {
         randomised(ExtraView::FirstAndCloseUp),
     ] {
         let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL).err().unwrap();
-        assert!(matches!(error, EnvError::Setting { .. }), "{error}");
+        assert!(matches!(error, EnvError::InvalidSetting { .. }), "{error}");
     }
 }

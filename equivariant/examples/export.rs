@@ -7,34 +7,39 @@ use std::error::Error;
 use std::path::Path;
 
 use equivariant::{
-    AveragePool, FieldType, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, MaxPool,
-    R2Conv, Relu, Sequential, Shape, Signature, save,
+    AveragePool, FieldType, Group, GroupMaxPool, Layer, LayerError, LayerSignature, Linear,
+    MaxPool, R2Conv, Relu, Sequential, Shape, SlidingWindow, save_safetensors,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use safetensors::{Dtype, tensor::TensorView};
 
 const SAMPLES: usize = 8;
-const HALVING: Kernel = Kernel::new(4, 2, 1);
-const SAME: Kernel = Kernel::new(3, 1, 1);
-const POOL: Kernel = Kernel::new(2, 2, 0);
+const HALVING: SlidingWindow = SlidingWindow::new(4, 2, 1);
+const SAME: SlidingWindow = SlidingWindow::new(3, 1, 1);
+const POOL: SlidingWindow = SlidingWindow::new(2, 2, 0);
 
 type Layers = Vec<Box<dyn Layer<f32>>>;
 
-fn conv(layers: &mut Layers, shape: Shape, n: usize, kernel: Kernel) -> Result<Shape, LayerError> {
-    let fields = shape.fields.group().regular(n);
+fn conv(
+    layers: &mut Layers,
+    shape: Shape,
+    n: usize,
+    kernel: SlidingWindow,
+) -> Result<Shape, LayerError> {
+    let fields = shape.fields.group().regular_type(n);
     let size = [shape.height, shape.width];
     let conv = R2Conv::new(shape.fields, fields, kernel, size)?;
-    let shape = conv.out_shape();
+    let out_shape = conv.out_shape();
     layers.push(Box::new(conv));
-    layers.push(Box::new(Relu::new(shape)?));
-    Ok(shape)
+    layers.push(Box::new(Relu::new(out_shape)?));
+    Ok(out_shape)
 }
 
 /// Creates the network 64 x 64 x 6 -> 8, 16, 32, 32 fields by strided convolutions -> 16 fields,
 /// pooled to one pixel -> 5 numbers.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     let mut layers = Layers::new();
-    let mut shape = Shape::image(64, 64, group.trivial(6));
+    let mut shape = Shape::image(64, 64, group.trivial_type(6));
     for n in [8, 16, 32, 32] {
         shape = conv(&mut layers, shape, n, HALVING)?;
     }
@@ -61,11 +66,11 @@ fn export(dir: &Path, group: Group) -> Result<(), Box<dyn Error>> {
     let net = network(group)?;
     let mut params = vec![0.0; net.num_params()];
     net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
-    save(dir.join(format!("{group}.safetensors")), &net, &params)?;
+    save_safetensors(dir.join(format!("{group}.safetensors")), &net, &params)?;
     let x: Vec<f32> =
         (0..SAMPLES * net.in_shape().len()).map(|i| (i as f32 * 0.37).sin()).collect();
     let mut y = vec![0.0; SAMPLES * net.out_shape().len()];
-    let mut scratch = net.scratch(SAMPLES);
+    let mut scratch = net.allocate_scratch(SAMPLES);
     net.forward(&params, &x, &mut y, &mut scratch);
     let (x, y) = (bytes(&x), bytes(&y));
     let tensors = [

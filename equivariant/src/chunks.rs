@@ -34,14 +34,14 @@ pub(crate) fn in_one_of_many_chunks() -> bool {
 /// chunk must not depend on values that an earlier one left in it.
 ///
 /// ```
-/// use equivariant::Chunks;
+/// use equivariant::ParallelChunks;
 ///
 /// // the gradient of the sum of (w s)^2 / 2 over the samples s
 /// let samples: Vec<f64> = (0..10).map(f64::from).collect();
 /// let w = 2.0;
-/// let mut chunks = Chunks::new(1, 4, || ());
+/// let mut chunks = ParallelChunks::new(1, 4, || ());
 /// let mut gradient = [0.0];
-/// let losses = chunks.accumulate(samples.len(), &mut gradient, |range, _, grad| {
+/// let losses = chunks.accumulate_gradients(samples.len(), &mut gradient, |range, _, grad| {
 ///     let mut loss = 0.0;
 ///     for s in &samples[range] {
 ///         loss += (w * s).powi(2) / 2.0;
@@ -53,7 +53,7 @@ pub(crate) fn in_one_of_many_chunks() -> bool {
 /// assert_eq!(losses.iter().sum::<f64>(), 570.0);
 /// assert_eq!(gradient, [570.0]);
 /// ```
-pub struct Chunks<T, W> {
+pub struct ParallelChunks<T, W> {
     num_params: usize,
     chunk_size: usize,
     new_workspace: Box<dyn Fn() -> W + Send + Sync>,
@@ -61,7 +61,7 @@ pub struct Chunks<T, W> {
     gradients: Vec<Vec<T>>,
 }
 
-impl<T: Real, W: Send> Chunks<T, W> {
+impl<T: Real, W: Send> ParallelChunks<T, W> {
     /// Creates an engine for gradients of `num_params` parameters and chunks of `chunk_size`
     /// samples.
     ///
@@ -74,9 +74,9 @@ impl<T: Real, W: Send> Chunks<T, W> {
         num_params: usize,
         chunk_size: usize,
         new_workspace: impl Fn() -> W + Send + Sync + 'static,
-    ) -> Chunks<T, W> {
+    ) -> ParallelChunks<T, W> {
         assert!(chunk_size > 0, "got a chunk size of 0, expected at least 1");
-        Chunks {
+        ParallelChunks {
             num_params,
             chunk_size,
             new_workspace: Box::new(new_workspace),
@@ -97,7 +97,7 @@ impl<T: Real, W: Send> Chunks<T, W> {
     ///
     /// # Panics
     /// When `gradient` does not hold `num_params` values.
-    pub fn accumulate<S: Send>(
+    pub fn accumulate_gradients<S: Send>(
         &mut self,
         num_samples: usize,
         gradient: &mut [T],
@@ -126,7 +126,7 @@ impl<T: Real, W: Send> Chunks<T, W> {
 
     /// Runs `f(samples, workspace)` on every chunk of `0..num_samples` and returns the results in
     /// chunk order.
-    pub fn map<S: Send>(
+    pub fn map_chunks<S: Send>(
         &self,
         num_samples: usize,
         f: impl Fn(Range<usize>, &mut W) -> S + Sync,
@@ -207,8 +207,8 @@ fn add_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
     let pieces = sum.par_chunks_mut(PIECE).enumerate();
     pieces.for_each(|(i, piece)| {
         for buffer in buffers {
-            for (sum, &value) in piece.iter_mut().zip(&buffer[i * PIECE..]) {
-                *sum += value;
+            for (total, &value) in piece.iter_mut().zip(&buffer[i * PIECE..]) {
+                *total += value;
             }
         }
     });

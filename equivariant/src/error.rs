@@ -4,110 +4,110 @@ use symmetry::{FieldType, Group};
 use thiserror::Error;
 
 use crate::shape::{MAX_VALUES, Shape};
-use crate::window::Kernel;
+use crate::window::SlidingWindow;
 
 /// Reason why a layer cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum LayerError {
-    /// A strided window that does not sit symmetrically on an axis that the group flips.
+    /// Strided window that does not sit symmetrically on an axis that the group flips.
     #[error(
         "{layer}: {group} flips the {axis}, and a window of {k} pixels, stride {s} and padding {p} leaves a \
          remainder there: got ({size} + 2 * {p} - {k}) mod {s} = {remainder}, expected 0; change size, padding, \
          kernel or stride so that the flip stays exact",
         k = kernel.size, s = kernel.stride, p = kernel.padding
     )]
-    Inexact {
-        /// Name of the layer.
+    AsymmetricWindow {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Symmetry group of the layer's types.
+        /// Symmetry group of the layer's field types.
         group: Group,
-        /// `height` or `width`.
+        /// Axis of the image that the group flips, `height` or `width`.
         axis: &'static str,
         /// Length of the input along the axis, in pixels.
         size: usize,
-        /// Rejected window.
-        kernel: Kernel,
-        /// Remainder of the division by the stride.
+        /// Window that does not sit symmetrically.
+        kernel: SlidingWindow,
+        /// Remainder of the division by the stride, in pixels; must be 0.
         remainder: usize,
     },
-    /// A window that does not fit the padded image, or whose size or stride is zero.
+    /// Window that does not fit the padded image, or whose size or stride is zero.
     #[error(
         "{layer}: got a window of {k} pixels, stride {s} and padding {p} on the {axis} of {size}, \
          expected 1 <= {k} <= {size} + 2 * {p} and a stride of at least 1",
         k = kernel.size, s = kernel.stride, p = kernel.padding
     )]
-    Window {
-        /// Name of the layer.
+    InvalidWindow {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// `height` or `width`.
+        /// Axis of the image along which the window is rejected, `height` or `width`.
         axis: &'static str,
         /// Length of the input along the axis, in pixels.
         size: usize,
         /// Rejected window.
-        kernel: Kernel,
+        kernel: SlidingWindow,
     },
-    /// A field type on which the layer would not be equivariant.
+    /// Field type on which the layer would not be equivariant.
     #[error("{layer}: got the type `{got}`, expected {expected}")]
-    Type {
-        /// Name of the layer.
+    InvalidFieldType {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Rejected type.
+        /// Rejected field type.
         got: FieldType,
-        /// Description of accepted values.
+        /// Description of the field types that the layer accepts.
         expected: &'static str,
     },
-    /// Two types of one layer that belong to different groups.
+    /// Two field types of one layer that belong to different symmetry groups.
     #[error(
         "{layer}: got the types `{first}` of {} and `{second}` of {}, expected one group; restrict one of them",
         first.group(), second.group()
     )]
-    Groups {
-        /// Name of the layer.
+    DifferentGroups {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// First type.
+        /// First of the two field types.
         first: FieldType,
-        /// Second type.
+        /// Second of the two field types.
         second: FieldType,
     },
-    /// A padding so large that a window can lie in it entirely, where there is nothing to pool.
+    /// Padding so large that a window can lie in it entirely, where there is nothing to pool.
     #[error(
         "{layer}: got a padding of {padding} for a window of {size}, expected at most {size} / 2"
     )]
-    Padding {
-        /// Name of the layer.
+    PaddingTooLarge {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Pixels added on each side.
+        /// Padding of the image on each side, in pixels.
         padding: usize,
         /// Side of the window in pixels.
         size: usize,
     },
-    /// A map without channels or pixels.
+    /// Map without channels or pixels.
     #[error("{layer}: got a map of {shape}, expected at least one pixel and one channel")]
     EmptyMap {
-        /// Name of the layer.
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Rejected shape.
+        /// Rejected shape of the map.
         shape: Shape,
     },
     /// Sizes whose product exceeds the limit on values.
     #[error(
         "{layer}: got {what} of more than {MAX_VALUES} values, expected at most that; lower sizes, channels or padding"
     )]
-    TooLarge {
-        /// Name of the layer.
+    TooManyValues {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Description of the object that is too large, such as `a map`.
         what: &'static str,
     },
-    /// A map that is not square, for a layer that needs a square one.
+    /// Map that is not square, for a layer that needs a square one.
     #[error("{layer}: got a map of {height} x {width} pixels, expected a square one")]
     NotSquare {
-        /// Name of the layer.
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Rows of pixels.
+        /// Height of the map in pixels.
         height: usize,
-        /// Columns of pixels.
+        /// Width of the map in pixels.
         width: usize,
     },
     /// Two maps of different heights or widths, for a layer that combines them.
@@ -115,24 +115,24 @@ pub enum LayerError {
         "{layer}: got maps of {} x {} and {} x {} pixels, expected equal heights and widths",
         first[0], first[1], second[0], second[1]
     )]
-    Sizes {
-        /// Name of the layer.
+    DifferentMapSizes {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
         /// Height and width of one map in pixels.
         first: [usize; 2],
         /// Height and width of the other map in pixels.
         second: [usize; 2],
     },
-    /// A setting of the layer that is out of its range.
+    /// Setting of the layer that is out of its range.
     #[error("{layer}: got the {setting} {got}, expected {expected}")]
-    Setting {
-        /// Name of the layer.
+    InvalidSetting {
+        /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Name of the setting.
+        /// Name of the setting that is out of its range.
         setting: &'static str,
-        /// Rejected value.
+        /// Rejected value of the setting.
         got: String,
-        /// Description of accepted values.
+        /// Description of the accepted values of the setting.
         expected: &'static str,
     },
     /// Neighbouring layers of a sequence with different shapes between them.
@@ -140,21 +140,22 @@ pub enum LayerError {
         "Sequential: layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",
         previous = index - 1
     )]
-    Mismatch {
-        /// Position of the second of the two layers, from 0.
+    ShapeMismatch {
+        /// Position of the second of the two layers in the sequence, from 0.
         index: usize,
-        /// Input shape of that layer.
+        /// Input shape of the second layer.
         takes: Shape,
-        /// Output shape of the layer before it.
+        /// Output shape of the first layer.
         gives: Shape,
     },
-    /// A sequence without layers.
+    /// Sequence without layers.
     #[error("Sequential: got 0 layers, expected at least 1")]
-    Empty,
+    EmptySequence,
 }
 
 impl LayerError {
-    /// Returns [`Groups`](LayerError::Groups) if two types belong to different groups.
+    /// Returns [`DifferentGroups`](LayerError::DifferentGroups) if two types belong to different
+    /// groups.
     pub(crate) fn check_groups(
         layer: &'static str,
         first: FieldType,
@@ -163,16 +164,16 @@ impl LayerError {
         if first.group() == second.group() {
             return Ok(());
         }
-        Err(LayerError::Groups { layer, first, second })
+        Err(LayerError::DifferentGroups { layer, first, second })
     }
 
-    /// Returns [`Setting`](LayerError::Setting) for more output channels than a field type can
-    /// have.
+    /// Returns [`InvalidSetting`](LayerError::InvalidSetting) for more output channels than a field
+    /// type can have.
     pub(crate) fn check_channels(layer: &'static str, channels: usize) -> Result<(), LayerError> {
         if channels <= FieldType::MAX_DIM {
             return Ok(());
         }
-        Err(LayerError::Setting {
+        Err(LayerError::InvalidSetting {
             layer,
             setting: "number of output channels",
             got: channels.to_string(),
@@ -185,10 +186,10 @@ impl LayerError {
     /// `layer` is the name in the error and `padding` is in pixels on each side.
     ///
     /// # Errors
-    /// [`EmptyMap`](LayerError::EmptyMap) and [`TooLarge`](LayerError::TooLarge).
+    /// [`EmptyMap`](LayerError::EmptyMap) and [`TooManyValues`](LayerError::TooManyValues).
     pub fn check_map(layer: &'static str, shape: Shape, padding: usize) -> Result<(), LayerError> {
         match shape.padded_len(padding) {
-            None => Err(LayerError::TooLarge { layer, what: "a map" }),
+            None => Err(LayerError::TooManyValues { layer, what: "a map" }),
             Some(_) if shape.is_empty() => Err(LayerError::EmptyMap { layer, shape }),
             Some(_) => Ok(()),
         }

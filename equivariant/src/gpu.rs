@@ -25,10 +25,10 @@ mod plan;
 mod program;
 mod step;
 
-pub use adapter::{Adapter, AdapterKind, adapters};
+pub use adapter::{Adapter, AdapterKind, available_adapters};
 pub use device::Device;
 pub use error::GpuError;
 pub use network::{Gradients, Network};
 pub use plan::{Plan, Tensor};
 pub use program::{Batch, Passes, Program};
-pub use step::{Slot, Step, Work};
+pub use step::{BufferSlot, KernelStep, WorkgroupCount};

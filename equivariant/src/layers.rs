@@ -17,26 +17,28 @@ mod sequential;
 mod soft_argmax;
 mod sum;
 
-pub use check::{Example, equivariance_error, equivariance_error_of, unit_sums};
+pub use check::{
+    TestLayer, absolute_activation_sums, equivariance_error, equivariance_error_of_fn,
+};
 pub use concat::Concat;
-pub use gru::{Gru, GruPass};
-pub use interchange::{InterchangeError, load, save};
-pub use layer::{Layer, LayerKind, Scalar, Signature, Statistics};
+pub use gru::{Gru, GruWorkspace};
+pub use interchange::{SafetensorsError, load_safetensors, save_safetensors};
+pub use layer::{Layer, LayerKind, LayerSignature, NormStatistics, Scalar};
 pub use sequential::Sequential;
 
-/// Exports the layers of each file and collects their examples.
+/// Exports the layers of each file and collects their test layers.
 macro_rules! registry {
     ($($module:ident: $($Layer:ident)+,)+) => {
         $(pub use $module::{$($Layer),+};)+
 
-        /// Returns examples of every layer for a group, for tests of code that runs layers.
+        /// Returns test layers of every kind for a group, for tests of code that runs layers.
         ///
         /// # Errors
         /// Errors of the layers' constructors; none for the groups of this crate.
-        pub fn examples<T: Scalar>(
+        pub fn sample_layers<T: Scalar>(
             group: symmetry::Group,
-        ) -> Result<Vec<Example<T>>, crate::error::LayerError> {
-            let all = [$($module::examples(group)?),+];
+        ) -> Result<Vec<TestLayer<T>>, crate::error::LayerError> {
+            let all = [$($module::sample_layers(group)?),+];
             Ok(all.into_iter().flatten().collect())
         }
     };
@@ -52,5 +54,5 @@ registry! {
     relu: Relu,
     restrict: Restrict,
     soft_argmax: SpatialSoftArgmax,
-    sum: Sum,
+    sum: BranchSum,
 }

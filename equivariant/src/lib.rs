@@ -7,25 +7,26 @@
 //!
 //! - Layers own no weights. The parameters of a network are one flat slice, in the order of its
 //!   layers; gradients have the same layout.
-//! - Feature maps are `[N, H, W, C]`, channels last, channels irrep-major ([`FieldType::range`]);
-//!   vectors are maps of height and width 1.
+//! - Feature maps are `[N, H, W, C]`, channels last, channels irrep-major
+//!   ([`FieldType::channel_range`]); vectors are maps of height and width 1.
 //! - There is no tape: [`Layer::backward`] takes the same slices as [`Layer::forward`] and the
 //!   [`Scratch`] that it filled. All buffers belong to the caller, so a training step allocates
 //!   nothing after the first.
 //! - Slices of wrong lengths panic with the layer, the slice, its length and the expected one;
 //!   constructors return a [`LayerError`] for layers that cannot be built.
-//! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current rayon
-//!   pool, with the same bits for any number of threads. Large convolutions of a single image use
-//!   two threads of the pool that they run in.
+//! - [`ParallelChunks`] runs a minibatch in fixed chunks of samples on all threads of the current
+//!   rayon pool, with the same bits for any number of threads. Large convolutions of a single image
+//!   use two threads of the pool that they run in.
 //!
 //! ```
 //! use equivariant::{
-//!     Group, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, Signature, equivariance_error,
+//!     Group, Layer, LayerError, LayerSignature, R2Conv, Relu, Sequential, SlidingWindow,
+//!     equivariance_error,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //!
-//! let kernel = Kernel { size: 4, stride: 2, padding: 1 };
-//! let conv = R2Conv::new(Group::D2.trivial(3), Group::D2.regular(4), kernel, [8, 8])?;
+//! let kernel = SlidingWindow { size: 4, stride: 2, padding: 1 };
+//! let conv = R2Conv::new(Group::D2.trivial_type(3), Group::D2.regular_type(4), kernel, [8, 8])?;
 //! let relu = Relu::new(conv.out_shape())?;
 //! let net: Sequential<f32> = Sequential::new(vec![Box::new(conv), Box::new(relu)])?;
 //!
@@ -87,15 +88,15 @@ mod conv {
     pub(crate) mod weights;
 }
 
-pub use chunks::Chunks;
+pub use chunks::ParallelChunks;
 pub use error::LayerError;
 pub use layers::*;
 pub use real::Real;
 pub use scratch::{BackwardPass, Scratch};
 pub use shape::Shape;
 pub use simd::lanes::InstructionSet;
-pub use simd::lines::pixel_value;
-pub use steerable::dense::{Dense, Projection};
-pub use steerable::hadamard::hadamard;
+pub use simd::lines::pixel_byte_to_float;
+pub use steerable::dense::{KernelProjection, OrdinaryConv};
+pub use steerable::hadamard::hadamard_transform;
 pub use symmetry::{FieldType, Group};
-pub use window::Kernel;
+pub use window::SlidingWindow;

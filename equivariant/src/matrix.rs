@@ -6,7 +6,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 /// Row-major view of `rows` x `cols` numbers: row `r` starts at `r * stride`.
 #[derive(Clone, Copy, Debug)]
-pub struct Strided<'a, T> {
+pub struct StridedMatrix<'a, T> {
     pub(crate) data: &'a [T],
     pub(crate) rows: usize,
     pub(crate) cols: usize,
@@ -17,32 +17,32 @@ pub struct Strided<'a, T> {
 
 /// Row-major mutable view of a matrix.
 #[derive(Debug)]
-pub struct StridedMut<'a, T> {
+pub struct StridedMatrixMut<'a, T> {
     pub(crate) data: &'a mut [T],
     pub(crate) rows: usize,
     pub(crate) cols: usize,
     pub(crate) stride: usize,
 }
 
-impl<'a, T> Strided<'a, T> {
+impl<'a, T> StridedMatrix<'a, T> {
     pub(crate) fn new(data: &'a [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
-        Strided { data, rows, cols, stride, transposed: false }
+        StridedMatrix { data, rows, cols, stride, transposed: false }
     }
 
     pub(crate) fn transpose(self) -> Self {
-        Strided { transposed: !self.transposed, ..self }
+        StridedMatrix { transposed: !self.transposed, ..self }
     }
 
     fn view(self) -> MatRef<'a, T> {
-        let Strided { data, rows, cols, stride, transposed } = self;
+        let StridedMatrix { data, rows, cols, stride, transposed } = self;
         let view = MatRef::from_row_major_slice_with_stride(data, rows, cols, stride);
         if transposed { view.transpose() } else { view }
     }
 }
 
-impl<'a, T> StridedMut<'a, T> {
+impl<'a, T> StridedMatrixMut<'a, T> {
     pub(crate) fn new(data: &'a mut [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
-        StridedMut { data, rows, cols, stride }
+        StridedMatrixMut { data, rows, cols, stride }
     }
 
     fn view(self) -> MatMut<'a, T> {
@@ -55,11 +55,11 @@ impl<'a, T> StridedMut<'a, T> {
 }
 
 /// Writes the product a b into `to`, or adds it to the values there.
-pub(crate) fn product<T: RealField + Copy>(
-    to: StridedMut<T>,
+pub(crate) fn matrix_product<T: RealField + Copy>(
+    to: StridedMatrixMut<T>,
     add: bool,
-    a: Strided<T>,
-    b: Strided<T>,
+    a: StridedMatrix<T>,
+    b: StridedMatrix<T>,
 ) {
     // Par::Seq: minibatches already occupy all threads, and one thread gives a fixed order of sums
     let accumulate = if add { Accum::Add } else { Accum::Replace };
@@ -69,7 +69,7 @@ pub(crate) fn product<T: RealField + Copy>(
 
 /// Executes a few wide instructions, after which the compiler clears the upper register halves.
 ///
-/// The kernels of faer 0.24.4 do not clear them. Until that happens the processor pays for every
+/// The kernels of faer 0.24.4 do not clear them. Until that happens the CPU pays for every
 /// switch between AVX and legacy SSE instructions: C's `expf` takes 175 ns instead of 3, and it
 /// runs right after the products of a recurrent unit. `benches/layers.rs` of the workspace measures
 /// it.

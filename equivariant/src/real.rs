@@ -6,9 +6,9 @@ use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssi
 
 use rand::{Rng, RngExt};
 
-use crate::matrix::{Strided, StridedMut, product};
+use crate::matrix::{StridedMatrix, StridedMatrixMut, matrix_product};
 
-/// Arithmetic of `f32` or `f64`. Other types cannot implement it.
+/// Arithmetic of single or double precision, `f32` or `f64`. Other types cannot implement it.
 pub trait Real:
     Copy
     + Default
@@ -31,7 +31,7 @@ pub trait Real:
     /// The number 0.
     const ZERO: Self;
 
-    /// Returns the nearest value of this type.
+    /// Rounds `value` to the nearest value of this type.
     fn from_f64(value: f64) -> Self;
 
     /// Converts the value to double precision.
@@ -48,9 +48,14 @@ pub trait Real:
     #[doc(hidden)]
     fn to_mask(self) -> u16;
 
-    /// Writes the product a b into `to`, or adds it to the values there.
+    /// Writes the matrix product a b into `to`, or adds it to the values there.
     #[doc(hidden)]
-    fn product(to: StridedMut<Self>, add: bool, a: Strided<Self>, b: Strided<Self>);
+    fn matrix_product(
+        to: StridedMatrixMut<Self>,
+        add: bool,
+        a: StridedMatrix<Self>,
+        b: StridedMatrix<Self>,
+    );
 }
 
 macro_rules! real {
@@ -81,8 +86,13 @@ macro_rules! real {
                 self.to_bits() as u16
             }
 
-            fn product(to: StridedMut<$float>, add: bool, a: Strided<$float>, b: Strided<$float>) {
-                product(to, add, a, b);
+            fn matrix_product(
+                to: StridedMatrixMut<$float>,
+                add: bool,
+                a: StridedMatrix<$float>,
+                b: StridedMatrix<$float>,
+            ) {
+                matrix_product(to, add, a, b);
             }
         }
     };
@@ -93,7 +103,7 @@ real!(f64);
 
 /// Returns `true` if a running maximum `best` is replaced by `value`; NaN exceeds every number.
 #[inline(always)]
-pub(crate) fn exceeds<T: Real>(value: T, best: T) -> bool {
+pub(crate) fn exceeds_or_is_nan<T: Real>(value: T, best: T) -> bool {
     value > best || value.partial_cmp(&value).is_none()
 }
 
@@ -106,8 +116,8 @@ pub(crate) fn fill_normal<T: Real>(rng: &mut dyn Rng, std: f64, out: &mut [T]) {
         let angle = TAU * rng.random::<f64>();
         let (sin, cos) = angle.sin_cos();
         let values = [radius * cos, radius * sin];
-        for (out, value) in pair.iter_mut().zip(values) {
-            *out = T::from_f64(value);
+        for (target, value) in pair.iter_mut().zip(values) {
+            *target = T::from_f64(value);
         }
     }
 }

@@ -11,38 +11,38 @@ const SLACK: usize = LINE / size_of::<f32>();
 
 /// Memory for the passes of a layer: values that `forward` saves for `backward`, and working space.
 ///
-/// [`Layer::scratch`](crate::Layer::scratch) creates one. It starts on a cache line, because a load
-/// that straddles two of them takes twice the time. Its contents do not depend on its address: a
-/// clone made between `forward` and `backward` gives the same gradients. It records the number of
-/// samples and the kind of layer that filled it, and `backward` of another layer rejects it. Two
-/// layers with equal descriptions count as the same layer.
+/// [`Layer::allocate_scratch`](crate::Layer::allocate_scratch) creates one. It starts on a cache
+/// line, because a load that straddles two of them takes twice the time. Its contents do not depend
+/// on its address: a clone made between `forward` and `backward` gives the same gradients. It
+/// records the number of samples and the kind of layer that filled it, and `backward` of another
+/// layer rejects it. Two layers with equal descriptions count as the same layer.
 pub struct Scratch<T> {
     values: Vec<T>,
     /// Index of the first value on a cache line.
     start: usize,
     len: usize,
-    pub(crate) filled: Filled,
+    pub(crate) origin: ScratchOrigin,
 }
 
 /// Origin of the values in a scratch; zeros if `forward` saved nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Filled {
+pub(crate) struct ScratchOrigin {
     /// Number of samples of the last forward pass.
     pub samples: usize,
-    /// [`scratch_key`](crate::Signature::scratch_key) of the layer that ran it.
-    pub key: u64,
+    /// [`scratch_key`](crate::LayerSignature::scratch_key) of the layer that ran it.
+    pub layer_key: u64,
 }
 
 impl<T: Real> Scratch<T> {
     /// Creates a scratch of `len` values, all equal to `value`. Layers must not read what they did
     /// not write; a test of that fills the scratch with NaN.
-    pub fn filled(len: usize, value: T) -> Scratch<T> {
+    pub fn filled_with(len: usize, value: T) -> Scratch<T> {
         Scratch::aligned(len, value)
     }
 }
 
 impl<T> Scratch<T> {
-    /// Returns the number of values.
+    /// Returns the number of values that this scratch memory holds.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -53,7 +53,7 @@ impl<T> Scratch<T> {
     }
 
     /// Returns the first `len` values.
-    pub(crate) fn front(&mut self, len: usize) -> &mut [T] {
+    pub(crate) fn first_values(&mut self, len: usize) -> &mut [T] {
         &mut self.values[self.start..][..len]
     }
 }
@@ -66,7 +66,7 @@ impl<T: Clone> Scratch<T> {
             start: values.as_ptr().align_offset(LINE).min(SLACK),
             values,
             len,
-            filled: Filled::default(),
+            origin: ScratchOrigin::default(),
         }
     }
 }
@@ -83,8 +83,8 @@ impl<T: Clone> Clone for Scratch<T> {
         // the clone's vector has another address and so another offset: copy the values, not the
         // vector
         let mut clone = Scratch::aligned(self.len, self.values[0].clone());
-        clone.front(self.len).clone_from_slice(own);
-        clone.filled = self.filled;
+        clone.first_values(self.len).clone_from_slice(own);
+        clone.origin = self.origin;
         clone
     }
 }
@@ -101,18 +101,19 @@ pub struct BackwardPass<'a, T> {
     pub x: &'a [T],
     /// Output of the forward pass, `[N, H, W, C]`.
     pub y: &'a [T],
-    /// Gradient with respect to the output.
+    /// Gradient of the loss with respect to the output, `[N, H, W, C]`.
     pub dy: &'a [T],
-    /// Buffer for the gradient with respect to the input; `None` if it is not needed.
+    /// Buffer for the gradient with respect to the input, `[N, H, W, C]`; `None` if it is not
+    /// needed.
     pub dx: Option<&'a mut [T]>,
     /// Sum to which the gradient with respect to the parameters is added.
     pub dparams: &'a mut [T],
-    /// Scratch; holds the values of the forward pass if the layer keeps them.
+    /// Scratch memory; holds the values that the forward pass saved if the layer keeps them.
     pub scratch: &'a mut [T],
 }
 
 /// Rounds a length up to whole cache lines, so that the next part starts on one.
-pub(crate) fn whole(len: usize) -> usize {
+pub(crate) fn round_up_to_cache_line(len: usize) -> usize {
     len.next_multiple_of(SLACK)
 }
 
@@ -123,9 +124,9 @@ pub(crate) fn take_front<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [
     front
 }
 
-/// Splits `len` values off the front and drops the padding that [`whole`] adds.
-pub(crate) fn take_whole<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
-    &mut take_front(rest, whole(len))[..len]
+/// Splits `len` values off the front and drops the padding that [`round_up_to_cache_line`] adds.
+pub(crate) fn take_front_padded<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    &mut take_front(rest, round_up_to_cache_line(len))[..len]
 }
 
 #[cfg(test)]
@@ -138,19 +139,19 @@ mod tests {
     fn every_scratch_starts_on_a_cache_line_and_clones_hold_the_same() {
         let mut starts = BTreeSet::new();
         for len in 0..100 {
-            let mut scratch = Scratch::filled(len, 1.0f32);
-            for (i, value) in scratch.front(len).iter_mut().enumerate() {
+            let mut scratch = Scratch::filled_with(len, 1.0f32);
+            for (i, value) in scratch.first_values(len).iter_mut().enumerate() {
                 *value = i as f32;
             }
             // an allocation in between moves the clone to another offset
             let _between = vec![0u8; 8 * len + 8];
             let mut clone = scratch.clone();
-            assert_eq!(clone.front(len), scratch.front(len));
-            assert_eq!(clone.front(len).as_ptr() as usize % LINE, 0);
+            assert_eq!(clone.first_values(len), scratch.first_values(len));
+            assert_eq!(clone.first_values(len).as_ptr() as usize % LINE, 0);
             assert_eq!(clone.len(), len);
             starts.extend([scratch.start, clone.start]);
         }
         assert!(starts.len() > 1, "all at one offset: {starts:?}");
-        assert_eq!(Scratch::filled(9, 0.0f64).front(9).as_ptr() as usize % LINE, 0);
+        assert_eq!(Scratch::filled_with(9, 0.0f64).first_values(9).as_ptr() as usize % LINE, 0);
     }
 }

@@ -35,7 +35,7 @@ impl Shape {
 
     /// Returns the number of values of one sample.
     pub fn len(&self) -> usize {
-        self.pixels() * self.fields.dim()
+        self.num_pixels() * self.fields.dim()
     }
 
     /// Returns `true` for a shape without values, which layers reject.
@@ -43,8 +43,8 @@ impl Shape {
         self.height == 0 || self.width == 0 || self.fields.dim() == 0
     }
 
-    /// Returns the number of pixels.
-    pub const fn pixels(&self) -> usize {
+    /// Returns the number of pixels of the map, height times width.
+    pub const fn num_pixels(&self) -> usize {
         self.height * self.width
     }
 
@@ -54,23 +54,23 @@ impl Shape {
     /// # Panics
     /// When `g` is not in the group of the type or `sample` does not hold [`len`](Shape::len)
     /// values.
-    pub fn act<T: Real>(&self, g: D2, sample: &[T]) -> Vec<T> {
+    pub fn transform_sample<T: Real>(&self, g: D2, sample: &[T]) -> Vec<T> {
         let dim = self.fields.dim();
         let mut moved = g.transform_image(sample, self.height, self.width, dim);
         for pixel in moved.chunks_exact_mut(dim.max(1)) {
-            self.fields.act(g, pixel);
+            self.fields.transform_channels(g, pixel);
         }
         moved
     }
 
     /// Iterates over the samples of a slice.
-    pub(crate) fn each<'a, T>(&self, values: &'a [T]) -> ChunksExact<'a, T> {
+    pub(crate) fn samples<'a, T>(&self, values: &'a [T]) -> ChunksExact<'a, T> {
         // chunks of length 0 would panic
         values.chunks_exact(self.len().max(1))
     }
 
     /// Iterates over the samples of a slice mutably.
-    pub(crate) fn each_mut<'a, T>(&self, values: &'a mut [T]) -> ChunksExactMut<'a, T> {
+    pub(crate) fn samples_mut<'a, T>(&self, values: &'a mut [T]) -> ChunksExactMut<'a, T> {
         values.chunks_exact_mut(self.len().max(1))
     }
 
@@ -80,12 +80,12 @@ impl Shape {
         let padded = |size: usize| size.checked_add(padding.checked_mul(2)?);
         let dims = Irrep::ALL.map(|a| self.fields.multiplicity(a));
         let dim = dims.into_iter().try_fold(0, usize::checked_add)?;
-        product([padded(self.height)?, padded(self.width)?, dim])
+        checked_product([padded(self.height)?, padded(self.width)?, dim])
     }
 }
 
 /// Returns the product of sizes; `None` if it exceeds [`MAX_VALUES`].
-pub(crate) fn product<const N: usize>(sizes: [usize; N]) -> Option<usize> {
+pub(crate) fn checked_product<const N: usize>(sizes: [usize; N]) -> Option<usize> {
     let product = sizes.into_iter().try_fold(1, usize::checked_mul)?;
     (product <= MAX_VALUES).then_some(product)
 }

@@ -9,23 +9,23 @@ use std::fmt;
 /// element of their group flips. D1x requires it of the width only and C1 of neither axis: there
 /// windows start at the left and at the top, and pixels of the remainder are ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Kernel {
-    /// Side of the window.
+pub struct SlidingWindow {
+    /// Side of the window (pixels).
     pub size: usize,
-    /// Distance between neighbouring windows.
+    /// Distance between neighbouring windows (pixels).
     pub stride: usize,
     /// Pixels of padding on each side of the image: zeros, or nothing for a maximum.
     pub padding: usize,
 }
 
-impl Kernel {
-    /// Creates a window with this side, stride and padding.
-    pub const fn new(size: usize, stride: usize, padding: usize) -> Kernel {
-        Kernel { size, stride, padding }
+impl SlidingWindow {
+    /// Creates a window with this side, stride and padding, all in pixels.
+    pub const fn new(size: usize, stride: usize, padding: usize) -> SlidingWindow {
+        SlidingWindow { size, stride, padding }
     }
 }
 
-impl fmt::Display for Kernel {
+impl fmt::Display for SlidingWindow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (size, step, padding) = (self.size, self.stride, self.padding);
         write!(f, "{size} x {size} stride {step} padding {padding}")

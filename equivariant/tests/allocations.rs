@@ -11,7 +11,7 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use common::{network, normal, params};
-use equivariant::{Chunks, Group, Layer, Scratch, Sequential, Signature};
+use equivariant::{Group, Layer, LayerSignature, ParallelChunks, Scratch, Sequential};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]
@@ -33,31 +33,38 @@ fn check(net: &Sequential<f32>) {
     let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
     let x = normal::<f32>(SAMPLES * in_len, 2);
     let (mut gradient, mut y) = (vec![0.0; params.len()], vec![0.0; SAMPLES * out_len]);
-    let scratch = net.scratch(CHUNK);
+    let scratch = net.allocate_scratch(CHUNK);
     let of_chunk = scratch.clone();
-    let mut chunks: Chunks<f32, (Vec<f32>, Scratch<f32>)> =
-        Chunks::new(params.len(), CHUNK, move || (vec![0.0; CHUNK * out_len], of_chunk.clone()));
+    let mut chunks: ParallelChunks<f32, (Vec<f32>, Scratch<f32>)> =
+        ParallelChunks::new(params.len(), CHUNK, move || {
+            (vec![0.0; CHUNK * out_len], of_chunk.clone())
+        });
     // the matrix products of `Linear` keep buffers per thread, so every thread must have run once
     rayon::broadcast(|_| {
-        let (mut y, mut gradient) = (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
+        let (mut chunk_y, mut chunk_gradient) =
+            (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
         let (mut scratch, x) = (scratch.clone(), &x[..CHUNK * in_len]);
-        net.forward(&params, x, &mut y, &mut scratch);
-        let dy = y.clone();
-        net.backward(&params, x, &y, &dy, None, &mut gradient, &mut scratch);
+        net.forward(&params, x, &mut chunk_y, &mut scratch);
+        let dy = chunk_y.clone();
+        net.backward(&params, x, &chunk_y, &dy, None, &mut chunk_gradient, &mut scratch);
     });
     let training = allocations(|| {
-        chunks.accumulate(SAMPLES, &mut gradient, |range, (y, scratch), gradient| {
-            let x = &x[range.start * in_len..range.end * in_len];
-            let y = &mut y[..range.len() * out_len];
-            net.forward(&params, x, y, scratch);
-            net.backward(&params, x, y, y, None, gradient, scratch);
-        });
+        chunks.accumulate_gradients(
+            SAMPLES,
+            &mut gradient,
+            |range, (chunk_y, chunk_scratch), gradient| {
+                let x = &x[range.start * in_len..range.end * in_len];
+                let chunk_y = &mut chunk_y[..range.len() * out_len];
+                net.forward(&params, x, chunk_y, chunk_scratch);
+                net.backward(&params, x, chunk_y, chunk_y, None, gradient, chunk_scratch);
+            },
+        );
     });
     assert_eq!(training, 0, "{net}");
     let inference = allocations(|| {
-        chunks.map_rows(&mut y, out_len, |range, (_, scratch), y| {
+        chunks.map_rows(&mut y, out_len, |range, (_, chunk_scratch), y| {
             let x = &x[range.start * in_len..range.end * in_len];
-            net.forward(&params, x, y, scratch);
+            net.forward(&params, x, y, chunk_scratch);
         });
     });
     assert_eq!(inference, 0, "{net}");

@@ -3,15 +3,15 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use equivariant::{
-    FieldNorm, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential,
-    Shape, Signature, Statistics, pixel_value,
+    FieldNorm, InstructionSet, Layer, LayerSignature, Linear, MaxPool, NormStatistics, R2Conv,
+    Relu, Scalar, Sequential, Shape, SlidingWindow, pixel_byte_to_float,
 };
 use symmetry::Group;
 
 use crate::common::{normal, params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
-const SAME: Kernel = Kernel::new(3, 1, 1);
+const SAME: SlidingWindow = SlidingWindow::new(3, 1, 1);
 
 /// Returns convolutions whose rows have a remainder after whole registers, for every kind of window
 /// that first layers treat differently.
@@ -20,8 +20,8 @@ fn convolutions() -> Vec<R2Conv> {
     for group in Group::ALL {
         for channels in [1, 3, 4, 6] {
             for [size, stride, padding] in [[4, 2, 1], [3, 1, 1], [5, 1, 0]] {
-                let kernel = Kernel::new(size, stride, padding);
-                let (from, to) = (group.trivial(channels), group.regular(5));
+                let kernel = SlidingWindow::new(size, stride, padding);
+                let (from, to) = (group.trivial_type(channels), group.regular_type(5));
                 convolutions.push(R2Conv::new(from, to, kernel, [20, 24]).unwrap());
             }
         }
@@ -33,7 +33,7 @@ fn convolutions() -> Vec<R2Conv> {
 /// chains.
 fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
     let out = conv.out_shape();
-    let halved = Kernel::new(2, 2, 0);
+    let halved = SlidingWindow::new(2, 2, 0);
     let layers = || -> Vec<Box<dyn Layer<T>>> {
         vec![
             Box::new(conv.clone()),
@@ -45,13 +45,13 @@ fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
     let next = || R2Conv::new(out.fields, out.fields, SAME, [out.height, out.width]).unwrap();
     let mut deep = first(2);
     deep.push(Box::new(next()));
-    deep.push(Box::new(FieldNorm::new(out, Statistics::Sample).unwrap()));
+    deep.push(Box::new(FieldNorm::new(out, NormStatistics::PerSample).unwrap()));
     deep.push(Box::new(next()));
     let networks = [first(1), first(2), first(3), deep].into_iter();
-    networks.map(|layers| Sequential::new(layers).unwrap()).collect()
+    networks.map(|stack| Sequential::new(stack).unwrap()).collect()
 }
 
-fn pictures(layer: &impl Signature, samples: usize) -> Vec<u8> {
+fn pictures(layer: &impl LayerSignature, samples: usize) -> Vec<u8> {
     let bytes = (0..samples * layer.in_shape().len()).map(|i| (i * 37 + i / 251) as u8);
     bytes.collect()
 }
@@ -61,17 +61,17 @@ fn of_bytes<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] 
     let samples = pictures.len() / network.in_shape().len();
     let (params, mut scratch) = (params(network, 1), scratch(network, samples));
     let mut y = unwritten(samples * network.out_shape().len());
-    network.forward_bytes(&params, pictures, &mut y, &mut scratch);
+    network.forward_from_bytes(&params, pictures, &mut y, &mut scratch);
     let dy = normal::<T>(y.len(), 3);
     let mut dparams = vec![T::ZERO; params.len()];
-    network.backward_bytes(&params, pictures, [&y, &dy], &mut dparams, &mut scratch);
+    network.backward_from_bytes(&params, pictures, [&y, &dy], &mut dparams, &mut scratch);
     [y, dparams]
 }
 
 fn of_levels<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] {
     let samples = pictures.len() / network.in_shape().len();
     let (params, mut scratch) = (params(network, 1), scratch(network, samples));
-    let x: Vec<T> = pictures.iter().map(|&byte| pixel_value(byte)).collect();
+    let x: Vec<T> = pictures.iter().map(|&byte| pixel_byte_to_float(byte)).collect();
     let mut y = unwritten(samples * network.out_shape().len());
     network.forward(&params, &x, &mut y, &mut scratch);
     let dy = normal::<T>(y.len(), 3);
@@ -108,7 +108,7 @@ fn bytes_give_the_bits_of_their_levels() {
         assert_same::<f64>(&conv);
         let sets = InstructionSet::ALL.into_iter();
         for set in sets.filter(|set| set.is_available()) {
-            assert_same::<f32>(&conv.clone().at_most(set));
+            assert_same::<f32>(&conv.clone().limit_instruction_set(set));
         }
     }
 }
@@ -116,8 +116,8 @@ fn bytes_give_the_bits_of_their_levels() {
 /// Checks an image so large that it is computed in two halves if a thread is free.
 #[test]
 fn two_threads_give_the_bits_of_one() {
-    let halving = Kernel::new(4, 2, 1);
-    let (from, to) = (Group::D2.trivial(6), Group::D2.regular(8));
+    let halving = SlidingWindow::new(4, 2, 1);
+    let (from, to) = (Group::D2.trivial_type(6), Group::D2.regular_type(8));
     let conv = R2Conv::new(from, to, halving, [64, 64]).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build();
     for network in networks::<f32>(&conv) {
@@ -129,9 +129,9 @@ fn two_threads_give_the_bits_of_one() {
 
 #[test]
 fn levels_are_centred_and_reach_half() {
-    assert_eq!((pixel_value::<f64>(0), pixel_value::<f64>(255)), (-0.5, 0.5));
-    assert_eq!((pixel_value::<f32>(0), pixel_value::<f32>(255)), (-0.5, 0.5));
-    assert!((0..255).all(|byte| pixel_value::<f32>(byte) < pixel_value(byte + 1)));
+    assert_eq!((pixel_byte_to_float::<f64>(0), pixel_byte_to_float::<f64>(255)), (-0.5, 0.5));
+    assert_eq!((pixel_byte_to_float::<f32>(0), pixel_byte_to_float::<f32>(255)), (-0.5, 0.5));
+    assert!((0..255).all(|byte| pixel_byte_to_float::<f32>(byte) < pixel_byte_to_float(byte + 1)));
 }
 
 /// Returns the message of a panic.
@@ -142,21 +142,21 @@ fn refusal(call: impl FnOnce()) -> String {
 
 #[test]
 fn bytes_that_no_convolution_reads_are_refused() {
-    let (shape, to) = (Shape::vector(Group::D2.trivial(4)), Group::D2.regular(2));
+    let (shape, to) = (Shape::vector(Group::D2.trivial_type(4)), Group::D2.regular_type(2));
     let layers: Vec<Box<dyn Layer<f32>>> = vec![Box::new(Linear::new(shape.fields, to).unwrap())];
     let linear = Sequential::new(layers).unwrap();
-    let regular = R2Conv::new(to, to, Kernel::new(3, 1, 1), [4, 4]).unwrap();
+    let regular = R2Conv::new(to, to, SlidingWindow::new(3, 1, 1), [4, 4]).unwrap();
     let regular = networks::<f32>(&regular).remove(1);
     for network in [linear, regular] {
         let bytes = pictures(&network, 1);
         let mut y = vec![0.0; network.out_shape().len()];
         let (params, mut scratch) = (params(&network, 1), scratch(&network, 1));
-        let forward = refusal(|| network.forward_bytes(&params, &bytes, &mut y, &mut scratch));
+        let forward = refusal(|| network.forward_from_bytes(&params, &bytes, &mut y, &mut scratch));
         assert!(forward.contains("got bytes"), "{forward}");
         let [y, dy] = [y.clone(), y];
         let mut dparams = params.clone();
         let backward = refusal(|| {
-            network.backward_bytes(&params, &bytes, [&y, &dy], &mut dparams, &mut scratch);
+            network.backward_from_bytes(&params, &bytes, [&y, &dy], &mut dparams, &mut scratch);
         });
         assert!(backward.contains("got bytes"), "{backward}");
     }
@@ -170,17 +170,17 @@ fn wrong_lengths_are_refused() {
     let (params, mut scratch) = (params(&network, 1), scratch(&network, 2));
     let mut y = vec![0.0; 2 * network.out_shape().len()];
     let short = &bytes[1..];
-    let message = refusal(|| network.forward_bytes(&params, short, &mut y, &mut scratch));
+    let message = refusal(|| network.forward_from_bytes(&params, short, &mut y, &mut scratch));
     assert!(message.contains("got pictures of"), "{message}");
     let one = &bytes[bytes.len() / 2..];
-    let message = refusal(|| network.forward_bytes(&params, one, &mut y, &mut scratch));
-    assert!(message.contains("got y of"), "{message}");
-    network.forward_bytes(&params, &bytes, &mut y, &mut scratch);
+    let output_message = refusal(|| network.forward_from_bytes(&params, one, &mut y, &mut scratch));
+    assert!(output_message.contains("got y of"), "{output_message}");
+    network.forward_from_bytes(&params, &bytes, &mut y, &mut scratch);
     let half = y.len() / 2;
     let mut dparams = params.clone();
-    let message = refusal(|| {
+    let backward_message = refusal(|| {
         let outputs = [&y[..half], &y[..half]];
-        network.backward_bytes(&params, one, outputs, &mut dparams, &mut scratch);
+        network.backward_from_bytes(&params, one, outputs, &mut dparams, &mut scratch);
     });
-    assert!(message.contains("left for 2 samples"), "{message}");
+    assert!(backward_message.contains("left for 2 samples"), "{backward_message}");
 }

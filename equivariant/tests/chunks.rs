@@ -1,8 +1,8 @@
 //! The chunked gradient engine gives the same bits for any number of threads.
 
 use equivariant::{
-    Chunks, FieldType, Group, Kernel, Layer, MaxPool, Relu, Scalar, Scratch, Sequential, Shape,
-    Signature,
+    FieldType, Group, Layer, LayerSignature, MaxPool, ParallelChunks, Relu, Scalar, Scratch,
+    Sequential, Shape, SlidingWindow,
 };
 
 use crate::common::{
@@ -17,9 +17,9 @@ struct Workspace {
     scratch: Scratch<f32>,
 }
 
-fn engine(net: &Sequential<f32>) -> Chunks<f32, Workspace> {
-    let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch(CHUNK));
-    Chunks::new(net.num_params(), CHUNK, move || Workspace {
+fn engine(net: &Sequential<f32>) -> ParallelChunks<f32, Workspace> {
+    let (out, scratch) = (CHUNK * net.out_shape().len(), net.allocate_scratch(CHUNK));
+    ParallelChunks::new(net.num_params(), CHUNK, move || Workspace {
         y: vec![0.0; out],
         scratch: scratch.clone(),
     })
@@ -39,13 +39,14 @@ fn gradient(threads: usize, rounds: usize) -> (Vec<f32>, Vec<f32>) {
     let mut chunks = engine(&net);
     let mut run = || {
         let mut gradient = vec![0.0; params.len()];
-        let losses = chunks.accumulate(SAMPLES, &mut gradient, |range, workspace, grad| {
-            let x = &x[range.start * in_len..range.end * in_len];
-            let y = &mut workspace.y[..range.len() * out_len];
-            net.forward(&params, x, y, &mut workspace.scratch);
-            net.backward(&params, x, y, y, None, grad, &mut workspace.scratch);
-            y.iter().map(|y| y * y / 2.0).sum::<f32>()
-        });
+        let losses =
+            chunks.accumulate_gradients(SAMPLES, &mut gradient, |range, workspace, grad| {
+                let x = &x[range.start * in_len..range.end * in_len];
+                let y = &mut workspace.y[..range.len() * out_len];
+                net.forward(&params, x, y, &mut workspace.scratch);
+                net.backward(&params, x, y, y, None, grad, &mut workspace.scratch);
+                y.iter().map(|y| y * y / 2.0).sum::<f32>()
+            });
         (gradient, losses)
     };
     let pool = pool(threads);
@@ -68,7 +69,7 @@ fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
 /// odd numbers of lines and types that do not fill a block.
 fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 5] {
     let mixed = FieldType::new(group, [5, 4, 3, 2]);
-    let [trivial, regular] = [group.trivial(6), group.regular(16)];
+    let [trivial, regular] = [group.trivial_type(6), group.regular_type(16)];
     let fused = Sequential::new(vec![
         conv(trivial, regular, [4, 2, 1], [54, 50]),
         boxed(Relu::new(Shape::image(27, 25, regular))),
@@ -78,7 +79,7 @@ fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 5] {
     let pooled = Sequential::new(vec![
         conv(trivial, regular, [3, 1, 1], [26, 28]),
         boxed(Relu::new(map)),
-        boxed(MaxPool::new(map, Kernel::new(2, 2, 0))),
+        boxed(MaxPool::new(map, SlidingWindow::new(2, 2, 0))),
         conv(regular, regular, [3, 1, 1], [13, 14]),
     ]);
     [
@@ -137,15 +138,15 @@ fn the_sum_over_chunks_is_the_gradient_of_the_batch() {
 
 #[test]
 fn accumulate_adds_to_what_is_there() {
-    let mut chunks: Chunks<f64, ()> = Chunks::new(2, 3, || ());
+    let mut chunks: ParallelChunks<f64, ()> = ParallelChunks::new(2, 3, || ());
     let mut gradient = [10.0, 20.0];
-    let sizes = chunks.accumulate(7, &mut gradient, |range, (), grad| {
+    let sizes = chunks.accumulate_gradients(7, &mut gradient, |range, (), grad| {
         grad[0] += range.len() as f64;
         range.len()
     });
     assert_eq!(sizes, [3, 3, 1]);
     assert_eq!(gradient, [17.0, 20.0]);
-    assert!(chunks.accumulate(0, &mut gradient, |_, (), _| ()).is_empty());
+    assert!(chunks.accumulate_gradients(0, &mut gradient, |_, (), _| ()).is_empty());
 }
 
 #[test]
@@ -162,15 +163,15 @@ fn rows_of_inference_arrive_in_order() {
         range.start
     });
     assert_eq!(starts, [0, 2, 4, 6]);
-    for (x, y) in x.chunks(in_len).zip(y.chunks(out_len)) {
-        let alone = forward(&net, &params, x);
-        assert!(largest_deviation(&alone, y) < 1e-5);
+    for (sample, chunked) in x.chunks(in_len).zip(y.chunks(out_len)) {
+        let alone = forward(&net, &params, sample);
+        assert!(largest_deviation(&alone, chunked) < 1e-5);
     }
-    assert_eq!(chunks.map(3, |range, _| range), [0..2, 2..3]);
+    assert_eq!(chunks.map_chunks(3, |range, _| range), [0..2, 2..3]);
 }
 
 #[test]
 #[should_panic(expected = "got a chunk size of 0")]
 fn empty_chunks_are_refused() {
-    Chunks::<f32, ()>::new(1, 0, || ());
+    ParallelChunks::<f32, ()>::new(1, 0, || ());
 }

@@ -1,8 +1,8 @@
 //! f(g x) = g f(x) for every layer, and tests that the checker can fail.
 
 use equivariant::{
-    Example, FieldType, Group, InstructionSet, Layer, R2Conv, Relu, Scalar, Sequential, Shape,
-    Signature, equivariance_error, equivariance_error_of, examples,
+    FieldType, Group, InstructionSet, Layer, LayerSignature, R2Conv, Relu, Scalar, Sequential,
+    Shape, TestLayer, equivariance_error, equivariance_error_of_fn, sample_layers,
 };
 
 use crate::common::{boxed, concat, conv, kernel, layers, params, rng};
@@ -28,10 +28,10 @@ fn layers_are_equivariant_in_single_precision() {
 #[test]
 fn layers_that_only_permute_and_compare_are_exact() {
     for group in Group::ALL {
-        let exact = examples::<f32>(group).unwrap().into_iter();
-        let exact: Vec<_> = exact.filter(|of| of.exact).collect();
+        let exact = sample_layers::<f32>(group).unwrap().into_iter();
+        let exact: Vec<_> = exact.filter(|of| of.is_exactly_equivariant).collect();
         assert!(exact.len() >= 13, "{} of {group}", exact.len());
-        for Example { name, layer, .. } in exact {
+        for TestLayer { name, layer, .. } in exact {
             let error = equivariance_error(layer.as_ref(), &[], 5, &mut rng(5));
             assert_eq!(error, 0.0, "{name} of {group}");
         }
@@ -51,8 +51,8 @@ fn sums_of_maps_commute_with_every_group() {
         let x: Vec<f32> = (0..a.len()).map(|i| (i as f32).sin()).collect();
         let y: Vec<f32> = (0..b.len()).map(|i| (i as f32).cos()).collect();
         for &g in group.elements() {
-            let of_moved = sum(&a.act(g, &x), &b.act(g, &y));
-            let moved = concat.out_shape().act(g, &sum(&x, &y));
+            let of_moved = sum(&a.transform_sample(g, &x), &b.transform_sample(g, &y));
+            let moved = concat.out_shape().transform_sample(g, &sum(&x, &y));
             assert_eq!(of_moved, moved, "{group} {g}");
         }
     }
@@ -62,9 +62,9 @@ fn sums_of_maps_commute_with_every_group() {
 /// ReLU.
 fn reference<T: Scalar>(group: Group) -> Sequential<T> {
     let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
-    let mut shape = Shape::image(64, 64, group.trivial(6));
+    let mut shape = Shape::image(64, 64, group.trivial_type(6));
     for n in [8, 16, 32, 32] {
-        layers.push(conv(shape.fields, group.regular(n), [4, 2, 1], [shape.height; 2]));
+        layers.push(conv(shape.fields, group.regular_type(n), [4, 2, 1], [shape.height; 2]));
         shape = layers[layers.len() - 1].out_shape();
         layers.push(boxed(Relu::new(shape)));
     }
@@ -99,11 +99,11 @@ fn first_layers_are_exact_under_d2() {
     for channels in [1, 3, 4, 6, 7] {
         for (window, sides) in [([4, 2, 1], [6, 16, 22, 26]), ([3, 1, 1], [3, 8, 11, 13])] {
             for side in sides {
-                let (from, to) = (Group::D2.trivial(channels), Group::D2.regular(5));
+                let (from, to) = (Group::D2.trivial_type(channels), Group::D2.regular_type(5));
                 let conv = R2Conv::new(from, to, kernel(window), [6, side]).unwrap();
                 let sets = InstructionSet::ALL.into_iter();
                 for set in sets.filter(|set| set.is_available()) {
-                    assert_exact::<f32>(&conv.clone().at_most(set));
+                    assert_exact::<f32>(&conv.clone().limit_instruction_set(set));
                 }
                 assert_exact::<f64>(&conv);
             }
@@ -116,8 +116,8 @@ fn first_layers_are_exact_under_d2() {
 fn convolutions_are_exactly_equivariant() {
     for group in Group::ALL {
         for (window, size) in [([4, 2, 1], 16), ([3, 1, 1], 7), ([3, 2, 1], 7), ([5, 1, 0], 9)] {
-            let regular = group.regular(3);
-            let first = conv(group.trivial(3), regular, window, [size; 2]);
+            let regular = group.regular_type(3);
+            let first = conv(group.trivial_type(3), regular, window, [size; 2]);
             let relu = boxed(Relu::new(first.out_shape()));
             let side = first.out_shape().height;
             let second = conv(regular, regular, [3, 1, 1], [side; 2]);
@@ -130,7 +130,7 @@ fn convolutions_are_exactly_equivariant() {
 
 fn identity_between(in_shape: Shape, out_shape: Shape) -> f64 {
     let copy = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
-    equivariance_error_of(in_shape, out_shape, copy, 3, &mut rng(0))
+    equivariance_error_of_fn(in_shape, out_shape, copy, 3, &mut rng(0))
 }
 
 #[test]
@@ -143,8 +143,8 @@ fn the_checker_refuses_a_wrong_action_on_channels() {
 
 #[test]
 fn the_checker_refuses_a_wrong_action_on_pixels() {
-    let tall = Shape::image(3, 2, Group::D2.trivial(1));
-    let wide = Shape::image(2, 3, Group::D2.trivial(1));
+    let tall = Shape::image(3, 2, Group::D2.trivial_type(1));
+    let wide = Shape::image(2, 3, Group::D2.trivial_type(1));
     assert!(identity_between(tall, wide) > 0.1);
 }
 
@@ -152,11 +152,11 @@ fn the_checker_refuses_a_wrong_action_on_pixels() {
 fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
     let shape = Shape::vector(FieldType::new(Group::D2, [0, 4, 0, 0]));
     let relu = |x: &[f32], y: &mut [f32]| {
-        for (y, &x) in y.iter_mut().zip(x) {
-            *y = x.max(0.0);
+        for (out, &value) in y.iter_mut().zip(x) {
+            *out = value.max(0.0);
         }
     };
-    assert!(equivariance_error_of(shape, shape, relu, 3, &mut rng(0)) > 0.1);
+    assert!(equivariance_error_of_fn(shape, shape, relu, 3, &mut rng(0)) > 0.1);
 }
 
 #[test]
@@ -165,7 +165,7 @@ fn the_checker_applies_every_element_of_the_group() {
     let swapped = |group: Group| {
         let shape = Shape::vector(FieldType::new(group, [0, 1, 1, 0]));
         let f = |v: &[f64], y: &mut [f64]| y.copy_from_slice(&[v[1], v[0]]);
-        equivariance_error_of(shape, shape, f, 3, &mut rng(0))
+        equivariance_error_of_fn(shape, shape, f, 3, &mut rng(0))
     };
     assert_eq!(swapped(Group::C1), 0.0);
     assert_eq!(swapped(Group::C2), 0.0);
@@ -176,30 +176,30 @@ fn the_checker_applies_every_element_of_the_group() {
 
 #[test]
 fn the_checker_refuses_outputs_that_are_not_written() {
-    let shape = Shape::vector(Group::D2.trivial(2));
+    let shape = Shape::vector(Group::D2.trivial_type(2));
     let nothing = |_: &[f64], _: &mut [f64]| {};
-    let error = equivariance_error_of(shape, shape, nothing, 1, &mut rng(0));
+    let error = equivariance_error_of_fn(shape, shape, nothing, 1, &mut rng(0));
     assert_eq!(error, f64::INFINITY);
 }
 
 #[test]
 #[should_panic(expected = "got an output of D1y, expected one of D1x or of a subgroup")]
 fn the_checker_refuses_an_output_of_another_group() {
-    let [from, to] = [Group::D1x, Group::D1y].map(|group| Shape::vector(group.trivial(1)));
+    let [from, to] = [Group::D1x, Group::D1y].map(|group| Shape::vector(group.trivial_type(1)));
     identity_between(from, to);
 }
 
 #[test]
 #[should_panic(expected = "got 0 trials, expected at least 1")]
 fn the_checker_refuses_no_trials() {
-    let shape = Shape::vector(Group::D2.trivial(2));
+    let shape = Shape::vector(Group::D2.trivial_type(2));
     let copy = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
-    equivariance_error_of(shape, shape, copy, 0, &mut rng(0));
+    equivariance_error_of_fn(shape, shape, copy, 0, &mut rng(0));
 }
 
 #[test]
 fn the_checker_refuses_what_is_not_finite() {
-    let shape = Shape::vector(Group::D2.trivial(2));
+    let shape = Shape::vector(Group::D2.trivial_type(2));
     let nan = |_: &[f64], y: &mut [f64]| y.fill(f64::NAN);
-    assert_eq!(equivariance_error_of(shape, shape, nan, 1, &mut rng(0)), f64::INFINITY);
+    assert_eq!(equivariance_error_of_fn(shape, shape, nan, 1, &mut rng(0)), f64::INFINITY);
 }

@@ -2,8 +2,8 @@
 //! expectation.
 
 use equivariant::{
-    AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel,
-    LayerError, Linear, MaxPool, R2Conv, Relu, Shape, SpatialSoftArgmax, Statistics,
+    AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, LayerError,
+    Linear, MaxPool, NormStatistics, R2Conv, Relu, Shape, SlidingWindow, SpatialSoftArgmax,
 };
 
 fn message<L>(refused: Result<L, LayerError>) -> String {
@@ -21,7 +21,7 @@ fn assert_refused<const N: usize>(reason: &str, refused: [(&str, String); N]) {
 #[test]
 fn types_that_a_layer_does_not_take_are_refused() {
     let mixed = Shape::image(4, 4, FieldType::new(Group::D2, [8, 10, 8, 8]));
-    let pool = MaxPool::new(mixed, Kernel::new(2, 2, 0));
+    let pool = MaxPool::new(mixed, SlidingWindow::new(2, 2, 0));
     let keypoints = SpatialSoftArgmax::new(mixed, 1.0);
     let refused = [
         ("Relu", message(Relu::new(mixed))),
@@ -35,8 +35,8 @@ fn types_that_a_layer_does_not_take_are_refused() {
 
 #[test]
 fn types_of_two_groups_are_refused() {
-    let (d2, c2) = (Group::D2.regular(2), Group::C2.regular(2));
-    let conv = R2Conv::new(d2, c2, Kernel::new(2, 2, 0), [4, 4]);
+    let (d2, c2) = (Group::D2.regular_type(2), Group::C2.regular_type(2));
+    let conv = R2Conv::new(d2, c2, SlidingWindow::new(2, 2, 0), [4, 4]);
     let concat = Concat::new(Shape::vector(d2), Shape::vector(c2));
     let refused = [
         ("R2Conv", message(conv)),
@@ -49,7 +49,7 @@ fn types_of_two_groups_are_refused() {
 
 #[test]
 fn windows_that_are_inexact_or_do_not_fit_are_refused() {
-    let fields = Group::D2.regular(2);
+    let fields = Group::D2.regular_type(2);
     let image = Shape::image(5, 6, fields);
     let refused = |window| {
         [
@@ -62,42 +62,42 @@ fn windows_that_are_inexact_or_do_not_fit_are_refused() {
                    remainder there: got (5 + 2 * 0 - 2) mod 2 = 1, expected 0";
     let too_large = "got a window of 7 pixels, stride 1 and padding 0 on the height of 5, \
                      expected 1 <= 7 <= 5 + 2 * 0";
-    assert_refused(inexact, refused(Kernel::new(2, 2, 0)));
-    assert_refused(too_large, refused(Kernel::new(7, 1, 0)));
+    assert_refused(inexact, refused(SlidingWindow::new(2, 2, 0)));
+    assert_refused(too_large, refused(SlidingWindow::new(7, 1, 0)));
 }
 
 #[test]
 fn maps_and_settings_that_do_not_fit_are_refused() {
-    let fields = Group::D2.regular(2);
+    let fields = Group::D2.regular_type(2);
     let [odd, even] = [[5, 6], [4, 4]].map(|[height, width]| Shape::image(height, width, fields));
-    let flatten = ("R2Conv::flatten", message(R2Conv::flatten(odd, fields)));
+    let flatten = ("R2Conv::whole_map", message(R2Conv::whole_map(odd, fields)));
     assert_refused("got a map of 5 x 6 pixels, expected a square one", [flatten]);
     let concat = ("Concat", message(Concat::new(odd, even)));
     let sizes = "got maps of 5 x 6 and 4 x 4 pixels, expected equal heights and widths";
     assert_refused(sizes, [concat]);
-    let norm = message(FieldNorm::new(odd, Statistics::Fixed(vec![])));
+    let norm = message(FieldNorm::new(odd, NormStatistics::Fixed(vec![])));
     let statistics = "got the fixed statistics [], expected a mean and a variance of at least 0";
     assert_refused(statistics, [("FieldNorm", norm)]);
 }
 
 #[test]
 fn maps_without_values_are_refused() {
-    let none = Group::D2.trivial(0);
-    let some = Group::D2.regular(2);
-    let one = Kernel::new(1, 1, 0);
+    let none = Group::D2.trivial_type(0);
+    let some = Group::D2.regular_type(2);
+    let one = SlidingWindow::new(1, 1, 0);
     let refused = |shape: Shape| {
         [
             message(Relu::new(shape)),
             message(GroupMaxPool::new(shape)),
             message(GroupMeanPool::new(shape)),
             message(MaxPool::new(shape, one)),
-            message(AveragePool::new(shape, Kernel::new(2, 1, 1))),
+            message(AveragePool::new(shape, SlidingWindow::new(2, 1, 1))),
             message(SpatialSoftArgmax::new(shape, 1.0)),
-            message(FieldNorm::new(shape, Statistics::Batch)),
+            message(FieldNorm::new(shape, NormStatistics::Batch)),
             message(R2Conv::new(
                 shape.fields,
                 some,
-                Kernel::new(2, 1, 1),
+                SlidingWindow::new(2, 1, 1),
                 [shape.height, shape.width],
             )),
             message(Concat::new(shape, shape)),
@@ -120,7 +120,7 @@ fn maps_without_values_are_refused() {
 #[test]
 fn more_output_channels_than_a_type_holds_are_refused() {
     let half = FieldType::MAX_DIM / 2;
-    let map = |channels| Shape::vector(Group::C2.trivial(channels));
+    let map = |channels| Shape::vector(Group::C2.trivial_type(channels));
     let refused = [
         message(Concat::new(map(half), map(half + 1))),
         message(SpatialSoftArgmax::new(map(half + 1), 1.0)),
@@ -136,28 +136,28 @@ fn more_output_channels_than_a_type_holds_are_refused() {
 #[test]
 fn sizes_that_no_memory_holds_are_refused() {
     let large = 1 << 40;
-    let (many, one) = (Group::C1.trivial(FieldType::MAX_DIM), Group::C1.trivial(1));
-    let window = Kernel::new(3, 1, 1);
-    let padded = Kernel::new(3, 1, usize::MAX / 2 + 1);
+    let (many, one) = (Group::C1.trivial_type(FieldType::MAX_DIM), Group::C1.trivial_type(1));
+    let window = SlidingWindow::new(3, 1, 1);
+    let padded = SlidingWindow::new(3, 1, usize::MAX / 2 + 1);
     let wide = Shape::image(2, large, one);
     for message in [
         message(R2Conv::new(one, one, window, [large, large])),
-        message(R2Conv::new(one, one, Kernel::new(3, 1, large), [5, 7])),
+        message(R2Conv::new(one, one, SlidingWindow::new(3, 1, large), [5, 7])),
         message(R2Conv::new(many, many, window, [5, 7])),
         message(R2Conv::new(
-            Group::C1.trivial(1 << 20),
-            Group::C1.trivial(1 << 20),
+            Group::C1.trivial_type(1 << 20),
+            Group::C1.trivial_type(1 << 20),
             window,
             [5, 7],
         )),
         message(Linear::new(many, many)),
-        message(Linear::new(Group::C1.trivial(1 << 20), Group::C1.trivial(1 << 20))),
+        message(Linear::new(Group::C1.trivial_type(1 << 20), Group::C1.trivial_type(1 << 20))),
         message(Relu::new(wide)),
         message(MaxPool::new(wide, window)),
         message(AveragePool::new(wide, window)),
-        message(AveragePool::new(Shape::image(2, 3, one), Kernel::new(large, 1, large / 2))),
+        message(AveragePool::new(Shape::image(2, 3, one), SlidingWindow::new(large, 1, large / 2))),
         message(GroupMaxPool::new(wide)),
-        message(FieldNorm::new(wide, Statistics::Sample)),
+        message(FieldNorm::new(wide, NormStatistics::PerSample)),
         message(SpatialSoftArgmax::new(wide, 1.0)),
     ] {
         assert!(

@@ -2,8 +2,9 @@
 //! expanded (`benches/peers/escnn_filters.py`).
 
 use equivariant::{
-    AveragePool, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, MaxPool, R2Conv,
-    Relu, Restrict, Sequential, Shape, SpatialSoftArgmax, Statistics, Sum, hadamard,
+    AveragePool, BranchSum, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Layer, MaxPool,
+    NormStatistics, R2Conv, Relu, Restrict, Sequential, Shape, SlidingWindow, SpatialSoftArgmax,
+    hadamard_transform,
 };
 use safetensors::SafeTensors;
 
@@ -24,9 +25,9 @@ fn golden(name: &str) -> Vec<f64> {
 /// Transforms maps of a type between the regular basis of the file and the irrep basis of the
 /// layers.
 fn change(shape: Shape, mut values: Vec<f64>) -> Vec<f64> {
-    if shape.fields.regular_fields().is_some() {
+    if shape.fields.num_regular_fields().is_some() {
         let pixels = values.chunks_exact_mut(shape.fields.dim());
-        pixels.for_each(|pixel| hadamard(shape.fields.group(), pixel));
+        pixels.for_each(|pixel| hadamard_transform(shape.fields.group(), pixel));
     }
     values
 }
@@ -54,10 +55,10 @@ fn check_keypoints(case: &str, shape: Shape, temperature: f64) {
 
 /// Returns the shape of the file's maps of 8 channels as regular fields.
 fn input(group: Group) -> Shape {
-    Shape::image(SIZE[0], SIZE[1], group.regular(8 / group.order()))
+    Shape::image(SIZE[0], SIZE[1], group.regular_type(8 / group.order()))
 }
 
-const WINDOW: Kernel = Kernel::new(3, 2, 1);
+const WINDOW: SlidingWindow = SlidingWindow::new(3, 2, 1);
 
 #[test]
 fn layers_of_the_regular_basis_are_those_of_pytorch_for_every_group() {
@@ -75,7 +76,7 @@ fn layers_of_the_regular_basis_are_those_of_pytorch_for_every_group() {
 fn ordinary_layers_of_c1_are_those_of_pytorch() {
     let shape = input(Group::C1);
     check_keypoints("keypoints", shape, 0.5);
-    let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
+    let norm = FieldNorm::new(shape, NormStatistics::Batch).unwrap();
     let params = [golden("norm.gain"), golden("norm.bias")].concat();
     let gradient = check("norm", &norm, &params);
     let expected = [golden("norm.dgain"), golden("norm.dbias")].concat();
@@ -88,7 +89,7 @@ fn layers_of_d2_are_those_of_their_definition_in_pytorch() {
     check_keypoints("d2_keypoints", shape, 0.5);
     check("d2_group_max", &GroupMaxPool::new(shape).unwrap(), &[]);
     check("d2_group_mean", &GroupMeanPool::new(shape).unwrap(), &[]);
-    let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
+    let norm = FieldNorm::new(shape, NormStatistics::Batch).unwrap();
     // a bias that is equal for all four elements has a trivial coefficient of twice its value
     let biases = golden("d2_norm.bias").into_iter().map(|b| 2.0 * b);
     let params: Vec<f64> = golden("d2_norm.gain").into_iter().chain(biases).collect();
@@ -110,9 +111,9 @@ fn restrictions_are_those_of_their_definition_in_pytorch() {
 
 /// Returns the parameters of a convolution with the kernel and the bias of a case.
 fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
-    let dense = layer.dense();
-    let projection = dense.project_regular(&golden(&format!("{case}.kernel")));
-    assert!(projection.residual < 1e-15, "{case}: not steerable");
+    let dense = layer.as_ordinary_conv();
+    let projection = dense.project_regular_kernel(&golden(&format!("{case}.kernel")));
+    assert!(projection.lost_share < 1e-15, "{case}: not steerable");
     let mut params = projection.params;
     let fields = dense.out_shape().fields;
     let bias = change(Shape::vector(fields), golden(&format!("{case}.bias")));
@@ -124,17 +125,17 @@ fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
 
 /// Compares the gradient of a kernel, whose steerable part is that of the parameters.
 fn check_gradient(case: &str, layer: &R2Conv, gradient: &[f64]) {
-    let dense = layer.dense();
+    let dense = layer.as_ordinary_conv();
     let biases = dense.out_shape().fields.multiplicity(symmetry::Irrep::Trivial);
     let weights = ..gradient.len() - biases;
-    let dkernel = dense.project_regular(&golden(&format!("{case}.dkernel")));
+    let dkernel = dense.project_regular_kernel(&golden(&format!("{case}.dkernel")));
     assert_close(case, &gradient[weights], &dkernel.params[weights]);
 }
 
 #[test]
 fn convolutions_are_those_of_pytorch() {
     for (case, group) in [("conv", Group::C1), ("d2_conv", Group::D2)] {
-        let fields = |channels: usize| group.regular(channels / group.order());
+        let fields = |channels: usize| group.regular_type(channels / group.order());
         let layer = R2Conv::new(fields(8), fields(4), WINDOW, SIZE).unwrap();
         let gradient = check(case, &layer, &params(case, &layer));
         check_gradient(case, &layer, &gradient);
@@ -145,10 +146,11 @@ fn convolutions_are_those_of_pytorch() {
 fn residual_connections_are_those_of_pytorch() {
     for (case, group) in [("residual", Group::C1), ("d2_residual", Group::D2)] {
         let shape = input(group);
-        let conv = R2Conv::new(shape.fields, shape.fields, Kernel::new(3, 1, 1), SIZE).unwrap();
+        let conv =
+            R2Conv::new(shape.fields, shape.fields, SlidingWindow::new(3, 1, 1), SIZE).unwrap();
         let relu = Box::new(Relu::new(shape).unwrap());
         let branch = Sequential::new(vec![Box::new(conv.clone()), relu]).unwrap();
-        let sum = Sum::residual(Box::new(branch)).unwrap();
+        let sum = BranchSum::residual(Box::new(branch)).unwrap();
         let gradient = check(case, &sum, &params(case, &conv));
         check_gradient(case, &conv, &gradient);
     }
@@ -159,25 +161,26 @@ fn residual_connections_are_those_of_pytorch() {
 fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
     let tensors = SafeTensors::deserialize(ESCNN).unwrap();
     let tensor = tensors.tensor(name).unwrap();
-    let dense = layer.dense();
+    let dense = layer.as_ordinary_conv();
     assert_eq!(tensor.shape(), dense.kernel_shape());
     let (values, _) = tensor.data().as_chunks();
     let values: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();
     let blocks: Vec<&[f32]> = values.chunks(values.len() / 4).collect();
     let kernel: Vec<f32> = elements.into_iter().flat_map(|g| blocks[g].to_vec()).collect();
-    dense.project_regular(&kernel).residual
+    dense.project_regular_kernel(&kernel).lost_share
 }
 
 #[test]
 fn filters_of_escnn_lie_in_the_space_of_steerable_kernels() {
-    let regular = |n| Group::D2.regular(n);
+    let regular = |n| Group::D2.regular_type(n);
     let cases = [
-        ("lift", Group::D2.trivial(3), regular(2), 5),
+        ("lift", Group::D2.trivial_type(3), regular(2), 5),
         ("hidden", regular(2), regular(3), 5),
         ("even", regular(2), regular(2), 4),
     ];
     for (name, in_type, out_type, size) in cases {
-        let layer = R2Conv::new(in_type, out_type, Kernel::new(size, 1, 0), [size; 2]).unwrap();
+        let layer =
+            R2Conv::new(in_type, out_type, SlidingWindow::new(size, 1, 0), [size; 2]).unwrap();
         let residual = escnn_residual(name, &layer, [0, 1, 2, 3]);
         assert!(residual < 1e-6, "{name}: {residual}");
         // escnn orders the elements differently: the half turn is second

@@ -69,7 +69,7 @@ fn backward_is_the_derivative_of_forward() {
 #[test]
 fn the_comparison_sees_a_wrong_gradient() {
     let x = [1.0, 2.0];
-    let square = |x: &[f64]| x[0] * x[0] + x[1];
+    let square = |at: &[f64]| at[0] * at[0] + at[1];
     assert!(error(&[2.0, 1.0], &x, square) < TOLERANCE);
     assert!(error(&[2.0, 1.01], &x, square) > 1e-3);
     for poisoned in [[f64::NAN, 1.0], [2.0, f64::NAN]] {

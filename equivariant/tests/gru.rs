@@ -1,7 +1,7 @@
 //! The recurrent unit: PyTorch's numbers (`benches/peers/golden_gru.py`), finite differences,
 //! symmetry and sequences of different lengths.
 
-use equivariant::{FieldType, Group, Gru, Scalar, Shape, equivariance_error_of};
+use equivariant::{FieldType, Group, Gru, Scalar, Shape, equivariance_error_of_fn};
 use safetensors::SafeTensors;
 
 use crate::common::{largest_deviation, normal, rng};
@@ -36,11 +36,11 @@ fn drawn<T: Scalar>(gru: &Gru) -> Vec<T> {
 /// Returns last states, gradient of the input and gradient of the parameters of `d_out . out`.
 fn run(gru: &Gru, params: &[f64], x: &[f64], d_out: &[f64]) -> [Vec<f64>; 3] {
     // a larger pass than needed, with values of an earlier run
-    let mut pass = gru.pass(STEPS + 1, LENGTHS.len() + 2);
+    let mut pass = gru.new_workspace(STEPS + 1, LENGTHS.len() + 2);
     let other = normal(2 * 6 * gru.in_type().dim(), 9);
     gru.forward(params, &other, &[2; 6], &mut pass);
     gru.forward(params, x, &LENGTHS, &mut pass);
-    let out = pass.out().to_vec();
+    let out = pass.last_states().to_vec();
     // starts at one, not zero, since gradients must be added
     let (mut dx, mut dparams) = (vec![f64::NAN; x.len()], vec![1.0; params.len()]);
     gru.backward(params, x, d_out, Some(&mut dx), &mut dparams, &mut pass);
@@ -50,7 +50,7 @@ fn run(gru: &Gru, params: &[f64], x: &[f64], d_out: &[f64]) -> [Vec<f64>; 3] {
 
 #[test]
 fn the_unit_of_c1_is_that_of_pytorch() {
-    let gru = Gru::new(Group::C1.trivial(7), 6).unwrap();
+    let gru = Gru::new(Group::C1.trivial_type(7), 6).unwrap();
     let [out, dx, dparams] = run(&gru, &golden("params"), &golden("x"), &golden("dy"));
     for (name, got) in [("y", out), ("dx", dx), ("dparams", dparams)] {
         let error = largest_deviation(&got, &golden(name));
@@ -92,16 +92,16 @@ fn the_unit_commutes_with_every_group() {
     for group in Group::ALL {
         let gru = unit(group);
         let params = drawn::<f32>(&gru);
-        let mut pass = gru.pass(3, 1);
+        let mut pass = gru.new_workspace(3, 1);
         let steps = Shape::image(1, 1, gru.in_type());
-        let error = equivariance_error_of(
+        let error = equivariance_error_of_fn(
             steps,
             Shape::vector(gru.out_type()),
             |x, y| {
-                let steps = [1.0, -0.5, 2.0].map(|by| x.iter().map(move |v| v * by));
-                let x: Vec<f32> = steps.into_iter().flatten().collect();
-                gru.forward(&params, &x, &[3], &mut pass);
-                y.copy_from_slice(pass.out());
+                let scaled = [1.0, -0.5, 2.0].map(|by| x.iter().map(move |v| v * by));
+                let sequence: Vec<f32> = scaled.into_iter().flatten().collect();
+                gru.forward(&params, &sequence, &[3], &mut pass);
+                y.copy_from_slice(pass.last_states());
             },
             8,
             &mut rng(7),
@@ -116,10 +116,10 @@ fn only_the_steps_of_a_sequence_count() {
     let gru = unit(Group::D2);
     let (width, inputs) = (gru.out_type().dim(), gru.in_type().dim());
     let params = drawn::<f64>(&gru);
-    let mut pass = gru.pass(STEPS, LENGTHS.len());
+    let mut pass = gru.new_workspace(STEPS, LENGTHS.len());
     let mut last = |x: &[f64], lengths: [usize; 4]| {
         gru.forward(&params, x, &lengths, &mut pass);
-        pass.out().to_vec()
+        pass.last_states().to_vec()
     };
     let x: Vec<f64> = normal(STEPS * LENGTHS.len() * inputs, 6);
     let mut other = x.clone();
@@ -151,17 +151,17 @@ fn shared_rows_are_rows_of_their_own_added_up() {
         let own: Vec<f64> = reads.iter().flat_map(row).copied().collect();
         let d_out = normal(LENGTHS.len() * gru.out_type().dim(), 5);
         let [out, dx, dparams] = run(&gru, &params, &own, &d_out);
-        let mut pass = gru.pass(STEPS, LENGTHS.len());
-        gru.forward_shared(&params, &shared, &reads, &LENGTHS, &mut pass);
-        assert!(largest_deviation(pass.out(), &out) < 1e-14);
+        let mut pass = gru.new_workspace(STEPS, LENGTHS.len());
+        gru.forward_shared_inputs(&params, &shared, &reads, &LENGTHS, &mut pass);
+        assert!(largest_deviation(pass.last_states(), &out) < 1e-14);
         let (mut dshared, mut dshared_params) =
             (vec![f64::NAN; shared.len()], vec![0.0; params.len()]);
         let to = Some(&mut dshared[..]);
         gru.backward(&params, &shared, &d_out, to, &mut dshared_params, &mut pass);
         let mut sums = vec![0.0; shared.len()];
-        for (&row, dx) in reads.iter().zip(dx.chunks_exact(inputs)) {
-            let sum = &mut sums[row * inputs..(row + 1) * inputs];
-            sum.iter_mut().zip(dx).for_each(|(sum, d)| *sum += d);
+        for (&index, gradient) in reads.iter().zip(dx.chunks_exact(inputs)) {
+            let sum = &mut sums[index * inputs..(index + 1) * inputs];
+            sum.iter_mut().zip(gradient).for_each(|(sum, d)| *sum += d);
         }
         assert!(largest_deviation(&dshared, &sums) < 1e-13, "{group}");
         assert!(largest_deviation(&dshared_params, &dparams) < 1e-12, "{group}");
@@ -172,17 +172,17 @@ fn shared_rows_are_rows_of_their_own_added_up() {
 #[should_panic(expected = "got row 2 to read, expected one of 2")]
 fn a_row_that_is_not_there_is_refused() {
     let gru = unit(Group::C1);
-    let (mut pass, x) = (gru.pass(2, 1), vec![0.0; 2 * gru.in_type().dim()]);
+    let (mut pass, x) = (gru.new_workspace(2, 1), vec![0.0; 2 * gru.in_type().dim()]);
     // rows before the sequence are ignored
-    gru.forward_shared(&drawn::<f32>(&gru), &x, &[9, 1], &[1], &mut pass);
-    gru.forward_shared(&drawn::<f32>(&gru), &x, &[1, 2], &[1], &mut pass);
+    gru.forward_shared_inputs(&drawn::<f32>(&gru), &x, &[9, 1], &[1], &mut pass);
+    gru.forward_shared_inputs(&drawn::<f32>(&gru), &x, &[1, 2], &[1], &mut pass);
 }
 
 #[test]
 #[should_panic(expected = "got 1 sequences of 3 steps in 2, expected at most 1 of 4")]
 fn a_sequence_that_is_longer_than_its_slice_is_refused() {
     let gru = unit(Group::C1);
-    let mut pass = gru.pass(4, 1);
+    let mut pass = gru.new_workspace(4, 1);
     let x = vec![0.0; 2 * gru.in_type().dim()];
     gru.forward(&drawn::<f32>(&gru), &x, &[3], &mut pass);
 }
@@ -191,9 +191,9 @@ fn a_sequence_that_is_longer_than_its_slice_is_refused() {
 fn passes(other: &Gru, backward: usize) {
     let gru = unit(Group::D2);
     let (params, x) = (drawn::<f64>(&gru), vec![0.5; gru.in_type().dim()]);
-    let mut pass = other.pass(1, 1);
+    let mut pass = other.new_workspace(1, 1);
     gru.forward(&params, &x, &[1], &mut pass);
-    let (d_out, mut dparams) = (pass.out().to_vec(), vec![0.0; params.len()]);
+    let (d_out, mut dparams) = (pass.last_states().to_vec(), vec![0.0; params.len()]);
     for _ in 0..backward {
         gru.backward(&params, &x, &d_out, None, &mut dparams, &mut pass);
     }
@@ -215,7 +215,7 @@ fn a_pass_of_another_unit_is_refused() {
 #[should_panic(expected = "got dparams of 1 values")]
 fn a_short_gradient_is_refused() {
     let gru = unit(Group::C1);
-    let (params, mut pass) = (drawn::<f32>(&gru), gru.pass(1, 1));
+    let (params, mut pass) = (drawn::<f32>(&gru), gru.new_workspace(1, 1));
     let x = vec![0.0; gru.in_type().dim()];
     gru.forward(&params, &x, &[1], &mut pass);
     let d_out = vec![0.0; gru.out_type().dim()];

@@ -1,7 +1,8 @@
 //! Every instruction set of this machine agrees with the portable code.
 
 use equivariant::{
-    FieldType, Group, InstructionSet, Kernel, Layer, MaxPool, R2Conv, Relu, Sequential, Signature,
+    FieldType, Group, InstructionSet, Layer, LayerSignature, MaxPool, R2Conv, Relu, Sequential,
+    SlidingWindow,
 };
 
 use crate::common::{params, scratch, unwritten};
@@ -17,10 +18,10 @@ fn run(conv: &R2Conv, set: InstructionSet, with_dx: bool) -> Vec<f32> {
 
 fn run_pooled(conv: &R2Conv, set: InstructionSet, with_dx: bool, pooled: bool) -> Vec<f32> {
     let relu = Relu::new(conv.out_shape());
-    let conv = Box::new(conv.clone().at_most(set));
+    let conv = Box::new(conv.clone().limit_instruction_set(set));
     let layer: Box<dyn Layer<f32>> = match relu {
         Ok(relu) => {
-            let pool = MaxPool::new(relu.out_shape(), Kernel::new(2, 2, 0));
+            let pool = MaxPool::new(relu.out_shape(), SlidingWindow::new(2, 2, 0));
             let mut layers: Vec<Box<dyn Layer<f32>>> = vec![conv, Box::new(relu)];
             let pool = pool.ok().filter(|_| pooled);
             layers.extend(pool.map(|pool| Box::new(pool) as Box<dyn Layer<f32>>));
@@ -47,17 +48,17 @@ fn convolutions() -> Vec<R2Conv> {
     for group in Group::ALL {
         let mixed = FieldType::new(group, [2, 1, 3, 0]);
         let types = [
-            (group.trivial(6), group.regular(5)),
-            (group.trivial(3), group.regular(9)),
-            (group.trivial(2), group.regular(4)),
-            (group.regular(3), group.regular(9)),
-            (group.regular(16), group.regular(8)),
-            (mixed, group.regular(2)),
-            (group.regular(2), mixed),
+            (group.trivial_type(6), group.regular_type(5)),
+            (group.trivial_type(3), group.regular_type(9)),
+            (group.trivial_type(2), group.regular_type(4)),
+            (group.regular_type(3), group.regular_type(9)),
+            (group.regular_type(16), group.regular_type(8)),
+            (mixed, group.regular_type(2)),
+            (group.regular_type(2), mixed),
         ];
         for (from, to) in types {
             for (size, stride) in [(4, 2), (3, 1)] {
-                let kernel = Kernel::new(size, stride, 1);
+                let kernel = SlidingWindow::new(size, stride, 1);
                 convolutions.push(R2Conv::new(from, to, kernel, [18, 22]).unwrap());
             }
         }
@@ -92,14 +93,14 @@ fn all_instruction_sets_of_this_machine_agree() {
             let expected = run(conv, InstructionSet::Portable, with_dx);
             let found: Vec<_> = wider.iter().map(|&&set| run(conv, set, with_dx)).collect();
             let shapes = (conv.in_shape(), conv.out_shape());
-            for (set, found) in wider.iter().zip(&found) {
-                let error = deviation(found, &expected);
+            for (set, output) in wider.iter().zip(&found) {
+                let error = deviation(output, &expected);
                 assert!(error < 1e-5, "{set:?} {shapes:?}: {error}");
-                differ |= *found != expected;
+                differ |= *output != expected;
             }
-            for (sets, found) in wider.windows(2).zip(found.windows(2)) {
+            for (sets, outputs) in wider.windows(2).zip(found.windows(2)) {
                 let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-                assert!(bits(&found[0]) == bits(&found[1]), "{sets:?} {shapes:?}");
+                assert!(bits(&outputs[0]) == bits(&outputs[1]), "{sets:?} {shapes:?}");
             }
         }
     }
@@ -108,7 +109,7 @@ fn all_instruction_sets_of_this_machine_agree() {
 
 #[test]
 #[cfg(target_arch = "x86_64")]
-fn no_instruction_set_that_the_processor_has_is_left_out() {
+fn no_instruction_set_that_the_cpu_has_is_left_out() {
     use std::arch::is_x86_feature_detected as has;
     assert!(InstructionSet::Portable.is_available());
     let avx2 = has!("avx2") && has!("fma");

@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use equivariant::{FieldNorm, Group, Layer, Linear, Sequential, Shape, Statistics, load, save};
+use equivariant::{
+    FieldNorm, Group, Layer, Linear, NormStatistics, Sequential, Shape, load_safetensors,
+    save_safetensors,
+};
 use safetensors::SafeTensors;
 
 use crate::common::{boxed, forward, layers, network, normal, params};
@@ -29,8 +32,8 @@ fn every_layer_survives_a_round_trip() {
     let file = File::new("round-trip");
     for (name, layer) in layers::<f32>() {
         let params = params(layer.as_ref(), 1);
-        save(&file.0, layer.as_ref(), &params).unwrap();
-        assert_eq!(load(&file.0, layer.as_ref()).unwrap(), params, "{name}");
+        save_safetensors(&file.0, layer.as_ref(), &params).unwrap();
+        assert_eq!(load_safetensors(&file.0, layer.as_ref()).unwrap(), params, "{name}");
     }
 }
 
@@ -39,7 +42,7 @@ fn equal_networks_give_equal_bytes() {
     let net = network::<f32>(Group::D2);
     let bytes = |name| {
         let file = File::new(name);
-        save(&file.0, &net, &params(&net, 1)).unwrap();
+        save_safetensors(&file.0, &net, &params(&net, 1)).unwrap();
         std::fs::read(&file.0).unwrap()
     };
     assert_eq!(bytes("once"), bytes("twice"));
@@ -49,7 +52,7 @@ fn equal_networks_give_equal_bytes() {
 fn dense_kernels_lie_beside_the_parameters() {
     let file = File::new("dense");
     let net = network::<f32>(Group::C2);
-    save(&file.0, &net, &params(&net, 1)).unwrap();
+    save_safetensors(&file.0, &net, &params(&net, 1)).unwrap();
     let bytes = std::fs::read(&file.0).unwrap();
     let tensors = SafeTensors::deserialize(&bytes).unwrap();
     let shape = |name| tensors.tensor(name).unwrap().shape().to_vec();
@@ -60,15 +63,16 @@ fn dense_kernels_lie_beside_the_parameters() {
 }
 
 fn message(file: &File, layer: &dyn Layer<f32>) -> String {
-    load(&file.0, layer).unwrap_err().to_string()
+    load_safetensors(&file.0, layer).unwrap_err().to_string()
 }
 
 #[test]
 fn other_networks_are_refused_with_the_layer() {
     let file = File::new("other");
-    let linear = |n| boxed::<f32, _>(Linear::new(Group::D2.regular(2), Group::D2.regular(n)));
+    let linear =
+        |n| boxed::<f32, _>(Linear::new(Group::D2.regular_type(2), Group::D2.regular_type(n)));
     let chain = Sequential::new(vec![linear(2), linear(3)]).unwrap();
-    save(&file.0, &chain, &params(&chain, 1)).unwrap();
+    save_safetensors(&file.0, &chain, &params(&chain, 1)).unwrap();
     let other = Sequential::new(vec![linear(2), linear(1)]).unwrap();
     let refused = message(&file, &other);
     let expected = "layer 1 is `Linear(2 reg -> 3 reg | 27 parameters)` in the file and \
@@ -95,18 +99,19 @@ fn files_that_are_not_ours_are_refused_by_name() {
 fn norms_of_other_statistics_are_refused() {
     let file = File::new("norms");
     let norm = |statistics| {
-        boxed::<f32, _>(FieldNorm::new(Shape::image(2, 3, Group::D2.regular(1)), statistics))
+        boxed::<f32, _>(FieldNorm::new(Shape::image(2, 3, Group::D2.regular_type(1)), statistics))
     };
-    let fixed = |mean: f64| Statistics::Fixed(vec![[mean, 2.0]]);
-    let all = [Statistics::Sample, Statistics::Batch, fixed(0.1), fixed(0.1f64.next_up())];
+    let fixed = |mean: f64| NormStatistics::Fixed(vec![[mean, 2.0]]);
+    let all =
+        [NormStatistics::PerSample, NormStatistics::Batch, fixed(0.1), fixed(0.1f64.next_up())];
     for (i, saved) in all.iter().enumerate() {
-        save(&file.0, norm(saved.clone()).as_ref(), &[1.5, 0.5]).unwrap();
+        save_safetensors(&file.0, norm(saved.clone()).as_ref(), &[1.5, 0.5]).unwrap();
         for (j, built) in all.iter().enumerate() {
-            let loaded = load(&file.0, norm(built.clone()).as_ref());
+            let loaded = load_safetensors(&file.0, norm(built.clone()).as_ref());
             assert_eq!(loaded.is_ok(), i == j, "{saved:?} as {built:?}");
         }
     }
-    let refused = message(&file, norm(Statistics::Batch).as_ref());
+    let refused = message(&file, norm(NormStatistics::Batch).as_ref());
     assert!(refused.contains("fixed statistics) [[0.1000000000000000"), "{refused}");
     assert!(refused.contains("statistics of the batch)` in the network"), "{refused}");
 }

@@ -1,6 +1,8 @@
 //! Normalised fields: their moments, and the source of the statistics.
 
-use equivariant::{FieldNorm, FieldType, Group, Layer, Shape, Signature, Statistics, hadamard};
+use equivariant::{
+    FieldNorm, FieldType, Group, Layer, LayerSignature, NormStatistics, Shape, hadamard_transform,
+};
 
 use crate::common;
 
@@ -10,9 +12,9 @@ fn waves(len: usize) -> Vec<f64> {
 
 fn normalised(layer: &FieldNorm, x: &[f64]) -> Vec<f64> {
     let mut params = vec![f64::NAN; layer.num_params()];
-    layer.init_scaled(&mut common::rng(1), 1.0, &mut params);
+    layer.init_with_gain(&mut common::rng(1), 1.0, &mut params);
     let mut y = vec![f64::NAN; x.len()];
-    layer.forward(&params, x, &mut y, &mut layer.scratch(0));
+    layer.forward(&params, x, &mut y, &mut layer.allocate_scratch(0));
     y
 }
 
@@ -21,7 +23,7 @@ fn regular_moments(group: Group, fields: usize, f: usize, y: &[f64]) -> [f64; 2]
     let mut values = Vec::new();
     for pixel in y.chunks(group.order() * fields) {
         let mut pixel = pixel.to_vec();
-        hadamard(group, &mut pixel);
+        hadamard_transform(group, &mut pixel);
         values.extend(pixel.into_iter().skip(f).step_by(fields));
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -32,15 +34,15 @@ fn regular_moments(group: Group, fields: usize, f: usize, y: &[f64]) -> [f64; 2]
 #[test]
 fn fields_have_mean_zero_and_variance_one_over_group_space_and_samples() {
     for group in Group::ALL {
-        let shape = Shape::image(3, 4, group.regular(9));
+        let shape = Shape::image(3, 4, group.regular_type(9));
         let x = waves(5 * shape.len());
-        let batch = FieldNorm::new(shape, Statistics::Batch).unwrap();
+        let batch = FieldNorm::new(shape, NormStatistics::Batch).unwrap();
         let y = normalised(&batch, &x);
-        let sample = FieldNorm::new(shape, Statistics::Sample).unwrap();
+        let sample = FieldNorm::new(shape, NormStatistics::PerSample).unwrap();
         let alone = normalised(&sample, &x);
         for f in 0..9 {
-            for y in alone.chunks(shape.len()).chain([&y[..]]) {
-                let [mean, variance] = regular_moments(group, 9, f, y);
+            for values in alone.chunks(shape.len()).chain([&y[..]]) {
+                let [mean, variance] = regular_moments(group, 9, f, values);
                 assert!(mean.abs() < 1e-12 && (variance - 1.0).abs() < 1e-3, "{group}");
             }
         }
@@ -51,17 +53,17 @@ fn fields_have_mean_zero_and_variance_one_over_group_space_and_samples() {
 fn fixed_moments_of_the_batch_do_what_the_batch_does() {
     let shape = Shape::image(2, 3, FieldType::new(Group::D2, [2, 1, 0, 3]));
     let x = waves(4 * shape.len());
-    let batch = FieldNorm::new(shape, Statistics::Batch).unwrap();
-    let moments = batch.moments(&x);
+    let batch = FieldNorm::new(shape, NormStatistics::Batch).unwrap();
+    let moments = batch.means_and_variances(&x);
     assert!(moments[..2].iter().all(|m| m[0] != 0.0));
     assert!(moments[2..].iter().all(|m| m[0] == 0.0), "odd channels are not centred");
-    let fixed = FieldNorm::new(shape, Statistics::Fixed(moments)).unwrap();
+    let fixed = FieldNorm::new(shape, NormStatistics::Fixed(moments)).unwrap();
     assert_eq!(normalised(&batch, &x), normalised(&fixed, &x));
 }
 
 #[test]
 fn statistics_that_do_not_fit_are_refused() {
-    let shape = Shape::vector(Group::D2.regular(2));
+    let shape = Shape::vector(Group::D2.regular_type(2));
     for wrong in [
         vec![[0.0, 1.0]],
         vec![[0.0, -1.0]; 2],
@@ -71,7 +73,7 @@ fn statistics_that_do_not_fit_are_refused() {
         vec![[0.0, 1e100]; 2],
         vec![[0.0, f64::INFINITY]; 2],
     ] {
-        let error = FieldNorm::new(shape, Statistics::Fixed(wrong)).unwrap_err();
+        let error = FieldNorm::new(shape, NormStatistics::Fixed(wrong)).unwrap_err();
         assert!(error.to_string().starts_with("FieldNorm: got the fixed statistics [["));
     }
 }
@@ -81,7 +83,7 @@ fn a_mean_of_an_odd_channel_is_refused() {
     let shape = Shape::vector(FieldType::new(Group::D2, [1, 1, 0, 1]));
     let with = |means: [f64; 3]| {
         let moments = means.map(|mean| [mean, 1.0]).to_vec();
-        FieldNorm::new(shape, Statistics::Fixed(moments))
+        FieldNorm::new(shape, NormStatistics::Fixed(moments))
     };
     with([0.5, 0.0, 0.0]).unwrap();
     for odd in [[0.0, 0.5, 0.0], [0.5, 0.0, -0.5]] {
@@ -93,21 +95,21 @@ fn a_mean_of_an_odd_channel_is_refused() {
 #[test]
 #[should_panic(expected = "got x of 0 values, expected a multiple of 4 above 0")]
 fn moments_of_no_samples_are_refused() {
-    let shape = Shape::vector(Group::D2.regular(1));
-    let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
-    norm.moments::<f32>(&[]);
+    let shape = Shape::vector(Group::D2.regular_type(1));
+    let norm = FieldNorm::new(shape, NormStatistics::Batch).unwrap();
+    norm.means_and_variances::<f32>(&[]);
 }
 
 #[test]
 fn a_batch_may_transform_each_sample_by_another_element() {
     for group in Group::ALL {
-        let shape = Shape::image(3, 2, group.regular(2));
-        let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
+        let shape = Shape::image(3, 2, group.regular_type(2));
+        let norm = FieldNorm::new(shape, NormStatistics::Batch).unwrap();
         let x = waves(8 * shape.len());
         let act = |values: &[f64]| -> Vec<f64> {
             let elements = group.elements().iter().cycle();
             let samples = values.chunks(shape.len()).zip(elements);
-            samples.flat_map(|(x, &g)| shape.act(g, x)).collect()
+            samples.flat_map(|(sample, &g)| shape.transform_sample(g, sample)).collect()
         };
         let of_moved = normalised(&norm, &act(&x));
         for (a, b) in of_moved.iter().zip(act(&normalised(&norm, &x))) {

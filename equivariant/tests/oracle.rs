@@ -1,17 +1,17 @@
 //! Convolutions against a naive one with the expanded kernel, over random types and geometries.
 
-use equivariant::{FieldType, Group, Kernel, R2Conv, Signature, hadamard};
+use equivariant::{FieldType, Group, LayerSignature, R2Conv, SlidingWindow, hadamard_transform};
 use proptest::prelude::*;
 use symmetry::D2;
 
 use crate::common::{forward, largest_deviation, normal, params};
 
 /// Returns the cross-correlation of a `[C_out, C_in, k, k]` kernel with one channels-last image.
-fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> {
+fn naive(layer: &R2Conv, kernel: &[f64], window: SlidingWindow, x: &[f64]) -> Vec<f64> {
     let (input, output) = (layer.in_shape(), layer.out_shape());
     let (c_in, c_out, k) = (input.fields.dim(), output.fields.dim(), window.size);
     let mut y = vec![0.0; output.len()];
-    for (i, y) in y.iter_mut().enumerate() {
+    for (i, sum) in y.iter_mut().enumerate() {
         let (pixel, out) = (i / c_out, i % c_out);
         let (oy, ox) = (pixel / output.width, pixel % output.width);
         for (j, weight) in kernel[out * c_in * k * k..][..c_in * k * k].iter().enumerate() {
@@ -19,7 +19,7 @@ fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> 
             let row = (oy * window.stride + ty).wrapping_sub(window.padding);
             let col = (ox * window.stride + tx).wrapping_sub(window.padding);
             if row < input.height && col < input.width {
-                *y += weight * x[(row * input.width + col) * c_in + c];
+                *sum += weight * x[(row * input.width + col) * c_in + c];
             }
         }
     }
@@ -28,7 +28,7 @@ fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> 
 
 fn with_zero_bias(layer: &R2Conv, seed: u64) -> Vec<f64> {
     let mut params = params::<f64>(layer, seed);
-    let trivial = layer.out_shape().fields.range(symmetry::Irrep::Trivial).len();
+    let trivial = layer.out_shape().fields.channel_range(symmetry::Irrep::Trivial).len();
     let weights = params.len() - trivial;
     params[weights..].fill(0.0);
     params
@@ -54,17 +54,21 @@ proptest! {
         width in 1usize..9,
         seed in 0u64..1000,
     ) {
-        let window = Kernel::new(size, stride, padding);
+        let window = SlidingWindow::new(size, stride, padding);
         let in_type = FieldType::new(group, in_multiplicities);
         let out_type = FieldType::new(group, out_multiplicities);
         let layer = R2Conv::new(in_type, out_type, window, [height, width]);
-        let exact = [(height, group.flips_y()), (width, group.flips_x())].map(|(n, flipped)| {
+        let extents = [
+            (height, group.has_element_flipping_y()),
+            (width, group.has_element_flipping_x()),
+        ];
+        let exact = extents.map(|(n, flipped)| {
             n + 2 * padding >= size && (!flipped || (n + 2 * padding - size) % stride == 0)
         });
         prop_assert_eq!(layer.is_ok(), exact == [true, true]);
         let Ok(layer) = layer else { return Ok(()) };
         let params = with_zero_bias(&layer, seed);
-        let kernel = layer.dense().kernel(&params);
+        let kernel = layer.as_ordinary_conv().kernel(&params);
         let len = layer.in_shape().len();
         // five samples, so that groups of two to four that are staged together leave one incomplete
         let x = normal::<f64>(5 * len, seed + 1);
@@ -78,7 +82,7 @@ proptest! {
 fn one_poisoned_value_fails_the_comparison() {
     let (layer, window) = regular_layer();
     let params = with_zero_bias(&layer, 7);
-    let kernel = layer.dense().kernel(&params);
+    let kernel = layer.as_ordinary_conv().kernel(&params);
     let x = normal::<f64>(layer.in_shape().len(), 8);
     let expected = naive(&layer, &kernel, window, &x);
     let mut y = forward(&layer, &params, &x);
@@ -90,9 +94,10 @@ fn one_poisoned_value_fails_the_comparison() {
     }
 }
 
-fn regular_layer() -> (R2Conv, Kernel) {
-    let window = Kernel::new(4, 2, 1);
-    let layer = R2Conv::new(Group::D2.regular(2), Group::D2.regular(3), window, [6, 4]).unwrap();
+fn regular_layer() -> (R2Conv, SlidingWindow) {
+    let window = SlidingWindow::new(4, 2, 1);
+    let layer =
+        R2Conv::new(Group::D2.regular_type(2), Group::D2.regular_type(3), window, [6, 4]).unwrap();
     (layer, window)
 }
 
@@ -102,10 +107,10 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
     let params = with_zero_bias(&layer, 7);
     let x = normal::<f64>(layer.in_shape().len(), 8);
     let mut expected = forward(&layer, &params, &x);
-    expected.chunks_mut(12).for_each(|pixel| hadamard(Group::D2, pixel));
+    expected.chunks_mut(12).for_each(|pixel| hadamard_transform(Group::D2, pixel));
     let mut regular_x = x;
-    regular_x.chunks_mut(8).for_each(|pixel| hadamard(Group::D2, pixel));
-    let kernel = layer.dense().regular_kernel(&params);
+    regular_x.chunks_mut(8).for_each(|pixel| hadamard_transform(Group::D2, pixel));
+    let kernel = layer.as_ordinary_conv().regular_kernel(&params);
     let y = naive(&layer, &kernel, window, &regular_x);
     assert!(largest_deviation(&y, &expected) < 1e-12);
 }
@@ -113,7 +118,7 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
 #[test]
 fn the_regular_kernel_obeys_the_steerability_constraint() {
     let (layer, window) = regular_layer();
-    let kernel = layer.dense().regular_kernel(&params::<f64>(&layer, 9));
+    let kernel = layer.as_ordinary_conv().regular_kernel(&params::<f64>(&layer, 9));
     let (n_in, n_out, k) = (2, 3, window.size);
     let at = |h_out: D2, h_in: D2, out: usize, input: usize, ty: usize, tx: usize| {
         let channel = (h_out.bits() * n_out + out) * 4 * n_in + h_in.bits() * n_in + input;
@@ -145,7 +150,7 @@ fn the_parameters_span_all_steerable_kernels() {
         .map(|i| {
             let mut unit = vec![0.0f64; dense / 4 + biases];
             unit[i] = 1.0;
-            layer.dense().kernel(&unit)
+            layer.as_ordinary_conv().kernel(&unit)
         })
         .collect();
     for (i, a) in kernels.iter().enumerate() {

@@ -49,9 +49,9 @@ fn convolutions_of_every_width_agree_in_both_precisions() {
         // numbers of fields for every way to divide outputs into tiles; images of 6 x 22 for lines
         // of a full tile and a remainder
         for fields in [1, 4, 5, 8, 12, 16, 20, 33] {
-            for input in [group.trivial(6), group.regular(8), group.regular(3)] {
+            for input in [group.trivial_type(6), group.regular_type(8), group.regular_type(3)] {
                 for window in [[4, 2, 1], [3, 1, 1]] {
-                    let out = group.regular(fields);
+                    let out = group.regular_type(fields);
                     let single = conv::<f32>(input, out, window, [6, 22]);
                     let double = conv::<f64>(input, out, window, [6, 22]);
                     let errors = errors(single.as_ref(), double.as_ref());

@@ -52,7 +52,7 @@ fn clones_made_between_the_passes_give_the_same_gradients() {
 fn an_empty_scratch_in_its_place_is_noticed() {
     for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.keeps_scratch()) {
         let len = layer.scratch_len(SAMPLES);
-        let lost = || gradients(layer.as_ref(), |_| Scratch::filled(len, 0.0));
+        let lost = || gradients(layer.as_ref(), |_| Scratch::filled_with(len, 0.0));
         let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(lost)).unwrap_err();
         let message = panic.downcast_ref::<String>().unwrap();
         let expected = "got a scratch that forward left for 0 samples, expected one for the 3 of x";
@@ -63,7 +63,7 @@ fn an_empty_scratch_in_its_place_is_noticed() {
 /// Checks that a layer that keeps nothing cannot corrupt values that another layer saved.
 #[test]
 fn a_scratch_that_another_backward_pass_used_is_noticed() {
-    let relu = Relu::new(Shape::vector(Group::D2.trivial(1))).unwrap();
+    let relu = Relu::new(Shape::vector(Group::D2.trivial_type(1))).unwrap();
     for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.keeps_scratch()) {
         let used = |mut scratch| {
             let dx = &mut [0.0];

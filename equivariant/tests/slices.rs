@@ -29,25 +29,25 @@ type Pass = fn(&dyn Layer<f32>, [usize; 7]);
 fn forward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     let [params, x, y, .., scratch] = lengths;
     let mut y = vec![0.0; y];
-    let mut scratch = Scratch::filled(scratch, 0.0);
+    let mut scratch = Scratch::filled_with(scratch, 0.0);
     layer.forward(&vec![0.1; params], &vec![0.1; x], &mut y, &mut scratch);
 }
 
 /// Runs a backward pass after a forward pass of the right lengths.
 fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     let [params, x, y, ..] = self::lengths(layer);
-    let mut scratch = layer.scratch(SAMPLES);
+    let mut scratch = layer.allocate_scratch(SAMPLES);
     let (mut y, x) = (vec![0.0; y], vec![0.1; x]);
     layer.forward(&vec![0.1; params], &x, &mut y, &mut scratch);
-    let [params, x, y, dy, dx, dparams, len] = lengths;
+    let [params_len, x_len, y_len, dy, dx, dparams, len] = lengths;
     let (mut dx, mut dparams) = (vec![0.0; dx], vec![0.0; dparams]);
     if len < scratch.len() {
-        scratch = Scratch::filled(len, 0.0);
+        scratch = Scratch::filled_with(len, 0.0);
     }
     layer.backward(
-        &vec![0.1; params],
-        &vec![0.1; x],
-        &vec![0.1; y],
+        &vec![0.1; params_len],
+        &vec![0.1; x_len],
+        &vec![0.1; y_len],
         &vec![0.1; dy],
         Some(&mut dx),
         &mut dparams,
@@ -68,8 +68,10 @@ fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
             message.ends_with(&format!("got x of {got} values, expected a multiple of {each}"))
         }
         "scratch" => {
-            let named = format!("got a scratch of {got} values, expected at least {right}");
-            message.contains(&named) || message.contains("got a scratch that forward left for 0")
+            let scratch_message =
+                format!("got a scratch of {got} values, expected at least {right}");
+            message.contains(&scratch_message)
+                || message.contains("got a scratch that forward left for 0")
         }
         _ => message.contains(&named),
     }
@@ -156,7 +158,7 @@ fn a_scratch_of_another_number_of_samples_is_refused_where_it_is_kept() {
         let params = vec![0.1; layer.num_params()];
         let x = normal::<f32>(SAMPLES * layer.in_shape().len(), 1);
         let mut y = vec![0.0; SAMPLES * layer.out_shape().len()];
-        let mut scratch = layer.scratch(SAMPLES);
+        let mut scratch = layer.allocate_scratch(SAMPLES);
         layer.forward(&params, &x, &mut y, &mut scratch);
         let (x, y) = (&x[..layer.in_shape().len()], &y[..layer.out_shape().len()]);
         let mut dparams = vec![0.0; params.len()];
@@ -169,7 +171,7 @@ fn a_scratch_of_another_number_of_samples_is_refused_where_it_is_kept() {
 
 #[test]
 fn a_scratch_of_another_layer_is_refused_where_it_is_kept() {
-    let map = Shape::image(4, 4, Group::D2.regular(2));
+    let map = Shape::image(4, 4, Group::D2.regular_type(2));
     let pool = |window| boxed::<f32, _>(MaxPool::new(map, kernel(window)));
     let keypoints = |temperature| boxed::<f32, _>(SpatialSoftArgmax::new(map, temperature));
     let chain = |layer| -> Box<dyn Layer<f32>> { boxed(Sequential::new(vec![layer])) };
@@ -183,7 +185,7 @@ fn a_scratch_of_another_layer_is_refused_where_it_is_kept() {
         let mut y = vec![0.0; SAMPLES * own.out_shape().len()];
         assert_eq!(own.out_shape(), foreign.out_shape());
         let len = own.scratch_len(SAMPLES).max(foreign.scratch_len(SAMPLES));
-        let mut scratch = Scratch::filled(len, 0.0);
+        let mut scratch = Scratch::filled_with(len, 0.0);
         own.forward(&[], &x, &mut y, &mut scratch);
         own.backward(&[], &x, &y, &y, None, &mut [], &mut scratch);
         foreign.forward(&[], &x, &mut y, &mut scratch);
@@ -196,7 +198,8 @@ fn a_scratch_of_another_layer_is_refused_where_it_is_kept() {
 
 #[test]
 fn sums_of_maps_refuse_wrong_lengths() {
-    let shapes = [Group::D2.regular(2), Group::D2.trivial(3)].map(|t| Shape::image(2, 3, t));
+    let shapes =
+        [Group::D2.regular_type(2), Group::D2.trivial_type(3)].map(|t| Shape::image(2, 3, t));
     let concat = Concat::new(shapes[0], shapes[1]).unwrap();
     let right = [shapes[0].len(), shapes[1].len(), concat.out_shape().len()].map(|n| 2 * n);
     for slice in 0..3 {

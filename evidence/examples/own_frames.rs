@@ -13,12 +13,12 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use cluster::Verdict;
-use evidence::{Account, Filters, Look, Recogniser, RecogniserSettings};
+use evidence::{Account, Filters, Recogniser, RecogniserSettings, Situation};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, VectorEnv};
-use worlds::{Kind, Stream, Visit, World};
+use worlds::{TaskStream, Visit, World, WorldKind};
 
 type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -42,25 +42,28 @@ fn main() -> Answer<()> {
 
 /// A line for each two groups, and for each group and itself.
 fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
-    println!("| remembered | asked about | distance over chance | score | refused |");
+    println!("| remembered | asked about | distance over chance | score | rejected |");
     println!("|---|---|---|---|---|");
     for home in groups {
         for other in groups {
-            let (mut ratio, mut score, mut refused) = (0.0, 0.0, 0);
+            let (mut ratio, mut score, mut rejected) = (0.0, 0.0, 0);
             for _ in 0..REPETITIONS {
                 let [remembered, asked] = halves(home, other, rng);
                 let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
                 recogniser.learn(0, &remembered, rng)?;
-                let finding = recogniser.assign(&asked, 0, Look::Second, rng)?;
+                let situation = Situation { can_wait: false, ..Situation::of(0) };
+                let finding = recogniser.assign(&asked, situation, rng)?;
                 let opinion = &finding.opinions[0];
                 let test = opinion.test().ok_or("fewer than 4 frames of a group")?;
                 let picture = test.sources[0];
                 ratio += picture.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
                 score += picture.map_or(0.0, |s| s.score) / REPETITIONS as f64;
-                refused += usize::from(opinion.verdict() == Verdict::Refused);
+                rejected += usize::from(opinion.verdict() == Verdict::Rejected);
             }
             let (home, other) = (&home.name, &other.name);
-            println!("| {home} | {other} | {ratio:.2} | {score:.1} | {refused} of {REPETITIONS} |");
+            println!(
+                "| {home} | {other} | {ratio:.2} | {score:.1} | {rejected} of {REPETITIONS} |"
+            );
         }
     }
     Ok(())
@@ -74,10 +77,10 @@ fn halves<R: Rng>(home: &Group, other: &Group, rng: &mut R) -> [Vec<Account>; 2]
     if std::ptr::eq(home, other) {
         return [shuffled, asked];
     }
-    let mut asked = other.accounts.clone();
-    asked.shuffle(rng);
-    asked.truncate(asked.len() / 2);
-    [shuffled, asked]
+    let mut others = other.accounts.clone();
+    others.shuffle(rng);
+    others.truncate(others.len() / 2);
+    [shuffled, others]
 }
 
 /// How often 1, 4 and 20 frames, or all that half of the group has, name their group, with all
@@ -127,8 +130,9 @@ fn read(folder: &Path) -> Answer<Vec<Group>> {
             let (size, pixels) = picture(&file)?;
             let expected = *first.get_or_insert(size);
             if size != expected {
-                let name = file.display();
-                let problem = format!("{name} is {size:?}, expected {expected:?} as the first");
+                let file_name = file.display();
+                let problem =
+                    format!("{file_name} is {size:?}, expected {expected:?} as the first");
                 return Err((problem + " picture: height, width and channels").into());
             }
             let filters = Filters::new(size, RecogniserSettings::default().filters)?;
@@ -167,21 +171,21 @@ fn account(began: usize, picture: Vec<f32>) -> Account {
 
 /// 40 first frames of each group of a drawn world.
 fn drawn() -> Answer<Vec<Group>> {
-    let world = World::draw(Kind::Appearance, 1000);
+    let world = World::random(WorldKind::Appearance, 1000);
     let mut groups = Vec::new();
     for group in 0..world.groups.len() {
         let visits = vec![Visit { group, rounds: 1 }];
-        let mut stream = Stream::new(world.clone(), visits, 40)?;
+        let mut stream = TaskStream::new(world.clone(), visits, 40)?;
         let spec = stream.spec().clone();
         let mut seen = Observations::new(&spec);
         stream.reset(&mut seen)?;
-        let filters = Filters::new(spec.image, RecogniserSettings::default().filters)?;
+        let filters = Filters::new(spec.image_shape, RecogniserSettings::default().filters)?;
         let images = seen.images.chunks(spec.image_len());
         let described = images.map(|image| filters.describe(image));
         let described = described.collect::<Result<Vec<_>, _>>()?;
         let accounts = described.into_iter().enumerate();
         groups.push(Group {
-            name: format!("{:?} {:?}", world.groups[group].look.shape, group),
+            name: format!("{:?} {:?}", world.groups[group].appearance.shape, group),
             accounts: accounts.map(|(began, picture)| account(began, picture)).collect(),
         });
     }

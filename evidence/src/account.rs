@@ -11,15 +11,15 @@ use crate::motion::{motion, slope};
 /// Recorded episode, from its first observation on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Course {
-    /// Decisions of all environments before the episode began: its place in time.
+    /// Number of decisions that all environments took before the episode began: its place in time.
     pub began: usize,
-    /// First picture `[H, W, C]`.
+    /// First picture of the episode `[H, W, C]`.
     pub image: Vec<u8>,
-    /// Vectors `[T, D]` that the policy acted on.
+    /// Observation vectors `[T, D]` that the policy acted on in the episode.
     pub vectors: Vec<f32>,
-    /// Actions `[T, A]`.
+    /// Actions of the episode `[T, A]`.
     pub actions: Vec<f32>,
-    /// Rewards `[T]`.
+    /// Rewards of the episode `[T]`.
     pub rewards: Vec<f32>,
     /// `true` if the episode was recorded to its end.
     pub is_whole: bool,
@@ -30,30 +30,39 @@ pub struct Course {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
-    /// Decisions before the episode began.
+    /// Number of decisions that all environments took before the episode began: its place in time.
     pub began: usize,
     /// Features of the first picture, computed by [`Filters`].
     pub picture: Vec<f32>,
-    /// First vector `[D]`; components that change sign under a flip are absolute values.
+    /// First observation vector `[D]` of the episode; components that change sign under a flip are
+    /// absolute values.
     pub vector: Vec<f32>,
-    /// Linear response of the vector to actions, `[D, A]`; `None`, like the next two fields, if the
-    /// episode was not recorded to its end.
+    /// Linear response of the observation vector to actions, `[D, A]`; `None`, like the next two
+    /// fields, if the episode was not recorded to its end.
     pub motion: Option<Vec<f32>>,
     /// Direction in action space in which the reward increases: absolute values `[A]`, of length 1,
     /// or zeros if actions do not change it.
     pub slope: Option<Vec<f32>>,
-    /// Undiscounted return.
+    /// Undiscounted return of the episode.
     pub earned: Option<f32>,
 }
 
 impl Account {
-    /// Removes all that depends on actions, so that only the first picture and vector remain.
+    /// Removes all of the summary that depends on actions, so that only the first picture and
+    /// vector remain.
     pub fn forget_course(&mut self) {
         (self.motion, self.slope, self.earned) = (None, None, None);
     }
+
+    /// Returns the summary of the first picture and vector alone.
+    pub(crate) fn without_course(&self) -> Self {
+        let mut account = self.clone();
+        account.forget_course();
+        account
+    }
 }
 
-/// Summariser of episodes.
+/// Summariser that turns recorded episodes into accounts.
 #[derive(Clone, Debug)]
 pub struct Accountant {
     filters: Filters,

@@ -12,17 +12,17 @@ pub enum EvidenceError {
          1 to 1000"
     )]
     PictureSize {
-        /// Rows.
+        /// Number of rows of pixels of the picture.
         height: usize,
-        /// Columns.
+        /// Number of columns of pixels of the picture.
         width: usize,
-        /// Channels.
+        /// Number of channels of the picture.
         channels: usize,
     },
     /// List of the wrong length.
     #[error("{what} holds {got} values, expected {expected}")]
     Length {
-        /// Name of the list.
+        /// Name of the list that has the wrong length.
         what: &'static str,
         /// Length of the list.
         got: usize,
@@ -31,20 +31,20 @@ pub enum EvidenceError {
     },
     /// Setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
-        /// Name of the setting.
+    InvalidSetting {
+        /// Name of the setting that is out of range.
         name: &'static str,
-        /// Value of the setting.
+        /// Rejected value of the setting.
         value: f64,
-        /// Valid range, in words.
+        /// Valid range of the setting, in words.
         expected: &'static str,
     },
     /// Too few episodes for a decision.
     #[error("got {got} episodes, expected at least {needed}")]
     TooFewEpisodes {
-        /// Episodes given.
+        /// Number of episodes given.
         got: usize,
-        /// Episodes needed.
+        /// Number of episodes that a decision needs.
         needed: usize,
     },
     /// Number that is infinite or not a number.
@@ -52,7 +52,7 @@ pub enum EvidenceError {
     NotFinite {
         /// Source of evidence that holds the number.
         what: &'static str,
-        /// Number that is not finite.
+        /// Infinite or NaN value.
         value: f64,
     },
     /// Stored state with more episodes for a policy than the settings allow.
@@ -61,9 +61,9 @@ pub enum EvidenceError {
          were kept"
     )]
     TooManyAccounts {
-        /// Accounts given.
+        /// Number of episodes that the state stores for the policy.
         got: usize,
-        /// The setting `memory`.
+        /// Largest number of episodes for a policy, the setting `memory`.
         most: usize,
     },
     /// Stored state in the format of another version.
@@ -72,17 +72,17 @@ pub enum EvidenceError {
          begin anew"
     )]
     StateVersion {
-        /// Format of the state.
+        /// Format number of the stored state.
         got: u32,
-        /// Only format that this version reads.
+        /// Only format number that this version reads.
         expected: u32,
     },
     /// Policy index that is not known.
     #[error("policy {policy} was named, {policies} are known")]
     NoPolicy {
-        /// Policy index given.
+        /// Index of the policy that is not known.
         policy: usize,
-        /// Policies known.
+        /// Number of known policies.
         policies: usize,
     },
     /// Stored state whose merged policies continue as each other in a circle.
@@ -91,7 +91,7 @@ pub enum EvidenceError {
          state is damaged, take another one"
     )]
     HeirsInCircle {
-        /// Policy on the circle or leading into it.
+        /// Index of a policy on the circle or leading into it.
         policy: usize,
     },
     /// Error of a distance or a test.

@@ -53,7 +53,7 @@ impl Examiner<'_> {
             None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
         };
         let mut opinion = untested(memory, accounts, kinds, role);
-        let is_out = opinion.is_refused();
+        let is_out = opinion.is_rejected();
         // a first look cannot change a rejection; a second one ranks rejected policies by distance
         if remembered.len() < least || (is_out && look == Look::First) {
             return Ok(opinion);
@@ -110,7 +110,7 @@ impl Examiner<'_> {
         match (is_against, look) {
             (false, _) => Verdict::Accepted,
             (true, Look::First) => Verdict::Doubted,
-            (true, Look::Second) => Verdict::Refused,
+            (true, Look::Second) => Verdict::Rejected,
         }
     }
 
@@ -188,7 +188,7 @@ impl Examiner<'_> {
 
     /// Returns `true` if a difference is larger than drift or training explains, whatever its
     /// significance.
-    fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
+    pub(crate) fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
         match kind {
             Kind::Picture | Kind::Vector => source.ratio() >= self.least_ratio(opinion),
             Kind::Motion => opinion.changed >= self.0.min_motion && source.ratio() >= LEAST_RATIO,
@@ -202,7 +202,7 @@ impl Examiner<'_> {
     }
 
     /// Returns `true` if one rollout is enough to reject a policy for good.
-    pub(crate) fn surely_refuses(self, opinion: &Opinion) -> bool {
+    pub(crate) fn surely_rejects(self, opinion: &Opinion) -> bool {
         self.speaks_against(opinion, SURE * self.0.level)
     }
 
@@ -227,7 +227,7 @@ fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role
         gained: memory.gained(accounts),
         role,
         verdict: if memory.is_gone() && role == Role::Stranger {
-            Verdict::Refused
+            Verdict::Rejected
         } else {
             Verdict::Accepted
         },

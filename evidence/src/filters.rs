@@ -54,7 +54,7 @@ impl Filters {
             return Err(EvidenceError::PictureSize { height, width, channels });
         }
         if count == 0 {
-            return Err(EvidenceError::Setting {
+            return Err(EvidenceError::InvalidSetting {
                 name: "filters",
                 value: 0.0,
                 expected: "at least 1",
@@ -66,7 +66,7 @@ impl Filters {
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// Returns the number of features of a picture.
+    /// Returns the length of a picture's feature vector.
     pub fn dim(&self) -> usize {
         2 * self.count
     }

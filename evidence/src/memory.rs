@@ -13,6 +13,8 @@ use crate::opinion::{Kind, mean_earned};
 #[serde(deny_unknown_fields)]
 pub(crate) struct Memory {
     pub(crate) accounts: VecDeque<Account>,
+    /// `false` for a policy that was created for episodes of others and did not train yet.
+    pub(crate) is_trained: bool,
     /// Mean return of the first rollout that the policy trained on.
     pub(crate) beginning: Option<f64>,
     /// Policies that were compared with this one and serve other groups.
@@ -27,11 +29,21 @@ impl Memory {
         self.heir.is_some()
     }
 
-    /// Appends these episodes and keeps the latest `most` of all.
+    /// Records that the policy trains on these episodes.
     pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
         let earned = mean_earned(accounts.iter().copied());
+        if !self.is_trained {
+            // a policy may train on a rollout that it was created for, and remembers it already
+            self.accounts.retain(|account| !accounts.contains(&account));
+        }
         self.beginning = self.beginning.or(earned);
-        self.accounts.extend(accounts.into_iter().cloned());
+        self.is_trained = true;
+        self.remember(accounts.into_iter().cloned(), most);
+    }
+
+    /// Appends these episodes and keeps the latest `most` of all.
+    pub(crate) fn remember(&mut self, accounts: impl Iterator<Item = Account>, most: usize) {
+        self.accounts.extend(accounts);
         let too_many = self.accounts.len().saturating_sub(most);
         self.accounts.drain(..too_many);
     }
@@ -57,7 +69,7 @@ impl Memory {
         let (before, late) = all.split_at(all.len() / 2);
         let means = mean_earned(before.iter().copied()).zip(mean_earned(late.iter().copied()));
         match means {
-            Some((before, mean)) if mean - before > IMPROVES * spread(&all) => late.to_vec(),
+            Some((earlier, mean)) if mean - earlier > IMPROVES * spread(&all) => late.to_vec(),
             _ => all,
         }
     }

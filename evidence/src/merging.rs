@@ -10,20 +10,21 @@ use crate::memory::Memory;
 use crate::opinion::{Look, Opinion, Role};
 use crate::recogniser::Recogniser;
 
-/// Outcome of a merge of two policies that serve one group.
+/// Outcome of a merge of two policies that serve one task group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Merge {
-    /// Policy that continues for both groups, unchanged and under its index.
+    /// Index of the policy that continues in place of both, unchanged.
     pub kept: usize,
-    /// Merged policy, which is stored unchanged and tried again before a new policy is created.
+    /// Index of the merged policy, which is stored unchanged and tried again before a new policy is
+    /// created.
     pub gone: usize,
 }
 
 impl Recogniser {
-    /// Returns a policy that may serve the same group as `policy`: one that the last decision
-    /// `accepted`, if the gain of `policy` is large enough for a proof, the other one has a gain and
-    /// was not merged, and the two were not found to differ before. Let it act for some episodes
-    /// of that group, then call [`Recogniser::compare`].
+    /// Returns the index of a policy that may serve the same task group as `policy`. It is the
+    /// first one that the last decision `accepted`, that has a gain, was not merged, and was not
+    /// found to differ before. `None` if there is none, or if the gain of `policy` is too small for
+    /// a proof. Let it act for some episodes of that group, then call [`Recogniser::compare`].
     pub fn twin(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
         let examiner = Examiner(self.settings());
         let own = self.memories.get(policy)?;
@@ -37,10 +38,10 @@ impl Recogniser {
         twin.filter(|_| examiner.knows(own))
     }
 
-    /// Returns `true` if `twin`, which acted in these episodes of the group of `policy`, earned
-    /// about as much as in its own group and as `policy` does. Then let `policy` act once more,
-    /// since the group may have changed before `twin` acted, and call [`Recogniser::merge`]. Two
-    /// policies that differ are not proposed again.
+    /// Returns `true` if `twin`, which acted in these episodes of the task group of `policy`,
+    /// earned about as much as in its own group and as `policy` does. Then let `policy` act once
+    /// more, since the group may have changed before `twin` acted, and call [`Recogniser::merge`].
+    /// Two policies that differ are not proposed again.
     ///
     /// # Errors
     /// Too few episodes, unknown policies, or episodes that cannot be compared.
@@ -56,7 +57,7 @@ impl Recogniser {
         let opinion = self.opinion_of(twin, accounts, rng)?;
         // a policy that clearly earns more in its own group must keep it
         let lags = self.lost(policy, accounts) >= self.settings().min_loss;
-        let is_twin = !lags && !opinion.is_refused() && examiner.is_proven(&opinion);
+        let is_twin = !lags && !opinion.is_rejected() && examiner.is_proven(&opinion);
         if !is_twin {
             self.part(policy, twin);
         }
@@ -85,7 +86,7 @@ impl Recogniser {
             return Ok(None);
         }
         let opinion = self.opinion_of(policy, again, rng)?;
-        if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
+        if opinion.is_rejected() || !Examiner(self.settings()).keeps(&opinion) {
             return Ok(None);
         }
         // `twin` has served in both groups, `policy` never acted in the group of `twin`
@@ -104,7 +105,7 @@ impl Recogniser {
         self.memories[policy].lost(&accounts)
     }
 
-    /// Returns for each policy the one that it was merged into, if any.
+    /// Returns for each policy the index of the one that it was merged into, if any.
     pub fn heirs(&self) -> Vec<Option<usize>> {
         self.memories.iter().map(|memory| memory.heir).collect()
     }

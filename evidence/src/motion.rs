@@ -25,14 +25,14 @@ pub(crate) fn motion(
     let mut gram = vec![0.0; a * a];
     let mut moment = vec![0.0; a * d];
     let pairs = vectors.chunks_exact(d).zip(vectors.chunks_exact(d).skip(1));
-    let actions: Vec<f32> = actions.iter().map(|a| a.clamp(-1.0, 1.0)).collect();
+    let actions: Vec<f32> = actions.iter().map(|value| value.clamp(-1.0, 1.0)).collect();
     for ((now, next), action) in pairs.zip(actions.chunks_exact(a)) {
         for (i, &ai) in action.iter().enumerate() {
             for (j, &aj) in action.iter().enumerate() {
                 gram[i * a + j] += f64::from(ai) * f64::from(aj);
             }
-            for (k, (now, next)) in now.iter().zip(next).enumerate() {
-                moment[i * d + k] += f64::from(ai) * (f64::from(*next) - f64::from(*now));
+            for (k, (from, to)) in now.iter().zip(next).enumerate() {
+                moment[i * d + k] += f64::from(ai) * (f64::from(*to) - f64::from(*from));
             }
         }
     }

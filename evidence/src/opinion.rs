@@ -59,9 +59,10 @@ impl Kind {
 /// Stage of a decision, by the number of rollouts that it rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// One rollout: a doubt asks for another one.
+    /// First look, at one rollout: a doubt asks for another one.
     First,
-    /// Two rollouts, or one that the tested policy collected itself: the decision is final.
+    /// Final look, at two rollouts or at one that the tested policy collected itself: the decision
+    /// is final.
     Second,
 }
 
@@ -79,7 +80,7 @@ pub(crate) enum Role {
     Excused,
 }
 
-/// Evidence for and against one policy.
+/// Evidence for and against one policy in a decision.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
     pub(crate) kinds: Vec<Kind>,
@@ -103,13 +104,14 @@ pub struct Opinion {
 }
 
 impl Opinion {
-    /// Returns the test of all sources; `None` if the policy remembers too few episodes.
+    /// Returns the joint test of all sources of evidence; `None` if the policy remembers too few
+    /// episodes.
     pub fn test(&self) -> Option<&JointTest> {
         self.test.as_ref()
     }
 
-    /// Converts to the evidence type of the crate `cluster`, with the distance of the first source
-    /// that was tested and the test of the largest score.
+    /// Converts the opinion to the evidence type of the crate `cluster`. The result has the
+    /// distance of the first source that was tested, and the test of the largest score.
     pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
         let distance = self.sources().next().map_or(0.0, |(_, source)| source.distance);
         let judgement = match &self.test {
@@ -134,7 +136,7 @@ impl Opinion {
         Evidence { distance, judgement, verdict: self.verdict }
     }
 
-    /// Returns the outcome.
+    /// Returns the verdict on the policy, after all tests.
     pub fn verdict(&self) -> Verdict {
         self.verdict
     }
@@ -146,13 +148,13 @@ impl Opinion {
         tests.map(|source| source.tail_p_value).fold(1.0, f64::min)
     }
 
-    /// Returns the relative change of motion; 0 if it is unknown.
+    /// Returns the relative change of motion, the vector's response to actions; 0 if it is unknown.
     pub fn changed(&self) -> f64 {
         self.changed
     }
 
-    pub(crate) fn is_refused(&self) -> bool {
-        self.verdict == Verdict::Refused
+    pub(crate) fn is_rejected(&self) -> bool {
+        self.verdict == Verdict::Rejected
     }
 
     /// Returns the largest score of pictures and vectors; infinity for a policy that was not
@@ -166,8 +168,8 @@ impl Opinion {
         scores.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Returns the largest ratio of the distance of pictures or vectors to that of chance; 0 if
-    /// neither was tested.
+    /// Returns the largest ratio of the distance of pictures or vectors to its mean over random
+    /// splits; 0 if neither was tested.
     pub fn look_ratio(&self) -> f64 {
         let looks = self.sources().filter(|(kind, _)| kind.is_look());
         looks.map(|(_, source)| source.ratio()).fold(0.0, f64::max)

@@ -1,11 +1,11 @@
 //! Conversion of p-values into a probability for each policy.
 
-/// Probability of each policy's group, and of a group that no policy knows.
+/// Probability that episodes show each policy's task group, or one that no policy knows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
-    /// Probability of each policy, in their order.
+    /// Probability of each policy's task group, in the order of the policies.
     pub policies: Vec<f64>,
-    /// Probability of a group that no policy knows.
+    /// Probability of a task group that no policy knows.
     pub none: f64,
     /// Outlier score of each policy, which ranks equal probabilities.
     misfits: Vec<f64>,
@@ -23,6 +23,8 @@ pub(crate) struct Weighed {
 
 /// Weight of "none of these", relative to 1 for a policy without evidence against it.
 const NONE: f64 = 0.05;
+/// Least weight of a policy whose own episodes would look like these: a p-value of 0.08.
+const TYPICAL: f64 = 0.5;
 /// Least weight of a policy whose difference may be drift.
 const ACCEPTED: f64 = 0.1;
 
@@ -37,14 +39,21 @@ impl Probabilities {
         }
     }
 
-    /// Returns the likeliest policy; `None` if "none of these" is likelier. Among equals the best
-    /// fit wins, then the first.
+    /// Returns the index of the likeliest policy; `None` if "none of these" is likelier. Among
+    /// equals the best fit wins, then the first.
     pub fn likeliest(&self) -> Option<usize> {
         let policies = self.policies.iter().zip(&self.misfits).enumerate();
         let best = policies.min_by(|(_, (p, misfit)), (_, (q, other))| {
             q.total_cmp(p).then(misfit.total_cmp(other))
         });
         best.filter(|(_, (p, _))| **p >= self.none).map(|(index, _)| index)
+    }
+
+    /// Returns `true` if the episodes are nothing unusual for at least one policy. If they are
+    /// unusual for all, as images of another camera, probabilities compare what is never right.
+    pub fn is_typical(&self) -> bool {
+        let most = self.policies.iter().copied().fold(0.0, f64::max);
+        most * NONE >= TYPICAL * self.none
     }
 }
 
@@ -90,6 +99,16 @@ mod tests {
     fn who_was_not_tested_is_not_named() {
         assert_eq!(likeliest(&[(None, 0.0), (Some(0.1), 3.0)]), Some(1));
         assert_eq!(likeliest(&[(None, 0.0)]), None);
+    }
+
+    #[test]
+    fn one_strange_episode_is_typical_of_no_policy() {
+        // of 41 episodes, the strange one is the farthest from the rest
+        let strange = Weighed { p_value: Some(1.0 / 41.0), may_be_drift: true, misfit: 0.0 };
+        let usual = Weighed { p_value: Some(0.3), ..strange };
+        assert!(!Probabilities::of(&[strange; 3]).is_typical());
+        assert!(Probabilities::of(&[strange, usual]).is_typical());
+        assert!(!Probabilities::of(&[]).is_typical());
     }
 
     #[test]

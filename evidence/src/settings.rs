@@ -10,20 +10,25 @@ use crate::error::EvidenceError;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RecogniserSettings {
-    /// Random filters that describe a picture, at least 1.
+    /// Number of random filters that describe a picture, at least 1.
     pub filters: usize,
-    /// Episodes remembered for each policy, the latest of its training; at least `min_episodes`.
+    /// Number of episodes remembered for each policy, the latest of its training; at least
+    /// `min_episodes`.
     pub memory: usize,
-    /// Episodes that a rollout must show, and a policy remember, to be tested; at least 4.
+    /// Largest number of policies, at least 1. Beyond it a rollout that fits no policy trains the
+    /// most similar one, which then serves several task groups.
+    pub max_policies: usize,
+    /// Number of episodes that a rollout must show, and that must be remembered for a policy, to be
+    /// tested; at least 4.
     pub min_episodes: usize,
-    /// Level of the first look, in `(0, 1)`: the share of rollouts of a known group that are
-    /// doubted, over all sources together. It is compared with the exact p-value.
+    /// Significance level of the first look, in `(0, 1)`: the share of rollouts of a known group
+    /// that are doubted, over all sources together. It is compared with the exact p-value.
     pub doubt: f64,
-    /// Level of a rejection, in `(0, doubt]`: the nominal rate of false alarms over all sources
-    /// together. It is compared with the fitted tail's p-value.
+    /// Significance level of a rejection, in `(0, doubt]`: the nominal rate of false alarms over
+    /// all sources together. It is compared with the fitted tail's p-value.
     pub level: f64,
-    /// Level of the changepoint test, over all places where a rollout may be cut, in `(0, 1)` and
-    /// at least `1 / (1 + permutations)`.
+    /// Significance level of the changepoint test, over all places where a rollout may be cut, in
+    /// `(0, 1)` and at least `1 / (1 + permutations)`.
     pub cut: f64,
     /// Least ratio of a picture's or a vector's distance to its mean over random splits for a
     /// rejection, at least 1: less counts as drift. The excess over 1 is 2.5 times as large
@@ -35,7 +40,8 @@ pub struct RecogniserSettings {
     /// Least share of a policy's gain in return that must be lost for earnings to count, in
     /// `(0, 1]`.
     pub min_loss: f64,
-    /// Random splits of the first look, at least 20; the second one takes three times as many.
+    /// Number of random splits of the pooled episodes at the first look, at least 20; the second
+    /// one takes three times as many.
     pub permutations: usize,
 }
 
@@ -44,6 +50,7 @@ impl Default for RecogniserSettings {
         Self {
             filters: 32,
             memory: 40,
+            max_policies: 1000,
             min_episodes: 4,
             doubt: 0.02,
             level: 1e-4,
@@ -57,7 +64,7 @@ impl Default for RecogniserSettings {
 }
 
 impl RecogniserSettings {
-    /// Checks every range.
+    /// Checks that every setting of the recogniser is in its range.
     ///
     /// # Errors
     /// The first setting outside its range, with its value.
@@ -66,7 +73,7 @@ impl RecogniserSettings {
         let mut checks = checks.chain(self.effects());
         match checks.find(|check| !check.holds) {
             None => Ok(()),
-            Some(check) => Err(EvidenceError::Setting {
+            Some(check) => Err(EvidenceError::InvalidSetting {
                 name: check.name,
                 value: check.value,
                 expected: check.expected,
@@ -74,7 +81,7 @@ impl RecogniserSettings {
         }
     }
 
-    fn sizes(&self) -> [Check; 4] {
+    fn sizes(&self) -> [Check; 5] {
         let size = |name, value: usize, least: usize, expected| Check {
             name,
             value: value as f64,
@@ -83,6 +90,7 @@ impl RecogniserSettings {
         };
         [
             size("filters", self.filters, 1, "at least 1"),
+            size("max_policies", self.max_policies, 1, "at least 1"),
             size("min_episodes", self.min_episodes, 4, "at least 4"),
             size("memory", self.memory, self.min_episodes, "at least min_episodes"),
             size("permutations", self.permutations, 20, "at least 20"),
@@ -148,10 +156,10 @@ mod tests {
         assert!(message.starts_with("setting `min_loss` is NaN"), "{message}");
         let coarse = RecogniserSettings { permutations: 20, ..settings };
         let unreachable_cut = RecogniserSettings { permutations: 60, ..settings };
-        for (wrong, name) in [(coarse, "`doubt`"), (unreachable_cut, "`cut`")] {
-            let message = wrong.check().unwrap_err().to_string();
-            let says = message.contains(name) && message.contains("smallest exact");
-            assert!(says, "{message}");
+        for (case, name) in [(coarse, "`doubt`"), (unreachable_cut, "`cut`")] {
+            let refusal = case.check().unwrap_err().to_string();
+            let says = refusal.contains(name) && refusal.contains("smallest exact");
+            assert!(says, "{refusal}");
         }
     }
 }

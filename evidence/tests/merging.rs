@@ -1,16 +1,16 @@
 //! Policies that turn out to serve one group.
 
 use cluster::{Decision, Verdict};
-use evidence::{Account, Look, Merge, Recogniser, Situation};
-use worlds::Kind;
+use evidence::{Account, Merge, Recogniser, Situation};
+use worlds::WorldKind;
 
-use crate::common::{accounts, knowing, rng, rollout, said, stream};
+use crate::common::{accounts, knowing, look, rng, rollout, said, settle, stream};
 
 /// Two policies that learnt on one group become one, and two that did not stay two; one that has an
 /// heir is not asked while others will do.
 #[test]
 fn policies_that_serve_one_group_are_merged() {
-    let kind = Kind::Target;
+    let kind = WorldKind::Target;
     let mut recogniser = knowing(kind, 1000, 2);
     let twin = accounts(stream(kind, 1000, &[(0, 16)], 5), 16, None)[40..].to_vec();
     let mut beginning = twin[..20].to_vec();
@@ -19,7 +19,7 @@ fn policies_that_serve_one_group_are_merged() {
     recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
     recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
     let seen = rollout(kind, 1000, 0, 0);
-    let finding = recogniser.assign(&seen, 0, Look::First, &mut rng()).unwrap();
+    let finding = look(&recogniser, &seen, 0);
     assert_eq!(recogniser.twin(0, &finding.accepted()), Some(1), "it looks alike");
     let of_other = rollout(kind, 1000, 0, 1);
     assert!(!recogniser.compare(0, 1, &of_other, &mut rng()).unwrap());
@@ -28,14 +28,14 @@ fn policies_that_serve_one_group_are_merged() {
     let merge = recogniser.merge(0, 2, &seen[..5], &seen[5..], &mut rng()).unwrap().unwrap();
     assert_eq!((merge.kept, merge.gone), (2, 0), "policy 2 was heard");
     assert_eq!(recogniser.heirs(), [Some(2), None, None]);
-    let finding = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
-    assert_eq!(finding.opinions[merge.gone].verdict(), Verdict::Refused);
-    assert_eq!(recogniser.twin(merge.kept, &finding.accepted()), None);
+    let after_merge = look(&recogniser, &seen, merge.kept);
+    assert_eq!(after_merge.opinions[merge.gone].verdict(), Verdict::Rejected);
+    assert_eq!(recogniser.twin(merge.kept, &after_merge.accepted()), None);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
     assert_eq!(found.policies[merge.gone], 0.0);
 }
 
-const KIND: Kind = Kind::Reward;
+const KIND: WorldKind = WorldKind::Reward;
 
 /// A recogniser of two policies at home in two groups, the second of which serves in the first
 /// group, too, where the first one earns `more` times what it would. Both were merged.
@@ -63,10 +63,10 @@ fn of_two_policies_the_one_that_was_heard_in_both_groups_goes_on() {
     let (recogniser, merge) = merged(1.05);
     assert_eq!((merge.kept, merge.gone), (1, 0));
     let seen = rollout(KIND, 1000, 1, 1);
-    let finding = recogniser.assign(&seen, merge.kept, Look::First, &mut rng()).unwrap();
+    let finding = look(&recogniser, &seen, merge.kept);
     assert_eq!(finding.decision, Decision::Existing(1));
-    let (_, merge) = merged(1.25);
-    assert_eq!((merge.kept, merge.gone), (0, 1), "it earns clearly more");
+    let (_, better) = merged(1.25);
+    assert_eq!((better.kept, better.gone), (0, 1), "it earns clearly more");
 }
 
 /// A merge can be mended: before a new policy is opened, the one that has an heir is tried.
@@ -76,15 +76,19 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         let (mut recogniser, Merge { kept, gone }) = merged(more);
         // the one that goes on acts as at home in the group of the other one
         let foreign = rollout(KIND, 1000, gone, kept);
-        let finding = recogniser.assign(&foreign, kept, Look::Second, &mut rng()).unwrap();
+        let finding = settle(&recogniser, &foreign, kept);
         let proposed = Decision::Existing(gone);
         assert_eq!(finding.decision, proposed, "{:#?}", said(&finding));
         assert!(finding.is_contested && finding.is_unproven);
-        assert!(!finding.refused.contains(&gone));
+        assert!(!finding.rejected.contains(&gone));
         let review = |seen: &[Account]| {
-            let situation =
-                Situation { collector: gone, refused: &finding.refused, is_unproven: true };
-            recogniser.review(seen, situation, &mut rng()).unwrap()
+            let situation = Situation {
+                collector: gone,
+                rejected: &finding.rejected,
+                is_unproven: true,
+                can_wait: false,
+            };
+            recogniser.clone().review(seen, situation, &mut rng()).unwrap()
         };
         let elsewhere = review(&rollout(KIND, 1000, kept, gone));
         assert_eq!(elsewhere.decision, Decision::New, "tried once");
@@ -92,7 +96,7 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         assert_eq!(review(&own).decision, Decision::Existing(gone));
         recogniser.learn(gone, &own, &mut rng()).unwrap();
         assert_eq!(recogniser.heirs(), [None, None]);
-        let finding = recogniser.assign(&own, gone, Look::First, &mut rng()).unwrap();
-        assert_eq!(recogniser.twin(gone, &finding.accepted()), None, "merged once");
+        let of_gone = look(&recogniser, &own, gone);
+        assert_eq!(recogniser.twin(gone, &of_gone.accepted()), None, "merged once");
     }
 }

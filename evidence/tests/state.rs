@@ -1,18 +1,17 @@
 //! What is remembered, and the file that holds it.
 
-use evidence::{Account, Recogniser};
-use worlds::Kind;
+use evidence::{Account, Recogniser, Situation};
+use worlds::WorldKind;
 
 use crate::common::{knowing, rng, rollout};
 
 #[test]
 fn memory_is_bounded_and_survives_a_file() {
-    let mut recogniser = knowing(Kind::Appearance, 1000, 2);
-    let size = |recogniser: &Recogniser| {
-        recogniser.state(serde_json::value::Serializer).unwrap().to_string().len()
-    };
+    let mut recogniser = knowing(WorldKind::Appearance, 1000, 2);
+    let size =
+        |any: &Recogniser| any.state(serde_json::value::Serializer).unwrap().to_string().len();
     let before = size(&recogniser);
-    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    let seen = rollout(WorldKind::Appearance, 1000, 0, 0);
     for _ in 0..1000 {
         recogniser.learn(0, &seen, &mut rng()).unwrap();
     }
@@ -22,13 +21,20 @@ fn memory_is_bounded_and_survives_a_file() {
     restored.restore(&state).unwrap();
     assert_eq!(restored, recogniser);
     assert!(restored.restore(&serde_json::json!("text")).is_err());
-    let message = restored.learn(7, &seen, &mut rng()).unwrap_err().to_string();
-    assert_eq!(message, "policy 7 was named, 2 are known");
+    // the index after the last one is that of the next new policy, which no decision proposes
+    let unknown = Situation { collector: 2, ..Situation::default() };
+    for (error, policy) in [
+        (restored.learn(7, &seen, &mut rng()).unwrap_err(), 7),
+        (restored.assign(&seen, Situation::of(7), &mut rng()).unwrap_err(), 7),
+        (restored.review(&seen, unknown, &mut rng()).unwrap_err(), 2),
+    ] {
+        assert_eq!(error.to_string(), format!("policy {policy} was named, 2 are known"));
+    }
 }
 
 #[test]
 fn damaged_states_are_refused() {
-    let recogniser = knowing(Kind::Appearance, 1000, 2);
+    let recogniser = knowing(WorldKind::Appearance, 1000, 2);
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
     let damaged = |damage: fn(&mut serde_json::Value)| {
         let mut damaged = state.clone();
@@ -58,7 +64,7 @@ fn damaged_states_are_refused() {
 /// Whoever follows heirs must come to one that acts.
 #[test]
 fn states_whose_heirs_lead_nowhere_are_refused() {
-    let recogniser = knowing(Kind::Appearance, 1000, 3);
+    let recogniser = knowing(WorldKind::Appearance, 1000, 3);
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
     let with_heirs = |heirs: [Option<usize>; 3]| {
         let mut state = state.clone();
@@ -85,7 +91,7 @@ fn states_whose_heirs_lead_nowhere_are_refused() {
 
 #[test]
 fn states_with_unknown_fields_are_refused() {
-    let recogniser = knowing(Kind::Appearance, 1000, 1);
+    let recogniser = knowing(WorldKind::Appearance, 1000, 1);
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
     for at in ["", "/policies/0", "/policies/0/accounts/7"] {
         let mut other = state.clone();
@@ -100,13 +106,13 @@ fn states_with_unknown_fields_are_refused() {
 
 #[test]
 fn states_of_another_version_are_refused_by_name() {
-    let mut recogniser = knowing(Kind::Appearance, 1000, 1);
+    let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
     let mut next = state.clone();
-    next["format"] = 3.into();
+    next["format"] = 4.into();
     next["policies"][0]["more"] = 1.into();
     let message = recogniser.restore(&next).unwrap_err().to_string();
-    let expected = "the state has format 3, expected 2: go on with";
+    let expected = "the state has format 4, expected 3: go on with";
     assert!(message.starts_with(expected), "{message}");
     assert!(recogniser.restore(&state["policies"]).is_err());
     assert!(recogniser.restore(&state).is_ok());
@@ -115,8 +121,8 @@ fn states_of_another_version_are_refused_by_name() {
 /// Nothing is learnt and nothing taken back that no comparison could use.
 #[test]
 fn damaged_accounts_are_refused() {
-    let recogniser = knowing(Kind::Appearance, 1000, 2);
-    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    let recogniser = knowing(WorldKind::Appearance, 1000, 2);
+    let seen = rollout(WorldKind::Appearance, 1000, 0, 0);
     let damaged = |damage: fn(&mut Account)| {
         let mut accounts = seen.clone();
         damage(&mut accounts[7]);
@@ -136,8 +142,8 @@ fn damaged_accounts_are_refused() {
 /// Accounts that pass the first checks and cannot be compared all the same.
 #[test]
 fn an_error_leaves_everything_as_it_was() {
-    let recogniser = knowing(Kind::Appearance, 1000, 1);
-    let mut seen = rollout(Kind::Appearance, 1000, 0, 0);
+    let recogniser = knowing(WorldKind::Appearance, 1000, 1);
+    let mut seen = rollout(WorldKind::Appearance, 1000, 0, 0);
     seen[3].slope = None;
     for policy in [0, 1] {
         let mut learning = recogniser.clone();
@@ -149,11 +155,11 @@ fn an_error_leaves_everything_as_it_was() {
     assert!(learning.merge(0, 1, &seen[..5], &seen, &mut rng()).is_err());
     assert_eq!(learning, recogniser);
     for extreme in [f32::MAX, f32::MIN_POSITIVE] {
-        let mut seen = rollout(Kind::Appearance, 1000, 0, 0);
-        let pictures = seen.iter_mut().flat_map(|account| &mut account.picture);
+        let mut extremes = rollout(WorldKind::Appearance, 1000, 0, 0);
+        let pictures = extremes.iter_mut().flat_map(|account| &mut account.picture);
         pictures.enumerate().for_each(|(i, v)| *v = if i % 3 == 0 { extreme } else { -extreme });
-        let mut learning = recogniser.clone();
-        let learnt = learning.learn(1, &seen, &mut rng());
-        assert!(learnt.is_ok() || learning == recogniser, "{learnt:?}");
+        let mut trial = recogniser.clone();
+        let learnt = trial.learn(1, &extremes, &mut rng());
+        assert!(learnt.is_ok() || trial == recogniser, "{learnt:?}");
     }
 }

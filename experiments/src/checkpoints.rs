@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::RunError;
-use learner::disk::{Disk, replace};
+use learner::disk::{Disk, write_atomically};
 
 /// Least number of digits of the rollout count in a file name; longer counts use more digits.
 const DIGITS: usize = 6;
@@ -13,64 +13,64 @@ const EXTENSION: &str = "safetensors";
 
 /// Newest intact checkpoint, and the newer ones that could not be read.
 #[derive(Debug)]
-pub(crate) struct Found<T> {
-    /// Contents of the checkpoint.
-    pub value: T,
+pub(crate) struct FoundCheckpoint<T> {
+    /// Contents that were read from the checkpoint.
+    pub contents: T,
     /// Path of the checkpoint.
     pub path: PathBuf,
     /// Paths of newer checkpoints that could not be read.
-    pub passed_over: Vec<PathBuf>,
-    /// Error message for each path in `passed_over`.
+    pub unreadable: Vec<PathBuf>,
+    /// Error message for each path in `unreadable`.
     pub problems: Vec<String>,
 }
 
 /// Writes the checkpoint after `rollouts` rollouts, then removes all but the `keep` newest of the
 /// checkpoints up to this one.
-pub(crate) fn save(
+pub(crate) fn write_checkpoint(
     disk: &dyn Disk,
     folder: &Path,
     rollouts: usize,
     bytes: &[u8],
     keep: usize,
 ) -> Result<(), RunError> {
-    replace(disk, &path(folder, rollouts), bytes)?;
-    let mut checkpoints = list(folder)?;
+    write_atomically(disk, &checkpoint_path(folder, rollouts), bytes)?;
+    let mut checkpoints = list_checkpoints(folder)?;
     // if checkpoints with higher numbers counted, they could push out the one just written
     checkpoints.retain(|(number, _)| *number <= rollouts);
     for (_, old) in checkpoints.iter().skip(keep) {
         let removed = disk.remove(old);
-        removed.map_err(|error| RunError::write(old, error))?;
+        removed.map_err(|error| RunError::cannot_write(old, error))?;
     }
     Ok(())
 }
 
 /// Renames damaged checkpoints to `*.damaged`, so that none is taken for newer than the
 /// checkpoints that the run will write.
-pub(crate) fn put_aside(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), RunError> {
+pub(crate) fn rename_damaged(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), RunError> {
     for path in paths {
         let moved = disk.rename(path, &path.with_added_extension("damaged"));
-        moved.map_err(|error| RunError::write(path, error))?;
+        moved.map_err(|error| RunError::cannot_write(path, error))?;
     }
     Ok(())
 }
 
 /// Returns the path of the checkpoint after this many rollouts.
-pub(crate) fn path(folder: &Path, rollouts: usize) -> PathBuf {
+pub(crate) fn checkpoint_path(folder: &Path, rollouts: usize) -> PathBuf {
     folder.join(format!("{rollouts:0DIGITS$}.{EXTENSION}"))
 }
 
 /// Lists the checkpoints in a folder with their rollout counts, newest first. Symbolic links are
 /// skipped, since they may lead out of the folder.
-pub(crate) fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>, RunError> {
+pub(crate) fn list_checkpoints(folder: &Path) -> Result<Vec<(usize, PathBuf)>, RunError> {
     if !folder.exists() {
         return Ok(Vec::new());
     }
-    let read = |error| RunError::read(folder, error);
+    let read = |error| RunError::cannot_read(folder, error);
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).map_err(read)? {
         let entry = entry.map_err(read)?;
         let is_file = entry.file_type().map_err(read)?.is_file();
-        if let (Some(rollouts), true) = (rollouts_of(&entry.path()), is_file) {
+        if let (Some(rollouts), true) = (rollouts_in_name(&entry.path()), is_file) {
             found.push((rollouts, entry.path()));
         }
     }
@@ -79,7 +79,7 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>, RunError> {
 }
 
 /// Parses the rollout count from the file name of a checkpoint; `None` for other files.
-pub(crate) fn rollouts_of(path: &Path) -> Option<usize> {
+pub(crate) fn rollouts_in_name(path: &Path) -> Option<usize> {
     let digits = path.file_name()?.to_str()?.strip_suffix(".safetensors")?;
     let plain = digits.len() >= DIGITS && digits.bytes().all(|byte| byte.is_ascii_digit());
     plain.then(|| digits.parse().ok())?
@@ -90,24 +90,24 @@ pub(crate) fn rollouts_of(path: &Path) -> Option<usize> {
 /// # Errors
 /// [`RunError::NoCheckpoint`] if none is intact, and every error of `read` but [`RunError::Read`].
 /// So a checkpoint of a newer version of this crate is never skipped: its training would be lost.
-pub(crate) fn newest<T>(
+pub(crate) fn read_newest<T>(
     folder: &Path,
     read: impl Fn(&Path) -> Result<T, RunError>,
-) -> Result<Option<Found<T>>, RunError> {
-    let (mut passed_over, mut problems) = (Vec::new(), Vec::new());
-    for (_, path) in list(folder)? {
+) -> Result<Option<FoundCheckpoint<T>>, RunError> {
+    let (mut unreadable, mut problems) = (Vec::new(), Vec::new());
+    for (_, path) in list_checkpoints(folder)? {
         match read(&path) {
             Ok(value) => {
-                return Ok(Some(Found { value, path, passed_over, problems }));
+                return Ok(Some(FoundCheckpoint { contents: value, path, unreadable, problems }));
             }
             Err(error @ RunError::Read { .. }) => {
-                passed_over.push(path);
+                unreadable.push(path);
                 problems.push(error.to_string());
             }
             Err(error) => return Err(error),
         }
     }
-    if passed_over.is_empty() {
+    if unreadable.is_empty() {
         return Ok(None);
     }
     Err(RunError::NoCheckpoint { folder: folder.to_owned(), problems: problems.join("; ") })
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn names_are_numbers_of_rollouts_and_nothing_else() {
-        let number = |name: &str| rollouts_of(Path::new(name));
+        let number = |name: &str| rollouts_in_name(Path::new(name));
         assert_eq!(number("checkpoints/000120.safetensors"), Some(120));
         assert_eq!(number("1234567.safetensors"), Some(1_234_567));
         for other in [

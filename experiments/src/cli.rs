@@ -8,23 +8,23 @@ use clap::builder::RangedI64ValueParser;
 use envs::MAX_THREADS;
 
 use crate::error::RunError;
-use crate::printable::printable_lines;
+use crate::printable::escape_unprintable_lines;
 
 /// Returns the parser of thread counts, from 1 to [`MAX_THREADS`].
-pub fn thread_count() -> RangedI64ValueParser<u16> {
+pub fn thread_count_parser() -> RangedI64ValueParser<u16> {
     clap::value_parser!(u16).range(1..=MAX_THREADS as i64)
 }
 
-/// Option for the number of worker threads.
+/// Command-line option for the number of worker threads.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Threads {
-    /// Number of worker threads (default: one per processor); results do not depend on it.
-    #[arg(long, value_parser = thread_count())]
+    /// Number of worker threads (default: one per CPU); results do not depend on it.
+    #[arg(long, value_parser = thread_count_parser())]
     pub threads: Option<u16>,
 }
 
 impl Threads {
-    /// Returns the number asked for, or the number of available processors.
+    /// Returns the number of worker threads: the one asked for, or that of available CPUs.
     pub fn count(self) -> usize {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(available, usize::from)
@@ -36,7 +36,8 @@ impl Threads {
 ///
 /// # Errors
 /// [`RunError::Write`].
-pub fn say(out: &mut impl Write, line: &str) -> Result<(), RunError> {
-    let line = printable_lines(line);
-    writeln!(out, "{line}").map_err(|error| RunError::write(Path::new("standard output"), error))
+pub fn print_escaped(out: &mut impl Write, line: &str) -> Result<(), RunError> {
+    let line = escape_unprintable_lines(line);
+    writeln!(out, "{line}")
+        .map_err(|error| RunError::cannot_write(Path::new("standard output"), error))
 }

@@ -1,10 +1,10 @@
 //! Task stream on a clock: groups change on schedule, whatever the learner does.
 
 use envs::TaskRegistry;
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 use crate::error::RunError;
-use crate::experiment::{Experiment, Seeds};
+use crate::experiment::{Experiment, SeedSequence};
 use crate::latest_frame::LatestFrame;
 use crate::schedule::{Clock, Timetable, Visit};
 use crate::stream::Stream;
@@ -12,15 +12,15 @@ use learner::Labels;
 
 /// Stream that the learner of one experiment trains on.
 ///
-/// On [`Clock::World`], group, variants and placements depend only on the seed and the number of
-/// decisions so far: they are drawn again from these whenever all episodes end.
+/// On [`Clock::EnvironmentTime`], group, variants and placements depend only on the seed and the
+/// number of decisions so far: they are drawn again from these whenever all episodes end.
 pub(crate) struct ClockedStream {
     stream: Stream,
     tasks: TaskRegistry,
     timetable: Timetable,
-    seeds: Seeds,
+    seeds: SeedSequence,
     clock: Clock,
-    /// Decisions of a rollout, the length of one iteration on [`Clock::Turns`].
+    /// Decisions of a rollout, the length of one iteration on [`Clock::LearnerIterations`].
     rollout: usize,
     /// Decisions so far.
     now: usize,
@@ -59,7 +59,7 @@ impl ClockedStream {
         labels: Labels,
         decisions: usize,
     ) -> Result<Self, RunError> {
-        let groups = experiment.schedule.resolve(tasks)?;
+        let groups = experiment.schedule.resolve_groups(tasks)?;
         let stream = Stream::new(experiment.envs, &groups)?;
         Ok(Self {
             begun: Observations::new(stream.spec()),
@@ -79,7 +79,7 @@ impl ClockedStream {
         })
     }
 
-    /// Returns the environments.
+    /// Returns the environments of the stream.
     pub fn environments(&self) -> &Stream {
         &self.stream
     }
@@ -91,26 +91,26 @@ impl ClockedStream {
 
     /// Returns the index of the visit that this iteration, counted from 0, starts in; `None` after
     /// the last visit.
-    pub fn index(&self, iteration: usize) -> Option<usize> {
-        self.timetable.index_at(match self.clock {
-            Clock::World => self.now,
-            Clock::Turns => iteration * self.rollout,
+    pub fn visit_index(&self, iteration: usize) -> Option<usize> {
+        self.timetable.visit_index_at(match self.clock {
+            Clock::EnvironmentTime => self.now,
+            Clock::LearnerIterations => iteration * self.rollout,
         })
     }
 
     /// Returns the visit with this index, and all earlier visits.
-    pub fn visit(&self, index: usize) -> (&Visit, &[Visit]) {
-        self.timetable.visit(index)
+    pub fn visit_and_earlier(&self, index: usize) -> (&Visit, &[Visit]) {
+        self.timetable.visit_and_earlier(index)
     }
 
     /// Returns the number of decisions so far.
-    pub fn now(&self) -> usize {
+    pub fn decisions_so_far(&self) -> usize {
         self.now
     }
 
     /// Returns the index of the visit of the iteration's last step; before its first step, of the
     /// current visit.
-    pub fn last_shown(&self) -> usize {
+    pub fn last_visit_index(&self) -> usize {
         self.shown.map_or(self.running, |shown| shown.last)
     }
 
@@ -121,7 +121,8 @@ impl ClockedStream {
 
     /// Records that a step of the current visit is shown, and sets its label.
     fn show(&mut self) {
-        let (running, group) = (self.running, |index| &self.timetable.visit(index).0.group);
+        let (running, group) =
+            (self.running, |index| &self.timetable.visit_and_earlier(index).0.group);
         let before =
             self.shown.unwrap_or(Shown { first: running, last: running, spans_switch: false });
         if self.shown.is_none() || before.last != running {
@@ -138,16 +139,16 @@ impl ClockedStream {
     ///
     /// # Errors
     /// Errors of the environments.
-    pub fn begin(&mut self, iteration: usize, index: usize) -> Result<(), RunError> {
+    pub fn begin_iteration(&mut self, iteration: usize, index: usize) -> Result<(), RunError> {
         self.shown = None;
         match self.clock {
-            Clock::World => Ok(()),
-            Clock::Turns => self.enter(index, self.seeds.nth(iteration)),
+            Clock::EnvironmentTime => Ok(()),
+            Clock::LearnerIterations => self.enter(index, self.seeds.nth(iteration)),
         }
     }
 
     fn enter(&mut self, index: usize, seed: u64) -> Result<(), RunError> {
-        let (visit, _) = self.timetable.visit(index);
+        let (visit, _) = self.timetable.visit_and_earlier(index);
         let group = self.tasks.get(&visit.group)?;
         self.stream.switch_to(group, &visit.variants)?;
         self.stream.reseed(seed)?;
@@ -159,12 +160,12 @@ impl ClockedStream {
     fn follow_the_clock(&mut self) -> Result<(), RunError> {
         self.steps = 0;
         match self.clock {
-            Clock::World => {
+            Clock::EnvironmentTime => {
                 // a rollout that lasts beyond the last visit stays in it
-                let index = self.timetable.index_at(self.now).unwrap_or(self.running);
+                let index = self.timetable.visit_index_at(self.now).unwrap_or(self.running);
                 self.enter(index, self.seeds.nth(self.now))
             }
-            Clock::Turns => Ok(()),
+            Clock::LearnerIterations => Ok(()),
         }
     }
 }
@@ -178,7 +179,7 @@ impl VectorEnv for ClockedStream {
         self.stream.horizon()
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         // a reset right after the clock's own must not draw other episodes, so that learners see
         // the same stream whether they reset or not
         if self.is_begun {
@@ -189,14 +190,14 @@ impl VectorEnv for ClockedStream {
         self.stream.reset(out)
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         self.show();
         self.is_begun = false;
         self.stream.step(actions, out)?;
         self.now += self.spec().num_envs;
         self.steps += 1;
         let over = Some(self.steps) == self.horizon();
-        if over && self.clock == Clock::World {
+        if over && self.clock == Clock::EnvironmentTime {
             truncate(self.spec().image_len(), out);
             self.follow_the_clock()?;
             self.stream.reset(&mut out.observations)?;
@@ -216,8 +217,8 @@ fn truncate(image: usize, out: &mut Transition) {
     let vector = out.observations.vectors.len() / out.outcomes.len();
     let (from, to) = (&out.observations, &mut out.final_observations);
     for (n, outcome) in out.outcomes.iter_mut().enumerate() {
-        if *outcome == Outcome::Running {
-            *outcome = Outcome::Truncated;
+        if *outcome == StepOutcome::Running {
+            *outcome = StepOutcome::Truncated;
             let (images, vectors) = (n * image..(n + 1) * image, n * vector..(n + 1) * vector);
             to.images[images.clone()].copy_from_slice(&from.images[images]);
             to.vectors[vectors.clone()].copy_from_slice(&from.vectors[vectors]);
@@ -271,21 +272,20 @@ mod tests {
         assert!(last == same, "the same pictures at the same time");
         let switch = often.iter().position(|&index| index == 1);
         assert_eq!(switch, Some(9), "after ten steps of eight decisions");
-        assert!(world(0).index(0) == Some(0) && world(200).index(3).is_none());
+        assert!(world(0).visit_index(0) == Some(0) && world(200).visit_index(3).is_none());
     }
 
     #[test]
-    fn a_turn_straddles_where_it_showed_two_groups_and_not_where_the_next_is_due() {
+    fn an_iteration_spans_a_switch_where_it_showed_two_groups_and_not_where_the_next_is_due() {
         let mut world = world(0);
-        let iteration = |world: &mut ClockedStream, steps| {
-            world.begin(0, 0).unwrap();
-            walk(world, steps, usize::MAX);
-            (world.spans_switch(), world.last_shown())
+        let iteration = |stream: &mut ClockedStream, steps| {
+            stream.begin_iteration(0, 0).unwrap();
+            walk(stream, steps, usize::MAX);
+            (stream.spans_switch(), stream.last_visit_index())
         };
         assert_eq!(iteration(&mut world, 10), (false, 0), "the next group is due");
         assert_eq!(world.running, 1);
-        let mut world = self::world(0);
-        assert_eq!(iteration(&mut world, 11), (true, 1));
+        assert_eq!(iteration(&mut self::world(0), 11), (true, 1));
     }
 
     #[test]
@@ -298,12 +298,12 @@ mod tests {
     #[test]
     fn episodes_that_run_late_are_cut() {
         let mut out = Transition::new(world(0).spec());
-        out.outcomes.fill(Outcome::Truncated);
-        out.outcomes[1] = Outcome::Running;
+        out.outcomes.fill(StepOutcome::Truncated);
+        out.outcomes[1] = StepOutcome::Running;
         out.observations.images.fill(7);
         let image = world(0).spec().image_len();
         truncate(image, &mut out);
-        assert!(out.outcomes.iter().all(|&outcome| outcome == Outcome::Truncated));
+        assert!(out.outcomes.iter().all(|&outcome| outcome == StepOutcome::Truncated));
         let row = |n: usize| out.final_observations.images[n * image];
         assert_eq!((row(0), row(1)), (0, 7));
     }

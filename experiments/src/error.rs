@@ -3,20 +3,20 @@
 use std::path::{Path, PathBuf};
 
 use learner::LearnerError;
-use rl::BoxError;
+use rl::BoxedEnvError;
 
 /// Error of the learner, its stream, or the files of a run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {
-    /// Setting outside its range.
+    /// Setting whose value is outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting.
         name: &'static str,
-        /// Value given.
+        /// Rejected value of the setting.
         value: String,
-        /// Description of the accepted values.
+        /// Description of the setting's accepted values.
         expected: &'static str,
     },
     /// Error of the environments.
@@ -31,7 +31,7 @@ pub enum RunError {
     /// Error of distances and assignment.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
-    /// Error of the evidence grouping.
+    /// Error of the grouping of rollouts by evidence.
     #[error(transparent)]
     Evidence(#[from] evidence::EvidenceError),
     /// Thread pool that cannot be built.
@@ -39,25 +39,25 @@ pub enum RunError {
     Threads {
         /// Number of threads asked for.
         threads: usize,
-        /// Underlying error.
+        /// Error of the thread library.
         source: rayon::ThreadPoolBuildError,
     },
-    /// File that is missing, damaged or of another kind.
+    /// File of a run that is missing, damaged or of another kind.
     #[error("cannot read {}: {source}", path.display())]
     Read {
         /// Path of the file.
         path: PathBuf,
-        /// Underlying error.
-        source: BoxError,
+        /// Cause for which the file cannot be read.
+        source: BoxedEnvError,
     },
-    /// Folder that another process writes to.
+    /// Folder of a run that another process writes to.
     #[error(
         "{} is being written to by {holder}: wait until it has ended, or stop it", folder.display()
     )]
     Locked {
-        /// Path of the folder.
+        /// Path of the locked folder.
         folder: PathBuf,
-        /// Name of the other process.
+        /// Name of the process that holds the lock.
         holder: String,
     },
     /// Run that another process took over.
@@ -68,21 +68,21 @@ pub enum RunError {
         "{} holds a run already: continue it with `covers resume {}`, or replace it with \
          `--overwrite`", folder.display(), folder.display()
     )]
-    Occupied {
-        /// Path of the folder.
+    FolderHoldsRun {
+        /// Folder that holds the run.
         folder: PathBuf,
     },
-    /// Folder without a run.
+    /// Folder that holds no run.
     #[error(
         "{} holds no run: there is no experiment.json and no checkpoint. Start one with \
          `covers train`",
         folder.display()
     )]
     NoRun {
-        /// Path of the folder.
+        /// Folder without a run.
         folder: PathBuf,
     },
-    /// Run without an intact checkpoint.
+    /// Run whose folder holds no intact checkpoint.
     #[error(
         "no checkpoint in {} is intact ({problems}): restore one from a copy, or start again with \
          `covers train --config` and the run's experiment.json", folder.display()
@@ -90,10 +90,10 @@ pub enum RunError {
     NoCheckpoint {
         /// Folder of the run or of its checkpoints.
         folder: PathBuf,
-        /// Error message of each checkpoint.
+        /// Error message of each checkpoint that could not be read.
         problems: String,
     },
-    /// Table that was changed after its run had ended.
+    /// Table of a finished run that was changed after the run had ended.
     #[error(
         "{} was changed after the run had ended: its checksum is {found}, summary.json says \
          {expected}. `covers resume` on the run's folder restores all tables but timings.csv from \
@@ -103,17 +103,17 @@ pub enum RunError {
     ChangedTable {
         /// Path of the table.
         path: PathBuf,
-        /// Checksum of the file as it is now.
+        /// Checksum of the table as it is now.
         found: String,
-        /// Checksum when the run ended.
+        /// Checksum of the table when the run ended.
         expected: String,
     },
-    /// Run whose files cannot be reported.
+    /// Run whose files a report cannot be made from.
     #[error("{} cannot be reported: {problem}", folder.display())]
-    UnfitRun {
+    UnreportableRun {
         /// Folder of the run.
         folder: PathBuf,
-        /// Description of the problem.
+        /// Description of the problem that prevents a report.
         problem: String,
     },
     /// Panic in a thread that worked for the run.
@@ -125,35 +125,35 @@ pub enum RunError {
         /// Message of the panic.
         message: String,
     },
-    /// Run that was used after an error.
+    /// Run that was used again after an error.
     #[error(
         "this run ended with an error and may be half changed: continue from its last checkpoint \
          with `covers resume`"
     )]
-    Broken,
+    FailedEarlier,
     /// Memory limit that is too low for a command.
     #[error(
-        "{limit} leaves {left} MiB of memory, and about {needed} MiB are needed: raise it, or use \
-         fewer threads"
+        "{limit} leaves {left_mib} MiB of memory, and about {needed_mib} MiB are needed: raise it, \
+         or use fewer threads"
     )]
-    Memory {
-        /// Required memory (MiB).
-        needed: u64,
-        /// Memory that the limit leaves (MiB).
-        left: u64,
-        /// Name of the limit.
+    NotEnoughMemory {
+        /// Memory that the command needs (MiB).
+        needed_mib: u64,
+        /// Memory that the limit leaves for the command (MiB).
+        left_mib: u64,
+        /// Name of the limit that leaves too little memory.
         limit: String,
     },
     /// Signal handlers that cannot be installed.
     #[error("cannot install handlers for SIGINT, SIGTERM and SIGHUP: {source}")]
-    Signals {
-        /// Underlying error.
+    SignalHandlers {
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// File that would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
     FileExists {
-        /// Path of the file.
+        /// Path of the existing file.
         path: PathBuf,
     },
     /// File or folder that cannot be written.
@@ -161,8 +161,8 @@ pub enum RunError {
     Write {
         /// Path of the file or folder.
         path: PathBuf,
-        /// Underlying error.
-        source: BoxError,
+        /// Cause for which the file cannot be written.
+        source: BoxedEnvError,
     },
 }
 
@@ -170,14 +170,14 @@ pub enum RunError {
 impl From<LearnerError> for RunError {
     fn from(error: LearnerError) -> Self {
         match error {
-            LearnerError::Setting { name, value, expected } => {
-                Self::Setting { name, value, expected }
+            LearnerError::InvalidSetting { name, value, expected } => {
+                Self::InvalidSetting { name, value, expected }
             }
             LearnerError::Rl(error) => Self::Rl(error),
             LearnerError::Cluster(error) => Self::Cluster(error),
             LearnerError::Evidence(error) => Self::Evidence(error),
             LearnerError::Read { path, source } => Self::Read { path, source },
-            LearnerError::Write { path, source } => Self::write(&path, source),
+            LearnerError::Write { path, source } => Self::cannot_write(&path, source),
             other => Self::Learner(other),
         }
     }
@@ -185,18 +185,18 @@ impl From<LearnerError> for RunError {
 
 impl RunError {
     /// Returns a [`RunError::Read`] for `path`.
-    pub fn read(path: &Path, source: impl Into<BoxError>) -> Self {
+    pub fn cannot_read(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Read { path, source }
     }
 
     /// Returns a [`RunError::Read`] for a file that can be read but has invalid contents.
-    pub fn damaged(path: &Path, problem: String) -> Self {
-        LearnerError::damaged(path, problem).into()
+    pub fn damaged_file(path: &Path, problem: String) -> Self {
+        LearnerError::damaged_file(path, problem).into()
     }
 
     /// Returns a [`RunError::Write`] for `path`, or [`RunError::TakenOver`] if that is the cause.
-    pub fn write(path: &Path, source: impl Into<BoxError>) -> Self {
+    pub fn cannot_write(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         // a fenced disk can return nothing but an `io::Error`, so the cause is inside of it
         let taken_over = source
@@ -216,9 +216,9 @@ impl RunError {
     folder.display(), taken_over(holder.as_deref())
 )]
 pub struct TakenOver {
-    /// Folder of the run.
+    /// Folder of the run that another process took over.
     pub folder: PathBuf,
-    /// Name of the other process; `None` if the file with its name is gone.
+    /// Name of the process that took the run over; `None` if the file with its name is gone.
     pub holder: Option<String>,
 }
 

@@ -16,34 +16,34 @@ use crate::error::RunError;
 use crate::experiment::Experiment;
 use crate::schedule::Schedule;
 use crate::stream::Stream;
-use learner::{Labels, Learner, Performance};
+use learner::{Labels, Learner, PolicyEvaluation};
 
-use cache::{EvaluationCache, Key};
-use dormancy::Activities;
+use cache::{CacheKey, EvaluationCache};
+use dormancy::UnitActivities;
 
-pub use dormancy::{Dormancy, TAU};
+pub use dormancy::{DORMANCY_THRESHOLD, DormantUnits};
 pub use recognition::{EPISODES_SHOWN, Recognition};
-pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, by_group};
+pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, average_by_group};
 
 /// Random stream of the learner's draws during recognition. Environments use streams that count up
 /// from 0 under the same seed, so this one is counted down from the top.
 const RECOGNITION_STREAM: u64 = u64::MAX;
 
-/// Results of one evaluation.
+/// Results of one evaluation of a learner: scores and recognitions.
 #[derive(Clone, Debug, Default)]
-pub struct Findings {
-    /// Score of each variant.
+pub struct EvaluationResults {
+    /// Score of each task variant, in the order of scoring.
     pub scores: Vec<Score>,
-    /// Counts of the policies that the learner named; empty if it was not asked.
-    pub recognition: Vec<Recognition>,
-    activities: Activities,
+    /// Counts of the policies that the learner named for shown episodes; empty if it was not asked.
+    pub recognitions: Vec<Recognition>,
+    activities: UnitActivities,
 }
 
-impl Findings {
+impl EvaluationResults {
     /// Returns the dormant units of each scored policy, over all variants that it was scored on, in
     /// the order of the policies.
-    pub fn dormancies(&self) -> Vec<Dormancy> {
-        self.activities.dormancies()
+    pub fn dormant_units(&self) -> Vec<DormantUnits> {
+        self.activities.dormant_units()
     }
 }
 
@@ -74,7 +74,7 @@ impl Evaluator {
         seed: u64,
         labels: Labels,
     ) -> Result<Self, RunError> {
-        let groups = schedule.resolve(tasks)?;
+        let groups = schedule.resolve_groups(tasks)?;
         Ok(Self {
             stream: Stream::new(settings, &groups)?,
             groups,
@@ -90,12 +90,16 @@ impl Evaluator {
     ///
     /// # Errors
     /// As [`Evaluator::new`].
-    pub fn of(run: &Experiment, tasks: &TaskRegistry, labels: Labels) -> Result<Self, RunError> {
+    pub fn of_run(
+        run: &Experiment,
+        tasks: &TaskRegistry,
+        labels: Labels,
+    ) -> Result<Self, RunError> {
         let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
-        Self::new(run.envs.clean(), tasks, schedule, seed, labels)
+        Self::new(run.envs.without_randomisation(), tasks, schedule, seed, labels)
     }
 
-    /// Returns all variants of the scheduled groups, in the order in which they are scored.
+    /// Returns all variants of the scheduled task groups, in the order in which they are scored.
     pub fn variants(&self) -> Vec<TaskVariant> {
         self.groups
             .iter()
@@ -103,21 +107,21 @@ impl Evaluator {
             .collect()
     }
 
-    /// Scores all variants, with `rounds` episodes in each environment.
+    /// Scores the learner on all variants, with `rounds` episodes in each environment.
     ///
     /// # Errors
-    /// As [`Evaluator::variant`].
-    pub fn all(
+    /// As [`Evaluator::score_variant`].
+    pub fn score_all_variants(
         &mut self,
         learner: &mut dyn Learner,
         own: &OwnPolicies,
         rounds: usize,
-    ) -> Result<Findings, RunError> {
-        let mut findings = Findings::default();
+    ) -> Result<EvaluationResults, RunError> {
+        let mut results = EvaluationResults::default();
         for variant in self.variants() {
-            self.variant(learner, variant, own, rounds, &mut findings)?;
+            self.score_variant(learner, variant, own, rounds, &mut results)?;
         }
-        Ok(findings)
+        Ok(results)
     }
 
     /// Switches the environments to a variant and returns the index of the policy that the learner
@@ -125,7 +129,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// Errors of the environments, the policies or the assigner.
-    pub fn recognise(
+    pub fn recognise_variant(
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
@@ -134,37 +138,37 @@ impl Evaluator {
         self.labels.set(variant.group.name());
         self.stream.switch_to(variant.group, &[variant.element])?;
         self.stream.reseed(self.seed)?;
-        let recognised = learner.recognise(&mut self.stream, None, &mut rng)?;
+        let recognised = learner.recognise_policy(&mut self.stream, None, &mut rng)?;
         Ok(recognised.policy)
     }
 
-    /// Scores one variant and adds the results to `findings`.
+    /// Scores the learner on one variant and adds the results to `results`.
     ///
     /// The learner chooses a policy from the first frames of the episodes that are then played,
     /// without the group's label. If it chooses another policy than the group's own, the own policy
     /// plays the same episodes, too.
     ///
     /// # Errors
-    /// [`RunError::Setting`] if `rounds` is 0; errors of the environments, the policies or the
-    /// assigner.
-    pub fn variant(
+    /// [`RunError::InvalidSetting`] if `rounds` is 0; errors of the environments, the policies or
+    /// the assigner.
+    pub fn score_variant(
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
         own: &OwnPolicies,
         rounds: usize,
-        findings: &mut Findings,
+        results: &mut EvaluationResults,
     ) -> Result<(), RunError> {
         if rounds == 0 {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "rounds",
                 value: "0".to_owned(),
                 expected: "at least 1",
             });
         }
-        let policy = self.recognise(learner, variant)?;
+        let policy = self.recognise_variant(learner, variant)?;
         let chosen = self.play(learner, variant, policy, rounds)?;
-        findings.activities.add(policy, &chosen.activity);
+        results.activities.add(policy, &chosen.activity);
         let score = self.policy_score(policy, &chosen.stats);
         // the same episodes for the own policy, so that the difference is the cost of recognition
         let own = match own.get(variant.group.name()) {
@@ -174,16 +178,16 @@ impl Evaluator {
             }
             own => own.map(|_| score),
         };
-        findings.scores.push(Score {
+        results.scores.push(Score {
             group: variant.group,
             element: variant.element,
-            seen: self.schedule.shows(variant.group.name(), variant.element),
+            seen_in_training: self.schedule.shows_variant(variant.group.name(), variant.element),
             policy,
             episodes: chosen.stats.episodes.len(),
             success: score.success,
             success_at_end: score.success_at_end,
             reward: score.reward,
-            own,
+            own_policy_score: own,
         });
         Ok(())
     }
@@ -196,11 +200,13 @@ impl Evaluator {
         variant: TaskVariant,
         policy: usize,
         rounds: usize,
-    ) -> Result<Performance, RunError> {
+    ) -> Result<PolicyEvaluation, RunError> {
         let stream = &mut self.stream;
         stream.reseed(self.seed)?;
-        let key = Key { variant, rounds, policy };
-        self.cache.get_or_play(key, learner, |learner| Ok(learner.perform(policy, stream, rounds)?))
+        let key = CacheKey { variant, episodes_per_env: rounds, policy };
+        self.cache.get_or_play(key, learner, |learner| {
+            Ok(learner.evaluate_policy(policy, stream, rounds)?)
+        })
     }
 
     fn policy_score(&self, policy: usize, stats: &RolloutStats) -> PolicyScore {
@@ -220,7 +226,7 @@ fn recognition_rng(seed: u64) -> ChaCha8Rng {
     rng
 }
 
-/// Returns the mean; NaN for an empty slice.
+/// Returns the mean of the values; NaN for an empty slice.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }

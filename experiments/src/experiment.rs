@@ -12,7 +12,7 @@ use symmetry::Group;
 use crate::error::RunError;
 use crate::schedule::{Clock, Schedule, Timetable};
 use crate::stream::Stream;
-use learner::overrides::{parse, read};
+use learner::overrides::{parse_json, read_json};
 use learner::{DeviceChoice, Labels, LearnerSettings};
 
 /// Random streams of the experiment, counted down from the top, since the learner's streams count
@@ -32,19 +32,19 @@ pub struct Experiment {
     /// Settings of the environments; `threads` holds for the learner, too, and `seed` must be 0,
     /// since placements follow the run's seed.
     pub envs: VecEnvSettings,
-    /// Order and length of the visits of task groups.
+    /// Order and length of the training stream's visits to task groups.
     pub schedule: Schedule,
-    /// Number and length of evaluations.
+    /// Number, times and length of the run's evaluations.
     pub evaluation: EvaluationPlan,
-    /// Interval and number of checkpoints.
+    /// Interval and number of the run's checkpoints.
     pub checkpoints: CheckpointPlan,
 }
 
-/// Interval and number of checkpoints.
+/// Interval and number of a run's checkpoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CheckpointPlan {
-    /// Rollouts between checkpoints, at least 1; the last rollout is always saved.
+    /// Number of rollouts between checkpoints, at least 1; the last rollout is always saved.
     pub every: usize,
     /// Number of newest checkpoints that are kept, at least 1. A run whose newest checkpoint is
     /// damaged resumes from an older one.
@@ -57,25 +57,27 @@ impl Default for CheckpointPlan {
     }
 }
 
-/// Number and length of evaluations, each of which plays all four variants of each group.
+/// Number and length of a run's evaluations, each of which plays all four variants of each group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationPlan {
     /// Episodes in each environment and variant after the stream, at least 1.
-    pub rounds: usize,
+    #[serde(rename = "rounds")]
+    pub episodes_per_env: usize,
     /// Episodes in each environment and variant before the stream and after each visit; 0 turns
     /// these evaluations off.
-    pub visit_rounds: usize,
+    #[serde(rename = "visit_rounds")]
+    pub visit_episodes_per_env: usize,
     /// Rollouts between further evaluations within visits, at least 1, counted from the start of
-    /// the stream; `None` for no such evaluations. They play `visit_rounds` episodes, which must
-    /// then be at least 1.
+    /// the stream; `None` for no such evaluations. They play `visit_episodes_per_env` episodes,
+    /// which must then be at least 1.
     #[serde(default)]
     pub every: Option<usize>,
     /// Number of times that the learner is asked, after the stream, for the policy of each variant,
     /// with each of 1, 4 and 20 shown episodes. A learner with one policy or with ground truth is
     /// never asked.
-    #[serde(default)]
-    pub looks: usize,
+    #[serde(default, rename = "looks")]
+    pub recognition_repeats: usize,
     /// Seed of the placements, independent of the run's: all methods and seeds are scored on the
     /// same episodes.
     #[serde(default)]
@@ -84,33 +86,39 @@ pub struct EvaluationPlan {
 
 impl EvaluationPlan {
     /// Plan with one evaluation, after the stream.
-    pub const AT_THE_END: Self =
-        Self { rounds: 1, visit_rounds: 0, every: None, looks: 0, seed: 0 };
+    pub const AFTER_STREAM_ONLY: Self = Self {
+        episodes_per_env: 1,
+        visit_episodes_per_env: 0,
+        every: None,
+        recognition_repeats: 0,
+        seed: 0,
+    };
 
-    /// Returns the rounds of the evaluation after `rollouts` rollouts within a visit; 0 for none.
-    pub(crate) fn within_visit(&self, rollouts: usize) -> usize {
+    /// Returns the episodes in each environment of the evaluation after `rollouts` rollouts within
+    /// a visit; 0 for none.
+    pub(crate) fn episodes_per_env_within_visit(&self, rollouts: usize) -> usize {
         let due = |every| rollouts.is_multiple_of(every);
-        if self.every.is_some_and(due) { self.visit_rounds } else { 0 }
+        if self.every.is_some_and(due) { self.visit_episodes_per_env } else { 0 }
     }
 }
 
 impl Experiment {
-    /// Reads settings from a JSON file, as a run's folder holds them.
+    /// Reads a run's settings from a JSON file, as a run's folder holds them.
     ///
     /// # Errors
     /// [`RunError::Read`] with the file and the problem; for an unknown field it suggests the
     /// nearest known one.
     pub fn read(path: &Path) -> Result<Self, RunError> {
-        Ok(read(path)?)
+        Ok(read_json(path)?)
     }
 
-    /// Reads settings from JSON.
+    /// Reads a run's settings from JSON text.
     ///
     /// # Errors
     /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`],
     /// [`learner::LearnerError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, RunError> {
-        Ok(parse(text)?)
+        Ok(parse_json(text)?)
     }
 
     /// Sets the seed of the run.
@@ -119,7 +127,7 @@ impl Experiment {
         self
     }
 
-    /// Sets the number of threads, on which results do not depend.
+    /// Sets the number of worker threads, on which results do not depend.
     pub fn with_threads(mut self, threads: usize) -> Self {
         self.envs.threads = threads;
         self
@@ -134,7 +142,7 @@ impl Experiment {
         Ok(self)
     }
 
-    /// Sets the embodiment.
+    /// Sets the embodiment of the environments.
     pub fn with_embodiment(mut self, embodiment: Embodiment) -> Self {
         self.envs.embodiment = embodiment;
         self
@@ -153,42 +161,42 @@ impl Experiment {
     /// The first setting that is out of range or contradicts another one.
     pub fn check(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
         for (name, value) in [
-            ("evaluation.rounds", self.evaluation.rounds),
+            ("evaluation.rounds", self.evaluation.episodes_per_env),
             ("evaluation.every", self.evaluation.every.unwrap_or(1)),
             ("checkpoints.every", self.checkpoints.every),
             ("checkpoints.keep", self.checkpoints.keep),
         ] {
             if value == 0 {
-                return Err(RunError::Setting {
+                return Err(RunError::InvalidSetting {
                     name,
                     value: value.to_string(),
                     expected: "at least 1",
                 });
             }
         }
-        if self.evaluation.every.is_some() && self.evaluation.visit_rounds == 0 {
-            return Err(RunError::Setting {
+        if self.evaluation.every.is_some() && self.evaluation.visit_episodes_per_env == 0 {
+            return Err(RunError::InvalidSetting {
                 name: "evaluation.visit_rounds",
                 value: "0".to_owned(),
                 expected: "at least 1 with `evaluation.every`, whose evaluations use this number",
             });
         }
         self.schedule.check()?;
-        self.schedule.resolve(tasks)?;
+        self.schedule.resolve_groups(tasks)?;
         self.envs.check()?;
         self.check_seed()?;
         self.check_rollouts()?;
         self.check_visits()?;
         self.check_still_channels()?;
-        let spec = Stream::spec_of(&self.envs);
-        self.learner.start(&spec, &Labels::default())?;
+        let spec = Stream::env_spec(&self.envs);
+        self.learner.new_learner(&spec, &Labels::default())?;
         Ok(())
     }
 
     /// Rejects rollouts shorter than an episode: since every rollout begins with a reset, late
     /// states of episodes would never be seen.
     fn check_rollouts(&self) -> Result<(), RunError> {
-        let horizon = self.envs.control.decisions();
+        let horizon = self.envs.control.decisions_per_episode();
         let steps = self.learner.rollout_steps() / self.envs.num_envs;
         if steps >= horizon {
             return Ok(());
@@ -201,9 +209,9 @@ impl Experiment {
     fn check_still_channels(&self) -> Result<(), RunError> {
         match &self.learner {
             LearnerSettings::OffPolicy(settings)
-                if settings.still_channels > self.envs.camera.beside.still_channels() =>
+                if settings.still_channels > self.envs.camera.extra_views.num_still_channels() =>
             {
-                Err(RunError::Setting {
+                Err(RunError::InvalidSetting {
                     name: "off_policy.still_channels",
                     value: settings.still_channels.to_string(),
                     expected: "at most 3 where `envs.camera.beside` is `first`, and 0 with close-ups",
@@ -217,7 +225,7 @@ impl Experiment {
     fn check_seed(&self) -> Result<(), RunError> {
         match self.envs.seed {
             0 => Ok(()),
-            seed => Err(RunError::Setting {
+            seed => Err(RunError::InvalidSetting {
                 name: "envs.seed",
                 value: seed.to_string(),
                 expected: "0: placements are drawn from the learner's seed",
@@ -225,22 +233,22 @@ impl Experiment {
         }
     }
 
-    /// Returns the decisions of one episode in every environment. On [`Clock::World`], task
-    /// switches happen at multiples of it.
+    /// Returns the decisions of one episode in every environment. On [`Clock::EnvironmentTime`],
+    /// task switches happen at multiples of it.
     fn block(&self) -> usize {
-        self.envs.num_envs * self.envs.control.decisions()
+        self.envs.num_envs * self.envs.control.decisions_per_episode()
     }
 
-    /// Rejects rollouts that would make a stream on [`Clock::World`] depend on the learner, and
-    /// visits shorter than an episode, which would be skipped.
+    /// Rejects rollouts that would make a stream on [`Clock::EnvironmentTime`] depend on the
+    /// learner, and visits shorter than an episode, which would be skipped.
     fn check_visits(&self) -> Result<(), RunError> {
         // on this clock groups change between rollouts, so neither can happen
-        if self.schedule.clock == Clock::Turns {
+        if self.schedule.clock == Clock::LearnerIterations {
             return Ok(());
         }
         let (rollout, block) = (self.learner.rollout_steps(), self.block());
         if !rollout.is_multiple_of(block) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "rollout_steps",
                 value: rollout.to_string(),
                 expected: "a multiple of `envs.num_envs` times the decisions of an episode, or \
@@ -250,7 +258,7 @@ impl Experiment {
         let mut plans = self.schedule.groups.iter();
         match plans.find(|plan| plan.decisions < block) {
             None => Ok(()),
-            Some(plan) => Err(RunError::Setting {
+            Some(plan) => Err(RunError::InvalidSetting {
                 name: "schedule.groups",
                 value: format!("{} decisions of {}", plan.decisions, plan.group),
                 expected: "at least `envs.num_envs` times the decisions of an episode",
@@ -261,16 +269,16 @@ impl Experiment {
     /// Draws the visits of the stream from the run's seed.
     pub(crate) fn timetable(&self) -> Timetable {
         let period = match self.schedule.clock {
-            Clock::World => self.block(),
-            Clock::Turns => self.learner.rollout_steps(),
+            Clock::EnvironmentTime => self.block(),
+            Clock::LearnerIterations => self.learner.rollout_steps(),
         };
         let rng = &mut self.stream_rng(SCHEDULE);
-        Timetable::new(self.schedule.visits(period, rng))
+        Timetable::new(self.schedule.draw_visits(period, rng))
     }
 
     /// Returns the sequence of environment seeds.
-    pub(crate) fn environment_seeds(&self) -> Seeds {
-        Seeds(self.stream_rng(ENVIRONMENTS))
+    pub(crate) fn environment_seeds(&self) -> SeedSequence {
+        SeedSequence(self.stream_rng(ENVIRONMENTS))
     }
 
     /// Returns the seed of evaluation episodes, which depends on the evaluation plan alone.
@@ -291,9 +299,9 @@ fn random_stream(seed: u64, stream: u64) -> ChaCha8Rng {
 
 /// Random-access sequence of seeds: a resumed run needs the index of the next seed alone.
 #[derive(Clone, Debug)]
-pub(crate) struct Seeds(ChaCha8Rng);
+pub(crate) struct SeedSequence(ChaCha8Rng);
 
-impl Seeds {
+impl SeedSequence {
     /// Returns the seed with this index.
     pub fn nth(&self, number: usize) -> u64 {
         let mut rng = self.0.clone();
@@ -323,7 +331,7 @@ mod tests {
     fn a_replay_that_would_keep_a_close_up_once_an_episode_is_refused() {
         let tasks = TaskRegistry::standard();
         let mut run = Budget::Smoke.experiment(Method::Clear);
-        run.envs.camera.beside = envs::ExtraView::CloseUp;
+        run.envs.camera.extra_views = envs::ExtraView::CloseUp;
         let message = run.check(&tasks).unwrap_err().to_string();
         assert!(message.contains("`off_policy.still_channels` is 3"), "{message}");
         match &mut run.learner {
@@ -369,7 +377,7 @@ mod tests {
         type Spoil = fn(&mut Experiment);
         let cases: [Spoil; 15] = [
             |e| e.schedule.cycles = 0,
-            |e| e.evaluation.rounds = 0,
+            |e| e.evaluation.episodes_per_env = 0,
             |e| e.evaluation.every = Some(0),
             |e| e.evaluation.every = Some(3),
             |e| e.checkpoints.every = 0,

@@ -13,24 +13,24 @@ use crate::error::RunError;
 use crate::evaluation::OwnPolicies;
 use crate::experiment::Experiment;
 use crate::sheet::Picture;
-use learner::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
-use learner::{Extent, Labels, Learner, LearnerSettings};
+use learner::disk::{Disk, LocalDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
+use learner::{CheckpointExtent, Labels, Learner, LearnerSettings};
 
 use super::checkpoints;
-use crate::lock::Lock;
+use crate::lock::FolderLock;
 use crate::note::SavedRun;
 use crate::provenance::Provenance;
-use crate::table::put_aside;
+use crate::table::rename_old;
 
 /// Name of the file with a run's settings.
 const EXPERIMENT: &str = "experiment.json";
-/// Name of the file that exists if and only if the run has finished.
-pub const SUMMARY: &str = "summary.json";
+/// Name of the file of a run's summary, which exists if and only if the run has finished.
+pub const SUMMARY_FILE: &str = "summary.json";
 /// Name of the table of times, the only one that checkpoints do not hold.
-pub(crate) const TIMINGS: &str = "timings.csv";
+pub(crate) const TIMINGS_FILE: &str = "timings.csv";
 /// Names of the tables of a run.
 const TABLES: [&str; 5] =
-    ["evaluation.csv", "metrics.csv", "recognition.csv", TIMINGS, "units.csv"];
+    ["evaluation.csv", "metrics.csv", "recognition.csv", TIMINGS_FILE, "units.csv"];
 /// Names of the files of a run, without its settings and checkpoints.
 const FILES: [&str; 9] = [
     "contact_sheet.png",
@@ -39,13 +39,13 @@ const FILES: [&str; 9] = [
     "metrics.csv",
     "provenance.jsonl",
     "recognition.csv",
-    SUMMARY,
+    SUMMARY_FILE,
     "timings.csv",
     "units.csv",
 ];
 
 /// Returns the CRC-32 (IEEE 802.3) of a table as eight hexadecimal digits.
-pub(crate) fn checksum(table: &[u8]) -> String {
+pub(crate) fn crc32_hex(table: &[u8]) -> String {
     format!("{:08x}", crc32fast::hash(table))
 }
 
@@ -61,32 +61,32 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... if that exists, so that no run
-    /// overwrites another.
+    /// Creates the folder `parent/name` for a run, or `parent/name-2`, `-3`, ... if that exists, so
+    /// that no run overwrites another.
     ///
     /// # Errors
     /// [`RunError::Write`].
     pub fn create(parent: &Path, name: &str) -> Result<Self, RunError> {
-        create_dir_all(parent).map_err(|error| RunError::write(parent, error))?;
+        create_dir_all(parent).map_err(|error| RunError::cannot_write(parent, error))?;
         let mut attempt = 1;
         loop {
             let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
             let path = parent.join(format!("{name}{suffix}"));
             match create_dir(&path) {
-                Ok(()) => return Ok(Self::open(&path)),
+                Ok(()) => return Ok(Self::from_path(&path)),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => attempt += 1,
-                Err(error) => return Err(RunError::write(&path, error)),
+                Err(error) => return Err(RunError::cannot_write(&path, error)),
             }
         }
     }
 
-    /// Returns the path of the folder.
+    /// Returns the path of the run's folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Returns a handle to a folder without accessing it.
-    pub fn open(path: &Path) -> Self {
+    /// Returns a handle to a run's folder without accessing it.
+    pub fn from_path(path: &Path) -> Self {
         let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
         Self { path: path.to_owned(), unfenced: Arc::clone(&disk), disk, overwrite: false }
     }
@@ -103,31 +103,31 @@ impl RunFolder {
     ///
     /// # Errors
     /// [`RunError::Locked`], [`RunError::Write`].
-    pub(crate) fn lock(mut self) -> Result<(Self, Lock), RunError> {
-        let lock = Lock::take(&self.path)?;
-        self.disk = Arc::new(lock.fence(Arc::clone(&self.unfenced)));
+    pub(crate) fn lock(mut self) -> Result<(Self, FolderLock), RunError> {
+        let lock = FolderLock::acquire(&self.path)?;
+        self.disk = Arc::new(lock.fenced_disk(Arc::clone(&self.unfenced)));
         Ok((self, lock))
     }
 
     /// Allows a new run to start in the folder even if it holds another run, whose files are then
     /// removed.
-    pub fn overwriting(mut self) -> Self {
+    pub fn allow_overwriting(mut self) -> Self {
         self.overwrite = true;
         self
     }
 
     /// Returns `true` if a new run may start in the folder.
-    pub(crate) fn is_free(&self) -> Result<bool, RunError> {
-        let checkpoints = checkpoints::list(&self.checkpoints())?;
+    pub(crate) fn accepts_new_run(&self) -> Result<bool, RunError> {
+        let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
         Ok(self.overwrite || !self.holds_settings() && checkpoints.is_empty())
     }
 
     /// Removes the files of the run in the folder, so that another can start; other files stay.
-    pub(crate) fn clear(&self) -> Result<(), RunError> {
-        let checkpoints = checkpoints::list(&self.checkpoints())?;
+    pub(crate) fn remove_run_files(&self) -> Result<(), RunError> {
+        let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
         let sync = |folder: &Path| {
             let synced = self.disk.sync_folder(folder);
-            synced.map_err(|error| RunError::write(folder, error))
+            synced.map_err(|error| RunError::cannot_write(folder, error))
         };
         // Checkpoints first, and synced before anything else goes: after a power cut, none of them
         // may be taken for a checkpoint of the next run.
@@ -135,41 +135,43 @@ impl RunFolder {
             self.remove(path)?;
         }
         if !checkpoints.is_empty() {
-            sync(&self.checkpoints())?;
+            sync(&self.checkpoint_folder())?;
         }
         for name in FILES.iter().chain([&EXPERIMENT]) {
-            self.remove(&self.file(name))?;
+            self.remove(&self.file_path(name))?;
         }
         sync(&self.path)
     }
 
     /// Marks the run as unfinished by removing its summary.
-    pub(crate) fn reopen(&self) -> Result<(), RunError> {
-        self.remove(&self.file(SUMMARY))
+    pub(crate) fn mark_unfinished(&self) -> Result<(), RunError> {
+        self.remove(&self.file_path(SUMMARY_FILE))
     }
 
     /// Removes a file if it exists.
     fn remove(&self, path: &Path) -> Result<(), RunError> {
         match self.disk.remove(path) {
-            Err(error) if error.kind() != ErrorKind::NotFound => Err(RunError::write(path, error)),
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                Err(RunError::cannot_write(path, error))
+            }
             _ => Ok(()),
         }
     }
 
     /// Returns `true` if the folder holds a run: its settings, or a checkpoint, which has them too.
     pub fn holds_run(&self) -> bool {
-        let checkpoints = || checkpoints::list(&self.checkpoints());
+        let checkpoints = || checkpoints::list_checkpoints(&self.checkpoint_folder());
         self.holds_settings() || checkpoints().is_ok_and(|there| !there.is_empty())
     }
 
     /// Returns `true` if the file of the settings exists.
     pub(crate) fn holds_settings(&self) -> bool {
-        self.file(EXPERIMENT).exists()
+        self.file_path(EXPERIMENT).exists()
     }
 
     /// Returns `true` if the folder holds a finished run.
     pub fn is_finished(&self) -> bool {
-        self.holds_run() && self.file(SUMMARY).exists()
+        self.holds_run() && self.file_path(SUMMARY_FILE).exists()
     }
 
     /// Checks the tables of a finished run against the checksums in its summary. Summaries of older
@@ -188,24 +190,24 @@ impl RunFolder {
             #[serde(default)]
             tables: BTreeMap<String, String>,
         }
-        let path = self.file(SUMMARY);
-        let summary = std::fs::read(&path).map_err(|error| RunError::read(&path, error))?;
-        let summary: Checksums =
-            serde_json::from_slice(&summary).map_err(|error| RunError::read(&path, error))?;
+        let path = self.file_path(SUMMARY_FILE);
+        let summary = std::fs::read(&path).map_err(|error| RunError::cannot_read(&path, error))?;
+        let summary: Checksums = serde_json::from_slice(&summary)
+            .map_err(|error| RunError::cannot_read(&path, error))?;
         let Some(expected) = summary.tables.get(name) else {
             return Ok(());
         };
-        let path = self.file(name);
-        let found = match std::fs::read(&path) {
-            Ok(table) => checksum(&table),
+        let table_path = self.file_path(name);
+        let found = match std::fs::read(&table_path) {
+            Ok(table) => crc32_hex(&table),
             Err(error) if error.kind() == ErrorKind::NotFound => "missing".to_owned(),
-            Err(error) => return Err(RunError::read(&path, error)),
+            Err(error) => return Err(RunError::cannot_read(&table_path, error)),
         };
         if found == *expected {
             return Ok(());
         }
         let expected = expected.clone();
-        Err(RunError::ChangedTable { path, found, expected })
+        Err(RunError::ChangedTable { path: table_path, found, expected })
     }
 
     /// Renames the timings of a finished run if they were changed. No checkpoint can restore them,
@@ -213,10 +215,10 @@ impl RunFolder {
     ///
     /// # Errors
     /// [`RunError::Read`], [`RunError::Write`].
-    pub(crate) fn drop_changed_timings(&self) -> Result<(), RunError> {
-        let path = self.file(TIMINGS);
-        match self.verify_table(TIMINGS) {
-            Err(RunError::ChangedTable { .. }) if path.exists() => put_aside(self.disk(), &path),
+    pub(crate) fn rename_changed_timings(&self) -> Result<(), RunError> {
+        let path = self.file_path(TIMINGS_FILE);
+        match self.verify_table(TIMINGS_FILE) {
+            Err(RunError::ChangedTable { .. }) if path.exists() => rename_old(self.disk(), &path),
             Err(RunError::ChangedTable { .. }) | Ok(()) => Ok(()),
             Err(error) => Err(error),
         }
@@ -227,13 +229,13 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::NoCheckpoint`],
     /// [`learner::LearnerError::NewerFormat`].
-    pub fn experiment(&self) -> Result<Experiment, RunError> {
+    pub fn read_experiment(&self) -> Result<Experiment, RunError> {
         if self.holds_settings() {
-            return Experiment::read(&self.file(EXPERIMENT));
+            return Experiment::read(&self.file_path(EXPERIMENT));
         }
-        let found = checkpoints::newest(&self.checkpoints(), SavedRun::read)?;
+        let found = checkpoints::read_newest(&self.checkpoint_folder(), SavedRun::read)?;
         let found = found.ok_or_else(|| RunError::NoRun { folder: self.path.clone() })?;
-        Ok(found.value.experiment)
+        Ok(found.contents.experiment)
     }
 
     /// Writes the run's settings.
@@ -241,28 +243,28 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Write`].
     pub fn write_experiment(&self, experiment: &Experiment) -> Result<(), RunError> {
-        let path = self.file(EXPERIMENT);
+        let path = self.file_path(EXPERIMENT);
         let text = serde_json::to_string_pretty(experiment);
-        let text = text.map_err(|error| RunError::write(&path, error))? + "\n";
-        self.replace(EXPERIMENT, text.as_bytes())
+        let text = text.map_err(|error| RunError::cannot_write(&path, error))? + "\n";
+        self.replace_file(EXPERIMENT, text.as_bytes())
     }
 
-    /// Returns the path of the folder of checkpoints.
-    pub fn checkpoints(&self) -> PathBuf {
+    /// Returns the path of the run's folder of checkpoints.
+    pub fn checkpoint_folder(&self) -> PathBuf {
         self.path.join("checkpoints")
     }
 
     /// Loads the learner of the newest intact checkpoint, for acting and recognition.
     ///
     /// # Errors
-    /// As [`LearnerSettings::load`], and [`RunError::NoCheckpoint`].
+    /// As [`LearnerSettings::load_for_acting`], and [`RunError::NoCheckpoint`].
     pub fn load_learner(
         &self,
         learner: &LearnerSettings,
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<Box<dyn Learner>, RunError> {
-        self.load_with_policies(learner, spec, labels).map(|loaded| loaded.0)
+        self.load_with_own_policies(learner, spec, labels).map(|loaded| loaded.0)
     }
 
     /// Loads the learner of the newest intact checkpoint and the own policies of the groups. A
@@ -270,30 +272,30 @@ impl RunFolder {
     ///
     /// # Errors
     /// As [`RunFolder::load_learner`].
-    pub fn load_with_policies(
+    pub fn load_with_own_policies(
         &self,
         learner: &LearnerSettings,
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<(Box<dyn Learner>, OwnPolicies), RunError> {
         let load = |path: &Path| {
-            let (learner, note) = learner.load(path, spec, labels)?;
+            let (learner, note) = learner.load_for_acting(path, spec, labels)?;
             if note.is_empty() {
                 return Ok((learner, OwnPolicies::default()));
             }
             let mut saved = SavedRun::parse(path, &note)?;
-            saved.recount(path)?;
+            saved.recount_rollouts(path)?;
             Ok((learner, saved.state.stats.own_policies()))
         };
-        let found = checkpoints::newest(&self.checkpoints(), load)?;
+        let found = checkpoints::read_newest(&self.checkpoint_folder(), load)?;
         let none = || RunError::NoCheckpoint {
             folder: self.path.clone(),
             problems: "there is none yet".to_owned(),
         };
-        found.map(|found| found.value).ok_or_else(none)
+        found.map(|found| found.contents).ok_or_else(none)
     }
 
-    /// Creates a folder with settings and one checkpoint, for evaluation and deployment.
+    /// Creates a run folder with settings and one checkpoint, for evaluation and deployment.
     ///
     /// # Errors
     /// As [`Learner::save`]; nothing is created if the learner cannot be saved.
@@ -301,15 +303,15 @@ impl RunFolder {
         path: &Path,
         experiment: &Experiment,
         learner: &dyn Learner,
-        extent: Extent,
+        extent: CheckpointExtent,
     ) -> Result<Self, RunError> {
-        let folder = Self::open(path);
-        let checkpoint = checkpoints::path(&folder.checkpoints(), 0);
-        let bytes = learner.encode(&checkpoint, extent, "")?;
-        create_dir(path).map_err(|error| RunError::write(path, error))?;
-        folder.prepare()?;
+        let folder = Self::from_path(path);
+        let checkpoint = checkpoints::checkpoint_path(&folder.checkpoint_folder(), 0);
+        let bytes = learner.to_checkpoint_bytes(&checkpoint, extent, "")?;
+        create_dir(path).map_err(|error| RunError::cannot_write(path, error))?;
+        folder.prepare_for_run()?;
         folder.write_experiment(experiment)?;
-        replace(folder.disk(), &checkpoint, &bytes)?;
+        write_atomically(folder.disk(), &checkpoint, &bytes)?;
         Ok(folder)
     }
 
@@ -321,40 +323,40 @@ impl RunFolder {
         Arc::clone(&self.disk)
     }
 
-    /// Returns the path of a file of the folder.
-    pub fn file(&self, name: &str) -> PathBuf {
+    /// Returns the path of the file called `name` in the run's folder.
+    pub fn file_path(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
     /// Writes a file atomically.
-    pub(crate) fn replace(&self, name: &str, bytes: &[u8]) -> Result<(), RunError> {
-        Ok(replace(self.disk(), &self.file(name), bytes)?)
+    pub(crate) fn replace_file(&self, name: &str, bytes: &[u8]) -> Result<(), RunError> {
+        Ok(write_atomically(self.disk(), &self.file_path(name), bytes)?)
     }
 
     /// Appends a line to a file, which is synced with the next checkpoint.
-    pub(crate) fn append(&self, name: &str, line: &str) -> Result<(), RunError> {
-        let path = self.file(name);
+    pub(crate) fn append_line(&self, name: &str, line: &str) -> Result<(), RunError> {
+        let path = self.file_path(name);
         let contents = std::fs::read(&path).unwrap_or_default();
         // a line torn by a full disk or a power cut must not swallow the next one
         let torn = contents.last().is_some_and(|&last| last != b'\n');
         let line = format!("{}{line}\n", if torn { "\n" } else { "" });
         let added = self.disk.append(&path, line.as_bytes());
-        added.map_err(|error| RunError::write(&path, error))
+        added.map_err(|error| RunError::cannot_write(&path, error))
     }
 
     /// Appends the provenance of a process that works on the run.
     pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
         let line = serde_json::to_string(provenance);
-        let line = line.map_err(|error| RunError::write(&self.path, error))?;
-        self.append(Provenance::FILE, &line)
+        let line = line.map_err(|error| RunError::cannot_write(&self.path, error))?;
+        self.append_line(Provenance::FILE_NAME, &line)
     }
 
     /// Syncs files to the disk; files that do not exist are skipped.
-    pub(crate) fn sync(&self, names: &[&str]) -> Result<(), RunError> {
-        for path in names.iter().map(|name| self.file(name)) {
+    pub(crate) fn sync_files(&self, names: &[&str]) -> Result<(), RunError> {
+        for path in names.iter().map(|name| self.file_path(name)) {
             match self.disk.sync(&path) {
                 Err(error) if error.kind() != ErrorKind::NotFound => {
-                    return Err(RunError::write(&path, error));
+                    return Err(RunError::cannot_write(&path, error));
                 }
                 _ => {}
             }
@@ -363,16 +365,16 @@ impl RunFolder {
     }
 
     /// Creates the folder of checkpoints and removes partial files of interrupted writes.
-    pub(crate) fn prepare(&self) -> Result<(), RunError> {
-        let (path, parent) = (self.checkpoints(), folder_of(&self.path));
-        let write = |error| RunError::write(&path, error);
+    pub(crate) fn prepare_for_run(&self) -> Result<(), RunError> {
+        let (path, parent) = (self.checkpoint_folder(), parent_folder(&self.path));
+        let write = |error| RunError::cannot_write(&path, error);
         match self.disk.create_folder(&path) {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(write(error)),
             _ => self.disk.sync_folder(&self.path).map_err(write)?,
         }
         // the folder and its parent may be new, and a new folder is durable only once the folder
         // that contains it is synced
-        for folder in [parent, folder_of(parent)] {
+        for folder in [parent, parent_folder(parent)] {
             match self.disk.sync_folder(folder) {
                 // a folder of another user, which this process cannot have created
                 Err(error) if error.kind() == ErrorKind::PermissionDenied => {}
@@ -382,7 +384,7 @@ impl RunFolder {
         for folder in [&path, &self.path] {
             for entry in std::fs::read_dir(folder).map_err(write)? {
                 let entry = entry.map_err(write)?.path();
-                if entry.extension().is_some_and(|extension| extension == PARTIAL) {
+                if entry.extension().is_some_and(|extension| extension == PARTIAL_EXTENSION) {
                     self.disk.remove(&entry).map_err(write)?;
                 }
             }
@@ -393,7 +395,7 @@ impl RunFolder {
     /// Writes an image as PNG.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), RunError> {
         let bytes = picture.to_png();
-        let bytes = bytes.map_err(|error| RunError::write(&self.file(name), error))?;
-        self.replace(name, &bytes)
+        let bytes = bytes.map_err(|error| RunError::cannot_write(&self.file_path(name), error))?;
+        self.replace_file(name, &bytes)
     }
 }

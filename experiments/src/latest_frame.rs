@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use envs::RGB;
+use envs::RGB_CHANNELS;
 use rl::{EnvSpec, Observations};
 
 use crate::sheet::Picture;
@@ -14,19 +14,19 @@ pub struct LatestFrame(Arc<Mutex<Option<Picture>>>);
 impl LatestFrame {
     /// Stores the image of the first environment, or drops it while a viewer holds the slot.
     pub(crate) fn update(&self, spec: &EnvSpec, observations: &Observations) {
-        let [height, width, channels] = spec.image;
+        let [height, width, channels] = spec.image_shape;
         let pixels = observations.images[..spec.image_len()].chunks_exact(channels);
         // training must never wait for a viewer
         if let Ok(mut slot) = self.0.try_lock() {
             *slot = Some(Picture {
                 width,
                 height,
-                rgb: pixels.flat_map(|pixel| &pixel[..RGB]).copied().collect(),
+                rgb: pixels.flat_map(|pixel| &pixel[..RGB_CHANNELS]).copied().collect(),
             });
         }
     }
 
-    /// Returns the latest image; `None` before the first step.
+    /// Returns the latest image of the run's first environment; `None` before the first step.
     pub fn get(&self) -> Option<Picture> {
         self.0.lock().ok()?.clone()
     }
@@ -38,8 +38,12 @@ mod tests {
 
     #[test]
     fn the_picture_of_now_is_left_and_not_that_of_the_beginning() {
-        let spec =
-            EnvSpec { num_envs: 2, image: [1, 2, 6], vector: Vec::new(), action: Vec::new() };
+        let spec = EnvSpec {
+            num_envs: 2,
+            image_shape: [1, 2, 6],
+            vector_irreps: Vec::new(),
+            action_irreps: Vec::new(),
+        };
         let mut observations = Observations::new(&spec);
         observations.images = (0..24).collect();
         let latest_frame = LatestFrame::default();

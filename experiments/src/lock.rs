@@ -17,7 +17,7 @@ const OWNER: &str = "owner";
 /// Exclusive right to write to a folder. The operating system releases it when the process ends,
 /// also after a crash.
 #[derive(Debug)]
-pub(crate) struct Lock {
+pub(crate) struct FolderLock {
     _file: File,
     claim: Claim,
 }
@@ -30,14 +30,14 @@ struct Claim {
     owner: String,
 }
 
-impl Lock {
+impl FolderLock {
     /// Locks `folder` for writing and stores this process's name there.
     ///
     /// # Errors
     /// [`RunError::Locked`] with the name of the process that holds the lock; [`RunError::Write`].
-    pub fn take(folder: &Path) -> Result<Self, RunError> {
+    pub fn acquire(folder: &Path) -> Result<Self, RunError> {
         let path = folder.join(LOCK);
-        let write = |error| RunError::write(&path, error);
+        let write = |error| RunError::cannot_write(&path, error);
         let mut options = OpenOptions::new();
         let options = options.read(true).write(true).create(true).truncate(false);
         let file = options.open(&path).map_err(write)?;
@@ -52,9 +52,9 @@ impl Lock {
             }
         }
         let owner = owner();
-        let path = folder.join(OWNER);
-        let written = fs::write(&path, &owner);
-        written.map_err(|error| RunError::write(&path, error))?;
+        let owner_path = folder.join(OWNER);
+        let written = fs::write(&owner_path, &owner);
+        written.map_err(|error| RunError::cannot_write(&owner_path, error))?;
         let folder = folder.to_owned();
         let claim = Claim { folder, owner };
         Ok(Self { _file: file, claim })
@@ -62,7 +62,7 @@ impl Lock {
 
     /// Wraps `disk` so that every change first checks that this lock still owns the folder.
     /// Dropping the lock releases it, also while the returned file system is in use.
-    pub fn fence(&self, disk: Arc<dyn Disk>) -> FencedDisk {
+    pub fn fenced_disk(&self, disk: Arc<dyn Disk>) -> FencedDisk {
         let claim = self.claim.clone();
         FencedDisk { disk, claim }
     }
@@ -75,7 +75,7 @@ impl Claim {
     /// to another client, and a moved folder takes the locked file along.
     ///
     /// # Errors
-    /// [`TakenOver`], which [`RunError::write`] turns into [`RunError::TakenOver`].
+    /// [`TakenOver`], which [`RunError::cannot_write`] turns into [`RunError::TakenOver`].
     fn verify(&self) -> io::Result<()> {
         let holder = match fs::read_to_string(self.folder.join(OWNER)) {
             Ok(owner) if owner == self.owner => return Ok(()),
@@ -171,12 +171,12 @@ mod tests {
     fn a_second_writer_is_told_who_the_first_is() {
         let folder = std::env::temp_dir().join(format!("covers-lock-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        let first = Lock::take(&folder).unwrap();
-        let message = Lock::take(&folder).unwrap_err().to_string();
+        let first = FolderLock::acquire(&folder).unwrap();
+        let message = FolderLock::acquire(&folder).unwrap_err().to_string();
         let process = format!("process {}", std::process::id());
         assert!(message.contains(&process), "{message}");
         drop(first);
-        Lock::take(&folder).unwrap();
+        FolderLock::acquire(&folder).unwrap();
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

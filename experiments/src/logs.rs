@@ -3,25 +3,25 @@
 use std::collections::BTreeMap;
 
 use crate::error::RunError;
-use crate::evaluation::{Dormancy, Recognition, Score};
+use crate::evaluation::{DormantUnits, Recognition, Score};
 
-use crate::folder::{RunFolder, TIMINGS, checksum};
-use crate::progress::{Evaluation, Progress};
+use crate::folder::{RunFolder, TIMINGS_FILE, crc32_hex};
+use crate::progress::{EvaluationReport, RolloutReport};
 use crate::rows::TableSnapshots;
-use crate::schema::{RecognitionRow, ScoreRow, TimingRow, UnitsRow};
-use crate::table::Table;
-use crate::timings::{Timings, first_rows};
+use crate::schema::{DormantUnitsRow, RecognitionRow, ScoreRow, TimingRow};
+use crate::table::CsvFile;
+use crate::timings::{TimingSums, first_rows};
 
 /// Open tables of a run. Rows are written before the next rollout starts.
-pub(crate) struct Logs {
-    metrics: Table,
-    scores: Table,
-    units: Table,
-    recognition: Table,
-    timings: Table,
+pub(crate) struct RunTables {
+    metrics: CsvFile,
+    scores: CsvFile,
+    units: CsvFile,
+    recognition: CsvFile,
+    timings: CsvFile,
 }
 
-impl Logs {
+impl RunTables {
     /// Opens the tables and restores their contents as they were after this many rollouts.
     pub fn open(
         folder: &RunFolder,
@@ -29,21 +29,21 @@ impl Logs {
         snapshots: TableSnapshots,
     ) -> Result<Self, RunError> {
         let open = |name: &str, text: String| {
-            Table::open(folder.file(name), folder.shared_disk(), text.into_bytes())
+            CsvFile::open(folder.file_path(name), folder.shared_disk(), text.into_bytes())
         };
-        let timings = std::fs::read(folder.file(TIMINGS)).unwrap_or_default();
+        let timings = std::fs::read(folder.file_path(TIMINGS_FILE)).unwrap_or_default();
         Ok(Self {
             metrics: open("metrics.csv", snapshots.metrics)?,
             scores: open("evaluation.csv", snapshots.scores)?,
             units: open("units.csv", snapshots.units)?,
             recognition: open("recognition.csv", snapshots.recognition)?,
-            timings: open(TIMINGS, first_rows(&timings, rollouts))?,
+            timings: open(TIMINGS_FILE, first_rows(&timings, rollouts))?,
         })
     }
 
     /// Returns the contents of the tables, for a checkpoint.
-    pub fn snapshots(&self) -> TableSnapshots {
-        let text = |table: &Table| String::from_utf8_lossy(table.text()).into_owned();
+    pub fn snapshot(&self) -> TableSnapshots {
+        let text = |table: &CsvFile| String::from_utf8_lossy(table.text()).into_owned();
         TableSnapshots {
             metrics: text(&self.metrics),
             scores: text(&self.scores),
@@ -53,44 +53,44 @@ impl Logs {
     }
 
     /// Returns the sums of the timings of rollouts so far, as far as they are known.
-    pub fn timings(&self) -> Timings {
-        Timings::read(self.timings.text())
+    pub fn timing_sums(&self) -> TimingSums {
+        TimingSums::of_table(self.timings.text())
     }
 
     /// Syncs all tables to the disk.
     pub fn sync(&self) -> Result<(), RunError> {
-        self.tables().into_iter().try_for_each(Table::sync)
+        self.tables().into_iter().try_for_each(CsvFile::sync)
     }
 
     /// Returns the checksums of all tables by file name.
     pub fn checksums(&self) -> BTreeMap<String, String> {
-        let sum = |table: &Table| (table.name(), checksum(table.text()));
+        let sum = |table: &CsvFile| (table.name(), crc32_hex(table.text()));
         self.tables().map(sum).into_iter().collect()
     }
 
-    fn tables(&self) -> [&Table; 5] {
+    fn tables(&self) -> [&CsvFile; 5] {
         [&self.metrics, &self.scores, &self.units, &self.recognition, &self.timings]
     }
 
     /// Appends the rows of a rollout.
-    pub fn write_rollout(&mut self, progress: &Progress) -> Result<(), RunError> {
-        self.metrics.write_named(row(progress))?;
-        self.timings.write([timing_row(progress)])
+    pub fn write_rollout(&mut self, progress: &RolloutReport) -> Result<(), RunError> {
+        self.metrics.append_row(row(progress))?;
+        self.timings.append_rows([timing_row(progress)])
     }
 
     /// Appends the rows of an evaluation.
-    pub fn write_scores(&mut self, evaluation: &Evaluation) -> Result<(), RunError> {
-        let findings = &evaluation.findings;
+    pub fn write_scores(&mut self, evaluation: &EvaluationReport) -> Result<(), RunError> {
+        let results = &evaluation.results;
         let row = |score| score_row(evaluation, score);
-        self.scores.write(findings.scores.iter().map(row))?;
-        let row = |dormancy| units_row(evaluation, dormancy);
-        self.units.write(findings.dormancies().iter().map(row))?;
-        self.recognition.write(findings.recognition.iter().map(recognition_row))
+        self.scores.append_rows(results.scores.iter().map(row))?;
+        let dormancy_row = |dormancy| units_row(evaluation, dormancy);
+        self.units.append_rows(results.dormant_units().iter().map(dormancy_row))?;
+        self.recognition.append_rows(results.recognitions.iter().map(recognition_row))
     }
 }
 
 /// Returns the seconds of one iteration and of its parts.
-fn timing_row(progress: &Progress) -> TimingRow {
+fn timing_row(progress: &RolloutReport) -> TimingRow {
     let seconds = &progress.iteration.seconds;
     TimingRow {
         rollout: progress.rollout,
@@ -104,33 +104,33 @@ fn timing_row(progress: &Progress) -> TimingRow {
 }
 
 /// Returns the row of one evaluated variant.
-fn score_row(evaluation: &Evaluation, score: &Score) -> ScoreRow {
+fn score_row(evaluation: &EvaluationReport, score: &Score) -> ScoreRow {
     ScoreRow {
         rollouts: evaluation.rollouts,
         decisions: evaluation.decisions,
         group: score.group.name().to_owned(),
         element: score.element.to_string(),
-        seen: score.seen,
+        seen_in_training: score.seen_in_training,
         policy: Some(score.policy),
         episodes: score.episodes,
         success: score.success,
         success_at_end: score.success_at_end,
         reward: score.reward,
-        own_policy: score.own.map(|own| own.policy),
-        own_success: score.own.map(|own| own.success),
-        own_success_at_end: score.own.map(|own| own.success_at_end),
-        own_reward: score.own.map(|own| own.reward),
+        own_policy: score.own_policy_score.map(|own| own.policy),
+        own_success: score.own_policy_score.map(|own| own.success),
+        own_success_at_end: score.own_policy_score.map(|own| own.success_at_end),
+        own_reward: score.own_policy_score.map(|own| own.reward),
     }
 }
 
 /// Returns the row of the units of one policy's network.
-fn units_row(evaluation: &Evaluation, dormancy: &Dormancy) -> UnitsRow {
-    UnitsRow {
+fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnits) -> DormantUnitsRow {
+    DormantUnitsRow {
         rollouts: evaluation.rollouts,
         decisions: evaluation.decisions,
         policy: dormancy.policy,
-        units: dormancy.units,
-        dormant: dormancy.dormant,
+        unit_count: dormancy.unit_count,
+        dormant_count: dormancy.dormant_count,
     }
 }
 
@@ -139,15 +139,15 @@ fn recognition_row(recognition: &Recognition) -> RecognitionRow {
     RecognitionRow {
         group: recognition.group.name().to_owned(),
         element: recognition.element.to_string(),
-        episodes: recognition.episodes,
+        episodes_shown: recognition.episodes_shown,
         policy: recognition.policy,
-        times: recognition.times,
+        count: recognition.count,
     }
 }
 
 /// Returns the names and cells of one rollout's row: the columns of every learner, then the metrics
 /// that this learner logs.
-fn row(progress: &Progress) -> Vec<(String, String)> {
+fn row(progress: &RolloutReport) -> Vec<(String, String)> {
     let iteration = &progress.iteration;
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
     let known = [
@@ -157,10 +157,10 @@ fn row(progress: &Progress) -> Vec<(String, String)> {
         ("last_group", progress.last_group.name().to_owned()),
         ("straddles", progress.spans_switch.to_string()),
         ("policy", iteration.policy.to_string()),
-        ("created", iteration.created.to_string()),
+        ("created", iteration.policy_created.to_string()),
         ("reward", number(progress.reward())),
         ("success", number(progress.success())),
-        ("success_at_end", number(iteration.rollout.success_at_end_rate())),
+        ("success_at_end", number(iteration.rollout_stats.success_at_end_rate())),
     ];
     let metrics = iteration.metrics.iter().map(|(name, metric)| (name, metric.to_string()));
     known.into_iter().chain(metrics).map(|(name, cell)| (name.to_owned(), cell)).collect()
@@ -172,26 +172,27 @@ mod tests {
     use symmetry::D2;
 
     use super::*;
-    use crate::evaluation::{Findings, PolicyScore};
+    use crate::evaluation::{EvaluationResults, PolicyScore};
 
     #[test]
     fn scores_end_with_those_of_the_groups_own_policy() {
-        let evaluation = Evaluation { rollouts: 3, decisions: 240, findings: Findings::default() };
+        let evaluation =
+            EvaluationReport { rollouts: 3, decisions: 240, results: EvaluationResults::default() };
         let score = |own| Score {
             group: TaskGroup::GOAL_REACH,
             element: D2::FlipX,
-            seen: true,
+            seen_in_training: true,
             policy: 1,
             episodes: 4,
             success: 0.5,
             success_at_end: 0.25,
             reward: 100.0,
-            own,
+            own_policy_score: own,
         };
         let own = PolicyScore { policy: 0, success: 1.0, success_at_end: 0.75, reward: 400.5 };
         let mut writer = csv::Writer::from_writer(Vec::new());
-        for score in [score(None), score(Some(own))] {
-            writer.serialize(score_row(&evaluation, &score)).unwrap();
+        for scored in [score(None), score(Some(own))] {
+            writer.serialize(score_row(&evaluation, &scored)).unwrap();
         }
         let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
         let lines: Vec<&str> = text.lines().collect();

@@ -23,7 +23,7 @@ const ADDRESS_SPACE_OF_THREAD: u64 = 112 * MEBIBYTE;
 /// Checks that the limits of this process leave enough memory for a run.
 ///
 /// # Errors
-/// [`RunError::Memory`].
+/// [`RunError::NotEnoughMemory`].
 pub fn check_run(experiment: &Experiment) -> Result<(), RunError> {
     check(experiment.envs.threads, replay_bytes(experiment))
 }
@@ -31,7 +31,7 @@ pub fn check_run(experiment: &Experiment) -> Result<(), RunError> {
 /// Checks that the limits of this process leave enough memory for environments on these threads.
 ///
 /// # Errors
-/// [`RunError::Memory`].
+/// [`RunError::NotEnoughMemory`].
 pub fn check_environments(threads: usize) -> Result<(), RunError> {
     check(threads, 0)
 }
@@ -52,7 +52,7 @@ fn replay_bytes(experiment: &Experiment) -> u64 {
     let LearnerSettings::OffPolicy(settings) = &experiment.learner else {
         return 0;
     };
-    let [height, width, channels] = Stream::spec_of(&experiment.envs).image;
+    let [height, width, channels] = Stream::env_spec(&experiment.envs).image_shape;
     let image = height * width * channels.saturating_sub(settings.still_channels);
     let replays = match settings.grouping {
         GroupingSettings::Single => 1,
@@ -77,9 +77,9 @@ impl Limit {
         if needed <= self.left {
             return Ok(());
         }
-        Err(RunError::Memory {
-            needed: needed.div_ceil(MEBIBYTE),
-            left: self.left / MEBIBYTE,
+        Err(RunError::NotEnoughMemory {
+            needed_mib: needed.div_ceil(MEBIBYTE),
+            left_mib: self.left / MEBIBYTE,
             limit: self.name,
         })
     }
@@ -116,8 +116,8 @@ fn smallest_limit(groups: &str, read: impl Fn(&Path) -> Option<String>) -> Optio
             _ => return Vec::new(),
         };
         let folder = Path::new(root).join(path.trim_start_matches('/'));
-        let folders = folder.ancestors().take_while(|path| path.starts_with(root));
-        folders.map(|folder| folder.join(file)).collect()
+        let folders = folder.ancestors().take_while(|parent| parent.starts_with(root));
+        folders.map(|parent| parent.join(file)).collect()
     });
     // files without a limit hold the word `max`, which does not parse
     let limit = |path: PathBuf| Some((read(&path)?.trim().parse::<u64>().ok()?, path));
@@ -133,7 +133,7 @@ fn used() -> u64 {
 }
 
 /// Returns the available memory of the machine in bytes; `None` if the system does not report it.
-pub fn available() -> Option<u64> {
+pub fn available_bytes() -> Option<u64> {
     let text = fs::read_to_string("/proc/meminfo").ok()?;
     Some(line_kibibytes(&text, "MemAvailable")? << 10)
 }
@@ -152,14 +152,14 @@ mod tests {
     #[test]
     fn the_system_says_what_is_used_and_free() {
         assert!(used() > MEBIBYTE);
-        assert!(available().is_some_and(|bytes| bytes > MEBIBYTE));
+        assert!(available_bytes().is_some_and(|bytes| bytes > MEBIBYTE));
         assert_eq!(line_kibibytes("VmSize:\t  12 kB\n", "VmSize"), Some(12));
         assert_eq!(line_kibibytes("VmSizes: 12 kB\n", "VmSize"), None);
     }
 
     #[test]
     fn a_replay_takes_the_memory_of_its_images() {
-        let mut experiment = Budget::Table.experiment(Method::Clear);
+        let mut experiment = Budget::TableProtocol.experiment(Method::Clear);
         let bytes = replay_bytes(&experiment);
         // 2.05 GB were measured of the program with a full replay, 2.9 GB after a resumption
         assert!(((2 << 30)..(3 << 30)).contains(&bytes), "{bytes}");

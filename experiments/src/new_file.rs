@@ -5,15 +5,15 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::error::RunError;
-use learner::disk::{LocalDisk, PARTIAL, folder_of, replace};
+use learner::disk::{LocalDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
 
-/// Output file that does not exist yet.
+/// Output file of a command, which must not exist yet.
 pub struct NewFile {
     path: PathBuf,
 }
 
 impl NewFile {
-    /// Returns a handle to a file that does not exist yet; creates nothing.
+    /// Returns a handle to an output file that does not exist yet; creates nothing.
     ///
     /// # Errors
     /// [`RunError::FileExists`].
@@ -22,16 +22,16 @@ impl NewFile {
         if path.exists() { Err(RunError::FileExists { path }) } else { Ok(Self { path }) }
     }
 
-    /// Creates the file's folder and checks that it can be written to, so that a command fails
-    /// before it works and not after.
+    /// Creates the output file's folder and checks that it can be written to, so that a command
+    /// fails before it works and not after.
     ///
     /// # Errors
     /// [`RunError::Write`]; [`RunError::FileExists`] for a partial file, which another command is
     /// writing or left behind.
     pub fn prepare(&self) -> Result<(), RunError> {
-        let write = |error| RunError::write(&self.path, error);
-        fs::create_dir_all(folder_of(&self.path)).map_err(write)?;
-        let path = self.path.with_added_extension(PARTIAL);
+        let write = |error| RunError::cannot_write(&self.path, error);
+        fs::create_dir_all(parent_folder(&self.path)).map_err(write)?;
+        let path = self.path.with_added_extension(PARTIAL_EXTENSION);
         match File::create_new(&path) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                 Err(RunError::FileExists { path })
@@ -40,15 +40,15 @@ impl NewFile {
         }
     }
 
-    /// Writes the whole file atomically.
+    /// Writes the whole output file atomically.
     ///
     /// # Errors
     /// [`RunError::Write`].
     pub fn write(&self, bytes: &[u8]) -> Result<(), RunError> {
-        Ok(replace(&LocalDisk, &self.path, bytes)?)
+        Ok(write_atomically(&LocalDisk, &self.path, bytes)?)
     }
 
-    /// Returns the path of the file.
+    /// Returns the path of the output file.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::error::RunError;
 use crate::experiment::Experiment;
 use crate::schedule::MAX_DECISIONS;
-use learner::read_note;
+use learner::read_checkpoint_note;
 
-use crate::checkpoints::rollouts_of;
+use crate::checkpoints::rollouts_in_name;
 use crate::rows::TableSnapshots;
 use crate::run_stats::RunStats;
 
@@ -23,8 +23,10 @@ const TOO_MANY: usize = 1000 * MAX_DECISIONS;
 pub(crate) struct RunState {
     #[serde(rename = "ledger")]
     pub stats: RunStats,
-    /// Rounds of an evaluation that is due before the next rollout; 0 for none.
-    pub due: usize,
+    /// Episodes in each environment of an evaluation that is due before the next rollout; 0 for
+    /// none.
+    #[serde(rename = "due")]
+    pub due_episodes_per_env: usize,
     #[serde(rename = "rows")]
     pub tables: TableSnapshots,
 }
@@ -55,22 +57,23 @@ impl SavedRun {
     /// # Errors
     /// [`RunError::Read`], [`learner::LearnerError::NewerFormat`].
     pub fn read(path: &Path) -> Result<Self, RunError> {
-        Self::parse(path, &read_note(path)?)
+        Self::parse(path, &read_checkpoint_note(path)?)
     }
 
-    /// Parses and checks the note of the checkpoint at `path`.
+    /// Parses and checks `note`, the settings and state of a run as JSON from the checkpoint at
+    /// `path`. Reads no file, but a number of rollouts in the name of `path` must agree.
     ///
     /// # Errors
     /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose
     /// name states another number of rollouts.
     pub fn parse(path: &Path, note: &str) -> Result<Self, RunError> {
-        let saved: Self = serde_json::from_str(note).map_err(|e| RunError::read(path, e))?;
-        let wrong = |what: &str| RunError::damaged(path, format!("the run's note: {what}"));
+        let saved: Self = serde_json::from_str(note).map_err(|e| RunError::cannot_read(path, e))?;
+        let wrong = |what: &str| RunError::damaged_file(path, format!("the run's note: {what}"));
         saved.check().map_err(wrong)?;
         let rollouts = saved.state.stats.rollouts;
-        match rollouts_of(path) {
+        match rollouts_in_name(path) {
             // with a higher number it would be taken for the newest one for ever
-            Some(named) if named != rollouts => Err(RunError::damaged(
+            Some(named) if named != rollouts => Err(RunError::damaged_file(
                 path,
                 format!(
                     "it is the checkpoint after {rollouts} rollouts under the name of the one \
@@ -85,22 +88,23 @@ impl SavedRun {
     ///
     /// # Errors
     /// [`RunError::Read`] for rows without group or policy.
-    pub fn recount(&mut self, path: &Path) -> Result<(), RunError> {
+    pub fn recount_rollouts(&mut self, path: &Path) -> Result<(), RunError> {
         let RunState { stats, tables, .. } = &mut self.state;
-        let wrong = |error| RunError::damaged(path, format!("the rows of the run: {error}"));
-        stats.served = tables.served().map_err(wrong)?;
+        let wrong = |error| RunError::damaged_file(path, format!("the rows of the run: {error}"));
+        stats.rollout_counts = tables.rollout_counts().map_err(wrong)?;
         Ok(())
     }
 
     fn check(&self) -> Result<(), &'static str> {
-        let (RunState { stats, due, tables }, plan) = (&self.state, &self.experiment.evaluation);
-        if !stats.adds_up() || stats.decisions > TOO_MANY {
+        let (RunState { stats, due_episodes_per_env: due, tables }, plan) =
+            (&self.state, &self.experiment.evaluation);
+        if !stats.is_consistent() || stats.decisions > TOO_MANY {
             return Err("its counts do not add up");
         }
-        if ![0, plan.rounds, plan.visit_rounds].contains(due) {
+        if ![0, plan.episodes_per_env, plan.visit_episodes_per_env].contains(due) {
             return Err("the evaluation that is due does not fit its settings");
         }
-        if tables.rollouts() != Some(stats.rollouts) {
+        if tables.rollout_count() != Some(stats.rollouts) {
             return Err("its number of rows differs from its number of rollouts");
         }
         Ok(())
@@ -122,8 +126,13 @@ mod tests {
 
     fn note(change: impl FnOnce(&mut RunState)) -> Result<SavedRun, RunError> {
         let mut state = RunState {
-            stats: RunStats { rollouts: 2, decisions: 160, right: 2, ..RunStats::default() },
-            due: 0,
+            stats: RunStats {
+                rollouts: 2,
+                decisions: 160,
+                correct_assignments: 2,
+                ..RunStats::default()
+            },
+            due_episodes_per_env: 0,
             tables: tables("rollout,group\n0,a\n1,\"b\nc\"\n"),
         };
         change(&mut state);
@@ -134,19 +143,19 @@ mod tests {
     #[test]
     fn a_note_comes_back() {
         let SavedRun { state, .. } = note(|_| {}).unwrap();
-        assert_eq!((state.stats.rollouts, state.due), (2, 0));
-        assert!(note(|note| note.due = 1).is_ok());
+        assert_eq!((state.stats.rollouts, state.due_episodes_per_env), (2, 0));
+        assert!(note(|note| note.due_episodes_per_env = 1).is_ok());
     }
 
     #[test]
     fn notes_that_no_run_writes_are_refused() {
         type Spoil = fn(&mut RunState);
         let cases: [(Spoil, &str); 6] = [
-            (|note| note.stats.spanning_switch = 1, "do not add up"),
-            (|note| note.stats.right_returns = 1, "do not add up"),
+            (|note| note.stats.switch_rollouts = 1, "do not add up"),
+            (|note| note.stats.correct_revisits = 1, "do not add up"),
             (|note| note.stats.rollouts = usize::MAX, "do not add up"),
             (|note| note.stats.decisions = usize::MAX, "do not add up"),
-            (|note| note.due = 7, "evaluation"),
+            (|note| note.due_episodes_per_env = 7, "evaluation"),
             (|note| note.tables = tables("rollout\n0\n"), "rows"),
         ];
         for (change, expected) in cases {

@@ -55,7 +55,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// All methods.
+    /// All methods, each of which has a preset.
     pub const ALL: [Self; 13] = [
         Self::Covers,
         Self::CoversGt,
@@ -92,7 +92,7 @@ impl Method {
     }
 
     /// Returns the settings of the method's learner.
-    pub fn learner(self) -> LearnerSettings {
+    pub fn learner_settings(self) -> LearnerSettings {
         LearnerSettings::OffPolicy(match self {
             Self::Clear => OffPolicySettings::clear(),
             Self::ClearBc => OffPolicySettings::clear_bc(),
@@ -124,10 +124,10 @@ impl Method {
 
     /// Returns the method whose preset has the run's learner and environments, under any budget;
     /// `None` for custom settings. Seed, threads, stream, evaluation and checkpoints may differ.
-    pub fn of(run: &Experiment) -> Option<Self> {
+    pub fn of_run(run: &Experiment) -> Option<Self> {
         let is = |method: &Self| {
             let mut budgets = Budget::value_variants().iter();
-            budgets.any(|budget| budget.preset_like(*method, run) == *run)
+            budgets.any(|budget| budget.preset_with_run_settings(*method, run) == *run)
         };
         Self::ALL.into_iter().find(is)
     }
@@ -144,7 +144,7 @@ impl Method {
             Self::EquiSac,
             Self::Paper,
         ];
-        budget != Budget::Table && !without.contains(&self)
+        budget != Budget::TableProtocol && !without.contains(&self)
     }
 
     fn envs(self, budget: Budget) -> VecEnvSettings {
@@ -156,7 +156,7 @@ impl Method {
         }
         if self.shows_close_ups(budget) {
             envs.camera.oversampling = OVERSAMPLING;
-            envs.camera.beside = ExtraView::CloseUp;
+            envs.camera.extra_views = ExtraView::CloseUp;
         }
         envs
     }
@@ -188,7 +188,9 @@ pub enum Budget {
     Full,
     /// Protocol of the table of methods (docs/results/protocol.md): 204,000 decisions, images
     /// without close-ups, 100 final episodes of each group and variant, cheap evaluations between.
-    Table,
+    #[value(name = "table")]
+    #[serde(rename = "table")]
+    TableProtocol,
     /// Training on one variant of each group, two visits each, 174,000 decisions; the other
     /// variants appear in evaluations only.
     ZeroShot,
@@ -201,14 +203,14 @@ impl Budget {
             Self::Smoke => "smoke",
             Self::Short => "short",
             Self::Full => "full",
-            Self::Table => "table",
+            Self::TableProtocol => "table",
             Self::ZeroShot => "zero-shot",
         }
     }
 
     /// Returns the settings of a run of `method`.
     pub fn experiment(self, method: Method) -> Experiment {
-        let (mut learner, mut envs) = (method.learner(), method.envs(self));
+        let (mut learner, mut envs) = (method.learner_settings(), method.envs(self));
         if self == Self::Smoke {
             envs.num_envs = 8;
             envs.control.horizon = 100;
@@ -229,7 +231,7 @@ impl Budget {
 
     /// Returns the preset of a method with the stream, evaluation, checkpoints, seed and threads of
     /// `run`.
-    pub fn preset_like(self, method: Method, run: &Experiment) -> Experiment {
+    pub fn preset_with_run_settings(self, method: Method, run: &Experiment) -> Experiment {
         let preset = self.experiment(method).with_seed(run.learner.seed());
         Experiment {
             schedule: run.schedule.clone(),
@@ -247,13 +249,13 @@ impl Budget {
             Self::Smoke => (1, [2, 2, 2, 2]),
             Self::Short => (2, [4, 12, 6, 28]),
             Self::Full => (3, [4, 12, 6, 31]),
-            Self::Table => (3, [6, 18, 9, 35]),
+            Self::TableProtocol => (3, [6, 18, 9, 35]),
             Self::ZeroShot => (2, [8, 27, 12, 40]),
         };
         let unit = if self == Self::Smoke { rollout } else { 1000 };
         let decisions = visits.map(|visit| visit * unit);
-        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
-        let mut schedule = Schedule::shuffled(cycles, &visits);
+        let group_visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
+        let mut schedule = Schedule::shuffled(cycles, &group_visits);
         if self == Self::ZeroShot {
             for plan in &mut schedule.groups {
                 plan.variants = vec![D2::Identity];
@@ -264,20 +266,24 @@ impl Budget {
 
     fn evaluation(self) -> EvaluationPlan {
         match self {
-            Self::Smoke => EvaluationPlan { looks: 1, ..EvaluationPlan::AT_THE_END },
-            Self::Short => EvaluationPlan { rounds: 2, ..EvaluationPlan::AT_THE_END },
+            Self::Smoke => {
+                EvaluationPlan { recognition_repeats: 1, ..EvaluationPlan::AFTER_STREAM_ONLY }
+            }
+            Self::Short => {
+                EvaluationPlan { episodes_per_env: 2, ..EvaluationPlan::AFTER_STREAM_ONLY }
+            }
             Self::Full | Self::ZeroShot => EvaluationPlan {
-                rounds: 4,
+                episodes_per_env: 4,
                 // as many as in the end, so that forgetting is measured on the same episodes
-                visit_rounds: 4,
-                ..EvaluationPlan::AT_THE_END
+                visit_episodes_per_env: 4,
+                ..EvaluationPlan::AFTER_STREAM_ONLY
             },
             // 10 rounds of 10 environments give 100 episodes; evaluations between play a fifth
-            Self::Table => EvaluationPlan {
-                rounds: 10,
-                visit_rounds: 2,
-                looks: 10,
-                ..EvaluationPlan::AT_THE_END
+            Self::TableProtocol => EvaluationPlan {
+                episodes_per_env: 10,
+                visit_episodes_per_env: 2,
+                recognition_repeats: 10,
+                ..EvaluationPlan::AFTER_STREAM_ONLY
             },
         }
     }

@@ -3,12 +3,12 @@
 /// Escapes every control character (line ends included) and every character that changes the
 /// direction of writing as a code like `\u001b`, so that the text cannot move the cursor or hide
 /// anything. The codes are JSON's, so that escaped JSON strings keep their meaning.
-pub fn printable(text: &str) -> String {
+pub fn escape_unprintable(text: &str) -> String {
     escaped_but(text, |_| false)
 }
 
 /// Escapes the control characters of a text with several lines; line ends and tabs stay.
-pub fn printable_lines(text: &str) -> String {
+pub fn escape_unprintable_lines(text: &str) -> String {
     escaped_but(text, |character| matches!(character, '\n' | '\t'))
 }
 
@@ -49,12 +49,12 @@ mod tests {
             ("plate-slide é 測", "plate-slide é 測"),
         ];
         for (text, expected) in cases {
-            assert_eq!(printable(text), expected);
-            assert_eq!(printable_lines(text), expected);
+            assert_eq!(escape_unprintable(text), expected);
+            assert_eq!(escape_unprintable_lines(text), expected);
         }
-        assert_eq!(printable("a\nb\tc\rd"), "a\\u000ab\\u0009c\\u000dd");
-        assert_eq!(printable_lines("a\nb\tc\rd"), "a\nb\tc\\u000dd");
-        let json = printable_lines("{\"name\":\"\u{9b}\"}");
+        assert_eq!(escape_unprintable("a\nb\tc\rd"), "a\\u000ab\\u0009c\\u000dd");
+        assert_eq!(escape_unprintable_lines("a\nb\tc\rd"), "a\nb\tc\\u000dd");
+        let json = escape_unprintable_lines("{\"name\":\"\u{9b}\"}");
         let value: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert_eq!(value["name"], "\u{9b}");
     }

@@ -8,23 +8,24 @@ use rl::RewardWarning;
 use serde::Serialize;
 
 use crate::error::RunError;
-use crate::evaluation::{Findings, GroupScore, Score};
-use crate::folder::{RunFolder, SUMMARY};
+use crate::evaluation::{EvaluationResults, GroupScore, Score};
+use crate::folder::{RunFolder, SUMMARY_FILE};
 
-/// Report of one iteration: the learner's own, and the ground truth that the learner never sees.
+/// Report of one training iteration: the learner's own, and the ground truth that the learner never
+/// sees.
 #[derive(Clone, Debug)]
-pub struct Progress {
-    /// Index of the rollout, from 0.
+pub struct RolloutReport {
+    /// Index of the rollout in the run, from 0.
     pub rollout: usize,
-    /// Decisions taken so far.
+    /// Number of decisions of the run so far, summed over all environments.
     pub decisions: usize,
-    /// Task group at the start of the iteration.
+    /// Task group that the stream showed at the start of the iteration.
     pub group: TaskGroup,
-    /// Task group at the end of the iteration.
+    /// Task group that the stream showed at the end of the iteration.
     pub last_group: TaskGroup,
-    /// `true` if the group changed within the iteration.
+    /// `true` if the task group changed within the iteration.
     pub spans_switch: bool,
-    /// Report of the learner.
+    /// Report of the learner on the rollout.
     pub iteration: Iteration,
     /// Warning about rewards that are too large or too small to train on; each kind is given once
     /// after each start or resumption.
@@ -37,78 +38,84 @@ pub struct Progress {
     pub environment_seconds: f64,
 }
 
-impl Progress {
+impl RolloutReport {
     /// Returns the mean return of the episodes that ended in the rollout, on the paper's scale, in
     /// `[0, 500]`; `None` if no episode ended.
     pub fn reward(&self) -> Option<f64> {
-        let mean_return = self.iteration.rollout.mean_return()?;
+        let mean_return = self.iteration.rollout_stats.mean_return()?;
         Some(mean_return * self.reward_scale)
     }
 
-    /// Returns the share of ended episodes that succeeded at any step, in `[0, 1]`; `None` if no
-    /// episode ended.
+    /// Returns the share of the rollout's ended episodes that succeeded at any step, in `[0, 1]`;
+    /// `None` if no episode ended.
     pub fn success(&self) -> Option<f64> {
-        self.iteration.rollout.success_rate()
+        self.iteration.rollout_stats.success_rate()
     }
 }
 
-/// Report of one evaluation.
+/// Report of one evaluation of a run.
 #[derive(Clone, Debug)]
-pub struct Evaluation {
-    /// Rollouts trained on before the evaluation; 0 before the stream.
+pub struct EvaluationReport {
+    /// Number of rollouts trained on before the evaluation; 0 before the stream.
     pub rollouts: usize,
-    /// Decisions taken in training before the evaluation.
+    /// Number of decisions taken in training before the evaluation.
     pub decisions: usize,
-    /// Results. Recognition is tested only after the stream.
-    pub findings: Findings,
+    /// Results of the evaluation: scores and recognitions. Recognition is tested only after the
+    /// stream.
+    pub results: EvaluationResults,
 }
 
-/// Event of a run.
+/// Event of a run: a rollout or an evaluation.
 #[derive(Clone, Debug)]
 pub enum Event {
-    /// Iteration of the learner.
-    Rollout(Box<Progress>),
-    /// Evaluation of all variants.
-    Evaluation(Evaluation),
+    /// Training iteration of the learner with one rollout.
+    Rollout(Box<RolloutReport>),
+    /// Evaluation of the learner on all task variants.
+    Evaluation(EvaluationReport),
 }
 
 /// Summary of a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Decisions taken in training.
+    /// Number of decisions taken in training.
     pub decisions: usize,
     /// Wall-clock seconds of training, without evaluations, as far as they are known.
     pub seconds: f64,
     /// Decisions per second of training, over the rollouts with known seconds; `None` without any.
     pub decisions_per_second: Option<f64>,
-    /// Number of policies created.
+    /// Number of policies that the learner created.
     pub policies: usize,
     /// Number of policies that were merged into others.
-    pub merged: usize,
-    /// Failures of single environments in training, see [`crate::Stream::failures`].
-    pub failures: usize,
-    /// Rollouts that span a task switch; both accuracies leave them out.
+    #[serde(rename = "merged")]
+    pub merged_policies: usize,
+    /// Failures of single environments in training, see [`crate::Stream::environment_failures`].
+    #[serde(rename = "failures")]
+    pub environment_failures: usize,
+    /// Number of rollouts that span a task switch; both accuracies leave them out.
     #[serde(rename = "straddled")]
-    pub spanning_switch: usize,
+    pub switch_rollouts: usize,
     /// Share of rollouts assigned to the policy of their group, in `[0, 1]`
-    /// ([`RunStats::right`](crate::RunStats::right)); `None` if all rollouts span a task switch.
+    /// ([`RunStats::correct_assignments`](crate::RunStats::correct_assignments)); `None` if all
+    /// rollouts span a task switch.
     pub assignment_accuracy: Option<f64>,
     /// Assignment accuracy over rollouts of groups that were visited before; `None` without any.
-    pub return_accuracy: Option<f64>,
-    /// Final scores of the groups.
+    #[serde(rename = "return_accuracy")]
+    pub revisit_accuracy: Option<f64>,
+    /// Scores of each task group in the last evaluation.
     pub groups: Vec<GroupScore>,
-    /// Final scores of all variants.
+    /// Scores of each task variant in the last evaluation.
     pub variants: Vec<Score>,
     /// CRC-32 of each table of the finished run by file name, as eight hexadecimal digits. It
     /// detects tables that were changed later.
-    pub tables: BTreeMap<String, String>,
+    #[serde(rename = "tables")]
+    pub table_checksums: BTreeMap<String, String>,
 }
 
 impl Summary {
     /// Writes the summary to the folder of a run, which marks the run as finished.
     pub(crate) fn write(&self, folder: &RunFolder) -> Result<(), RunError> {
         let text = serde_json::to_string_pretty(self);
-        let text = text.map_err(|error| RunError::write(folder.path(), error))?;
-        folder.replace(SUMMARY, text.as_bytes())
+        let text = text.map_err(|error| RunError::cannot_write(folder.path(), error))?;
+        folder.replace_file(SUMMARY_FILE, text.as_bytes())
     }
 }

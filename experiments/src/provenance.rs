@@ -11,29 +11,37 @@ use crate::error::RunError;
 /// folder's `provenance.jsonl`. Results never depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// Rollouts of the run before the process.
-    pub rollouts: usize,
+    /// Number of rollouts of the run that were done before the process started.
+    #[serde(rename = "rollouts")]
+    pub rollouts_before: usize,
     /// Start of the process in whole seconds since 1970, by the machine's clock, which may be
     /// wrong; negative before 1970.
-    pub started: i64,
+    #[serde(rename = "started")]
+    pub started_unix_s: i64,
     /// Command line of the process.
     pub command: Vec<String>,
-    /// Version of this crate.
-    pub version: String,
-    /// Git commit that the program was built from; `None` outside a repository.
+    /// Version of the `experiments` crate.
+    #[serde(rename = "version")]
+    pub covers_version: String,
+    /// Git commit that the program was built from; `None` if it was built outside a repository.
     pub commit: Option<String>,
-    /// `true` if all tracked files were as in that commit; `None` outside a repository.
-    pub clean: Option<bool>,
+    /// `true` if all tracked files were as in that commit at build time; `None` outside a
+    /// repository.
+    #[serde(rename = "clean")]
+    pub clean_checkout: Option<bool>,
     /// Version of the MuJoCo library.
-    pub mujoco: String,
+    #[serde(rename = "mujoco")]
+    pub mujoco_version: String,
     /// Renderer of images, as OpenGL names it.
     pub renderer: String,
-    /// Name of the processor.
+    /// Name of the CPU.
     pub processor: String,
-    /// Vector instruction sets of the processor that affect speed.
-    pub instructions: Vec<String>,
+    /// Vector instruction sets of the CPU that affect speed.
+    #[serde(rename = "instructions")]
+    pub instruction_sets: Vec<String>,
     /// Operating system and architecture.
-    pub system: String,
+    #[serde(rename = "system")]
+    pub operating_system: String,
     /// Number of worker threads.
     pub threads: usize,
     /// GPU that policies were updated on; `None` for the CPU.
@@ -43,40 +51,40 @@ pub struct Provenance {
 
 impl Provenance {
     /// Name of the file in a run's folder.
-    pub const FILE: &str = "provenance.jsonl";
+    pub const FILE_NAME: &str = "provenance.jsonl";
 
     /// Returns the provenance of this process, which continues a run after `rollouts` rollouts.
-    pub(crate) fn here(
+    pub(crate) fn of_this_process(
         rollouts: usize,
         threads: usize,
         renderer: String,
         gpu: Option<&str>,
     ) -> Self {
         Self {
-            rollouts,
-            started: seconds_since_1970(SystemTime::now()),
+            rollouts_before: rollouts,
+            started_unix_s: seconds_since_1970(SystemTime::now()),
             command: std::env::args().collect(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            covers_version: env!("CARGO_PKG_VERSION").to_owned(),
             commit: option_env!("COVERS_COMMIT").map(str::to_owned),
-            clean: option_env!("COVERS_CLEAN").map(|clean| clean == "true"),
-            mujoco: envs::mujoco::version(),
+            clean_checkout: option_env!("COVERS_CLEAN").map(|clean| clean == "true"),
+            mujoco_version: envs::mujoco::version(),
             renderer,
-            processor: processor().unwrap_or_else(|| "unknown".to_owned()),
-            instructions: instructions(),
-            system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            processor: processor_name().unwrap_or_else(|| "unknown".to_owned()),
+            instruction_sets: instruction_sets(),
+            operating_system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             threads,
             gpu: gpu.map(str::to_owned),
         }
     }
 
-    /// Reads the records of a folder, oldest first. Lines torn by a full disk or a power cut are
-    /// skipped.
+    /// Reads the provenance records of a run's folder, oldest first. Lines torn by a full disk or a
+    /// power cut are skipped.
     ///
     /// # Errors
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
-        let path = folder.join(Self::FILE);
-        let text = std::fs::read_to_string(&path).map_err(|e| RunError::read(&path, e))?;
+        let path = folder.join(Self::FILE_NAME);
+        let text = std::fs::read_to_string(&path).map_err(|e| RunError::cannot_read(&path, e))?;
         let lines = text.lines();
         Ok(lines.flat_map(serde_json::from_str).collect())
     }
@@ -89,16 +97,16 @@ fn seconds_since_1970(time: SystemTime) -> i64 {
     }
 }
 
-/// Returns the processor's name; `None` if the system does not report it.
-pub fn processor() -> Option<String> {
+/// Returns the CPU's name; `None` if the system does not report it.
+pub fn processor_name() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Returns the processor's vector instruction sets that affect speed.
+/// Returns the CPU's vector instruction sets that affect speed.
 #[cfg(target_arch = "x86_64")]
-pub fn instructions() -> Vec<String> {
+pub fn instruction_sets() -> Vec<String> {
     let sets = [
         // the networks' kernels have versions for these sets
         ("avx512f", is_x86_feature_detected!("avx512f")),
@@ -110,7 +118,7 @@ pub fn instructions() -> Vec<String> {
 
 /// Returns no instruction sets: none is detected on this architecture.
 #[cfg(not(target_arch = "x86_64"))]
-pub fn instructions() -> Vec<String> {
+pub fn instruction_sets() -> Vec<String> {
     Vec::new()
 }
 

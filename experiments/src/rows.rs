@@ -3,7 +3,7 @@
 use csv::{Reader, StringRecord};
 use serde::{Deserialize, Serialize};
 
-use crate::run_stats::{Served, count_served};
+use crate::run_stats::{RolloutCounts, add_rollout_count};
 
 /// Contents of the tables at a checkpoint, from which lost or damaged files are restored.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -32,19 +32,19 @@ struct AssignmentColumns {
 
 impl TableSnapshots {
     /// Counts the rollouts of each group by policy, without those that span a task switch.
-    pub fn served(&self) -> Result<Served, csv::Error> {
-        let mut served = Served::default();
+    pub fn rollout_counts(&self) -> Result<RolloutCounts, csv::Error> {
+        let mut served = RolloutCounts::default();
         for row in Reader::from_reader(self.metrics.as_bytes()).deserialize() {
             let AssignmentColumns { group, spans_switch, policy } = row?;
             if !spans_switch {
-                count_served(&mut served, &group, policy);
+                add_rollout_count(&mut served, &group, policy);
             }
         }
         Ok(served)
     }
 
     /// Returns the number of rollouts; `None` if the metrics or the scores are no valid CSV.
-    pub fn rollouts(&self) -> Option<usize> {
+    pub fn rollout_count(&self) -> Option<usize> {
         count(&self.scores).and(count(&self.metrics))
     }
 }
@@ -71,12 +71,12 @@ mod tests {
                 .to_owned(),
             ..TableSnapshots::default()
         };
-        let served = rows.served().unwrap();
+        let served = rows.rollout_counts().unwrap();
         assert_eq!(served["a"], [(1, 2)].into());
         assert_eq!(served["b"], [(0, 1)].into());
-        assert!(TableSnapshots::default().served().unwrap().is_empty());
+        assert!(TableSnapshots::default().rollout_counts().unwrap().is_empty());
         let metrics = "rollout,group\n0,a\n".to_owned();
         let nameless = TableSnapshots { metrics, ..TableSnapshots::default() };
-        assert!(nameless.served().is_err());
+        assert!(nameless.rollout_counts().is_err());
     }
 }

@@ -11,23 +11,23 @@ use rl::RewardWarning;
 
 use crate::clocked_stream::ClockedStream;
 use crate::error::RunError;
-use crate::evaluation::{Evaluator, Score, by_group};
+use crate::evaluation::{Evaluator, Score, average_by_group};
 use crate::experiment::Experiment;
 use crate::latest_frame::LatestFrame;
-use learner::{DeviceChoice, Extent, Iteration, Learner};
+use learner::{CheckpointExtent, DeviceChoice, Iteration, Learner};
 
 use super::checkpoints;
 use crate::folder::RunFolder;
-use crate::lock::Lock;
-use crate::logs::Logs;
+use crate::lock::FolderLock;
+use crate::logs::RunTables;
 use crate::note::RunState;
-use crate::progress::{Evaluation, Event, Progress, Summary};
+use crate::progress::{EvaluationReport, Event, RolloutReport, Summary};
 use crate::provenance::Provenance;
 use crate::run_stats::RunStats;
-use crate::scoring::{Scoring, looks};
+use crate::scoring::{StoppableEvaluation, recognition_repeats};
 use crate::start_resume::{self, LockedRun, PreparedRun};
 use crate::stop::StopSignal;
-use crate::workers::{guarded, thread_pool};
+use crate::workers::{run_catching_panics, thread_pool};
 
 const LOG: &str = "log.txt";
 
@@ -35,42 +35,43 @@ const LOG: &str = "log.txt";
 pub struct Run {
     experiment: Experiment,
     folder: RunFolder,
-    _lock: Lock,
-    logs: Logs,
+    _lock: FolderLock,
+    tables: RunTables,
     pool: ThreadPool,
     tasks: TaskRegistry,
     stream: ClockedStream,
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
     stats: RunStats,
-    /// Rounds of the evaluation that is due before the next rollout; 0 for none.
+    /// Episodes in each environment of the evaluation that is due before the next rollout; 0 for
+    /// none.
     due: usize,
     last_scores: Vec<Score>,
-    /// Rollouts and rounds due in the newest checkpoint.
+    /// Rollouts and `due` of the newest checkpoint.
     saved: Option<(usize, usize)>,
     /// Kinds of reward warnings that were given, each once.
     warned: Vec<Discriminant<RewardWarning>>,
     /// `true` after an error, which may have left the learner in an inconsistent state.
     broken: bool,
     stop: StopSignal,
-    notice: String,
+    start_message: String,
 }
 
 impl Run {
-    /// Starts a run over the paper's task groups that writes its files to `folder`.
+    /// Starts a run over the paper's four task groups that writes its files to `folder`.
     ///
     /// # Errors
-    /// [`RunError::Setting`], [`RunError::Occupied`], [`RunError::Locked`]; errors of the
-    /// environments or the file system.
+    /// [`RunError::InvalidSetting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of
+    /// the environments or the file system.
     pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, RunError> {
-        Self::start_with(experiment, TaskRegistry::standard(), folder)
+        Self::start_with_tasks(experiment, TaskRegistry::standard(), folder)
     }
 
-    /// Starts a run over groups of `tasks`.
+    /// Starts a run over task groups of `tasks` that writes its files to `folder`.
     ///
     /// # Errors
     /// As [`Run::start`], and a group that `tasks` does not hold.
-    pub fn start_with(
+    pub fn start_with_tasks(
         experiment: Experiment,
         tasks: TaskRegistry,
         folder: RunFolder,
@@ -79,25 +80,26 @@ impl Run {
     }
 
     /// Resumes the run in `folder` from its newest intact checkpoint, or starts it again if it has
-    /// no checkpoint yet; [`Run::notice`] says which. All files but the timings end as in a run
-    /// that was never interrupted, byte for byte.
+    /// no checkpoint yet; [`Run::start_message`] says which. All files but the timings end as in a
+    /// run that was never interrupted, byte for byte.
     ///
     /// # Errors
     /// [`RunError::NoRun`], [`RunError::NoCheckpoint`], [`learner::LearnerError::NewerFormat`],
-    /// [`learner::LearnerError::OtherSettings`], [`RunError::Locked`];
-    /// [`learner::LearnerError::PoliciesOnly`] for a packed folder; errors of the environments.
+    /// [`learner::LearnerError::CheckpointSettingsDiffer`], [`RunError::Locked`];
+    /// [`learner::LearnerError::PoliciesOnlyCheckpoint`] for a packed folder; errors of the
+    /// environments.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, RunError> {
-        let (folder, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
-        Self::resume_with(folder, threads, DeviceChoice::Cpu, tasks)
+        let (folder, tasks) = (RunFolder::from_path(folder), TaskRegistry::standard());
+        Self::resume_with_tasks(folder, threads, DeviceChoice::Cpu, tasks)
     }
 
-    /// Resumes a run over groups of `tasks`, with policies that are updated on `device`; see
+    /// Resumes a run over task groups of `tasks`, with policies that are updated on `device`; see
     /// [`Run::resume`].
     ///
     /// # Errors
     /// As [`Run::resume`], a group that `tasks` does not hold, and errors of
     /// [`Experiment::with_device`].
-    pub fn resume_with(
+    pub fn resume_with_tasks(
         folder: RunFolder,
         threads: Option<usize>,
         device: DeviceChoice,
@@ -109,21 +111,21 @@ impl Run {
     fn assemble(prepared: PreparedRun) -> Result<Self, RunError> {
         let PreparedRun { locked, labels, state, .. } = prepared;
         let LockedRun { experiment, tasks, folder, lock } = locked;
-        let RunState { mut stats, due, tables } = state;
+        let RunState { mut stats, due_episodes_per_env: due, tables } = state;
         // environments before threads: the first model of a process sets an environment variable
         // for software rendering
         let stream = ClockedStream::new(&experiment, &tasks, labels.clone(), stats.decisions)?;
-        let evaluator = Evaluator::of(&experiment, &tasks, labels)?;
+        let evaluator = Evaluator::of_run(&experiment, &tasks, labels)?;
         let pool = thread_pool(experiment.envs.threads)?;
         // tables are opened last, since that removes rows behind the checkpoint, which must not
         // happen if anything else fails
-        folder.prepare()?;
-        checkpoints::put_aside(folder.disk(), &prepared.passed_over)?;
+        folder.prepare_for_run()?;
+        checkpoints::rename_damaged(folder.disk(), &prepared.unreadable_checkpoints)?;
         if folder.is_finished() {
-            folder.drop_changed_timings()?;
+            folder.rename_changed_timings()?;
         }
-        let logs = Logs::open(&folder, stats.rollouts, tables)?;
-        stats.seconds = logs.timings().seconds;
+        let tables = RunTables::open(&folder, stats.rollouts, tables)?;
+        stats.seconds = tables.timing_sums().seconds;
         let run = Self {
             saved: (stats.rollouts > 0).then_some((stats.rollouts, due)),
             experiment,
@@ -131,7 +133,7 @@ impl Run {
             tasks,
             stream,
             evaluator,
-            logs,
+            tables,
             folder,
             _lock: lock,
             learner: prepared.learner,
@@ -141,10 +143,10 @@ impl Run {
             warned: Vec::new(),
             broken: false,
             stop: StopSignal::default(),
-            notice: prepared.notice,
+            start_message: prepared.start_message,
         };
         if !run.is_finished() {
-            run.folder.reopen()?;
+            run.folder.mark_unfinished()?;
             run.record_provenance()?;
         }
         Ok(run)
@@ -152,35 +154,36 @@ impl Run {
 
     /// Records this process in the folder's provenance and log.
     fn record_provenance(&self) -> Result<(), RunError> {
-        let renderer = envs::mujoco::opengl().unwrap_or("none").to_owned();
+        let renderer = envs::mujoco::opengl_description().unwrap_or("none").to_owned();
         let (rollouts, threads) = (self.stats.rollouts, self.experiment.envs.threads);
-        let gpu = self.experiment.learner.gpu();
-        let provenance = Provenance::here(rollouts, threads, renderer, gpu);
+        let gpu = self.experiment.learner.gpu_name();
+        let provenance = Provenance::of_this_process(rollouts, threads, renderer, gpu);
         self.folder.record_provenance(&provenance)?;
-        self.log(&self.notice)
+        self.log(&self.start_message)
     }
 
     fn log(&self, line: &str) -> Result<(), RunError> {
-        self.folder.append(LOG, line)
+        self.folder.append_line(LOG, line)
     }
 
     /// Sets the signal that stops the run between rollouts and between evaluated variants.
-    pub fn stop_at(&mut self, stop: StopSignal) {
+    pub fn set_stop_signal(&mut self, stop: StopSignal) {
         self.stop = stop;
     }
 
-    /// Publishes the image of the first environment after every training step.
+    /// Publishes the image of the first training environment to `latest_frame` after every training
+    /// step.
     pub fn publish_frames_to(&mut self, latest_frame: LatestFrame) {
         self.stream.publish_frames_to(latest_frame);
     }
 
-    /// Returns the message about the start: anew, or from which checkpoint, and which newer ones
-    /// were damaged.
-    pub fn notice(&self) -> &str {
-        &self.notice
+    /// Returns the message about the run's start: anew, or from which checkpoint, and which newer
+    /// ones were damaged.
+    pub fn start_message(&self) -> &str {
+        &self.start_message
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the run.
     pub fn experiment(&self) -> &Experiment {
         &self.experiment
     }
@@ -190,31 +193,31 @@ impl Run {
         &self.folder
     }
 
-    /// Returns the statistics so far.
+    /// Returns the statistics of the run so far.
     pub fn stats(&self) -> &RunStats {
         &self.stats
     }
 
-    /// Returns `true` if all rollouts and evaluations are done.
+    /// Returns `true` if all rollouts and evaluations of the run are done.
     pub fn is_finished(&self) -> bool {
         self.due == 0 && self.visit().is_none()
     }
 
     /// Returns the index of the visit that the next rollout starts in; `None` after the last.
     fn visit(&self) -> Option<usize> {
-        self.stream.index(self.stats.rollouts)
+        self.stream.visit_index(self.stats.rollouts)
     }
 
     /// Trains on one more rollout or runs the evaluation that is due, and saves a checkpoint if one
-    /// is due. Returns `None` if the run has finished, or after a [stop](Run::stop_at) was
+    /// is due. Returns `None` if the run has finished, or after a [stop](Run::set_stop_signal) was
     /// requested; then [`Run::save`] keeps the progress since the last checkpoint.
     ///
     /// # Errors
-    /// Errors of all parts; [`RunError::Panicked`], and [`RunError::Broken`] after an error. Files
-    /// written so far stay, and the last checkpoint can be resumed.
+    /// Errors of all parts; [`RunError::Panicked`], and [`RunError::FailedEarlier`] after an error.
+    /// Files written so far stay, and the last checkpoint can be resumed.
     pub fn advance(&mut self) -> Result<Option<Event>, RunError> {
         if self.broken {
-            return Err(RunError::Broken);
+            return Err(RunError::FailedEarlier);
         }
         let event = self.step();
         if let Err(error) = &event {
@@ -226,14 +229,14 @@ impl Run {
     }
 
     fn step(&mut self) -> Result<Option<Event>, RunError> {
-        if self.stop.requested() {
+        if self.stop.is_requested() {
             return Ok(None);
         }
         let event = match (self.due, self.visit()) {
             (0, None) => return Ok(None),
             (0, Some(index)) => {
                 let progress = self.learn(index)?;
-                self.due = self.evaluation_rounds(index);
+                self.due = self.due_after(index);
                 Event::Rollout(Box::new(progress))
             }
             (rounds, _) => match self.score(rounds)? {
@@ -250,57 +253,60 @@ impl Run {
         Ok(Some(event))
     }
 
-    /// Returns the rounds of the evaluation that is due after a rollout that started in the visit
-    /// with this index; 0 for none.
-    fn evaluation_rounds(&self, index: usize) -> usize {
+    /// Returns the episodes in each environment of the evaluation that is due after a rollout that
+    /// started in the visit with this index; 0 for none.
+    fn due_after(&self, index: usize) -> usize {
         let plan = &self.experiment.evaluation;
         match self.visit() {
-            None => plan.rounds,
-            Some(next) if next > index => plan.visit_rounds,
-            Some(_) => plan.within_visit(self.stats.rollouts),
+            None => plan.episodes_per_env,
+            Some(next) if next > index => plan.visit_episodes_per_env,
+            Some(_) => plan.episodes_per_env_within_visit(self.stats.rollouts),
         }
     }
 
     /// Runs one iteration of the learner, which starts in the visit with this index.
-    fn learn(&mut self, index: usize) -> Result<Progress, RunError> {
+    fn learn(&mut self, index: usize) -> Result<RolloutReport, RunError> {
         let clock = Instant::now();
         let rollout = self.stats.rollouts;
-        let (visit, before) = self.stream.visit(index);
+        let (visit, before) = self.stream.visit_and_earlier(index);
         let group = self.tasks.get(&visit.group)?;
         let returns = before.iter().any(|earlier| earlier.group == visit.group);
         let (learner, stream) = (&mut self.learner, &mut self.stream);
-        stream.begin(rollout, index)?;
-        let failures_before = stream.environments().failures();
-        let seconds_before = stream.environments().seconds();
-        let iteration: Iteration = guarded(&self.pool, || Ok(learner.learn(stream)?))?;
+        stream.begin_iteration(rollout, index)?;
+        let failures_before = stream.environments().environment_failures();
+        let seconds_before = stream.environments().environment_seconds();
+        let iteration: Iteration = run_catching_panics(&self.pool, || Ok(learner.learn(stream)?))?;
         let seconds = clock.elapsed().as_secs_f64();
         let stats = &mut self.stats;
         if stream.spans_switch() {
             stats.record_task_switch(iteration.policy);
         } else {
-            stats.record(group.name(), returns, iteration.policy);
+            stats.record_rollout(group.name(), returns, iteration.policy);
         }
         stats.record_merges(&iteration.merged_into);
-        stats.decisions = stream.now();
-        stats.failures += stream.environments().failures() - failures_before;
+        stats.decisions = stream.decisions_so_far();
+        stats.environment_failures +=
+            stream.environments().environment_failures() - failures_before;
         stats.seconds += seconds;
         let warning = iteration
-            .rollout
+            .rollout_stats
             .reward_warning()
             .filter(|warning| !self.warned.contains(&discriminant(warning)));
-        let progress = Progress {
+        let progress = RolloutReport {
             rollout,
             decisions: stats.decisions,
             group,
-            last_group: self.tasks.get(&stream.visit(stream.last_shown()).0.group)?,
+            last_group: self
+                .tasks
+                .get(&stream.visit_and_earlier(stream.last_visit_index()).0.group)?,
             spans_switch: stream.spans_switch(),
             iteration,
             warning,
             reward_scale: stream.environments().reward_scale(),
             seconds,
-            environment_seconds: stream.environments().seconds() - seconds_before,
+            environment_seconds: stream.environments().environment_seconds() - seconds_before,
         };
-        self.logs.write_rollout(&progress)?;
+        self.tables.write_rollout(&progress)?;
         if let Some(warning) = warning {
             self.warned.push(discriminant(&warning));
             self.log(&format!("warning: {warning}"))?;
@@ -309,91 +315,106 @@ impl Run {
     }
 
     /// Runs the evaluation that is due; `None` if a stop was requested.
-    fn score(&mut self, rounds: usize) -> Result<Option<Evaluation>, RunError> {
+    fn score(&mut self, rounds: usize) -> Result<Option<EvaluationReport>, RunError> {
         let stop = self.stop.clone();
         // recognition is tested after the stream only
-        let looks = self.visit().map_or_else(|| looks(&self.experiment), |_| 0);
-        let Some(findings) = self.scoring(&stop).score(rounds, looks)? else {
+        let looks = self.visit().map_or_else(|| recognition_repeats(&self.experiment), |_| 0);
+        let Some(results) = self.scoring(&stop).score(rounds, looks)? else {
             return Ok(None);
         };
-        let evaluation =
-            Evaluation { rollouts: self.stats.rollouts, decisions: self.stats.decisions, findings };
-        self.logs.write_scores(&evaluation)?;
-        self.last_scores.clone_from(&evaluation.findings.scores);
+        let evaluation = EvaluationReport {
+            rollouts: self.stats.rollouts,
+            decisions: self.stats.decisions,
+            results,
+        };
+        self.tables.write_scores(&evaluation)?;
+        self.last_scores.clone_from(&evaluation.results.scores);
         self.due = 0;
         Ok(Some(evaluation))
     }
 
-    /// Scores all variants of all groups now, with `rounds` episodes in each environment.
+    /// Scores the learner now on all variants of all groups, with `rounds` episodes in each
+    /// environment.
     ///
     /// # Errors
     /// Errors of the evaluation.
     pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, RunError> {
-        let findings = self.scoring(&StopSignal::default()).score(rounds, 0)?;
-        Ok(findings.unwrap_or_default().scores)
+        let results = self.scoring(&StopSignal::default()).score(rounds, 0)?;
+        Ok(results.unwrap_or_default().scores)
     }
 
-    fn scoring<'a>(&'a mut self, stop: &'a StopSignal) -> Scoring<'a> {
+    fn scoring<'a>(&'a mut self, stop: &'a StopSignal) -> StoppableEvaluation<'a> {
         let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
-        Scoring::new(&self.pool, learner, evaluator, self.stats.own_policies(), stop)
+        StoppableEvaluation::new(&self.pool, learner, evaluator, self.stats.own_policies(), stop)
     }
 
-    /// Writes a checkpoint, unless the newest one is up to date.
+    /// Writes a checkpoint of the run, unless the newest one is up to date.
     ///
     /// # Errors
-    /// [`RunError::Broken`], [`learner::LearnerError::NotFinite`], [`RunError::Write`]. Older
-    /// checkpoints stay.
+    /// [`RunError::FailedEarlier`], [`learner::LearnerError::NotFinite`], [`RunError::Write`].
+    /// Older checkpoints stay.
     pub fn save(&mut self) -> Result<(), RunError> {
         if self.broken {
-            return Err(RunError::Broken);
+            return Err(RunError::FailedEarlier);
         }
         let (rollouts, due) = (self.stats.rollouts, self.due);
         if self.saved == Some((rollouts, due)) {
             return Ok(());
         }
-        let path = checkpoints::path(&self.folder.checkpoints(), rollouts);
-        let state = RunState { stats: self.stats.clone(), due, tables: self.logs.snapshots() };
+        let path = checkpoints::checkpoint_path(&self.folder.checkpoint_folder(), rollouts);
+        let state = RunState {
+            stats: self.stats.clone(),
+            due_episodes_per_env: due,
+            tables: self.tables.snapshot(),
+        };
         let note = state.into_note(&self.experiment);
-        let note = note.map_err(|error| RunError::write(&path, error))?;
-        let bytes = self.learner.encode(&path, Extent::Everything, &note)?;
+        let note = note.map_err(|error| RunError::cannot_write(&path, error))?;
+        let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
-        self.logs.sync()?;
-        self.folder.sync(&[Provenance::FILE, LOG])?;
+        self.tables.sync()?;
+        self.folder.sync_files(&[Provenance::FILE_NAME, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
-        checkpoints::save(disk, &self.folder.checkpoints(), rollouts, &bytes, keep)?;
+        checkpoints::write_checkpoint(
+            disk,
+            &self.folder.checkpoint_folder(),
+            rollouts,
+            &bytes,
+            keep,
+        )?;
         self.saved = Some((rollouts, due));
         Ok(())
     }
 
     /// Returns the summary of the run with the scores of the last evaluation, and writes that of a
     /// finished run to `summary.json`. If no evaluation was due since the start or the resumption,
-    /// all variants are scored first; `None` if a [stop](Run::stop_at) is requested before that is done.
+    /// all variants are scored first; `None` if a [stop](Run::set_stop_signal) is requested before
+    /// that is done.
     ///
     /// # Errors
     /// Errors of the evaluation or of writing the file.
     pub fn summary(&mut self) -> Result<Option<Summary>, RunError> {
         if self.last_scores.is_empty() {
-            let rounds = self.experiment.evaluation.rounds;
+            let rounds = self.experiment.evaluation.episodes_per_env;
             let stop = self.stop.clone();
-            let Some(findings) = self.scoring(&stop).score(rounds, 0)? else {
+            let Some(results) = self.scoring(&stop).score(rounds, 0)? else {
                 return Ok(None);
             };
-            self.last_scores = findings.scores;
+            self.last_scores = results.scores;
         }
         let stats = &self.stats;
         let summary = Summary {
             decisions: stats.decisions,
             seconds: stats.seconds,
-            decisions_per_second: self.logs.timings().decisions_per_second(),
-            policies: self.learner.policies(),
-            merged: stats.merged(),
-            failures: stats.failures,
-            spanning_switch: stats.spanning_switch,
-            assignment_accuracy: stats.accuracy(),
-            return_accuracy: stats.return_accuracy(),
-            groups: by_group(&self.last_scores),
+            decisions_per_second: self.tables.timing_sums().decisions_per_second(),
+            policies: self.learner.policy_count(),
+            merged_policies: stats.merged_policy_count(),
+            environment_failures: stats.environment_failures,
+            switch_rollouts: stats.switch_rollouts,
+            assignment_accuracy: stats.assignment_accuracy(),
+            revisit_accuracy: stats.revisit_accuracy(),
+            groups: average_by_group(&self.last_scores),
             variants: self.last_scores.clone(),
-            tables: self.logs.checksums(),
+            table_checksums: self.tables.checksums(),
         };
         if self.is_finished() {
             summary.write(&self.folder)?;

@@ -11,13 +11,13 @@ use crate::error::RunError;
 use crate::evaluation::EPISODES_SHOWN;
 use crate::experiment::Experiment;
 use crate::folder::RunFolder;
-use crate::printable::printable;
+use crate::printable::escape_unprintable;
 use crate::provenance::Provenance;
-use crate::scoring::looks;
+use crate::scoring::recognition_repeats;
 use itertools::Itertools;
 
 use crate::run_stats::RunStats;
-use crate::schema::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
+use crate::schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
 
 /// Characters of an abbreviated commit hash.
 const COMMIT_LENGTH: usize = 10;
@@ -25,12 +25,12 @@ const COMMIT_LENGTH: usize = 10;
 /// overflow.
 const TOO_MANY: usize = 1 << 32;
 
-/// Settings and tables of one run.
+/// Settings and tables of one run, as read from its folder.
 #[derive(Clone, Debug)]
 pub struct RunData {
-    /// Name of the folder.
+    /// Name of the run's folder.
     pub name: String,
-    /// Processes that worked on the run, oldest first; empty if unknown.
+    /// Records of the processes that worked on the run, oldest first; empty if unknown.
     pub provenance: Vec<Provenance>,
     /// Settings of the run.
     pub experiment: Experiment,
@@ -41,24 +41,24 @@ pub struct RunData {
     /// Rows of `evaluation.csv`, one per variant and evaluation, in the order of scoring.
     pub scores: Vec<ScoreRow>,
     /// Rows of `units.csv`, one per policy and evaluation; empty for runs of older versions.
-    pub units: Vec<UnitsRow>,
+    pub dormant_units: Vec<DormantUnitsRow>,
     /// Rows of `recognition.csv`, one per answer; empty if the learner was not asked.
-    pub recognition: Vec<RecognitionRow>,
+    pub recognitions: Vec<RecognitionRow>,
     /// Films of the run's policies; empty unless requested.
     pub films: Vec<GroupFilm>,
 }
 
-/// Film of the four variants of a group, each played by the policy that the learner chose.
+/// Film of the four variants of a task group, each played by the policy that the learner chose.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GroupFilm {
-    /// Name of the group.
+    /// Name of the task group.
     pub group: String,
-    /// Bytes of a GIF file.
+    /// Bytes of the film as a GIF file.
     pub gif: Vec<u8>,
 }
 
 impl RunData {
-    /// Returns a run without rows.
+    /// Returns the data of a run without rows in its tables.
     pub fn empty(name: &str, experiment: Experiment) -> Self {
         Self {
             name: name.to_owned(),
@@ -67,8 +67,8 @@ impl RunData {
             rollouts: Vec::new(),
             timings: Vec::new(),
             scores: Vec::new(),
-            units: Vec::new(),
-            recognition: Vec::new(),
+            dormant_units: Vec::new(),
+            recognitions: Vec::new(),
             films: Vec::new(),
         }
     }
@@ -77,32 +77,34 @@ impl RunData {
     ///
     /// # Errors
     /// [`RunError::Read`] with the file and the problem; [`RunError::ChangedTable`];
-    /// [`RunError::UnfitRun`] for an unfinished run and for tables that contradict each other.
+    /// [`RunError::UnreportableRun`] for an unfinished run and for tables that contradict each
+    /// other.
     pub fn read(path: &Path) -> Result<Self, RunError> {
-        let folder = RunFolder::open(path);
+        let folder = RunFolder::from_path(path);
         if folder.is_finished() {
             folder.verify_tables()?;
         }
-        let scores: Vec<ScoreRow> = rows(&folder.file("evaluation.csv"))?;
-        let rollouts: Vec<RolloutRow> = rows(&folder.file("metrics.csv"))?;
+        let scores: Vec<ScoreRow> = rows(&folder.file_path("evaluation.csv"))?;
+        let rollouts: Vec<RolloutRow> = rows(&folder.file_path("metrics.csv"))?;
         check(path, &folder, &rollouts, &scores)?;
-        let units: Vec<UnitsRow> = rows_if_there(&folder.file("units.csv"))?.unwrap_or_default();
+        let units: Vec<DormantUnitsRow> =
+            rows_if_there(&folder.file_path("units.csv"))?.unwrap_or_default();
         check_units(path, &units, rollouts.len())?;
-        let experiment = folder.experiment()?;
+        let experiment = folder.read_experiment()?;
         let recognition: Option<Vec<RecognitionRow>> =
-            rows_if_there(&folder.file("recognition.csv"))?;
+            rows_if_there(&folder.file_path("recognition.csv"))?;
         if let Some(answers) = &recognition {
-            check_recognition(path, answers, &scores, looks(&experiment))?;
+            check_recognition(path, answers, &scores, recognition_repeats(&experiment))?;
         }
         let timings: Vec<TimingRow> =
-            rows_if_there(&folder.file("timings.csv"))?.unwrap_or_default();
-        if !timings.iter().all(TimingRow::is_sound) {
+            rows_if_there(&folder.file_path("timings.csv"))?.unwrap_or_default();
+        if !timings.iter().all(TimingRow::is_valid) {
             let problem =
                 "timings.csv holds a row that cannot be: seconds must be finite and not negative";
             return Err(unfit(path, problem));
         }
         // runs of older versions have no provenance
-        let has_provenance = path.join(Provenance::FILE).exists();
+        let has_provenance = path.join(Provenance::FILE_NAME).exists();
         let provenance = if has_provenance { Provenance::read(path)? } else { Vec::new() };
         Ok(Self {
             name: name_of(path)?,
@@ -111,8 +113,8 @@ impl RunData {
             rollouts,
             timings,
             scores,
-            units,
-            recognition: recognition.unwrap_or_default(),
+            dormant_units: units,
+            recognitions: recognition.unwrap_or_default(),
             films: Vec::new(),
         })
     }
@@ -120,13 +122,13 @@ impl RunData {
     /// Reads the complete rows of a run that may be in progress.
     ///
     /// # Errors
-    /// [`RunError::NoRun`], [`RunError::Read`], and [`RunError::UnfitRun`] for a policy index that
-    /// is impossible after so many rollouts.
+    /// [`RunError::NoRun`], [`RunError::Read`], and [`RunError::UnreportableRun`] for a policy
+    /// index that is impossible after so many rollouts.
     pub fn read_partial(path: &Path) -> Result<Self, RunError> {
-        let folder = RunFolder::open(path);
+        let folder = RunFolder::from_path(path);
         let name = name_of(path)?;
-        let experiment = folder.experiment()?;
-        let rollouts: Vec<RolloutRow> = whole_rows(&folder.file("metrics.csv"))?;
+        let experiment = folder.read_experiment()?;
+        let rollouts: Vec<RolloutRow> = whole_rows(&folder.file_path("metrics.csv"))?;
         let mut rows = rollouts.iter().enumerate();
         if rows.any(|(rollout, row)| row.policy > rollout) {
             let problem = "metrics.csv holds a row that cannot be: its policy does not exist yet";
@@ -134,15 +136,15 @@ impl RunData {
         }
         Ok(Self {
             rollouts,
-            timings: whole_rows(&folder.file("timings.csv"))?,
-            scores: whole_rows(&folder.file("evaluation.csv"))?,
+            timings: whole_rows(&folder.file_path("timings.csv"))?,
+            scores: whole_rows(&folder.file_path("evaluation.csv"))?,
             ..Self::empty(&name, experiment)
         })
     }
 
-    /// Returns the group that a policy was created for: the group of its first rollout without a
-    /// task switch; `None` without such a rollout.
-    pub fn group_of(&self, policy: usize) -> Option<&str> {
+    /// Returns the name of the task group that a policy was created for: the group of its first
+    /// rollout without a task switch. `None` without such a rollout.
+    pub fn group_of_policy(&self, policy: usize) -> Option<&str> {
         let mut own = self.rollouts.iter().filter(|row| row.policy == policy);
         Some(&own.find(|row| !row.spans_switch)?.group)
     }
@@ -154,48 +156,48 @@ impl RunData {
         let learner = &self.experiment.learner;
         match learner.fixed_threshold() {
             Some(threshold) => vec![Some(threshold); row.distances.len()],
-            None if learner.permutes_distances() => row.null_maxima.clone(),
+            None if learner.permuted_distances_are_comparable() => row.permutation_maxima.clone(),
             None => vec![None; row.distances.len()],
         }
     }
 
-    /// Returns the seconds of training; `None` unless those of every rollout are known.
-    pub fn seconds(&self) -> Option<f64> {
+    /// Returns the wall-clock seconds of training; `None` unless those of every rollout are known.
+    pub fn training_seconds(&self) -> Option<f64> {
         let all = self.timings.len() == self.rollouts.len();
         all.then(|| self.timings.iter().fold(0.0, |sum, row| sum + row.total))
     }
 
-    /// Returns the distinct commits that the run was made with; local changes are marked.
+    /// Returns the distinct Git commits that the run was made with; local changes are marked.
     pub fn commits(&self) -> Vec<String> {
         let commits = self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
-            let commit: String = printable(commit).chars().take(COMMIT_LENGTH).collect();
-            let mark = if process.clean == Some(false) { " (changed)" } else { "" };
+            let commit: String = escape_unprintable(commit).chars().take(COMMIT_LENGTH).collect();
+            let mark = if process.clean_checkout == Some(false) { " (changed)" } else { "" };
             format!("{commit}{mark}")
         });
         commits.unique().collect()
     }
 
-    /// Returns the rows of the last evaluation.
+    /// Returns the rows of the run's last evaluation.
     pub fn last_scores(&self) -> impl Iterator<Item = &ScoreRow> {
         let last = self.scores.last().map(|row| row.rollouts);
-        self.evaluation(last)
+        self.scores_after(last)
     }
 
-    /// Returns the rows of the evaluation after this many rollouts.
-    pub fn evaluation(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
+    /// Returns the rows of the evaluation after `rollouts` rollouts.
+    pub fn scores_after(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
         self.scores.iter().filter(move |row| Some(row.rollouts) == rollouts)
     }
 
     /// Returns the decisions before the evaluation after `rollouts` rollouts, and the mean of a
     /// figure over the episodes of a group in it; `None` if the group was not scored then.
-    pub fn scored(
+    pub fn mean_group_score_after(
         &self,
         rollouts: usize,
         group: &str,
         figure: fn(&ScoreRow) -> f64,
     ) -> Option<(usize, f64)> {
-        let rows = self.evaluation(Some(rollouts));
+        let rows = self.scores_after(Some(rollouts));
         let rows: Vec<&ScoreRow> = rows.filter(|row| row.group == group).collect();
         let sum: f64 = rows.iter().map(|row| figure(row) * row.episodes as f64).sum();
         let episodes: usize = rows.iter().map(|row| row.episodes).sum();
@@ -203,14 +205,14 @@ impl RunData {
     }
 
     /// Returns the number of rollouts before each evaluation.
-    pub fn evaluated(&self) -> impl Iterator<Item = usize> {
+    pub fn evaluation_rollouts(&self) -> impl Iterator<Item = usize> {
         let mut rollouts: Vec<usize> = self.scores.iter().map(|row| row.rollouts).collect();
         rollouts.dedup();
         rollouts.into_iter()
     }
 
-    /// Returns the names of the groups, in the order of scoring.
-    pub fn groups(&self) -> Vec<&str> {
+    /// Returns the names of the task groups, in the order of scoring.
+    pub fn scored_groups(&self) -> Vec<&str> {
         self.last_scores().map(|row| row.group.as_str()).unique().collect()
     }
 }
@@ -247,16 +249,18 @@ fn check(
         ));
     }
     let numbers = |row: &RolloutRow| {
-        let distances = row.distances.iter().chain(&row.null_maxima);
+        let distances = row.distances.iter().chain(&row.permutation_maxima);
         let distances = distances.copied().flatten();
         let own = row.reward.into_iter().chain(row.success).chain(distances);
         own.collect::<Vec<f64>>()
     };
     // each rollout creates one policy at most, so the index of its policy cannot exceed its own
-    let sound = |(rollout, row): (usize, &RolloutRow)| {
+    let sound_rollout = |(rollout, row): (usize, &RolloutRow)| {
         row.policy <= rollout && numbers(row).into_iter().all(f64::is_finite)
     };
-    if !rollouts.is_sorted_by_key(|row| row.decisions) || !rollouts.iter().enumerate().all(sound) {
+    if !rollouts.is_sorted_by_key(|row| row.decisions)
+        || !rollouts.iter().enumerate().all(sound_rollout)
+    {
         return Err(unfit(
             "metrics.csv holds a row that cannot be: decisions must not decrease, policies must \
              exist, and numbers must be finite",
@@ -283,7 +287,7 @@ fn check_own_policies(
     scores: &[ScoreRow],
 ) -> Result<(), RunError> {
     for evaluation in scores.chunk_by(|one, other| one.rollouts == other.rollouts) {
-        let own = RunStats::of(&rollouts[..evaluation[0].rollouts]).own_policies();
+        let own = RunStats::of_rollouts(&rollouts[..evaluation[0].rollouts]).own_policies();
         let is_sound = |row: &ScoreRow| {
             row.own_policy.is_none() || row.own_policy == own.get(&row.group).copied()
         };
@@ -305,8 +309,9 @@ fn spent(rollouts: &[RolloutRow], first: usize) -> Option<usize> {
     }
 }
 
-fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), RunError> {
-    let sound = |row: &UnitsRow| counted(row.units) && row.dormant <= row.units;
+fn check_units(path: &Path, units: &[DormantUnitsRow], rollouts: usize) -> Result<(), RunError> {
+    let sound =
+        |row: &DormantUnitsRow| counted(row.unit_count) && row.dormant_count <= row.unit_count;
     if !units.iter().all(sound) {
         let problem = "units.csv holds a row that cannot be: dormant units must not exceed units";
         return Err(unfit(path, problem));
@@ -332,21 +337,23 @@ fn check_recognition(
 ) -> Result<(), RunError> {
     let scored = |group: &str| scores.iter().any(|row| row.group == group);
     let sound = |row: &RecognitionRow| {
-        counted(row.times) && EPISODES_SHOWN.contains(&row.episodes) && scored(&row.group)
+        counted(row.count) && EPISODES_SHOWN.contains(&row.episodes_shown) && scored(&row.group)
     };
     if !answers.iter().all(sound) {
         let problem = "recognition.csv holds a row that cannot be: it needs a group that was \
             scored, 1, 4 or 20 episodes, and a count of times";
         return Err(unfit(path, problem));
     }
-    let unique =
-        answers.iter().map(|row| (&row.group, &row.element, row.episodes, row.policy)).all_unique();
+    let unique = answers
+        .iter()
+        .map(|row| (&row.group, &row.element, row.episodes_shown, row.policy))
+        .all_unique();
     if !unique {
         return Err(unfit(path, "recognition.csv counts an answer twice"));
     }
     let mut times: HashMap<(&str, &str, usize), usize> = HashMap::new();
     for row in answers {
-        *times.entry((&row.group, &row.element, row.episodes)).or_default() += row.times;
+        *times.entry((&row.group, &row.element, row.episodes_shown)).or_default() += row.count;
     }
     let last = scores.last().map(|row| row.rollouts);
     let variants = scores.iter().filter(|row| Some(row.rollouts) == last);
@@ -377,25 +384,25 @@ fn counted(count: usize) -> bool {
 }
 
 fn unfit(folder: &Path, problem: &str) -> RunError {
-    RunError::UnfitRun { folder: folder.to_owned(), problem: problem.to_owned() }
+    RunError::UnreportableRun { folder: folder.to_owned(), problem: problem.to_owned() }
 }
 
 /// Returns the last part of a path, also for `.`.
 fn name_of(path: &Path) -> Result<String, RunError> {
     let whole = path.canonicalize();
-    let whole = whole.map_err(|error| RunError::read(path, error))?;
+    let whole = whole.map_err(|error| RunError::cannot_read(path, error))?;
     let name = whole.file_name().unwrap_or(whole.as_os_str());
-    Ok(printable(&name.to_string_lossy()))
+    Ok(escape_unprintable(&name.to_string_lossy()))
 }
 
 /// Reads all rows of a complete table.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
-    let text = std::fs::read(path).map_err(|error| RunError::read(path, error))?;
+    let text = std::fs::read(path).map_err(|error| RunError::cannot_read(path, error))?;
     // without a line end the last cell may be cut, and pass for another number
     if text.last().is_some_and(|&last| last != b'\n') {
         let problem = "the last row has no line end, as every row of a whole table has: the file \
             was cut off: restore it, or resume the run if its checkpoints are there";
-        return Err(RunError::damaged(path, problem.to_owned()));
+        return Err(RunError::damaged_file(path, problem.to_owned()));
     }
     let rows = csv::Reader::from_reader(&text[..]).into_deserialize();
     rows.collect::<Result<_, _>>().map_err(|error| malformed(path, error))
@@ -404,7 +411,7 @@ fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
 /// Returns the error of a table that cannot be parsed, with the line and the column.
 fn malformed(path: &Path, error: csv::Error) -> RunError {
     let csv::ErrorKind::Deserialize { pos, err } = error.kind() else {
-        return RunError::read(path, error);
+        return RunError::cannot_read(path, error);
     };
     let line = pos.as_ref().map_or_else(String::new, |pos| format!("line {}, ", pos.line()));
     let column = err.field().map_or_else(String::new, |field| format!("column {}, ", field + 1));
@@ -412,7 +419,7 @@ fn malformed(path: &Path, error: csv::Error) -> RunError {
         "{line}{column}{}: restore the file, or resume the run if its checkpoints are there",
         err.kind()
     );
-    RunError::damaged(path, problem)
+    RunError::damaged_file(path, problem)
 }
 
 /// Reads all rows of a table that not every run has; `None` without the file.
@@ -425,7 +432,7 @@ fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, Run
 fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = match std::fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
-        read => read.map_err(|error| RunError::read(path, error))?,
+        read => read.map_err(|error| RunError::cannot_read(path, error))?,
     };
     let end = text.iter().rposition(|&byte| byte == b'\n');
     let whole = &text[..end.map_or(0, |end| end + 1)];
@@ -441,10 +448,10 @@ mod tests {
     #[test]
     fn a_run_has_seconds_where_every_rollout_has() {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
-        assert_eq!(run.seconds(), Some(0.0));
+        assert_eq!(run.training_seconds(), Some(0.0));
         // of a process after a crash that took the table with it
         run.timings = vec![TimingRow::default()];
-        assert_eq!(run.seconds(), None);
+        assert_eq!(run.training_seconds(), None);
     }
 
     /// A table that was sorted by variants has the rows of a group apart.
@@ -456,7 +463,7 @@ mod tests {
             decisions: 500,
             group: group.to_owned(),
             element: D2::Identity.to_string(),
-            seen: true,
+            seen_in_training: true,
             episodes: 1,
             success: 0.5,
             success_at_end: 0.5,
@@ -464,7 +471,7 @@ mod tests {
             ..ScoreRow::default()
         };
         run.scores = ["b", "a", "b"].map(row).to_vec();
-        assert_eq!(run.groups(), ["b", "a"]);
+        assert_eq!(run.scored_groups(), ["b", "a"]);
     }
 
     #[test]
@@ -472,11 +479,11 @@ mod tests {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
         let row = RolloutRow {
             distances: vec![Some(0.5), None],
-            null_maxima: vec![Some(0.25), None],
+            permutation_maxima: vec![Some(0.25), None],
             ..RolloutRow::default()
         };
         assert_eq!(run.thresholds(&row), [Some(0.25), None]);
-        run.experiment.learner = Method::Paper.learner();
+        run.experiment.learner = Method::Paper.learner_settings();
         assert_eq!(run.thresholds(&row), [Some(1.0), Some(1.0)]);
     }
 }

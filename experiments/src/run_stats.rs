@@ -11,7 +11,7 @@ use crate::schema::RolloutRow;
 
 /// Number of rollouts by group and by the policy that served it, without rollouts that span a task
 /// switch.
-pub type Served = BTreeMap<String, BTreeMap<usize, usize>>;
+pub type RolloutCounts = BTreeMap<String, BTreeMap<usize, usize>>;
 
 /// Statistics of a run from the ground-truth groups, which the learner does not see.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -19,32 +19,42 @@ pub type Served = BTreeMap<String, BTreeMap<usize, usize>>;
 pub struct RunStats {
     /// Group that each policy was created for: the group of its first rollout without a task
     /// switch; `None` before such a rollout.
-    pub opened_for: Vec<Option<String>>,
+    #[serde(rename = "opened_for")]
+    pub created_for_group: Vec<Option<String>>,
     /// For each policy, the one that it was merged into, as of the last iteration
-    /// ([`learner::Iteration::merged_into`]). `right` and own policies count a merged policy as the
-    /// one that acts for it.
+    /// ([`learner::Iteration::merged_into`]). `correct_assignments` and own policies count a merged
+    /// policy as the one that acts for it.
     #[serde(default, rename = "heirs")]
     pub merged_into: Vec<Option<usize>>,
-    /// Rollouts by group and policy. Checkpoints leave them out, since the rows of `metrics.csv` in
-    /// the checkpoint hold them.
+    /// Number of rollouts by task group and by the policy that served it, without those that span a
+    /// task switch. Checkpoints leave them out, since the rows of `metrics.csv` in the checkpoint
+    /// hold them.
     #[serde(skip)]
-    pub served: Served,
-    /// Rollouts trained on.
+    pub rollout_counts: RolloutCounts,
+    /// Number of rollouts trained on, including those that span a task switch.
     pub rollouts: usize,
-    /// Decisions taken in training.
+    /// Number of decisions taken in training.
     pub decisions: usize,
-    /// Rollouts that span a task switch. They have no right policy, so accuracies leave them out.
+    /// Number of rollouts that span a task switch. They have no right policy, so accuracies leave
+    /// them out.
     #[serde(rename = "straddled")]
-    pub spanning_switch: usize,
-    /// Other rollouts that were assigned to the policy of their group: the first policy created for
-    /// it, or the one that policy was merged into, unless it belongs to another group.
-    pub right: usize,
-    /// Rollouts of groups that were visited before.
-    pub returns: usize,
-    /// Rollouts of groups that were visited before, assigned to the policy of their group.
-    pub right_returns: usize,
-    /// Failures of single environments, see [`crate::Stream::failures`].
-    pub failures: usize,
+    pub switch_rollouts: usize,
+    /// Number of rollouts without a task switch that were assigned to the policy of their group. It
+    /// is the first policy created for the group, or the one that policy was merged into, unless it
+    /// belongs to another group.
+    #[serde(rename = "right")]
+    pub correct_assignments: usize,
+    /// Number of rollouts of groups that were visited before, without a task switch.
+    #[serde(rename = "returns")]
+    pub revisits: usize,
+    /// Number of rollouts of groups that were visited before, without a task switch, assigned to
+    /// the policy of their group.
+    #[serde(rename = "right_returns")]
+    pub correct_revisits: usize,
+    /// Number of failures of single environments in training, see
+    /// [`crate::Stream::environment_failures`].
+    #[serde(rename = "failures")]
+    pub environment_failures: usize,
     /// Wall-clock seconds of training, without evaluations. Checkpoints leave them out, so that
     /// equal runs give equal checkpoints.
     #[serde(skip)]
@@ -53,7 +63,7 @@ pub struct RunStats {
 
 impl RunStats {
     /// Computes the statistics of a run after these rollouts.
-    pub fn of(rollouts: &[RolloutRow]) -> Self {
+    pub fn of_rollouts(rollouts: &[RolloutRow]) -> Self {
         let mut stats = Self::default();
         let mut left: Vec<&str> = Vec::new();
         for (index, row) in rollouts.iter().enumerate() {
@@ -69,7 +79,7 @@ impl RunStats {
             if row.spans_switch {
                 stats.record_task_switch(row.policy);
             } else {
-                stats.record(&row.group, left.contains(&row.group.as_str()), row.policy);
+                stats.record_rollout(&row.group, left.contains(&row.group.as_str()), row.policy);
             }
             stats.record_merges(&row.merged_into);
         }
@@ -82,22 +92,22 @@ impl RunStats {
     }
 
     /// Returns the number of policies that were merged into others.
-    pub fn merged(&self) -> usize {
+    pub fn merged_policy_count(&self) -> usize {
         self.merged_into.iter().flatten().count()
     }
 
     /// Records one rollout of one group; `returns` is `true` if the group was visited before.
-    pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
+    pub(crate) fn record_rollout(&mut self, group: &str, returns: bool, policy: usize) {
         self.open(policy);
-        self.opened_for[policy].get_or_insert_with(|| group.to_owned());
-        count_served(&mut self.served, group, policy);
+        self.created_for_group[policy].get_or_insert_with(|| group.to_owned());
+        add_rollout_count(&mut self.rollout_counts, group, policy);
         let own = acting_policy(&self.merged_into, policy);
         let right = usize::from(self.policy_of(group) == Some(own));
         self.rollouts += 1;
-        self.right += right;
+        self.correct_assignments += right;
         if returns {
-            self.returns += 1;
-            self.right_returns += right;
+            self.revisits += 1;
+            self.correct_revisits += right;
         }
     }
 
@@ -105,11 +115,11 @@ impl RunStats {
     pub(crate) fn record_task_switch(&mut self, policy: usize) {
         self.open(policy);
         self.rollouts += 1;
-        self.spanning_switch += 1;
+        self.switch_rollouts += 1;
     }
 
-    /// Returns the policy that served each group in most of its rollouts; the lowest index wins
-    /// ties. Merged policies count as the policy that acts for them, and groups may share one.
+    /// Returns the policy that served each task group in most of its rollouts; the lowest index
+    /// wins ties. Merged policies count as the policy that acts for them, and groups may share one.
     pub fn own_policies(&self) -> OwnPolicies {
         let own = |(group, served): (&String, &BTreeMap<usize, usize>)| {
             let mut acted: BTreeMap<usize, usize> = BTreeMap::new();
@@ -120,60 +130,63 @@ impl RunStats {
                 acted.into_iter().max_by_key(|&(policy, rollouts)| (rollouts, Reverse(policy)))?;
             Some((group.clone(), most.0))
         };
-        self.served.iter().filter_map(own).collect()
+        self.rollout_counts.iter().filter_map(own).collect()
     }
 
     /// Returns the policy that acts for a group; `None` without one, or if it also acts for an
     /// earlier group.
     fn policy_of(&self, group: &str) -> Option<usize> {
         let is_own = |opened: &Option<String>| opened.as_deref() == Some(group);
-        let first = self.opened_for.iter().position(is_own)?;
+        let first = self.created_for_group.iter().position(is_own)?;
         let own = acting_policy(&self.merged_into, first);
         // `own` may act for an earlier policy, whose group then has the better claim to it
         let is_others = |policy: usize| {
-            self.opened_for[policy].is_some() && acting_policy(&self.merged_into, policy) == own
+            self.created_for_group[policy].is_some()
+                && acting_policy(&self.merged_into, policy) == own
         };
         (!(0..first).any(is_others)).then_some(own)
     }
 
     /// Returns `true` if the counts are consistent: no part exceeds its whole, and every rollout
     /// has decisions.
-    pub(crate) fn adds_up(&self) -> bool {
-        let of_one_group = self.rollouts.checked_sub(self.spanning_switch);
+    pub(crate) fn is_consistent(&self) -> bool {
+        let of_one_group = self.rollouts.checked_sub(self.switch_rollouts);
         self.decisions >= self.rollouts
-            && self.merged() <= self.opened_for.len()
-            && of_one_group.is_some_and(|of_one| self.right.max(self.returns) <= of_one)
-            && self.right_returns <= self.right.min(self.returns)
+            && self.merged_policy_count() <= self.created_for_group.len()
+            && of_one_group
+                .is_some_and(|of_one| self.correct_assignments.max(self.revisits) <= of_one)
+            && self.correct_revisits <= self.correct_assignments.min(self.revisits)
     }
 
     fn open(&mut self, policy: usize) {
-        let policies = self.opened_for.len().max(policy + 1);
-        self.opened_for.resize(policies, None);
+        let policies = self.created_for_group.len().max(policy + 1);
+        self.created_for_group.resize(policies, None);
     }
 
     /// Returns the share of rollouts assigned to the policy of their group, in `[0, 1]`; `None` if
     /// all rollouts span a task switch.
-    pub fn accuracy(&self) -> Option<f64> {
-        share(self.right, self.rollouts - self.spanning_switch)
+    pub fn assignment_accuracy(&self) -> Option<f64> {
+        share(self.correct_assignments, self.rollouts - self.switch_rollouts)
     }
 
-    /// Returns the accuracy over rollouts of groups that were visited before; `None` without any.
-    pub fn return_accuracy(&self) -> Option<f64> {
-        share(self.right_returns, self.returns)
+    /// Returns the assignment accuracy over rollouts of groups that were visited before; `None`
+    /// without any.
+    pub fn revisit_accuracy(&self) -> Option<f64> {
+        share(self.correct_revisits, self.revisits)
     }
 }
 
 /// Returns the policy that acts for the group of `policy`: the end of its chain of merges, or
 /// itself. `merged_into` may have fewer items than there are policies.
 pub fn acting_policy(merged_into: &[Option<usize>], policy: usize) -> usize {
-    let next = |&policy: &usize| merged_into.get(policy).copied().flatten();
+    let next = |&merged: &usize| merged_into.get(merged).copied().flatten();
     // the limit ends cycles, which damaged files may have; no other chain is longer
     let chain = std::iter::successors(Some(policy), next).take(1 + merged_into.len());
     chain.last().unwrap_or(policy)
 }
 
 /// Counts one rollout of one group.
-pub(crate) fn count_served(served: &mut Served, group: &str, policy: usize) {
+pub(crate) fn add_rollout_count(served: &mut RolloutCounts, group: &str, policy: usize) {
     let of_group = served.entry(group.to_owned()).or_default();
     *of_group.entry(policy).or_default() += 1;
 }
@@ -192,34 +205,34 @@ mod tests {
     fn stats(rollouts: &[(&str, bool, usize)]) -> RunStats {
         let mut stats = RunStats::default();
         for &(group, returns, policy) in rollouts {
-            stats.record(group, returns, policy);
+            stats.record_rollout(group, returns, policy);
         }
         stats
     }
 
     /// Returns accuracy and return accuracy.
     fn accuracies(stats: &RunStats) -> [Option<f64>; 2] {
-        [stats.accuracy(), stats.return_accuracy()]
+        [stats.assignment_accuracy(), stats.revisit_accuracy()]
     }
 
     #[test]
     fn a_policy_for_each_group_is_right() {
         let stats = stats(&[(B, false, 0), (B, false, 0), (D, false, 1), (B, true, 0)]);
         assert_eq!(accuracies(&stats), [Some(1.0), Some(1.0)]);
-        assert_eq!(stats.opened_for, [Some(B.to_owned()), Some(D.to_owned())]);
+        assert_eq!(stats.created_for_group, [Some(B.to_owned()), Some(D.to_owned())]);
     }
 
     #[test]
     fn rollouts_of_two_groups_are_counted_and_neither_right_nor_wrong() {
         let mut stats = stats(&[(B, false, 0)]);
         stats.record_task_switch(1);
-        assert_eq!((stats.rollouts, stats.spanning_switch), (2, 1));
+        assert_eq!((stats.rollouts, stats.switch_rollouts), (2, 1));
         assert_eq!(accuracies(&stats), [Some(1.0), None]);
         // the policy belongs to the group of its first rollout of one group
-        stats.record(D, false, 1);
-        assert_eq!(stats.accuracy(), Some(1.0));
-        assert_eq!(stats.opened_for[1].as_deref(), Some(D));
-        assert_eq!(RunStats::default().accuracy(), None);
+        stats.record_rollout(D, false, 1);
+        assert_eq!(stats.assignment_accuracy(), Some(1.0));
+        assert_eq!(stats.created_for_group[1].as_deref(), Some(D));
+        assert_eq!(RunStats::default().assignment_accuracy(), None);
     }
 
     /// A merge changes the number of merged policies, but not the groups that policies were created
@@ -229,11 +242,11 @@ mod tests {
         let mut stats = stats(&[(B, false, 0), (D, false, 1)]);
         stats.decisions = 2;
         stats.record_merges(&[None, Some(0)]);
-        assert!(stats.adds_up() && stats.merged() == 1);
+        assert!(stats.is_consistent() && stats.merged_policy_count() == 1);
         stats.record_merges(&[None, None]);
-        assert_eq!(stats.merged(), 0, "asked again");
+        assert_eq!(stats.merged_policy_count(), 0, "asked again");
         stats.record_merges(&[Some(1); 3]);
-        assert!(!stats.adds_up());
+        assert!(!stats.is_consistent());
     }
 
     /// Policies 0 and 1 belong to one group, and either may act for both.
@@ -241,9 +254,9 @@ mod tests {
     fn an_heir_is_right_where_its_policy_was() {
         for (merged_into, kept) in [([None, Some(0)], 0), ([Some(1), None], 1)] {
             let mut stats = stats(&[(B, false, 0), (B, false, 1)]);
-            assert_eq!(stats.right, 1);
+            assert_eq!(stats.correct_assignments, 1);
             stats.record_merges(&merged_into);
-            stats.record(B, true, kept);
+            stats.record_rollout(B, true, kept);
             assert_eq!(accuracies(&stats), [Some(2.0 / 3.0), Some(1.0)]);
         }
     }
@@ -254,10 +267,10 @@ mod tests {
         for (merged_into, kept) in [([None, Some(0)], 0), ([Some(1), None], 1)] {
             let mut stats = stats(&[(B, false, 0), (D, false, 1)]);
             stats.record_merges(&merged_into);
-            stats.record(D, true, kept);
-            stats.record(B, true, kept);
-            assert_eq!((stats.returns, stats.right_returns), (2, 1));
-            assert_eq!(stats.right, 3);
+            stats.record_rollout(D, true, kept);
+            stats.record_rollout(B, true, kept);
+            assert_eq!((stats.revisits, stats.correct_revisits), (2, 1));
+            assert_eq!(stats.correct_assignments, 3);
         }
     }
 
@@ -269,7 +282,7 @@ mod tests {
         };
         let mut stats = stats(&[(B, false, 1), (B, false, 0), (D, false, 0)]);
         assert_eq!(own(&stats), [Some(0), Some(0)], "of equals the first");
-        stats.record(B, true, 1);
+        stats.record_rollout(B, true, 1);
         stats.record_task_switch(2);
         assert_eq!(own(&stats), [Some(1), Some(0)]);
         stats.record_merges(&[Some(2), None, None]);

@@ -8,24 +8,26 @@ use symmetry::D2;
 
 use crate::error::RunError;
 
-/// Largest number of decisions of a stream, more than a thousand times as many as presets have.
+/// Largest number of decisions of a training stream, more than a thousand times as many as presets
+/// have.
 pub const MAX_DECISIONS: usize = 288_000_000;
 
-/// Plan of the stream, which the learner does not see.
+/// Plan of the training stream: task groups, cycles, order and clock, which the learner does not
+/// see.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
-    /// Groups of one cycle, each once.
+    /// Task groups of one cycle of the stream, each once.
     pub groups: Vec<GroupPlan>,
-    /// Number of cycles, at least 1.
+    /// Number of cycles through the task groups, at least 1.
     pub cycles: usize,
-    /// Order of the visits.
+    /// Order in which the training stream visits the task groups.
     pub order: Order,
-    /// Clock that measures the length of visits.
+    /// Clock that measures the length of the visits.
     pub clock: Clock,
 }
 
-/// Clock that measures the length of visits.
+/// Unit in which the stream measures its visits to task groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Clock {
@@ -33,52 +35,54 @@ pub enum Clock {
     /// group changes at the first end of episodes after its visit, whatever the learner does, so a
     /// rollout may span a task switch. All learners see the same stream.
     #[default]
-    World,
+    #[serde(rename = "world")]
+    EnvironmentTime,
     /// Iterations of the learner: each counts as the decisions of one rollout, and groups change
     /// only between iterations.
-    Turns,
+    #[serde(rename = "turns")]
+    LearnerIterations,
 }
 
-/// Visits of one group in the stream.
+/// Visits to one task group in the stream: their length and their variants.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroupPlan {
-    /// Name of the group.
+    /// Name of the visited task group.
     pub group: String,
-    /// Decisions of a visit, at least 1; the mean number with [`Order::Switching`].
+    /// Number of decisions of a visit, at least 1; the mean number with [`Order::Switching`].
     pub decisions: usize,
     /// Variants that training episodes are drawn from; the others are held out for evaluations.
     pub variants: Vec<D2>,
 }
 
-/// Order of the visits.
+/// Order in which the training stream visits the task groups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
-    /// Order of the list in every cycle.
+    /// Order of the list of groups in every cycle.
     Fixed,
     /// New random order in every cycle; no group follows itself.
     Shuffled,
-    /// Random switches instead of cycles. After every period the group may give way to any other
-    /// group, each equally likely, with a probability that makes visits last `decisions` on
-    /// average. The stream is as long as with cycles.
+    /// Random switches between groups instead of cycles. After every period the group may give way
+    /// to any other group, each equally likely, with a probability that makes visits last
+    /// `decisions` on average. The stream is as long as with cycles.
     Switching,
 }
 
-/// Time that the stream stays with one group.
+/// Visit of the training stream to one task group: its variants and its length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visit {
-    /// Name of the group; the learner does not see it.
+    /// Name of the visited task group; the learner does not see it.
     pub group: String,
-    /// Variants that episodes are drawn from.
+    /// Elements of D2 whose variants the episodes of the visit are drawn from.
     pub variants: Vec<D2>,
-    /// Number of decisions.
+    /// Number of decisions of the visit.
     pub decisions: usize,
 }
 
 impl Schedule {
-    /// Creates a shuffled schedule on [`Clock::World`] with all variants of these groups; each pair
-    /// holds a group and the decisions of one visit.
+    /// Creates a shuffled schedule on [`Clock::EnvironmentTime`] with all variants of these groups;
+    /// each pair holds a group and the decisions of one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
         let groups = visits.iter().map(|(group, decisions)| GroupPlan {
             group: group.name().to_owned(),
@@ -92,7 +96,7 @@ impl Schedule {
     /// or variant.
     ///
     /// # Errors
-    /// [`RunError::Setting`].
+    /// [`RunError::InvalidSetting`].
     pub fn check(&self) -> Result<(), RunError> {
         if self.groups.is_empty() {
             return refuse("schedule.groups", "empty", "at least one group");
@@ -113,7 +117,7 @@ impl Schedule {
         Ok(())
     }
 
-    /// Returns the decisions of the whole stream, at most [`MAX_DECISIONS`].
+    /// Returns the number of decisions of the whole stream, at most [`MAX_DECISIONS`].
     pub fn total_decisions(&self) -> usize {
         self.checked_decisions().unwrap_or(MAX_DECISIONS)
     }
@@ -126,24 +130,24 @@ impl Schedule {
         (total <= MAX_DECISIONS).then_some(total)
     }
 
-    /// Looks the groups up by their names.
+    /// Returns the task groups of the schedule, looked up by their names in `tasks`.
     ///
     /// # Errors
     /// A name that `tasks` does not hold.
-    pub fn resolve(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, RunError> {
+    pub fn resolve_groups(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, RunError> {
         self.groups.iter().map(|plan| Ok(tasks.get(&plan.group)?)).collect()
     }
 
-    /// Returns the group with this name, or all groups if `name` is `None`.
+    /// Returns the scheduled task group called `name`, or all of them if `name` is `None`.
     ///
     /// # Errors
     /// A name that `tasks` or this schedule does not hold.
-    pub fn chosen(
+    pub fn select_groups(
         &self,
         name: Option<&str>,
         tasks: &TaskRegistry,
     ) -> Result<Vec<TaskGroup>, RunError> {
-        let groups = self.resolve(tasks)?;
+        let groups = self.resolve_groups(tasks)?;
         let Some(name) = name else {
             return Ok(groups);
         };
@@ -151,27 +155,27 @@ impl Schedule {
         if groups.contains(&chosen) {
             return Ok(vec![chosen]);
         }
-        Err(RunError::Setting {
+        Err(RunError::InvalidSetting {
             name: "group",
             value: name.to_owned(),
             expected: "a group of the run's schedule, as its experiment.json lists them",
         })
     }
 
-    /// Returns the index of a group in the schedule, from which reports derive its colour.
-    pub fn number(&self, group: &str) -> Option<usize> {
+    /// Returns the index of a task group in the schedule, from which reports derive its colour.
+    pub fn group_index(&self, group: &str) -> Option<usize> {
         self.groups.iter().position(|plan| plan.group == group)
     }
 
-    /// Returns `true` if training shows this variant; evaluations show all of them.
-    pub fn shows(&self, group: &str, element: D2) -> bool {
+    /// Returns `true` if training shows this variant of the group; evaluations show all of them.
+    pub fn shows_variant(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
-    /// Draws the visits of a stream. [`Order::Switching`] may switch groups every `period`
-    /// decisions. The schedule must have passed [`Schedule::check`].
-    pub fn visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    /// Draws the visits of the whole training stream, in order. [`Order::Switching`] may switch
+    /// groups every `period` decisions. The schedule must have passed [`Schedule::check`].
+    pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
             Order::Fixed => {
                 (0..self.cycles).flat_map(|_| self.groups.iter().map(GroupPlan::visit)).collect()
@@ -218,7 +222,7 @@ impl Schedule {
 }
 
 fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(), RunError> {
-    Err(RunError::Setting { name, value: value.to_owned(), expected })
+    Err(RunError::InvalidSetting { name, value: value.to_owned(), expected })
 }
 
 impl GroupPlan {
@@ -272,13 +276,13 @@ impl Timetable {
     }
 
     /// Returns the index of the visit with this decision, counted from 0; `None` after the last.
-    pub fn index_at(&self, decision: usize) -> Option<usize> {
+    pub fn visit_index_at(&self, decision: usize) -> Option<usize> {
         let index = self.ends.partition_point(|&end| end <= decision);
         (index < self.visits.len()).then_some(index)
     }
 
     /// Returns the visit with this index, and all earlier visits.
-    pub fn visit(&self, index: usize) -> (&Visit, &[Visit]) {
+    pub fn visit_and_earlier(&self, index: usize) -> (&Visit, &[Visit]) {
         (&self.visits[index], &self.visits[..index])
     }
 }
@@ -295,7 +299,7 @@ mod tests {
     }
 
     fn visits(schedule: &Schedule, seed: u64) -> Vec<Visit> {
-        schedule.visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
+        schedule.draw_visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
     }
 
     fn never_twice_running(visits: &[Visit]) -> bool {
@@ -346,10 +350,10 @@ mod tests {
         let mut schedule = shuffled(1, [1; 4]);
         schedule.groups[0].variants = vec![D2::Identity];
         schedule.groups.truncate(3);
-        assert!(schedule.shows("goal-reach", D2::Identity));
-        assert!(!schedule.shows("goal-reach", D2::FlipX));
-        assert!(schedule.shows("button-press", D2::FlipX));
-        assert!(!schedule.shows("plate-slide", D2::Identity));
+        assert!(schedule.shows_variant("goal-reach", D2::Identity));
+        assert!(!schedule.shows_variant("goal-reach", D2::FlipX));
+        assert!(schedule.shows_variant("button-press", D2::FlipX));
+        assert!(!schedule.shows_variant("plate-slide", D2::Identity));
     }
 
     #[test]
@@ -384,10 +388,10 @@ mod tests {
     fn names_are_resolved_and_unknown_ones_refused_with_the_known() {
         let mut schedule = shuffled(1, [1; 4]);
         let tasks = TaskRegistry::standard();
-        let groups = schedule.resolve(&tasks).unwrap();
+        let groups = schedule.resolve_groups(&tasks).unwrap();
         assert_eq!(groups, TaskGroup::STANDARD);
         schedule.groups[1].group = "peg-insert".to_owned();
-        let message = schedule.resolve(&tasks).unwrap_err().to_string();
+        let message = schedule.resolve_groups(&tasks).unwrap_err().to_string();
         assert!(message.contains("peg-insert") && message.contains("drawer-close"));
     }
 
@@ -399,10 +403,10 @@ mod tests {
             decisions,
         };
         let timetable = Timetable::new(vec![visit(3), visit(2)]);
-        let indices: Vec<_> = (0..6).map(|at| timetable.index_at(at)).collect();
+        let indices: Vec<_> = (0..6).map(|at| timetable.visit_index_at(at)).collect();
         let expected = [Some(0), Some(0), Some(0), Some(1), Some(1), None];
         assert_eq!(indices, expected);
-        let (second, before) = timetable.visit(1);
+        let (second, before) = timetable.visit_and_earlier(1);
         assert_eq!((second.decisions, before.len()), (2, 1));
     }
 }

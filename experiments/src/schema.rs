@@ -8,17 +8,17 @@ use std::str::FromStr;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::printable::printable;
+use crate::printable::escape_unprintable;
 
 /// Deserialises a name with control characters escaped, so that it is safe to print.
 fn name<'de, D: Deserializer<'de>>(cell: D) -> Result<String, D::Error> {
-    Ok(printable(&String::deserialize(cell)?))
+    Ok(escape_unprintable(&String::deserialize(cell)?))
 }
 
-/// Row of `metrics.csv`, without the further metrics that learners log.
+/// Row of `metrics.csv` on one rollout, without the further metrics that learners log.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RolloutRow {
-    /// Decisions taken by the end of the rollout.
+    /// Number of decisions of the run by the end of the rollout.
     pub decisions: usize,
     /// Task group at the start of the iteration.
     #[serde(deserialize_with = "name")]
@@ -26,21 +26,22 @@ pub struct RolloutRow {
     /// Task group at the end of the iteration.
     #[serde(deserialize_with = "name")]
     pub last_group: String,
-    /// `true` if the group changed within the iteration.
+    /// `true` if the task group changed within the iteration.
     #[serde(rename = "straddles")]
     pub spans_switch: bool,
     /// Index of the policy that the rollout was assigned to.
     pub policy: usize,
     /// `true` if that policy was created in this iteration.
-    #[serde(default)]
-    pub created: bool,
-    /// Rollouts that were compared before a policy was chosen, 1 or 2; `None` if the learner does
-    /// not report it.
-    #[serde(default)]
-    pub looks: Option<f64>,
-    /// Mean return on the paper's scale, in `[0, 500]`; `None` if no episode ended.
+    #[serde(default, rename = "created")]
+    pub created_policy: bool,
+    /// Number of rollouts that were compared before a policy was chosen, 1 or 2; `None` if the
+    /// learner does not report it.
+    #[serde(default, rename = "looks")]
+    pub compared_rollouts: Option<f64>,
+    /// Mean return of the episodes that ended, on the paper's scale, in `[0, 500]`; `None` if no
+    /// episode ended.
     pub reward: Option<f64>,
-    /// Share of episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
+    /// Share of ended episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
     pub success: Option<f64>,
     /// For each policy, the one that it was merged into; empty if the learner merges none.
     #[serde(default, rename = "heirs", deserialize_with = "numbers")]
@@ -49,12 +50,13 @@ pub struct RolloutRow {
     /// the grouping measures none.
     #[serde(default, deserialize_with = "numbers")]
     pub distances: Vec<Option<f64>>,
-    /// For each compared policy, the largest distance under permutation.
-    #[serde(default, deserialize_with = "numbers")]
-    pub null_maxima: Vec<Option<f64>>,
+    /// For each compared policy, the largest distance under permutation, which chance alone can
+    /// reach.
+    #[serde(default, rename = "null_maxima", deserialize_with = "numbers")]
+    pub permutation_maxima: Vec<Option<f64>>,
     /// For each compared policy, the standard score of its distance under permutation.
-    #[serde(default, deserialize_with = "numbers")]
-    pub scores: Vec<Option<f64>>,
+    #[serde(default, rename = "scores", deserialize_with = "numbers")]
+    pub permutation_z_scores: Vec<Option<f64>>,
 }
 
 /// Deserialises numbers separated by semicolons; empty items become `None`.
@@ -75,43 +77,45 @@ where
     numbers.map_err(|error: N::Err| D::Error::custom(format!("`{cell}`: {error}")))
 }
 
-/// Row of `evaluation.csv`.
+/// Row of `evaluation.csv`: the score of one variant in one evaluation.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScoreRow {
-    /// Rollouts trained on before the evaluation.
+    /// Number of rollouts trained on before the evaluation.
     pub rollouts: usize,
-    /// Decisions taken before the evaluation.
+    /// Number of decisions taken in training before the evaluation.
     pub decisions: usize,
-    /// Name of the variant's group.
+    /// Name of the variant's task group.
     #[serde(deserialize_with = "name")]
     pub group: String,
     /// Name of the variant's element of D2, such as `flip x`.
     #[serde(deserialize_with = "name")]
     pub element: String,
     /// `true` if training shows the variant.
-    pub seen: bool,
+    #[serde(rename = "seen")]
+    pub seen_in_training: bool,
     /// Index of the policy that the learner chose; `None` if the column is missing.
     #[serde(default)]
     pub policy: Option<usize>,
-    /// Number of episodes.
+    /// Number of episodes that the variant was scored on.
     pub episodes: usize,
-    /// Share of episodes that succeeded at any step, in `[0, 1]`.
+    /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
     pub success: f64,
-    /// Share of episodes that succeeded at the last step, in `[0, 1]`.
+    /// Share of episodes in which the success condition held at the last step, in `[0, 1]`.
     pub success_at_end: f64,
-    /// Mean return on the paper's scale, in `[0, 500]`.
+    /// Mean return of the episodes on the paper's scale, in `[0, 500]`.
     pub reward: f64,
-    /// Index of the group's own policy ([`OwnPolicies`](crate::evaluation::OwnPolicies)). All
-    /// `own_` columns are `None` if the group had none yet, and in rows of older versions.
+    /// Index of the task group's own policy among the learner's policies
+    /// ([`OwnPolicies`](crate::evaluation::OwnPolicies)). All `own_` columns are `None` if the
+    /// group had none yet, and in rows of older versions.
     #[serde(default)]
     pub own_policy: Option<usize>,
-    /// Success of the group's own policy, in `[0, 1]`.
+    /// Share of episodes in which the group's own policy succeeded at any step, in `[0, 1]`.
     #[serde(default)]
     pub own_success: Option<f64>,
-    /// Success of the group's own policy at the last step, in `[0, 1]`.
+    /// Share of episodes in which the group's own policy succeeded at the last step, in `[0, 1]`.
     #[serde(default)]
     pub own_success_at_end: Option<f64>,
-    /// Return of the group's own policy, in `[0, 500]`.
+    /// Mean return of the group's own policy on the paper's scale, in `[0, 500]`.
     #[serde(default)]
     pub own_reward: Option<f64>,
 }
@@ -124,62 +128,67 @@ impl ScoreRow {
     }
 }
 
-/// Row of `units.csv`.
+/// Row of `units.csv`: the dormant units of one policy in one evaluation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct UnitsRow {
-    /// Rollouts trained on before the evaluation.
+pub struct DormantUnitsRow {
+    /// Number of rollouts trained on before the evaluation.
     pub rollouts: usize,
-    /// Decisions taken before the evaluation.
+    /// Number of decisions taken in training before the evaluation.
     pub decisions: usize,
-    /// Index of the policy.
+    /// Index of the policy whose units are counted.
     pub policy: usize,
-    /// Rectified units of the policy's network.
-    pub units: usize,
-    /// Dormant units ([`TAU`](crate::evaluation::TAU)).
-    pub dormant: usize,
+    /// Number of rectified units of the policy's network.
+    #[serde(rename = "units")]
+    pub unit_count: usize,
+    /// Number of dormant units of the policy's network
+    /// ([`DORMANCY_THRESHOLD`](crate::evaluation::DORMANCY_THRESHOLD)).
+    #[serde(rename = "dormant")]
+    pub dormant_count: usize,
 }
 
-/// Row of `recognition.csv`.
+/// Row of `recognition.csv`: the count of one answer of the learner for a shown variant.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecognitionRow {
-    /// Name of the shown group.
+    /// Name of the group whose episodes were shown.
     #[serde(deserialize_with = "name")]
     pub group: String,
     /// Name of the shown variant's element of D2.
     #[serde(deserialize_with = "name")]
     pub element: String,
-    /// Episodes shown each time.
-    pub episodes: usize,
+    /// Number of episodes shown each time the learner was asked.
+    #[serde(rename = "episodes")]
+    pub episodes_shown: usize,
     /// Index of the policy that the learner named; `None` if no policy fitted.
     pub policy: Option<usize>,
     /// Number of times that the learner gave this answer.
-    pub times: usize,
+    #[serde(rename = "times")]
+    pub count: usize,
 }
 
-/// Row of `timings.csv`: seconds of one iteration and of its parts. Checkpoints leave this table
-/// out, since clocks differ between equal runs.
+/// Row of `timings.csv`: wall-clock seconds of one iteration and of its parts. Checkpoints leave
+/// this table out, since clocks differ between equal runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TimingRow {
-    /// Index of the rollout, from 0.
+    /// Index of the rollout in the run, from 0.
     pub rollout: usize,
-    /// Decisions of the rollout.
+    /// Number of decisions of the rollout.
     #[serde(default)]
     pub decisions: usize,
     /// Seconds of the whole iteration.
     pub total: f64,
-    /// Seconds of physics and rendering.
+    /// Seconds of the environments' physics and rendering.
     pub environments: f64,
-    /// Seconds of the policy's decisions.
+    /// Seconds in which the policy chose its actions.
     pub inference: f64,
-    /// Seconds of the assignment.
+    /// Seconds of the assignment of the rollout to a policy.
     pub assignment: f64,
     /// Seconds of the policy update.
     pub update: f64,
 }
 
 impl TimingRow {
-    /// Returns `true` if all seconds are finite and not negative.
-    pub fn is_sound(&self) -> bool {
+    /// Returns `true` if all seconds of the row are finite and not negative.
+    pub fn is_valid(&self) -> bool {
         let Self { total, environments, inference, assignment, update, .. } = *self;
         let seconds = [total, environments, inference, assignment, update];
         seconds.iter().all(|part| part.is_finite() && *part >= 0.0)

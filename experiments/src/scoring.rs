@@ -4,24 +4,24 @@ use envs::TaskVariant;
 use rayon::ThreadPool;
 
 use crate::error::RunError;
-use crate::evaluation::{Evaluator, Findings, OwnPolicies};
+use crate::evaluation::{EvaluationResults, Evaluator, OwnPolicies};
 use crate::experiment::Experiment;
 use learner::Learner;
 
 use crate::stop::StopSignal;
-use crate::workers::guarded;
+use crate::workers::run_catching_panics;
 
 /// Returns the number of times that the learner is asked for the policy of each variant: 0 for
 /// learners with one policy or with ground truth, whose answers are known.
-pub(crate) fn looks(experiment: &Experiment) -> usize {
-    match experiment.learner.cannot_be_asked() {
+pub(crate) fn recognition_repeats(experiment: &Experiment) -> usize {
+    match experiment.learner.recognition_obstacle() {
         Some(_) => 0,
-        None => experiment.evaluation.looks,
+        None => experiment.evaluation.recognition_repeats,
     }
 }
 
 /// Evaluation of a learner that a signal can stop.
-pub(crate) struct Scoring<'a> {
+pub(crate) struct StoppableEvaluation<'a> {
     pool: &'a ThreadPool,
     learner: &'a mut dyn Learner,
     evaluator: &'a mut Evaluator,
@@ -29,7 +29,7 @@ pub(crate) struct Scoring<'a> {
     stop: &'a StopSignal,
 }
 
-impl<'a> Scoring<'a> {
+impl<'a> StoppableEvaluation<'a> {
     pub fn new(
         pool: &'a ThreadPool,
         learner: &'a mut dyn Learner,
@@ -42,20 +42,24 @@ impl<'a> Scoring<'a> {
 
     /// Scores all variants with `rounds` episodes in each environment, then asks the learner
     /// `looks` times for the policy of each variant; `None` after a stop.
-    pub fn score(&mut self, rounds: usize, looks: usize) -> Result<Option<Findings>, RunError> {
-        let mut findings = Findings::default();
+    pub fn score(
+        &mut self,
+        rounds: usize,
+        looks: usize,
+    ) -> Result<Option<EvaluationResults>, RunError> {
+        let mut results = EvaluationResults::default();
         let own = self.own.clone();
         let scored = self.each(|evaluator, learner, variant| {
-            evaluator.variant(learner, variant, &own, rounds, &mut findings)
+            evaluator.score_variant(learner, variant, &own, rounds, &mut results)
         })?;
         let done = scored
             && (looks == 0
                 || self.each(|evaluator, learner, variant| {
-                    let answers = evaluator.recognition(learner, variant, looks)?;
-                    findings.recognition.extend(answers);
+                    let answers = evaluator.test_recognition(learner, variant, looks)?;
+                    results.recognitions.extend(answers);
                     Ok(())
                 })?);
-        Ok(done.then_some(findings))
+        Ok(done.then_some(results))
     }
 
     /// Calls `visit` for each variant on the pool's threads; returns `false` after a stop.
@@ -65,11 +69,11 @@ impl<'a> Scoring<'a> {
         + Send,
     ) -> Result<bool, RunError> {
         for variant in self.evaluator.variants() {
-            if self.stop.requested() {
+            if self.stop.is_requested() {
                 return Ok(false);
             }
             let (evaluator, learner) = (&mut *self.evaluator, &mut *self.learner);
-            guarded(self.pool, || visit(evaluator, learner, variant))?;
+            run_catching_panics(self.pool, || visit(evaluator, learner, variant))?;
         }
         Ok(true)
     }

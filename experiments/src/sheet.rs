@@ -2,21 +2,21 @@
 
 use std::sync::Arc;
 
-use envs::{Mark, RGB, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings};
+use envs::{Mark, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::error::RunError;
 
-/// RGB image.
+/// RGB image of any size.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Width in pixels.
+    /// Width of the image in pixels.
     pub width: usize,
-    /// Height in pixels.
+    /// Height of the image in pixels.
     pub height: usize,
-    /// Bytes `[height, width, 3]`, row 0 on top.
+    /// RGB bytes of the image `[height, width, 3]`, row 0 on top.
     pub rgb: Vec<u8>,
 }
 
@@ -56,8 +56,9 @@ const GAP: usize = 6;
 /// Colour of the mark at a goal that the learner observes as a vector, and that images do not show.
 const VECTOR_GOAL: [u8; 3] = [0, 200, 0];
 
-/// Renders the first image of every variant, `[group][element]`, each `[size, size, 3]`. The four
-/// variants of a group share one placement. A green disc marks goals that are observed as vectors.
+/// Renders the first image of every variant, `[group][element]`, each RGB bytes `[size, size, 3]`.
+/// The four variants of a group share one placement. A green disc marks goals that are observed as
+/// vectors.
 ///
 /// # Errors
 /// Errors of the environments.
@@ -70,15 +71,15 @@ pub fn variant_pictures(
 
 fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec<u8>>, RunError> {
     let (embodiment, camera) = (settings.embodiment, settings.camera);
-    let scene = Scene::in_layout(settings.layout, group, embodiment, camera)?;
+    let scene = Scene::new_in_layout(settings.layout, group, embodiment, camera)?;
     let scene = Arc::new(scene);
     let mut table = TableTop::new(Arc::clone(&scene), settings.control)?;
     let mut renderer = SceneRenderer::new(scene)?;
-    let placement = group.task().place(&mut ChaCha8Rng::seed_from_u64(settings.seed));
+    let placement = group.task().draw_placement(&mut ChaCha8Rng::seed_from_u64(settings.seed));
     D2::ALL
         .into_iter()
         .map(|element| {
-            let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB];
+            let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB_CHANNELS];
             table.reset_to(element, placement)?;
             renderer.render(&mut table, &mut rgb)?;
             mark_goal(&table, &mut rgb);
@@ -106,7 +107,7 @@ pub fn contact_sheet(settings: &VecEnvSettings, groups: &[TaskGroup]) -> Result<
     let size = settings.camera.size;
     let cell = size * ENLARGE + GAP;
     let (width, height) = (D2::ALL.len() * cell + GAP, pictures.len() * cell + GAP);
-    let mut rgb = vec![255; width * height * RGB];
+    let mut rgb = vec![255; width * height * RGB_CHANNELS];
     for (row, variants) in pictures.iter().enumerate() {
         for (column, picture) in variants.iter().enumerate() {
             let origin = (GAP + row * cell, GAP + column * cell);
@@ -118,23 +119,23 @@ pub fn contact_sheet(settings: &VecEnvSettings, groups: &[TaskGroup]) -> Result<
 
 /// Crops the first variant of a group from a contact sheet whose images have `size` pixels a side;
 /// `None` if the sheet is too small.
-pub fn first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Picture> {
+pub fn crop_first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Picture> {
     let side = size * ENLARGE;
     let (top, left) = (GAP + group * (side + GAP), GAP);
     if left + side > sheet.width || top + side > sheet.height {
         return None;
     }
-    let rows = sheet.rgb.chunks_exact(sheet.width * RGB).skip(top).take(side);
-    let rows = rows.map(|row| &row[left * RGB..(left + side) * RGB]);
+    let rows = sheet.rgb.chunks_exact(sheet.width * RGB_CHANNELS).skip(top).take(side);
+    let rows = rows.map(|row| &row[left * RGB_CHANNELS..(left + side) * RGB_CHANNELS]);
     Some(Picture { width: side, height: side, rgb: rows.flatten().copied().collect() })
 }
 
 fn paste(picture: &[u8], size: usize, sheet: &mut [u8], width: usize, origin: (usize, usize)) {
     for y in 0..size * ENLARGE {
         for x in 0..size * ENLARGE {
-            let from = ((y / ENLARGE) * size + x / ENLARGE) * RGB;
-            let to = ((origin.0 + y) * width + origin.1 + x) * RGB;
-            sheet[to..to + RGB].copy_from_slice(&picture[from..from + RGB]);
+            let from = ((y / ENLARGE) * size + x / ENLARGE) * RGB_CHANNELS;
+            let to = ((origin.0 + y) * width + origin.1 + x) * RGB_CHANNELS;
+            sheet[to..to + RGB_CHANNELS].copy_from_slice(&picture[from..from + RGB_CHANNELS]);
         }
     }
 }

@@ -9,12 +9,12 @@ use crate::experiment::Experiment;
 use crate::memory;
 use crate::sheet::contact_sheet;
 use crate::stream::Stream;
-use learner::overrides::same;
+use learner::overrides::check_same_settings;
 use learner::{DeviceChoice, Labels, Learner};
 
-use crate::checkpoints::newest;
+use crate::checkpoints::read_newest;
 use crate::folder::RunFolder;
-use crate::lock::Lock;
+use crate::lock::FolderLock;
 use crate::note::{RunState, SavedRun};
 
 /// Locked folder with the settings of its run.
@@ -22,7 +22,7 @@ pub(crate) struct LockedRun {
     pub experiment: Experiment,
     pub tasks: TaskRegistry,
     pub folder: RunFolder,
-    pub lock: Lock,
+    pub lock: FolderLock,
 }
 
 /// Run that is ready to train.
@@ -32,9 +32,9 @@ pub(crate) struct PreparedRun {
     pub labels: Labels,
     pub state: RunState,
     /// Checkpoints that could not be read.
-    pub passed_over: Vec<PathBuf>,
+    pub unreadable_checkpoints: Vec<PathBuf>,
     /// Message about the start or the resumption.
-    pub notice: String,
+    pub start_message: String,
 }
 
 /// Starts a run in a folder without one.
@@ -46,8 +46,8 @@ pub(crate) fn start(
     experiment.check(&tasks)?;
     memory::check_run(&experiment)?;
     let (folder, lock) = folder.lock()?;
-    if !folder.is_free()? {
-        return Err(RunError::Occupied { folder: folder.path().to_owned() });
+    if !folder.accepts_new_run()? {
+        return Err(RunError::FolderHoldsRun { folder: folder.path().to_owned() });
     }
     let locked = LockedRun { experiment, tasks, folder, lock };
     begin(locked, true, "begun".to_owned())
@@ -55,26 +55,33 @@ pub(crate) fn start(
 
 /// Prepares a run from its first rollout on. A `new` run first removes the files of another run
 /// and writes its settings.
-fn begin(locked: LockedRun, new: bool, notice: String) -> Result<PreparedRun, RunError> {
+fn begin(locked: LockedRun, new: bool, start_message: String) -> Result<PreparedRun, RunError> {
     let (experiment, folder) = (&locked.experiment, &locked.folder);
-    let groups = experiment.schedule.resolve(&locked.tasks)?;
+    let groups = experiment.schedule.resolve_groups(&locked.tasks)?;
     // First of all, while the process has one thread: loading a model sets an environment variable
     // for software rendering.
     let sheet = contact_sheet(&experiment.envs, &groups)?;
-    let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
-    let learner = experiment.learner.start(&spec, &labels)?;
+    let (spec, labels) = (Stream::env_spec(&experiment.envs), Labels::default());
+    let learner = experiment.learner.new_learner(&spec, &labels)?;
     // from here on only the disk can fail, so no invalid settings cost the files of another run
     if new {
-        folder.clear()?;
+        folder.remove_run_files()?;
         folder.write_experiment(experiment)?;
     }
     folder.write_png("contact_sheet.png", &sheet)?;
     let state = RunState {
         // the scores of the untrained learner are the baseline of transfer
-        due: experiment.evaluation.visit_rounds,
+        due_episodes_per_env: experiment.evaluation.visit_episodes_per_env,
         ..RunState::default()
     };
-    Ok(PreparedRun { learner, locked, labels, state, passed_over: Vec::new(), notice })
+    Ok(PreparedRun {
+        learner,
+        locked,
+        labels,
+        state,
+        unreadable_checkpoints: Vec::new(),
+        start_message,
+    })
 }
 
 /// Resumes the run in `folder` from its newest intact checkpoint, or starts it again if it has no
@@ -90,20 +97,20 @@ pub(crate) fn resume(
         return Err(RunError::NoRun { folder });
     }
     let (folder, lock) = folder.lock()?;
-    let mut experiment = folder.experiment()?.with_device(device)?;
+    let mut experiment = folder.read_experiment()?.with_device(device)?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
     memory::check_run(&experiment)?;
     let locked = LockedRun { lock, experiment, tasks, folder };
-    let experiment = &locked.experiment;
-    let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+    let settings = &locked.experiment;
+    let (spec, labels) = (Stream::env_spec(&settings.envs), Labels::default());
     let read = |path: &Path| {
-        let (learner, note) = experiment.learner.resume(path, &spec, &labels)?;
+        let (learner, note) = settings.learner.load_for_training(path, &spec, &labels)?;
         let mut saved = SavedRun::parse(path, &note)?;
-        saved.recount(path)?;
+        saved.recount_rollouts(path)?;
         Ok((learner, saved))
     };
-    let Some(found) = newest(&locked.folder.checkpoints(), read)? else {
+    let Some(found) = read_newest(&locked.folder.checkpoint_folder(), read)? else {
         // a finished run always has a checkpoint, and starting again would replace its results
         if locked.folder.is_finished() {
             return Err(RunError::NoCheckpoint {
@@ -111,24 +118,24 @@ pub(crate) fn resume(
                 problems: "the run has ended, and its checkpoints were removed".to_owned(),
             });
         }
-        let notice = "there is no checkpoint yet: begun anew".to_owned();
+        let notice = "there is no checkpoint yet: started from the beginning".to_owned();
         return begin(locked, false, notice);
     };
-    let (learner, saved) = found.value;
-    same(&found.path, &experiment.clone().with_threads(1), &saved.experiment)?;
-    let mut notice = notice(&saved.state, &found.path, &found.problems);
+    let (learner, saved) = found.contents;
+    check_same_settings(&found.path, &settings.clone().with_threads(1), &saved.experiment)?;
+    let mut start_message = resumption_message(&saved.state, &found.path, &found.problems);
     if !locked.folder.holds_settings() {
-        locked.folder.write_experiment(experiment)?;
-        notice += "; experiment.json was lost and is written again";
+        locked.folder.write_experiment(settings)?;
+        start_message += "; experiment.json was lost and is written again";
     }
-    let (passed_over, state) = (found.passed_over, saved.state);
-    Ok(PreparedRun { notice, passed_over, locked, learner, labels, state })
+    let (unreadable_checkpoints, state) = (found.unreadable, saved.state);
+    Ok(PreparedRun { start_message, unreadable_checkpoints, locked, learner, labels, state })
 }
 
 /// Returns the message about a resumption: its checkpoint, and the damaged ones that were skipped.
-fn notice(state: &RunState, path: &Path, problems: &[String]) -> String {
+fn resumption_message(state: &RunState, path: &Path, problems: &[String]) -> String {
     let rollouts = state.stats.rollouts;
-    let mut notice = format!("goes on after {rollouts} rollouts from {}", path.display());
+    let mut notice = format!("continues after {rollouts} rollouts from {}", path.display());
     for problem in problems {
         notice = format!("{notice}; passed over a newer checkpoint: {problem}");
     }

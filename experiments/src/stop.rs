@@ -21,10 +21,10 @@ impl StopSignal {
     /// once. Under `nohup` it stays ignored.
     ///
     /// # Errors
-    /// [`RunError::Signals`].
-    pub fn on_signals() -> Result<Self, RunError> {
+    /// [`RunError::SignalHandlers`].
+    pub fn from_os_signals() -> Result<Self, RunError> {
         let stop = Self::default();
-        let failed = |source| RunError::Signals { source };
+        let failed = |source| RunError::SignalHandlers { source };
         // a flag of its own, since SIGHUP and a closed output also set the request, and the first
         // SIGINT after them must not end the process
         let signalled = Arc::new(AtomicBool::new(false));
@@ -41,13 +41,13 @@ impl StopSignal {
         Ok(stop)
     }
 
-    /// Requests the stop.
+    /// Requests that runs with this signal stop.
     pub fn request(&self) {
         self.0.store(true, Ordering::SeqCst);
     }
 
-    /// Returns `true` once the stop was requested.
-    pub fn requested(&self) -> bool {
+    /// Returns `true` once a stop of the run was requested.
+    pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }

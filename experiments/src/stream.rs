@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use envs::{Control, EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 use symmetry::D2;
 
 use crate::error::RunError;
@@ -17,7 +17,7 @@ const MIDDLE_HEIGHT: f32 = 0.2;
 const MIDDLE_APERTURE: f32 = 0.6;
 
 /// Component of the network's vector input, scaled as `(value - offset) * factor`.
-pub struct Input {
+pub struct VectorInput {
     pub name: &'static str,
     pub unit: &'static str,
     pub offset: f32,
@@ -26,11 +26,11 @@ pub struct Input {
 
 /// Components of the network's vector input, in order. Components that change sign under a flip
 /// have offset 0, so scaling preserves flips; so have goals, whose zero means hidden.
-pub const INPUTS: [Input; envs::VECTOR_DIM] = [
+pub const VECTOR_INPUTS: [VectorInput; envs::VECTOR_DIM] = [
     position("hand x", 0.0),
     position("hand y", 0.0),
     position("hand z", MIDDLE_HEIGHT),
-    Input {
+    VectorInput {
         name: "aperture",
         unit: "share of the fingers' opening",
         offset: MIDDLE_APERTURE,
@@ -41,12 +41,12 @@ pub const INPUTS: [Input; envs::VECTOR_DIM] = [
     position("goal z", 0.0),
 ];
 
-const fn position(name: &'static str, offset: f32) -> Input {
-    Input { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
+const fn position(name: &'static str, offset: f32) -> VectorInput {
+    VectorInput { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
 }
 
-/// Environments as the learner sees them. The task group is set from outside and shows only in the
-/// observations.
+/// Vectorised environments of a run as the learner sees them, with scaled observations. The task
+/// group is set from outside and shows only in the observations.
 pub struct Stream {
     env: VecEnv,
     spec: EnvSpec,
@@ -60,18 +60,18 @@ impl Stream {
     /// The other groups are prepared, so that a later switch takes no time.
     ///
     /// # Errors
-    /// [`RunError::Setting`] if `groups` is empty; errors of the environments.
+    /// [`RunError::InvalidSetting`] if `groups` is empty; errors of the environments.
     pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, RunError> {
-        let first = *groups.first().ok_or_else(|| RunError::Setting {
+        let first = *groups.first().ok_or_else(|| RunError::InvalidSetting {
             name: "groups",
             value: "empty".to_owned(),
             expected: "at least one task group",
         })?;
         let mut env = VecEnv::new(settings, first, &D2::ALL)?;
-        env.prepare(groups)?;
+        env.prepare_task_groups(groups)?;
         Ok(Self {
             env,
-            spec: Self::spec_of(&settings),
+            spec: Self::env_spec(&settings),
             truncated: vec![false; settings.num_envs],
             failures: 0,
             seconds: 0.0,
@@ -80,25 +80,27 @@ impl Stream {
 
     /// Returns the shapes of observations and actions of environments with these settings, without
     /// starting any.
-    pub fn spec_of(settings: &VecEnvSettings) -> EnvSpec {
+    pub fn env_spec(settings: &VecEnvSettings) -> EnvSpec {
         let size = settings.camera.size;
         EnvSpec {
             num_envs: settings.num_envs,
-            image: [size, size, settings.camera.beside.channels()],
-            vector: envs::VECTOR_IRREPS.to_vec(),
-            action: envs::ACTION_IRREPS.to_vec(),
+            image_shape: [size, size, settings.camera.extra_views.num_channels()],
+            vector_irreps: envs::VECTOR_IRREPS.to_vec(),
+            action_irreps: envs::ACTION_IRREPS.to_vec(),
         }
     }
 
-    /// Switches to another group, with variants drawn from `elements`, from the next reset on.
+    /// Switches the environments to another task group, with variants drawn from `elements`, from
+    /// the next reset on.
     ///
     /// # Errors
     /// Errors of the environments.
     pub fn switch_to(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
-        self.env.set_tasks(group, elements)
+        self.env.set_task_group(group, elements)
     }
 
-    /// Draws placements and variants from the random streams of `seed`; see [`VecEnv::reseed`].
+    /// Draws placements and variants from now on from the random streams of `seed`; see
+    /// [`VecEnv::reseed`].
     ///
     /// # Errors
     /// Errors of the environments.
@@ -107,13 +109,13 @@ impl Stream {
     }
 
     /// Returns the wall-clock seconds that the environments took so far.
-    pub fn seconds(&self) -> f64 {
+    pub fn environment_seconds(&self) -> f64 {
         self.seconds
     }
 
     /// Returns the number of failures of single environments so far. Each ended an episode, as a
     /// truncation for the learner.
-    pub fn failures(&self) -> usize {
+    pub fn environment_failures(&self) -> usize {
         self.failures
     }
 
@@ -126,7 +128,7 @@ impl Stream {
 
 /// Returns the factor from a return to the paper's scale, for episodes under `control`.
 pub(crate) fn reward_scale(control: &Control) -> f64 {
-    PERFECT_EPISODE / control.decisions() as f64
+    PERFECT_EPISODE / control.decisions_per_episode() as f64
 }
 
 impl VectorEnv for Stream {
@@ -135,18 +137,18 @@ impl VectorEnv for Stream {
     }
 
     fn horizon(&self) -> Option<usize> {
-        Some(self.env.settings().control.decisions())
+        Some(self.env.settings().control.decisions_per_episode())
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         let clock = Instant::now();
         self.failures += self.env.reset(borrow(out))?.len();
         self.seconds += clock.elapsed().as_secs_f64();
-        scale(&mut out.vectors);
+        scale_vectors(&mut out.vectors);
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         let clock = Instant::now();
         let failures = self.env.step(
             actions,
@@ -162,9 +164,9 @@ impl VectorEnv for Stream {
         self.failures += failures.len();
         self.seconds += clock.elapsed().as_secs_f64();
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
-            *outcome = if truncated { Outcome::Truncated } else { Outcome::Running };
+            *outcome = if truncated { StepOutcome::Truncated } else { StepOutcome::Running };
         }
-        scale(&mut out.observations.vectors);
+        scale_vectors(&mut out.observations.vectors);
         // other rows of the final observations are old and already scaled
         scale_rows(&mut out.final_observations.vectors, &self.truncated);
         Ok(())
@@ -176,18 +178,18 @@ fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
 }
 
 /// Scales vectors of the environments `[N, 7]` to network inputs, in place.
-pub fn scale(vectors: &mut [f32]) {
+pub fn scale_vectors(vectors: &mut [f32]) {
     vectors.chunks_exact_mut(envs::VECTOR_DIM).for_each(scale_row);
 }
 
 fn scale_rows(vectors: &mut [f32], which: &[bool]) {
     let rows = vectors.chunks_exact_mut(envs::VECTOR_DIM).zip(which);
-    rows.filter(|(_, which)| **which).for_each(|(row, _)| scale_row(row));
+    rows.filter(|(_, chosen)| **chosen).for_each(|(row, _)| scale_row(row));
 }
 
 /// Scales one vector (hand x, y, z, aperture, goal x, y, z) to network inputs, in place.
 fn scale_row(row: &mut [f32]) {
-    for (value, input) in row.iter_mut().zip(&INPUTS) {
+    for (value, input) in row.iter_mut().zip(&VECTOR_INPUTS) {
         *value = (*value - input.offset) * input.factor;
     }
 }

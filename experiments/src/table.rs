@@ -8,11 +8,11 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::error::RunError;
-use learner::disk::{Disk, replace};
+use learner::disk::{Disk, write_atomically};
 
 /// CSV file with a copy of its contents.
 #[derive(Debug)]
-pub(crate) struct Table {
+pub(crate) struct CsvFile {
     path: PathBuf,
     disk: Arc<dyn Disk>,
     text: Vec<u8>,
@@ -20,11 +20,11 @@ pub(crate) struct Table {
     names: Vec<String>,
 }
 
-impl Table {
+impl CsvFile {
     /// Makes the file hold exactly `text`: later rows are removed, and a lost tail is restored. A
     /// file with other contents is first renamed.
     pub fn open(path: PathBuf, disk: Arc<dyn Disk>, text: Vec<u8>) -> Result<Self, RunError> {
-        let names = header(&text).map_err(|error| RunError::read(&path, error))?;
+        let names = header(&text).map_err(|error| RunError::cannot_read(&path, error))?;
         let table = Self { path, disk, text, names };
         table.restore()?;
         Ok(table)
@@ -37,7 +37,7 @@ impl Table {
         // a beginning or a continuation of the contents is the run's own work; anything else is
         // somebody's edit, which must not be lost
         if !found.starts_with(&self.text) && !self.text.starts_with(found) {
-            put_aside(&*self.disk, &self.path)?;
+            rename_old(&*self.disk, &self.path)?;
         }
         if file.as_ref() != Some(&self.text) {
             self.rewrite()?;
@@ -45,7 +45,7 @@ impl Table {
         Ok(())
     }
 
-    /// Returns the contents.
+    /// Returns the contents of the table's file.
     pub fn text(&self) -> &[u8] {
         &self.text
     }
@@ -60,7 +60,7 @@ impl Table {
     ///
     /// # Errors
     /// [`RunError::Write`], also for duplicate names and for names that earlier rows do not have.
-    pub fn write_named(&mut self, row: Vec<(String, String)>) -> Result<(), RunError> {
+    pub fn append_row(&mut self, row: Vec<(String, String)>) -> Result<(), RunError> {
         let (names, cells) = row.into_iter().unzip::<_, _, Vec<String>, Vec<String>>();
         if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
             return Err(self.refuse(format!("two columns are called `{}`", names[twice])));
@@ -68,19 +68,19 @@ impl Table {
         let mut writer = csv::Writer::from_writer(Vec::new());
         if self.names.is_empty() {
             let written = writer.write_record(&names);
-            written.map_err(|error| RunError::write(&self.path, error))?;
+            written.map_err(|error| RunError::cannot_write(&self.path, error))?;
             self.names = names;
         } else if self.names != names {
             let (names, known) = (names.join(", "), self.names.join(", "));
             return Err(self.refuse(format!("a row of {names} does not fit the columns {known}")));
         }
         let written = writer.write_record(&cells);
-        written.map_err(|error| RunError::write(&self.path, error))?;
+        written.map_err(|error| RunError::cannot_write(&self.path, error))?;
         self.add(writer)
     }
 
     /// Appends rows, with a header if the table is empty.
-    pub fn write<R: Serialize>(
+    pub fn append_rows<R: Serialize>(
         &mut self,
         rows: impl IntoIterator<Item = R>,
     ) -> Result<(), RunError> {
@@ -88,7 +88,7 @@ impl Table {
             csv::WriterBuilder::new().has_headers(self.text.is_empty()).from_writer(Vec::new());
         rows.into_iter()
             .try_for_each(|row| writer.serialize(row))
-            .map_err(|error| RunError::write(&self.path, error))?;
+            .map_err(|error| RunError::cannot_write(&self.path, error))?;
         self.add(writer)
     }
 
@@ -96,33 +96,33 @@ impl Table {
     pub fn sync(&self) -> Result<(), RunError> {
         self.restore()?;
         let synced = self.disk.sync(&self.path);
-        synced.map_err(|error| RunError::write(&self.path, error))
+        synced.map_err(|error| RunError::cannot_write(&self.path, error))
     }
 
     fn add(&mut self, writer: csv::Writer<Vec<u8>>) -> Result<(), RunError> {
         let rows = writer.into_inner();
-        let rows = rows.map_err(|error| RunError::write(&self.path, error.into_error()))?;
+        let rows = rows.map_err(|error| RunError::cannot_write(&self.path, error.into_error()))?;
         let before = self.text.len();
         self.text.extend(&rows);
         if self.has_length(before) {
             let added = self.disk.append(&self.path, &rows);
-            return added.map_err(|error| RunError::write(&self.path, error));
+            return added.map_err(|error| RunError::cannot_write(&self.path, error));
         }
         self.restore()
     }
 
     /// Returns `true` if the file has this length in bytes: a cheap test for files that were
-    /// removed or cut. [`Table::sync`] finds other changes by reading the whole file.
+    /// removed or cut. [`CsvFile::sync`] finds other changes by reading the whole file.
     fn has_length(&self, length: usize) -> bool {
         fs::metadata(&self.path).is_ok_and(|file| file.len() == length as u64)
     }
 
     fn rewrite(&self) -> Result<(), RunError> {
-        Ok(replace(&*self.disk, &self.path, &self.text)?)
+        Ok(write_atomically(&*self.disk, &self.path, &self.text)?)
     }
 
     fn refuse(&self, problem: String) -> RunError {
-        RunError::write(&self.path, Error::other(problem))
+        RunError::cannot_write(&self.path, Error::other(problem))
     }
 }
 
@@ -130,10 +130,10 @@ impl Table {
 ///
 /// # Errors
 /// [`RunError::Write`].
-pub(crate) fn put_aside(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
+pub(crate) fn rename_old(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
     let aside = free_name(path);
     let moved = disk.rename(path, &aside);
-    moved.map_err(|error| RunError::write(&aside, error))
+    moved.map_err(|error| RunError::cannot_write(&aside, error))
 }
 
 /// Returns the path with the first added extension of `old`, `old2` and so on that is free.
@@ -165,16 +165,16 @@ mod tests {
     }
 
     /// Creates a table with one row in a file of the test's own.
-    fn table(name: &str) -> Table {
+    fn table(name: &str) -> CsvFile {
         let path = std::env::temp_dir().join(format!("covers-{name}-{}.csv", std::process::id()));
         let _ = fs::remove_file(&path);
         let mut table = reopen(path, b"");
-        table.write_named(cells(&[("rollout", "0"), ("loss", "1.5")])).unwrap();
+        table.append_row(cells(&[("rollout", "0"), ("loss", "1.5")])).unwrap();
         table
     }
 
-    fn reopen(path: PathBuf, text: &[u8]) -> Table {
-        Table::open(path, Arc::new(LocalDisk), text.to_vec()).unwrap()
+    fn reopen(path: PathBuf, text: &[u8]) -> CsvFile {
+        CsvFile::open(path, Arc::new(LocalDisk), text.to_vec()).unwrap()
     }
 
     const ONE: &[u8] = b"rollout,loss\n0,1.5\n";
@@ -184,14 +184,14 @@ mod tests {
         let mut table = table("columns");
         let mut resumed = reopen(table.path.clone(), ONE);
         let other = [("rollout", "1"), ("entropy", "2")];
-        for table in [&mut table, &mut resumed] {
-            let message = table.write_named(cells(&other)).unwrap_err().to_string();
+        for each in [&mut table, &mut resumed] {
+            let message = each.append_row(cells(&other)).unwrap_err().to_string();
             assert!(message.contains("entropy") && message.contains("loss"));
         }
         let same = cells(&[("rollout", "1"), ("loss", "2")]);
-        resumed.write_named(same).unwrap();
+        resumed.append_row(same).unwrap();
         let twice = cells(&[("rollout", "1"), ("rollout", "2")]);
-        let message = resumed.write_named(twice).unwrap_err().to_string();
+        let message = resumed.append_row(twice).unwrap_err().to_string();
         assert!(message.contains("two columns are called `rollout`"), "{message}");
         let text = fs::read_to_string(&table.path).unwrap();
         assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n");
@@ -246,9 +246,9 @@ mod tests {
     fn a_file_that_is_removed_or_cut_while_rows_are_written_comes_back_whole() {
         let mut table = table("removed");
         fs::remove_file(&table.path).unwrap();
-        table.write_named(cells(&[("rollout", "1"), ("loss", "2")])).unwrap();
+        table.append_row(cells(&[("rollout", "1"), ("loss", "2")])).unwrap();
         fs::write(&table.path, "rollout").unwrap();
-        table.write_named(cells(&[("rollout", "2"), ("loss", "3")])).unwrap();
+        table.append_row(cells(&[("rollout", "2"), ("loss", "3")])).unwrap();
         let text = fs::read_to_string(&table.path).unwrap();
         assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n2,3\n");
         fs::remove_file(&table.path).unwrap();

@@ -2,63 +2,66 @@
 
 use std::fmt::{self, Write};
 
-use crate::evaluation::{Score, by_group};
-use crate::{Event, Progress, Summary};
+use crate::evaluation::{Score, average_by_group};
+use crate::{Event, RolloutReport, Summary};
 
-/// Formats an event: a line for a rollout, a table for an evaluation.
+/// Formats an event of a run for the terminal: a line for a rollout, a table for an evaluation.
 pub fn event_text(event: &Event) -> String {
     match event {
         Event::Rollout(progress) => rollout_line(progress),
-        Event::Evaluation(evaluation) => score_table(&evaluation.findings.scores),
+        Event::Evaluation(evaluation) => score_table(&evaluation.results.scores),
     }
 }
 
 /// Formats a rollout as one line: decisions, true group, assigned policy (`new`, or `2nd` if a
 /// second rollout was needed to choose it), mean reward, success, W1 to each compared policy.
-pub fn rollout_line(progress: &Progress) -> String {
+pub fn rollout_line(progress: &RolloutReport) -> String {
     let iteration = &progress.iteration;
     let evidence = iteration.evidence.iter();
     let line = RolloutLine {
         decisions: progress.decisions,
         group: progress.group.name(),
         policy: iteration.policy,
-        created: iteration.created,
-        second_look: iteration.first_look.is_some(),
+        policy_created: iteration.policy_created,
+        needed_second_rollout: iteration.first_rollout_evidence.is_some(),
         reward: progress.reward(),
         success: progress.success(),
-        evidence: evidence.map(|evidence| (Some(evidence.distance), evidence.score())).collect(),
+        distances_and_z_scores: evidence
+            .map(|evidence| (Some(evidence.distance), evidence.score()))
+            .collect(),
     };
     line.to_string()
 }
 
 /// Values of a rollout's line, from a run in progress or from its tables.
 pub struct RolloutLine<'a> {
-    /// Decisions taken by the end of the rollout.
+    /// Number of decisions of the run by the end of the rollout.
     pub decisions: usize,
     /// Name of the task group at the start of the rollout.
     pub group: &'a str,
     /// Index of the policy that the rollout was assigned to.
     pub policy: usize,
     /// `true` if the policy was created for the rollout.
-    pub created: bool,
+    pub policy_created: bool,
     /// `true` if a second rollout was needed to choose the policy.
-    pub second_look: bool,
-    /// Mean return, in `[0, 500]`; `None` if no episode ended.
+    pub needed_second_rollout: bool,
+    /// Mean return of the ended episodes on the paper's scale, in `[0, 500]`; `None` if no episode
+    /// ended.
     pub reward: Option<f64>,
-    /// Share of episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
+    /// Share of ended episodes that succeeded, in `[0, 1]`; `None` if no episode ended.
     pub success: Option<f64>,
-    /// Distance to each compared policy, and its standard score under permutation.
-    pub evidence: Vec<(Option<f64>, Option<f64>)>,
+    /// Distance of the rollout to each compared policy, and its standard score under permutation.
+    pub distances_and_z_scores: Vec<(Option<f64>, Option<f64>)>,
 }
 
 impl fmt::Display for RolloutLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let evidence = self.evidence.iter().map(|&(distance, score)| match score {
-            Some(score) => format!("{} (z {score:.1})", number(distance, 2)),
-            None => number(distance, 2),
+        let evidence = self.distances_and_z_scores.iter().map(|&(distance, score)| match score {
+            Some(score) => format!("{} (z {score:.1})", format_number(distance, 2)),
+            None => format_number(distance, 2),
         });
         // four columns wide, so that the columns behind it stay aligned
-        let remark = match (self.created, self.second_look) {
+        let remark = match (self.policy_created, self.needed_second_rollout) {
             (true, _) => " new",
             (false, true) => " 2nd",
             (false, false) => "    ",
@@ -69,17 +72,17 @@ impl fmt::Display for RolloutLine<'_> {
             self.decisions,
             self.group,
             self.policy,
-            number(self.reward, 1),
-            number(self.success, 2),
+            format_number(self.reward, 1),
+            format_number(self.success, 2),
             evidence.collect::<Vec<_>>().join(", "),
         )
     }
 }
 
 /// Formats a number with `digits` decimals; `-` for `None` and for non-finite numbers.
-pub fn number(value: Option<f64>, digits: usize) -> String {
+pub fn format_number(value: Option<f64>, digits: usize) -> String {
     let finite = value.filter(|value| value.is_finite());
-    finite.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    finite.map_or_else(|| "-".to_owned(), |shown| format!("{shown:.digits$}"))
 }
 
 /// Formats the scores of one evaluation as a table with a line for each group; held-out variants
@@ -90,7 +93,7 @@ pub fn score_table(scores: &[Score]) -> String {
         "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
          ------------  ------  --------  -------  ------  -------------  --------  ------  ------  ---------",
     );
-    let groups = by_group(scores);
+    let groups = average_by_group(scores);
     for group in &groups {
         let policies: Vec<String> = group.policies.iter().map(usize::to_string).collect();
         // writing to a String cannot fail
@@ -106,7 +109,7 @@ pub fn score_table(scores: &[Score]) -> String {
         );
         let variants = scores.iter().filter(|score| score.group == group.group);
         for (score, width) in variants.zip([8, 6, 6, 9]) {
-            let success = if score.seen {
+            let success = if score.seen_in_training {
                 format!("{:.2}", score.success)
             } else {
                 format!("({:.2})", score.success)
@@ -123,7 +126,7 @@ pub fn score_table(scores: &[Score]) -> String {
             group.mismatches,
             variants.count(),
         );
-        if let Some(own) = group.own {
+        if let Some(own) = group.own_policy_score {
             let _ = write!(
                 table,
                 "; policy {}, its own, has success {:.2}, at end {:.2}, reward {:.1}",
@@ -141,21 +144,21 @@ pub fn summary_table(summary: &Summary) -> String {
         table,
         "\nassignment accuracy {} ({} when groups come back), {} policies, {} decisions in {:.0} s \
          ({} per second)",
-        number(summary.assignment_accuracy, 3),
-        number(summary.return_accuracy, 3),
+        format_number(summary.assignment_accuracy, 3),
+        format_number(summary.revisit_accuracy, 3),
         summary.policies,
         summary.decisions,
         summary.seconds,
-        number(summary.decisions_per_second, 0),
+        format_number(summary.decisions_per_second, 0),
     );
-    if summary.merged > 0 {
-        let _ = write!(table, ", {} policies merged into others", summary.merged);
+    if summary.merged_policies > 0 {
+        let _ = write!(table, ", {} policies merged into others", summary.merged_policies);
     }
-    if summary.spanning_switch > 0 {
-        let _ = write!(table, ", {} rollouts of two groups", summary.spanning_switch);
+    if summary.switch_rollouts > 0 {
+        let _ = write!(table, ", {} rollouts of two groups", summary.switch_rollouts);
     }
-    if summary.failures > 0 {
-        let _ = write!(table, ", {} failures of environments", summary.failures);
+    if summary.environment_failures > 0 {
+        let _ = write!(table, ", {} failures of environments", summary.environment_failures);
     }
     table
 }
@@ -177,19 +180,19 @@ mod tests {
             seconds: 2.0,
             decisions_per_second: Some(50.0),
             policies: 1,
-            merged: 0,
-            failures: 0,
-            spanning_switch: 0,
+            merged_policies: 0,
+            environment_failures: 0,
+            switch_rollouts: 0,
             assignment_accuracy: Some(1.0),
-            return_accuracy: None,
+            revisit_accuracy: None,
             groups: Vec::new(),
             variants: Vec::new(),
-            tables: BTreeMap::new(),
+            table_checksums: BTreeMap::new(),
         };
         assert!(!summary_table(&summary).contains("failures"));
-        summary.failures = 3;
+        summary.environment_failures = 3;
         assert!(summary_table(&summary).ends_with(", 3 failures of environments"));
-        summary.merged = 2;
+        summary.merged_policies = 2;
         assert!(summary_table(&summary).contains(", 2 policies merged into others, 3 failures"));
     }
 
@@ -198,13 +201,13 @@ mod tests {
         let scores = D2::ALL.map(|element| Score {
             group: TaskGroup::PLATE_SLIDE,
             element,
-            seen: element == D2::Identity,
+            seen_in_training: element == D2::Identity,
             policy: 2,
             episodes: 20,
             success: 0.95,
             success_at_end: 0.5,
             reward: 312.0,
-            own: None,
+            own_policy_score: None,
         });
         let table = score_table(&scores);
         let row: Vec<&str> = table.lines().nth(2).unwrap().split_whitespace().collect();
@@ -220,13 +223,13 @@ mod tests {
             let scores = D2::ALL.map(|element| Score {
                 group: TaskGroup::PLATE_SLIDE,
                 element,
-                seen: true,
+                seen_in_training: true,
                 policy: if element == D2::FlipX { policy } else { 1 },
                 episodes: 20,
                 success: 0.5,
                 success_at_end: 0.5,
                 reward: 200.0,
-                own,
+                own_policy_score: own,
             });
             score_table(&scores)
         };

@@ -2,17 +2,17 @@
 
 use crate::schema::TimingRow;
 
-/// Sums over the rollouts with known seconds.
+/// Sums of training times over the rollouts with known seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Timings {
-    /// Seconds of training.
+pub struct TimingSums {
+    /// Wall-clock seconds of training in these rollouts.
     pub seconds: f64,
     decisions: f64,
 }
 
-impl Timings {
-    /// Sums the rows of a table up to the first one that cannot be read.
-    pub fn read(table: &[u8]) -> Self {
+impl TimingSums {
+    /// Sums the rows of a timings table up to the first one that cannot be read.
+    pub fn of_table(table: &[u8]) -> Self {
         let mut reader = csv::Reader::from_reader(table);
         let rows = reader.deserialize().map_while(Result::ok);
         rows.fold(Self::default(), |sums, row: TimingRow| Self {
@@ -21,13 +21,13 @@ impl Timings {
         })
     }
 
-    /// Returns the decisions per second; `None` if no rollout has known seconds.
+    /// Returns the decisions per second of training; `None` if no rollout has known seconds.
     pub fn decisions_per_second(&self) -> Option<f64> {
         (self.decisions > 0.0).then(|| self.decisions / self.seconds)
     }
 }
 
-/// Returns the header and the complete rows of the first `rollouts` rollouts of a table.
+/// Returns the header and the complete rows of the first `rollouts` rollouts of a timings table.
 pub fn first_rows(table: &[u8], rollouts: usize) -> String {
     let text = String::from_utf8_lossy(table);
     let mut lines = text.split_inclusive('\n');
@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn timings_are_kept_up_to_the_checkpoint() {
         let text = "rollout,total\n0,1.5\n1,2.5\n2,3.5\n";
-        let kept = |text: &str, rollouts| first_rows(text.as_bytes(), rollouts);
+        let kept = |table: &str, rollouts| first_rows(table.as_bytes(), rollouts);
         assert_eq!(kept(text, 2), "rollout,total\n0,1.5\n1,2.5\n");
         assert_eq!(kept(text, 9), text);
         assert_eq!(kept(&text[..text.len() - 1], 9), kept(text, 2));
@@ -67,8 +67,8 @@ mod tests {
     fn rows_that_can_be_read_are_summed_up() {
         let names = "rollout,decisions,total,environments,inference,assignment,update\n";
         let text = format!("{names}0,80,2,1,0,0,1\n1,40,1,1,0,0,0\n2,x,1,1,0,0,0\n");
-        let sums = Timings::read(text.as_bytes());
+        let sums = TimingSums::of_table(text.as_bytes());
         assert_eq!((sums.seconds, sums.decisions_per_second()), (3.0, Some(40.0)));
-        assert_eq!(Timings::read(names.as_bytes()).decisions_per_second(), None);
+        assert_eq!(TimingSums::of_table(names.as_bytes()).decisions_per_second(), None);
     }
 }

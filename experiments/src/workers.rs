@@ -7,7 +7,7 @@ use rayon::ThreadPool;
 
 use crate::error::RunError;
 
-/// Starts the threads that networks run on.
+/// Starts the pool of `threads` threads that networks run on.
 ///
 /// # Errors
 /// [`RunError::Threads`].
@@ -20,7 +20,7 @@ pub fn thread_pool(threads: usize) -> Result<ThreadPool, RunError> {
 
 /// Runs `work` on the threads of `pool`; a panic in any of them is returned as
 /// [`RunError::Panicked`].
-pub(crate) fn guarded<T: Send>(
+pub(crate) fn run_catching_panics<T: Send>(
     pool: &ThreadPool,
     work: impl FnOnce() -> Result<T, RunError> + Send,
 ) -> Result<T, RunError> {
@@ -46,8 +46,8 @@ mod tests {
             (0..8).into_par_iter().for_each(|i| assert!(i != 5, "item {i} fell over"));
             Ok(())
         };
-        let message = guarded(&pool, work).unwrap_err().to_string();
+        let message = run_catching_panics(&pool, work).unwrap_err().to_string();
         assert!(message.contains("item 5 fell over"), "{message}");
-        assert!(guarded(&pool, || Ok(7)).is_ok_and(|seven| seven == 7));
+        assert!(run_catching_panics(&pool, || Ok(7)).is_ok_and(|seven| seven == 7));
     }
 }

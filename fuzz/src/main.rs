@@ -16,7 +16,7 @@ static TARGET: LazyLock<&targets::Target> = LazyLock::new(|| {
     let name = std::env::var("FUZZ").unwrap_or_default();
     let target = targets::TARGETS.iter().find(|target| target.name == name);
     target.unwrap_or_else(|| {
-        let names = targets::TARGETS.map(|target| target.name);
+        let names = targets::TARGETS.map(|known| known.name);
         panic!("FUZZ is `{name}`, expected one of {names:?}")
     })
 });

@@ -1,7 +1,7 @@
 //! Subpixel detection of a ball of a known colour.
 
-use crate::error::{InpaintingError, check_picture, require};
-use crate::moments::Moments;
+use crate::error::{InpaintingError, check_picture_size, require_that};
+use crate::moments::ImageMoments;
 
 /// Minimum number of pixels of a ball: smaller spots are noise.
 const MIN_PIXELS: usize = 20;
@@ -23,12 +23,12 @@ const MAX_SKEWNESS: f64 = 0.06;
 
 /// Ball of one strong colour, which nothing else in the picture has.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ball {
+pub struct CalibrationBall {
     /// Colour of the ball, RGB.
     pub color: [u8; 3],
 }
 
-impl Ball {
+impl CalibrationBall {
     /// Finds the column and row of the ball's middle in `picture` `[H, width, 3]` (pixels; the
     /// middle of the first pixel is at 0.5).
     ///
@@ -38,13 +38,14 @@ impl Ball {
     /// radius.
     ///
     /// # Errors
-    /// [`InpaintingError::NoBall`]; [`InpaintingError::SeveralBalls`]; [`InpaintingError::NoDisc`]
-    /// if more than a sixteenth of the ball is hidden; [`InpaintingError::Value`] for a colour that
-    /// is nearly grey; [`InpaintingError::Length`].
-    pub fn find(&self, picture: &[u8], width: usize) -> Result<[f64; 2], InpaintingError> {
+    /// [`InpaintingError::NoBall`]; [`InpaintingError::SeveralBalls`];
+    /// [`InpaintingError::BallPartlyHidden`] if more than a sixteenth of the ball is hidden;
+    /// [`InpaintingError::InvalidValue`] for a colour that is nearly grey;
+    /// [`InpaintingError::WrongLength`].
+    pub fn find_centre(&self, picture: &[u8], width: usize) -> Result<[f64; 2], InpaintingError> {
         let hue = self.hue()?;
         let height = picture.len() / 3 / width.max(1);
-        check_picture("picture", picture, width * height)?;
+        check_picture_size("picture", picture, width * height)?;
         let amounts = hue.amounts(picture);
         let spots = spots(&amounts, MIN_PIXEL_CHROMA * hue.strength, [width, height]);
         match &spots[..] {
@@ -62,7 +63,7 @@ impl Ball {
         let strength = length(chroma);
         let value = format!("{:?}", self.color);
         let expected = "a strong colour, far from grey, such as [255, 0, 255]";
-        require(strength >= MIN_CHROMA, "colour of the ball", &value, expected)?;
+        require_that(strength >= MIN_CHROMA, "colour of the ball", &value, expected)?;
         Ok(Hue { direction: chroma.map(|part| part / strength), strength })
     }
 }
@@ -129,9 +130,9 @@ fn spots(amounts: &[f64], least: f64, [width, height]: [usize; 2]) -> Vec<Vec<us
 fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
     let (column, row) = (pixel % width, pixel / width);
     let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
-    let around = rows.flat_map(move |row| {
+    let around = rows.flat_map(move |near_row| {
         let columns = column.saturating_sub(1)..=(column + 1).min(width - 1);
-        columns.map(move |column| row * width + column)
+        columns.map(move |near_column| near_row * width + near_column)
     });
     around.filter(move |&other| other != pixel)
 }
@@ -163,14 +164,14 @@ fn outline(
         let place = [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
         (weight, place)
     });
-    let moments = Moments::of(&weighed.collect::<Vec<_>>());
-    let place = moments.middle();
+    let moments = ImageMoments::of_weighted_pixels(&weighed.collect::<Vec<_>>());
+    let place = moments.centroid();
     let cut = spot.iter().any(|pixel| {
         let (column, row) = (pixel % width, pixel / width);
         column == 0 || row == 0 || column + 1 == width || row + 1 == height
     });
-    let is_disc = moments.elongation() <= MAX_ELONGATION && moments.skewness() <= MAX_SKEWNESS;
-    if is_disc && !cut { Ok(place) } else { Err(InpaintingError::NoDisc { place }) }
+    let is_disc = moments.elongation() <= MAX_ELONGATION && moments.max_skewness() <= MAX_SKEWNESS;
+    if is_disc && !cut { Ok(place) } else { Err(InpaintingError::BallPartlyHidden { place }) }
 }
 
 #[cfg(test)]
@@ -180,7 +181,7 @@ mod tests {
     use super::*;
 
     const SIZE: [usize; 2] = [96, 72];
-    const BALL: Ball = Ball { color: [255, 0, 255] };
+    const BALL: CalibrationBall = CalibrationBall { color: [255, 0, 255] };
     const TABLE: [f64; 3] = [123.0, 95.0, 78.0];
 
     /// A table with balls, shaded towards their edges, as a camera of this exposure sees them. A
@@ -216,7 +217,7 @@ mod tests {
             exposure in 0.8..1.2,
         ) {
             let seen = picture(&[([column, row], radius)], exposure);
-            let [x, y] = BALL.find(&seen, SIZE[0]).unwrap();
+            let [x, y] = BALL.find_centre(&seen, SIZE[0]).unwrap();
             let off = (x - column).hypot(y - row);
             prop_assert!(off < 0.1, "{off}");
         }
@@ -224,7 +225,7 @@ mod tests {
 
     #[test]
     fn none_two_and_parts_of_one_are_refused() {
-        let find = |balls: &[([f64; 2], f64)]| BALL.find(&picture(balls, 1.0), SIZE[0]);
+        let find = |balls: &[([f64; 2], f64)]| BALL.find_centre(&picture(balls, 1.0), SIZE[0]);
         let ball = ([40.0, 30.0], 8.0);
         assert!(find(&[ball]).is_ok());
         for nothing in [&[][..], &[([40.0, 30.0], 1.5)]] {
@@ -233,12 +234,12 @@ mod tests {
         }
         let message = find(&[ball, ([80.0, 60.0], 5.0)]).unwrap_err().to_string();
         assert!(message.contains("2 things") && message.contains("[[40, 30], [80, 60]]"));
-        let message = find(&[([2.0, 30.0], 8.0)]).unwrap_err().to_string();
-        assert!(message.contains("no disc"), "{message}");
+        let edge_message = find(&[([2.0, 30.0], 8.0)]).unwrap_err().to_string();
+        assert!(edge_message.contains("no disc"), "{edge_message}");
         // an arm over half of it
         let hidden = behind_an_arm(ball, 30);
-        let message = BALL.find(&hidden, SIZE[0]).unwrap_err().to_string();
-        assert!(message.contains("partly hidden"), "{message}");
+        let hidden_message = BALL.find_centre(&hidden, SIZE[0]).unwrap_err().to_string();
+        assert!(hidden_message.contains("partly hidden"), "{hidden_message}");
     }
 
     /// A ball with a grey arm over it, which ends at a row.
@@ -256,7 +257,7 @@ mod tests {
             let top = 30 - radius as usize;
             let a_fifth = 30 - (radius / 2.0) as usize;
             for end in top..42 {
-                match BALL.find(&behind_an_arm((middle, radius), end), SIZE[0]) {
+                match BALL.find_centre(&behind_an_arm((middle, radius), end), SIZE[0]) {
                     Err(_) => assert_ne!(end, top, "{radius}: nothing is hidden"),
                     Ok([x, y]) => {
                         let off = (x - middle[0]).hypot(y - middle[1]);
@@ -278,8 +279,8 @@ mod tests {
                 let pixel = 3 * ((row + 5) * SIZE[0] + slope * row + 7);
                 seen[pixel..pixel + 3].copy_from_slice(&[level, 0, level]);
             }
-            let found = BALL.find(&seen, SIZE[0]);
-            let refused = matches!(found, Err(InpaintingError::NoDisc { .. }));
+            let found = BALL.find_centre(&seen, SIZE[0]);
+            let refused = matches!(found, Err(InpaintingError::BallPartlyHidden { .. }));
             assert!(refused, "{length}, {slope}: {found:?}");
         }
     }
@@ -289,18 +290,21 @@ mod tests {
     fn other_colours_greys_and_pictures_of_no_size_are_refused() {
         let seen = picture(&[([40.0, 30.0], 8.0)], 1.0);
         for color in [[255, 0, 0], [0, 0, 255], [0, 255, 0], [255, 255, 0]] {
-            assert!(Ball { color }.find(&seen, SIZE[0]).is_err(), "{color:?}");
+            assert!(CalibrationBall { color }.find_centre(&seen, SIZE[0]).is_err(), "{color:?}");
         }
-        let grey = Ball { color: [120, 110, 100] };
-        let message = grey.find(&seen, SIZE[0]).unwrap_err().to_string();
+        let grey = CalibrationBall { color: [120, 110, 100] };
+        let message = grey.find_centre(&seen, SIZE[0]).unwrap_err().to_string();
         assert!(message.contains("far from grey"), "{message}");
         for level in [0, 128, 255] {
             let flat = vec![level; seen.len()];
-            assert!(matches!(BALL.find(&flat, SIZE[0]), Err(InpaintingError::NoBall { .. })));
+            assert!(matches!(
+                BALL.find_centre(&flat, SIZE[0]),
+                Err(InpaintingError::NoBall { .. })
+            ));
         }
         for width in [0, 5, usize::MAX] {
-            assert!(BALL.find(&seen[..7], width).is_err(), "{width}");
+            assert!(BALL.find_centre(&seen[..7], width).is_err(), "{width}");
         }
-        assert!(BALL.find(&[], 0).is_err());
+        assert!(BALL.find_centre(&[], 0).is_err());
     }
 }

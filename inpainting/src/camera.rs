@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::error::{InpaintingError, require};
+use crate::error::{InpaintingError, require_that};
 
 /// Largest coordinate of a point (metres). Squares of far larger ones overflow.
 const MAX_COORDINATE: f64 = 1e9;
@@ -17,17 +17,21 @@ pub struct Intrinsics {
     /// Height of the picture (pixels).
     pub height: usize,
     /// Horizontal and vertical focal lengths (pixels).
-    pub focal: [f64; 2],
+    pub focal_lengths: [f64; 2],
     /// Principal point: column and row of the optical axis (pixels).
-    pub centre: [f64; 2],
+    pub principal_point: [f64; 2],
 }
 
 impl Intrinsics {
     /// Intrinsics of the colour camera of an Intel RealSense D435 at 640 x 480: about the mean of
     /// what owners report (focal lengths of 607 to 618 pixels, an axis within a few pixels of the
     /// middle).
-    pub const REALSENSE_D435: Self =
-        Self { width: 640, height: 480, focal: [615.0; 2], centre: [318.0, 240.0] };
+    pub const REALSENSE_D435: Self = Self {
+        width: 640,
+        height: 480,
+        focal_lengths: [615.0; 2],
+        principal_point: [318.0, 240.0],
+    };
 
     fn check(&self) -> Result<(), InpaintingError> {
         let size = format!("{} x {}", self.width, self.height);
@@ -35,13 +39,14 @@ impl Intrinsics {
         let bytes = bytes.and_then(|pixels| pixels.checked_mul(3));
         let holds = bytes.is_some_and(|bytes| bytes > 0 && bytes <= isize::MAX as usize);
         let expected = "at least 1 x 1, and a picture that fits into memory";
-        require(holds, "picture size", &size, expected)?;
-        let positive = self.focal.iter().all(|f| *f > 0.0 && f.is_finite());
-        let (value, expected) = (format!("{:?}", self.focal), "two positive numbers of pixels");
-        require(positive, "focal length", &value, expected)?;
-        let finite = self.centre.iter().all(|c| c.is_finite());
-        let value = format!("{:?}", self.centre);
-        require(finite, "optical axis", &value, "two finite numbers")
+        require_that(holds, "picture size", &size, expected)?;
+        let positive = self.focal_lengths.iter().all(|f| *f > 0.0 && f.is_finite());
+        let (value, expected_focal) =
+            (format!("{:?}", self.focal_lengths), "two positive numbers of pixels");
+        require_that(positive, "focal length", &value, expected_focal)?;
+        let finite = self.principal_point.iter().all(|c| c.is_finite());
+        let centre = format!("{:?}", self.principal_point);
+        require_that(finite, "optical axis", &centre, "two finite numbers")
     }
 }
 
@@ -74,16 +79,21 @@ impl Extrinsics {
         let Self { rotation, translation } = self;
         let orthonormal = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6);
         let holds = orthonormal && rotation.determinant() > 0.0;
-        require(holds, "rotation", rotation, "an orthonormal matrix of determinant 1")?;
-        require(is_near(*translation), "translation", translation, NEAR)
+        require_that(holds, "rotation", rotation, "an orthonormal matrix of determinant 1")?;
+        require_that(
+            has_valid_coordinates(*translation),
+            "translation",
+            translation,
+            VALID_COORDINATES,
+        )
     }
 }
 
-/// Condition of [`is_near`], for error messages.
-pub(crate) const NEAR: &str = "three numbers of metres, each at most 1e9";
+/// Condition of [`has_valid_coordinates`], for error messages.
+pub(crate) const VALID_COORDINATES: &str = "three numbers of metres, each at most 1e9";
 
 /// Returns `true` if a point is finite and no coordinate exceeds [`MAX_COORDINATE`].
-pub(crate) fn is_near(point: DVec3) -> bool {
+pub(crate) fn has_valid_coordinates(point: DVec3) -> bool {
     point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
 }
 
@@ -105,8 +115,8 @@ impl PinholeCamera {
             intrinsics: Intrinsics {
                 width: size,
                 height: size,
-                focal: [middle * height / half_extent; 2],
-                centre: [middle; 2],
+                focal_lengths: [middle * height / half_extent; 2],
+                principal_point: [middle; 2],
             },
             extrinsics: Extrinsics::overhead(height),
         }
@@ -116,7 +126,7 @@ impl PinholeCamera {
     /// matrices that are no rotation.
     ///
     /// # Errors
-    /// [`InpaintingError::Value`].
+    /// [`InpaintingError::InvalidValue`].
     pub fn check(&self) -> Result<(), InpaintingError> {
         self.intrinsics.check()?;
         self.extrinsics.check()
@@ -125,26 +135,26 @@ impl PinholeCamera {
     /// Projects a point of the world. Returns its offset from the principal point, columns to the
     /// right and rows down (pixels). `None` if it is behind the camera.
     pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
-        let seen = self.in_camera(point);
-        let [fx, fy] = self.intrinsics.focal;
+        let seen = self.world_to_camera(point);
+        let [fx, fy] = self.intrinsics.focal_lengths;
         (seen.z > 0.0).then(|| [fx * seen.x / seen.z, fy * seen.y / seen.z])
     }
 
     /// Transforms a point of the world into the camera's frame (metres).
-    pub(crate) fn in_camera(&self, point: DVec3) -> DVec3 {
+    pub(crate) fn world_to_camera(&self, point: DVec3) -> DVec3 {
         self.extrinsics.rotation * point + self.extrinsics.translation
     }
 
     /// Returns the unit vector through the middle of a pixel, in the camera's frame.
-    pub(crate) fn ray(&self, row: usize, column: usize) -> DVec3 {
-        let Intrinsics { focal, centre, .. } = self.intrinsics;
+    pub(crate) fn pixel_ray(&self, row: usize, column: usize) -> DVec3 {
+        let Intrinsics { focal_lengths: focal, principal_point: centre, .. } = self.intrinsics;
         let x = (column as f64 + 0.5 - centre[0]) / focal[0];
         let y = (row as f64 + 0.5 - centre[1]) / focal[1];
         DVec3::new(x, y, 1.0).normalize()
     }
 
     /// Returns the number of pixels of a picture.
-    pub fn pixels(&self) -> usize {
+    pub fn num_pixels(&self) -> usize {
         self.intrinsics.width * self.intrinsics.height
     }
 }
@@ -160,8 +170,8 @@ pub(crate) mod tests {
             intrinsics: Intrinsics {
                 width: 40,
                 height: 30,
-                focal: [35.0, 33.0],
-                centre: [21.0, 14.5],
+                focal_lengths: [35.0, 33.0],
+                principal_point: [21.0, 14.5],
             },
             extrinsics: Extrinsics { rotation, translation: DVec3::new(0.1, -0.05, 1.2) },
         }
@@ -172,15 +182,17 @@ pub(crate) mod tests {
     fn projections_are_where_rays_come_from() {
         let camera = askew();
         let Extrinsics { rotation, translation } = camera.extrinsics;
-        let [cx, cy] = camera.intrinsics.centre;
-        for (index, depth) in (0..camera.pixels()).zip([0.01, 0.7, 30.0].into_iter().cycle()) {
+        let [cx, cy] = camera.intrinsics.principal_point;
+        for (index, depth) in (0..camera.num_pixels()).zip([0.01, 0.7, 30.0].into_iter().cycle()) {
             let (row, column) = (index / 40, index % 40);
-            let point = rotation.transpose() * (depth * camera.ray(row, column) - translation);
+            let point =
+                rotation.transpose() * (depth * camera.pixel_ray(row, column) - translation);
             let [right, down] = camera.project(point).unwrap();
             let off =
                 (right + cx - (column as f64 + 0.5)).abs() + (down + cy - (row as f64 + 0.5)).abs();
             assert!(off < 1e-12 * (1.0 + 1.0 / depth), "{index}: {off} pixels");
-            let behind = rotation.transpose() * (-depth * camera.ray(row, column) - translation);
+            let behind =
+                rotation.transpose() * (-depth * camera.pixel_ray(row, column) - translation);
             assert_eq!(camera.project(behind), None);
         }
     }

@@ -2,38 +2,39 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use crate::imperfections::Imperfections;
-use crate::sensor::normal;
+use crate::imperfections::CameraImperfections;
+use crate::sensor::standard_normal;
 
 /// Logarithms of gains, as Ornstein-Uhlenbeck processes about zero that each picture samples.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Drift {
+pub(crate) struct GainDrift {
     /// Logarithms of the gains of all light, of red and of blue, in standard deviations.
     logarithms: [f64; 3],
     /// Time of the last sample (seconds); `None` before the first.
     drawn: Option<f64>,
 }
 
-impl Drift {
+impl GainDrift {
     /// Samples the gains of red, green and blue at the time `now` (seconds), which never decreases.
-    pub(crate) fn gains(
+    pub(crate) fn sample_gains(
         &mut self,
-        imperfections: &Imperfections,
+        imperfections: &CameraImperfections,
         now: f64,
         rng: &mut ChaCha8Rng,
     ) -> [f64; 3] {
         // an infinite time before the first sample draws it from the stationary distribution
         let passed = self.drawn.map_or(f64::INFINITY, |drawn| now - drawn);
-        let kept = (-passed / imperfections.drift_time).exp();
+        let kept = (-passed / imperfections.drift_correlation_time).exp();
         // keeps the variance at 1
         let fresh = (1.0 - kept * kept).max(0.0).sqrt();
         for logarithm in &mut self.logarithms {
-            *logarithm = kept * *logarithm + fresh * f64::from(normal(rng));
+            *logarithm = kept * *logarithm + fresh * f64::from(standard_normal(rng));
         }
         self.drawn = Some(now);
         let [exposure, red, blue] = self.logarithms;
-        let exposure = imperfections.exposure_drift * exposure;
-        let of = |deviation: f64| (exposure + imperfections.balance_drift * deviation).exp();
+        let exposure = imperfections.exposure_drift_sd * exposure;
+        let of =
+            |deviation: f64| (exposure + imperfections.white_balance_drift_sd * deviation).exp();
         [of(red), of(0.0), of(blue)]
     }
 }
@@ -44,19 +45,19 @@ mod tests {
 
     use super::*;
 
-    const DRIFTING: Imperfections = Imperfections {
-        exposure_drift: 0.2,
-        balance_drift: 0.05,
-        drift_time: 2.0,
-        ..Imperfections::OFF
+    const DRIFTING: CameraImperfections = CameraImperfections {
+        exposure_drift_sd: 0.2,
+        white_balance_drift_sd: 0.05,
+        drift_correlation_time: 2.0,
+        ..CameraImperfections::NONE
     };
 
     /// Logarithms of the gains every `period` seconds.
     fn watched(period: f64, count: usize) -> Vec<[f64; 3]> {
         let rng = &mut ChaCha8Rng::seed_from_u64(1000);
-        let mut drift = Drift::default();
+        let mut drift = GainDrift::default();
         let times = (0..count).map(|i| i as f64 * period);
-        times.map(|now| drift.gains(&DRIFTING, now, rng).map(f64::ln)).collect()
+        times.map(|now| drift.sample_gains(&DRIFTING, now, rng).map(f64::ln)).collect()
     }
 
     fn mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -84,10 +85,10 @@ mod tests {
     #[test]
     fn the_same_time_has_the_same_gains_and_without_drift_they_are_1() {
         let rng = &mut ChaCha8Rng::seed_from_u64(1001);
-        let mut drift = Drift::default();
-        let first = drift.gains(&DRIFTING, 3.0, rng);
-        assert_eq!(drift.gains(&DRIFTING, 3.0, rng), first);
-        assert_ne!(drift.gains(&DRIFTING, 4.0, rng), first);
-        assert_eq!(drift.gains(&Imperfections::OFF, 9.0, rng), [1.0; 3]);
+        let mut drift = GainDrift::default();
+        let first = drift.sample_gains(&DRIFTING, 3.0, rng);
+        assert_eq!(drift.sample_gains(&DRIFTING, 3.0, rng), first);
+        assert_ne!(drift.sample_gains(&DRIFTING, 4.0, rng), first);
+        assert_eq!(drift.sample_gains(&CameraImperfections::NONE, 9.0, rng), [1.0; 3]);
     }
 }

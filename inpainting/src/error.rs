@@ -1,12 +1,14 @@
 //! Errors of this crate.
 
+use glam::DVec3;
+
 /// Error in settings, inputs or pictures, or of a hand-eye calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InpaintingError {
     /// A setting, or a position, outside its range.
     #[error("`{name}` is {value}, expected {expected}")]
-    Value {
+    InvalidValue {
         /// Name of the setting or input.
         name: &'static str,
         /// Value found.
@@ -16,7 +18,7 @@ pub enum InpaintingError {
     },
     /// A slice of the wrong length.
     #[error("`{what}` has {got} elements, expected {expected}")]
-    Length {
+    WrongLength {
         /// Content of the slice.
         what: &'static str,
         /// Length of the slice.
@@ -26,8 +28,9 @@ pub enum InpaintingError {
     },
     /// A camera whose picture does not show all of the required area.
     #[error(
-        "the picture of {width} x {height} pixels ends before column and row {place:?}: move the \
-         camera higher or nearer to the middle, or request less of the table"
+        "the camera's picture of {width} x {height} pixels does not show all of the table that is \
+         needed: {}. Check the camera's position, direction and lens in its calibration, move it \
+         higher or nearer to the middle, or request less of the table", shown_at(.place)
     )]
     OutOfSight {
         /// Column and row that are needed; `None` if the lens shows nothing there.
@@ -50,23 +53,44 @@ pub enum InpaintingError {
         "the camera that the search starts from does not see the hand of pose {pose} at all: \
          correct its position and orientation"
     )]
-    Unseen {
+    HandUnseenFromStart {
         /// Number of the pose.
         pose: usize,
     },
-    /// A pose that is inconsistent with the others.
+    /// One pose that is inconsistent with the others.
     #[error(
         "the ball of pose {pose} is seen {pixels:.1} pixels from where the other poses predict it, \
-         expected at most {limit} pixels: check that it did not move in the hand, that no other \
-         object was taken for it, and that intrinsics and joint positions are right"
+         expected at most {limit:.1} pixels: check that it did not move in the hand, and that no \
+         other object was taken for it; with more than ten poses such a one is left out"
     )]
-    Misfit {
+    OutlierPose {
+        /// Number of the pose.
+        pose: usize,
+        /// Residual of that pose (pixels).
+        pixels: f64,
+        /// Largest residual allowed (pixels).
+        limit: f64,
+    },
+    /// Poses that are inconsistent, whichever one is left out.
+    #[error(
+        "the poses contradict each other, whichever one is left out: the ball of pose {pose} is \
+         {pixels:.1} pixels off, expected at most {limit:.1} for an arm that is accurate to {:.1} \
+         mm (`--arm-accuracy`). {}Check that the ball's offset (`--offset`) is in millimetres and \
+         along the axes of the hand, that poses of the hand are in metres in the world, that \
+         columns and rows of pixels are not swapped, and that the intrinsics are those of this \
+         picture size", 1e3 * accuracy, fits(.fitted)
+    )]
+    InconsistentPoses {
         /// Number of the worst pose.
         pose: usize,
         /// Residual of that pose (pixels).
         pixels: f64,
         /// Largest residual allowed (pixels).
         limit: f64,
+        /// Standard deviation of the ball's position by the arm's joints (metres).
+        accuracy: f64,
+        /// Offset of the ball (metres) with which the poses fit, if the given one is wrong.
+        fitted: Option<DVec3>,
     },
     /// A focal length that the poses contradict.
     #[error(
@@ -75,7 +99,7 @@ pub enum InpaintingError {
          picture size), and check the joint positions and the distortion of the lens", .given[0],
         .given[1], .fitted[0], .fitted[1]
     )]
-    WrongFocal {
+    WrongFocalLength {
         /// Given focal lengths, horizontal and vertical (pixels).
         given: [f64; 2],
         /// Focal lengths that fit the poses best (pixels).
@@ -85,7 +109,7 @@ pub enum InpaintingError {
     },
     /// Poses that do not determine the camera.
     #[error("the poses do not determine where the camera is: {advice}")]
-    Undetermined {
+    CameraPoseUndetermined {
         /// Advice for better poses.
         advice: &'static str,
     },
@@ -116,14 +140,27 @@ pub enum InpaintingError {
         "the visible part of the ball at column and row {place:.0?} is no disc: the ball is partly \
          hidden, or at the picture's edge"
     )]
-    NoDisc {
+    BallPartlyHidden {
         /// Column and row of its visible part (pixels).
         place: [f64; 2],
     },
 }
 
+fn shown_at(place: &Option<[f64; 2]>) -> String {
+    match place {
+        Some([column, row]) => format!("a part would be at column {column:.0}, row {row:.0}"),
+        None => "the lens shows a part nowhere".to_owned(),
+    }
+}
+
+fn fits(offset: &Option<DVec3>) -> String {
+    offset.as_ref().map_or_else(String::new, |&metres| {
+        format!("They fit if the ball is at {:.1} mm in the hand. ", 1e3 * metres)
+    })
+}
+
 /// Rejects a picture `[H, W, 3]` with another number of pixels.
-pub(crate) fn check_picture(
+pub(crate) fn check_picture_size(
     what: &'static str,
     picture: &[u8],
     pixels: usize,
@@ -131,11 +168,11 @@ pub(crate) fn check_picture(
     if picture.len() == 3 * pixels {
         return Ok(());
     }
-    Err(InpaintingError::Length { what, got: picture.len(), expected: 3 * pixels })
+    Err(InpaintingError::WrongLength { what, got: picture.len(), expected: 3 * pixels })
 }
 
-/// Returns [`InpaintingError::Value`] unless a condition holds.
-pub(crate) fn require(
+/// Returns [`InpaintingError::InvalidValue`] unless a condition holds.
+pub(crate) fn require_that(
     holds: bool,
     name: &'static str,
     value: &dyn ToString,
@@ -145,13 +182,16 @@ pub(crate) fn require(
         return Ok(());
     }
     let value = value.to_string();
-    Err(InpaintingError::Value { name, value, expected })
+    Err(InpaintingError::InvalidValue { name, value, expected })
 }
 
 /// Rejects a length (metres) that is negative or not finite.
-pub(crate) fn require_length(name: &'static str, length: f64) -> Result<(), InpaintingError> {
+pub(crate) fn require_nonnegative_metres(
+    name: &'static str,
+    length: f64,
+) -> Result<(), InpaintingError> {
     let holds = length >= 0.0 && length.is_finite();
-    require(holds, name, &length, "a length in metres")
+    require_that(holds, name, &length, "a length in metres")
 }
 
 /// Rejects a value that is not positive and finite.
@@ -160,5 +200,5 @@ pub(crate) fn require_positive(
     value: f64,
     expected: &'static str,
 ) -> Result<(), InpaintingError> {
-    require(value > 0.0 && value.is_finite(), name, &value, expected)
+    require_that(value > 0.0 && value.is_finite(), name, &value, expected)
 }

@@ -2,23 +2,23 @@
 
 use glam::DVec3;
 
-use crate::camera::{NEAR, PinholeCamera, is_near};
+use crate::camera::{PinholeCamera, VALID_COORDINATES, has_valid_coordinates};
 use crate::color::ColorCorrection;
-use crate::error::{InpaintingError, check_picture, require, require_length};
-use crate::links::{Capsule, Link};
-use crate::mark::Mark;
+use crate::error::{InpaintingError, check_picture_size, require_nonnegative_metres, require_that};
+use crate::links::{ArmLink, Capsule};
+use crate::mark::GripperMark;
 
 /// Settings of an [`Inpainter`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct InpainterSettings {
-    /// Camera of the pictures.
+    /// Camera that takes the pictures.
     pub camera: PinholeCamera,
-    /// Links of the arm.
-    pub links: Vec<Link>,
+    /// Links of the arm to paint out.
+    pub arm_links: Vec<ArmLink>,
     /// Colour correction of each frame to the first background.
-    pub correction: ColorCorrection,
+    pub colour_correction: ColorCorrection,
     /// Mark that is drawn over the gripper.
-    pub mark: Mark,
+    pub gripper_mark: GripperMark,
 }
 
 /// In-painter that removes an arm from the frames of one episode.
@@ -40,11 +40,11 @@ impl Inpainter {
     /// without the arm.
     ///
     /// # Errors
-    /// [`InpaintingError::Value`], [`InpaintingError::Length`].
+    /// [`InpaintingError::InvalidValue`], [`InpaintingError::WrongLength`].
     pub fn new(settings: InpainterSettings, background: &[u8]) -> Result<Self, InpaintingError> {
         settings.check()?;
-        let pixels = settings.camera.pixels();
-        check_picture("background", background, pixels)?;
+        let pixels = settings.camera.num_pixels();
+        check_picture_size("background", background, pixels)?;
         Ok(Self {
             settings,
             reference: background.to_vec(),
@@ -58,9 +58,9 @@ impl Inpainter {
     /// of the arm's joints and of the gripper (metres, world frame).
     ///
     /// # Errors
-    /// [`InpaintingError::Length`]; [`InpaintingError::Value`] for a link without its joints, or a
-    /// position that is not finite or has a coordinate beyond 1e9 m. The in-painter is unchanged
-    /// then.
+    /// [`InpaintingError::WrongLength`]; [`InpaintingError::InvalidValue`] for a link without its
+    /// joints, or a position that is not finite or has a coordinate beyond 1e9 m. The in-painter is
+    /// unchanged then.
     pub fn inpaint(
         &mut self,
         image: &[u8],
@@ -68,29 +68,29 @@ impl Inpainter {
         gripper: DVec3,
         out: &mut [u8],
     ) -> Result<(), InpaintingError> {
-        check_picture("image", image, self.mask.len())?;
-        check_picture("out", out, self.mask.len())?;
+        check_picture_size("image", image, self.mask.len())?;
+        check_picture_size("out", out, self.mask.len())?;
         self.check_positions(joints, gripper)?;
         self.mask_arm(joints);
         self.refresh(image);
         out.copy_from_slice(&self.background);
-        self.settings.mark.draw(&self.settings.camera, gripper, out);
+        self.settings.gripper_mark.draw(&self.settings.camera, gripper, out);
         Ok(())
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the in-painter.
     pub fn settings(&self) -> &InpainterSettings {
         &self.settings
     }
 
     /// Returns the mask of the last frame, `[H, W]`: `true` for pixels that the arm hides.
-    pub fn mask(&self) -> &[bool] {
+    pub fn arm_mask(&self) -> &[bool] {
         &self.mask
     }
 
     /// Returns the largest difference of a channel (levels) between the last frame, in corrected
     /// colours, and the first background, for each pixel `[H * W]`.
-    pub fn difference(&self) -> impl Iterator<Item = u8> {
+    pub fn difference_from_background(&self) -> impl Iterator<Item = u8> {
         let pixels = self.corrected.chunks_exact(3);
         let pairs = pixels.zip(self.reference.chunks_exact(3));
         pairs.map(|(now, before)| {
@@ -101,34 +101,39 @@ impl Inpainter {
 
     /// Rejects positions out of range, and too few joints for the links.
     fn check_positions(&self, joints: &[DVec3], gripper: DVec3) -> Result<(), InpaintingError> {
-        let index = joints.iter().position(|joint| !is_near(*joint));
+        let index = joints.iter().position(|joint| !has_valid_coordinates(*joint));
         let value = index.map_or_else(String::new, |i| format!("{} at {i}", joints[i]));
-        require(index.is_none(), "joint positions", &value, NEAR)?;
-        require(is_near(gripper), "gripper position", &gripper, NEAR)?;
-        let ends = self.settings.links.iter().flat_map(|link| link.joints);
+        require_that(index.is_none(), "joint positions", &value, VALID_COORDINATES)?;
+        require_that(
+            has_valid_coordinates(gripper),
+            "gripper position",
+            &gripper,
+            VALID_COORDINATES,
+        )?;
+        let ends = self.settings.arm_links.iter().flat_map(|link| link.end_joints);
         let last = ends.max().unwrap_or(0);
-        let known = last < joints.len() || self.settings.links.is_empty();
+        let known = last < joints.len() || self.settings.arm_links.is_empty();
         let expected = "an index below the number of joints";
-        require(known, "joint of a link", &last, expected)
+        require_that(known, "joint of a link", &last, expected)
     }
 
     /// Computes the mask from the positions of the joints.
     fn mask_arm(&mut self, joints: &[DVec3]) {
         self.mask.fill(false);
         let camera = &self.settings.camera;
-        for link in &self.settings.links {
+        for link in &self.settings.arm_links {
             let capsule = Capsule {
-                ends: link.joints.map(|joint| camera.in_camera(joints[joint])),
+                ends: link.end_joints.map(|joint| camera.world_to_camera(joints[joint])),
                 radius: link.radius,
             };
-            capsule.mark(camera, &mut self.mask);
+            capsule.add_to_mask(camera, &mut self.mask);
         }
     }
 
     /// Copies the visible pixels of `image`, in corrected colours, into the background.
     fn refresh(&mut self, image: &[u8]) {
         self.corrected.copy_from_slice(image);
-        let correction = self.settings.correction;
+        let correction = self.settings.colour_correction;
         correction.apply(&self.reference, &self.mask, &mut self.corrected);
         let pixels = self.background.chunks_exact_mut(3);
         for ((old, new), &hidden) in pixels.zip(self.corrected.chunks_exact(3)).zip(&self.mask) {
@@ -142,9 +147,9 @@ impl Inpainter {
 impl InpainterSettings {
     fn check(&self) -> Result<(), InpaintingError> {
         self.camera.check()?;
-        self.mark.check()?;
-        let mut links = self.links.iter();
-        links.try_for_each(|link| require_length("link radius", link.radius))
+        self.gripper_mark.check()?;
+        let mut links = self.arm_links.iter();
+        links.try_for_each(|link| require_nonnegative_metres("link radius", link.radius))
     }
 }
 
@@ -160,33 +165,33 @@ mod tests {
     fn settings() -> InpainterSettings {
         InpainterSettings {
             camera: askew(),
-            links: vec![Link { joints: [0, 1], radius: 0.1 }],
-            correction: ColorCorrection::None,
-            mark: MARK,
+            arm_links: vec![ArmLink { end_joints: [0, 1], radius: 0.1 }],
+            colour_correction: ColorCorrection::None,
+            gripper_mark: MARK,
         }
     }
 
     /// Pixels outside the mask are updated; pixels behind the arm stay as last seen.
     #[test]
     fn the_background_is_refreshed_where_the_arm_is_not() {
-        let mark = Mark { radius: 0.0, ..MARK };
-        let settings = InpainterSettings { mark, ..settings() };
-        let pixels = settings.camera.pixels();
+        let mark = GripperMark { outer_radius: 0.0, ..MARK };
+        let settings = InpainterSettings { gripper_mark: mark, ..settings() };
+        let pixels = settings.camera.num_pixels();
         let mut inpainter = Inpainter::new(settings, &vec![10; 3 * pixels]).unwrap();
         let left = [DVec3::new(-0.3, -0.3, 0.0), DVec3::new(-0.3, 0.3, 0.0)];
         let right = left.map(|joint| DVec3::new(0.3, joint.y, joint.z));
         let mut out = vec![0; 3 * pixels];
         inpainter.inpaint(&vec![20; 3 * pixels], &left, DVec3::ZERO, &mut out).unwrap();
-        let first = inpainter.mask().to_vec();
-        assert!(inpainter.difference().all(|levels| levels == 10));
+        let first = inpainter.arm_mask().to_vec();
+        assert!(inpainter.difference_from_background().all(|levels| levels == 10));
         let hidden = first.iter().filter(|&&hidden| hidden).count();
         assert!(hidden > 50 && hidden < pixels / 2, "{hidden}");
-        for (pixel, &hidden) in out.chunks_exact(3).zip(&first) {
-            assert_eq!(pixel, if hidden { [10; 3] } else { [20; 3] });
+        for (pixel, &is_hidden) in out.chunks_exact(3).zip(&first) {
+            assert_eq!(pixel, if is_hidden { [10; 3] } else { [20; 3] });
         }
         inpainter.inpaint(&vec![30; 3 * pixels], &right, DVec3::ZERO, &mut out).unwrap();
-        assert_ne!(inpainter.mask(), first);
-        for ((pixel, &now), &before) in out.chunks_exact(3).zip(inpainter.mask()).zip(&first) {
+        assert_ne!(inpainter.arm_mask(), first);
+        for ((pixel, &now), &before) in out.chunks_exact(3).zip(inpainter.arm_mask()).zip(&first) {
             let seen = match (now, before) {
                 (false, _) => 30,
                 (true, false) => 20,
@@ -199,18 +204,18 @@ mod tests {
     #[test]
     fn the_mark_stands_at_the_gripper() {
         let settings = settings();
-        let (camera, pixels) = (settings.camera, settings.camera.pixels());
+        let (camera, pixels) = (settings.camera, settings.camera.num_pixels());
         let mut inpainter = Inpainter::new(settings, &vec![0; 3 * pixels]).unwrap();
         let gripper = DVec3::new(0.05, 0.1, 0.1);
         let mut out = vec![0; 3 * pixels];
         inpainter.inpaint(&vec![0; 3 * pixels], &[gripper; 2], gripper, &mut out).unwrap();
         let [right, down] = camera.project(gripper).unwrap();
-        let [cx, cy] = camera.intrinsics.centre;
+        let [cx, cy] = camera.intrinsics.principal_point;
         let pixel = ((cy + down) as usize * 40 + (cx + right) as usize) * 3;
         assert_eq!(out[pixel..pixel + 3], MARK.color);
         // a disc of 0.1 m at 1.2 m, through focal lengths of 35 and 33 pixels
         let (area, expected) = (
-            out.chunks_exact(3).filter(|pixel| pixel[2] == 255).count() as f64,
+            out.chunks_exact(3).filter(|rgb| rgb[2] == 255).count() as f64,
             std::f64::consts::PI * (0.1 / 1.2_f64).powi(2) * 35.0 * 33.0,
         );
         assert!((area - expected).abs() < 5.0, "{area} pixels, not {expected}");
@@ -226,13 +231,13 @@ mod tests {
                 "picture size` is 461168601842738790 x 30",
             ),
             (|s| s.camera.extrinsics.translation.y = -1e200, "translation"),
-            (|s| s.camera.intrinsics.focal[1] = -3.0, "focal length` is [35.0, -3.0]"),
-            (|s| s.camera.intrinsics.centre[0] = f64::NAN, "optical axis"),
+            (|s| s.camera.intrinsics.focal_lengths[1] = -3.0, "focal length` is [35.0, -3.0]"),
+            (|s| s.camera.intrinsics.principal_point[0] = f64::NAN, "optical axis"),
             (|s| s.camera.extrinsics.rotation = DMat3::ZERO, "rotation"),
             (|s| s.camera.extrinsics.translation.x = f64::INFINITY, "translation"),
-            (|s| s.links[0].radius = -0.1, "link radius` is -0.1"),
-            (|s| s.mark.depth = 0.0, "mark depth` is 0"),
-            (|s| s.mark.hole = 0.2, "mark hole` is 0.2"),
+            (|s| s.arm_links[0].radius = -0.1, "link radius` is -0.1"),
+            (|s| s.gripper_mark.reference_depth = 0.0, "mark depth` is 0"),
+            (|s| s.gripper_mark.hole_radius = 0.2, "mark hole` is 0.2"),
         ];
         for (change, says) in broken {
             let mut settings = settings();

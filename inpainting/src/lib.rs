@@ -18,18 +18,19 @@ mod sensor;
 mod simulated_camera;
 mod warp;
 
-pub use ball::Ball;
+pub use ball::CalibrationBall;
 pub use calibration::Calibration;
 pub use camera::{Extrinsics, Intrinsics, PinholeCamera};
 pub use color::ColorCorrection;
 pub use distortion::Distortion;
 pub use error::InpaintingError;
 pub use hand_eye::{
-    BallSighting, Focal, HandEye, MAX_RESIDUAL, MIN_POSES, Offset, Residual, Uncertainty,
+    BallOffset, BallSighting, FocalLengthEstimate, HandEyeCalibration, HandEyeSettings,
+    MIN_CALIBRATION_POSES, Residual, Uncertainty,
 };
-pub use imperfections::Imperfections;
+pub use imperfections::CameraImperfections;
 pub use inpainter::{Inpainter, InpainterSettings};
-pub use links::Link;
-pub use mark::Mark;
+pub use links::ArmLink;
+pub use mark::GripperMark;
 pub use perception::{Perception, PerceptionSettings};
 pub use simulated_camera::SimulatedCamera;

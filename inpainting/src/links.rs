@@ -8,10 +8,10 @@ use crate::camera::PinholeCamera;
 
 /// Link of an arm: all points within `radius` of the segment between two joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Link {
+pub struct ArmLink {
     /// Indices of the joints at the ends.
-    pub joints: [usize; 2],
-    /// Radius (metres).
+    pub end_joints: [usize; 2],
+    /// Radius of the capsule (metres).
     pub radius: f64,
 }
 
@@ -24,11 +24,11 @@ pub(crate) struct Capsule {
 
 impl Capsule {
     /// Marks the pixels of `mask` `[H, W]` whose ray meets the capsule.
-    pub(crate) fn mark(&self, camera: &PinholeCamera, mask: &mut [bool]) {
+    pub(crate) fn add_to_mask(&self, camera: &PinholeCamera, mask: &mut [bool]) {
         let [rows, columns] = self.window(camera);
         for row in rows {
             for column in columns.clone() {
-                if self.meets(camera.ray(row, column)) {
+                if self.intersects_ray(camera.pixel_ray(row, column)) {
                     mask[row * camera.intrinsics.width + column] = true;
                 }
             }
@@ -37,7 +37,7 @@ impl Capsule {
 
     /// Returns `true` if the ray from the camera along the unit vector `ray` meets the capsule in
     /// front of the camera.
-    pub(crate) fn meets(&self, ray: DVec3) -> bool {
+    pub(crate) fn intersects_ray(&self, ray: DVec3) -> bool {
         let [from, to] = self.ends;
         let axis = to - from;
         // the point of the axis next to the ray's line: both squared distances are convex, so
@@ -72,7 +72,7 @@ impl Capsule {
             let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
             pixel(first)..pixel(last)
         };
-        let ([fx, fy], [cx, cy]) = (intrinsics.focal, intrinsics.centre);
+        let ([fx, fy], [cx, cy]) = (intrinsics.focal_lengths, intrinsics.principal_point);
         [side(1, fy, cy, intrinsics.height), side(0, fx, cx, intrinsics.width)]
     }
 }
@@ -104,12 +104,12 @@ pub(crate) mod tests {
         #[test]
         fn masks_are_the_rays_that_meet_a_chain_of_spheres(from in point(), to in point()) {
             let camera = askew();
-            let ends = [from, to].map(|point| camera.in_camera(point));
+            let ends = [from, to].map(|point| camera.world_to_camera(point));
             let capsule = Capsule { ends, radius: 0.08 };
-            let mut mask = vec![false; camera.pixels()];
-            capsule.mark(&camera, &mut mask);
+            let mut mask = vec![false; camera.num_pixels()];
+            capsule.add_to_mask(&camera, &mut mask);
             for (index, &hidden) in mask.iter().enumerate() {
-                let ray = camera.ray(index / 40, index % 40);
+                let ray = camera.pixel_ray(index / 40, index % 40);
                 // the chain is a little thinner between its spheres
                 prop_assert!(hidden || !slow_meets(&capsule, ray, 0.0), "{index}");
                 prop_assert!(!hidden || slow_meets(&capsule, ray, 1e-3), "{index}");

@@ -5,36 +5,36 @@ use std::ops::Range;
 use glam::DVec3;
 
 use crate::camera::PinholeCamera;
-use crate::error::{InpaintingError, require, require_positive};
+use crate::error::{InpaintingError, require_positive, require_that};
 
-/// Disc or ring that is drawn over the gripper. Its size in the picture is that at `depth`, at any
-/// height of the gripper.
+/// Disc or ring that is drawn over the gripper. Its size in the picture is that at
+/// `reference_depth`, at any height of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mark {
+pub struct GripperMark {
     /// Outer radius (metres); zero draws nothing.
-    pub radius: f64,
+    pub outer_radius: f64,
     /// Radius of the hole (metres); zero is a filled disc, more a ring.
-    pub hole: f64,
-    /// Colour, RGB.
+    pub hole_radius: f64,
+    /// RGB colour of the mark.
     pub color: [u8; 3],
-    /// Distance from the camera that determines the size (metres): that of the table.
-    pub depth: f64,
+    /// Distance from the camera (metres) at which the mark has the sizes above: the table's.
+    pub reference_depth: f64,
 }
 
-impl Mark {
-    /// Returns a filled disc of `radius` at `depth` (metres).
-    pub fn disc(radius: f64, color: [u8; 3], depth: f64) -> Self {
-        Self { radius, hole: 0.0, color, depth }
+impl GripperMark {
+    /// Returns a filled disc of `outer_radius` at `reference_depth` (metres).
+    pub fn disc(outer_radius: f64, color: [u8; 3], reference_depth: f64) -> Self {
+        Self { outer_radius, hole_radius: 0.0, color, reference_depth }
     }
 
     pub(crate) fn check(&self) -> Result<(), InpaintingError> {
-        let drawn = self.radius >= 0.0 && self.radius.is_finite();
+        let drawn = self.outer_radius >= 0.0 && self.outer_radius.is_finite();
         let expected = "a length in metres, or 0 for no mark";
-        require(drawn, "mark radius", &self.radius, expected)?;
-        let inside = (0.0..=self.radius).contains(&self.hole);
-        let expected = "a length in metres from 0 (a disc) to the mark's radius";
-        require(inside, "mark hole", &self.hole, expected)?;
-        require_positive("mark depth", self.depth, "a positive length in metres")
+        require_that(drawn, "mark radius", &self.outer_radius, expected)?;
+        let inside = (0.0..=self.outer_radius).contains(&self.hole_radius);
+        let expected_hole = "a length in metres from 0 (a disc) to the mark's radius";
+        require_that(inside, "mark hole", &self.hole_radius, expected_hole)?;
+        require_positive("mark depth", self.reference_depth, "a positive length in metres")
     }
 
     /// Draws the mark over `rgb` `[H, W, 3]` at the projection of `point` (metres, world frame), or
@@ -45,10 +45,11 @@ impl Mark {
         };
         let inside = &camera.intrinsics;
         let ring = Ring {
-            centre: inside.centre,
+            centre: inside.principal_point,
             offset,
-            radii: [self.radius, self.hole].map(|radius| radius * inside.focal[0] / self.depth),
-            aspect: [1.0, inside.focal[0] / inside.focal[1]],
+            radii: [self.outer_radius, self.hole_radius]
+                .map(|radius| radius * inside.focal_lengths[0] / self.reference_depth),
+            aspect: [1.0, inside.focal_lengths[0] / inside.focal_lengths[1]],
         };
         for row in ring.reach(1, inside.height) {
             for column in ring.reach(0, inside.width) {
@@ -103,12 +104,18 @@ pub(crate) mod tests {
     use crate::camera::tests::askew;
     use crate::links::tests::point;
 
-    pub const MARK: Mark = Mark { radius: 0.1, hole: 0.0, color: [0, 0, 255], depth: 1.2 };
+    pub const MARK: GripperMark = GripperMark {
+        outer_radius: 0.1,
+        hole_radius: 0.0,
+        color: [0, 0, 255],
+        reference_depth: 1.2,
+    };
 
     /// The definition, pixel by pixel over the whole picture.
-    fn slow_mark(mark: &Mark, camera: &PinholeCamera, point: DVec3) -> Vec<u8> {
-        let ([cx, cy], [fx, fy]) = (camera.intrinsics.centre, camera.intrinsics.focal);
-        let slopes = [mark.radius, mark.hole].map(|r| r / mark.depth);
+    fn slow_mark(mark: &GripperMark, camera: &PinholeCamera, point: DVec3) -> Vec<u8> {
+        let ([cx, cy], [fx, fy]) =
+            (camera.intrinsics.principal_point, camera.intrinsics.focal_lengths);
+        let slopes = [mark.outer_radius, mark.hole_radius].map(|r| r / mark.reference_depth);
         let projected = camera.project(point);
         let pixel = |index: usize| {
             let inside = projected.is_some_and(|[right, down]| {
@@ -118,7 +125,7 @@ pub(crate) mod tests {
             });
             if inside { mark.color } else { [0; 3] }
         };
-        (0..camera.pixels()).flat_map(pixel).collect()
+        (0..camera.num_pixels()).flat_map(pixel).collect()
     }
 
     proptest! {
@@ -131,8 +138,8 @@ pub(crate) mod tests {
             share in 0.0..1.0,
         ) {
             let (camera, hole) = (askew(), radius * share);
-            let mark = Mark { radius, hole, ..MARK };
-            let mut rgb = vec![0; 3 * camera.pixels()];
+            let mark = GripperMark { outer_radius: radius, hole_radius: hole, ..MARK };
+            let mut rgb = vec![0; 3 * camera.num_pixels()];
             mark.draw(&camera, point, &mut rgb);
             prop_assert_eq!(rgb, slow_mark(&mark, &camera, point));
         }

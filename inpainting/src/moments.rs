@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 const DIRECTIONS: usize = 36;
 
 /// Weighted middle of a spot, and its central moments of second and third order.
-pub(crate) struct Moments {
+pub(crate) struct ImageMoments {
     middle: [f64; 2],
     /// Means of column squared, column times row, row squared.
     second: [f64; 3],
@@ -14,26 +14,26 @@ pub(crate) struct Moments {
     third: [f64; 4],
 }
 
-impl Moments {
+impl ImageMoments {
     /// Computes the moments of pixels with weights, which must not add up to zero.
-    pub fn of(weighed: &[(f64, [f64; 2])]) -> Self {
+    pub fn of_weighted_pixels(weighed: &[(f64, [f64; 2])]) -> Self {
         let [_, x, y] = sums(weighed, |[x, y]| [1.0, x, y]);
         let all: f64 = weighed.iter().map(|(weight, _)| weight).sum();
         let middle = [x / all, y / all];
-        let off = |[x, y]: [f64; 2]| [x - middle[0], y - middle[1]];
+        let off = |[px, py]: [f64; 2]| [px - middle[0], py - middle[1]];
         let second = sums(weighed, |place| {
-            let [x, y] = off(place);
-            [x * x, x * y, y * y]
+            let [u, v] = off(place);
+            [u * u, u * v, v * v]
         });
         let third = sums(weighed, |place| {
-            let [x, y] = off(place);
-            [x * x * x, x * x * y, x * y * y, y * y * y]
+            let [u, v] = off(place);
+            [u * u * u, u * u * v, u * v * v, v * v * v]
         });
         Self { middle, second: second.map(|sum| sum / all), third: third.map(|sum| sum / all) }
     }
 
     /// Returns the column and row of the middle.
-    pub fn middle(&self) -> [f64; 2] {
+    pub fn centroid(&self) -> [f64; 2] {
         self.middle
     }
 
@@ -48,7 +48,7 @@ impl Moments {
 
     /// Returns the largest skewness along any direction: zero for shapes that half a turn leaves
     /// unchanged, such as ellipses.
-    pub fn skewness(&self) -> f64 {
+    pub fn max_skewness(&self) -> f64 {
         let angles = (0..DIRECTIONS).map(|step| PI * step as f64 / DIRECTIONS as f64);
         angles.map(|angle| self.skewness_along(angle)).fold(0.0, f64::max)
     }
@@ -98,25 +98,25 @@ mod tests {
     #[test]
     fn whole_ellipses_are_long_and_not_lopsided() {
         for turn in [0.0, 0.4, 1.3] {
-            let moments = Moments::of(&ellipse([84.0, 70.0], turn, 1.0));
-            let [x, y] = moments.middle();
+            let moments = ImageMoments::of_weighted_pixels(&ellipse([84.0, 70.0], turn, 1.0));
+            let [x, y] = moments.centroid();
             assert!((x - 99.5).hypot(y - 99.5) < 1e-9);
             assert!((moments.elongation() - 1.2).abs() < 0.01);
-            assert!(moments.skewness() < 1e-9);
+            assert!(moments.max_skewness() < 1e-9);
         }
     }
 
     /// A cut across the long axis makes an ellipse rounder, and lopsided.
     #[test]
     fn an_ellipse_that_is_cut_round_is_lopsided() {
-        let moments = Moments::of(&ellipse([84.0, 70.0], 0.4, 0.6));
+        let moments = ImageMoments::of_weighted_pixels(&ellipse([84.0, 70.0], 0.4, 0.6));
         assert!(moments.elongation() < 1.1, "{}", moments.elongation());
-        assert!(moments.skewness() > 0.15, "{}", moments.skewness());
+        assert!(moments.max_skewness() > 0.15, "{}", moments.max_skewness());
     }
 
     #[test]
     fn lines_are_infinitely_long() {
         let line: Vec<_> = (0..30).map(|i| (1.0, [7.5, f64::from(i)])).collect();
-        assert_eq!(Moments::of(&line).elongation(), f64::INFINITY);
+        assert_eq!(ImageMoments::of_weighted_pixels(&line).elongation(), f64::INFINITY);
     }
 }

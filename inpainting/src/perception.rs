@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::calibration::Calibration;
 use crate::camera::{Intrinsics, PinholeCamera};
-use crate::error::{InpaintingError, check_picture};
+use crate::error::{InpaintingError, check_picture_size};
 use crate::inpainter::Inpainter;
 use crate::warp::Warp;
 
@@ -35,14 +35,15 @@ impl Perception {
     /// every picture is corrected to its colours.
     ///
     /// # Errors
-    /// [`InpaintingError::Value`], [`InpaintingError::Length`]; [`InpaintingError::OutOfSight`]
-    /// if the camera does not see all that the policy's camera sees.
+    /// [`InpaintingError::InvalidValue`], [`InpaintingError::WrongLength`];
+    /// [`InpaintingError::OutOfSight`] if the camera does not see all that the policy's camera
+    /// sees.
     pub fn new(settings: PerceptionSettings, table: &[u8]) -> Result<Self, InpaintingError> {
         settings.check()?;
-        let view = settings.view()?;
-        check_picture("table", table, settings.policy.pixels())?;
+        let view = settings.rectified_camera()?;
+        check_picture_size("table", table, settings.policy_camera.num_pixels())?;
         let table = settings.upsampled(table);
-        let inpainter = Inpainter::new(settings.inpainter(view), &table)?;
+        let inpainter = Inpainter::new(settings.inpainter_settings(view), &table)?;
         Ok(Self {
             rectification: rectification(&settings.calibration, &view)?,
             inpainter,
@@ -59,8 +60,8 @@ impl Perception {
     /// hides is filled with the empty table.
     ///
     /// # Errors
-    /// Those of [`Perception::look`].
-    pub fn begin(&mut self, frame: &[u8], joints: &[DVec3]) -> Result<(), InpaintingError> {
+    /// Errors of [`Perception::observe`].
+    pub fn begin_episode(&mut self, frame: &[u8], joints: &[DVec3]) -> Result<(), InpaintingError> {
         self.rectification.apply(frame, &mut self.rectified)?;
         let settings = self.inpainter.settings().clone();
         let mut empty = Inpainter::new(settings.clone(), &self.table)?;
@@ -75,45 +76,45 @@ impl Perception {
     /// at `gripper`, which may be a later position.
     ///
     /// # Errors
-    /// Those of [`Inpainter::inpaint`]. The background is unchanged then.
-    pub fn look(
+    /// Errors of [`Inpainter::inpaint`]. The background is unchanged then.
+    pub fn observe(
         &mut self,
         frame: &[u8],
         joints: &[DVec3],
         gripper: DVec3,
         out: &mut [u8],
     ) -> Result<(), InpaintingError> {
-        check_picture("out", out, self.settings.policy.pixels())?;
+        check_picture_size("out", out, self.settings.policy_camera.num_pixels())?;
         self.rectification.apply(frame, &mut self.rectified)?;
         self.inpainter.inpaint(&self.rectified, joints, gripper, &mut self.painted)?;
         self.settings.downsample(&self.painted, out);
-        self.settings.mark.draw(&self.settings.policy, gripper, out);
+        self.settings.gripper_mark.draw(&self.settings.policy_camera, gripper, out);
         Ok(())
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the perception.
     pub fn settings(&self) -> &PerceptionSettings {
         &self.settings
     }
 
     /// Returns the arm's mask in the last picture `[k H, k W]`, with k the oversampling.
-    pub fn mask(&self) -> &[bool] {
-        self.inpainter.mask()
+    pub fn arm_mask(&self) -> &[bool] {
+        self.inpainter.arm_mask()
     }
 
     /// Returns the last frame, rectified, `[k H, k W, 3]`.
-    pub fn rectified(&self) -> &[u8] {
+    pub fn rectified_frame(&self) -> &[u8] {
         &self.rectified
     }
 
-    /// Returns the difference (levels) of each pixel of [`Perception::rectified`], in corrected
-    /// colours, from the picture at the start of the episode.
-    pub fn difference(&self) -> impl Iterator<Item = u8> {
-        self.inpainter.difference()
+    /// Returns the difference (levels) of each pixel of [`Perception::rectified_frame`], in
+    /// corrected colours, from the picture at the start of the episode.
+    pub fn difference_from_background(&self) -> impl Iterator<Item = u8> {
+        self.inpainter.difference_from_background()
     }
 
     /// Returns the camera of the rectified pictures.
-    pub fn view(&self) -> &PinholeCamera {
+    pub fn rectified_camera(&self) -> &PinholeCamera {
         &self.inpainter.settings().camera
     }
 }
@@ -124,8 +125,10 @@ fn rectification(calibration: &Calibration, view: &PinholeCamera) -> Result<Warp
     let across = view.intrinsics.width;
     let back = view.extrinsics.rotation.transpose();
     // a rotation about the camera's position maps rays, so the depth of the scene does not matter
-    let place = |index| calibration.pixel(back * view.ray(index / across, index % across));
-    Warp::new([width, height], (0..view.pixels()).map(place))
+    let place = |index| {
+        calibration.project_direction(back * view.pixel_ray(index / across, index % across))
+    };
+    Warp::new([width, height], (0..view.num_pixels()).map(place))
 }
 
 /// Rectified pictures against the policy's own, and refusals.
@@ -138,8 +141,8 @@ mod tests {
     use crate::camera::Extrinsics;
     use crate::color::ColorCorrection;
     use crate::distortion::Distortion;
-    use crate::links::{Capsule, Link};
-    use crate::mark::Mark;
+    use crate::links::{ArmLink, Capsule};
+    use crate::mark::GripperMark;
 
     const SIZE: usize = 48;
 
@@ -151,12 +154,12 @@ mod tests {
     fn settings() -> PerceptionSettings {
         PerceptionSettings {
             calibration: overhead(),
-            policy: policy(),
+            policy_camera: policy(),
             oversampling: 3,
-            links: vec![Link { joints: [0, 1], radius: 0.04 }],
-            growth: 0.01,
-            correction: ColorCorrection::GreyWorld,
-            mark: Mark::disc(0.03, [0, 0, 255], 1.5),
+            arm_links: vec![ArmLink { end_joints: [0, 1], radius: 0.04 }],
+            mask_margin_m: 0.01,
+            colour_correction: ColorCorrection::GreyWorld,
+            gripper_mark: GripperMark::disc(0.03, [0, 0, 255], 1.5),
         }
     }
 
@@ -166,7 +169,7 @@ mod tests {
         let rotation = tilt * Extrinsics::overhead(0.0).rotation;
         let position = DVec3::new(0.05, -0.12, 1.8);
         Calibration {
-            distortion: Distortion { radial: [0.03, -0.02], tangential: [0.001, 0.0] },
+            distortion: Distortion::brown_conrady([0.03, -0.02], [0.001, 0.0]),
             extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..overhead()
         }
@@ -182,13 +185,13 @@ mod tests {
         let eye = camera.position();
         let pixel = |index: usize| {
             let middle = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
-            let way = camera.direction(middle).unwrap();
+            let way = camera.direction_of_pixel(middle).unwrap();
             let capsule =
                 |ends: [DVec3; 2]| Capsule { ends: ends.map(|end| end - eye), radius: 0.04 };
             let on_table = eye - way * (eye.z / way.z);
             let on_block = (0.1..0.22).contains(&on_table.x) && (0.05..0.17).contains(&on_table.y);
             match link {
-                Some(ends) if capsule(ends).meets(way.normalize()) => [0; 3],
+                Some(ends) if capsule(ends).intersects_ray(way.normalize()) => [0; 3],
                 _ if on_block => BLOCK,
                 _ => TABLE,
             }
@@ -208,12 +211,12 @@ mod tests {
 
     fn differing(a: &[u8], b: &[u8]) -> usize {
         let pixels = a.chunks_exact(3).zip(b.chunks_exact(3));
-        pixels.filter(|(a, b)| a != b).count()
+        pixels.filter(|(p, q)| p != q).count()
     }
 
     fn without_mark(settings: PerceptionSettings) -> PerceptionSettings {
-        let mark = Mark { radius: 0.0, ..settings.mark };
-        PerceptionSettings { mark, ..settings }
+        let mark = GripperMark { outer_radius: 0.0, ..settings.gripper_mark };
+        PerceptionSettings { gripper_mark: mark, ..settings }
     }
 
     const LINK: [DVec3; 2] = [DVec3::new(-0.2, -0.4, 0.5), DVec3::new(0.12, 0.1, 0.2)];
@@ -226,16 +229,16 @@ mod tests {
             let settings = without_mark(PerceptionSettings { calibration, ..settings() });
             let mut perception = Perception::new(settings, &table()).unwrap();
             let parked = [DVec3::new(0.0, -3.0, 0.0); 2];
-            perception.begin(&frame(&calibration, None), &parked).unwrap();
+            perception.begin_episode(&frame(&calibration, None), &parked).unwrap();
             let mut out = vec![0; 3 * SIZE * SIZE];
             let seen = frame(&calibration, Some(LINK));
-            perception.look(&seen, &LINK, DVec3::ZERO, &mut out).unwrap();
+            perception.observe(&seen, &LINK, DVec3::ZERO, &mut out).unwrap();
             let off = differing(&out, &expected());
             assert!(off <= 8, "{off} pixels");
-            let hidden = perception.mask().iter().filter(|hidden| **hidden).count();
+            let hidden = perception.arm_mask().iter().filter(|hidden| **hidden).count();
             assert!(hidden > 500, "{hidden}");
             // an arm that nobody masks shows
-            perception.look(&seen, &parked, DVec3::ZERO, &mut out).unwrap();
+            perception.observe(&seen, &parked, DVec3::ZERO, &mut out).unwrap();
             assert!(differing(&out, &expected()) > 50);
         }
     }
@@ -246,9 +249,9 @@ mod tests {
         let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();
         let parked = [DVec3::new(-0.3, -0.4, 0.3), DVec3::new(0.1, -0.4, 0.3)];
         let seen = frame(&overhead(), Some(parked));
-        perception.begin(&seen, &parked).unwrap();
+        perception.begin_episode(&seen, &parked).unwrap();
         let mut out = vec![0; 3 * SIZE * SIZE];
-        perception.look(&seen, &parked, DVec3::ZERO, &mut out).unwrap();
+        perception.observe(&seen, &parked, DVec3::ZERO, &mut out).unwrap();
         assert!(differing(&out, &expected()) <= 8);
     }
 
@@ -259,9 +262,9 @@ mod tests {
         let gains = [0.9, 0.85, 0.8].into_iter().cycle();
         let dim = frame(&overhead(), None).into_iter().zip(gains);
         let dim: Vec<u8> = dim.map(|(v, gain)| (f64::from(v) * gain).round() as u8).collect();
-        perception.begin(&dim, &[DVec3::new(0.0, -3.0, 0.0); 2]).unwrap();
+        perception.begin_episode(&dim, &[DVec3::new(0.0, -3.0, 0.0); 2]).unwrap();
         let mut out = vec![0; 3 * SIZE * SIZE];
-        perception.look(&dim, &LINK, DVec3::ZERO, &mut out).unwrap();
+        perception.observe(&dim, &LINK, DVec3::ZERO, &mut out).unwrap();
         let off = out.iter().zip(&expected()).filter(|(a, b)| a.abs_diff(**b) > 2).count();
         assert!(off <= 24, "{off}");
     }
@@ -271,9 +274,9 @@ mod tests {
         let mut perception = Perception::new(settings(), &table()).unwrap();
         let gripper = DVec3::new(-0.1, -0.2, 0.25);
         let mut out = vec![0; 3 * SIZE * SIZE];
-        perception.look(&frame(&overhead(), None), &LINK, gripper, &mut out).unwrap();
+        perception.observe(&frame(&overhead(), None), &LINK, gripper, &mut out).unwrap();
         let mut expected = table();
-        settings().mark.draw(&policy(), gripper, &mut expected);
+        settings().gripper_mark.draw(&policy(), gripper, &mut expected);
         let marked = |picture: &[u8]| -> Vec<usize> {
             let pixels = picture.chunks_exact(3).enumerate();
             pixels.filter(|(_, rgb)| rgb == &[0, 0, 255]).map(|(i, _)| i).collect()
@@ -288,9 +291,9 @@ mod tests {
         let changes: [(Change, &str); 6] = [
             (|of| of.calibration.extrinsics = Extrinsics::overhead(0.9), "640 x 480"),
             (|of| of.calibration.extrinsics = Extrinsics::overhead(-1.0), "height of the camera"),
-            (|of| of.policy.extrinsics = askew().extrinsics, "policy's view"),
+            (|of| of.policy_camera.extrinsics = askew().extrinsics, "policy's view"),
             (|of| of.oversampling = 4, "`oversampling` is 4"),
-            (|of| of.growth = -0.1, "`growth` is -0.1"),
+            (|of| of.mask_margin_m = -0.1, "`mask_margin_m` is -0.1"),
             (|of| of.calibration.distortion.radial[0] = 3.0, "distortion"),
         ];
         for (change, says) in changes {
@@ -305,10 +308,10 @@ mod tests {
         let frame = vec![90; 3 * 640 * 480];
         let mut out = vec![0; 3 * SIZE * SIZE];
         let nan = [DVec3::NAN; 2];
-        assert!(perception.look(&frame[3..], &LINK, DVec3::ZERO, &mut out).is_err());
-        assert!(perception.look(&frame, &nan, DVec3::ZERO, &mut out).is_err());
-        assert!(perception.look(&frame, &LINK, DVec3::ZERO, &mut out[3..]).is_err());
+        assert!(perception.observe(&frame[3..], &LINK, DVec3::ZERO, &mut out).is_err());
+        assert!(perception.observe(&frame, &nan, DVec3::ZERO, &mut out).is_err());
+        assert!(perception.observe(&frame, &LINK, DVec3::ZERO, &mut out[3..]).is_err());
         assert!(out.iter().all(|&level| level == 0));
-        assert_eq!(perception.mask(), before.mask());
+        assert_eq!(perception.arm_mask(), before.arm_mask());
     }
 }

@@ -36,7 +36,7 @@ impl Sensor {
     }
 
     /// Adds the light of a picture `[H, W, 3]`; all pictures have equal weights.
-    pub(crate) fn collect(&mut self, rgb: &[u8]) {
+    pub(crate) fn collect_light(&mut self, rgb: &[u8]) {
         for (sum, &level) in self.collected.iter_mut().zip(rgb) {
             *sum += self.light[usize::from(level)];
         }
@@ -62,7 +62,7 @@ impl Sensor {
             for (channel, level) in levels.iter_mut().enumerate() {
                 let mut light = gains[channel] * std::mem::take(&mut collected[channel]);
                 if noisy {
-                    light += (shot * light + read).sqrt() * normal(rng);
+                    light += (shot * light + read).sqrt() * standard_normal(rng);
                 }
                 let step = (light * (STEPS - 1) as f32 + 0.5).clamp(0.0, (STEPS - 1) as f32);
                 *level = self.levels[step as usize];
@@ -84,7 +84,7 @@ fn level(light: f64) -> f64 {
 
 /// Draws an approximately normal number of mean 0 and variance 1: the sum of four uniform numbers,
 /// with tails that end at 3.5.
-pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
+pub(crate) fn standard_normal(rng: &mut ChaCha8Rng) -> f32 {
     /// Variance of the sum of four numbers that are uniform in 0..65536.
     const VARIANCE: f32 = 4.0 * (65536.0 * 65536.0 - 1.0) / 12.0;
     // one draw for all four, because every pixel of every picture needs three of these
@@ -95,7 +95,7 @@ pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
 }
 
 /// Draws a unit vector, uniform over all directions.
-pub(crate) fn direction(rng: &mut ChaCha8Rng) -> DVec3 {
+pub(crate) fn random_direction(rng: &mut ChaCha8Rng) -> DVec3 {
     // the height of a uniform point on a sphere is uniform (Archimedes)
     let z: f64 = rng.random_range(-1.0..1.0);
     let (sine, cosine) = rng.random_range(0.0..TAU).sin_cos();
@@ -117,7 +117,7 @@ mod tests {
     fn seen(greys: &[u8], gains: [f64; 3], noise: [f64; 2], pixels: usize) -> Vec<u8> {
         let mut sensor = Sensor::new(pixels);
         for &grey in greys {
-            sensor.collect(&vec![grey; 3 * pixels]);
+            sensor.collect_light(&vec![grey; 3 * pixels]);
         }
         let mut rgb = vec![0; 3 * pixels];
         sensor.read_out(gains, noise, &mut rng(), &mut rgb);
@@ -129,7 +129,7 @@ mod tests {
         let mut sensor = Sensor::new(256);
         let levels: Vec<u8> = (0..=255).flat_map(|level| [level; 3]).collect();
         for _ in 0..2 {
-            sensor.collect(&levels);
+            sensor.collect_light(&levels);
             let mut rgb = vec![0; 768];
             sensor.read_out([1.0; 3], [0.0; 2], &mut rng(), &mut rgb);
             assert_eq!(rgb, levels);
@@ -179,14 +179,14 @@ mod tests {
     #[test]
     fn numbers_have_mean_0_and_variance_1_and_directions_length_1() {
         let rng = &mut ChaCha8Rng::seed_from_u64(1000);
-        let numbers: Vec<f64> = (0..100_000).map(|_| f64::from(normal(rng))).collect();
+        let numbers: Vec<f64> = (0..100_000).map(|_| f64::from(standard_normal(rng))).collect();
         let mean = |power: i32| numbers.iter().map(|n| n.powi(power)).sum::<f64>() / 1e5;
         assert!(mean(1).abs() < 0.01 && mean(3).abs() < 0.03, "{} {}", mean(1), mean(3));
         assert!((mean(2) - 1.0).abs() < 0.01, "{}", mean(2));
         // 3 for a normal distribution; four uniform ones have 3 - 1.2 / 4
         assert!((mean(4) - 2.7).abs() < 0.05, "{}", mean(4));
-        let sum: DVec3 = (0..10_000).map(|_| direction(rng)).sum();
+        let sum: DVec3 = (0..10_000).map(|_| random_direction(rng)).sum();
         assert!(sum.length() < 200.0, "{sum}");
-        assert!((direction(rng).length() - 1.0).abs() < 1e-12);
+        assert!((random_direction(rng).length() - 1.0).abs() < 1e-12);
     }
 }

@@ -5,11 +5,11 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::calibration::Calibration;
 use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
-use crate::drift::Drift;
-use crate::error::{InpaintingError, check_picture, require};
-use crate::imperfections::Imperfections;
+use crate::drift::GainDrift;
+use crate::error::{InpaintingError, check_picture_size, require_that};
+use crate::imperfections::CameraImperfections;
 use crate::sensor::Sensor;
-use crate::sensor::direction;
+use crate::sensor::random_direction;
 use crate::warp::Warp;
 
 /// Margin (pixels) of the ideal picture around the area that the lens needs.
@@ -17,38 +17,41 @@ const BORDER: f64 = 1.0;
 
 /// Camera that turns a perfect camera's pictures into those of a real one.
 ///
-/// A simulation renders the pictures of the pinhole camera [`SimulatedCamera::ideal`]. The reported
-/// calibration is wrong by [`Imperfections::position_error`] and [`Imperfections::angle_error`].
-/// The simulation itself must delay pictures by [`Imperfections::latency`], and render one at the
-/// beginning and one at the end of [`Imperfections::exposure_time`].
+/// A simulation renders the pictures of the pinhole camera [`SimulatedCamera::ideal_camera`]. The
+/// reported calibration is wrong by [`CameraImperfections::position_error`] and
+/// [`CameraImperfections::angle_error`]. The simulation itself must delay pictures by
+/// [`CameraImperfections::latency`], and render one at the beginning and one at the end of
+/// [`CameraImperfections::exposure_time`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedCamera {
-    imperfections: Imperfections,
+    imperfections: CameraImperfections,
     calibration: Calibration,
     ideal: PinholeCamera,
     lens: Warp,
     sensor: Sensor,
-    drift: Drift,
+    drift: GainDrift,
     /// Buffer of a distorted picture, `[H, W, 3]`.
     distorted: Vec<u8>,
     rng: ChaCha8Rng,
 }
 
 impl SimulatedCamera {
-    /// Creates a camera at the pose of `truth`. [`Imperfections::distortion`] is added to the
+    /// Creates a camera at the pose of `truth`. [`CameraImperfections::distortion`] is added to the
     /// distortion of `truth`. All random numbers are drawn from `rng`.
     ///
     /// # Errors
-    /// [`InpaintingError::Value`], also for a distortion without inverse in the picture.
+    /// [`InpaintingError::InvalidValue`], also for a distortion without inverse in the picture.
     pub fn new(
         truth: Calibration,
-        imperfections: Imperfections,
+        imperfections: CameraImperfections,
         mut rng: ChaCha8Rng,
     ) -> Result<Self, InpaintingError> {
         truth.check()?;
         imperfections.check()?;
         let distortion = truth.distortion + imperfections.distortion;
-        let (ideal, lens) = lens(&Calibration { distortion, ..truth })?;
+        let bent = Calibration { distortion, ..truth };
+        bent.check()?;
+        let (ideal, lens) = lens(&bent)?;
         let Intrinsics { width, height, .. } = truth.intrinsics;
         let calibration = Calibration {
             extrinsics: perturbed(&truth.extrinsics, &imperfections, &mut rng),
@@ -60,53 +63,53 @@ impl SimulatedCamera {
             ideal,
             lens,
             sensor: Sensor::new(width * height),
-            drift: Drift::default(),
+            drift: GainDrift::default(),
             distorted: vec![0; 3 * width * height],
             rng,
         })
     }
 
     /// Returns the reported calibration, which deviates from the true one.
-    pub fn calibration(&self) -> &Calibration {
+    pub fn reported_calibration(&self) -> &Calibration {
         &self.calibration
     }
 
     /// Returns the perfect camera whose pictures it takes: square, with the optical axis in the
     /// middle.
-    pub fn ideal(&self) -> &PinholeCamera {
+    pub fn ideal_camera(&self) -> &PinholeCamera {
         &self.ideal
     }
 
-    /// Returns the imperfections.
-    pub fn imperfections(&self) -> &Imperfections {
+    /// Returns the imperfections of the camera.
+    pub fn imperfections(&self) -> &CameraImperfections {
         &self.imperfections
     }
 
     /// Takes a picture `[H, W, 3]` at the time `now` (seconds), which never decreases, into `out`.
     ///
-    /// `ideal` are the pictures of [`SimulatedCamera::ideal`] during the exposure.
+    /// `ideal` are the pictures of [`SimulatedCamera::ideal_camera`] during the exposure.
     ///
     /// # Errors
-    /// [`InpaintingError::Length`] for a picture of another size, [`InpaintingError::Value`] if
-    /// `ideal` is empty.
-    pub fn shoot(
+    /// [`InpaintingError::WrongLength`] for a picture of another size,
+    /// [`InpaintingError::InvalidValue`] if `ideal` is empty.
+    pub fn take_picture(
         &mut self,
         ideal: &[&[u8]],
         now: f64,
         out: &mut [u8],
     ) -> Result<(), InpaintingError> {
-        require(!ideal.is_empty(), "pictures", &0, "at least one")?;
-        check_picture("out", out, self.distorted.len() / 3)?;
+        require_that(!ideal.is_empty(), "pictures", &0, "at least one")?;
+        check_picture_size("out", out, self.distorted.len() / 3)?;
         // all checks come before any light is collected, so an error changes nothing
         for picture in ideal {
-            check_picture("picture", picture, self.ideal.pixels())?;
+            check_picture_size("picture", picture, self.ideal.num_pixels())?;
         }
         for picture in ideal {
             self.lens.apply(picture, &mut self.distorted)?;
-            self.sensor.collect(&self.distorted);
+            self.sensor.collect_light(&self.distorted);
         }
-        let gains = self.drift.gains(&self.imperfections, now, &mut self.rng);
-        let noise = [self.imperfections.shot_noise, self.imperfections.read_noise];
+        let gains = self.drift.sample_gains(&self.imperfections, now, &mut self.rng);
+        let noise = [self.imperfections.shot_noise_variance, self.imperfections.read_noise_sd];
         self.sensor.read_out(gains, noise, &mut self.rng, out);
         Ok(())
     }
@@ -118,7 +121,7 @@ fn lens(camera: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> 
     let places = places(camera)?;
     let ideal = pinhole(camera, &places);
     ideal.check()?;
-    let Intrinsics { width, focal, centre, .. } = ideal.intrinsics;
+    let Intrinsics { width, focal_lengths: focal, principal_point: centre, .. } = ideal.intrinsics;
     let pixel = |place: [f64; 2]| [0, 1].map(|axis| centre[axis] + focal[axis] * place[axis]);
     let places = places.into_iter().map(|place| Some(pixel(place)));
     let warp = Warp::new([width; 2], places)?;
@@ -129,8 +132,8 @@ fn lens(camera: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> 
 fn places(camera: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
     let Intrinsics { width, height, .. } = camera.intrinsics;
     let middles = (0..width * height).map(|i| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]);
-    let places: Option<Vec<_>> = middles.map(|middle| camera.undistorted(middle)).collect();
-    places.ok_or_else(|| InpaintingError::Value {
+    let places: Option<Vec<_>> = middles.map(|middle| camera.undistort_pixel(middle)).collect();
+    places.ok_or_else(|| InpaintingError::InvalidValue {
         name: "distortion",
         value: format!("{:?}", camera.distortion),
         expected: "one that shows each thing once in the picture",
@@ -139,13 +142,18 @@ fn places(camera: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
 
 /// Returns the pinhole camera with a square picture that contains all these points.
 fn pinhole(camera: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
-    let focal = camera.intrinsics.focal[0];
+    let focal = camera.intrinsics.focal_lengths[0];
     let coordinates = places.iter().flatten();
     let reach = focal * coordinates.fold(0.0, |most: f64, part| most.max(part.abs()));
     let half = (reach + BORDER).ceil();
     let side = 2 * half as usize;
     PinholeCamera {
-        intrinsics: Intrinsics { width: side, height: side, focal: [focal; 2], centre: [half; 2] },
+        intrinsics: Intrinsics {
+            width: side,
+            height: side,
+            focal_lengths: [focal; 2],
+            principal_point: [half; 2],
+        },
         extrinsics: camera.extrinsics,
     }
 }
@@ -153,10 +161,10 @@ fn pinhole(camera: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
 /// Returns the true pose with errors of calibration, of the given sizes in random directions.
 fn perturbed(
     truth: &Extrinsics,
-    imperfections: &Imperfections,
+    imperfections: &CameraImperfections,
     rng: &mut ChaCha8Rng,
 ) -> Extrinsics {
-    let (axis, offset) = (direction(rng), direction(rng));
+    let (axis, offset) = (random_direction(rng), random_direction(rng));
     let position: DVec3 = truth.position() + imperfections.position_error * offset;
     let rotation = DMat3::from_axis_angle(axis, imperfections.angle_error) * truth.rotation;
     Extrinsics { rotation, translation: -(rotation * position) }
@@ -179,25 +187,25 @@ mod tests {
             intrinsics: Intrinsics {
                 width: 64,
                 height: 48,
-                focal: [61.5; 2],
-                centre: [31.5, 24.0],
+                focal_lengths: [61.5; 2],
+                principal_point: [31.5, 24.0],
             },
             ..overhead()
         }
     }
 
-    fn made(imperfections: Imperfections) -> SimulatedCamera {
+    fn made(imperfections: CameraImperfections) -> SimulatedCamera {
         SimulatedCamera::new(small(), imperfections, rng(1000)).unwrap()
     }
 
     /// A picture of the ideal camera in which every pixel differs from its neighbours.
     fn scene(camera: &SimulatedCamera) -> Vec<u8> {
-        (0..3 * camera.ideal().pixels()).map(|i| (60 + i * 37 % 120) as u8).collect()
+        (0..3 * camera.ideal_camera().num_pixels()).map(|i| (60 + i * 37 % 120) as u8).collect()
     }
 
     fn shot(camera: &mut SimulatedCamera, scene: &[u8]) -> Vec<u8> {
         let mut out = vec![0; 3 * 64 * 48];
-        camera.shoot(&[scene], 0.0, &mut out).unwrap();
+        camera.take_picture(&[scene], 0.0, &mut out).unwrap();
         out
     }
 
@@ -205,17 +213,17 @@ mod tests {
     fn without_imperfections_a_picture_is_a_part_of_the_ideal_one_to_the_bit() {
         let mut camera = SimulatedCamera::new(
             Calibration {
-                intrinsics: Intrinsics { centre: [31.0, 24.0], ..small().intrinsics },
+                intrinsics: Intrinsics { principal_point: [31.0, 24.0], ..small().intrinsics },
                 ..small()
             },
-            Imperfections::OFF,
+            CameraImperfections::NONE,
             rng(1000),
         )
         .unwrap();
-        assert_eq!(camera.calibration().extrinsics, small().extrinsics);
+        assert_eq!(camera.reported_calibration().extrinsics, small().extrinsics);
         let scene = scene(&camera);
         let out = shot(&mut camera, &scene);
-        let half = camera.ideal().intrinsics.width / 2;
+        let half = camera.ideal_camera().intrinsics.width / 2;
         for (row, line) in out.chunks_exact(3 * 64).enumerate() {
             let from = ((half - 24 + row) * 2 * half + half - 31) * 3;
             assert!(line == &scene[from..][..3 * 64], "row {row}");
@@ -224,11 +232,14 @@ mod tests {
 
     #[test]
     fn calibrations_are_wrong_by_as_much_as_they_should_be() {
-        let imperfections =
-            Imperfections { position_error: 0.01, angle_error: 0.02, ..Imperfections::OFF };
+        let imperfections = CameraImperfections {
+            position_error: 0.01,
+            angle_error: 0.02,
+            ..CameraImperfections::NONE
+        };
         for seed in 1000..1010 {
             let camera = SimulatedCamera::new(small(), imperfections, rng(seed)).unwrap();
-            let (known, truth) = (camera.calibration(), small());
+            let (known, truth) = (camera.reported_calibration(), small());
             let off = known.position().distance(truth.position());
             assert!((off - 0.01).abs() < 1e-12, "{off}");
             let turn = known.extrinsics.rotation * truth.extrinsics.rotation.transpose();
@@ -236,16 +247,16 @@ mod tests {
             let angle = ((trace - 1.0) / 2.0).acos();
             assert!((angle - 0.02).abs() < 1e-9, "{angle}");
             known.check().unwrap();
-            assert_eq!(camera.ideal().extrinsics, truth.extrinsics);
+            assert_eq!(camera.ideal_camera().extrinsics, truth.extrinsics);
         }
     }
 
     /// A dot of the ideal picture appears at its distorted position.
     #[test]
     fn the_lens_bends_what_is_seen() {
-        let distortion = Distortion { radial: [0.3, 0.0], tangential: [0.0, 0.02] };
-        let mut camera = made(Imperfections { distortion, ..Imperfections::OFF });
-        let side = camera.ideal().intrinsics.width;
+        let distortion = Distortion::brown_conrady([0.3, 0.0], [0.0, 0.02]);
+        let mut camera = made(CameraImperfections { distortion, ..CameraImperfections::NONE });
+        let side = camera.ideal_camera().intrinsics.width;
         let (column, row) = (side / 2 + 20, side / 2 - 14);
         let mut scene = vec![0; 3 * side * side];
         for (right, below) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
@@ -259,7 +270,7 @@ mod tests {
             sums[1] += weight * ((index % 64) as f64 + 0.5);
             sums[2] += weight * ((index / 64) as f64 + 0.5);
         }
-        let bent = distortion.apply([21.0 / 61.5, -13.0 / 61.5]);
+        let bent = distortion.distort([21.0 / 61.5, -13.0 / 61.5]);
         for (axis, centre) in [31.5, 24.0].into_iter().enumerate() {
             let found = sums[1 + axis] / sums[0];
             let expected = 61.5 * bent[axis] + centre;
@@ -271,17 +282,19 @@ mod tests {
 
     #[test]
     fn two_instants_are_blurred_and_colours_drift() {
-        let mut camera = made(Imperfections::OFF);
-        let (mut black, white) = (scene(&camera), vec![255; 3 * camera.ideal().pixels()]);
+        let mut camera = made(CameraImperfections::NONE);
+        let (mut black, white) =
+            (scene(&camera), vec![255; 3 * camera.ideal_camera().num_pixels()]);
         black.fill(0);
         let mut out = vec![0; 3 * 64 * 48];
-        camera.shoot(&[&black, &white], 0.0, &mut out).unwrap();
+        camera.take_picture(&[&black, &white], 0.0, &mut out).unwrap();
         assert!(out.iter().all(|&level| level == 188), "half of the light");
-        let mut drifting = made(Imperfections { exposure_drift: 0.1, ..Imperfections::OFF });
+        let mut drifting =
+            made(CameraImperfections { exposure_drift_sd: 0.1, ..CameraImperfections::NONE });
         let grey = vec![120; white.len()];
         let mut levels: Vec<u8> = Vec::new();
         for second in 0..20 {
-            drifting.shoot(&[&grey], f64::from(second), &mut out).unwrap();
+            drifting.take_picture(&[&grey], f64::from(second), &mut out).unwrap();
             assert!(out.iter().all(|level| *level == out[0]));
             levels.push(out[0]);
         }
@@ -291,31 +304,32 @@ mod tests {
 
     #[test]
     fn equal_seeds_take_equal_pictures() {
-        let [mut one, mut again] = [(); 2].map(|()| made(Imperfections::NOMINAL));
+        let [mut one, mut again] = [(); 2].map(|()| made(CameraImperfections::REALSENSE_D435));
         let scene = scene(&one);
         let first = shot(&mut one, &scene);
         assert_eq!(first, shot(&mut again, &scene));
         assert_ne!(first, shot(&mut one, &scene), "noise is fresh");
-        let mut other = SimulatedCamera::new(small(), Imperfections::NOMINAL, rng(1001)).unwrap();
+        let mut other =
+            SimulatedCamera::new(small(), CameraImperfections::REALSENSE_D435, rng(1001)).unwrap();
         assert_ne!(first, shot(&mut other, &scene));
     }
 
     #[test]
     fn pictures_of_the_wrong_size_and_folding_lenses_are_refused() {
-        let mut camera = made(Imperfections::OFF);
+        let mut camera = made(CameraImperfections::NONE);
         let scene = scene(&camera);
         let mut out = vec![0; 3 * 64 * 48];
-        assert!(camera.shoot(&[&scene[3..]], 0.0, &mut out).is_err());
-        assert!(camera.shoot(&[&scene], 0.0, &mut out[3..]).is_err());
-        let message = camera.shoot(&[], 0.0, &mut out).unwrap_err().to_string();
+        assert!(camera.take_picture(&[&scene[3..]], 0.0, &mut out).is_err());
+        assert!(camera.take_picture(&[&scene], 0.0, &mut out[3..]).is_err());
+        let message = camera.take_picture(&[], 0.0, &mut out).unwrap_err().to_string();
         assert!(message.contains("at least one"), "{message}");
         let wide = Calibration {
-            intrinsics: Intrinsics { focal: [20.0; 2], ..small().intrinsics },
-            distortion: Distortion { radial: [-0.4, 0.0], ..Distortion::NONE },
+            intrinsics: Intrinsics { focal_lengths: [20.0; 2], ..small().intrinsics },
+            distortion: Distortion::brown_conrady([-0.4, 0.0], [0.0; 2]),
             ..small()
         };
-        let refused = SimulatedCamera::new(wide, Imperfections::OFF, rng(1000));
-        let message = refused.unwrap_err().to_string();
-        assert!(message.contains("`distortion`"), "{message}");
+        let refused = SimulatedCamera::new(wide, CameraImperfections::NONE, rng(1000));
+        let distortion_message = refused.unwrap_err().to_string();
+        assert!(distortion_message.contains("`distortion`"), "{distortion_message}");
     }
 }

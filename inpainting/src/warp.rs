@@ -1,6 +1,6 @@
 //! Image warp with bilinear interpolation.
 
-use crate::error::{InpaintingError, check_picture};
+use crate::error::{InpaintingError, check_picture_size};
 
 /// Number of steps between two pixels in the interpolation: two weights of 8 bits and a level fit
 /// into 32 bits.
@@ -50,10 +50,10 @@ impl Warp {
     /// Fills `to`, which has one pixel for each place.
     ///
     /// # Errors
-    /// [`InpaintingError::Length`].
+    /// [`InpaintingError::WrongLength`].
     pub(crate) fn apply(&self, from: &[u8], to: &mut [u8]) -> Result<(), InpaintingError> {
-        check_picture("picture", from, self.width * self.height)?;
-        check_picture("result", to, self.taps.len())?;
+        check_picture_size("picture", from, self.width * self.height)?;
+        check_picture_size("result", to, self.taps.len())?;
         let line = 3 * self.width;
         for (tap, pixel) in self.taps.iter().zip(to.chunks_exact_mut(3)) {
             let corner = &from[3 * tap.pixel as usize..][..line + 6];

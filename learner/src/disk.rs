@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 
 use crate::error::LearnerError;
 
-/// Operations by which a run changes its folder.
+/// File operations by which a run changes its folder.
 ///
 /// The guarantees are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append)
 /// survive a power cut once [`sync`](Disk::sync) was called. Names survive once
@@ -28,7 +28,7 @@ pub trait Disk: Debug + Send + Sync {
     /// Errors of the file system.
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
-    /// Flushes the bytes of a file to the disk.
+    /// Flushes the bytes of a file to the storage device.
     ///
     /// # Errors
     /// Errors of the file system.
@@ -52,14 +52,14 @@ pub trait Disk: Debug + Send + Sync {
     /// Errors of the file system.
     fn create_folder(&self, path: &Path) -> io::Result<()>;
 
-    /// Flushes the names in a folder to the disk.
+    /// Flushes the names in a folder to the storage device.
     ///
     /// # Errors
     /// Errors of the file system.
     fn sync_folder(&self, path: &Path) -> io::Result<()>;
 }
 
-/// File system of this machine.
+/// Disk operations on the file system of this machine.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalDisk;
 
@@ -94,33 +94,33 @@ impl Disk for LocalDisk {
     }
 }
 
-/// File extension of files that are still being written.
-pub const PARTIAL: &str = "partial";
+/// Extension of the names of files that are still being written.
+pub const PARTIAL_EXTENSION: &str = "partial";
 
 /// Replaces the file at `path` atomically: it appears whole or not at all, also after a power cut.
 ///
 /// # Errors
 /// [`LearnerError::Write`]; the old file is then still there.
-pub fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), LearnerError> {
+pub fn write_atomically(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), LearnerError> {
     let partial = partial_name(path);
     // bytes must reach the disk before the new name does, or a power cut could leave an empty file
     let written = disk
         .write(&partial, bytes)
         .and_then(|()| disk.sync(&partial))
         .and_then(|()| disk.rename(&partial, path))
-        .and_then(|()| disk.sync_folder(folder_of(path)));
+        .and_then(|()| disk.sync_folder(parent_folder(path)));
     if written.is_err() {
         // frees the room on a full disk; an error here would only repeat the first one
         let _ = disk.remove(&partial);
     }
-    written.map_err(|error| LearnerError::write(path, error))
+    written.map_err(|error| LearnerError::cannot_write(path, error))
 }
 
 /// Returns the temporary name of a file that becomes `path`. Each process has its own names, since
 /// two machines may hold one folder's lock if a file server does not share locks.
 fn partial_name(path: &Path) -> PathBuf {
     static PROCESS: LazyLock<u64> = LazyLock::new(random_number);
-    path.with_added_extension(format!("{:016x}.{PARTIAL}", *PROCESS))
+    path.with_added_extension(format!("{:016x}.{PARTIAL_EXTENSION}", *PROCESS))
 }
 
 /// Returns a random number from the system, independent of all seeds.
@@ -128,11 +128,11 @@ pub fn random_number() -> u64 {
     RandomState::new().build_hasher().finish()
 }
 
-/// Checks that [`replace`] could write `path`, without changing any file.
+/// Checks that [`write_atomically`] could write `path`, without changing any file.
 ///
 /// # Errors
 /// [`LearnerError::Write`].
-pub fn try_out(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
+pub fn check_writable(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
     let partial = partial_name(path);
     let tried = if path.is_dir() {
         Err(std::io::ErrorKind::IsADirectory.into())
@@ -140,11 +140,11 @@ pub fn try_out(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
         disk.write(&partial, &[])
     };
     let tried = tried.and_then(|()| disk.remove(&partial));
-    tried.map_err(|error| LearnerError::write(path, error))
+    tried.map_err(|error| LearnerError::cannot_write(path, error))
 }
 
 /// Returns the parent folder of a file or folder.
-pub fn folder_of(path: &Path) -> &Path {
+pub fn parent_folder(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),

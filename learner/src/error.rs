@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use rl::BoxError;
+use rl::BoxedEnvError;
 
 /// Error of a learner, its settings, or its checkpoints.
 #[derive(Debug, thiserror::Error)]
@@ -10,12 +10,12 @@ use rl::BoxError;
 pub enum LearnerError {
     /// A setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
-    Setting {
-        /// Name of the setting.
+    InvalidSetting {
+        /// Name of the setting that is out of range.
         name: &'static str,
-        /// Rejected value.
+        /// Rejected value of the setting.
         value: String,
-        /// Valid values, in words.
+        /// Valid values of the setting, in words.
         expected: &'static str,
     },
     /// A rollout that shows too few episodes to be assigned to a policy.
@@ -24,54 +24,54 @@ pub enum LearnerError {
          use more environments, longer rollouts, or fewer first frames"
     )]
     TooFewEpisodes {
-        /// Number of episodes with all of their first frames.
+        /// Number of the rollout's episodes that show all of their first frames.
         got: usize,
-        /// Episodes that the assigner needs.
+        /// Number of episodes that the grouping needs.
         needed: usize,
-        /// Number of first frames of each episode.
+        /// Number of first frames that each episode must show.
         first_frames: usize,
     },
-    /// Policies and their updates.
+    /// Error of a policy or its update.
     #[error(transparent)]
     Rl(#[from] rl::RlError),
-    /// Distances and assignment.
+    /// Error of a distance or of the assignment to a policy.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
-    /// Evidence of groups.
+    /// Error of the evidence of task groups.
     #[error(transparent)]
     Evidence(#[from] evidence::EvidenceError),
-    /// A file that is missing, damaged or of another kind.
+    /// File that is missing, damaged or of another kind.
     #[error("cannot read {}: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The reason.
-        source: BoxError,
+        /// Reason why the file cannot be read.
+        source: BoxedEnvError,
     },
-    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which lacks the
-    /// state for further training.
+    /// Checkpoint of [`CheckpointExtent::Policies`](crate::CheckpointExtent::Policies), which lacks
+    /// the state for further training.
     #[error(
         "{} holds policies only, as `covers pack` leaves them, and cannot be resumed: \
          resume the run's own folder; `covers eval` takes either", path.display()
     )]
-    PoliciesOnly {
-        /// The checkpoint.
+    PoliciesOnlyCheckpoint {
+        /// Path of the checkpoint.
         path: PathBuf,
     },
-    /// A checkpoint of a newer version of this crate.
+    /// Checkpoint of a newer version of this crate.
     #[error(
         "{} has format {format}, this version of covers reads {known}: resume it with the version \
          that wrote it", path.display()
     )]
     NewerFormat {
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// Format of the checkpoint.
+        /// Format number of the checkpoint.
         format: u32,
-        /// The newest format that this version reads.
+        /// Newest format number that this version reads.
         known: u32,
     },
-    /// A number that is not finite, on its way into a checkpoint.
+    /// Number of the learner that is infinite or NaN, found while a checkpoint is written.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
          Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...` \
@@ -79,89 +79,91 @@ pub enum LearnerError {
         path.display()
     )]
     NotFinite {
-        /// The checkpoint.
+        /// Path of the checkpoint.
         path: PathBuf,
-        /// The array.
+        /// Name of the array that holds the number.
         tensor: String,
-        /// The number's place in it.
+        /// Index of the number in the flat array.
         index: usize,
-        /// The value.
+        /// Infinite or NaN value.
         value: f32,
     },
-    /// A setting that does not exist.
+    /// Path of a setting that does not exist.
     #[error("there is no setting `{name}`{}", hint(nearest))]
     UnknownSetting {
-        /// Path of the setting.
+        /// Path of the setting, as given.
         name: String,
-        /// The setting that is most like it.
+        /// Existing setting with the most similar name.
         nearest: Option<String>,
     },
-    /// Settings that are no JSON.
+    /// Text of settings that is no valid JSON.
     #[error("the settings are no JSON: {source}")]
     NotJson {
-        /// Position and reason.
+        /// Error of the JSON parser, with position and reason.
         source: serde_json::Error,
     },
-    /// A setting of the wrong type.
+    /// Setting with a value of the wrong type.
     #[error("setting `{path}`: {problem}")]
     WrongSetting {
         /// Path of the setting.
         path: String,
-        /// Part that does not fit.
+        /// Description of the part of the value that does not fit.
         problem: String,
     },
-    /// An override without a value.
+    /// Override without a value, where `PATH=VALUE` is expected.
     #[error("`{text}` sets nothing: expected PATH=VALUE, as covers.ppo.gamma=0.97")]
     NotAnOverride {
-        /// Text that was given.
+        /// Text of the override, as given.
         text: String,
     },
-    /// A checkpoint of other settings than those asked for.
+    /// Checkpoint of other settings than those asked for.
     #[error(
         "{} was written with other settings than those asked for ({differences}): put them back, or \
          begin a new run with the settings that you want", path.display()
     )]
-    OtherSettings {
-        /// The checkpoint.
+    CheckpointSettingsDiffer {
+        /// Path of the checkpoint.
         path: PathBuf,
         /// Differences: the value asked for and the checkpoint's.
         differences: String,
     },
-    /// A learner that has no policies for other programs.
+    /// Request to export a policy of a learner that has none for other programs.
     #[error("this learner's policies cannot be written for other programs")]
     Unexportable,
-    /// A file of the run folder.
+    /// File of the run folder that cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
-        /// The reason.
-        source: BoxError,
+        /// Reason why the file cannot be written.
+        source: BoxedEnvError,
     },
 }
 
 impl LearnerError {
-    /// Wraps an error of reading `path`.
-    pub fn read(path: &Path, source: impl Into<BoxError>) -> Self {
+    /// Wraps an error of reading the file at `path`.
+    pub fn cannot_read(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Read { path, source }
     }
 
-    /// Error of a file that could be read and does not make sense.
-    pub fn damaged(path: &Path, problem: String) -> Self {
-        Self::read(path, Damaged(problem))
+    /// Returns the error of a file that could be read but is inconsistent.
+    pub fn damaged_file(path: &Path, problem: String) -> Self {
+        Self::cannot_read(path, Damaged(problem))
     }
 
-    /// Wraps an error of writing `path`.
-    pub fn write(path: &Path, source: impl Into<BoxError>) -> Self {
+    /// Wraps an error of writing the file at `path`.
+    pub fn cannot_write(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Write { path, source }
     }
 
     /// Names `path` in an error of a file's contents; other errors stay as they are.
-    pub(crate) fn in_file(self, path: &Path) -> Self {
+    pub(crate) fn with_path(self, path: &Path) -> Self {
         match self {
-            Self::Rl(_) | Self::Cluster(_) | Self::Setting { .. } => Self::read(path, self),
+            Self::Rl(_) | Self::Cluster(_) | Self::InvalidSetting { .. } => {
+                Self::cannot_read(path, self)
+            }
             other => other,
         }
     }

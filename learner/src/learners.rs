@@ -10,11 +10,16 @@ mod off_policy;
 mod settings;
 mod tensor_file;
 
-pub use collection::read_note;
-pub use collection::{Collection, CollectionSettings, CommonSettings, Handover, NewPolicy};
+pub use collection::read_checkpoint_note;
+pub use collection::{
+    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Rollout,
+    StepView, Training,
+};
 pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
-pub use learner::per_policy_columns;
-pub use learner::{Extent, Iteration, Learner, Metric, Metrics, Performance, Seconds};
+pub use learner::per_policy_column_names;
+pub use learner::{
+    CheckpointExtent, Iteration, IterationSeconds, Learner, Metric, Metrics, PolicyEvaluation,
+};
 pub use off_policy::{OffPolicy, OffPolicySettings};
 pub use settings::LearnerSettings;

@@ -1,5 +1,5 @@
-//! Learners of continual reinforcement learning from unlabelled streams of tasks: COVERS (Liu et al.,
-//! CoRL 2023), the same with replays, CLEAR and 3RL.
+//! Learners of continual reinforcement learning from unlabelled streams of tasks: COVERS (Liu et
+//! al., CoRL 2023), the same with replays, CLEAR and 3RL.
 //!
 //! - [`Learner`]: trains on the rollouts of any [`rl::VectorEnv`]. [`Covers`] is Algorithm 1 of the
 //!   paper and [`OffPolicy`] its counterpart with replays.
@@ -20,7 +20,8 @@ pub use groupings::{
     Learned, Lesson, Needs, Query, Recognised, Single, Trial,
 };
 pub use learners::{
-    Collection, CollectionSettings, CommonSettings, Covers, CoversSettings, DeviceChoice, Extent,
-    Handover, Iteration, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy,
-    OffPolicy, OffPolicySettings, Performance, Seconds, per_policy_columns, read_note,
+    CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Handover, Iteration,
+    IterationSeconds, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit,
+    OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
+    Rollout, StepView, Training, per_policy_column_names, read_checkpoint_note,
 };

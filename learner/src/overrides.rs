@@ -14,7 +14,7 @@ const LEARNER: &str = "learner";
 /// Length of the longest name, in characters, for which a known one is proposed.
 const LONGEST: usize = 100;
 
-/// Setting and its new value, as given by `--set PATH=VALUE`.
+/// Path of a setting and its new value, as given by `--set PATH=VALUE`.
 ///
 /// The path follows the fields of `experiment.json`, separated by dots; the elements of a list are
 /// numbered from 0, and a leading `learner.` may be left out. The value is JSON; a word needs no
@@ -40,7 +40,8 @@ impl FromStr for Override {
     }
 }
 
-/// Returns the settings with these fields changed; of several values for one field the last counts.
+/// Returns the settings with the overridden fields changed; of several values for one field the
+/// last counts.
 ///
 /// # Errors
 /// [`LearnerError::UnknownSetting`] for an unknown path, [`LearnerError::WrongSetting`] for
@@ -60,7 +61,7 @@ pub fn apply<T: Serialize + DeserializeOwned>(
             place.clone_from(&change.value);
         }
     }
-    typed(tree)
+    from_json_value(tree)
 }
 
 /// Returns the full path of a setting in the tree.
@@ -76,13 +77,17 @@ fn find(tree: &Value, path: &str) -> Result<String, LearnerError> {
 /// Rejects a checkpoint that was written with settings other than `asked`.
 ///
 /// # Errors
-/// [`LearnerError::OtherSettings`] names the fields that differ.
-pub fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<(), LearnerError> {
+/// [`LearnerError::CheckpointSettingsDiffer`] names the fields that differ.
+pub fn check_same_settings<T: Serialize>(
+    path: &Path,
+    asked: &T,
+    written: &T,
+) -> Result<(), LearnerError> {
     let differences = differences(asked, written)?;
     if differences.is_empty() {
         return Ok(());
     }
-    Err(LearnerError::OtherSettings { path: path.to_owned(), differences })
+    Err(LearnerError::CheckpointSettingsDiffer { path: path.to_owned(), differences })
 }
 
 /// Returns the fields in which two values differ, with both values of each, as text.
@@ -107,22 +112,23 @@ fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) 
 /// Reads settings from a file of JSON.
 ///
 /// # Errors
-/// [`LearnerError::Read`] names the file and what is wrong in it, see [`parse`].
-pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, LearnerError> {
-    let text = std::fs::read_to_string(path).map_err(|error| LearnerError::read(path, error))?;
-    parse(&text).map_err(|error| LearnerError::read(path, error))
+/// [`LearnerError::Read`] names the file and what is wrong in it, see [`parse_json`].
+pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, LearnerError> {
+    let text =
+        std::fs::read_to_string(path).map_err(|error| LearnerError::cannot_read(path, error))?;
+    parse_json(&text).map_err(|error| LearnerError::cannot_read(path, error))
 }
 
 /// Reads settings from JSON.
 ///
 /// # Errors
 /// [`LearnerError::NotJson`], [`LearnerError::UnknownSetting`], [`LearnerError::WrongSetting`].
-pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, LearnerError> {
+pub fn parse_json<T: DeserializeOwned>(text: &str) -> Result<T, LearnerError> {
     let not_json = |source| LearnerError::NotJson { source };
     serde_json::from_str(text).or_else(|error| {
         // only errors of a tree name the path; a duplicate field, which a tree accepts, stays an
         // error of the text
-        typed::<T>(serde_json::from_str(text).map_err(not_json)?)?;
+        from_json_value::<T>(serde_json::from_str(text).map_err(not_json)?)?;
         Err(not_json(error))
     })
 }
@@ -131,7 +137,7 @@ pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, LearnerError> {
 ///
 /// # Errors
 /// [`LearnerError::UnknownSetting`], [`LearnerError::WrongSetting`].
-pub fn typed<T: DeserializeOwned>(tree: Value) -> Result<T, LearnerError> {
+pub fn from_json_value<T: DeserializeOwned>(tree: Value) -> Result<T, LearnerError> {
     serde_path_to_error::deserialize(tree).map_err(|error| {
         let path = error.path().to_string();
         let problem = error.inner().to_string();

@@ -2,18 +2,19 @@
 
 use cluster::{Decision, Evidence, Verdict};
 use learner::{
-    Candidates, Covers, CoversSettings, Extent, Grouping, GroupingDecision, GroupingSettings,
-    Handover, Iteration, Learned, Learner, LearnerError, Lesson, Needs, NewPolicy, Query,
+    Candidates, CheckpointExtent, Covers, CoversSettings, Grouping, GroupingDecision,
+    GroupingSettings, Handover, Iteration, Learned, Learner, LearnerError, Lesson, Needs,
+    NewPolicyInit, Query,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{Critic, PpoSettings, VectorEnv};
+use rl::{CriticSettings, PpoSettings, VectorEnv};
 
 use crate::bars::{Bars, HORIZON, network, number};
 
 fn settings() -> CoversSettings {
     CoversSettings {
-        network: network(Critic::Pooled { width: 8 }),
+        network: network(CriticSettings::Pooled { width: 8 }),
         ppo: PpoSettings { epochs: 1, minibatch: 20, ..PpoSettings::default() },
         first_frames: 2,
         rollout_steps: 100,
@@ -40,20 +41,20 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
     let assigned = env.teach(&mut covers, &[0, 0, 1, 1, 0, 1, 0, 0]);
     let policies: Vec<usize> = assigned.iter().map(|report| report.policy).collect();
     assert_eq!(policies, [0, 0, 1, 1, 0, 1, 0, 0]);
-    let created: Vec<bool> = assigned.iter().map(|report| report.created).collect();
+    let created: Vec<bool> = assigned.iter().map(|report| report.policy_created).collect();
     assert_eq!(created, [false, false, true, false, false, false, false, false]);
-    assert_eq!(covers.policies(), 2);
+    assert_eq!(covers.policy_count(), 2);
     // the first rollout has nothing to be compared with; a rollout that changes hands is collected
     // twice, and a policy is opened after a second look
     assert!(assigned[0].evidence.is_empty());
     let decisions: Vec<usize> = assigned.iter().map(|report| report.decisions).collect();
     assert_eq!(decisions, [100, 100, 300, 100, 200, 200, 200, 100]);
-    let twice: Vec<bool> = assigned.iter().map(|r| r.first_look.is_some()).collect();
+    let twice: Vec<bool> = assigned.iter().map(|r| r.first_rollout_evidence.is_some()).collect();
     assert_eq!(twice, created);
     let verdicts = |evidence: &[Evidence]| evidence.iter().map(|e| e.verdict).collect::<Vec<_>>();
-    let doubted = assigned[2].first_look.as_deref().unwrap();
+    let doubted = assigned[2].first_rollout_evidence.as_deref().unwrap();
     assert_eq!(verdicts(doubted), [Verdict::Doubted]);
-    assert_eq!(verdicts(&assigned[2].evidence), [Verdict::Refused]);
+    assert_eq!(verdicts(&assigned[2].evidence), [Verdict::Rejected]);
 }
 
 #[test]
@@ -64,7 +65,7 @@ fn settings_that_would_disable_assignment_are_refused() {
     // episodes of 5 steps never show 6 frames
     let long = with(settings(), |s| s.first_frames = 6);
     let mut covers = Covers::new(long, env.spec()).unwrap();
-    assert_refused(covers.learn(&mut env), "of 0 episodes, expected at least 8");
+    assert_refused(covers.learn(&mut env), "of 0 episodes, expected at least 4");
 }
 
 #[test]
@@ -96,7 +97,7 @@ fn recognising_finds_the_policy_and_does_not_disturb_learning() {
 fn a_policy_that_does_not_exist_is_named() {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    assert_refused(covers.perform(7, &mut env, 1), "`policy` is 7");
+    assert_refused(covers.evaluate_policy(7, &mut env, 1), "`policy` is 7");
 }
 
 /// The learner of `settings` after rollouts in these groups, with what it reported.
@@ -118,7 +119,7 @@ fn the_noise_of_rollouts_keeps_its_direction_as_set() {
     };
     let learnt = |correlation| {
         let (covers, _) = after(single(correlation), &[0]);
-        covers.parameters(0).unwrap().to_vec()
+        covers.policy_parameters(0).unwrap().to_vec()
     };
     assert_eq!(learnt(0.5), learnt(0.5));
     assert_ne!(learnt(0.5), learnt(0.0));
@@ -164,8 +165,8 @@ fn a_buffer_grows_up_to_its_bound_or_without() {
     };
     let (bounded, shown) = grown(Some(30));
     assert!(bounded == Some(30) && shown >= 60);
-    let (unbounded, shown) = grown(None);
-    assert_eq!(unbounded, Some(shown));
+    let (unbounded, shown_all) = grown(None);
+    assert_eq!(unbounded, Some(shown_all));
     assert_eq!(after(settings(), &[0]).0.buffered_episodes(1), None, "there is one policy");
 }
 
@@ -174,12 +175,12 @@ fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
     let act_alike = |new_policy| {
         let settings = with(still(), |s| s.new_policy = new_policy);
         let (mut covers, reports) = after(settings, &[0, 1]);
-        assert!(reports[1].created);
-        let mut perform = |index| covers.perform(index, &mut Bars::new(), 1).unwrap();
+        assert!(reports[1].policy_created);
+        let mut perform = |index| covers.evaluate_policy(index, &mut Bars::new(), 1).unwrap();
         perform(0) == perform(1)
     };
-    assert!(act_alike(NewPolicy::Copy));
-    assert!(!act_alike(NewPolicy::Random));
+    assert!(act_alike(NewPolicyInit::Copy));
+    assert!(!act_alike(NewPolicyInit::Random));
 }
 
 #[test]
@@ -196,9 +197,9 @@ fn the_papers_reading_learns_and_asks_for_its_pictures() {
     let (covers, reports) = after(settings, &[0, 0, 1, 1]);
     for report in &reports {
         assert_eq!(report.decisions, 100);
-        assert!(report.first_look.is_none());
+        assert!(report.first_rollout_evidence.is_none());
     }
-    let kept = (0..covers.policies()).map(|index| covers.buffered_episodes(index).unwrap());
+    let kept = (0..covers.policy_count()).map(|index| covers.buffered_episodes(index).unwrap());
     assert_eq!(kept.sum::<usize>(), 80);
 }
 
@@ -206,9 +207,9 @@ fn the_papers_reading_learns_and_asks_for_its_pictures() {
 fn a_single_policy_takes_everything_and_an_oracle_asks_for_a_run() {
     let single = with(settings(), |s| s.grouping = GroupingSettings::Single);
     let (covers, turns) = after(single, &[0, 1, 0]);
-    assert_eq!(covers.policies(), 1);
+    assert_eq!(covers.policy_count(), 1);
     for turn in &turns {
-        assert!(turn.policy == 0 && !turn.created && turn.evidence.is_empty());
+        assert!(turn.policy == 0 && !turn.policy_created && turn.evidence.is_empty());
         assert_eq!(turn.decisions, 100);
     }
     let oracle = with(settings(), |s| s.grouping = GroupingSettings::Oracle);
@@ -267,14 +268,14 @@ fn a_grouping_of_somebody_elses_decides_and_is_saved() {
     let script = [Decision::New, Decision::Existing(0), Decision::Existing(1)];
     let mut covers = Covers::with_grouping(settings(), env.spec(), Scripted::new(&script)).unwrap();
     let turns = (0..4).map(|_| covers.learn(&mut env).unwrap());
-    let turns: Vec<_> = turns.map(|turn| (turn.policy, turn.created)).collect();
+    let turns: Vec<_> = turns.map(|turn| (turn.policy, turn.policy_created)).collect();
     assert_eq!(turns, [(0, false), (1, true), (0, false), (1, false)]);
     let path = std::env::temp_dir().join(format!("covers-script-{}", std::process::id()));
-    covers.save(&path, Extent::Everything, "").unwrap();
+    covers.save(&path, CheckpointExtent::Everything, "").unwrap();
     // the settings name another grouping than the one that decided
     assert_refused(Covers::load(&path, env.spec()), "grouping");
-    let script = Scripted::new(&[Decision::Existing(0)]);
-    let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), script).unwrap();
+    let other_script = Scripted::new(&[Decision::Existing(0)]);
+    let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), other_script).unwrap();
     std::fs::remove_file(path).unwrap();
     assert_eq!(twin.learn(&mut env).unwrap().policy, 0);
 }
@@ -291,7 +292,7 @@ fn a_policy_that_a_grouping_made_up_is_refused() {
 #[test]
 fn a_copy_of_the_nearest_needs_distances() {
     let mut env = Bars::new();
-    let settings = with(settings(), |s| s.new_policy = NewPolicy::Copy);
+    let settings = with(settings(), |s| s.new_policy = NewPolicyInit::Copy);
     let script = Scripted::new(&[Decision::New]);
     let mut covers = Covers::with_grouping(settings, env.spec(), script).unwrap();
     covers.learn(&mut env).unwrap();
@@ -308,7 +309,7 @@ fn rollouts_that_end_before_an_episode_does_are_refused() {
 }
 
 #[test]
-fn a_turn_logs_the_same_names_whatever_happens() {
+fn an_iteration_logs_the_same_names_whatever_happens() {
     let (_, turns) = after(settings(), &[0, 1, 0]);
     let names = |turn: &Iteration| -> Vec<String> {
         turn.metrics.iter().map(|(name, _)| name.to_owned()).collect()
@@ -327,18 +328,18 @@ fn a_saved_learner_goes_on_alike() {
     let path = std::env::temp_dir().join(format!("covers-learner-{}", std::process::id()));
     let mut env = Bars::new();
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    covers.save(&path, Extent::Everything, "fresh").unwrap();
+    covers.save(&path, CheckpointExtent::Everything, "fresh").unwrap();
     covers = Covers::load(&path, env.spec()).unwrap().0;
     env.teach(&mut covers, &[0, 1, 0]);
-    covers.save(&path, Extent::Everything, "a note").unwrap();
+    covers.save(&path, CheckpointExtent::Everything, "a note").unwrap();
     let mut twin_env = env.clone();
     let (mut twin, note) = Covers::load(&path, env.spec()).unwrap();
-    assert_eq!((note.as_str(), twin.policies()), ("a note", 2));
+    assert_eq!((note.as_str(), twin.policy_count()), ("a note", 2));
     let turns = env.teach(&mut covers, &[0, 1, 1]);
     let again = twin_env.teach(&mut twin, &[0, 1, 1]);
-    for (turn, again) in turns.iter().zip(again) {
-        assert_eq!(turn.metrics, again.metrics);
-        assert_eq!(turn.evidence, again.evidence);
+    for (turn, repeated) in turns.iter().zip(again) {
+        assert_eq!(turn.metrics, repeated.metrics);
+        assert_eq!(turn.evidence, repeated.evidence);
     }
     std::fs::remove_file(path).unwrap();
 }
@@ -355,14 +356,14 @@ fn evidence_that_no_policy_owns_opens_policies_and_recalls_them() {
     for group in [0, 0, 1, 1, 0, 1] {
         env.group = group;
         let turn = covers.learn(&mut env).unwrap();
-        policies.push((turn.policy, turn.created));
+        policies.push((turn.policy, turn.policy_created));
     }
     let known = |policy| (policy, false);
     let expected = [known(0), known(0), (1, true), known(1), known(0), known(1)];
     assert_eq!(policies, expected);
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     env.group = 0;
-    assert_eq!(covers.recognise(&mut env, None, &mut rng).unwrap().policy, 0);
+    assert_eq!(covers.recognise_policy(&mut env, None, &mut rng).unwrap().policy, 0);
 }
 
 #[test]
@@ -374,12 +375,12 @@ fn evidence_is_saved_and_goes_on_to_the_same_bits() {
         covers.learn(&mut env).unwrap();
     }
     let path = std::env::temp_dir().join(format!("covers-evidence-{}", std::process::id()));
-    covers.save(&path, Extent::Everything, "").unwrap();
+    covers.save(&path, CheckpointExtent::Everything, "").unwrap();
     let (mut again, _) = Covers::load(&path, env.spec()).unwrap();
     let mut same = env.clone();
     let (one, other) = (covers.learn(&mut env).unwrap(), again.learn(&mut same).unwrap());
     assert_eq!(one.evidence, other.evidence);
-    assert_eq!((one.policy, one.rollout), (other.policy, other.rollout));
+    assert_eq!((one.policy, one.rollout_stats), (other.policy, other.rollout_stats));
     std::fs::remove_file(&path).unwrap();
 }
 
@@ -390,12 +391,14 @@ fn covers_from_vectors_or_pictures_alone_goes_on_alike() {
     for mut env in Bars::half_blind() {
         let mut learner = Covers::new(settings.clone(), env.spec()).unwrap();
         env.teach(&mut learner, &[0, 1]);
-        learner.save(&path, Extent::Everything, "").unwrap();
+        learner.save(&path, CheckpointExtent::Everything, "").unwrap();
         let (mut twin, _) = Covers::load(&path, env.spec()).unwrap();
         let mut twin_env = env.clone();
         env.teach(&mut learner, &[1]);
         twin_env.teach(&mut twin, &[1]);
-        let bytes = |learner: &Covers| learner.encode(&path, Extent::Everything, "").unwrap();
+        let bytes = |any: &Covers| {
+            any.to_checkpoint_bytes(&path, CheckpointExtent::Everything, "").unwrap()
+        };
         assert!(bytes(&learner) == bytes(&twin), "{:?}", env.spec);
     }
     std::fs::remove_file(path).unwrap();

@@ -3,7 +3,10 @@
 use learner::{Iteration, Learner, Metric};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Transition, VectorEnv};
+use rl::{
+    CriticSettings, EncoderSettings, EnvSpec, NetworkSettings, Observations, StepOutcome,
+    Transition, VectorEnv,
+};
 use symmetry::{D2, Irrep};
 
 const SIZE: usize = 8;
@@ -27,9 +30,9 @@ impl Bars {
         Self {
             spec: EnvSpec {
                 num_envs: 10,
-                image: [SIZE, SIZE, 1],
-                vector: vec![Irrep::X, Irrep::Y],
-                action: vec![Irrep::Trivial],
+                image_shape: [SIZE, SIZE, 1],
+                vector_irreps: vec![Irrep::X, Irrep::Y],
+                action_irreps: vec![Irrep::Trivial],
             },
             group: 0,
             time: 0,
@@ -41,8 +44,8 @@ impl Bars {
     /// Environments with vectors alone, and with pictures alone.
     pub fn half_blind() -> [Self; 2] {
         let [mut vectors, mut pictures] = [Self::new(), Self::new()];
-        vectors.spec.image = EnvSpec::NO_IMAGE;
-        pictures.spec.vector.clear();
+        vectors.spec.image_shape = EnvSpec::NO_IMAGE;
+        pictures.spec.vector_irreps.clear();
         [vectors, pictures]
     }
 
@@ -60,18 +63,19 @@ impl Bars {
         [0, 1].map(|group| {
             self.group = group;
             let mut rng = ChaCha8Rng::seed_from_u64(9);
-            let recognised = learner.recognise(self, None, &mut rng).unwrap();
+            let recognised = learner.recognise_policy(self, None, &mut rng).unwrap();
             assert!(recognised.fits);
             recognised.policy
         })
     }
 
     fn draw(&mut self, out: &mut Observations) {
-        let [image, vector] = [self.spec.image.iter().product(), self.spec.vector.len()];
+        let [image, vector] =
+            [self.spec.image_shape.iter().product(), self.spec.vector_irreps.len()];
         for i in 0..self.spec.num_envs {
             let mut bar: Vec<u8> = (0..SIZE * SIZE).map(|_| self.rng.random_range(0..40)).collect();
-            for i in 0..3 {
-                let (row, column) = if self.group == 0 { (i, 1) } else { (1, i) };
+            for offset in 0..3 {
+                let (row, column) = if self.group == 0 { (offset, 1) } else { (1, offset) };
                 bar[row * SIZE + column] = 250;
             }
             let element = D2::ALL[self.rng.random_range(0..4)];
@@ -83,9 +87,9 @@ impl Bars {
 }
 
 /// A small network for such pictures.
-pub fn network(critic: Critic) -> NetworkSettings {
+pub fn network(critic: CriticSettings) -> NetworkSettings {
     NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![4, 8] },
+        encoder: EncoderSettings::Strided { fields: vec![4, 8] },
         top_fields: 8,
         vector_fields: 4,
         actor_fields: 4,
@@ -111,13 +115,13 @@ impl VectorEnv for Bars {
         self.limited.then_some(HORIZON)
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), rl::BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), rl::BoxedEnvError> {
         self.time = 0;
         self.draw(out);
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), rl::BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), rl::BoxedEnvError> {
         self.time += 1;
         out.rewards.copy_from_slice(actions);
         self.draw(&mut out.observations);
@@ -125,7 +129,7 @@ impl VectorEnv for Bars {
         if ended {
             self.draw(&mut out.final_observations);
         }
-        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(ended)];
+        let outcome = [StepOutcome::Running, StepOutcome::Truncated][usize::from(ended)];
         out.outcomes.fill(outcome);
         Ok(())
     }

@@ -1,8 +1,12 @@
 //! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same
 //! bits.
 
-use learner::{Extent, GroupingSettings, Iteration, Learner, OffPolicy, OffPolicySettings};
-use rl::{ContextSettings, Critic, Encoder, NetworkSettings, SacSettings, VectorEnv};
+use learner::{
+    CheckpointExtent, GroupingSettings, Iteration, Learner, OffPolicy, OffPolicySettings,
+};
+use rl::{
+    ContextSettings, CriticSettings, EncoderSettings, NetworkSettings, SacSettings, VectorEnv,
+};
 use symmetry::Group;
 
 use crate::bars::{Bars, network, number};
@@ -14,11 +18,11 @@ const ENVS: usize = 16;
 fn toy(method: OffPolicySettings) -> OffPolicySettings {
     OffPolicySettings {
         network: NetworkSettings {
-            encoder: Encoder::Blind,
+            encoder: EncoderSettings::Blind,
             top_fields: 8,
             vector_fields: 8,
             actor_fields: 8,
-            critic: Critic::Joint { fields: 8 },
+            critic: CriticSettings::Joint { fields: 8 },
             ..method.network
         },
         sac: SacSettings {
@@ -47,7 +51,7 @@ fn learned(settings: OffPolicySettings, shown: bool, turns: usize) -> f64 {
     for _ in 0..turns {
         learner.learn(&mut env).unwrap();
     }
-    let stats = learner.perform(0, &mut env, 4).unwrap().stats;
+    let stats = learner.evaluate_policy(0, &mut env, 4).unwrap().stats;
     stats.mean_return().unwrap()
 }
 
@@ -77,7 +81,7 @@ fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
 fn sorting() -> OffPolicySettings {
     let method = OffPolicySettings::equi_sac();
     OffPolicySettings {
-        network: network(Critic::Joint { fields: 4 }),
+        network: network(CriticSettings::Joint { fields: 4 }),
         sac: SacSettings {
             batch: 16,
             updates_per_step: 0.025,
@@ -123,19 +127,21 @@ fn a_saved_learner_goes_on_alike() {
     for settings in [sorting(), single] {
         let mut env = Bars::new();
         let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
-        learner.save(&path, Extent::Everything, "fresh").unwrap();
+        learner.save(&path, CheckpointExtent::Everything, "fresh").unwrap();
         learner = OffPolicy::load(&path, env.spec()).unwrap().0;
         env.teach(&mut learner, &[0, 1, 0]);
-        learner.save(&path, Extent::Everything, "a note").unwrap();
+        learner.save(&path, CheckpointExtent::Everything, "a note").unwrap();
         let (mut twin, note) = OffPolicy::load(&path, env.spec()).unwrap();
-        assert_eq!((note.as_str(), twin.policies()), ("a note", learner.policies()));
+        assert_eq!((note.as_str(), twin.policy_count()), ("a note", learner.policy_count()));
         let mut twin_env = env.clone();
         let turns = env.teach(&mut learner, &[0, 1, 1]);
         let again = twin_env.teach(&mut twin, &[0, 1, 1]);
-        for (turn, again) in turns.iter().zip(again) {
-            assert_eq!(turn.metrics, again.metrics);
+        for (turn, repeated) in turns.iter().zip(again) {
+            assert_eq!(turn.metrics, repeated.metrics);
         }
-        let bytes = |learner: &OffPolicy| learner.encode(&path, Extent::Everything, "").unwrap();
+        let bytes = |any: &OffPolicy| {
+            any.to_checkpoint_bytes(&path, CheckpointExtent::Everything, "").unwrap()
+        };
         assert!(bytes(&learner) == bytes(&twin));
     }
     std::fs::remove_file(path).unwrap();
@@ -148,12 +154,14 @@ fn learners_from_vectors_or_pictures_alone_go_on_alike() {
     for mut env in Bars::half_blind() {
         let mut learner = OffPolicy::new(settings.clone(), env.spec()).unwrap();
         env.teach(&mut learner, &[0, 1]);
-        learner.save(&path, Extent::Everything, "").unwrap();
+        learner.save(&path, CheckpointExtent::Everything, "").unwrap();
         let (mut twin, _) = OffPolicy::load(&path, env.spec()).unwrap();
         let mut twin_env = env.clone();
         env.teach(&mut learner, &[1]);
         twin_env.teach(&mut twin, &[1]);
-        let bytes = |learner: &OffPolicy| learner.encode(&path, Extent::Everything, "").unwrap();
+        let bytes = |any: &OffPolicy| {
+            any.to_checkpoint_bytes(&path, CheckpointExtent::Everything, "").unwrap()
+        };
         assert!(bytes(&learner) == bytes(&twin), "{:?}", env.spec);
     }
     std::fs::remove_file(path).unwrap();
@@ -169,9 +177,10 @@ fn packed_policies_recognise_and_hold_no_replay() {
         learner.save(&path, extent, "").unwrap();
         std::fs::metadata(&path).unwrap().len()
     };
-    let whole = size(Extent::Everything);
-    let packed = size(Extent::Policies { episodes: 20 });
-    assert!(2 * packed < whole, "{packed} of {whole}");
+    let whole = size(CheckpointExtent::Everything);
+    let packed = size(CheckpointExtent::Policies { episodes_per_policy: 20 });
+    // both hold the summaries of episodes
+    assert!(3 * packed < 2 * whole, "{packed} of {whole}");
     let (mut twin, _) = OffPolicy::load(&path, env.spec()).unwrap();
     std::fs::remove_file(&path).unwrap();
     assert_eq!(env.recognised(&mut twin), [0, 1]);

@@ -3,14 +3,14 @@
 use learner::{Covers, CoversSettings, GroupingSettings, Learner};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{Encoder, NetworkSettings, PpoSettings, VectorEnv};
+use rl::{EncoderSettings, NetworkSettings, PpoSettings, VectorEnv};
 
 use crate::bars::Bars;
 
 fn settings(grouping: GroupingSettings) -> CoversSettings {
     CoversSettings {
         network: NetworkSettings {
-            encoder: Encoder::Strided { fields: vec![4, 8] },
+            encoder: EncoderSettings::Strided { fields: vec![4, 8] },
             top_fields: 8,
             vector_fields: 4,
             actor_fields: 4,
@@ -40,7 +40,7 @@ fn named(covers: &mut Covers, group: usize, episodes: usize) -> Option<usize> {
         let mut env = Bars::new();
         env.group = group;
         let mut rng = ChaCha8Rng::seed_from_u64(9);
-        let answer = covers.recognise(&mut env, Some(episodes), &mut rng);
+        let answer = covers.recognise_policy(&mut env, Some(episodes), &mut rng);
         answer.unwrap().named()
     };
     let first = ask();
@@ -57,7 +57,7 @@ fn groupings() -> [GroupingSettings; 2] {
 fn known_groups_are_recognised_from_one_episode() {
     for grouping in groupings() {
         let mut covers = after(grouping, &[0, 1, 0, 1]);
-        assert_eq!(covers.policies(), 2);
+        assert_eq!(covers.policy_count(), 2);
         for group in [0, 1] {
             let named = [1, 4, 20].map(|episodes| named(&mut covers, group, episodes));
             assert_eq!(named, [Some(group); 3], "{grouping:?}");

@@ -15,7 +15,7 @@ pub enum Backend {
 }
 
 impl Backend {
-    /// Every backend, in the order in which they are tried.
+    /// Every OpenGL backend, in the order in which they are tried.
     pub const ALL: [Self; 3] = [Self::EglSurfaceless, Self::EglPbuffer, Self::OsMesa];
 }
 

@@ -5,7 +5,7 @@ use std::slice;
 use std::sync::Arc;
 
 use crate::error::{Quantity, SimError, check_finite, check_length};
-use crate::fields::Field;
+use crate::fields::ArrayField;
 use crate::fields::data::{
     ACTUATOR_FORCE, CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QACC, QPOS, QVEL, SITE_XPOS,
     XPOS, XQUAT,
@@ -14,7 +14,7 @@ use crate::ids::{BodyId, GeomId, Id, MocapId, SiteId};
 use crate::model::Model;
 use crate::raw;
 
-/// One simulation of a [`Model`].
+/// One MuJoCo simulation of a [`Model`]: the state and the quantities derived from it.
 ///
 /// *Derived* quantities (positions of bodies, geoms and sites; contacts) are those of the last
 /// [`Data::forward`], or lag the state by one physics step: call `forward` before reading them and
@@ -33,9 +33,9 @@ unsafe impl Send for Data {}
 /// Pair of geoms that touch, or are within their collision margin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// Geoms of the pair.
+    /// Two geoms that touch, or are within their collision margin.
     pub geoms: [GeomId; 2],
-    /// Gap between them in metres; negative if they overlap.
+    /// Gap between the two surfaces in metres; negative if they overlap.
     pub distance: f64,
     /// Point midway between the two surfaces, in metres, in the world frame.
     pub position: [f64; 3],
@@ -49,25 +49,25 @@ impl Data {
         Self { raw, model }
     }
 
-    /// Returns the model that is simulated.
+    /// Returns the model that this simulation is of.
     pub fn model(&self) -> &Arc<Model> {
         &self.model
     }
 
-    /// Returns to the model's initial state, at time 0.
+    /// Resets the simulation to the model's initial state, at time 0.
     pub fn reset(&mut self) {
         // SAFETY: live data of this model.
         unsafe { raw::mj_resetData(self.model.as_raw(), self.as_mut_ptr()) };
         self.clear_warnings();
     }
 
-    /// Advances by `n` physics steps of [`Model::timestep`] seconds each.
+    /// Advances the simulation by `n` physics steps of [`Model::timestep`] seconds each.
     ///
     /// Derived quantities are then one step behind the state: see [`Data::forward`].
     ///
     /// # Errors
     /// [`SimError::Diverged`] as soon as a step diverges, after which the state is the initial one;
-    /// [`SimError::Overflow`] if contacts or constraints did not fit and were dropped.
+    /// [`SimError::BufferOverflow`] if contacts or constraints did not fit and were dropped.
     pub fn step(&mut self, n: usize) -> Result<(), SimError> {
         for _ in 0..n {
             let time = self.time();
@@ -84,7 +84,7 @@ impl Data {
     /// with an extra `forward` may differ in the last bits from a run without.
     ///
     /// # Errors
-    /// Those of [`Data::step`], and [`SimError::NotFinite`] if the state, the control or a
+    /// Errors of [`Data::step`], and [`SimError::NotFinite`] if the state, the control or a
     /// resulting acceleration is not finite. A step also rejects positions and velocities beyond
     /// 1e10; `forward` accepts them, and other derived quantities may then not be finite.
     pub fn forward(&mut self) -> Result<(), SimError> {
@@ -152,10 +152,10 @@ impl Data {
         self.values(&ACTUATOR_FORCE)
     }
 
-    /// Sets all controls `[nu]`.
+    /// Sets the controls of all actuators `[nu]`.
     ///
     /// # Errors
-    /// [`SimError::Length`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
+    /// [`SimError::WrongLength`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
     pub fn set_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
         check_length(Quantity::Ctrl, self.model.nu(), ctrl.len())?;
         check_finite(Quantity::Ctrl, ctrl)?;
@@ -177,22 +177,27 @@ impl Data {
         mocap: MocapId,
         position: [f64; 3],
     ) -> Result<(), SimError> {
-        check_finite(Quantity::Mocap, &position)?;
+        check_finite(Quantity::MocapPose, &position)?;
         self.rows_mut(&MOCAP_POS)[mocap.index()] = position;
         Ok(())
     }
 
-    /// Returns the orientation of a mocap body, (w, x, y, z).
-    pub fn mocap_quat(&self, mocap: MocapId) -> [f64; 4] {
+    /// Returns the orientation of a mocap body, as a quaternion (w, x, y, z).
+    pub fn mocap_orientation(&self, mocap: MocapId) -> [f64; 4] {
         self.rows(&MOCAP_QUAT)[mocap.index()]
     }
 
-    /// Sets the orientation of a mocap body, (w, x, y, z) of any norm but 0; MuJoCo normalises it.
+    /// Sets the orientation of a mocap body, a quaternion (w, x, y, z) of any norm but 0; MuJoCo
+    /// normalises it.
     ///
     /// # Errors
     /// [`SimError::NotFinite`], [`SimError::ZeroQuaternion`].
-    pub fn set_mocap_quat(&mut self, mocap: MocapId, quat: [f64; 4]) -> Result<(), SimError> {
-        check_finite(Quantity::Mocap, &quat)?;
+    pub fn set_mocap_orientation(
+        &mut self,
+        mocap: MocapId,
+        quat: [f64; 4],
+    ) -> Result<(), SimError> {
+        check_finite(Quantity::MocapPose, &quat)?;
         // MuJoCo normalises, and would silently turn a zero quaternion into the identity
         if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
             return Err(SimError::ZeroQuaternion { value: quat });
@@ -201,39 +206,41 @@ impl Data {
         Ok(())
     }
 
-    /// Returns the position of a body's frame in the world, in metres (derived).
+    /// Returns the position of a body's frame in the world, in metres; derived (see [`Data`]).
     pub fn body_position(&self, body: BodyId) -> [f64; 3] {
         self.rows(&XPOS)[body.index()]
     }
 
-    /// Returns the orientation of a body's frame in the world, (w, x, y, z) (derived).
-    pub fn body_quat(&self, body: BodyId) -> [f64; 4] {
+    /// Returns the orientation of a body's frame in the world, as a quaternion (w, x, y, z);
+    /// derived (see [`Data`]).
+    pub fn body_orientation(&self, body: BodyId) -> [f64; 4] {
         self.rows(&XQUAT)[body.index()]
     }
 
-    /// Returns the position of a geom's centre in the world, in metres (derived).
+    /// Returns the position of a geom's centre in the world, in metres; derived (see [`Data`]).
     pub fn geom_position(&self, geom: GeomId) -> [f64; 3] {
         self.rows(&GEOM_XPOS)[geom.index()]
     }
 
-    /// Returns the x, y and z axis of a geom's frame, unit vectors in the world (derived).
+    /// Returns the x, y and z axis of a geom's frame, unit vectors in the world; derived (see
+    /// [`Data`]).
     pub fn geom_axes(&self, geom: GeomId) -> [[f64; 3]; 3] {
         let m = self.rows(&GEOM_XMAT)[geom.index()];
         // MuJoCo's matrices are row-major
         [0, 1, 2].map(|axis| [m[axis], m[3 + axis], m[6 + axis]])
     }
 
-    /// Returns the position of a site in the world, in metres (derived).
+    /// Returns the position of a site in the world, in metres; derived (see [`Data`]).
     pub fn site_position(&self, site: SiteId) -> [f64; 3] {
         self.rows(&SITE_XPOS)[site.index()]
     }
 
-    /// Returns the number of contacts (derived).
+    /// Returns the number of contacts between geoms; derived (see [`Data`]).
     pub fn contact_count(&self) -> usize {
         self.as_raw().ncon as usize
     }
 
-    /// Returns the contacts in MuJoCo's order (derived).
+    /// Returns the contacts between geoms, in MuJoCo's order; derived (see [`Data`]).
     pub fn contacts(&self) -> impl Iterator<Item = Contact> {
         self.raw_contacts().iter().map(|contact| Contact {
             geoms: [contact.geom1, contact.geom2].map(|geom| Id::new(geom as usize)),
@@ -251,14 +258,15 @@ impl Data {
         }
     }
 
-    /// Returns the C struct, for reading fields without a method.
+    /// Returns MuJoCo's `mjData`, for reading fields without a method.
     ///
     /// Plain fields can be read directly. Arrays are pointers, and reading through one is `unsafe`:
     /// `mjdata.h` documents the number of elements.
     ///
     /// ```
     /// # use std::sync::Arc;
-    /// # let xml = "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>";
+    /// # let xml = "<mujoco><worldbody><body><joint/><geom
+    /// size='.1'/></body></worldbody></mujoco>";
     /// # let model = Arc::new(mujoco::Model::from_xml(xml)?);
     /// let mut data = mujoco::Data::new(model);
     /// data.forward()?;
@@ -273,7 +281,7 @@ impl Data {
         unsafe { self.raw.as_ref() }
     }
 
-    /// Returns a pointer to the C struct, for calling functions without a method.
+    /// Returns a pointer to MuJoCo's `mjData`, for calling functions without a method.
     ///
     /// The pointer is valid as long as this value lives. Using it is `unsafe`: the caller must pass
     /// it to MuJoCo only together with [`Model::as_raw`] of the same model, must free nothing, and
@@ -281,7 +289,7 @@ impl Data {
     ///
     /// A warning that MuJoCo raises meanwhile becomes an error of the next [`Data::step`] or
     /// [`Data::forward`] if it is a divergence or an overflow. Warnings of other kinds are dropped
-    /// there, and [`Data::reset`] and [`Data::restore`] drop all.
+    /// there, and [`Data::reset`] and [`Data::restore_state`] drop all.
     pub fn as_mut_ptr(&mut self) -> *mut raw::mjData {
         self.raw.as_ptr()
     }
@@ -325,39 +333,50 @@ impl Data {
         ];
         kinds.into_iter().find_map(|(warning, what, limit, setting)| {
             let raised = self.as_raw().warning[warning as usize].number > 0;
-            raised.then_some(SimError::Overflow { what, limit: limit as usize, setting, time })
+            raised.then_some(SimError::BufferOverflow {
+                what,
+                limit: limit as usize,
+                setting,
+                time,
+            })
         })
     }
 
     pub(crate) fn clear_warnings(&mut self) {
-        for warning in &mut self.get_mut().warning {
+        for warning in &mut self.raw_mut().warning {
             warning.number = 0;
         }
     }
 
-    pub(crate) fn rows<T, const N: usize>(&self, field: &Field<raw::mjData, T, N>) -> &[[T; N]] {
+    pub(crate) fn rows<T, const N: usize>(
+        &self,
+        field: &ArrayField<raw::mjData, T, N>,
+    ) -> &[[T; N]] {
         // SAFETY: MuJoCo made the data for this model; it is written through `&mut self` only.
         unsafe { field.rows(self.as_raw(), self.model.as_raw()) }
     }
 
     pub(crate) fn rows_mut<T, const N: usize>(
         &mut self,
-        field: &Field<raw::mjData, T, N>,
+        field: &ArrayField<raw::mjData, T, N>,
     ) -> &mut [[T; N]] {
         // SAFETY: MuJoCo made the data, which lives until `drop`, for this model; the result
         // borrows `self` exclusively.
         unsafe { field.rows_mut(self.raw.as_mut(), self.model.as_raw()) }
     }
 
-    fn values<const N: usize>(&self, field: &Field<raw::mjData, f64, N>) -> &[f64] {
+    fn values<const N: usize>(&self, field: &ArrayField<raw::mjData, f64, N>) -> &[f64] {
         self.rows(field).as_flattened()
     }
 
-    fn values_mut<const N: usize>(&mut self, field: &Field<raw::mjData, f64, N>) -> &mut [f64] {
+    fn values_mut<const N: usize>(
+        &mut self,
+        field: &ArrayField<raw::mjData, f64, N>,
+    ) -> &mut [f64] {
         self.rows_mut(field).as_flattened_mut()
     }
 
-    pub(crate) fn get_mut(&mut self) -> &mut raw::mjData {
+    pub(crate) fn raw_mut(&mut self) -> &mut raw::mjData {
         // SAFETY: the pointer is valid until `drop`, and borrowed exclusively.
         unsafe { self.raw.as_mut() }
     }

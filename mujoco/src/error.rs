@@ -12,7 +12,7 @@ pub enum MujocoError {
     /// Error of loading a model, or a name that it lacks.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// Diverged simulation, or invalid values.
+    /// Divergence of a simulation, or invalid values given to it.
     #[error(transparent)]
     Sim(#[from] SimError),
     /// Error of drawing an image.
@@ -37,32 +37,32 @@ pub enum ModelError {
     },
     /// Model that MuJoCo rejected, with its own message.
     #[error("MuJoCo cannot load `{file}`: {message}")]
-    Load {
-        /// Name of the main file.
+    LoadFailed {
+        /// Name of the rejected file: the main one, or one that it includes.
         file: String,
         /// MuJoCo's message, with file and line where available.
         message: String,
     },
-    /// File name that MuJoCo's virtual file system cannot hold.
+    /// File name that this crate does not accept.
     #[error("file name `{name}` cannot be used: {reason}")]
-    FileName {
-        /// Name as given.
+    InvalidFileName {
+        /// File name as given.
         name: String,
-        /// Reason for which it is rejected.
+        /// Reason for which the file name is rejected.
         reason: &'static str,
     },
-    /// File that is empty or has 2 GiB or more.
+    /// Model file that is empty or has 2 GiB or more.
     #[error("file `{name}` has {size} bytes; a file must have between 1 and 2147483647")]
-    FileSize {
+    InvalidFileSize {
         /// Name of the file.
         name: String,
-        /// Size in bytes.
+        /// Size of the file in bytes.
         size: usize,
     },
     /// Main file that is not among the files.
     #[error("main file `{main}` is not among the files given: {}", list(.files))]
     NoMainFile {
-        /// Name requested.
+        /// Name requested as the main file.
         main: String,
         /// Names of the files given.
         files: Vec<String>,
@@ -72,17 +72,17 @@ pub enum ModelError {
     UnknownName {
         /// Kind of object, for instance `body`.
         kind: &'static str,
-        /// Name requested.
+        /// Name that no object has.
         name: String,
-        /// Every name of this kind in the model.
+        /// Every name of this kind of object in the model.
         known: Vec<String>,
     },
-    /// Body that is not a mocap body.
+    /// Body that is requested as a mocap body but is none.
     #[error("body `{name}` is not a mocap body; mocap bodies: {}", list(.known))]
-    NotMocap {
-        /// Name requested.
+    NotMocapBody {
+        /// Name of the requested body.
         name: String,
-        /// Every mocap body of the model.
+        /// Names of all mocap bodies of the model.
         known: Vec<String>,
     },
 }
@@ -107,7 +107,7 @@ pub enum SimError {
     Diverged {
         /// Quantity that became NaN, infinite or huge.
         what: Quantity,
-        /// Element of that quantity, as MuJoCo reports it.
+        /// Index of the element of that quantity, as MuJoCo reports it.
         index: usize,
         /// Simulation time before the failing step, in seconds.
         time: f64,
@@ -117,61 +117,61 @@ pub enum SimError {
         "MuJoCo dropped {what} at time {time} s, over the limit of {limit}; \
          raise `{setting}` in the model's <size>"
     )]
-    Overflow {
+    BufferOverflow {
         /// Dropped objects: `contacts` or `constraints`.
         what: &'static str,
-        /// Number that fits.
+        /// Number of contacts or constraints that fit.
         limit: usize,
-        /// XML attribute to raise.
+        /// Attribute of `<size>` in the model's XML to raise.
         setting: &'static str,
         /// Simulation time before the failing step, in seconds.
         time: f64,
     },
-    /// Value that is NaN or infinite.
+    /// Value for the simulation that is NaN or infinite.
     #[error("{what}[{index}] is {value}, which is not finite")]
     NotFinite {
-        /// Quantity given.
+        /// Quantity that has the rejected value.
         what: Quantity,
-        /// Element of that quantity.
+        /// Index of the rejected value within the quantity.
         index: usize,
-        /// Rejected value.
+        /// Value that was rejected.
         value: f64,
     },
-    /// Slice of the wrong length.
+    /// Slice of values of the wrong length.
     #[error("{what} has {got} elements, expected {expected}")]
-    Length {
-        /// Quantity given.
+    WrongLength {
+        /// Quantity that the slice is for.
         what: Quantity,
-        /// Length required by the model.
+        /// Length that the model requires.
         expected: usize,
-        /// Length given.
+        /// Length of the slice.
         got: usize,
     },
-    /// Quaternion whose norm is too small for a rotation.
+    /// Quaternion of norm zero, or too small for a rotation.
     #[error("quaternion {value:?} has no direction; a rotation needs a norm that is not 0")]
     ZeroQuaternion {
-        /// Rejected value, (w, x, y, z).
+        /// Rejected quaternion, (w, x, y, z).
         value: [f64; 4],
     },
 }
 
-/// Quantity of the simulation, for error messages.
+/// Quantity of the simulation that an error is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Quantity {
-    /// Generalised positions.
+    /// Generalised positions `qpos`.
     Qpos,
-    /// Generalised velocities.
+    /// Generalised velocities `qvel`.
     Qvel,
-    /// Generalised accelerations.
+    /// Generalised accelerations `qacc`.
     Qacc,
-    /// Controls.
+    /// Controls `ctrl` of the actuators.
     Ctrl,
     /// Inertia matrix (nearly singular).
     Inertia,
     /// Position or orientation of a mocap body.
-    Mocap,
-    /// Saved state.
+    MocapPose,
+    /// Saved state of a simulation, see [`State`](crate::State).
     State,
 }
 
@@ -183,15 +183,15 @@ impl fmt::Display for Quantity {
             Self::Qacc => "qacc",
             Self::Ctrl => "ctrl",
             Self::Inertia => "inertia",
-            Self::Mocap => "mocap pose",
+            Self::MocapPose => "mocap pose",
             Self::State => "state",
         })
     }
 }
 
-/// Returns [`SimError::Length`] unless the length is `expected`.
+/// Returns [`SimError::WrongLength`] unless the length is `expected`.
 pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
-    let error = SimError::Length { what, expected, got };
+    let error = SimError::WrongLength { what, expected, got };
     (got == expected).then_some(()).ok_or(error)
 }
 
@@ -226,26 +226,26 @@ pub enum RenderError {
     },
     /// Image size out of range.
     #[error("image size {width} x {height} is out of range; each side must be 1 to {limit} pixels")]
-    Size {
-        /// Width requested, in pixels.
+    ImageSizeOutOfRange {
+        /// Requested width, in pixels.
         width: usize,
-        /// Height requested, in pixels.
+        /// Requested height, in pixels.
         height: usize,
-        /// Largest side, in pixels.
+        /// Largest allowed side, in pixels.
         limit: usize,
     },
     /// Output slice that does not hold exactly one image.
     #[error("the output has {got} bytes, expected {expected} (height x width x 3)")]
-    Buffer {
-        /// Bytes of one image.
+    WrongImageLength {
+        /// Number of bytes that one image has.
         expected: usize,
-        /// Bytes given.
+        /// Number of bytes that the slice has.
         got: usize,
     },
     /// Data of another model than the renderer's.
     #[error("the data belongs to another model than the renderer; make both from one Arc<Model>")]
     OtherModel,
-    /// Camera id from a larger model.
+    /// Camera id that the renderer's model does not have.
     #[error("camera {index} is not of this model, which has {count}")]
     UnknownCamera {
         /// Index of the camera requested.
@@ -256,7 +256,7 @@ pub enum RenderError {
     /// Scene with more geoms than the renderer has room for.
     #[error("the scene has more than {limit} geoms, some would be missing")]
     SceneFull {
-        /// Number of geoms that fit.
+        /// Number of geoms that the renderer has room for.
         limit: usize,
     },
     /// Backdrop without a picture: it was never drawn, or drawing it failed.
@@ -276,9 +276,9 @@ pub enum RenderError {
          draw it without a mirror"
     )]
     NotMirrorSymmetric {
-        /// `geom` or `skin`.
+        /// Kind of the object: `geom` or `skin`.
         what: &'static str,
-        /// Index in the model.
+        /// Index of the object in the model.
         index: usize,
     },
     /// Error reported by OpenGL, for instance a lost context (0x0507) or a lack of memory (0x0505).
@@ -288,7 +288,7 @@ pub enum RenderError {
     OpenGl {
         /// Code of `glGetError`.
         code: u32,
-        /// Operation that failed.
+        /// Operation of the renderer that failed.
         during: &'static str,
     },
     /// Context of the renderer that cannot be made current on this thread, for instance because it
@@ -297,7 +297,7 @@ pub enum RenderError {
         "the {backend} context cannot be made current, it may be lost: {reason}; \
          make a new renderer"
     )]
-    Current {
+    MakeCurrentFailed {
         /// Backend of the renderer.
         backend: Backend,
         /// Error of the backend.
@@ -306,7 +306,7 @@ pub enum RenderError {
     /// Context of the embedding program that cannot be made current again; the picture itself may
     /// be complete.
     #[error("the {backend} context that was current before cannot be made so again: {reason}")]
-    Restore {
+    RestoreContextFailed {
         /// Backend of the renderer.
         backend: Backend,
         /// Error of the backend.
@@ -318,9 +318,9 @@ pub enum RenderError {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ContextError {
-    /// Library that cannot be loaded, or lacks a function.
+    /// OpenGL library that cannot be loaded, or lacks a function.
     #[error("{library} cannot be used: {reason}")]
-    Library {
+    LibraryUnusable {
         /// File name of the library.
         library: String,
         /// Message of the dynamic loader.
@@ -335,38 +335,38 @@ pub enum ContextError {
     /// EGL symbols visible to the whole process, which MuJoCo would prefer to OSMesa's.
     #[error("the program is linked to EGL, which MuJoCo would use with OSMesa's context")]
     LinkedToEgl,
-    /// Missing EGL extension.
+    /// Missing extension of EGL that the backend needs.
     #[error("EGL does not offer {name}")]
-    Extension {
-        /// Name of the extension.
+    MissingEglExtension {
+        /// Name of the missing extension.
         name: &'static str,
     },
-    /// Failed call of EGL.
+    /// Failed call of an EGL function.
     #[error("{call} failed with EGL error {code:#06x} ({meaning})")]
-    Egl {
-        /// Function that was called.
+    EglCallFailed {
+        /// Name of the EGL function.
         call: &'static str,
         /// Code of `eglGetError`.
         code: i32,
-        /// Description of the code.
+        /// Description of the error code.
         meaning: String,
     },
-    /// Failed call of OSMesa, which gives no reason.
+    /// Failed call of an OSMesa function, which gives no reason.
     #[error("{call} failed")]
-    OsMesa {
-        /// Function that was called.
+    OsMesaCallFailed {
+        /// Name of the OSMesa function.
         call: &'static str,
     },
     /// No graphics device listed by EGL.
     #[error("EGL lists no device")]
     NoDevice,
-    /// No suitable framebuffer configuration.
+    /// Absence of a suitable framebuffer configuration.
     #[error("no configuration has OpenGL, 8-bit colours and 24-bit depth")]
     NoConfiguration,
     /// OpenGL feature that MuJoCo requires and the context lacks.
     #[error("OpenGL lacks {name}")]
-    Feature {
-        /// Name of the OpenGL extension.
+    MissingOpenGlFeature {
+        /// Name of the missing OpenGL extension.
         name: &'static str,
     },
 }

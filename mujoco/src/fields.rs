@@ -9,12 +9,12 @@ use std::slice;
 use crate::raw;
 
 /// Array `[count, N]` of the struct `S`.
-pub(crate) struct Field<S, T, const N: usize> {
+pub(crate) struct ArrayField<S, T, const N: usize> {
     start: fn(&S) -> *mut T,
     count: fn(&raw::mjModel) -> c_int,
 }
 
-impl<S, T, const N: usize> Field<S, T, N> {
+impl<S, T, const N: usize> ArrayField<S, T, N> {
     /// Creates a field.
     ///
     /// # Safety
@@ -60,20 +60,20 @@ impl<S, T, const N: usize> Field<S, T, N> {
     }
 }
 
-/// Declares constants of type [`Field`], and a table of them for the test.
+/// Declares constants of type [`ArrayField`], and a table of them for the test.
 macro_rules! fields {
     (
         $owner:ident, $table:literal:
         $($name:ident = $field:ident: [$kind:ty; $count:ident, $width:literal],)*
     ) => {
-        use super::Field;
+        use super::ArrayField;
         use crate::raw;
 
         $(
-            pub(crate) const $name: Field<raw::$owner, $kind, $width> = {
+            pub(crate) const $name: ArrayField<raw::$owner, $kind, $width> = {
                 // SAFETY: `mjxmacro.h`, which MuJoCo allocates by, gives the array these lengths,
                 // and MuJoCo fills it before it hands the struct out.
-                unsafe { Field::new(|owner| owner.$field, |model| model.$count) }
+                unsafe { ArrayField::new(|owner| owner.$field, |model| model.$count) }
             };
         )*
 

@@ -20,7 +20,7 @@ use context::{Context, publish};
 use egl::{EglContext, Platform};
 use osmesa::OsMesaContext;
 
-pub(crate) use context::Previous;
+pub(crate) use context::PreviousContext;
 
 impl Backend {
     /// Returns the backends that the environment variable `COVERS_GL` allows: `egl`, `osmesa`, or
@@ -28,7 +28,7 @@ impl Backend {
     ///
     /// # Errors
     /// [`RenderError::UnknownBackend`] for any other value.
-    pub fn from_env() -> Result<&'static [Self], RenderError> {
+    pub fn allowed_by_env() -> Result<&'static [Self], RenderError> {
         parse_choice(&env::var("COVERS_GL").unwrap_or_default())
     }
 
@@ -57,13 +57,13 @@ pub(crate) struct GlContext {
 
 impl GlContext {
     /// Makes a context with the first backend that works, and makes it current.
-    pub(crate) fn new(backends: &[Backend]) -> Result<(Self, Previous), RenderError> {
+    pub(crate) fn new(backends: &[Backend]) -> Result<(Self, PreviousContext), RenderError> {
         Self::first_of(backends.iter().map(|&backend| (backend, backend.library())))
     }
 
     fn first_of(
         candidates: impl Iterator<Item = (Backend, &'static str)>,
-    ) -> Result<(Self, Previous), RenderError> {
+    ) -> Result<(Self, PreviousContext), RenderError> {
         let mut in_use = library_in_use();
         let mut tried = Vec::new();
         for (backend, library) in candidates {
@@ -82,17 +82,17 @@ impl GlContext {
         backend: Backend,
         library: &str,
         in_use: Option<&str>,
-    ) -> Result<(Self, Previous), ContextError> {
+    ) -> Result<(Self, PreviousContext), ContextError> {
         if let Some(other) = in_use.filter(|&other| other != library) {
-            let in_use = other.into();
-            return Err(ContextError::LibraryInUse { in_use });
+            let loaded = other.into();
+            return Err(ContextError::LibraryInUse { in_use: loaded });
         }
         let context: Box<dyn Context> = match backend {
             Backend::EglSurfaceless => Box::new(EglContext::new(library, Platform::Surfaceless)?),
             Backend::EglPbuffer => Box::new(EglContext::new(library, Platform::Device)?),
             Backend::OsMesa => Box::new(OsMesaContext::new(library)?),
         };
-        let previous = context.enter()?;
+        let previous = context.make_current()?;
         let opened = Self { backend, context };
         match opened.require_features().and_then(|()| publish(library)) {
             Ok(()) => {
@@ -112,10 +112,10 @@ impl GlContext {
     }
 
     /// Makes this context the thread's current one, unless it is already.
-    pub(crate) fn enter(&self) -> Result<Previous, RenderError> {
+    pub(crate) fn make_current(&self) -> Result<PreviousContext, RenderError> {
         self.context
-            .enter()
-            .map_err(|reason| RenderError::Current { backend: self.backend, reason })
+            .make_current()
+            .map_err(|reason| RenderError::MakeCurrentFailed { backend: self.backend, reason })
     }
 
     /// Returns the backend, and OpenGL's own description of its renderer and version.
@@ -133,7 +133,7 @@ impl GlContext {
             .find(|name| !has(name))
         {
             None => Ok(()),
-            Some(name) => Err(ContextError::Feature { name }),
+            Some(name) => Err(ContextError::MissingOpenGlFeature { name }),
         }
     }
 
@@ -164,7 +164,7 @@ static DESCRIPTION: OnceLock<String> = OnceLock::new();
 
 /// Returns OpenGL's description in this process (backend, renderer, version); `None` before the
 /// first [`Renderer`](crate::Renderer) is made.
-pub fn opengl() -> Option<&'static str> {
+pub fn opengl_description() -> Option<&'static str> {
     DESCRIPTION.get().map(String::as_str)
 }
 

@@ -15,17 +15,17 @@ pub struct Id<K> {
     kind: PhantomData<K>,
 }
 
-/// Index of a body.
+/// Index of a body in its model.
 pub type BodyId = Id<Body>;
-/// Index of a joint.
+/// Index of a joint in its model.
 pub type JointId = Id<Joint>;
-/// Index of a geom.
+/// Index of a geom in its model.
 pub type GeomId = Id<Geom>;
-/// Index of a site.
+/// Index of a site in its model.
 pub type SiteId = Id<Site>;
-/// Index of a camera.
+/// Index of a camera in its model.
 pub type CameraId = Id<Camera>;
-/// Index of an actuator, and of its control.
+/// Index of an actuator, and of its control, in its model.
 pub type ActuatorId = Id<Actuator>;
 /// Index of a mocap body among the mocap bodies.
 pub type MocapId = Id<Mocap>;
@@ -41,20 +41,20 @@ impl<K> Id<K> {
     }
 }
 
-impl<K: Kind> fmt::Debug for Id<K> {
+impl<K: ObjectKind> fmt::Debug for Id<K> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", K::NOUN, self.index)
+        write!(f, "{} {}", K::MJCF_NAME, self.index)
     }
 }
 
-/// Kind of object that has ids. Only the marker types of this module implement it.
-pub trait Kind: sealed::Sealed {
+/// Kind of MuJoCo object that has ids. Only the marker types of this module implement it.
+pub trait ObjectKind: sealed::Sealed {
     /// Name of the kind in MJCF.
-    const NOUN: &'static str;
+    const MJCF_NAME: &'static str;
 }
 
-/// Kind of object that has names in MuJoCo.
-pub trait Named: Kind + sealed::Lookup {}
+/// Kind of MuJoCo object with names of its own: all but mocap bodies, which have those of bodies.
+pub trait NamedKind: ObjectKind + sealed::Lookup {}
 
 mod sealed {
     use crate::raw;
@@ -94,8 +94,8 @@ pub enum Mocap {}
 macro_rules! named_kind {
     ($kind:ty, $noun:literal, $object:ident, $count:ident) => {
         impl sealed::Sealed for $kind {}
-        impl Kind for $kind {
-            const NOUN: &'static str = $noun;
+        impl ObjectKind for $kind {
+            const MJCF_NAME: &'static str = $noun;
         }
         impl sealed::Lookup for $kind {
             const OBJECT: raw::mjtObj = raw::$object;
@@ -103,7 +103,7 @@ macro_rules! named_kind {
                 model.$count
             }
         }
-        impl Named for $kind {}
+        impl NamedKind for $kind {}
     };
 }
 
@@ -115,8 +115,8 @@ named_kind!(Camera, "camera", mjOBJ_CAMERA, ncam);
 named_kind!(Actuator, "actuator", mjOBJ_ACTUATOR, nu);
 
 impl sealed::Sealed for Mocap {}
-impl Kind for Mocap {
-    const NOUN: &'static str = "mocap";
+impl ObjectKind for Mocap {
+    const MJCF_NAME: &'static str = "mocap";
 }
 
 /// Unique id of a renderer in this process, printed as `renderer 3 (64 x 48)` with the width first.
@@ -129,7 +129,7 @@ pub struct RendererId {
 
 impl RendererId {
     /// Creates an id that no other renderer has, for images of this size in pixels.
-    pub(crate) fn next(width: usize, height: usize) -> Self {
+    pub(crate) fn new_unique(width: usize, height: usize) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         Self { number: NEXT.fetch_add(1, Ordering::Relaxed), width, height }
     }

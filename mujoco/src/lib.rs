@@ -65,7 +65,7 @@ mod vfs;
 pub use backend::Backend;
 pub use data::{Contact, Data};
 pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};
-pub use gl::opengl;
+pub use gl::opengl_description;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
 pub use init::version;
 pub use model::{Model, Shape};

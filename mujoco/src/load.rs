@@ -7,17 +7,20 @@ use std::sync::{Mutex, PoisonError};
 use crate::error::ModelError;
 use crate::init;
 use crate::raw;
-use crate::references::check_references;
-use crate::vfs::{NOWHERE, Vfs, path};
+use crate::references::reject_outside_references;
+use crate::vfs::{NONEXISTENT_FOLDER, VirtualFileSystem, path_in_memory};
 
-/// Rejects references that would lead MuJoCo out of `files`; returns the path of `main`.
-pub(crate) fn check(main: &str, files: &[(&str, &[u8])]) -> Result<CString, ModelError> {
-    let c_main = path(main)?;
+/// Checks that `main` and all files that the XML names are in `files`; returns the path of `main`.
+pub(crate) fn check_file_references(
+    main: &str,
+    files: &[(&str, &[u8])],
+) -> Result<CString, ModelError> {
+    let c_main = path_in_memory(main)?;
     if !files.iter().any(|(name, _)| *name == main) {
         let files = files.iter().map(|(name, _)| (*name).into()).collect();
         return Err(ModelError::NoMainFile { main: main.into(), files });
     }
-    check_references(main, files)?;
+    reject_outside_references(main, files)?;
     Ok(c_main)
 }
 
@@ -27,19 +30,22 @@ pub(crate) fn load(
     files: &[(&str, &[u8])],
 ) -> Result<(NonNull<raw::mjModel>, Option<String>), ModelError> {
     init::initialise()?;
-    let c_main = check(main, files)?;
-    let mut vfs = Vfs::new();
+    let c_main = check_file_references(main, files)?;
+    let mut vfs = VirtualFileSystem::new();
     for (name, content) in files {
-        vfs.add(name, content)?;
+        vfs.add_file(name, content)?;
     }
-    parse(&c_main, &vfs).map_err(|message| ModelError::Load {
+    parse(&c_main, &vfs).map_err(|message| ModelError::LoadFailed {
         file: main.into(),
         // the pretended folder must not show in messages
-        message: message.replace(NOWHERE, ""),
+        message: message.replace(NONEXISTENT_FOLDER, ""),
     })
 }
 
-fn parse(main: &CStr, vfs: &Vfs) -> Result<(NonNull<raw::mjModel>, Option<String>), String> {
+fn parse(
+    main: &CStr,
+    vfs: &VirtualFileSystem,
+) -> Result<(NonNull<raw::mjModel>, Option<String>), String> {
     // the parser keeps the last XML in a global variable
     static PARSER: Mutex<()> = Mutex::new(());
     let _one_at_a_time = PARSER.lock().unwrap_or_else(PoisonError::into_inner);

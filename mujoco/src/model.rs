@@ -4,7 +4,7 @@ use std::ffi::{CStr, CString};
 use std::ptr::NonNull;
 
 use crate::error::ModelError;
-use crate::fields::Field;
+use crate::fields::ArrayField;
 use crate::fields::model::{
     ACTUATOR_CTRLLIMITED, ACTUATOR_CTRLRANGE, BODY_INVWEIGHT0, BODY_MOCAPID, GEOM_BODYID,
     GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE, GEOM_TYPE, JNT_DOFADR,
@@ -12,9 +12,9 @@ use crate::fields::model::{
 };
 use crate::ids::{
     Actuator, ActuatorId, Body, BodyId, Camera, Geom, GeomId, Id, Joint, JointId, Lookup, MocapId,
-    Named, Site,
+    NamedKind, Site,
 };
-use crate::load::{check, load};
+use crate::load::{check_file_references, load};
 use crate::raw;
 
 /// Declares methods that return sizes of the C struct.
@@ -44,8 +44,8 @@ macro_rules! finders {
     };
 }
 
-/// Compiled model. Immutable; share it through `Arc` between [`Data`](crate::Data) and
-/// [`Renderer`](crate::Renderer) of any number of threads.
+/// Compiled MuJoCo model, which simulations and renderers share. Immutable; share it through `Arc`
+/// between [`Data`](crate::Data) and [`Renderer`](crate::Renderer) of any number of threads.
 ///
 /// # Panics
 /// An id belongs to the model that returned it. Methods that take an id panic if it comes from a
@@ -65,7 +65,7 @@ impl Model {
     /// Compiles MJCF given as one string.
     ///
     /// # Errors
-    /// [`ModelError::Load`] with MuJoCo's own message; [`ModelError::VersionMismatch`] if the
+    /// [`ModelError::LoadFailed`] with MuJoCo's own message; [`ModelError::VersionMismatch`] if the
     /// library has another version than the header.
     pub fn from_xml(xml: &str) -> Result<Self, ModelError> {
         Self::from_files("model.xml", &[("model.xml", xml.as_bytes())])
@@ -77,10 +77,10 @@ impl Model {
     /// whatever their folder. The disk is never read.
     ///
     /// # Errors
-    /// Those of [`Model::from_xml`]. [`ModelError::NoMainFile`] if `main` is not among `files`;
-    /// [`ModelError::FileSize`] for an empty or huge file; [`ModelError::FileName`] for a name with
-    /// a folder, and for a path inside the XML that would lead out of `files`: an absolute one, or
-    /// one in an absolute folder, of a file that is not given.
+    /// Errors of [`Model::from_xml`]. [`ModelError::NoMainFile`] if `main` is not among `files`;
+    /// [`ModelError::InvalidFileSize`] for an empty or huge file; [`ModelError::InvalidFileName`]
+    /// for a name with a folder, and for a path inside the XML that would lead out of `files`: an
+    /// absolute one, or one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
         Ok(Self { raw, warning })
@@ -90,14 +90,14 @@ impl Model {
     /// of [`Model::from_files`] that reads XML itself.
     ///
     /// # Errors
-    /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside
-    /// the XML, as in [`Model::from_files`].
-    pub fn check_files(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
-        check(main, files).map(|_| ())
+    /// [`ModelError::NoMainFile`], and [`ModelError::InvalidFileName`] for `main` and for a path
+    /// inside the XML, as in [`Model::from_files`].
+    pub fn check_file_references(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
+        check_file_references(main, files).map(|_| ())
     }
 
     /// Returns MuJoCo's warning during compilation, if any.
-    pub fn warning(&self) -> Option<&str> {
+    pub fn compile_warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }
 
@@ -108,48 +108,49 @@ impl Model {
         nv,
         /// Returns the number of actuators, the length of `ctrl`.
         nu,
-        /// Returns the number of mocap bodies.
+        /// Returns the number of mocap bodies of the model.
         nmocap,
-        /// Returns the number of bodies, including the world.
+        /// Returns the number of bodies of the model, including the world.
         nbody,
-        /// Returns the number of geoms.
+        /// Returns the number of geoms of the model.
         ngeom,
     }
 
-    /// Returns the physics step, in seconds.
+    /// Returns the duration of a physics step, in seconds.
     pub fn timestep(&self) -> f64 {
         self.as_raw().opt.timestep
     }
 
     finders! {
-        /// Finds a body by name.
+        /// Returns the id of the body called `name`.
         body: Body,
-        /// Finds a joint by name.
+        /// Returns the id of the joint called `name`.
         joint: Joint,
-        /// Finds a geom by name.
+        /// Returns the id of the geom called `name`.
         geom: Geom,
-        /// Finds a site by name.
+        /// Returns the id of the site called `name`.
         site: Site,
-        /// Finds a camera by name.
+        /// Returns the id of the camera called `name`.
         camera: Camera,
-        /// Finds an actuator by name.
+        /// Returns the id of the actuator called `name`.
         actuator: Actuator,
     }
 
-    /// Finds a mocap body by name.
+    /// Returns the id of the mocap body called `name`.
     ///
     /// # Errors
-    /// [`ModelError::UnknownName`]; [`ModelError::NotMocap`] if the body is an ordinary one.
-    pub fn mocap(&self, name: &str) -> Result<MocapId, ModelError> {
+    /// [`ModelError::UnknownName`]; [`ModelError::NotMocapBody`] if the body is an ordinary one.
+    pub fn mocap_body(&self, name: &str) -> Result<MocapId, ModelError> {
         let body = self.body(name)?;
         let index = self.mocap_index(body);
-        index
-            .map(Id::new)
-            .ok_or_else(|| ModelError::NotMocap { name: name.into(), known: self.mocap_names() })
+        index.map(Id::new).ok_or_else(|| ModelError::NotMocapBody {
+            name: name.into(),
+            known: self.mocap_names(),
+        })
     }
 
     /// Returns the name of an object; `None` if the XML gives none.
-    pub fn name<K: Named>(&self, id: Id<K>) -> Option<&str> {
+    pub fn name<K: NamedKind>(&self, id: Id<K>) -> Option<&str> {
         let index = i32::try_from(id.index()).ok()?;
         // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
         let name = unsafe { raw::mj_id2name(self.as_raw(), K::OBJECT.cast_signed(), index) };
@@ -160,9 +161,9 @@ impl Model {
         unsafe { CStr::from_ptr(name) }.to_str().ok()
     }
 
-    /// Lists bodies, joints, geoms, sites, cameras and actuators without a name, for instance `geom
-    /// 3`.
-    pub fn unnamed(&self) -> Vec<String> {
+    /// Lists the bodies, joints, geoms, sites, cameras and actuators without a name, for instance
+    /// `geom 3`.
+    pub fn unnamed_objects(&self) -> Vec<String> {
         let kinds = [
             self.unnamed_of::<Body>(),
             self.unnamed_of::<Joint>(),
@@ -184,13 +185,14 @@ impl Model {
         self.value(&JNT_DOFADR, joint) as usize
     }
 
-    /// Returns the limits of a joint, in metres or radians; `None` if it is not limited.
+    /// Returns the lower and upper limit of a joint, in metres or radians; `None` if it is not
+    /// limited.
     pub fn joint_range(&self, joint: JointId) -> Option<[f64; 2]> {
         let limited = self.value(&JNT_LIMITED, joint) != 0;
         limited.then(|| self.rows(&JNT_RANGE)[joint.index()])
     }
 
-    /// Returns the limits of an actuator's control; `None` if it is not limited.
+    /// Returns the lower and upper limit of an actuator's control; `None` if it is not limited.
     pub fn ctrl_range(&self, actuator: ActuatorId) -> Option<[f64; 2]> {
         let limited = self.value(&ACTUATOR_CTRLLIMITED, actuator) != 0;
         limited.then(|| self.rows(&ACTUATOR_CTRLRANGE)[actuator.index()])
@@ -207,7 +209,7 @@ impl Model {
         Id::new(self.value(&GEOM_BODYID, geom) as usize)
     }
 
-    /// Returns every geom, in the model's order.
+    /// Returns the ids of all geoms, in the model's order.
     pub fn geoms(&self) -> impl Iterator<Item = GeomId> {
         (0..self.ngeom()).map(Id::new)
     }
@@ -226,8 +228,8 @@ impl Model {
         }
     }
 
-    /// Returns the group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides
-    /// groups.
+    /// Returns the geom group (0 to 5) of a geom; [`RenderOptions`](crate::RenderOptions) shows and
+    /// hides groups.
     pub fn geom_group(&self, geom: GeomId) -> usize {
         self.value(&GEOM_GROUP, geom) as usize
     }
@@ -243,13 +245,14 @@ impl Model {
         self.rows(&GEOM_SIZE)[geom.index()]
     }
 
-    /// Returns the collision masks of a geom: (contype, conaffinity); (0, 0) never collides.
+    /// Returns the collision masks of a geom: (contype, conaffinity). With (0, 0) it collides only
+    /// in an explicit `<pair>`.
     pub fn geom_collision_masks(&self, geom: GeomId) -> (i32, i32) {
         (self.value(&GEOM_CONTYPE, geom), self.value(&GEOM_CONAFFINITY, geom))
     }
 
-    /// Returns the C struct, for reading fields without a method, and for calling functions that
-    /// take a `const mjModel*`.
+    /// Returns MuJoCo's `mjModel`, for reading fields without a method, and for functions that take
+    /// a `const mjModel*`.
     ///
     /// Plain fields can be read directly. Arrays are pointers, and reading through one is `unsafe`:
     /// `mjmodel.h` documents the number of elements. Writing through one is never allowed, since
@@ -259,15 +262,15 @@ impl Model {
         unsafe { self.raw.as_ref() }
     }
 
-    fn find<K: Named>(&self, name: &str) -> Result<Id<K>, ModelError> {
+    fn find<K: NamedKind>(&self, name: &str) -> Result<Id<K>, ModelError> {
         self.index_of::<K>(name).map(Id::new).ok_or_else(|| ModelError::UnknownName {
-            kind: K::NOUN,
+            kind: K::MJCF_NAME,
             name: name.into(),
             known: self.names::<K>().map(Into::into).collect(),
         })
     }
 
-    fn index_of<K: Named>(&self, name: &str) -> Option<usize> {
+    fn index_of<K: NamedKind>(&self, name: &str) -> Option<usize> {
         // the empty name would match the first object that has none
         let c_name = CString::new(name).ok().filter(|name| !name.is_empty())?;
         // SAFETY: live model and NUL-terminated name; MuJoCo returns -1 where it finds nothing.
@@ -276,15 +279,15 @@ impl Model {
         usize::try_from(index).ok()
     }
 
-    fn names<K: Named>(&self) -> impl Iterator<Item = &str> {
+    fn names<K: NamedKind>(&self) -> impl Iterator<Item = &str> {
         let count = <K as Lookup>::count(self.as_raw()) as usize;
         (0..count).filter_map(|index| self.name(Id::<K>::new(index)))
     }
 
-    fn unnamed_of<K: Named>(&self) -> Vec<String> {
+    fn unnamed_of<K: NamedKind>(&self) -> Vec<String> {
         (0..<K as Lookup>::count(self.as_raw()) as usize)
             .filter(|&index| self.name(Id::<K>::new(index)).is_none())
-            .map(|index| format!("{} {index}", K::NOUN))
+            .map(|index| format!("{} {index}", K::MJCF_NAME))
             .collect()
     }
 
@@ -298,12 +301,12 @@ impl Model {
         bodies.filter_map(|body| self.name(body).map(Into::into)).collect()
     }
 
-    fn rows<T, const N: usize>(&self, field: &Field<raw::mjModel, T, N>) -> &[[T; N]] {
+    fn rows<T, const N: usize>(&self, field: &ArrayField<raw::mjModel, T, N>) -> &[[T; N]] {
         // SAFETY: MuJoCo made the model, and nobody writes to it.
         unsafe { field.rows(self.as_raw(), self.as_raw()) }
     }
 
-    fn value<T: Copy, K>(&self, field: &Field<raw::mjModel, T, 1>, id: Id<K>) -> T {
+    fn value<T: Copy, K>(&self, field: &ArrayField<raw::mjModel, T, 1>, id: Id<K>) -> T {
         self.rows(field)[id.index()][0]
     }
 }
@@ -330,28 +333,28 @@ impl std::fmt::Debug for Model {
 /// Shape of a geom, in its own frame, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// Sphere.
+    /// Sphere around the origin of the geom's frame.
     Sphere {
-        /// Radius.
+        /// Radius of the sphere (metres).
         radius: f64,
     },
-    /// Cylinder along z with a hemisphere on either end.
+    /// Capsule: a cylinder along z with a hemisphere on either end.
     Capsule {
-        /// Radius of cylinder and hemispheres.
+        /// Radius of cylinder and hemispheres (metres).
         radius: f64,
-        /// Half the length of the cylinder, without the hemispheres.
+        /// Half the length of the cylinder (metres), without the hemispheres.
         half_length: f64,
     },
-    /// Cylinder along z.
+    /// Cylinder along the z axis of the geom's frame.
     Cylinder {
-        /// Radius.
+        /// Radius of the cylinder (metres).
         radius: f64,
-        /// Half the length.
+        /// Half the length of the cylinder (metres).
         half_length: f64,
     },
-    /// Box.
+    /// Box with sides along the axes of the geom's frame.
     Box {
-        /// Half the extent along x, y and z.
+        /// Half the extent along x, y and z (metres).
         half: [f64; 3],
     },
 }

@@ -15,7 +15,10 @@ use crate::error::ModelError;
 /// or an absolute folder, of a file that is not given.
 ///
 /// Only `main` and the files that it includes are checked, as these are all that MuJoCo reads.
-pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
+pub(crate) fn reject_outside_references(
+    main: &str,
+    files: &[(&str, &[u8])],
+) -> Result<(), ModelError> {
     let references = References::of(main, files)?;
     let is_missing = |file: &&String| !files.iter().any(|(given, _)| is_named(given, file));
     let missing: Vec<_> = references.files.iter().filter(is_missing).collect();
@@ -32,7 +35,7 @@ pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<()
     ];
     for (name, reason) in refused {
         if let Some(name) = name.cloned() {
-            return Err(ModelError::FileName { name, reason });
+            return Err(ModelError::InvalidFileName { name, reason });
         }
     }
     Ok(())
@@ -62,13 +65,13 @@ impl References {
         let (mut found, mut read) = (Self::default(), vec![false; files.len()]);
         let mut included = VecDeque::from([main.to_owned()]);
         while let Some(name) = included.pop_front() {
-            for ((given, content), read) in files.iter().zip(&mut read) {
-                if is_named(given, &name) && !std::mem::replace(read, true) {
-                    let files = found.add(content).map_err(|message| ModelError::Load {
+            for ((given, content), is_read) in files.iter().zip(&mut read) {
+                if is_named(given, &name) && !std::mem::replace(is_read, true) {
+                    let names = found.add(content).map_err(|message| ModelError::LoadFailed {
                         file: (*given).to_owned(),
                         message,
                     })?;
-                    included.extend(files);
+                    included.extend(names);
                 }
             }
         }
@@ -149,7 +152,7 @@ mod tests {
 
     fn check(main: &str) -> Result<(), ModelError> {
         let obj = b"# file='/a' <mesh file='/tmp/cube.obj'/>\nv 0 0 0";
-        check_references("main.xml", &[("main.xml", main.as_bytes()), ("Ball.obj", obj)])
+        reject_outside_references("main.xml", &[("main.xml", main.as_bytes()), ("Ball.obj", obj)])
     }
 
     fn assert_refused(result: Result<(), ModelError>, reason: &str) {
@@ -226,7 +229,7 @@ mod tests {
         let main = b"<Include file='sub/Part.xml'/>";
         let part = b"<include file='main.xml'/><compiler meshdir='/tmp'/>";
         let [bad, good]: [&[u8]; 2] = [b"<mesh file='cube.obj'/>", b"<include file='deep.xml'/>"];
-        let check = |files: &[(&str, &[u8])]| check_references("main.xml", files);
+        let check = |files: &[(&str, &[u8])]| reject_outside_references("main.xml", files);
         let start: [(&str, &[u8]); 2] = [("main.xml", main), ("part.xml", part)];
         assert_eq!(check(&start), Ok(()));
         assert_eq!(check(&[start[0], start[1], ("other.xml", bad)]), Ok(()));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::backend::Backend;
 use crate::data::Data;
 use crate::error::RenderError;
-use crate::gl::{GlContext, Previous};
+use crate::gl::{GlContext, PreviousContext};
 use crate::ids::CameraId;
 use crate::ids::RendererId;
 use crate::model::Model;
@@ -23,14 +23,14 @@ use setup::{fixed_camera, make_drawing, make_scene, visible};
 /// Largest side of an image, in pixels.
 const MAX_SIDE: usize = 4096;
 
-/// Options of a renderer. Reflections, sky, fog and anti-aliasing are never drawn, because they are
-/// slow in software OpenGL.
+/// Options of a renderer: groups of geoms and sites that are drawn, and shadows. Reflections, sky,
+/// fog and anti-aliasing are never drawn, because they are slow in software OpenGL.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RenderOptions {
-    /// Groups of geoms that are drawn; 0, 1 and 2 by default.
-    pub geom_groups: [bool; 6],
-    /// Groups of sites that are drawn; none by default.
-    pub site_groups: [bool; 6],
+    /// Flag for each geom group, 0 to 5: `true` if its geoms are drawn; 0, 1 and 2 by default.
+    pub visible_geom_groups: [bool; 6],
+    /// Flag for each site group, 0 to 5: `true` if its sites are drawn; none by default.
+    pub visible_site_groups: [bool; 6],
     /// `true` if lights cast shadows; off by default, because they are slow in software.
     pub shadows: bool,
 }
@@ -38,8 +38,8 @@ pub struct RenderOptions {
 impl Default for RenderOptions {
     fn default() -> Self {
         Self {
-            geom_groups: [true, true, true, false, false, false],
-            site_groups: [false; 6],
+            visible_geom_groups: [true, true, true, false, false, false],
+            visible_site_groups: [false; 6],
             shadows: false,
         }
     }
@@ -85,20 +85,20 @@ impl Renderer {
     ///
     /// # Errors
     /// [`RenderError::NoContext`] lists the backends tried, their errors and the packages to
-    /// install; [`RenderError::Size`]; [`RenderError::UnknownBackend`].
+    /// install; [`RenderError::ImageSizeOutOfRange`]; [`RenderError::UnknownBackend`].
     pub fn new(
         model: Arc<Model>,
         width: usize,
         height: usize,
         options: RenderOptions,
     ) -> Result<Self, RenderError> {
-        Self::with_backends(model, width, height, options, Backend::from_env()?)
+        Self::with_backends(model, width, height, options, Backend::allowed_by_env()?)
     }
 
     /// Creates a renderer with the first of `backends` that works.
     ///
     /// # Errors
-    /// Those of [`Renderer::new`].
+    /// Errors of [`Renderer::new`].
     pub fn with_backends(
         model: Arc<Model>,
         width: usize,
@@ -108,7 +108,7 @@ impl Renderer {
     ) -> Result<Self, RenderError> {
         let sides = 1..=MAX_SIDE;
         if !sides.contains(&width) || !sides.contains(&height) {
-            return Err(RenderError::Size { width, height, limit: MAX_SIDE });
+            return Err(RenderError::ImageSizeOutOfRange { width, height, limit: MAX_SIDE });
         }
         let (gl, previous) = GlContext::new(backends)?;
         let backend = gl.backend();
@@ -126,7 +126,7 @@ impl Renderer {
         options: &RenderOptions,
     ) -> Result<Self, RenderError> {
         let renderer = Self {
-            id: RendererId::next(width, height),
+            id: RendererId::new_unique(width, height),
             drawing: make_drawing(&model, width, height, options),
             scene: make_scene(&model, options),
             options: visible(options),
@@ -146,22 +146,22 @@ impl Renderer {
         self.gl.backend()
     }
 
-    /// Returns an id that no other renderer of the process has.
+    /// Returns the renderer's id, which no other renderer of the process has.
     pub fn id(&self) -> RendererId {
         self.id
     }
 
-    /// Returns the width of an image, in pixels.
+    /// Returns the width of the renderer's images, in pixels.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Returns the height of an image, in pixels.
+    /// Returns the height of the renderer's images, in pixels.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Returns the bytes of an image: height x width x 3.
+    /// Returns the number of bytes of an image: height x width x 3.
     pub fn image_len(&self) -> usize {
         self.width * self.height * 3
     }
@@ -172,9 +172,10 @@ impl Renderer {
     /// Positions are the derived ones: call [`Data::forward`] first.
     ///
     /// # Errors
-    /// [`RenderError::OtherModel`], [`RenderError::Buffer`], [`RenderError::UnknownCamera`],
-    /// [`RenderError::SceneFull`], [`RenderError::NotMirrorSymmetric`], [`RenderError::Current`],
-    /// [`RenderError::Restore`], [`RenderError::OpenGl`].
+    /// [`RenderError::OtherModel`], [`RenderError::WrongImageLength`],
+    /// [`RenderError::UnknownCamera`], [`RenderError::SceneFull`],
+    /// [`RenderError::NotMirrorSymmetric`], [`RenderError::MakeCurrentFailed`],
+    /// [`RenderError::RestoreContextFailed`], [`RenderError::OpenGl`].
     pub fn render(
         &mut self,
         data: &mut Data,
@@ -204,7 +205,7 @@ impl Renderer {
         &mut self,
         work: impl FnOnce(&mut Self) -> Result<(), RenderError>,
     ) -> Result<(), RenderError> {
-        let previous = self.gl.enter()?;
+        let previous = self.gl.make_current()?;
         let done = work(self);
         done.and(restore(self.backend(), previous))
     }
@@ -220,7 +221,10 @@ impl Renderer {
             return Err(RenderError::OtherModel);
         }
         if out.len() != self.image_len() {
-            return Err(RenderError::Buffer { expected: self.image_len(), got: out.len() });
+            return Err(RenderError::WrongImageLength {
+                expected: self.image_len(),
+                got: out.len(),
+            });
         }
         if camera.index() >= cameras {
             return Err(RenderError::UnknownCamera { index: camera.index(), count: cameras });
@@ -248,7 +252,7 @@ impl Renderer {
                 &raw mut *self.scene,
             );
         }
-        let full = &mut data.get_mut().warning[raw::mjWARN_VGEOMFULL as usize].number;
+        let full = &mut data.raw_mut().warning[raw::mjWARN_VGEOMFULL as usize].number;
         match std::mem::take(full) {
             0 => self.reflect_scene(view.mirror),
             _ => Err(RenderError::SceneFull { limit: self.scene.maxgeom as usize }),
@@ -274,7 +278,7 @@ impl Drop for Renderer {
         // SAFETY: MuJoCo made both; the context's objects belong to our OpenGL context, and are
         // freed with it anyway where it cannot be made current.
         unsafe {
-            if let Ok(previous) = self.gl.enter() {
+            if let Ok(previous) = self.gl.make_current() {
                 raw::mjr_freeContext(&raw mut *self.drawing);
                 // an error cannot be reported from `drop`
                 let _ = previous.restore();
@@ -284,8 +288,8 @@ impl Drop for Renderer {
     }
 }
 
-fn restore(backend: Backend, previous: Previous) -> Result<(), RenderError> {
-    previous.restore().map_err(|reason| RenderError::Restore { backend, reason })
+fn restore(backend: Backend, previous: PreviousContext) -> Result<(), RenderError> {
+    previous.restore().map_err(|reason| RenderError::RestoreContextFailed { backend, reason })
 }
 
 fn check_opengl(during: &'static str) -> Result<(), RenderError> {
@@ -321,7 +325,7 @@ mod tests {
         let camera = data.model().camera("top").unwrap();
         let mut image = vec![0; lost.image_len()];
         let error = lost.render(&mut data, camera, &mut image).unwrap_err();
-        assert!(matches!(error, RenderError::Current { .. }), "{error:?}");
+        assert!(matches!(error, RenderError::MakeCurrentFailed { .. }), "{error:?}");
         let text = error.to_string();
         assert!(text.contains("lost") && text.contains("make a new renderer"));
         other.render(&mut other_data, camera, &mut image).unwrap();

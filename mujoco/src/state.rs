@@ -14,14 +14,15 @@ use crate::fields::data::{
 /// run restored from it continues to the same bits.
 ///
 /// Forces that a program applies through [`Data::as_mut_ptr`] (`qfrc_applied`, `xfrc_applied`) are
-/// not included: [`Data::restore`] sets them to zero.
+/// not included: [`Data::restore_state`] sets them to zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     values: Vec<f64>,
 }
 
 impl State {
-    /// Returns the flat array, in the order given above.
+    /// Returns the values of the state as one flat array: time, qpos, qvel and the further parts
+    /// that [`State`] lists, in that order.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -34,8 +35,8 @@ impl From<Vec<f64>> for State {
 }
 
 impl Data {
-    /// Returns a copy of the state.
-    pub fn save(&self) -> State {
+    /// Returns a copy of the simulation's state.
+    pub fn save_state(&self) -> State {
         let time = [self.time()];
         let parts: [&[f64]; 9] = [
             &time,
@@ -51,16 +52,16 @@ impl Data {
         State { values: parts.concat() }
     }
 
-    /// Restores a saved state, and sets applied forces to zero. Derived quantities are stale until
-    /// [`Data::forward`] or [`Data::step`].
+    /// Restores a saved state of the simulation, and sets applied forces to zero. Derived
+    /// quantities are stale until [`Data::forward`] or [`Data::step`].
     ///
     /// # Errors
-    /// [`SimError::Length`] if the state is of another model; [`SimError::NotFinite`].
-    pub fn restore(&mut self, state: &State) -> Result<(), SimError> {
+    /// [`SimError::WrongLength`] if the state is of another model; [`SimError::NotFinite`].
+    pub fn restore_state(&mut self, state: &State) -> Result<(), SimError> {
         check_length(Quantity::State, self.state_len(), state.values.len())?;
         check_finite(Quantity::State, &state.values)?;
         let mut rest = state.values.as_slice();
-        fill(std::slice::from_mut(&mut self.get_mut().time), &mut rest);
+        fill(std::slice::from_mut(&mut self.raw_mut().time), &mut rest);
         fill(self.rows_mut(&QPOS).as_flattened_mut(), &mut rest);
         fill(self.rows_mut(&QVEL).as_flattened_mut(), &mut rest);
         fill(self.rows_mut(&ACT).as_flattened_mut(), &mut rest);

@@ -9,15 +9,15 @@ use crate::raw;
 /// Pretended folder of the main file and of every file that it names. MuJoCo strips it from names
 /// that it looks for in memory, and no such file can exist on the disk, because `/dev/null` is not
 /// a folder.
-pub(crate) const NOWHERE: &str = "/dev/null/";
+pub(crate) const NONEXISTENT_FOLDER: &str = "/dev/null/";
 
 /// Owned `mjVFS`.
-pub(crate) struct Vfs {
+pub(crate) struct VirtualFileSystem {
     // two megabytes of fixed arrays, therefore on the heap and never moved
     raw: Box<raw::mjVFS>,
 }
 
-impl Vfs {
+impl VirtualFileSystem {
     pub(crate) fn new() -> Self {
         // SAFETY: an mjVFS is integers, characters and pointers; all-zero bytes are a valid value.
         let mut raw = unsafe { Box::<raw::mjVFS>::new_zeroed().assume_init() };
@@ -27,7 +27,7 @@ impl Vfs {
     }
 
     /// Adds a copy of `content` under `name`.
-    pub(crate) fn add(&mut self, name: &str, content: &[u8]) -> Result<(), ModelError> {
+    pub(crate) fn add_file(&mut self, name: &str, content: &[u8]) -> Result<(), ModelError> {
         check_name(name)?;
         let c_name = c_string(name, name.into())?;
         let size = file_size(name, content)?;
@@ -50,17 +50,17 @@ impl Vfs {
     }
 }
 
-impl Drop for Vfs {
+impl Drop for VirtualFileSystem {
     fn drop(&mut self) {
         // SAFETY: live mjVFS, whose files MuJoCo allocated; nothing uses them afterwards.
         unsafe { raw::mj_deleteVFS(&raw mut *self.raw) };
     }
 }
 
-/// Returns the path of the file `name` in the folder [`NOWHERE`].
-pub(crate) fn path(name: &str) -> Result<CString, ModelError> {
+/// Returns the path of the file `name` in the folder [`NONEXISTENT_FOLDER`].
+pub(crate) fn path_in_memory(name: &str) -> Result<CString, ModelError> {
     check_name(name)?;
-    c_string(name, format!("{NOWHERE}{name}"))
+    c_string(name, format!("{NONEXISTENT_FOLDER}{name}"))
 }
 
 fn c_string(name: &str, text: String) -> Result<CString, ModelError> {
@@ -82,13 +82,13 @@ fn check_name(name: &str) -> Result<(), ModelError> {
 }
 
 fn refused(name: &str, reason: &'static str) -> ModelError {
-    ModelError::FileName { name: name.into(), reason }
+    ModelError::InvalidFileName { name: name.into(), reason }
 }
 
 fn file_size(name: &str, content: &[u8]) -> Result<i32, ModelError> {
     match i32::try_from(content.len()) {
         Ok(size) if size > 0 => Ok(size),
-        _ => Err(ModelError::FileSize { name: name.into(), size: content.len() }),
+        _ => Err(ModelError::InvalidFileSize { name: name.into(), size: content.len() }),
     }
 }
 
@@ -106,24 +106,24 @@ mod tests {
 
     #[test]
     fn files_are_held() {
-        let mut vfs = Vfs::new();
-        vfs.add("a.xml", b"one").unwrap();
-        vfs.add("b.xml", b"three").unwrap();
+        let mut vfs = VirtualFileSystem::new();
+        vfs.add_file("a.xml", b"one").unwrap();
+        vfs.add_file("b.xml", b"three").unwrap();
         assert_eq!(vfs.raw.nfile, 2);
         assert_eq!(vfs.raw.filesize[..2], [3, 5]);
     }
 
     #[test]
     fn bad_files_are_refused() {
-        let mut vfs = Vfs::new();
-        vfs.add("a.xml", b"one").unwrap();
+        let mut vfs = VirtualFileSystem::new();
+        vfs.add_file("a.xml", b"one").unwrap();
         for (name, content) in [("a.xml", "x"), ("", "x"), ("f/a.xml", "x"), ("a\0b", "x")] {
-            let error = vfs.add(name, content.as_bytes()).unwrap_err();
-            assert!(matches!(error, ModelError::FileName { .. }), "{name:?}: {error}");
+            let error = vfs.add_file(name, content.as_bytes()).unwrap_err();
+            assert!(matches!(error, ModelError::InvalidFileName { .. }), "{name:?}: {error}");
         }
-        let error = vfs.add("empty.xml", b"").unwrap_err();
-        assert_eq!(error, ModelError::FileSize { name: "empty.xml".into(), size: 0 });
-        let error = vfs.add(&"x".repeat(1000), b"x").unwrap_err();
-        assert!(matches!(error, ModelError::FileName { .. }));
+        let error = vfs.add_file("empty.xml", b"").unwrap_err();
+        assert_eq!(error, ModelError::InvalidFileSize { name: "empty.xml".into(), size: 0 });
+        let long_name = vfs.add_file(&"x".repeat(1000), b"x").unwrap_err();
+        assert!(matches!(long_name, ModelError::InvalidFileName { .. }));
     }
 }

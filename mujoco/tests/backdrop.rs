@@ -53,7 +53,7 @@ fn drawn(data: &mut Data, width: usize, height: usize) -> (Renderer, Backdrop) {
 /// Draws over a backdrop into memory that holds another picture.
 fn over(renderer: &mut Renderer, data: &mut Data, backdrop: &mut Backdrop) -> Vec<u8> {
     let mut image = vec![7; renderer.image_len()];
-    renderer.render_over(data, backdrop, &mut image).unwrap();
+    renderer.render_over_backdrop(data, backdrop, &mut image).unwrap();
     image
 }
 
@@ -72,7 +72,7 @@ fn a_backdrop_of_another_renderer_is_refused_whatever_its_size() {
     for (width, height) in [(4, 8), (8, 4), (16, 4)] {
         let mut other = renderer(data.model(), width, height);
         let mut out = vec![0; other.image_len()];
-        let refused = other.render_over(&mut data, &mut backdrop, &mut out);
+        let refused = other.render_over_backdrop(&mut data, &mut backdrop, &mut out);
         let expected = RenderError::OtherRenderer { drawn_by: painter.id(), used_by: other.id() };
         assert_eq!(refused, Err(expected.clone()));
         let text = expected.to_string();
@@ -87,7 +87,7 @@ fn a_backdrop_of_another_model_is_refused() {
     let (mut data, mut other_data) = (simulation(), simulation());
     let (_painter, mut backdrop) = drawn(&mut data, 8, 4);
     let mut other = renderer(other_data.model(), 8, 4);
-    let refused = other.render_over(&mut other_data, &mut backdrop, &mut [0; 96]);
+    let refused = other.render_over_backdrop(&mut other_data, &mut backdrop, &mut [0; 96]);
     assert!(matches!(refused, Err(RenderError::OtherRenderer { .. })));
 }
 
@@ -153,13 +153,13 @@ fn what_an_error_has_spoilt_is_drawn_again() {
     let mut out = over(&mut renderer, &mut data, &mut backdrop);
     move_ball(&mut data, 0.3);
     let spoilt = Spoilt::new();
-    assert!(is_opengl_error(renderer.render_over(&mut data, &mut backdrop, &mut out)));
+    assert!(is_opengl_error(renderer.render_over_backdrop(&mut data, &mut backdrop, &mut out)));
     drop(spoilt);
     // the ball has not moved since
-    let out = over(&mut renderer, &mut data, &mut backdrop);
+    let after = over(&mut renderer, &mut data, &mut backdrop);
     let expected = whole(&mut renderer, &mut data);
     assert!(expected.iter().any(|byte| *byte > 0));
-    assert_eq!(out, expected);
+    assert_eq!(after, expected);
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
     assert!(is_opengl_error(renderer.draw_backdrop(&mut data, camera, &mut backdrop)));
     drop(spoilt);
     let mut out = vec![0; renderer.image_len()];
-    let refused = renderer.render_over(&mut data, &mut backdrop, &mut out);
+    let refused = renderer.render_over_backdrop(&mut data, &mut backdrop, &mut out);
     assert_eq!(refused, Err(RenderError::NoBackdrop));
 }
 

@@ -101,7 +101,7 @@ fn controls_that_are_not_finite_are_refused() {
         assert_eq!(error.to_string(), format!("ctrl[0] is {value}, which is not finite"));
     }
     let error = data.set_ctrl(&[0.0, 1.0]).unwrap_err();
-    assert_eq!(error, SimError::Length { what: Quantity::Ctrl, expected: 1, got: 2 });
+    assert_eq!(error, SimError::WrongLength { what: Quantity::Ctrl, expected: 1, got: 2 });
     assert_eq!(data.ctrl(), [0.5], "a refused control changes nothing");
 }
 
@@ -120,24 +120,24 @@ fn derived_quantities_lag_until_forward() {
     assert_eq!(data.body_position(cart)[0], 0.002);
     assert_eq!(data.geom_position(hull)[0], 0.002);
     assert_eq!(data.site_position(tip)[0], 0.1 + 0.002);
-    assert_eq!(data.body_quat(cart), [1.0, 0.0, 0.0, 0.0]);
+    assert_eq!(data.body_orientation(cart), [1.0, 0.0, 0.0, 0.0]);
 }
 
 #[test]
 fn mocap_bodies_are_moved() {
     let mut data = data(CART);
-    let mocap = data.model().mocap("target").unwrap();
+    let mocap = data.model().mocap_body("target").unwrap();
     let body = data.model().body("target").unwrap();
     assert_eq!(data.mocap_position(mocap), [1.0, 2.0, 3.0]);
     data.set_mocap_position(mocap, [4.0, 5.0, 6.0]).unwrap();
-    data.set_mocap_quat(mocap, [0.0, 2.0, 0.0, 0.0]).unwrap();
+    data.set_mocap_orientation(mocap, [0.0, 2.0, 0.0, 0.0]).unwrap();
     data.forward().unwrap();
     assert_eq!(data.body_position(body), [4.0, 5.0, 6.0]);
-    assert_eq!(data.body_quat(body), [0.0, 1.0, 0.0, 0.0]);
+    assert_eq!(data.body_orientation(body), [0.0, 1.0, 0.0, 0.0]);
     assert!(data.set_mocap_position(mocap, [0.0, f64::NAN, 0.0]).is_err());
-    let zero = data.set_mocap_quat(mocap, [0.0; 4]);
+    let zero = data.set_mocap_orientation(mocap, [0.0; 4]);
     assert_eq!(zero, Err(SimError::ZeroQuaternion { value: [0.0; 4] }));
-    assert_eq!(data.mocap_quat(mocap), [0.0, 1.0, 0.0, 0.0], "normalised by MuJoCo");
+    assert_eq!(data.mocap_orientation(mocap), [0.0, 1.0, 0.0, 0.0], "normalised by MuJoCo");
 }
 
 const BALLS: &str = r#"<mujoco>SIZE<worldbody>
@@ -164,7 +164,10 @@ fn contacts_name_their_geoms() {
 fn dropped_contacts_are_an_error() {
     let mut data = data(&BALLS.replace("SIZE", r#"<size nconmax="1"/>"#));
     let error = data.step(1).unwrap_err();
-    assert!(matches!(error, SimError::Overflow { what: "contacts", limit: 1, .. }), "{error}");
+    assert!(
+        matches!(error, SimError::BufferOverflow { what: "contacts", limit: 1, .. }),
+        "{error}"
+    );
     assert!(error.to_string().contains("nconmax"), "{error}");
 }
 

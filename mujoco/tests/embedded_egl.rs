@@ -105,11 +105,11 @@ fn the_programs_context_is_current_again_after_every_call() {
         let (mut backdrop, mut over) = (Backdrop::default(), vec![0; image.len()]);
         renderer.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
         program.assert_current(target, "drawing a backdrop");
-        renderer.render_over(&mut data, &mut backdrop, &mut over).unwrap();
+        renderer.render_over_backdrop(&mut data, &mut backdrop, &mut over).unwrap();
         program.assert_current(target, "drawing over a backdrop");
         assert_eq!(over, image);
 
-        let mirror = Mirror { columns: true, rows: false };
+        let mirror = Mirror { swaps_left_right: true, swaps_top_bottom: false };
         let refused = renderer.render(&mut data, CameraView { camera, mirror }, &mut image);
         assert!(matches!(refused, Err(RenderError::NotMirrorSymmetric { .. })));
         program.assert_current(target, "an error");

@@ -15,7 +15,7 @@ const MIRRORS: [Mirror; 4] =
     [mirror(false, false), mirror(true, false), mirror(false, true), mirror(true, true)];
 
 const fn mirror(columns: bool, rows: bool) -> Mirror {
-    Mirror { columns, rows }
+    Mirror { swaps_left_right: columns, swaps_top_bottom: rows }
 }
 
 /// Draws numbers in `[0, 1)` with a linear congruential generator.
@@ -36,7 +36,8 @@ impl Numbers {
 /// Returns a scene of tilted props on a grid of pixel centres, so that edges often hit them, under
 /// a light from the side; mirrored.
 fn scene(seed: u64, mirror: Mirror) -> String {
-    let [x, y] = [mirror.columns, mirror.rows].map(|flips| if flips { -1.0 } else { 1.0 });
+    let [x, y] = [mirror.swaps_left_right, mirror.swaps_top_bottom]
+        .map(|flips| if flips { -1.0 } else { 1.0 });
     let (mut numbers, mut props) = (Numbers(seed), String::new());
     for shape in ["box", "sphere", "capsule", "cylinder", "ellipsoid", "box"] {
         let [px, py] = [(); 2].map(|()| (numbers.between(-20.0, 20.0).floor() + 0.5) / 40.0);
@@ -96,15 +97,15 @@ fn picture(
 fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
     let at = |flips: bool, index: usize, size: usize| if flips { size - 1 - index } else { index };
     let pixels = (0..HEIGHT * WIDTH).map(|i| {
-        let row = at(mirror.rows, i / WIDTH, HEIGHT);
-        row * WIDTH + at(mirror.columns, i % WIDTH, WIDTH)
+        let row = at(mirror.swaps_top_bottom, i / WIDTH, HEIGHT);
+        row * WIDTH + at(mirror.swaps_left_right, i % WIDTH, WIDTH)
     });
     pixels.flat_map(|pixel| image[3 * pixel..][..3].to_vec()).collect()
 }
 
 /// Counts the pixels in which a channel differs by more than the given levels.
 fn differing(a: &[u8], b: &[u8], levels: u8) -> usize {
-    let far = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > levels);
+    let far = |(p, q): &(&[u8], &[u8])| p.iter().zip(*q).any(|(p, q)| p.abs_diff(*q) > levels);
     a.chunks_exact(3).zip(b.chunks_exact(3)).filter(far).count()
 }
 
@@ -160,7 +161,7 @@ fn a_backdrop_keeps_its_mirror() {
             data.forward().unwrap();
             let (mut over, mut whole) =
                 (vec![0; renderer.image_len()], vec![0; renderer.image_len()]);
-            renderer.render_over(&mut data, &mut backdrop, &mut over).unwrap();
+            renderer.render_over_backdrop(&mut data, &mut backdrop, &mut over).unwrap();
             renderer.render(&mut data, CameraView { camera, mirror }, &mut whole).unwrap();
             assert!(over == whole, "{mirror:?} at {height}");
         }

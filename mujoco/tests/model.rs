@@ -37,13 +37,13 @@ fn sizes_and_readers() {
     assert_eq!(model.geom_body(block), base);
     assert!(model.body_invweight0(base)[0] > 0.0);
     assert_eq!(model.name(base), Some("base"));
-    assert_eq!(model.warning(), None);
+    assert_eq!(model.compile_warning(), None);
 }
 
 #[test]
 fn what_has_no_name_is_listed() {
     let model = Model::from_xml(ARM).unwrap();
-    assert_eq!(model.unnamed(), ["geom 1"]);
+    assert_eq!(model.unnamed_objects(), ["geom 1"]);
 }
 
 #[test]
@@ -51,7 +51,7 @@ fn ids_are_indices() {
     let model = Model::from_xml(ARM).unwrap();
     assert_eq!(model.body("world").unwrap().index(), 0);
     assert_eq!(model.body("tip").unwrap().index(), 3);
-    assert_eq!(model.mocap("target").unwrap().index(), 0);
+    assert_eq!(model.mocap_body("target").unwrap().index(), 0);
     assert_eq!(model.site("mark").unwrap().index(), 0);
     assert_eq!(model.camera("top").unwrap().index(), 0);
     assert_eq!(format!("{:?}", model.body("tip").unwrap()), "body 3");
@@ -66,11 +66,14 @@ fn an_unknown_name_lists_the_known_ones() {
         "the model has no body named `tpi`; known: world, target, base, tip"
     );
     // the second geom has no name: it is neither listed nor found
-    let error = model.geom("").unwrap_err();
-    assert_eq!(error.to_string(), "the model has no geom named ``; known: block");
+    let geom_error = model.geom("").unwrap_err();
+    assert_eq!(geom_error.to_string(), "the model has no geom named ``; known: block");
     assert!(model.joint("li\0ft").is_err());
-    let error = model.mocap("tip").unwrap_err();
-    assert_eq!(error, ModelError::NotMocap { name: "tip".into(), known: vec!["target".into()] });
+    let mocap_error = model.mocap_body("tip").unwrap_err();
+    assert_eq!(
+        mocap_error,
+        ModelError::NotMocapBody { name: "tip".into(), known: vec!["target".into()] }
+    );
 }
 
 #[test]
@@ -102,7 +105,7 @@ v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 #[test]
 fn bad_xml_carries_mujocos_message() {
     let error = Model::from_xml("<mujoco><worldbody><bdy/></worldbody></mujoco>").unwrap_err();
-    let ModelError::Load { file, message } = &error else {
+    let ModelError::LoadFailed { file, message } = &error else {
         panic!("{error}");
     };
     assert_eq!(file, "model.xml");
@@ -116,7 +119,7 @@ fn errors_of_the_compiler_and_the_engine_are_values() {
     let error = Model::from_xml(negative).unwrap_err();
     assert!(error.to_string().contains("size"), "{error}");
     let truncated = Model::from_xml("<mujoco><worldbody>").unwrap_err();
-    assert!(matches!(truncated, ModelError::Load { .. }));
+    assert!(matches!(truncated, ModelError::LoadFailed { .. }));
 }
 
 #[test]
@@ -170,8 +173,8 @@ fn geoms_have_shapes_and_axes() {
     let mut data = Data::new(model.into());
     data.forward().unwrap();
     let [x, y, z] = data.geom_axes(capsule);
-    for (axis, expected) in [(x, [0.0, 0.0, -1.0]), (y, [0.0, 1.0, 0.0]), (z, [1.0, 0.0, 0.0])] {
-        let off = axis.iter().zip(expected).map(|(a, b)| (a - b).abs());
-        assert!(off.sum::<f64>() < 1e-12, "{axis:?} is not {expected:?}");
+    for (axis, direction) in [(x, [0.0, 0.0, -1.0]), (y, [0.0, 1.0, 0.0]), (z, [1.0, 0.0, 0.0])] {
+        let off = axis.iter().zip(direction).map(|(a, b)| (a - b).abs());
+        assert!(off.sum::<f64>() < 1e-12, "{axis:?} is not {direction:?}");
     }
 }

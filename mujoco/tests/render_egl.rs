@@ -38,8 +38,8 @@ fn a_pixel_buffer_does_as_well() {
 fn groups_are_shown_and_hidden() {
     let shown = |groups: &[usize], sites: &[usize]| {
         let options = RenderOptions {
-            geom_groups: [0, 1, 2, 3, 4, 5].map(|group| groups.contains(&group)),
-            site_groups: [0, 1, 2, 3, 4, 5].map(|group| sites.contains(&group)),
+            visible_geom_groups: [0, 1, 2, 3, 4, 5].map(|group| groups.contains(&group)),
+            visible_site_groups: [0, 1, 2, 3, 4, 5].map(|group| sites.contains(&group)),
             ..RenderOptions::default()
         };
         centre_pixel(options)
@@ -180,7 +180,7 @@ fn pictures_over_a_backdrop_are_the_whole_pictures() {
             data.step(5).unwrap();
             data.forward().unwrap();
             let mut over = vec![9; renderer.image_len()];
-            renderer.render_over(&mut data, &mut backdrop, &mut over).unwrap();
+            renderer.render_over_backdrop(&mut data, &mut backdrop, &mut over).unwrap();
             let whole = draw(&mut data, &mut renderer);
             assert_eq!(over, whole, "ball {ball}");
             moved |= whole != still;
@@ -193,7 +193,7 @@ fn pictures_over_a_backdrop_are_the_whole_pictures() {
 fn a_backdrop_that_was_not_drawn_is_refused() {
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
     let mut out = vec![0; renderer.image_len()];
-    let refused = renderer.render_over(&mut data, &mut Backdrop::default(), &mut out);
+    let refused = renderer.render_over_backdrop(&mut data, &mut Backdrop::default(), &mut out);
     assert_eq!(refused, Err(RenderError::NoBackdrop));
 }
 
@@ -202,7 +202,7 @@ fn bad_arguments_are_refused() {
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
     let camera = data.model().camera("top").unwrap();
     let short = renderer.render(&mut data, camera, &mut [0; 5]);
-    assert_eq!(short, Err(RenderError::Buffer { expected: 3 * WIDTH * HEIGHT, got: 5 }));
+    assert_eq!(short, Err(RenderError::WrongImageLength { expected: 3 * WIDTH * HEIGHT, got: 5 }));
 
     let (mut other, _) = ready(SCENE, RenderOptions::default());
     let mut image = vec![0; renderer.image_len()];
@@ -211,7 +211,7 @@ fn bad_arguments_are_refused() {
     let model = data.model().clone();
     for (width, height) in [(0, 8), (8, 4097)] {
         let refused = Renderer::new(model.clone(), width, height, RenderOptions::default());
-        assert!(matches!(refused, Err(RenderError::Size { .. })));
+        assert!(matches!(refused, Err(RenderError::ImageSizeOutOfRange { .. })));
     }
 }
 

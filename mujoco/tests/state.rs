@@ -30,7 +30,7 @@ fn tumbling(model: &Arc<Model>) -> Data {
 
 /// Steps with a moving target and a changing control.
 fn drive(data: &mut Data, steps: std::ops::Range<usize>) {
-    let target = data.model().mocap("target").unwrap();
+    let target = data.model().mocap_body("target").unwrap();
     for step in steps {
         let phase = step as f64 * 0.05;
         data.set_mocap_position(target, [0.2 * phase.sin(), 0.1 * phase.cos(), 0.05]).unwrap();
@@ -47,7 +47,7 @@ fn model() -> Arc<Model> {
 fn a_restored_run_continues_bit_for_bit() {
     let model = model();
     let mut original = tumbling(&model);
-    let saved = original.save();
+    let saved = original.save_state();
     assert!(original.contact_count() > 0, "contacts are what makes this hard");
     drive(&mut original, 100..300);
 
@@ -55,10 +55,10 @@ fn a_restored_run_continues_bit_for_bit() {
     let mut busy = tumbling(&model);
     drive(&mut busy, 7..50);
     for mut restored in [Data::new(model.clone()), busy] {
-        restored.restore(&saved).unwrap();
-        assert_eq!(restored.save(), saved);
+        restored.restore_state(&saved).unwrap();
+        assert_eq!(restored.save_state(), saved);
         drive(&mut restored, 100..300);
-        assert_eq!(restored.save(), original.save());
+        assert_eq!(restored.save_state(), original.save_state());
     }
 }
 
@@ -66,12 +66,12 @@ fn a_restored_run_continues_bit_for_bit() {
 fn without_the_warm_start_it_does_not() {
     let model = model();
     let mut original = tumbling(&model);
-    let mut values = original.save().values().to_vec();
+    let mut values = original.save_state().values().to_vec();
     // the layout ends with qacc_warmstart [nv] and ctrl [nu]
     let end = values.len() - model.nu();
     values[end - model.nv()..end].fill(0.0);
     let mut restored = Data::new(model.clone());
-    restored.restore(&State::from(values)).unwrap();
+    restored.restore_state(&State::from(values)).unwrap();
     drive(&mut original, 100..300);
     drive(&mut restored, 100..300);
     assert_ne!(restored.qpos(), original.qpos());
@@ -80,7 +80,7 @@ fn without_the_warm_start_it_does_not() {
 #[test]
 fn the_layout_is_the_documented_one() {
     let data = tumbling(&model());
-    let state = data.save();
+    let state = data.save_state();
     let (nq, nv) = (data.model().nq(), data.model().nv());
     // time, qpos, qvel, act 1, mocap 3 + 4, userdata 2, warm start, ctrl 1
     assert_eq!(state.values().len(), 1 + nq + nv + 1 + 7 + 2 + nv + 1);
@@ -93,20 +93,20 @@ fn the_layout_is_the_documented_one() {
 #[test]
 fn foreign_states_are_refused() {
     let mut data = tumbling(&model());
-    let before = data.save();
+    let before = data.save_state();
     let short = State::from(vec![0.0; 3]);
     let expected = before.values().len();
     assert_eq!(
-        data.restore(&short),
-        Err(SimError::Length { what: Quantity::State, expected, got: 3 })
+        data.restore_state(&short),
+        Err(SimError::WrongLength { what: Quantity::State, expected, got: 3 })
     );
     let mut values = before.values().to_vec();
     values[2] = f64::NAN;
     assert!(matches!(
-        data.restore(&State::from(values)),
+        data.restore_state(&State::from(values)),
         Err(SimError::NotFinite { index: 2, .. })
     ));
-    assert_eq!(data.save(), before, "a refused state changes nothing");
+    assert_eq!(data.save_state(), before, "a refused state changes nothing");
 }
 
 /// Forces that only the C struct can be given are not part of a state, and a restore clears them.
@@ -114,7 +114,7 @@ fn foreign_states_are_refused() {
 fn restoring_clears_applied_forces() {
     let model = model();
     let mut original = tumbling(&model);
-    let saved = original.save();
+    let saved = original.save_state();
     let mut pushed = tumbling(&model);
     let raw = pushed.as_mut_ptr();
     // SAFETY: arrays of `nv` and of `nbody * 6` numbers that live as long as `pushed`.
@@ -123,8 +123,8 @@ fn restoring_clears_applied_forces() {
         *(*raw).xfrc_applied.add(6 * 2 + 1) = -40.0;
     }
     drive(&mut pushed, 100..200);
-    pushed.restore(&saved).unwrap();
+    pushed.restore_state(&saved).unwrap();
     drive(&mut original, 100..200);
     drive(&mut pushed, 100..200);
-    assert_eq!(pushed.save(), original.save());
+    assert_eq!(pushed.save_state(), original.save_state());
 }

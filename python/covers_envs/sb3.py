@@ -55,12 +55,12 @@ class SB3VecEnv(VecEnv):
         """Takes one decision in every environment."""
         observation, rewards, _, dones, infos = self.env.step(self._actions)
         self._succeeded |= infos["success"]
-        told = [{"is_success": bool(success)} for success in self._succeeded]
+        per_env = [{"is_success": bool(success)} for success in self._succeeded]
         for index in np.flatnonzero(dones):
             last = self._shown(infos["final_obs"][index])
-            told[index] |= {"terminal_observation": last, "TimeLimit.truncated": True}
+            per_env[index] |= {"terminal_observation": last, "TimeLimit.truncated": True}
         self._succeeded &= ~dones
-        return self._shown(observation), rewards, dones, told
+        return self._shown(observation), rewards, dones, per_env
 
     def close(self) -> None:
         """Ends the worker threads."""

@@ -25,7 +25,7 @@ Observation = dict[str, NDArray[Any]]
 Info = dict[str, Any]
 
 #: Codes of `Core.advance`, one for each environment.
-_STEP, _STEP_AND_STAY, _RESET, _REST = range(4)
+_STEP, _STEP_NO_AUTORESET, _RESET, _REST = range(4)
 #: Names of the images that may follow the current one in an observation.
 _EXTRA_IMAGES = ("first", "close_up", "first_and_close_up")
 #: Shortest side of an image that `render` returns, in pixels.
@@ -151,11 +151,11 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
         """Takes one decision in every environment. In the mode `NEXT_STEP`, environments whose episode
         ended in the last step begin a new one instead."""
-        actions, turns = self._checked(actions), self._turns()
-        failures = self._advance(actions, turns)
+        actions, commands = self._checked(actions), self._commands()
+        failures = self._advance(actions, commands)
         observation, (rewards, success, success_at_end, truncated) = self._out
         outcome = {"success": success, "success_at_end": success_at_end}
-        infos = _masked(outcome, turns <= _STEP_AND_STAY)
+        infos = _masked(outcome, commands <= _STEP_NO_AUTORESET)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             if truncated.any():
                 infos |= self._final_infos(outcome, truncated)
@@ -181,9 +181,9 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         if self.render_mode is None:
             return None
         self._core.require_own_process()
-        pictures = self._out[0]["image"][..., :3]
-        factor = -(-_RENDERED // pictures.shape[1])
-        return tuple(pictures.repeat(factor, axis=1).repeat(factor, axis=2))
+        images = self._out[0]["image"][..., :3]
+        factor = -(-_RENDERED // images.shape[1])
+        return tuple(images.repeat(factor, axis=1).repeat(factor, axis=2))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the worker threads."""
@@ -206,7 +206,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     def _new_observation(self) -> Observation:
         return {name: np.zeros(space.shape, space.dtype) for name, space in self.observation_space.items()}
 
-    def _advance(self, actions: NDArray[np.float32], turns: NDArray[Any]) -> list[tuple[int, str]]:
+    def _advance(self, actions: NDArray[np.float32], commands: NDArray[Any]) -> list[tuple[int, str]]:
         """Advances the environments into new arrays, or with `copy=False` into those that all steps share."""
         # this check comes first: arrays that another thread's step borrows at a fork stay borrowed in
         # the child, and the error would be about that
@@ -214,22 +214,22 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         out = self._new_arrays() if self.copies else self._out
         (observation, outcome), final = out, self._final
         arrays = observation["image"], observation["vector"], final["image"], final["vector"], outcome
-        failures = self._core.advance(actions, turns.astype(np.uint8), arrays)
+        failures = self._core.advance(actions, commands.astype(np.uint8), arrays)
         self._out = out
         for index, message in failures:
             warnings.warn(f"environment {index}: {message}", RuntimeWarning, stacklevel=3)
         return failures
 
-    def _turns(self) -> NDArray[Any]:
+    def _commands(self) -> NDArray[Any]:
         match self.autoreset_mode:
             case AutoresetMode.SAME_STEP:
                 return np.full(self.num_envs, _STEP)
             case AutoresetMode.NEXT_STEP:
-                return np.where(self._ended, _RESET, _STEP_AND_STAY)
+                return np.where(self._ended, _RESET, _STEP_NO_AUTORESET)
         if self._ended.any():
             ended = np.flatnonzero(self._ended).tolist()
             raise RuntimeError(f"environments {ended}: no episode is running: call `reset` first")
-        return np.full(self.num_envs, _STEP_AND_STAY)
+        return np.full(self.num_envs, _STEP_NO_AUTORESET)
 
     def _final_infos(self, outcome: dict[str, NDArray[Any]], ended: NDArray[np.bool_]) -> Info:
         final_obs = np.full(self.num_envs, None, object)

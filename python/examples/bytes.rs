@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::io::{Write, stdout};
 
-use envs::{ACTION_DIM, Batch, TaskGroup, VecEnv, VecEnvSettings};
+use envs::{ACTION_DIM, StepBuffers, TaskGroup, VecEnv, VecEnvSettings};
 use symmetry::D2;
 
 const N: usize = 3;
@@ -14,23 +14,23 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut settings = VecEnvSettings { num_envs: N, seed: 7, ..VecEnvSettings::default() };
     settings.camera.size = 16;
     if let Some(beside) = std::env::args().nth(1) {
-        settings.camera.beside = serde_json::from_value(beside.into())?;
+        settings.camera.extra_views = serde_json::from_value(beside.into())?;
     }
     settings.control.horizon = 40;
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL)?;
-    let mut batch = Batch::new(&settings);
-    env.reset(batch.observations())?;
+    let mut batch = StepBuffers::new(&settings);
+    env.reset(batch.observations_mut())?;
     show(&batch)?;
     for decision in 0..DECISIONS {
         let action = |i| ((i * 7 + decision * 3) % 5) as f32 / 2.0 - 1.0;
         let actions: Vec<f32> = (0..N * ACTION_DIM).map(action).collect();
-        env.step(&actions, batch.step())?;
+        env.step(&actions, batch.step_mut())?;
         show(&batch)?;
     }
     Ok(())
 }
 
-fn show(batch: &Batch) -> std::io::Result<()> {
+fn show(batch: &StepBuffers) -> std::io::Result<()> {
     let mut out = stdout().lock();
     out.write_all(&batch.images)?;
     for value in batch.vectors.iter().chain(&batch.rewards) {

@@ -7,7 +7,9 @@ mod task;
 
 use std::sync::{Mutex, PoisonError};
 
-use envs::{Camera, Embodiment, EnvCommand, EnvError, Failure, Layout, ObservationsMut, StepMut};
+use envs::{
+    Camera, Embodiment, EnvCommand, EnvError, EnvFailure, Layout, ObservationsMut, StepMut,
+};
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
 use numpy::{PyReadwriteArray, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray4};
@@ -86,12 +88,12 @@ impl Core {
 
     /// Returns the number of decisions in an episode.
     fn decisions(&self, py: Python<'_>) -> PyResult<usize> {
-        self.with(py, |env| Ok(env.settings().control.decisions()))
+        self.with(py, |env| Ok(env.settings().control.decisions_per_episode()))
     }
 
     /// Returns the number of channels of an observation's image.
     fn image_channels(&self, py: Python<'_>) -> PyResult<usize> {
-        self.with(py, |env| Ok(env.settings().camera.beside.channels()))
+        self.with(py, |env| Ok(env.settings().camera.extra_views.num_channels()))
     }
 
     /// Returns the settings that determine observations and the effect of actions: keywords of
@@ -118,24 +120,24 @@ impl Core {
     fn set_tasks(&self, py: Python<'_>, tasks: Vec<String>) -> PyResult<()> {
         let layout = self.with(py, |env| Ok(env.settings().layout))?;
         let (group, elements) = task::parse(&tasks, layout)?;
-        self.with(py, |env| env.set_tasks(group, &elements))
+        self.with(py, |env| env.set_task_group(group, &elements))
     }
 
-    /// Advances every environment by its entry of `turns`, `[N]`: 0 steps, 1 steps without
+    /// Advances every environment by its entry of `commands`, `[N]`: 0 steps, 1 steps without
     /// automatic reset, 2 resets, 3 rests. Returns the failures.
     fn advance(
         &self,
         py: Python<'_>,
         actions: PyReadonlyArray2<'_, f32>,
-        turns: PyReadonlyArray1<'_, u8>,
+        commands: PyReadonlyArray1<'_, u8>,
         out: Out<'_>,
     ) -> PyResult<Failures> {
         let actions = actions.as_slice().map_err(value_error)?;
-        let turns = turns.as_array().into_iter().map(|&turn| find_turn(turn));
-        let turns = turns.collect::<PyResult<Vec<EnvCommand>>>()?;
+        let commands = commands.as_array().into_iter().map(|&code| find_command(code));
+        let commands = commands.collect::<PyResult<Vec<EnvCommand>>>()?;
         let (mut images, mut vectors, mut final_images, mut final_vectors, ended) = out;
         let (mut rewards, mut success, mut success_at_end, mut truncated) = ended;
-        let out = StepMut {
+        let step = StepMut {
             observations: ObservationsMut {
                 images: slice(&mut images)?,
                 vectors: slice(&mut vectors)?,
@@ -149,7 +151,7 @@ impl Core {
             success_at_end: slice(&mut success_at_end)?,
             truncated: slice(&mut truncated)?,
         };
-        self.with(py, |env| Ok(texts(env.advance(actions, &turns, out)?)))
+        self.with(py, |env| Ok(texts(env.execute_commands(actions, &commands, step)?)))
     }
 
     /// Writes the scripted experts' actions for the current states, `[N, 4]`.
@@ -175,7 +177,7 @@ impl Core {
         if made_in == process {
             return Ok(());
         }
-        Err(error(EnvError::OtherProcess { made_in, process }))
+        Err(error(EnvError::UsedAfterFork { made_in, process }))
     }
 }
 
@@ -212,12 +214,12 @@ impl Core {
     }
 }
 
-fn find_turn(turn: u8) -> PyResult<EnvCommand> {
+fn find_command(code: u8) -> PyResult<EnvCommand> {
     // the order is that of the codes in `covers_envs/vector.py`
-    let turns =
-        [EnvCommand::Step, EnvCommand::StepNoAutoReset, EnvCommand::Reset, EnvCommand::Rest];
-    let found = turns.get(usize::from(turn)).copied();
-    found.ok_or_else(|| value_error(format!("turn {turn}, expected 0 to 3")))
+    let commands =
+        [EnvCommand::Step, EnvCommand::StepNoAutoReset, EnvCommand::Reset, EnvCommand::Idle];
+    let found = commands.get(usize::from(code)).copied();
+    found.ok_or_else(|| value_error(format!("command {code}, expected 0 to 3")))
 }
 
 fn find_layout(name: &str) -> PyResult<Layout> {
@@ -239,8 +241,8 @@ fn find_camera(fields: &str) -> PyResult<Camera> {
     serde_json::from_value(camera).map_err(refused)
 }
 
-fn texts(failures: &[Failure]) -> Failures {
-    let text = |failure: &Failure| (failure.env, failure.error.to_string());
+fn texts(failures: &[EnvFailure]) -> Failures {
+    let text = |failure: &EnvFailure| (failure.env, failure.error.to_string());
     failures.iter().map(text).collect()
 }
 
@@ -266,9 +268,9 @@ fn error(error: EnvError) -> PyErr {
     match cause {
         EnvError::UnknownTask { .. }
         | EnvError::UnknownEmbodiment { .. }
-        | EnvError::Setting { .. }
+        | EnvError::InvalidSetting { .. }
         | EnvError::NonFiniteAction { .. }
-        | EnvError::Length { .. }
+        | EnvError::LengthMismatch { .. }
         | EnvError::NoSuchVariant { .. }
         | EnvError::NoSuchLayout { .. }
         | EnvError::NoVariants { .. } => PyValueError::new_err(message),

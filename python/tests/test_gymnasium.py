@@ -68,6 +68,6 @@ def test_pictures_are_shown_enlarged():
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-def test_the_autoreset_mode_is_told(mode):
+def test_the_autoreset_mode_is_in_the_metadata(mode):
     env = covers_envs.make_vec("goal-reach", autoreset_mode=mode, **SMALL)
     assert env.metadata["autoreset_mode"] is mode

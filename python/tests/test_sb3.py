@@ -57,7 +57,7 @@ def test_a_stored_observation_is_not_changed_by_the_next_step(adapter, only):
     env = adapter(covers_envs.make_vec("goal-reach", 2, **settings), only=only)
     twin = covers_envs.make_vec("goal-reach", 2, **settings)
 
-    def told(observation):
+    def contents(observation):
         parts = observation if only is None else {only: observation}
         return {name: array.tobytes() for name, array in parts.items()}
 
@@ -74,10 +74,10 @@ def test_a_stored_observation_is_not_changed_by_the_next_step(adapter, only):
         ends += [{name: array.copy() for name, array in each.items()} for each in infos.get("final_obs", [])]
     shown = [each if only is None else {only: each[only]} for each in expected + ends]
     assert len(ends) == 2
-    assert [told(each) for each in [*stored, last, *terminal]] == [
+    assert [contents(each) for each in [*stored, last, *terminal]] == [
         {name: array.tobytes() for name, array in each.items()} for each in shown
     ]
-    assert told(stored[0]) != told(stored[1])
+    assert contents(stored[0]) != contents(stored[1])
 
 
 def test_shared_arrays_are_refused(adapter):

@@ -8,11 +8,11 @@ use clap::builder::RangedU64ValueParser;
 use envs::TaskRegistry;
 use symmetry::D2;
 
-use experiments::cli::{Threads, say};
+use experiments::cli::{Threads, print_escaped};
 use experiments::{RunFolder, thread_pool};
 
 use super::error::RenderError;
-use super::grid::grid;
+use super::grid::compose_grid;
 use super::output::OutputFile;
 use super::player::{FilmSettings, FilmedEpisode, PolicyPlayer};
 use super::recorder::View;
@@ -33,8 +33,8 @@ pub struct RenderOptions {
     #[arg(long, value_enum, value_delimiter = ',', default_value = "seen")]
     pub views: Vec<View>,
     /// Below each row, show its pictures mirrored back: four times the same picture.
-    #[arg(long)]
-    pub twins: bool,
+    #[arg(long = "twins")]
+    pub with_mirrored_twins: bool,
     /// End the film after this number of decisions (default: with the episode). The printed outcome
     /// is that of the whole episode.
     #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
@@ -55,32 +55,32 @@ impl RenderOptions {
     /// another extension or cannot be written; errors of the environments and the learner.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RenderError> {
         let target = OutputFile::new(&self.out)?;
-        let folder = RunFolder::open(&self.run);
-        let schedule = folder.experiment()?.schedule;
-        let groups = schedule.chosen(self.group.as_deref(), &TaskRegistry::standard())?;
+        let folder = RunFolder::from_path(&self.run);
+        let schedule = folder.read_experiment()?.schedule;
+        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::standard())?;
         let threads = self.threads.count();
         let mut player = PolicyPlayer::load(&folder, threads)?;
         target.prepare()?;
         let settings = FilmSettings {
             groups: &groups,
             views: &self.views,
-            mirrored_back: self.twins,
+            mirrored_back: self.with_mirrored_twins,
             decisions: self.decisions,
             seed: self.seed,
         };
         let episodes = thread_pool(threads)?.install(|| player.play(&settings))?;
         let names = D2::ALL.map(|element| element.to_string());
         let columns = names.each_ref().map(String::as_str);
-        let film = grid(&columns, &player.rows(&settings, &episodes));
+        let film = compose_grid(&columns, &player.rows(&settings, &episodes));
         // write before printing: a closed pipe must not lose the film
         target.write(&film)?;
         for episode in &episodes {
-            say(out, &line(episode))?;
+            print_escaped(out, &line(episode))?;
         }
         let (frames, path) = (film.frames.len(), target.path().display());
         let (width, height) = (film.width, film.height);
         let size = format!("{path}: {frames} pictures of {width} x {height} pixels");
-        Ok(say(out, &size)?)
+        Ok(print_escaped(out, &size)?)
     }
 }
 

@@ -12,9 +12,9 @@ pub enum RenderError {
     /// Error of the run whose policies are filmed.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// File name without the extension of a supported format.
+    /// Requested film whose file name has no supported extension.
     #[error("{} cannot be written: expected a name with the ending {expected}", path.display())]
-    Ending {
+    UnsupportedExtension {
         /// Requested path of the film.
         path: PathBuf,
         /// Supported extensions.

@@ -1,7 +1,7 @@
 //! Bitmap font of 5 x 7 pixels for the captions of films.
 
 /// Width and height (pixels) of a character with the gap after it, before enlargement.
-pub(super) const LETTER: [usize; 2] = [6, 8];
+pub(super) const LETTER_SIZE: [usize; 2] = [6, 8];
 
 /// Returns the columns of a character from left to right; bit 0 is the top row. A character without
 /// a glyph is drawn as a box.
@@ -63,10 +63,10 @@ pub(super) fn pixels(text: &str) -> impl Iterator<Item = [usize; 2]> {
     let letters = text.chars().enumerate();
     let columns = letters.flat_map(|(number, letter)| {
         let columns = columns(letter.to_ascii_lowercase()).into_iter().enumerate();
-        columns.map(move |(column, bits)| (number * LETTER[0] + column, bits))
+        columns.map(move |(column, bits)| (number * LETTER_SIZE[0] + column, bits))
     });
     let small = columns.flat_map(|(x, bits)| {
-        let rows = (0..LETTER[1]).filter(move |row| bits >> row & 1 == 1);
+        let rows = (0..LETTER_SIZE[1]).filter(move |row| bits >> row & 1 == 1);
         rows.map(move |y| [x, y])
     });
     small.flat_map(|[x, y]| {

@@ -5,19 +5,19 @@ use ::gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
 use super::palette::Palette;
 
 /// Palette index of pixels that did not change since the last picture.
-const UNCHANGED: u8 = Palette::MOST as u8;
+const UNCHANGED: u8 = Palette::MAX_COLOURS as u8;
 
 /// Encodes a film as a GIF file that repeats for ever.
 ///
 /// # Errors
 /// A film whose width or height is 0 or above 65535 pixels.
-pub fn encode(film: &Film) -> Result<Vec<u8>, EncodingError> {
+pub fn encode_gif(film: &Film) -> Result<Vec<u8>, EncodingError> {
     let side = |side: usize| u16::try_from(side).map_err(std::io::Error::other);
     let (width, height) = (side(film.width)?, side(film.height)?);
-    let palette = Palette::of(film.frames.iter().map(Vec::as_slice));
-    let mut colours = palette.bytes();
+    let palette = Palette::from_pictures(film.frames.iter().map(Vec::as_slice));
+    let mut colours = palette.rgb_bytes();
     // a palette of fewer colours would have no index `UNCHANGED`
-    colours.resize(3 * (Palette::MOST + 1), 0);
+    colours.resize(3 * (Palette::MAX_COLOURS + 1), 0);
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, width, height, &colours)?;
     encoder.set_repeat(Repeat::Infinite)?;
@@ -26,7 +26,7 @@ pub fn encode(film: &Film) -> Result<Vec<u8>, EncodingError> {
         let now = palette.indices(picture);
         let mut frame = difference(&before, &now, film.width);
         let last = number + 1 == film.frames.len();
-        frame.delay = DELAY * if last { HOLD } else { 1 };
+        frame.delay = DELAY_CENTISECONDS * if last { HOLD_DELAYS } else { 1 };
         encoder.write_frame(&frame)?;
         before = now;
     }
@@ -58,18 +58,18 @@ fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
 
 /// Delay between pictures (hundredths of a second), which makes 12.5 pictures per second. A
 /// decision lasts 0.125 s, so a film runs at about one and a half times the simulated speed.
-pub(super) const DELAY: u16 = 8;
+pub(super) const DELAY_CENTISECONDS: u16 = 8;
 /// Delays for which the last picture stays before a film repeats.
-pub(super) const HOLD: u16 = 12;
+pub(super) const HOLD_DELAYS: u16 = 12;
 
 /// Sequence of pictures of one size, one for each decision.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Film {
-    /// Width (pixels).
+    /// Width of the pictures (pixels).
     pub width: usize,
-    /// Height (pixels).
+    /// Height of the pictures (pixels).
     pub height: usize,
-    /// Pictures, each `[height, width, 3]` with row 0 on top.
+    /// Pictures of the film in order, each RGB bytes `[height, width, 3]` with row 0 on top.
     pub frames: Vec<Vec<u8>>,
 }
 
@@ -116,9 +116,9 @@ mod tests {
     #[test]
     fn a_viewer_shows_the_pictures_of_the_film() {
         let film = film();
-        let bytes = encode(&film).unwrap();
+        let bytes = encode_gif(&film).unwrap();
         let shown = shown(&bytes);
-        let delays = [DELAY, DELAY, DELAY * HOLD];
+        let delays = [DELAY_CENTISECONDS, DELAY_CENTISECONDS, DELAY_CENTISECONDS * HOLD_DELAYS];
         assert_eq!(shown.len(), 3);
         for ((picture, delay), (frame, expected)) in
             shown.iter().zip(film.frames.iter().zip(delays))
@@ -139,6 +139,6 @@ mod tests {
     #[test]
     fn pictures_that_are_too_large_for_the_format_are_refused() {
         let film = Film { width: 70_000, height: 1, frames: vec![vec![0; 210_000]] };
-        assert!(encode(&film).is_err());
+        assert!(encode_gif(&film).is_err());
     }
 }

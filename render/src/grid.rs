@@ -1,6 +1,6 @@
 //! Grid of films that play side by side as one film.
 
-use super::font::{LETTER, pixels};
+use super::font::{LETTER_SIZE, pixels};
 use super::gif::Film;
 
 /// Approximate height of a cell (pixels): pictures are enlarged to it by a whole number.
@@ -10,7 +10,7 @@ const BORDER: usize = 3;
 /// Distance between cells, and from the edge of the film (pixels).
 const GAP: usize = 6;
 /// Height of a line of text with the gap below it (pixels).
-const LINE: usize = 2 * LETTER[1] + 4;
+const LINE: usize = 2 * LETTER_SIZE[1] + 4;
 /// Level of all channels of the background.
 const WHITE: u8 = 255;
 /// Colour of the columns' names (RGB).
@@ -18,16 +18,16 @@ const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
 
 /// Film in a cell of a grid. Its last picture stays until the longest film ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Cell {
-    /// Width (pixels).
+pub struct GridCell {
+    /// Width of the cell's pictures (pixels).
     pub width: usize,
-    /// Height (pixels).
+    /// Height of the cell's pictures (pixels).
     pub height: usize,
-    /// Pictures, each `[height, width, 3]`; at least one.
+    /// Pictures of the cell's film in order, each RGB bytes `[height, width, 3]`; at least one.
     pub frames: Vec<Vec<u8>>,
 }
 
-impl Cell {
+impl GridCell {
     /// Returns the whole number by which pictures are enlarged.
     fn enlarge(&self) -> usize {
         ((HEIGHT + self.height / 2) / self.height).max(1)
@@ -39,18 +39,18 @@ impl Cell {
     }
 }
 
-/// Row of a grid.
-pub struct Row {
+/// Row of films in a grid, with a title.
+pub struct GridRow {
     /// Title above the row.
     pub title: String,
     /// Colour of the title (RGB).
     pub colour: [u8; 3],
     /// Films of the row, from left to right.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<GridCell>,
 }
 
 /// Composes rows of films into one film, with a title over each row and a name over each column.
-pub fn grid(columns: &[&str], rows: &[Row]) -> Film {
+pub fn compose_grid(columns: &[&str], rows: &[GridRow]) -> Film {
     let layout = GridLayout::of(rows);
     let empty = layout.canvas(columns, rows);
     let lengths = rows.iter().flat_map(|row| &row.cells);
@@ -74,14 +74,14 @@ struct GridLayout {
 }
 
 impl GridLayout {
-    fn of(rows: &[Row]) -> Self {
-        let sizes = || rows.iter().flat_map(|row| &row.cells).map(Cell::size);
+    fn of(rows: &[GridRow]) -> Self {
+        let sizes = || rows.iter().flat_map(|row| &row.cells).map(GridCell::size);
         let [width, height] = [0, 1].map(|side| sizes().map(|size| size[side]).max().unwrap_or(0));
         Self { across: width + GAP, down: height + GAP + LINE }
     }
 
     /// Iterates over the cells with their top left corners `[x, y]`.
-    fn cells<'a>(&self, rows: &'a [Row]) -> impl Iterator<Item = (&'a Cell, [usize; 2])> {
+    fn cells<'a>(&self, rows: &'a [GridRow]) -> impl Iterator<Item = (&'a GridCell, [usize; 2])> {
         let (across, down) = (self.across, self.down);
         rows.iter().enumerate().flat_map(move |(number, row)| {
             let top = GAP + 2 * LINE + number * down;
@@ -91,7 +91,7 @@ impl GridLayout {
     }
 
     /// Draws names, titles and borders, which are the same in every picture.
-    fn canvas(&self, columns: &[&str], rows: &[Row]) -> Canvas {
+    fn canvas(&self, columns: &[&str], rows: &[GridRow]) -> Canvas {
         let (across, down) = (self.across, self.down);
         let mut canvas = Canvas::of(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
         for (column, name) in columns.iter().enumerate() {
@@ -138,7 +138,7 @@ impl Canvas {
         pixels(text).for_each(|[x, y]| self.dot([left + x, top + y], rgb));
     }
 
-    fn paste(&mut self, cell: &Cell, time: usize, [left, top]: [usize; 2]) {
+    fn paste(&mut self, cell: &GridCell, time: usize, [left, top]: [usize; 2]) {
         let enlarge = cell.enlarge();
         // a film that has ended keeps its last picture
         let Some(picture) = cell.frames.get(time).or(cell.frames.last()) else {
@@ -155,9 +155,9 @@ impl Canvas {
 mod tests {
     use super::*;
 
-    fn cell(frames: usize) -> Cell {
+    fn cell(frames: usize) -> GridCell {
         let frame = |number| (0..72 * 48).flat_map(|_| [number as u8, 9, 9]).collect();
-        Cell { width: 72, height: 48, frames: (0..frames).map(frame).collect() }
+        GridCell { width: 72, height: 48, frames: (0..frames).map(frame).collect() }
     }
 
     fn count(film: &Film, time: usize, rgb: [u8; 3]) -> usize {
@@ -167,8 +167,9 @@ mod tests {
 
     #[test]
     fn cells_are_enlarged_side_by_side_with_borders_and_the_shorter_film_waits() {
-        let row = Row { title: String::new(), colour: [0, 0, 255], cells: vec![cell(2), cell(3)] };
-        let film = grid(&["", ""], &[row]);
+        let row =
+            GridRow { title: String::new(), colour: [0, 0, 255], cells: vec![cell(2), cell(3)] };
+        let film = compose_grid(&["", ""], &[row]);
         assert_eq!((film.frames.len(), film.width), (3, 6 + 2 * (216 + 12)));
         assert_eq!(film.height, 6 + 20 + 20 + 144 + 12);
         let area = 216 * 144;
@@ -180,8 +181,9 @@ mod tests {
 
     #[test]
     fn titles_have_the_colour_of_their_row_and_stay_on_the_paper() {
-        let row = Row { title: "a long title ".repeat(9), colour: [1, 2, 3], cells: vec![cell(1)] };
-        let film = grid(&["seen"], &[row]);
+        let row =
+            GridRow { title: "a long title ".repeat(9), colour: [1, 2, 3], cells: vec![cell(1)] };
+        let film = compose_grid(&["seen"], &[row]);
         assert!(count(&film, 0, INK) > 50);
         assert!(count(&film, 0, [1, 2, 3]) > 222 * 150 - 216 * 144);
     }

@@ -14,8 +14,7 @@ mod subprocess;
 
 pub use command::RenderOptions;
 pub use error::RenderError;
-pub use gif::Film;
-pub use gif::encode as gif;
-pub use grid::{Cell, Row, grid};
+pub use gif::{Film, encode_gif};
+pub use grid::{GridCell, GridRow, compose_grid};
 pub use player::{PolicyPlayer, film_groups};
 pub use recorder::{EpisodeRecorder, View};

@@ -7,9 +7,9 @@ use std::process::Command;
 
 use crate::{RenderError, subprocess};
 use experiments::RunError;
-use learner::disk::PARTIAL;
+use learner::disk::PARTIAL_EXTENSION;
 
-use super::gif::{DELAY, Film, HOLD};
+use super::gif::{DELAY_CENTISECONDS, Film, HOLD_DELAYS};
 
 /// Path of the program `ffmpeg`.
 pub(super) struct Ffmpeg(PathBuf);
@@ -20,7 +20,7 @@ impl Ffmpeg {
     /// # Errors
     /// [`RenderError::NoFfmpeg`] with `film`, the path of the film that cannot be written.
     pub fn find(folders: &OsStr, film: &Path) -> Result<Self, RenderError> {
-        let found = subprocess::find(folders, "ffmpeg");
+        let found = subprocess::find_program(folders, "ffmpeg");
         found.map(Self).ok_or_else(|| RenderError::NoFfmpeg { path: film.to_owned() })
     }
 
@@ -30,16 +30,16 @@ impl Ffmpeg {
     /// # Errors
     /// [`RunError::Write`] with the last line of `ffmpeg`'s standard error.
     pub fn encode(&self, film: &Film, path: &Path) -> Result<Vec<u8>, RunError> {
-        let scratch = path.with_added_extension("ffmpeg").with_added_extension(PARTIAL);
+        let scratch = path.with_added_extension("ffmpeg").with_added_extension(PARTIAL_EXTENSION);
         let made = self.make(film, &scratch).and_then(|()| fs::read(&scratch));
         // fails if `ffmpeg` made no file
         let _ = fs::remove_file(&scratch);
-        made.map_err(|error| RunError::write(path, error))
+        made.map_err(|error| RunError::cannot_write(path, error))
     }
 
     fn make(&self, film: &Film, to: &Path) -> std::io::Result<()> {
         let size = format!("{}x{}", film.width, film.height);
-        let rate = format!("100/{DELAY}");
+        let rate = format!("100/{DELAY_CENTISECONDS}");
         // without the prefix, a name with a colon is a protocol and one with a dash is an option
         let mut file = OsString::from("file:");
         file.push(to);
@@ -61,8 +61,8 @@ impl Ffmpeg {
             ])
             .arg(file);
         let last = film.frames.last().into_iter().cycle();
-        let held = last.take(usize::from(HOLD) - 1);
-        subprocess::run(&mut ffmpeg, |pipe| {
+        let held = last.take(usize::from(HOLD_DELAYS) - 1);
+        subprocess::run_program(&mut ffmpeg, |pipe| {
             let mut frames = film.frames.iter().chain(held);
             frames.try_for_each(|frame| pipe.write_all(frame))
         })?;
@@ -92,7 +92,7 @@ mod tests {
     #[test]
     fn the_program_is_fed_all_pictures_and_the_last_one_for_longer() {
         let programs = Programs::new("ffmpeg", "ffmpeg", SCRIPT);
-        let expected = [[1; 6].to_vec(), [2; 6 * HOLD as usize].to_vec()].concat();
+        let expected = [[1; 6].to_vec(), [2; 6 * HOLD_DELAYS as usize].to_vec()].concat();
         assert_eq!(encoded(&programs).unwrap(), expected);
     }
 

@@ -20,7 +20,7 @@ impl OutputFile {
     /// Checks the path without writing anything.
     ///
     /// # Errors
-    /// [`RenderError::Ending`], [`RunError::FileExists`], [`RenderError::NoFfmpeg`].
+    /// [`RenderError::UnsupportedExtension`], [`RunError::FileExists`], [`RenderError::NoFfmpeg`].
     pub fn new(path: &Path) -> Result<Self, RenderError> {
         let ffmpeg = match lowercase_extension(path).as_deref() {
             Some("gif") => None,
@@ -29,7 +29,7 @@ impl OutputFile {
                 Some(Ffmpeg::find(&folders, path)?)
             }
             _ => {
-                return Err(RenderError::Ending {
+                return Err(RenderError::UnsupportedExtension {
                     path: path.to_owned(),
                     expected: ".gif or .mp4",
                 });
@@ -54,7 +54,7 @@ impl OutputFile {
     pub fn write(&self, film: &Film) -> Result<(), RunError> {
         let path = self.path();
         let bytes = match &self.ffmpeg {
-            None => gif::encode(film).map_err(|error| RunError::write(path, error))?,
+            None => gif::encode_gif(film).map_err(|error| RunError::cannot_write(path, error))?,
             Some(ffmpeg) => ffmpeg.encode(film, path)?,
         };
         self.file.write(&bytes)

@@ -18,10 +18,10 @@ pub(super) struct Palette {
 
 impl Palette {
     /// Maximum number of colours; the index after them marks unchanged pixels.
-    pub const MOST: usize = 255;
+    pub const MAX_COLOURS: usize = 255;
 
     /// Chooses the palette of `pictures`, each `[.., 3]`.
-    pub fn of<'a>(pictures: impl IntoIterator<Item = &'a [u8]>) -> Self {
+    pub fn from_pictures<'a>(pictures: impl IntoIterator<Item = &'a [u8]>) -> Self {
         let mut counts: HashMap<Rgb, u32> = HashMap::new();
         for picture in pictures {
             let (pixels, _) = picture.as_chunks();
@@ -33,7 +33,7 @@ impl Palette {
         // the order of a hash map is random, and sums depend on the order
         pixels.sort_unstable();
         let mut sets = vec![Set::of(pixels)];
-        while sets.len() < Self::MOST
+        while sets.len() < Self::MAX_COLOURS
             && let Some(widest) = widest(&sets)
         {
             let [low, high] = sets.swap_remove(widest).cut();
@@ -49,11 +49,12 @@ impl Palette {
     }
 
     /// Returns the levels of red, green and blue of every colour.
-    pub fn bytes(&self) -> Vec<u8> {
+    pub fn rgb_bytes(&self) -> Vec<u8> {
         self.colours.concat()
     }
 
-    /// Returns the index of each pixel's colour, for one of the pictures of [`Palette::of`].
+    /// Returns the index of each pixel's colour, for one of the pictures of
+    /// [`Palette::from_pictures`].
     pub fn indices(&self, picture: &[u8]) -> Vec<u8> {
         let (pixels, _) = picture.as_chunks();
         let index = |rgb| self.index.get(rgb).copied().unwrap_or_default();
@@ -126,7 +127,7 @@ mod tests {
     #[test]
     fn few_colours_stay_as_they_are() {
         let pictures: [&[u8]; 2] = [&[0, 0, 255, 255, 255, 255], &[1, 0, 255, 10, 20, 30]];
-        let palette = Palette::of(pictures);
+        let palette = Palette::from_pictures(pictures);
         assert_eq!(palette.colours.len(), 4);
         for picture in pictures {
             let shown = palette.indices(picture).into_iter();
@@ -140,8 +141,8 @@ mod tests {
         let greys = (0..=255).flat_map(|grey: u8| (0..8).map(move |blue| [grey, grey, blue]));
         let mut picture: Vec<u8> = greys.flatten().collect();
         picture.extend([0, 0, 255]);
-        let palette = Palette::of([&picture[..]]);
-        assert_eq!(palette.colours.len(), Palette::MOST);
+        let palette = Palette::from_pictures([&picture[..]]);
+        assert_eq!(palette.colours.len(), Palette::MAX_COLOURS);
         let indices = palette.indices(&picture);
         for (rgb, index) in picture.chunks_exact(3).zip(&indices) {
             let shown = palette.colours[usize::from(*index)];

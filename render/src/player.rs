@@ -1,16 +1,16 @@
 //! Films of the variants of groups, played by the policies that the learner assigns to them.
 
-use envs::{RGB, TaskGroup, TaskRegistry, TaskVariant};
+use envs::{RGB_CHANNELS, TaskGroup, TaskRegistry, TaskVariant};
 use rl::VectorEnv;
 use symmetry::D2;
 
-use experiments::colours::rgb;
+use experiments::colours::line_rgb;
 use experiments::evaluation::Evaluator;
 use experiments::{Experiment, RunError, RunFolder, Stream, thread_pool};
 use learner::{Labels, Learner};
 
-use super::gif::encode;
-use super::grid::{Cell, Row, grid};
+use super::gif::encode_gif;
+use super::grid::{GridCell, GridRow, compose_grid};
 use super::recorder::{EpisodeRecorder, View};
 
 /// Length, in decisions, of a film of [`film_groups`]: three seconds of simulated time.
@@ -34,10 +34,10 @@ pub(super) struct FilmedEpisode {
     pub policy: usize,
     pub success: bool,
     /// One film for each view.
-    cells: Vec<Cell>,
+    cells: Vec<GridCell>,
 }
 
-/// Policies of a run with the environments in which they are evaluated.
+/// Policies of a run, with the environments in which they are evaluated and filmed.
 pub struct PolicyPlayer {
     /// Settings of the run.
     pub experiment: Experiment,
@@ -49,12 +49,12 @@ impl PolicyPlayer {
     /// Loads the policies of the newest intact checkpoint in `folder`.
     ///
     /// # Errors
-    /// As [`RunFolder::experiment`] and [`RunFolder::load_learner`].
+    /// As [`RunFolder::read_experiment`] and [`RunFolder::load_learner`].
     pub fn load(folder: &RunFolder, threads: usize) -> Result<Self, RunError> {
-        let experiment = folder.experiment()?.with_threads(threads);
-        let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+        let experiment = folder.read_experiment()?.with_threads(threads);
+        let (spec, labels) = (Stream::env_spec(&experiment.envs), Labels::default());
         let learner = folder.load_learner(&experiment.learner, &spec, &labels)?;
-        let evaluator = Evaluator::of(&experiment, &TaskRegistry::standard(), labels)?;
+        let evaluator = Evaluator::of_run(&experiment, &TaskRegistry::standard(), labels)?;
         Ok(Self { experiment, learner, evaluator })
     }
 
@@ -77,8 +77,8 @@ impl PolicyPlayer {
     ) -> Result<FilmedEpisode, RunError> {
         let FilmSettings { views, decisions, seed, .. } = *settings;
         let mut recorder = EpisodeRecorder::new(&self.experiment.envs, variant, views, seed)?;
-        let (policy, success) = self.perform(variant, &mut recorder)?;
-        Ok(FilmedEpisode { variant, policy, success, cells: recorder.cells(views, decisions) })
+        let (policy, success) = self.play_episode(variant, &mut recorder)?;
+        Ok(FilmedEpisode { variant, policy, success, cells: recorder.film_cells(views, decisions) })
     }
 
     /// Lets the learner choose a policy for `variant` and plays one episode of it in `env`, a
@@ -86,33 +86,37 @@ impl PolicyPlayer {
     ///
     /// # Errors
     /// Errors of the environments and the learner.
-    pub fn perform(
+    pub fn play_episode(
         &mut self,
         variant: TaskVariant,
         env: &mut dyn VectorEnv,
     ) -> Result<(usize, bool), RunError> {
-        let policy = self.evaluator.recognise(&mut *self.learner, variant)?;
-        let stats = self.learner.perform(policy, env, 1)?.stats;
+        let policy = self.evaluator.recognise_variant(&mut *self.learner, variant)?;
+        let stats = self.learner.evaluate_policy(policy, env, 1)?.stats;
         Ok((policy, stats.success_rate() == Some(1.0)))
     }
 
     /// Returns the colour that reports use for a group, by its place in the run's schedule.
     fn colour(&self, group: TaskGroup) -> [u8; 3] {
         let schedule = &self.experiment.schedule;
-        let number = schedule.number(group.name());
-        rgb(number.unwrap_or(schedule.groups.len()))
+        let number = schedule.group_index(group.name());
+        line_rgb(number.unwrap_or(schedule.groups.len()))
     }
 
     /// Returns the rows of a grid: the variants of a group side by side, one row for each view, and
     /// a second one with pictures mirrored back if the settings ask for it.
-    pub(super) fn rows(&self, settings: &FilmSettings<'_>, episodes: &[FilmedEpisode]) -> Vec<Row> {
+    pub(super) fn rows(
+        &self,
+        settings: &FilmSettings<'_>,
+        episodes: &[FilmedEpisode],
+    ) -> Vec<GridRow> {
         let row = |group: TaskGroup, view: usize, mirrored_back: bool| {
             let of_group = episodes.iter().filter(|episode| episode.variant.group == group);
             let cells = of_group.map(|episode| {
                 let cell = &episode.cells[view];
                 if mirrored_back { mirrored(cell, episode.variant.element) } else { cell.clone() }
             });
-            Row {
+            GridRow {
                 title: title(group, settings.views, view, mirrored_back),
                 colour: self.colour(group),
                 cells: cells.collect(),
@@ -129,29 +133,30 @@ impl PolicyPlayer {
     }
 }
 
-/// Films one episode of each variant of every group of a run, with the policies of the newest
+/// Films one episode of each variant of every task group of a run, with the policies of the newest
 /// intact checkpoint. Returns each group's name with a GIF file of its four variants as the
 /// policies see them.
 ///
 /// # Errors
 /// A folder without policies; errors of the environments and the learner.
 pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Vec<u8>)>, RunError> {
-    let groups = folder.experiment()?.schedule.resolve(&TaskRegistry::standard())?;
+    let groups = folder.read_experiment()?.schedule.resolve_groups(&TaskRegistry::standard())?;
     let mut player = PolicyPlayer::load(folder, threads)?;
     let pool = thread_pool(threads)?;
     let names = D2::ALL.map(|element| element.to_string());
     let films = groups.into_iter().map(|group| {
         let settings = FilmSettings {
             groups: &[group],
-            views: &[View::Seen],
+            views: &[View::PolicyInput],
             mirrored_back: false,
             decisions: Some(DECISIONS),
             seed: 0,
         };
         let episodes = pool.install(|| player.play(&settings))?;
         let columns = names.each_ref().map(String::as_str);
-        let film = grid(&columns, &player.rows(&settings, &episodes));
-        let gif = encode(&film).map_err(|error| RunError::write(folder.path(), error))?;
+        let film = compose_grid(&columns, &player.rows(&settings, &episodes));
+        let gif =
+            encode_gif(&film).map_err(|error| RunError::cannot_write(folder.path(), error))?;
         Ok((group.name().to_owned(), gif))
     });
     films.collect()
@@ -162,7 +167,7 @@ fn title(group: TaskGroup, views: &[View], view: usize, mirrored_back: bool) -> 
         (1, _) => "",
         (_, View::Raw) => ": what a camera sees",
         (_, View::Mask) => ": where the arm is",
-        (_, View::Seen) => ": what the policy sees",
+        (_, View::PolicyInput) => ": what the policy sees",
     };
     let back = if mirrored_back { ", mirrored back" } else { "" };
     format!("{group}{shown}{back}")
@@ -170,14 +175,14 @@ fn title(group: TaskGroup, views: &[View], view: usize, mirrored_back: bool) -> 
 
 /// Transforms every picture of a film by `element`. Elements of D2 are their own inverses, so this
 /// mirrors a variant's film back.
-fn mirrored(cell: &Cell, element: D2) -> Cell {
+fn mirrored(cell: &GridCell, element: D2) -> GridCell {
     let frames = cell.frames.iter().map(|frame| {
-        let mut rows: Vec<&[u8]> = frame.chunks_exact(cell.width * RGB).collect();
+        let mut rows: Vec<&[u8]> = frame.chunks_exact(cell.width * RGB_CHANNELS).collect();
         if element.flips_y() {
             rows.reverse();
         }
         let turned = rows.into_iter().flat_map(|row| {
-            let mut pixels: Vec<&[u8]> = row.chunks_exact(RGB).collect();
+            let mut pixels: Vec<&[u8]> = row.chunks_exact(RGB_CHANNELS).collect();
             if element.flips_x() {
                 pixels.reverse();
             }
@@ -185,7 +190,7 @@ fn mirrored(cell: &Cell, element: D2) -> Cell {
         });
         turned.collect()
     });
-    Cell { frames: frames.collect(), ..*cell }
+    GridCell { frames: frames.collect(), ..*cell }
 }
 
 #[cfg(test)]
@@ -195,7 +200,7 @@ mod tests {
     #[test]
     fn a_film_is_mirrored_as_its_variant_is() {
         let cell =
-            Cell { width: 2, height: 2, frames: vec![(0..12).collect(), (12..24).collect()] };
+            GridCell { width: 2, height: 2, frames: vec![(0..12).collect(), (12..24).collect()] };
         let first = |element| mirrored(&cell, element).frames[0].clone();
         assert_eq!(first(D2::Identity), cell.frames[0]);
         assert_eq!(first(D2::FlipX), [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]);

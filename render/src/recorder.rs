@@ -4,17 +4,19 @@
 use std::sync::Arc;
 
 use clap::ValueEnum;
-use envs::{ACTION_DIM, Camera, RGB, Scene, SceneRenderer, TableTop, TaskVariant, VecEnvSettings};
+use envs::{
+    ACTION_DIM, Camera, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskVariant, VecEnvSettings,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 use experiments::sheet::{Picture, mark_goal};
-use experiments::{RunError, Stream, scale};
+use experiments::{RunError, Stream, scale_vectors};
 
-use super::grid::Cell;
+use super::grid::GridCell;
 
-/// View of an episode.
+/// View of an episode that a film shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum View {
     /// Picture of a camera: the table and the arm.
@@ -22,20 +24,22 @@ pub enum View {
     /// Mask of the arm: white where it hides the table.
     Mask,
     /// Picture of the policy: the table without the arm, and a mark at the gripper.
-    Seen,
+    #[value(name = "seen")]
+    PolicyInput,
 }
 
 /// Minimum side of a camera's pictures (pixels).
 const SIDE: usize = 144;
 
-/// Vector of one environment that films its episode. Observations are those of training.
+/// Vectorised environment of one task variant that films its only episode. Observations are those
+/// of training.
 pub struct EpisodeRecorder {
     spec: EnvSpec,
     variant: TaskVariant,
     seed: u64,
     table: TableTop,
     renderer: SceneRenderer,
-    /// Second simulation for the views other than [`View::Seen`]; `None` if there are none.
+    /// Second simulation for the views other than [`View::PolicyInput`]; `None` if there are none.
     large: Option<LargeView>,
     /// First picture of the episode `[size, size, 3]`; empty before it.
     first: Vec<u8>,
@@ -53,8 +57,9 @@ struct LargeView {
 }
 
 impl EpisodeRecorder {
-    /// Creates an environment with the settings of a run. The placement depends on `seed` alone, so
-    /// the variants of a group are mirror images of each other.
+    /// Creates a recorder of one episode of `variant`, in an environment with the settings of a
+    /// run. The placement depends on `seed` alone, so the variants of a group are mirror images of
+    /// each other.
     ///
     /// # Errors
     /// Errors of the scene and its renderers.
@@ -66,9 +71,9 @@ impl EpisodeRecorder {
     ) -> Result<Self, RunError> {
         let alone = VecEnvSettings { num_envs: 1, ..*settings };
         let (table, scene) = table(settings, variant, settings.camera)?;
-        let needs_large = views.iter().any(|view| *view != View::Seen);
+        let needs_large = views.iter().any(|view| *view != View::PolicyInput);
         Ok(Self {
-            spec: Stream::spec_of(&alone),
+            spec: Stream::env_spec(&alone),
             variant,
             seed,
             table,
@@ -79,14 +84,14 @@ impl EpisodeRecorder {
         })
     }
 
-    /// Returns the film of each view, up to a number of decisions.
-    pub fn cells(&self, views: &[View], decisions: Option<usize>) -> Vec<Cell> {
+    /// Returns the film of each view, up to a number of decisions of the episode.
+    pub fn film_cells(&self, views: &[View], decisions: Option<usize>) -> Vec<GridCell> {
         let cell = |&view| {
             let (table, frames) = self.filmed(view);
             let size = table.scene().camera.size;
             // the first picture comes before any decision
             let length = decisions.map_or(usize::MAX, |decisions| decisions.saturating_add(1));
-            Cell {
+            GridCell {
                 width: size,
                 height: size,
                 frames: frames.iter().take(length).cloned().collect(),
@@ -106,7 +111,7 @@ impl EpisodeRecorder {
     }
 
     /// Returns the latest picture of a requested view, or `None` before the episode.
-    pub fn newest(&self, view: View) -> Option<Picture> {
+    pub fn newest_picture(&self, view: View) -> Option<Picture> {
         let (table, frames) = self.filmed(view);
         let size = table.scene().camera.size;
         Some(Picture { width: size, height: size, rgb: frames.last()?.clone() })
@@ -126,9 +131,9 @@ impl EpisodeRecorder {
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        self.renderer.compose(&self.table, &picture, &self.first, &mut out.images);
+        self.renderer.compose_observation(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
-        scale(&mut out.vectors);
+        scale_vectors(&mut out.vectors);
         // for viewers only: the policy's observation is complete, and it gets the goal as numbers
         mark_goal(&self.table, &mut picture);
         self.seen.push(picture);
@@ -136,7 +141,7 @@ impl EpisodeRecorder {
     }
 
     fn pixels(&self) -> usize {
-        self.spec.image[0] * self.spec.image[1] * RGB
+        self.spec.image_shape[0] * self.spec.image_shape[1] * RGB_CHANNELS
     }
 
     fn begin(&mut self, out: &mut Observations) -> Result<(), RunError> {
@@ -162,7 +167,11 @@ impl EpisodeRecorder {
         out.rewards.fill(step.reward as f32);
         out.success.fill(step.success);
         out.success_at_end.fill(step.success_at_end);
-        out.outcomes.fill(if step.truncated { Outcome::Truncated } else { Outcome::Running });
+        out.outcomes.fill(if step.truncated {
+            StepOutcome::Truncated
+        } else {
+            StepOutcome::Running
+        });
         Ok(())
     }
 }
@@ -175,7 +184,7 @@ impl LargeView {
         Ok(Self {
             table,
             with_arm: SceneRenderer::with_arm(Arc::clone(&scene))?,
-            without: SceneRenderer::of_table(scene)?,
+            without: SceneRenderer::without_arm(scene)?,
             raw: Vec::new(),
             mask: Vec::new(),
         })
@@ -184,12 +193,12 @@ impl LargeView {
     /// Renders the table with and without the arm; the mask is where the two pictures differ.
     fn film(&mut self) -> Result<(), RunError> {
         let size = self.table.scene().camera.size;
-        let [mut raw, mut bare] = [(); 2].map(|()| vec![0; size * size * RGB]);
+        let [mut raw, mut bare] = [(); 2].map(|()| vec![0; size * size * RGB_CHANNELS]);
         self.with_arm.render(&mut self.table, &mut raw)?;
         self.without.render(&mut self.table, &mut bare)?;
-        let pixels = raw.chunks_exact(RGB).zip(bare.chunks_exact(RGB));
+        let pixels = raw.chunks_exact(RGB_CHANNELS).zip(bare.chunks_exact(RGB_CHANNELS));
         let hidden = pixels.map(|(with, without)| if with == without { 0 } else { 255 });
-        self.mask.push(hidden.flat_map(|grey| [grey; RGB]).collect());
+        self.mask.push(hidden.flat_map(|grey| [grey; RGB_CHANNELS]).collect());
         mark_goal(&self.table, &mut raw);
         self.raw.push(raw);
         Ok(())
@@ -201,11 +210,11 @@ impl VectorEnv for EpisodeRecorder {
         &self.spec
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         Ok(self.begin(out)?)
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         Ok(self.act(actions, out)?)
     }
 }
@@ -217,6 +226,6 @@ fn table(
     camera: Camera,
 ) -> Result<(TableTop, Arc<Scene>), RunError> {
     let (layout, embodiment) = (settings.layout, settings.embodiment);
-    let scene = Arc::new(Scene::in_layout(layout, variant.group, embodiment, camera)?);
+    let scene = Arc::new(Scene::new_in_layout(layout, variant.group, embodiment, camera)?);
     Ok((TableTop::new(Arc::clone(&scene), settings.control)?, scene))
 }

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use std::thread;
 
 /// Returns the first program of this name in `folders`, a list in the format of `PATH`.
-pub fn find(folders: &OsStr, name: &str) -> Option<PathBuf> {
+pub fn find_program(folders: &OsStr, name: &str) -> Option<PathBuf> {
     let mut programs = std::env::split_paths(folders).map(|folder| folder.join(name));
     programs.find(|program| program.is_file())
 }
@@ -17,7 +17,7 @@ pub fn find(folders: &OsStr, name: &str) -> Option<PathBuf> {
 /// # Errors
 /// A program that does not start or does not read its input, and one that fails, with the last line
 /// of its standard error.
-pub fn run(
+pub fn run_program(
     command: &mut Command,
     feed: impl FnOnce(&mut dyn Write) -> std::io::Result<()> + Send,
 ) -> std::io::Result<Vec<u8>> {
@@ -79,14 +79,14 @@ pub(crate) mod tests {
     }
 
     fn fed(programs: &Programs, input: &[u8]) -> std::io::Result<Vec<u8>> {
-        let program = find(programs.path().as_os_str(), "helper").unwrap();
-        run(&mut Command::new(program), |pipe| pipe.write_all(input))
+        let program = find_program(programs.path().as_os_str(), "helper").unwrap();
+        run_program(&mut Command::new(program), |pipe| pipe.write_all(input))
     }
 
     #[test]
     fn a_program_gets_all_and_its_answer_comes_back() {
         let programs = Programs::new("helper", "helper", "cat");
-        assert!(find(programs.path().as_os_str(), "another").is_none());
+        assert!(find_program(programs.path().as_os_str(), "another").is_none());
         // more than a pipe holds
         let input = [7; 1 << 20];
         assert_eq!(fed(&programs, &input).unwrap(), input);

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::events::write_events;
-use experiments::cli::{Threads, say};
+use crate::events::write_tensorboard_events;
+use experiments::cli::{Threads, print_escaped};
 use experiments::{GroupFilm, RunData, RunError, RunFolder};
 use render::film_groups;
 
@@ -46,9 +46,9 @@ impl ReportOptions {
     /// be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), ReportError> {
         if let Some(folder) = &self.tensorboard {
-            let written = write_events(&self.runs, folder)?;
+            let written = write_tensorboard_events(&self.runs, folder)?;
             let mut paths = written.iter().map(|path| path.display().to_string());
-            return Ok(paths.try_for_each(|path| say(out, &path))?);
+            return Ok(paths.try_for_each(|path| print_escaped(out, &path))?);
         }
         let runs = self.runs.iter().map(|run| RunData::read(run));
         let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
@@ -63,8 +63,8 @@ impl ReportOptions {
         if let Some(folder) = &self.out {
             report.write(folder)?;
         }
-        say(out, report.markdown().trim_end())?;
-        Ok(film_lines.iter().try_for_each(|line| say(out, line))?)
+        print_escaped(out, report.markdown().trim_end())?;
+        Ok(film_lines.iter().try_for_each(|line| print_escaped(out, line))?)
     }
 }
 
@@ -72,7 +72,7 @@ impl ReportOptions {
 /// there are none.
 fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
     let threads = Threads { threads: None }.count();
-    match film_groups(&RunFolder::open(path), threads) {
+    match film_groups(&RunFolder::from_path(path), threads) {
         Ok(films) => {
             run.films = films.into_iter().map(|(group, gif)| GroupFilm { group, gif }).collect();
             let size: usize = run.films.iter().map(|film| film.gif.len()).sum();

@@ -1,12 +1,12 @@
 //! Comparison of two methods by their scores.
 
-use super::statistics::{Interval, Scores};
+use super::statistics::{BootstrapInterval, Scores};
 use experiments::evaluation::mean;
 
 /// Outcome of the hypothesis "the first method scores above the second", by the 95 % interval of
 /// the difference (docs/results/protocol.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum HypothesisOutcome {
     /// Interval above zero.
     Confirmed,
     /// Interval below zero.
@@ -21,35 +21,35 @@ pub enum Verdict {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Mean score of the first method less that of the second.
-    pub difference: f64,
+    pub mean_difference: f64,
     /// 95 % interval of the difference; `None` for fewer than two seeds.
-    pub interval: Option<Interval>,
+    pub difference_interval: Option<BootstrapInterval>,
     /// Probability that a run of the first scores above one of the second, and its 95 % interval.
-    pub improvement: (f64, Option<Interval>),
+    pub probability_of_improvement: (f64, Option<BootstrapInterval>),
 }
 
 impl Comparison {
     /// Compares scores of two methods on the same groups.
     pub fn new(one: &Scores, other: &Scores) -> Self {
         Self {
-            difference: one.of(mean) - other.of(mean),
-            interval: one.difference(other),
-            improvement: one.probability_of_improvement(other),
+            mean_difference: one.pooled(mean) - other.pooled(mean),
+            difference_interval: one.mean_difference_interval(other),
+            probability_of_improvement: one.probability_of_improvement(other),
         }
     }
 
     /// Returns the outcome that the interval of the difference implies.
-    pub fn verdict(&self) -> Verdict {
-        match self.interval {
-            None => Verdict::TooFewSeeds,
-            Some(interval) if interval.low > 0.0 => Verdict::Confirmed,
-            Some(interval) if interval.high < 0.0 => Verdict::Refuted,
-            Some(_) => Verdict::Undecided,
+    pub fn outcome(&self) -> HypothesisOutcome {
+        match self.difference_interval {
+            None => HypothesisOutcome::TooFewSeeds,
+            Some(interval) if interval.low > 0.0 => HypothesisOutcome::Confirmed,
+            Some(interval) if interval.high < 0.0 => HypothesisOutcome::Refuted,
+            Some(_) => HypothesisOutcome::Undecided,
         }
     }
 }
 
-impl Verdict {
+impl HypothesisOutcome {
     /// Returns the text of the outcome in a table.
     pub fn label(self) -> &'static str {
         match self {
@@ -70,10 +70,10 @@ mod tests {
         let high = Scores(vec![vec![0.9, 1.0, 0.95], vec![0.8, 0.9, 0.85]]);
         let low = Scores(vec![vec![0.2, 0.1, 0.3], vec![0.4, 0.3, 0.35]]);
         let one = Scores(vec![vec![0.9], vec![0.8]]);
-        let verdict = |one: &Scores, other: &Scores| Comparison::new(one, other).verdict();
-        assert_eq!(verdict(&high, &low), Verdict::Confirmed);
-        assert_eq!(verdict(&low, &high), Verdict::Refuted);
-        assert_eq!(verdict(&high, &high), Verdict::Undecided);
-        assert_eq!(verdict(&high, &one), Verdict::TooFewSeeds);
+        let verdict = |ours: &Scores, other: &Scores| Comparison::new(ours, other).outcome();
+        assert_eq!(verdict(&high, &low), HypothesisOutcome::Confirmed);
+        assert_eq!(verdict(&low, &high), HypothesisOutcome::Refuted);
+        assert_eq!(verdict(&high, &high), HypothesisOutcome::Undecided);
+        assert_eq!(verdict(&high, &one), HypothesisOutcome::TooFewSeeds);
     }
 }

@@ -1,10 +1,10 @@
 //! Curves of runs over the stream, with the current group as background colour.
 
-use experiments::colours::{Stroke, stroke};
+use experiments::colours::{Stroke, line_stroke};
 
-use super::matching::matched_policy;
+use super::matching::own_policy_of_group;
 use super::method::MethodRuns;
-use super::svg::{DOT, Drawing, SMALL_DOT, TEXT_COLOUR};
+use super::svg::{DOT_RADIUS, SMALL_DOT_RADIUS, SvgPlot, TEXT_COLOUR};
 use experiments::evaluation::mean;
 use experiments::{RolloutRow, RunData, ScoreRow};
 
@@ -23,45 +23,45 @@ const LOW_PANEL: f64 = 90.0;
 
 /// Draws one run as SVG: success and reward, rollouts as lines and evaluations as dots, the
 /// assigned policies, and the distances that the assignment rests on.
-pub fn run(run: &RunData) -> String {
-    let mut drawing = Drawing::new(end(run), DECISIONS);
-    let groups = run.groups();
+pub fn run_svg(run: &RunData) -> String {
+    let mut drawing = SvgPlot::new(end(run), DECISIONS);
+    let groups = run.scored_groups();
     for (number, group) in groups.iter().enumerate() {
-        drawing.legend(group, &stroke(number));
+        drawing.add_legend_entry(group, &line_stroke(number));
     }
     // 3 % of room on either side keeps dots at 0 and 1 inside the frame
-    drawing.panel("success", TALL_PANEL, [-0.03, 1.03], &SUCCESS_TICKS);
+    drawing.begin_panel("success", TALL_PANEL, [-0.03, 1.03], &SUCCESS_TICKS);
     visits(&mut drawing, run);
     rollouts(&mut drawing, run, |row| row.success);
     evaluations(&mut drawing, run, |row| row.success);
-    drawing.panel("reward of 500", TALL_PANEL, [0.0, 500.0], &REWARD_TICKS);
+    drawing.begin_panel("reward of 500", TALL_PANEL, [0.0, 500.0], &REWARD_TICKS);
     visits(&mut drawing, run);
     rollouts(&mut drawing, run, |row| row.reward);
     evaluations(&mut drawing, run, |row| row.reward);
     let most = run.rollouts.iter().map(|row| row.policy).max().unwrap_or(0);
     let numbers: Vec<f64> = (0..=most).map(|policy| policy as f64).collect();
-    drawing.panel("policy", LOW_PANEL, [-0.5, most as f64 + 0.5], &numbers);
+    drawing.begin_panel("policy", LOW_PANEL, [-0.5, most as f64 + 0.5], &numbers);
     visits(&mut drawing, run);
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
         let policy = row.policy as f64;
-        drawing.line(&[(from, policy), (to, policy)], &Stroke::solid(TEXT_COLOUR));
+        drawing.add_line(&[(from, policy), (to, policy)], &Stroke::solid(TEXT_COLOUR));
     }
     distances(&mut drawing, run);
-    drawing.finish(&format!("Success, reward and policy of {}", run.name))
+    drawing.into_svg(&format!("Success, reward and policy of {}", run.name))
 }
 
 /// Draws the distance of each rollout to each policy, relative to the largest distance among the
 /// permutations of the test. Above 1 the rollout differs by more than chance produced.
-fn distances(drawing: &mut Drawing, run: &RunData) {
+fn distances(drawing: &mut SvgPlot, run: &RunData) {
     if run.rollouts.iter().all(|row| row.distances.is_empty()) {
         return;
     }
     let ticks = [0.0, 1.0, 2.0, MAX_RATIO];
-    drawing.panel("distance, of chance", TALL_PANEL, [0.0, MAX_RATIO], &ticks);
+    drawing.begin_panel("distance, of chance", TALL_PANEL, [0.0, MAX_RATIO], &ticks);
     visits(drawing, run);
     let colours = colours_of_policies(run);
     for row in &run.rollouts {
-        let compared = row.distances.iter().zip(&row.null_maxima).enumerate();
+        let compared = row.distances.iter().zip(&row.permutation_maxima).enumerate();
         for (policy, (distance, null_maximum)) in compared {
             let Some((distance, null_maximum)) = distance.zip(*null_maximum) else {
                 continue;
@@ -70,19 +70,19 @@ fn distances(drawing: &mut Drawing, run: &RunData) {
             let title = format!("policy {policy}: {ratio:.2} of the largest by chance");
             let point = (row.decisions as f64, ratio.min(MAX_RATIO));
             let colour = colours.get(policy).copied().unwrap_or(TEXT_COLOUR);
-            drawing.dot(point, SMALL_DOT, colour, &title);
+            drawing.add_dot(point, SMALL_DOT_RADIUS, colour, &title);
         }
     }
     let end = end(run);
-    drawing.line(&[(0.0, 1.0), (end, 1.0)], &Stroke::solid(TEXT_COLOUR));
+    drawing.add_line(&[(0.0, 1.0), (end, 1.0)], &Stroke::solid(TEXT_COLOUR));
 }
 
 /// Returns the colour of each policy: that of the group that it belongs to, if there is one.
 fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
     let policies = run.rollouts.iter().map(|row| row.policy + 1).max();
     let mut colours = vec![TEXT_COLOUR; policies.unwrap_or(0)];
-    for group in run.groups() {
-        if let Some(policy) = matched_policy(&run.rollouts, group) {
+    for group in run.scored_groups() {
+        if let Some(policy) = own_policy_of_group(&run.rollouts, group) {
             colours[policy] = stroke_of(run, group).colour;
         }
     }
@@ -92,7 +92,7 @@ fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
 /// Draws one SVG for each seed, with a panel for each method that ran with it: success in each
 /// group as dots, and the mean over all groups, met or not yet met, as a line. The line of a method
 /// that forgets falls.
-pub fn seeds(methods: &[MethodRuns]) -> Vec<(u64, String)> {
+pub fn seed_svgs(methods: &[MethodRuns]) -> Vec<(u64, String)> {
     let runs = methods.iter().flat_map(|method| &method.runs);
     let mut seeds: Vec<u64> = runs.map(seed_of).collect();
     seeds.sort_unstable();
@@ -111,26 +111,26 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
         .filter_map(|method| Some((method.name.as_str(), &method.runs[run_of(method)?])))
         .collect();
     let longest = runs.iter().map(|(_, run)| end(run)).fold(0.0, f64::max);
-    let mut drawing = Drawing::new(longest, DECISIONS);
-    let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.groups());
+    let mut drawing = SvgPlot::new(longest, DECISIONS);
+    let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.scored_groups());
     for (number, group) in groups.iter().enumerate() {
-        drawing.legend(group, &stroke(number));
+        drawing.add_legend_entry(group, &line_stroke(number));
     }
     for (name, run) in runs {
         // more room than above, since this panel is lower and its dots are as large
-        drawing.panel(name, LOW_PANEL, [-0.05, 1.05], &SUCCESS_TICKS);
+        drawing.begin_panel(name, LOW_PANEL, [-0.05, 1.05], &SUCCESS_TICKS);
         visits(&mut drawing, run);
-        drawing.line(&averages(run), &Stroke::solid(TEXT_COLOUR));
+        drawing.add_line(&averages(run), &Stroke::solid(TEXT_COLOUR));
         evaluations(&mut drawing, run, |row| row.success);
     }
-    drawing.finish(&format!("Success of all methods, seed {seed}"))
+    drawing.into_svg(&format!("Success of all methods, seed {seed}"))
 }
 
 /// Returns decisions and mean success over all variants, for each evaluation.
 fn averages(run: &RunData) -> Vec<(f64, f64)> {
-    run.evaluated()
+    run.evaluation_rollouts()
         .map(|rollouts| {
-            let rows: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
+            let rows: Vec<&ScoreRow> = run.scores_after(Some(rollouts)).collect();
             let successes: Vec<f64> = rows.iter().map(|row| row.success).collect();
             (rows[0].decisions as f64, mean(&successes))
         })
@@ -163,34 +163,34 @@ fn visits_of(run: &RunData) -> Vec<(&str, [f64; 2], Vec<&RolloutRow>)> {
     visits
 }
 
-fn visits(drawing: &mut Drawing, run: &RunData) {
+fn visits(drawing: &mut SvgPlot, run: &RunData) {
     for (group, [from, to], _) in visits_of(run) {
-        drawing.span(from, to, stroke_of(run, group).colour, group);
+        drawing.shade_span(from, to, stroke_of(run, group).colour, group);
     }
 }
 
-fn rollouts(drawing: &mut Drawing, run: &RunData, value: fn(&RolloutRow) -> Option<f64>) {
+fn rollouts(drawing: &mut SvgPlot, run: &RunData, value: fn(&RolloutRow) -> Option<f64>) {
     for (group, _, rows) in visits_of(run) {
         let points = rows.iter().filter_map(|row| Some((row.decisions as f64, value(row)?)));
-        drawing.line(&points.collect::<Vec<_>>(), &stroke_of(run, group));
+        drawing.add_line(&points.collect::<Vec<_>>(), &stroke_of(run, group));
     }
 }
 
-fn evaluations(drawing: &mut Drawing, run: &RunData, value: fn(&ScoreRow) -> f64) {
-    for rollouts in run.evaluated() {
-        for group in run.groups() {
-            let Some((decisions, y)) = run.scored(rollouts, group, value) else {
+fn evaluations(drawing: &mut SvgPlot, run: &RunData, value: fn(&ScoreRow) -> f64) {
+    for rollouts in run.evaluation_rollouts() {
+        for group in run.scored_groups() {
+            let Some((decisions, y)) = run.mean_group_score_after(rollouts, group, value) else {
                 continue;
             };
             let x = decisions as f64;
             let title = format!("{group}, {x} decisions: {y:.2}");
-            drawing.dot((x, y), DOT, stroke_of(run, group).colour, &title);
+            drawing.add_dot((x, y), DOT_RADIUS, stroke_of(run, group).colour, &title);
         }
     }
 }
 
 /// Returns the stroke of a group, which is equal in all drawings of a run.
 fn stroke_of(run: &RunData, group: &str) -> Stroke {
-    let number = run.groups().iter().position(|own| *own == group);
-    number.map_or(Stroke::solid(TEXT_COLOUR), stroke)
+    let number = run.scored_groups().iter().position(|own| *own == group);
+    number.map_or(Stroke::solid(TEXT_COLOUR), line_stroke)
 }

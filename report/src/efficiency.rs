@@ -2,58 +2,62 @@
 //! solved.
 
 use super::comparison::Comparison;
-use super::format::{brackets, title};
+use super::format::{bracketed_interval, method_cell};
 use super::method::MethodRuns;
 use super::statistics::{Scores, median, quantile};
 use super::table::Table;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Least success at which a group counts as solved.
-pub const SOLVED: f64 = 0.9;
+/// Least success, in `[0, 1]`, at which a task group counts as solved.
+pub const SOLVED_SUCCESS: f64 = 0.9;
 
-/// Sample efficiency of one run in one group.
+/// Sample efficiency of one run in one task group.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Efficiency {
+pub struct SampleEfficiency {
     /// Area under the curve of success over the decisions spent in the group, divided by these
     /// decisions, in `[0, 1]`.
-    pub area: f64,
+    pub area_under_curve: f64,
     /// Decisions spent in the group before the first evaluation with a success of at least
-    /// [`SOLVED`]; infinite if there is none.
-    pub decisions: f64,
+    /// [`SOLVED_SUCCESS`]; infinite if there is none.
+    pub decisions_to_solve: f64,
     /// Decisions spent in the group before the first evaluation from which on every one reaches
-    /// [`SOLVED`]; infinite if the last one does not.
-    pub lasting: f64,
+    /// [`SOLVED_SUCCESS`]; infinite if the last one does not.
+    pub decisions_to_stay_solved: f64,
 }
 
-impl Efficiency {
-    /// Computes the efficiency of a run in a group; `None` if no two evaluations differ in the
+impl SampleEfficiency {
+    /// Computes the efficiency of a run in a task group; `None` if no two evaluations differ in the
     /// decisions spent in it. Of evaluations with equally many decisions the first one counts for
     /// the area, and all of them count for the decisions.
-    pub fn of(run: &RunData, group: &str) -> Option<Self> {
-        let mut curve = curve(run, group);
-        let is_solved = |point: &&(f64, f64)| point.1 >= SOLVED;
+    pub fn of_run(run: &RunData, group: &str) -> Option<Self> {
+        let mut curve = success_curve(run, group);
+        let is_solved = |point: &&(f64, f64)| point.1 >= SOLVED_SUCCESS;
         let solved = curve.iter().find(is_solved);
         let decisions = solved.map_or(f64::INFINITY, |(decisions, _)| *decisions);
         let held = curve.iter().rev().take_while(is_solved).last();
-        let lasting = held.map_or(f64::INFINITY, |(decisions, _)| *decisions);
+        let lasting = held.map_or(f64::INFINITY, |(spent, _)| *spent);
         // evaluations while other groups run add no decisions in this one
         curve.dedup_by_key(|(spent, _)| *spent);
         let whole = curve.last()?.0 - curve[0].0;
         let steps = curve.windows(2);
         let area: f64 =
             steps.map(|pair| (pair[1].0 - pair[0].0) * f64::midpoint(pair[0].1, pair[1].1)).sum();
-        (whole > 0.0).then(|| Self { area: area / whole, decisions, lasting })
+        (whole > 0.0).then(|| Self {
+            area_under_curve: area / whole,
+            decisions_to_solve: decisions,
+            decisions_to_stay_solved: lasting,
+        })
     }
 }
 
 /// Returns the decisions spent in the group and the success in it, for each evaluation.
-pub(super) fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
+pub(super) fn success_curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     let point = |rollouts| {
-        let (_, success) = run.scored(rollouts, group, |row| row.success)?;
+        let (_, success) = run.mean_group_score_after(rollouts, group, |row| row.success)?;
         Some((spent(run, group, rollouts) as f64, success))
     };
-    run.evaluated().filter_map(point).collect()
+    run.evaluation_rollouts().filter_map(point).collect()
 }
 
 /// Returns the decisions of those among the first `rollouts` rollouts that began in the group.
@@ -61,12 +65,12 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     let rows = &run.rollouts[..rollouts];
     let before = std::iter::once(0).chain(rows.iter().map(|row| row.decisions));
     let own = rows.iter().zip(before).filter(|(row, _)| row.group == group);
-    own.map(|(row, before)| row.decisions - before).sum()
+    own.map(|(row, start)| row.decisions - start).sum()
 }
 
 /// Returns the table of methods for each group, the largest area first; `None` if no run was scored
 /// during training.
-pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let caption = "How fast methods learn: the area under mean-action success over the decisions \
         spent in a group, decisions until it is at least 0.9 in an evaluation, and until it is so in \
         all that follow, with bootstrap intervals of 95 %.";
@@ -89,13 +93,13 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
         let first = scores(&methods[0], group);
         for method in methods {
             let [area, decisions, lasting] = scores(method, group);
-            if area.seeds() > 0 {
+            if area.min_seed_count() > 0 {
                 let compared = Comparison::new(&area, &first[0]);
-                let mut row = vec![group.clone(), title(&mut table, method)];
+                let mut row = vec![group.clone(), method_cell(&mut table, method)];
                 row.extend(shares(&area, compared));
                 row.extend(reached(&decisions));
                 row.extend(reached(&lasting));
-                rows.push((area.of(mean), row));
+                rows.push((area.pooled(mean), row));
             }
         }
         rows.sort_by(|one, other| other.0.total_cmp(&one.0));
@@ -108,20 +112,26 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
 /// group.
 fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
     let runs = method.runs.iter();
-    let known: Vec<Efficiency> = runs.filter_map(|run| Efficiency::of(run, group)).collect();
-    let of = |value: fn(&Efficiency) -> f64| Scores(vec![known.iter().map(value).collect()]);
-    [of(|own| own.area), of(|own| own.decisions), of(|own| own.lasting)]
+    let known: Vec<SampleEfficiency> =
+        runs.filter_map(|run| SampleEfficiency::of_run(run, group)).collect();
+    let of = |value: fn(&SampleEfficiency) -> f64| Scores(vec![known.iter().map(value).collect()]);
+    [
+        of(|own| own.area_under_curve),
+        of(|own| own.decisions_to_solve),
+        of(|own| own.decisions_to_stay_solved),
+    ]
 }
 
 /// Returns the cells of areas: the mean, its difference from the first method's, and the outcome of
 /// the comparison.
 fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
-    let (mean, interval) = (area.of(mean), area.interval(mean));
-    let (difference, difference_interval) = (compared.difference, compared.interval);
+    let (mean, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
+    let (difference, difference_interval) =
+        (compared.mean_difference, compared.difference_interval);
     [
-        format!("{mean:.3}{}", brackets(interval, 3)),
-        format!("{difference:+.3}{}", brackets(difference_interval, 3)),
-        compared.verdict().label().to_owned(),
+        format!("{mean:.3}{}", bracketed_interval(interval, 3)),
+        format!("{difference:+.3}{}", bracketed_interval(difference_interval, 3)),
+        compared.outcome().label().to_owned(),
     ]
 }
 
@@ -129,10 +139,10 @@ fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
 fn reached(decisions: &Scores) -> [String; 3] {
     // quantiles, not means: a seed that never gets there counts as infinite
     let all = decisions.0.concat();
-    let reached = all.iter().filter(|decisions| decisions.is_finite()).count();
-    let (middle, interval) = (decisions.of(median), decisions.interval(median));
+    let reached = all.iter().filter(|one| one.is_finite()).count();
+    let (middle, interval) = (decisions.pooled(median), decisions.bootstrap_interval(median));
     [
-        format!("{middle:.0}{}", brackets(interval, 0)),
+        format!("{middle:.0}{}", bracketed_interval(interval, 0)),
         format!("{:.0}", quantile(all.clone(), 0.9)),
         format!("{reached} of {}", all.len()),
     ]
@@ -147,7 +157,7 @@ mod tests {
     /// Returns a run of rollouts of 100 decisions in these groups, with the success in `a` after
     /// some of them.
     fn run(groups: &[&str], scores: &[(usize, f64)]) -> RunData {
-        let rollouts = groups.iter().zip(1..).map(|(group, number)| RolloutRow {
+        let rollout_rows = groups.iter().zip(1..).map(|(group, number)| RolloutRow {
             decisions: 100 * number,
             group: (*group).to_owned(),
             last_group: (*group).to_owned(),
@@ -158,14 +168,14 @@ mod tests {
             decisions: 100 * rollouts,
             group: "a".to_owned(),
             element: "identity".to_owned(),
-            seen: true,
+            seen_in_training: true,
             episodes: 10,
             success,
             success_at_end: success,
             ..ScoreRow::default()
         };
         RunData {
-            rollouts: rollouts.collect(),
+            rollouts: rollout_rows.collect(),
             scores: scores.iter().map(row).collect(),
             ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
         }
@@ -178,35 +188,41 @@ mod tests {
             &[(0, 0.0), (2, 0.5), (4, 0.4), (5, 0.95), (6, 0.8)],
         );
         // 100 decisions from 0 to 0.5, 100 to 0.95, 100 to 0.8
-        let efficiency = Efficiency::of(&run, "a").unwrap();
-        assert!((efficiency.area - (0.25 + 0.725 + 0.875) / 3.0).abs() < 1e-12);
-        assert_eq!(efficiency.decisions, 200.0);
-        assert_eq!(efficiency.lasting, f64::INFINITY, "it ends at 0.8");
-        assert_eq!(Efficiency::of(&run, "c"), None);
+        let efficiency = SampleEfficiency::of_run(&run, "a").unwrap();
+        assert!((efficiency.area_under_curve - (0.25 + 0.725 + 0.875) / 3.0).abs() < 1e-12);
+        assert_eq!(efficiency.decisions_to_solve, 200.0);
+        assert_eq!(efficiency.decisions_to_stay_solved, f64::INFINITY, "it ends at 0.8");
+        assert_eq!(SampleEfficiency::of_run(&run, "c"), None);
     }
 
     /// A policy that is trained in another group may get better in this one.
     #[test]
     fn a_group_may_be_solved_while_another_one_runs() {
         let run = run(&["a", "b", "a"], &[(0, 0.0), (1, 0.5), (2, 0.95), (3, 1.0)]);
-        let efficiency = Efficiency::of(&run, "a").unwrap();
-        assert_eq!(efficiency.decisions, 100.0);
+        let efficiency = SampleEfficiency::of_run(&run, "a").unwrap();
+        assert_eq!(efficiency.decisions_to_solve, 100.0);
         // 100 decisions from 0 to 0.5, 100 from there to 1
-        assert_eq!(efficiency.area, 0.5);
+        assert_eq!(efficiency.area_under_curve, 0.5);
     }
 
     #[test]
     fn what_falls_back_is_solved_for_good_later() {
         let scores = [(0, 0.0), (1, 0.95), (2, 0.8), (3, 0.9), (4, 1.0)];
-        let efficiency = Efficiency::of(&run(&["a"; 4], &scores), "a").unwrap();
-        assert_eq!((efficiency.decisions, efficiency.lasting), (100.0, 300.0));
+        let efficiency = SampleEfficiency::of_run(&run(&["a"; 4], &scores), "a").unwrap();
+        assert_eq!(
+            (efficiency.decisions_to_solve, efficiency.decisions_to_stay_solved),
+            (100.0, 300.0)
+        );
     }
 
     #[test]
     fn what_was_never_solved_took_for_ever_and_one_evaluation_makes_no_curve() {
         let unsolved = run(&["a", "a"], &[(0, 0.0), (2, 0.89)]);
-        assert_eq!(Efficiency::of(&unsolved, "a").unwrap().decisions, f64::INFINITY);
-        assert_eq!(Efficiency::of(&run(&["a"], &[(1, 1.0)]), "a"), None);
+        assert_eq!(
+            SampleEfficiency::of_run(&unsolved, "a").unwrap().decisions_to_solve,
+            f64::INFINITY
+        );
+        assert_eq!(SampleEfficiency::of_run(&run(&["a"], &[(1, 1.0)]), "a"), None);
     }
 
     #[test]
@@ -216,8 +232,8 @@ mod tests {
             name: format!("{name}-seed0"),
             ..run(&["a", "a"], &[(0, 0.0), (1, success), (2, 1.0)])
         });
-        let methods = MethodRuns::sort(runs.to_vec()).unwrap();
-        let table = table(&methods, &["a".to_owned()]).unwrap();
+        let methods = MethodRuns::group_by_method(runs.to_vec()).unwrap();
+        let table = efficiency_table(&methods, &["a".to_owned()]).unwrap();
         let column = |index: usize| -> Vec<&str> {
             table.rows.iter().map(|row| row[index].as_str()).collect()
         };

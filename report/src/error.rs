@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use experiments::RunError;
 
-/// Error of a report.
+/// Error of making a report on runs.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
@@ -16,10 +16,10 @@ pub enum ReportError {
         "run {run} does not belong to the others ({differences}): report runs of one stream and \
          evaluation, give runs of other settings other names, and each seed once"
     )]
-    MixedRuns {
-        /// Name of the run that differs.
+    IncomparableRuns {
+        /// Name of the run that differs from the others.
         run: String,
-        /// Differences from the runs before it.
+        /// Differences of that run from the runs before it.
         differences: String,
     },
     /// Runs whose events would go to one folder.
@@ -28,8 +28,8 @@ pub enum ReportError {
          another name, or call the command for each with a folder of its own",
         first.display(), second.display()
     )]
-    SameName {
-        /// Folder of a run.
+    DuplicateRunName {
+        /// Folder of the first run of this name.
         first: PathBuf,
         /// Folder of another run of this name.
         second: PathBuf,

@@ -3,4 +3,4 @@
 mod run;
 mod summary;
 
-pub use run::write_events;
+pub use run::write_tensorboard_events;

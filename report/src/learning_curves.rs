@@ -1,11 +1,11 @@
 //! Learning curves of methods in one group: mean over seeds, and a band from the lowest seed to the
 //! highest.
 
-use experiments::colours::{Stroke, stroke};
+use experiments::colours::{Stroke, line_stroke};
 
-use super::efficiency::curve;
+use super::efficiency::success_curve;
 use super::method::MethodRuns;
-use super::svg::{DOT, Drawing};
+use super::svg::{DOT_RADIUS, SvgPlot};
 use experiments::evaluation::mean;
 
 /// Ticks of the success axis.
@@ -13,7 +13,7 @@ const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Height of the panel (pixels).
 const HEIGHT: f64 = 190.0;
 /// Radius of the dots on the first method's line (pixels): dots of other methods, which are drawn
-/// with [`DOT`], show around them.
+/// with [`DOT_RADIUS`], show around them.
 const FIRST_DOT: f64 = 2.2;
 
 /// Success over the seeds of one method after a number of decisions.
@@ -32,9 +32,9 @@ struct CurvePoint {
 ///
 /// The first method is the subject of a report. Its line is wide and the others are drawn upon it,
 /// so curves that coincide show both.
-pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
+pub fn group_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
     let seed_curve = |run| {
-        let mut curve = curve(run, group);
+        let mut curve = success_curve(run, group);
         // evaluations while other groups run add no decisions in this one
         curve.dedup_by_key(|(spent, _)| *spent);
         curve
@@ -42,7 +42,7 @@ pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
     let lines = methods.iter().enumerate().map(|(number, method)| Line {
         method,
         is_first: number == 0,
-        stroke: stroke(number),
+        stroke: line_stroke(number),
         points: mean_curve(&method.runs.iter().map(seed_curve).collect::<Vec<_>>()),
     });
     let lines: Vec<Line<'_>> = lines.collect();
@@ -51,12 +51,12 @@ pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
     }
     let ends = lines.iter().filter_map(|line| line.points.last());
     let end = ends.map(|point| point.spent).fold(0.0, f64::max);
-    let mut drawing = Drawing::half(end, "decisions spent in the group");
+    let mut drawing = SvgPlot::new_half_width(end, "decisions spent in the group");
     for line in &lines {
-        drawing.legend(&line.method.name, &line.stroke);
+        drawing.add_legend_entry(&line.method.name, &line.stroke);
     }
     // 3 % of room on either side keeps dots at 0 and 1 inside the frame
-    drawing.panel(group, HEIGHT, [-0.03, 1.03], &SUCCESS_TICKS);
+    drawing.begin_panel(group, HEIGHT, [-0.03, 1.03], &SUCCESS_TICKS);
     // the order matters: no band covers a line, and the wide line lies below the narrow ones
     for line in &lines {
         line.draw_band(&mut drawing);
@@ -64,7 +64,7 @@ pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
     for line in &lines {
         line.draw(&mut drawing);
     }
-    Some(drawing.finish(&format!("Success in {group}")))
+    Some(drawing.into_svg(&format!("Success in {group}")))
 }
 
 /// Curve of one method.
@@ -81,19 +81,19 @@ impl Line<'_> {
         self.points.iter().map(|point| (point.spent, statistic(point))).collect()
     }
 
-    fn draw_band(&self, drawing: &mut Drawing) {
+    fn draw_band(&self, drawing: &mut SvgPlot) {
         let (low, high) = (self.coordinates(|p| p.low), self.coordinates(|p| p.high));
-        drawing.band(&low, &high, self.stroke.colour);
+        drawing.add_band(&low, &high, self.stroke.colour);
     }
 
-    fn draw(&self, drawing: &mut Drawing) {
+    fn draw(&self, drawing: &mut SvgPlot) {
         let points = self.coordinates(|point| point.mean);
         let radius = if self.is_first {
-            drawing.wide_line(&points, &self.stroke);
+            drawing.add_wide_line(&points, &self.stroke);
             FIRST_DOT
         } else {
-            drawing.line(&points, &self.stroke);
-            DOT
+            drawing.add_line(&points, &self.stroke);
+            DOT_RADIUS
         };
         let (name, seeds) = (&self.method.name, self.method.runs.len());
         for &CurvePoint { spent, mean, low, high } in &self.points {
@@ -102,7 +102,7 @@ impl Line<'_> {
                 _ => format!(" ({low:.2} to {high:.2}, {seeds} seeds)"),
             };
             let title = format!("{name}, {spent:.0} decisions: {mean:.2}{range}");
-            drawing.dot((spent, mean), radius, self.stroke.colour, &title);
+            drawing.add_dot((spent, mean), radius, self.stroke.colour, &title);
         }
     }
 }
@@ -116,11 +116,11 @@ fn mean_curve(curves: &[Vec<(f64, f64)>]) -> Vec<CurvePoint> {
     spent.sort_by(f64::total_cmp);
     spent.dedup();
     spent.retain(|spent| *spent <= end);
-    let point = |spent: f64| {
-        let seeds = curves.iter().map(|curve| success_at(curve, spent));
+    let point = |decisions: f64| {
+        let seeds = curves.iter().map(|curve| success_at(curve, decisions));
         let seeds = seeds.collect::<Option<Vec<f64>>>()?;
         Some(CurvePoint {
-            spent,
+            spent: decisions,
             mean: mean(&seeds),
             low: seeds.iter().copied().fold(f64::INFINITY, f64::min),
             high: seeds.iter().copied().fold(f64::NEG_INFINITY, f64::max),
@@ -156,7 +156,7 @@ mod tests {
             decisions: 500 * rollouts,
             group: "goal-reach".to_owned(),
             element: "identity".to_owned(),
-            seen: true,
+            seen_in_training: true,
             episodes: 20,
             success: rollouts as f64 / 2.0,
             ..ScoreRow::default()
@@ -175,8 +175,8 @@ mod tests {
     }
 
     fn drawing(methods: usize) -> String {
-        let methods = MethodRuns::sort((0..methods).map(scored).collect()).unwrap();
-        of_group(&methods, "goal-reach").unwrap()
+        let methods = MethodRuns::group_by_method((0..methods).map(scored).collect()).unwrap();
+        group_curves_svg(&methods, "goal-reach").unwrap()
     }
 
     /// Returns colour and dashes of each element of a class.
@@ -210,13 +210,13 @@ mod tests {
         let first = drawn.iter().position(is("polyline")).unwrap();
         let line = drawn[first];
         assert_eq!(attribute(line, "class"), Some("line wide"));
-        assert_eq!(attribute(line, "stroke"), Some(stroke(0).colour));
+        assert_eq!(attribute(line, "stroke"), Some(line_stroke(0).colour));
         let wide = |tag: &&&str| attribute(tag, "class") == Some("line wide");
         assert_eq!(drawn.iter().filter(wide).count(), 1);
         assert!(drawn.iter().rposition(is("polygon")).unwrap() < first);
         let widths = svg.split("stroke-width:").skip(1);
         let widths = widths.map(|rest| rest.split('}').next().unwrap().parse::<f64>().unwrap());
-        assert!(widths.is_sorted_by(|narrow, wide| 2.0 * narrow < *wide));
+        assert!(widths.is_sorted_by(|thin, thick| 2.0 * thin < *thick));
     }
 
     #[test]

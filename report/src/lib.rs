@@ -28,11 +28,11 @@ mod tables;
 mod visits;
 
 pub use command::ReportOptions;
-pub use efficiency::{Efficiency, SOLVED};
+pub use efficiency::{SOLVED_SUCCESS, SampleEfficiency};
 pub use error::ReportError;
 pub use method::MethodRuns;
-pub use metrics::{GroupMetrics, RunMetrics, Undefined};
+pub use metrics::{GroupMetrics, RunMetrics, UndefinedReason};
 pub use preset_match::PresetMatch;
 pub use report::Report;
-pub use statistics::{Interval, Scores, iqm};
+pub use statistics::{BootstrapInterval, Scores, interquartile_mean};
 pub use table::Table;

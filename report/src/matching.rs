@@ -2,9 +2,9 @@
 
 use experiments::{RolloutRow, acting_policy};
 
-/// Returns the policy that stands for `policy` after the last of these rollouts: the one that it
-/// was merged into, or itself.
-pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
+/// Returns the policy that acts for `policy` after the last of these rollouts: the one that it was
+/// merged into, or `policy` itself.
+pub fn policy_after_merges(rollouts: &[RolloutRow], policy: usize) -> usize {
     let last = rollouts.last();
     last.map_or(policy, |row| acting_policy(&row.merged_into, policy))
 }
@@ -14,11 +14,11 @@ pub fn final_policy(rollouts: &[RolloutRow], policy: usize) -> usize {
 /// if no policy served the group.
 ///
 /// Merged policies count as one. Rollouts within which the group changed are left out.
-pub fn matched_policy(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
+pub fn own_policy_of_group(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
     let policies = rollouts.iter().map(|row| row.policy + 1).max()?;
-    let served = |policy, group: &str| {
-        let of_group = rollouts.iter().filter(|row| !row.spans_switch && row.group == group);
-        of_group.filter(|row| final_policy(rollouts, row.policy) == policy).count()
+    let served = |policy, name: &str| {
+        let of_group = rollouts.iter().filter(|row| !row.spans_switch && row.group == name);
+        of_group.filter(|row| policy_after_merges(rollouts, row.policy) == policy).count()
     };
     // `max_by_key` returns the last of equals: in reversed order, that is the first policy
     let most = (0..policies).rev().max_by_key(|&policy| served(policy, group))?;
@@ -46,23 +46,23 @@ mod tests {
     #[test]
     fn a_policy_belongs_to_the_group_that_it_served_most() {
         let rows = rollouts(&[("a", 0), ("a", 0), ("b", 0), ("b", 1), ("b", 1), ("c*", 2)]);
-        let of = |group| matched_policy(&rows, group);
+        let of = |group| own_policy_of_group(&rows, group);
         assert_eq!(["a", "b", "c", "d"].map(of), [Some(0), Some(1), None, None]);
     }
 
     #[test]
     fn a_group_whose_policy_serves_another_one_more_has_none() {
         let rows = rollouts(&[("a", 0), ("a", 0), ("a", 0), ("b", 0), ("b", 0), ("b", 1)]);
-        assert_eq!(["a", "b"].map(|group| matched_policy(&rows, group)), [Some(0), None]);
+        assert_eq!(["a", "b"].map(|group| own_policy_of_group(&rows, group)), [Some(0), None]);
         let equal = rollouts(&[("a", 1), ("b", 0), ("a", 0), ("b", 1)]);
-        assert_eq!(["a", "b"].map(|group| matched_policy(&equal, group)), [Some(0); 2]);
-        assert_eq!(matched_policy(&[], "a"), None);
+        assert_eq!(["a", "b"].map(|group| own_policy_of_group(&equal, group)), [Some(0); 2]);
+        assert_eq!(own_policy_of_group(&[], "a"), None);
     }
 
     #[test]
     fn an_heir_goes_on_for_the_group_of_its_policy() {
         let mut rows = rollouts(&[("a", 0), ("a", 0), ("b", 1), ("a", 2)]);
-        let of = |rows: &[RolloutRow]| ["a", "b"].map(|group| matched_policy(rows, group));
+        let of = |table: &[RolloutRow]| ["a", "b"].map(|group| own_policy_of_group(table, group));
         rows[2].merged_into = vec![Some(1), None];
         assert_eq!(of(&rows), [Some(0), Some(1)]);
         rows[3].merged_into = vec![Some(2), None, None];

@@ -1,12 +1,12 @@
 //! Confusion matrices of groups against policies.
 
-use super::matching::final_policy;
-use super::svg::escaped;
+use super::matching::policy_after_merges;
+use super::svg::escape_xml;
 use experiments::RunData;
 
 /// Counts `[groups][policies]`, with a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Matrix {
+pub struct PolicyCountMatrix {
     /// Sentence that says what is counted.
     pub caption: String,
     /// Names of the columns: the policies.
@@ -15,13 +15,13 @@ pub struct Matrix {
     pub rows: Vec<(String, Vec<usize>)>,
 }
 
-impl Matrix {
+impl PolicyCountMatrix {
     /// Counts the rollouts of each group that each policy was trained on. Rollouts within which the
     /// group changed are left out.
-    pub fn assigned(run: &RunData) -> Self {
-        let mut matrix = Self::new(run, "Rollouts of each group that a policy learnt from.");
+    pub fn of_assignments(run: &RunData) -> Self {
+        let mut matrix = Self::new(run, "Rollouts of each group that each policy was trained on.");
         for row in run.rollouts.iter().filter(|row| !row.spans_switch) {
-            matrix.count(&row.group, final_policy(&run.rollouts, row.policy), 1);
+            matrix.count(&row.group, policy_after_merges(&run.rollouts, row.policy), 1);
         }
         matrix
     }
@@ -29,17 +29,17 @@ impl Matrix {
     /// Counts the policies that were recognised after the stream from the first frames of
     /// `episodes` episodes of each group. The last column counts answers without a policy. `None`
     /// if the run has no such answers.
-    pub fn recognised(run: &RunData, episodes: usize) -> Option<Self> {
+    pub fn of_recognitions(run: &RunData, episodes: usize) -> Option<Self> {
         let caption =
             format!("The policy that was named when so many episodes were shown: {episodes}.");
         let mut matrix = Self::new(run, &caption);
         let none = matrix.columns.len();
         matrix.columns.push("none".to_owned());
         matrix.rows.iter_mut().for_each(|row| row.1.push(0));
-        let asked = || run.recognition.iter().filter(|row| row.episodes == episodes);
+        let asked = || run.recognitions.iter().filter(|row| row.episodes_shown == episodes);
         for row in asked() {
-            let named = row.policy.map(|policy| final_policy(&run.rollouts, policy));
-            matrix.count(&row.group, named.unwrap_or(none), row.times);
+            let named = row.policy.map(|policy| policy_after_merges(&run.rollouts, policy));
+            matrix.count(&row.group, named.unwrap_or(none), row.count);
         }
         asked().next().is_some().then_some(matrix)
     }
@@ -47,7 +47,7 @@ impl Matrix {
     fn new(run: &RunData, caption: &str) -> Self {
         let policies = run.rollouts.iter().map(|row| row.policy + 1).max();
         let policies = 0..policies.unwrap_or(0);
-        let rows = run.groups().into_iter();
+        let rows = run.scored_groups().into_iter();
         Self {
             caption: caption.to_owned(),
             rows: rows.map(|group| (group.to_owned(), vec![0; policies.len()])).collect(),
@@ -73,12 +73,12 @@ impl Matrix {
                 format!("<td style=\"--share:{share:.0}%\" title=\"{share:.1} %\">{count}</td>")
             };
             let cells: String = counts.iter().map(cell).collect();
-            format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escaped(name))
+            format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escape_xml(name))
         };
         format!(
             "<div class=\"wide\"><p class=\"caption\">{}</p>\n<table class=\"matrix\">\n\
              <tr><th></th>{}</tr>\n{}</table></div>\n",
-            escaped(&self.caption),
+            escape_xml(&self.caption),
             names.collect::<String>(),
             self.rows.iter().map(row).collect::<String>()
         )
@@ -106,7 +106,7 @@ mod tests {
             decisions: 0,
             group: group.to_owned(),
             element: "identity".to_owned(),
-            seen: true,
+            seen_in_training: true,
             episodes: 1,
             success: 0.0,
             ..ScoreRow::default()
@@ -114,14 +114,14 @@ mod tests {
         let answer = |(group, policy, times): (&str, Option<usize>, usize)| RecognitionRow {
             group: group.to_owned(),
             element: D2::Identity.to_string(),
-            episodes: 4,
+            episodes_shown: 4,
             policy,
-            times,
+            count: times,
         };
         RunData {
             rollouts: rollouts.iter().map(rollout).collect(),
             scores: ["a", "b"].map(score).to_vec(),
-            recognition: [("a", Some(0), 3), ("b", Some(1), 2), ("b", None, 4)]
+            recognitions: [("a", Some(0), 3), ("b", Some(1), 2), ("b", None, 4)]
                 .map(answer)
                 .to_vec(),
             ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn rollouts_of_one_group_are_counted() {
-        let matrix = Matrix::assigned(&run());
+        let matrix = PolicyCountMatrix::of_assignments(&run());
         assert_eq!(matrix.columns, ["policy 0", "policy 1"]);
         let rows = [("a".to_owned(), vec![2, 1]), ("b".to_owned(), vec![0, 1])];
         assert_eq!(matrix.rows, rows);
@@ -140,9 +140,9 @@ mod tests {
 
     #[test]
     fn answers_are_counted_where_somebody_asked() {
-        let matrix = Matrix::recognised(&run(), 4).unwrap();
+        let matrix = PolicyCountMatrix::of_recognitions(&run(), 4).unwrap();
         let counts: Vec<&[usize]> = matrix.rows.iter().map(|row| &row.1[..]).collect();
         assert_eq!(counts, [[3, 0, 0], [0, 2, 4]]);
-        assert_eq!(Matrix::recognised(&run(), 1), None);
+        assert_eq!(PolicyCountMatrix::of_recognitions(&run(), 1), None);
     }
 }

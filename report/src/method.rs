@@ -17,11 +17,11 @@ const SEED: &str = "-seed";
 /// Runs of one method, which differ in their seeds and in the number of threads alone.
 #[derive(Clone, Debug)]
 pub struct MethodRuns {
-    /// Name of the method: that of the runs' folders up to their seeds.
+    /// Name of the method: the name of its runs' folders without `-seed` and what follows.
     pub name: String,
     /// Preset that the settings agree with; all runs share it.
-    pub preset: PresetMatch,
-    /// Data of each run.
+    pub preset_match: PresetMatch,
+    /// Data of each run: its settings and tables.
     pub runs: Vec<RunData>,
     /// Metrics of each run, in the order of `runs`.
     pub metrics: Vec<RunMetrics>,
@@ -31,10 +31,10 @@ impl MethodRuns {
     /// Groups runs by method, in the order in which the methods appear.
     ///
     /// # Errors
-    /// [`ReportError::MixedRuns`] for runs of another stream or evaluation than the first one's,
-    /// for runs of one name whose settings differ in more than the seed and the number of threads,
-    /// and for two of one seed.
-    pub fn sort(runs: Vec<RunData>) -> Result<Vec<Self>, ReportError> {
+    /// [`ReportError::IncomparableRuns`] for runs of another stream or evaluation than the first
+    /// one's, for runs of one name whose settings differ in more than the seed and the number of
+    /// threads, and for two of one seed.
+    pub fn group_by_method(runs: Vec<RunData>) -> Result<Vec<Self>, ReportError> {
         let mut methods: Vec<Self> = Vec::new();
         for run in runs {
             if let Some(first) = methods.first() {
@@ -45,9 +45,9 @@ impl MethodRuns {
             match methods.iter_mut().find(|method| method.name == name) {
                 Some(method) => method.add(run)?,
                 None => methods.push(Self {
-                    preset: PresetMatch::of(&name, &run.experiment)?,
+                    preset_match: PresetMatch::compare(&name, &run.experiment)?,
                     name,
-                    metrics: vec![RunMetrics::of(&run)],
+                    metrics: vec![RunMetrics::of_run(&run)],
                     runs: vec![run],
                 }),
             }
@@ -56,14 +56,14 @@ impl MethodRuns {
     }
 
     fn add(&mut self, run: RunData) -> Result<(), ReportError> {
-        let seed = |run: &RunData| run.experiment.learner.seed();
+        let seed = |any: &RunData| any.experiment.learner.seed();
         let mut others = self.runs.iter();
         let problem = match others.find(|other| seed(other) == seed(&run)) {
             Some(_) => format!("two runs have seed {}", seed(&run)),
             None => differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
         };
         refuse(&run, problem)?;
-        self.metrics.push(RunMetrics::of(&run));
+        self.metrics.push(RunMetrics::of_run(&run));
         self.runs.push(run);
         Ok(())
     }
@@ -93,8 +93,8 @@ fn world(experiment: &Experiment) -> Experiment {
     // rounds are played in all environments and `every` counts rollouts: what must be equal are
     // episodes of a variant and decisions between evaluations
     let plan = &mut world.evaluation;
-    plan.rounds = plan.rounds.saturating_mul(envs);
-    plan.visit_rounds = plan.visit_rounds.saturating_mul(envs);
+    plan.episodes_per_env = plan.episodes_per_env.saturating_mul(envs);
+    plan.visit_episodes_per_env = plan.visit_episodes_per_env.saturating_mul(envs);
     plan.every = plan.every.map(|every| every.saturating_mul(rollout));
     let any = Camera::default();
     world.envs = VecEnvSettings {
@@ -102,22 +102,22 @@ fn world(experiment: &Experiment) -> Experiment {
         camera: Camera {
             size: any.size,
             oversampling: any.oversampling,
-            beside: any.beside,
+            extra_views: any.extra_views,
             ..world.envs.camera
         },
-        ..world.envs.clean()
+        ..world.envs.without_randomisation()
     };
     world.learner = LearnerSettings::default();
     world.checkpoints = CheckpointPlan::default();
     world
 }
 
-/// Returns [`ReportError::MixedRuns`] if there are differences.
+/// Returns [`ReportError::IncomparableRuns`] if there are differences.
 fn refuse(run: &RunData, differences: String) -> Result<(), ReportError> {
     if differences.is_empty() {
         return Ok(());
     }
-    Err(ReportError::MixedRuns { run: run.name.clone(), differences })
+    Err(ReportError::IncomparableRuns { run: run.name.clone(), differences })
 }
 
 #[cfg(test)]
@@ -135,8 +135,8 @@ mod tests {
             settings.rollout_steps *= 2;
         }
         assert_ne!(world(&few), world(&many));
-        many.evaluation.rounds /= 2;
-        many.evaluation.visit_rounds /= 2;
+        many.evaluation.episodes_per_env /= 2;
+        many.evaluation.visit_episodes_per_env /= 2;
         assert_ne!(world(&few), world(&many));
         many.evaluation.every = Some(4);
         assert_eq!(world(&few), world(&many));

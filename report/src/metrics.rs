@@ -6,44 +6,47 @@ use experiments::{RunData, RunStats, ScoreRow};
 use super::visits;
 
 /// Reason why a metric is not defined for a run, as a footnote of a table.
-pub type Undefined = &'static str;
+pub type UndefinedReason = &'static str;
 
 // After the last visit of the stream nothing follows that could make a learner forget.
-const ENDS: Undefined = "the stream ends with the group";
-const NOT_MET: Undefined = "the group did not run";
-const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
-const FIRST: Undefined = "nothing was learnt before the group's first visit";
-const NO_RETURN: Undefined = "no group came back";
-const ONE_POLICY: Undefined = "there is one policy for everything";
-const NEVER_ALONE: Undefined = "no rollout was of the group alone, so no policy is its own";
-const UNNAMED: Undefined = "`evaluation.csv` does not name the policies that the learner chose";
-const UNRECORDED: Undefined = "the run did not record the scores of the groups' own policies";
-const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its units";
+const ENDS: UndefinedReason = "the stream ends with the group";
+const NOT_MET: UndefinedReason = "the group did not run";
+const UNSCORED: UndefinedReason =
+    "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
+const FIRST: UndefinedReason = "there was no training before the group's first visit";
+const NO_RETURN: UndefinedReason = "no group came back";
+const ONE_POLICY: UndefinedReason = "there is one policy for everything";
+const NEVER_ALONE: UndefinedReason = "no rollout was of the group alone, so no policy is its own";
+const UNNAMED: UndefinedReason =
+    "`evaluation.csv` does not name the policies that the learner chose";
+const UNRECORDED: UndefinedReason = "the run did not record the scores of the groups' own policies";
+const UNSEEN: UndefinedReason = "the run has no `units.csv`, the table of dormant units";
 
-/// Metrics of one run.
+/// Metrics of one run for the tables of a report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunMetrics {
-    /// Metrics of each group, in the order in which groups are scored.
+    /// Metrics of each task group, in the order in which groups are scored.
     pub groups: Vec<GroupMetrics>,
-    /// Share of rollouts of one group that went to the policy of that group, in `[0, 1]`
-    /// ([`RunStats::right`](experiments::RunStats::right)).
-    pub accuracy: Result<f64, Undefined>,
-    /// Accuracy among rollouts of groups that came back, in `[0, 1]`.
-    pub return_accuracy: Result<f64, Undefined>,
+    /// Share of rollouts without a task switch that went to the policy of their group, in `[0, 1]`
+    /// ([`RunStats::correct_assignments`](experiments::RunStats::correct_assignments)).
+    pub assignment_accuracy: Result<f64, UndefinedReason>,
+    /// Accuracy among rollouts of groups that came back, in `[0, 1]`
+    /// ([`RunStats::correct_revisits`](experiments::RunStats::correct_revisits)).
+    pub revisit_accuracy: Result<f64, UndefinedReason>,
     /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
-    pub dormant: Result<f64, Undefined>,
-    /// Number of policies opened.
-    pub policies: usize,
-    /// Number of rollouts, and number of those within which the group changed.
-    pub rollouts: [usize; 2],
-    /// Number of decisions taken while learning.
+    pub dormant_share: Result<f64, UndefinedReason>,
+    /// Number of policies that the learner opened.
+    pub policy_count: usize,
+    /// Number of rollouts of the run, and number of those within which the task group changed.
+    pub rollout_and_switch_counts: [usize; 2],
+    /// Number of decisions taken in training.
     pub decisions: usize,
 }
 
-/// Metrics of one group.
+/// Metrics of one task group in one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupMetrics {
-    /// Name of the group.
+    /// Name of the task group.
     pub group: String,
     /// Success after the stream, the mean over variants, in `[0, 1]`.
     pub success: f64,
@@ -55,53 +58,53 @@ pub struct GroupMetrics {
     /// Number of variants for which the learner chose another policy than the group's own after the
     /// stream, and number of all variants
     /// ([`RunStats::own_policies`](experiments::RunStats::own_policies)).
-    pub mismatches: Result<[usize; 2], Undefined>,
+    pub mismatch_and_variant_counts: Result<[usize; 2], UndefinedReason>,
     /// Success of the group's own policy after the stream, the mean over episodes, in `[0, 1]`.
-    pub own_success: Result<f64, Undefined>,
+    pub own_success: Result<f64, UndefinedReason>,
     /// Reward of the group's own policy after the stream, the mean over episodes, in `[0, 500]`.
-    pub own_reward: Result<f64, Undefined>,
+    pub own_reward: Result<f64, UndefinedReason>,
     /// Success after the group's last visit less success after the stream, in `[-1, 1]`.
-    pub forgetting: Result<f64, Undefined>,
+    pub forgetting: Result<f64, UndefinedReason>,
     /// Forward transfer: success in the last evaluation before anything of the group was seen less
     /// success of the untrained learner, in `[-1, 1]` (Lopez-Paz and Ranzato, "Gradient Episodic
     /// Memory", NeurIPS 2017).
-    pub transfer: Result<f64, Undefined>,
+    pub forward_transfer: Result<f64, UndefinedReason>,
 }
 
 impl RunMetrics {
-    /// Computes the metrics of a run.
-    pub fn of(run: &RunData) -> Self {
-        let ledger = RunStats::of(&run.rollouts);
-        let is_grouped = run.experiment.learner.tells_groups_apart();
+    /// Computes the metrics of a run from its tables.
+    pub fn of_run(run: &RunData) -> Self {
+        let ledger = RunStats::of_rollouts(&run.rollouts);
+        let is_grouped = run.experiment.learner.may_hold_several_policies();
         // a learner with one policy assigns nothing: 0 or 1 would mislead
         let accuracy = |share: Option<f64>| {
             if is_grouped { share.ok_or(NO_RETURN) } else { Err(ONE_POLICY) }
         };
         let own = ledger.own_policies();
-        let groups = run.groups().into_iter();
+        let groups = run.scored_groups().into_iter();
         Self {
             groups: groups
                 .map(|group| GroupMetrics::new(run, group, own.get(group).copied()))
                 .collect(),
-            accuracy: accuracy(ledger.accuracy()),
-            return_accuracy: accuracy(ledger.return_accuracy()),
-            dormant: dormant(run),
-            policies: ledger.opened_for.len(),
-            rollouts: [ledger.rollouts, ledger.spanning_switch],
+            assignment_accuracy: accuracy(ledger.assignment_accuracy()),
+            revisit_accuracy: accuracy(ledger.revisit_accuracy()),
+            dormant_share: dormant(run),
+            policy_count: ledger.created_for_group.len(),
+            rollout_and_switch_counts: [ledger.rollouts, ledger.switch_rollouts],
             decisions: run.rollouts.last().map_or(0, |row| row.decisions),
         }
     }
 
-    /// Returns the mean of a metric over the groups that have it.
+    /// Returns the mean of a metric over the task groups that have it.
     ///
     /// # Errors
     /// The first group's reason, if no group has the metric.
-    pub fn mean(
+    pub fn mean_over_groups(
         &self,
-        metric: fn(&GroupMetrics) -> Result<f64, Undefined>,
-    ) -> Result<f64, Undefined> {
+        metric: fn(&GroupMetrics) -> Result<f64, UndefinedReason>,
+    ) -> Result<f64, UndefinedReason> {
         let metrics: Vec<_> = self.groups.iter().map(metric).collect();
-        let known: Vec<f64> = metrics.iter().filter_map(|metric| metric.ok()).collect();
+        let known: Vec<f64> = metrics.iter().filter_map(|one| one.ok()).collect();
         match (known.len(), metrics.first()) {
             (0, Some(&Err(reason))) => Err(reason),
             (0, _) => Err(NOT_MET),
@@ -113,8 +116,8 @@ impl RunMetrics {
 impl GroupMetrics {
     fn new(run: &RunData, group: &str, own: Option<usize>) -> Self {
         let scored = |rollouts, metric| {
-            let scored = run.scored(rollouts, group, metric);
-            scored.map(|(_, metric)| metric)
+            let scored = run.mean_group_score_after(rollouts, group, metric);
+            scored.map(|(_, figure)| figure)
         };
         let success = |rollouts| scored(rollouts, |row| row.success);
         let end = run.scores.last().map_or(0, |row| row.rollouts);
@@ -125,13 +128,13 @@ impl GroupMetrics {
             success: last,
             success_at_end: after(|row| row.success_at_end),
             reward: after(|row| row.reward),
-            mismatches: mismatches(run, group, own),
+            mismatch_and_variant_counts: mismatches(run, group, own),
             own_success: of_own(run, group, own, |row| [Some(row.success), row.own_success]),
             own_reward: of_own(run, group, own, |row| [Some(row.reward), row.own_reward]),
             forgetting: end_of_last_visit(run, group)
                 .and_then(|rollouts| success(rollouts).ok_or(UNSCORED))
                 .map(|then| then - last),
-            transfer: before_first_visit(run, group).and_then(|rollouts| {
+            forward_transfer: before_first_visit(run, group).and_then(|rollouts| {
                 let before = success(0).ok_or(UNSCORED)?;
                 Ok(success(rollouts).ok_or(UNSCORED)? - before)
             }),
@@ -145,13 +148,17 @@ fn choices<'a>(
     run: &'a RunData,
     group: &str,
     own: Option<usize>,
-) -> Result<Vec<(&'a ScoreRow, bool)>, Undefined> {
+) -> Result<Vec<(&'a ScoreRow, bool)>, UndefinedReason> {
     let own = own.ok_or(NEVER_ALONE)?;
     let rows = run.last_scores().filter(|row| row.group == group);
     rows.map(|row| Ok((row, row.policy.ok_or(UNNAMED)? != own))).collect()
 }
 
-fn mismatches(run: &RunData, group: &str, own: Option<usize>) -> Result<[usize; 2], Undefined> {
+fn mismatches(
+    run: &RunData,
+    group: &str,
+    own: Option<usize>,
+) -> Result<[usize; 2], UndefinedReason> {
     let choices = choices(run, group, own)?;
     let others = choices.iter().filter(|(_, is_other)| *is_other);
     Ok([others.count(), choices.len()])
@@ -164,7 +171,7 @@ fn of_own(
     group: &str,
     own: Option<usize>,
     metric: fn(&ScoreRow) -> [Option<f64>; 2],
-) -> Result<f64, Undefined> {
+) -> Result<f64, UndefinedReason> {
     let (mut sum, mut episodes) = (0.0, 0);
     for (row, is_other) in choices(run, group, own)? {
         // if the learner chose the own policy, no second score is recorded
@@ -176,17 +183,18 @@ fn of_own(
 }
 
 /// Returns the share of dormant units in the last evaluation.
-fn dormant(run: &RunData) -> Result<f64, Undefined> {
-    let last = run.units.last().ok_or(UNSEEN)?.rollouts;
-    let rows = run.units.iter().filter(|row| row.rollouts == last);
-    let [dormant, units] =
-        rows.fold([0, 0], |[dormant, units], row| [dormant + row.dormant, units + row.units]);
+fn dormant(run: &RunData) -> Result<f64, UndefinedReason> {
+    let last = run.dormant_units.last().ok_or(UNSEEN)?.rollouts;
+    let rows = run.dormant_units.iter().filter(|row| row.rollouts == last);
+    let [dormant, units] = rows.fold([0, 0], |[dormant, units], row| {
+        [dormant + row.dormant_count, units + row.unit_count]
+    });
     Ok(dormant as f64 / units as f64)
 }
 
 /// Returns the number of rollouts until the group's last visit was over.
-fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
-    match visits::ends(&run.rollouts, group).last() {
+fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, UndefinedReason> {
+    match visits::visit_ends(&run.rollouts, group).last() {
         None => Err(NOT_MET),
         Some(&end) if end == run.rollouts.len() => Err(ENDS),
         Some(&end) => Ok(end),
@@ -194,7 +202,7 @@ fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
 }
 
 /// Returns the number of rollouts until the last evaluation before anything of the group was seen.
-fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
+fn before_first_visit(run: &RunData, group: &str) -> Result<usize, UndefinedReason> {
     let mut rows = run.rollouts.iter();
     let first = rows.position(|row| row.group == group || row.last_group == group);
     match first {
@@ -213,7 +221,7 @@ fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
 mod tests {
     use super::*;
     use experiments::presets::{Budget, Method};
-    use experiments::{RolloutRow, UnitsRow};
+    use experiments::{DormantUnitsRow, RolloutRow};
 
     /// Returns a run with these groups and assigned policies; `*` marks a rollout that ends in the
     /// next rollout's group.
@@ -242,7 +250,7 @@ mod tests {
                     decisions: 100 * rollouts,
                     group: group.to_owned(),
                     element: element.to_owned(),
-                    seen: true,
+                    seen_in_training: true,
                     episodes: 10,
                     success: success + shift,
                     reward: 100.0 * success,
@@ -252,7 +260,7 @@ mod tests {
         }
     }
 
-    fn near(metric: Result<f64, Undefined>, expected: f64) -> bool {
+    fn near(metric: Result<f64, UndefinedReason>, expected: f64) -> bool {
         metric.is_ok_and(|metric| (metric - expected).abs() < 1e-12)
     }
 
@@ -265,18 +273,18 @@ mod tests {
         {
             score(&mut run, rollouts, a, b);
         }
-        let metrics = RunMetrics::of(&run);
+        let metrics = RunMetrics::of_run(&run);
         let [a, b] = &metrics.groups[..] else { panic!() };
         assert!(near(Ok(a.success), 0.7) && near(Ok(b.reward), 80.0));
         // a left for the last time after 5 rollouts; b is there at the end
         assert!(near(a.forgetting, 0.2), "{a:?}");
         assert_eq!(b.forgetting, Err(ENDS));
         // b came first after 2 rollouts; nothing came before a
-        assert!(near(b.transfer, 0.15), "{b:?}");
-        assert_eq!(a.transfer, Err(FIRST));
-        assert!(near(metrics.mean(|group| group.forgetting), 0.2));
-        assert_eq!((metrics.accuracy, metrics.return_accuracy), (Ok(1.0), Ok(1.0)));
-        assert_eq!((metrics.policies, metrics.rollouts), (2, [6, 0]));
+        assert!(near(b.forward_transfer, 0.15), "{b:?}");
+        assert_eq!(a.forward_transfer, Err(FIRST));
+        assert!(near(metrics.mean_over_groups(|group| group.forgetting), 0.2));
+        assert_eq!((metrics.assignment_accuracy, metrics.revisit_accuracy), (Ok(1.0), Ok(1.0)));
+        assert_eq!((metrics.policy_count, metrics.rollout_and_switch_counts), (2, [6, 0]));
     }
 
     #[test]
@@ -285,19 +293,19 @@ mod tests {
         for (rollouts, b) in [(0, 0.0), (1, 0.1), (2, 0.4), (5, 0.8)] {
             score(&mut run, rollouts, 0.5, b);
         }
-        let metrics = RunMetrics::of(&run);
+        let metrics = RunMetrics::of_run(&run);
         // the second rollout contains steps of b already
-        assert!(near(metrics.groups[1].transfer, 0.1), "{metrics:?}");
-        assert_eq!(metrics.rollouts, [5, 1]);
-        assert_eq!((metrics.accuracy, metrics.return_accuracy), (Ok(0.75), Ok(0.0)));
+        assert!(near(metrics.groups[1].forward_transfer, 0.1), "{metrics:?}");
+        assert_eq!(metrics.rollout_and_switch_counts, [5, 1]);
+        assert_eq!((metrics.assignment_accuracy, metrics.revisit_accuracy), (Ok(0.75), Ok(0.0)));
     }
 
     #[test]
     fn an_heir_is_right_where_its_policy_was() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1), ("a", 2), ("a", 2)]);
-        assert_eq!(RunMetrics::of(&run).return_accuracy, Ok(0.0));
+        assert_eq!(RunMetrics::of_run(&run).revisit_accuracy, Ok(0.0));
         run.rollouts[2].merged_into = vec![Some(2), None, None];
-        assert_eq!(RunMetrics::of(&run).return_accuracy, Ok(0.5));
+        assert_eq!(RunMetrics::of_run(&run).revisit_accuracy, Ok(0.5));
     }
 
     /// The learner plays one variant of `a` with the policy of `b`.
@@ -305,53 +313,59 @@ mod tests {
     fn the_own_policy_counts_where_another_one_played() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
         score(&mut run, 2, 0.5, 0.8);
-        assert_eq!(RunMetrics::of(&run).groups[0].mismatches, Err(UNNAMED));
+        assert_eq!(RunMetrics::of_run(&run).groups[0].mismatch_and_variant_counts, Err(UNNAMED));
         let chosen = [1, 0, 1, 1];
         for (row, policy) in run.scores.iter_mut().zip(chosen) {
             row.policy = Some(policy);
         }
-        let metrics = RunMetrics::of(&run);
+        let metrics = RunMetrics::of_run(&run);
         let [a, b] = &metrics.groups[..] else { panic!() };
-        assert_eq!((a.mismatches, b.mismatches), (Ok([1, 2]), Ok([0, 2])));
+        assert_eq!(
+            (a.mismatch_and_variant_counts, b.mismatch_and_variant_counts),
+            (Ok([1, 2]), Ok([0, 2]))
+        );
         assert_eq!(a.own_success, Err(UNRECORDED));
         assert!(near(b.own_success, 0.8) && near(b.own_reward, 80.0));
         run.scores[0].own_success = Some(0.95);
         run.scores[0].own_reward = Some(450.0);
-        let metrics = RunMetrics::of(&run);
-        let a = &metrics.groups[0];
-        assert!(near(a.own_success, f64::midpoint(0.95, 0.45)), "{a:?}");
-        assert!(near(a.own_reward, f64::midpoint(450.0, 50.0)), "{a:?}");
-        assert!(near(Ok(a.success), 0.5));
+        let recorded = RunMetrics::of_run(&run);
+        let recorded_a = &recorded.groups[0];
+        assert!(near(recorded_a.own_success, f64::midpoint(0.95, 0.45)), "{recorded_a:?}");
+        assert!(near(recorded_a.own_reward, f64::midpoint(450.0, 50.0)), "{recorded_a:?}");
+        assert!(near(Ok(recorded_a.success), 0.5));
         run.rollouts[0].group = "c".to_owned();
-        assert_eq!(RunMetrics::of(&run).groups[0].mismatches, Err(NEVER_ALONE));
+        assert_eq!(
+            RunMetrics::of_run(&run).groups[0].mismatch_and_variant_counts,
+            Err(NEVER_ALONE)
+        );
     }
 
     #[test]
     fn dormant_units_are_those_of_the_last_evaluation_over_all_policies() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
-        assert_eq!(RunMetrics::of(&run).dormant, Err(UNSEEN));
-        let row = |(rollouts, policy, dormant)| UnitsRow {
+        assert_eq!(RunMetrics::of_run(&run).dormant_share, Err(UNSEEN));
+        let row = |(rollouts, policy, dormant)| DormantUnitsRow {
             rollouts,
             decisions: 500 * rollouts,
             policy,
-            units: 40,
-            dormant,
+            unit_count: 40,
+            dormant_count: dormant,
         };
-        run.units = [(0, 0, 39), (2, 0, 1), (2, 1, 3)].map(row).to_vec();
-        assert!(near(RunMetrics::of(&run).dormant, 0.05));
+        run.dormant_units = [(0, 0, 39), (2, 0, 1), (2, 1, 3)].map(row).to_vec();
+        assert!(near(RunMetrics::of_run(&run).dormant_share, 0.05));
     }
 
     #[test]
     fn undefined_figures_say_why() {
         let mut run = run(Method::Equi, &[("a", 0), ("b", 0)]);
         score(&mut run, 2, 0.5, 0.5);
-        let metrics = RunMetrics::of(&run);
-        assert_eq!(metrics.accuracy, Err(ONE_POLICY));
+        let metrics = RunMetrics::of_run(&run);
+        assert_eq!(metrics.assignment_accuracy, Err(ONE_POLICY));
         assert_eq!(metrics.groups[0].forgetting, Err(UNSCORED));
-        assert_eq!(metrics.groups[1].transfer, Err(UNSCORED));
+        assert_eq!(metrics.groups[1].forward_transfer, Err(UNSCORED));
         run.rollouts.truncate(1);
-        assert_eq!(RunMetrics::of(&run).groups[1].forgetting, Err(NOT_MET));
+        assert_eq!(RunMetrics::of_run(&run).groups[1].forgetting, Err(NOT_MET));
         run.experiment = Budget::Smoke.experiment(Method::Covers);
-        assert_eq!(RunMetrics::of(&run).return_accuracy, Err(NO_RETURN));
+        assert_eq!(RunMetrics::of_run(&run).revisit_accuracy, Err(NO_RETURN));
     }
 }

@@ -2,14 +2,14 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use experiments::colours::colour;
+use experiments::colours::line_colour;
 use experiments::evaluation::EPISODES_SHOWN;
 use experiments::{GroupFilm, RunData, TimingRow};
 use itertools::Itertools;
 
-use super::matrix::Matrix;
+use super::matrix::PolicyCountMatrix;
 use super::method::MethodRuns;
-use super::svg::escaped;
+use super::svg::escape_xml;
 use super::table::Table;
 use super::{curves, learning_curves};
 
@@ -19,7 +19,7 @@ const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 /// Returns the page of these methods, scored on these groups, with these tables.
-pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
+pub fn html_page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
     let mut text = String::new();
     text.push_str(&section("Results", &tables_named(tables, &["results", "comparisons"])));
     text.push_str(&section("Learning", &learning(methods, groups, tables)));
@@ -27,8 +27,8 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     text.push_str(&section("Over the whole stream", &tables_named(tables, &rest)));
     let runs: Vec<&RunData> = methods.iter().flat_map(|method| &method.runs).collect();
     // a run that was scored once, after the stream, has no curve
-    if runs.iter().any(|run| run.evaluated().count() > 1) {
-        let seeds = curves::seeds(methods).into_iter();
+    if runs.iter().any(|run| run.evaluation_rollouts().count() > 1) {
+        let seeds = curves::seed_svgs(methods).into_iter();
         let seeds = seeds.map(|(seed, curve)| format!("<h3>Seed {seed}</h3>\n{}", wide(&curve)));
         text.push_str(&section("Each seed", &seeds.collect::<String>()));
     }
@@ -37,7 +37,7 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     let runs: String = runs.iter().map(|run| of_run(run, open)).collect();
     text.push_str(&section("Each run", &(tables_named(tables, &["runs"]) + &runs)));
     let names: Vec<&str> = methods.iter().map(|method| method.name.as_str()).collect();
-    let title = escaped(&format!("Report on {}", names.join(", ")));
+    let title = escape_xml(&format!("Report on {}", names.join(", ")));
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
@@ -57,7 +57,7 @@ fn command(methods: &[MethodRuns]) -> String {
     if commands.is_empty() {
         return String::new();
     }
-    format!("<p>The runs were made by</p>\n<pre>{}</pre>\n", escaped(&commands.join("\n")))
+    format!("<p>The runs were made by</p>\n<pre>{}</pre>\n", escape_xml(&commands.join("\n")))
 }
 
 fn section(title: &str, body: &str) -> String {
@@ -70,11 +70,14 @@ fn wide(body: &str) -> String {
 }
 
 fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
-    let drawings: Vec<String> =
-        groups.iter().filter_map(|group| learning_curves::of_group(methods, group)).collect();
+    let drawings: Vec<String> = groups
+        .iter()
+        .filter_map(|group| learning_curves::group_curves_svg(methods, group))
+        .collect();
     if drawings.is_empty() {
-        return "<p>No run was scored while it learnt (<code>evaluation.visit_rounds</code> and \
-            <code>evaluation.every</code> do it).</p>\n"
+        return "<p>No learning curves: the runs were evaluated only at the end. \
+            <code>evaluation.visit_rounds</code> and <code>evaluation.every</code> add \
+            evaluations.</p>\n"
             .to_owned();
     }
     format!(
@@ -96,18 +99,19 @@ fn tables_named(tables: &[(&str, Table)], names: &[&str]) -> String {
 }
 
 fn of_run(run: &RunData, open: &str) -> String {
-    let mut matrices = vec![Matrix::assigned(run)];
-    matrices.extend(EPISODES_SHOWN.iter().filter_map(|&n| Matrix::recognised(run, n)));
-    let matrices: String = matrices.iter().map(Matrix::html).collect();
+    let mut matrices = vec![PolicyCountMatrix::of_assignments(run)];
+    matrices
+        .extend(EPISODES_SHOWN.iter().filter_map(|&n| PolicyCountMatrix::of_recognitions(run, n)));
+    let matrices: String = matrices.iter().map(PolicyCountMatrix::html).collect();
     format!(
         "<details{open}>\n<summary>{}</summary>\n{}<div class=\"row\">\n{matrices}</div>\n{}{}\
          <h4>Settings</h4>\n<pre>{}</pre>\n<h4>Where it ran</h4>\n<pre>{}</pre>\n</details>\n",
-        escaped(&run.name),
-        wide(&curves::run(run)),
+        escape_xml(&run.name),
+        wide(&curves::run_svg(run)),
         films(run),
         time(&run.timings),
-        escaped(&format!("{:#}", serde_json::json!(run.experiment))),
-        escaped(&format!("{:#}", serde_json::json!(run.provenance))),
+        escape_xml(&format!("{:#}", serde_json::json!(run.experiment))),
+        escape_xml(&format!("{:#}", serde_json::json!(run.provenance))),
     )
 }
 
@@ -131,7 +135,7 @@ fn time(timings: &[TimingRow]) -> String {
         format!(
             "<span style=\"width:{share:.2}%;background:{}\" title=\"{name}: {seconds:.1} s, \
              {share:.1} %\">{name}</span>",
-            colour(number)
+            line_colour(number)
         )
     });
     format!(
@@ -150,7 +154,7 @@ fn films(run: &RunData) -> String {
 }
 
 fn film(film: &GroupFilm) -> String {
-    let (group, size) = (escaped(&film.group), kilobytes(&film.gif));
+    let (group, size) = (escape_xml(&film.group), kilobytes(&film.gif));
     format!(
         "<p class=\"caption\">{group}: the four variants, each played by the policy that the \
          learner chose ({size} kB)</p>\n<div class=\"wide\"><img alt=\"{group}, played\" \
@@ -191,8 +195,8 @@ mod tests {
     fn a_page_needs_nothing_beside_it_and_escapes_names() {
         let mut run = RunData::empty("<b>-seed0", Budget::Smoke.experiment(Method::Covers));
         run.timings = vec![TimingRow::default()];
-        let methods = MethodRuns::sort(vec![run]).unwrap();
-        let page = page(&methods, &[], &[]);
+        let methods = MethodRuns::group_by_method(vec![run]).unwrap();
+        let page = html_page(&methods, &[], &[]);
         assert!(page.contains("Report on &lt;b&gt;") && !page.contains("<b>"));
         for outside in ["src=", "href=", "url(", "@import"] {
             assert!(!page.contains(outside), "{outside}");

@@ -12,19 +12,19 @@ pub struct PaperRow {
     /// Success and reward of each of [`GROUPS`].
     groups: [(f64, f64); 4],
     /// Averages of success and reward, as the paper prints them.
-    pub average: (f64, f64),
+    pub average_success_and_reward: (f64, f64),
 }
 
 impl PaperRow {
     /// Returns success and reward of a group; `None` for a group that is not in the paper.
-    pub fn group(&self, name: &str) -> Option<(f64, f64)> {
+    pub fn group_success_and_reward(&self, name: &str) -> Option<(f64, f64)> {
         let column = GROUPS.iter().position(|group| *group == name)?;
         Some(self.groups[column])
     }
 }
 
 /// Returns the paper's row of a method; `None` for a method that is not in the paper.
-pub fn row(method: Method) -> Option<&'static PaperRow> {
+pub fn paper_row(method: Method) -> Option<&'static PaperRow> {
     // the paper does not say how wide the networks of COVERS-CNN are: both widths get its row
     let method = match method {
         Method::CoversCnnSlim => Method::CoversCnn,
@@ -34,7 +34,7 @@ pub fn row(method: Method) -> Option<&'static PaperRow> {
 }
 
 const fn printed(method: Method, groups: [(f64, f64); 4], average: (f64, f64)) -> PaperRow {
-    PaperRow { method, groups, average }
+    PaperRow { method, groups, average_success_and_reward: average }
 }
 
 // Each line is a line of the paper's table.
@@ -59,9 +59,17 @@ mod tests {
             let mean =
                 |figure: fn(&(f64, f64)) -> f64| row.groups.iter().map(figure).sum::<f64>() / 4.0;
             let success = mean(|group| group.0);
-            assert!((success - row.average.0).abs() < 0.011, "{:?} {success}", row.method);
+            assert!(
+                (success - row.average_success_and_reward.0).abs() < 0.011,
+                "{:?} {success}",
+                row.method
+            );
             let reward = mean(|group| group.1);
-            assert!((reward - row.average.1).abs() < 1.0, "{:?} {reward}", row.method);
+            assert!(
+                (reward - row.average_success_and_reward.1).abs() < 1.0,
+                "{:?} {reward}",
+                row.method
+            );
         }
     }
 }

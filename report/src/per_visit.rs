@@ -1,15 +1,16 @@
 //! Success in each group after each of its visits: methods that forget fall behind.
 
-use super::format::{dash, title};
+use super::format::{empty_cell, method_cell};
 use super::method::MethodRuns;
 use super::table::Table;
 use super::visits;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Returns the success in each group after each visit to it; `None` if no run was scored within
-/// its stream.
-pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+/// Returns the table of success in each group after each visit to it, means over runs. It has a row
+/// for each method and a column for each group. `None` if no run was scored after a visit before
+/// the end of its stream.
+pub fn visits_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
     // scores after the stream alone are in the table of results already
     if !runs.any(|run| groups.iter().any(|group| scored_within(run, group))) {
@@ -22,10 +23,10 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
         after the stream. Where not every run was scored then, there is none.";
     let mut table = Table::new(caption, &header);
     for method in methods {
-        let mut row = vec![title(&mut table, method)];
+        let mut row = vec![method_cell(&mut table, method)];
         row.extend(groups.iter().map(|group| {
-            let runs = method.runs.iter().map(|run| success_per_visit(run, group));
-            cell(&mean_over_runs(&runs.collect::<Vec<_>>()))
+            let successes = method.runs.iter().map(|run| success_per_visit(run, group));
+            cell(&mean_over_runs(&successes.collect::<Vec<_>>()))
         }));
         table.rows.push(row);
     }
@@ -34,7 +35,7 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
 
 /// Returns `true` if a group was scored after one of its visits, before the stream was over.
 fn scored_within(run: &RunData, group: &str) -> bool {
-    visits::ends(&run.rollouts, group)
+    visits::visit_ends(&run.rollouts, group)
         .into_iter()
         .any(|end| end < run.rollouts.len() && success(run, group, end).is_some())
 }
@@ -42,12 +43,12 @@ fn scored_within(run: &RunData, group: &str) -> bool {
 /// Returns the success in a group after each visit to it; `None` for visits that no evaluation
 /// followed.
 fn success_per_visit(run: &RunData, group: &str) -> Vec<Option<f64>> {
-    let ends = visits::ends(&run.rollouts, group).into_iter();
+    let ends = visits::visit_ends(&run.rollouts, group).into_iter();
     ends.map(|end| success(run, group, end)).collect()
 }
 
 fn success(run: &RunData, group: &str, rollouts: usize) -> Option<f64> {
-    run.scored(rollouts, group, |row| row.success).map(|(_, success)| success)
+    run.mean_group_score_after(rollouts, group, |row| row.success).map(|(_, success)| success)
 }
 
 /// Returns the mean over runs of the success after each visit; `None` if a run lacks it.
@@ -62,9 +63,9 @@ fn mean_over_runs(runs: &[Vec<Option<f64>>]) -> Vec<Option<f64>> {
 }
 
 fn cell(means: &[Option<f64>]) -> String {
-    let format = |mean: &Option<f64>| mean.map_or_else(dash, |mean| format!("{mean:.2}"));
+    let format = |mean: &Option<f64>| mean.map_or_else(empty_cell, |mean| format!("{mean:.2}"));
     match means {
-        [] => dash(),
+        [] => empty_cell(),
         _ => means.iter().map(format).collect::<Vec<_>>().join(", "),
     }
 }
@@ -87,7 +88,7 @@ mod tests {
             decisions: 500 * rollouts,
             group: "a".to_owned(),
             element: "identity".to_owned(),
-            seen: true,
+            seen_in_training: true,
             episodes: 20,
             success,
             ..ScoreRow::default()
@@ -111,8 +112,8 @@ mod tests {
     #[test]
     fn there_is_a_table_where_a_run_was_scored_within_the_stream() {
         let table = |scores: &[(usize, f64)]| {
-            let methods = MethodRuns::sort(vec![run("aba", scores)]).unwrap();
-            super::table(&methods, &["a".to_owned()]).map(|table| table.rows)
+            let methods = MethodRuns::group_by_method(vec![run("aba", scores)]).unwrap();
+            super::visits_table(&methods, &["a".to_owned()]).map(|table| table.rows)
         };
         assert_eq!(table(&[(0, 0.1), (2, 0.2), (3, 0.5)]), None);
         let rows = table(&[(1, 0.25), (3, 0.5)]);

@@ -7,32 +7,33 @@ use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
 use learner::overrides::differences;
 
-/// Result of comparing a run's settings with the presets.
+/// Result of comparing a run's settings with those of the presets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PresetMatch {
     /// Method whose preset the run has; `None` if the settings are no preset's.
     pub method: Option<Method>,
     /// Warning about a folder's name that promises another preset, or about settings that are no
     /// preset's; `None` if name and settings agree.
-    pub remark: Option<String>,
+    pub warning: Option<String>,
 }
 
 impl PresetMatch {
-    /// Compares the settings of a run in a folder whose name, up to the seed, is `name`.
+    /// Compares the settings of a run with the presets; `name` is that of its folder, up to the
+    /// seed.
     ///
     /// # Errors
     /// [`RunError`] for settings that cannot be compared.
-    pub fn of(name: &str, run: &Experiment) -> Result<Self, RunError> {
-        let (method, named) = (Method::of(run), named(name));
-        let remark = match (method, named) {
-            (None, _) => Some(remark(named, run)?),
+    pub fn compare(name: &str, run: &Experiment) -> Result<Self, RunError> {
+        let (method, named) = (Method::of_run(run), named(name));
+        let warning = match (method, named) {
+            (None, _) => Some(difference_warning(named, run)?),
             (Some(own), Some(named)) if own != named => {
                 let (own, named) = (own.name(), named.name());
                 Some(format!("the settings are those of the preset `{own}`, not of `{named}`"))
             }
             _ => None,
         };
-        Ok(Self { method, remark })
+        Ok(Self { method, warning })
     }
 }
 
@@ -49,12 +50,12 @@ fn named(name: &str) -> Option<Method> {
 
 /// Describes the differences of a run from the preset that it is named after, or from the nearest
 /// one.
-fn remark(named: Option<Method>, run: &Experiment) -> Result<String, RunError> {
+fn difference_warning(named: Option<Method>, run: &Experiment) -> Result<String, RunError> {
     let candidates = Method::ALL.into_iter().filter(|&m| named.is_none_or(|named| named == m));
     let mut nearest: Option<(Method, String)> = None;
     for method in candidates {
         for budget in Budget::value_variants() {
-            let found = differences(&budget.preset_like(method, run), run)?;
+            let found = differences(&budget.preset_with_run_settings(method, run), run)?;
             // the nearest preset is the one whose list of differences is the shortest text
             if nearest.as_ref().is_none_or(|(_, least)| found.len() < least.len()) {
                 nearest = Some((method, found));
@@ -72,20 +73,20 @@ mod tests {
     use learner::LearnerSettings;
 
     fn preset_match(name: &str, run: &Experiment) -> PresetMatch {
-        PresetMatch::of(name, run).unwrap()
+        PresetMatch::compare(name, run).unwrap()
     }
 
     #[test]
     fn settings_count_and_not_the_name() {
-        let run = Budget::Table.experiment(Method::CoversCnn).with_seed(21);
+        let run = Budget::TableProtocol.experiment(Method::CoversCnn).with_seed(21);
         for name in ["covers-cnn", "covers-cnn-table", "my-own"] {
-            let expected = PresetMatch { method: Some(Method::CoversCnn), remark: None };
+            let expected = PresetMatch { method: Some(Method::CoversCnn), warning: None };
             assert_eq!(preset_match(name, &run), expected);
         }
         let wrong = preset_match("covers", &run);
         assert_eq!(wrong.method, Some(Method::CoversCnn));
         let expected = "the settings are those of the preset `covers-cnn`, not of `covers`";
-        assert_eq!(wrong.remark.as_deref(), Some(expected));
+        assert_eq!(wrong.warning.as_deref(), Some(expected));
     }
 
     #[test]
@@ -96,13 +97,13 @@ mod tests {
         for name in ["equi", "my-own"] {
             let own = preset_match(name, &run);
             assert_eq!(own.method, None);
-            let remark = own.remark.unwrap();
+            let warning = own.warning.unwrap();
             let expected = "not those of the preset `equi`, which differs in \
                 `learner.covers.ppo.gamma` 0.9";
-            assert!(remark.contains(expected), "{remark}");
-            assert!(remark.ends_with("and 0.5"), "{remark}");
+            assert!(warning.contains(expected), "{warning}");
+            assert!(warning.ends_with("and 0.5"), "{warning}");
         }
-        let other = preset_match("cnn", &run).remark.unwrap();
+        let other = preset_match("cnn", &run).warning.unwrap();
         assert!(other.contains("`cnn`") && other.contains("network.group"), "{other}");
     }
 }

@@ -2,20 +2,20 @@
 
 use experiments::evaluation::{EPISODES_SHOWN, mean};
 
-use super::format::{cell, title};
-use super::matching::{final_policy, matched_policy};
+use super::format::{mean_cell, method_cell};
+use super::matching::{own_policy_of_group, policy_after_merges};
 use super::method::MethodRuns;
-use super::metrics::Undefined;
+use super::metrics::UndefinedReason;
 use super::table::Table;
 use experiments::RunData;
 
-const UNASKED: Undefined = "the run did not ask (`evaluation.looks` makes it)";
+const UNASKED: UndefinedReason = "the run did not ask (`evaluation.looks` makes it)";
 
 /// Returns the table of the shares of right answers for each number of episodes shown; `None` if no
 /// run has answers.
-pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
-    if runs.all(|run| run.recognition.is_empty()) {
+    if runs.all(|run| run.recognitions.is_empty()) {
         return None;
     }
     let mut header = vec!["method", "episodes shown"];
@@ -27,13 +27,19 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut table = Table::new(caption, &header);
     for method in methods {
         for episodes in EPISODES_SHOWN {
-            let mut row = vec![title(&mut table, method), episodes.to_string()];
+            let mut row = vec![method_cell(&mut table, method), episodes.to_string()];
             for group in groups {
                 let own = std::slice::from_ref(group);
-                row.push(cell(&mut table, &per_run(method, |run| accuracy(run, own, episodes))));
+                row.push(mean_cell(
+                    &mut table,
+                    &per_run(method, |run| accuracy(run, own, episodes)),
+                ));
             }
-            row.push(cell(&mut table, &per_run(method, |run| accuracy(run, groups, episodes))));
-            row.push(cell(&mut table, &per_run(method, |run| unnamed(run, groups, episodes))));
+            row.push(mean_cell(
+                &mut table,
+                &per_run(method, |run| accuracy(run, groups, episodes)),
+            ));
+            row.push(mean_cell(&mut table, &per_run(method, |run| unnamed(run, groups, episodes))));
             table.rows.push(row);
         }
     }
@@ -43,20 +49,20 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
 /// Returns a metric of each run of a method.
 fn per_run(
     method: &MethodRuns,
-    metric: impl Fn(&RunData) -> Result<f64, Undefined>,
-) -> Vec<Result<f64, Undefined>> {
+    metric: impl Fn(&RunData) -> Result<f64, UndefinedReason>,
+) -> Vec<Result<f64, UndefinedReason>> {
     method.runs.iter().map(metric).collect()
 }
 
 /// Returns the share of right answers, the mean over groups.
-fn accuracy(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+fn accuracy(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, UndefinedReason> {
     // "none" is no right answer, even for a group that no policy belongs to
     let is_right = |named: Option<usize>, own| named.is_some() && named == own;
     share(run, groups, episodes, is_right)
 }
 
 /// Returns the share of answers that named no policy, the mean over groups.
-fn unnamed(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+fn unnamed(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, UndefinedReason> {
     share(run, groups, episodes, |named, _| named.is_none())
 }
 
@@ -67,18 +73,18 @@ fn share(
     groups: &[String],
     episodes: usize,
     counts: fn(Option<usize>, Option<usize>) -> bool,
-) -> Result<f64, Undefined> {
-    if let Some(reason) = run.experiment.learner.cannot_be_asked() {
+) -> Result<f64, UndefinedReason> {
+    if let Some(reason) = run.experiment.learner.recognition_obstacle() {
         return Err(reason);
     }
     let share_of = |group: &String| {
-        let own = matched_policy(&run.rollouts, group);
-        let answers = run.recognition.iter();
-        let answers = answers.filter(|row| row.group == *group && row.episodes == episodes);
+        let own = own_policy_of_group(&run.rollouts, group);
+        let answers = run.recognitions.iter();
+        let answers = answers.filter(|row| row.group == *group && row.episodes_shown == episodes);
         let [all, counted] = answers.fold([0, 0], |[all, counted], row| {
-            let named = row.policy.map(|policy| final_policy(&run.rollouts, policy));
-            let times = usize::from(counts(named, own)) * row.times;
-            [all + row.times, counted + times]
+            let named = row.policy.map(|policy| policy_after_merges(&run.rollouts, policy));
+            let times = usize::from(counts(named, own)) * row.count;
+            [all + row.count, counted + times]
         });
         (all > 0).then(|| counted as f64 / all as f64)
     };
@@ -106,22 +112,22 @@ mod tests {
         let answer = |&(group, episodes, policy, times): &(&str, usize, _, _)| RecognitionRow {
             group: group.to_owned(),
             element: D2::Identity.to_string(),
-            episodes,
+            episodes_shown: episodes,
             policy,
-            times,
+            count: times,
         };
         let name = format!("{}-seed0", method.name());
         RunData {
             rollouts: [(0, "a"), (1, "b")].map(rollout).to_vec(),
-            recognition: answers.iter().map(answer).collect(),
+            recognitions: answers.iter().map(answer).collect(),
             ..RunData::empty(&name, Budget::Smoke.experiment(method))
         }
     }
 
     fn rows(run: RunData) -> Vec<Vec<String>> {
-        let methods = MethodRuns::sort(vec![run]).unwrap();
+        let methods = MethodRuns::group_by_method(vec![run]).unwrap();
         let groups = ["a".to_owned(), "b".to_owned()];
-        table(&methods, &groups).unwrap().rows
+        recognition_table(&methods, &groups).unwrap().rows
     }
 
     #[test]
@@ -173,14 +179,14 @@ mod tests {
         ] {
             let groups = ["a".to_owned()];
             let silent = run(method, &[]);
-            let alone = MethodRuns::sort(vec![silent.clone()]).unwrap();
-            assert!(table(&alone, &groups).is_none());
+            let alone = MethodRuns::group_by_method(vec![silent.clone()]).unwrap();
+            assert!(recognition_table(&alone, &groups).is_none());
             let asked = run(Method::CoversCnn, &[("a", 1, Some(0), 4)]);
-            let both = MethodRuns::sort(vec![silent, asked]).unwrap();
-            let table = table(&both, &groups).unwrap();
+            let both = MethodRuns::group_by_method(vec![silent, asked]).unwrap();
+            let table = recognition_table(&both, &groups).unwrap();
             assert_eq!(table.rows[0][2..], ["- (1)", "- (1)", "- (1)"]);
             assert_eq!(table.rows[3][2], "1.000");
-            assert!(table.notes[0].contains(reason), "{:?}", table.notes);
+            assert!(table.footnotes[0].contains(reason), "{:?}", table.footnotes);
         }
     }
 }

@@ -7,11 +7,11 @@ use experiments::{RunData, RunError};
 
 use super::error::ReportError;
 use super::method::MethodRuns;
-use super::page::page;
+use super::page::html_page;
 use super::table::Table;
 use super::{curves, learning_curves, tables};
 
-/// Report on some runs: tables and curves.
+/// Report on some runs: tables that compare their methods, and curves.
 #[derive(Clone, Debug)]
 pub struct Report {
     methods: Vec<MethodRuns>,
@@ -20,16 +20,17 @@ pub struct Report {
 }
 
 impl Report {
-    /// Computes the tables of these runs. The method of the first run is compared with the others.
+    /// Computes the report's tables from the data of these runs. The method of the first run is
+    /// compared with the others.
     ///
     /// # Errors
-    /// [`ReportError::MixedRuns`] for runs that cannot stand in one table.
+    /// [`ReportError::IncomparableRuns`] for runs that cannot stand in one table.
     pub fn new(runs: Vec<RunData>) -> Result<Self, ReportError> {
-        let methods = MethodRuns::sort(runs)?;
-        Ok(Self { tables: tables::all(&methods), methods })
+        let methods = MethodRuns::group_by_method(runs)?;
+        Ok(Self { tables: tables::report_tables(&methods), methods })
     }
 
-    /// Returns the tables in Markdown.
+    /// Returns the report's tables in Markdown.
     pub fn markdown(&self) -> String {
         self.tables.iter().map(|(_, table)| table.markdown() + "\n").collect()
     }
@@ -37,7 +38,7 @@ impl Report {
     /// Returns the report as one self-contained HTML page, which needs neither network nor other
     /// files.
     pub fn html(&self) -> String {
-        page(&self.methods, &tables::common_groups(&self.methods), &self.tables)
+        html_page(&self.methods, &tables::common_groups(&self.methods), &self.tables)
     }
 
     /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run,
@@ -46,15 +47,15 @@ impl Report {
     /// # Errors
     /// [`RunError::Write`] for a file that cannot be written or removed.
     pub fn write(&self, folder: &Path) -> Result<(), RunError> {
-        std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
+        std::fs::create_dir_all(folder).map_err(|error| RunError::cannot_write(folder, error))?;
         let write = |name: &str, text: String| {
             let path = folder.join(name);
-            std::fs::write(&path, text).map_err(|error| RunError::write(&path, error))
+            std::fs::write(&path, text).map_err(|error| RunError::cannot_write(&path, error))
         };
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
         // an earlier report may have left tables that this one does not have
-        for name in tables::OPTIONAL_TABLES {
+        for name in tables::OPTIONAL_TABLE_NAMES {
             for ending in ["csv", "tex"] {
                 remove(&folder.join(format!("{name}.{ending}")))?;
             }
@@ -74,14 +75,14 @@ impl Report {
         let runs = self.methods.iter().flat_map(|method| {
             method.runs.iter().map(|run| {
                 let seed = run.experiment.learner.seed();
-                (format!("{}-seed{seed}", method.name), curves::run(run))
+                (format!("{}-seed{seed}", method.name), curves::run_svg(run))
             })
         });
-        let seeds = curves::seeds(&self.methods)
+        let seeds = curves::seed_svgs(&self.methods)
             .into_iter()
             .map(|(seed, drawing)| (format!("seed{seed}"), drawing));
         let groups = tables::common_groups(&self.methods).into_iter().filter_map(|group| {
-            let drawing = learning_curves::of_group(&self.methods, &group)?;
+            let drawing = learning_curves::group_curves_svg(&self.methods, &group)?;
             Some((format!("learning-{group}"), drawing))
         });
         runs.chain(seeds).chain(groups).collect()
@@ -92,6 +93,6 @@ impl Report {
 fn remove(path: &Path) -> Result<(), RunError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        removed => removed.map_err(|error| RunError::write(path, error)),
+        removed => removed.map_err(|error| RunError::cannot_write(path, error)),
     }
 }

@@ -14,18 +14,18 @@ const BOUNDS: [f64; 2] = [0.025, 0.975];
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scores(pub Vec<Vec<f64>>);
 
-/// Bounds of a 95 % interval.
+/// Bounds of a 95 % bootstrap interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
-    /// 2.5th percentile of the bootstrap samples.
+pub struct BootstrapInterval {
+    /// Lower bound: the 2.5th percentile of the bootstrap samples.
     pub low: f64,
-    /// 97.5th percentile of the bootstrap samples.
+    /// Upper bound: the 97.5th percentile of the bootstrap samples.
     pub high: f64,
 }
 
 /// Returns the interquartile mean: the mean without the lowest and the highest quarter of the
 /// values, each rounded down, as scipy's `trim_mean` with 0.25. NaN for no values.
-pub fn iqm(values: &[f64]) -> f64 {
+pub fn interquartile_mean(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let cut = sorted.len() / 4;
@@ -59,41 +59,41 @@ fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
 }
 
 impl Scores {
-    /// Returns a statistic of all scores together.
-    pub fn of(&self, statistic: fn(&[f64]) -> f64) -> f64 {
+    /// Returns a statistic of the scores of all groups and seeds together.
+    pub fn pooled(&self, statistic: fn(&[f64]) -> f64) -> f64 {
         statistic(&self.0.concat())
     }
 
     /// Returns the number of seeds of the group with the fewest seeds.
-    pub fn seeds(&self) -> usize {
+    pub fn min_seed_count(&self) -> usize {
         self.0.iter().map(Vec::len).min().unwrap_or(0)
     }
 
     /// Returns the 95 % interval of a statistic by the stratified bootstrap, which draws seeds with
     /// replacement within each group. `None` for fewer than two seeds.
-    pub fn interval(&self, statistic: fn(&[f64]) -> f64) -> Option<Interval> {
-        self.resampled(|scores| scores.of(statistic))
+    pub fn bootstrap_interval(&self, statistic: fn(&[f64]) -> f64) -> Option<BootstrapInterval> {
+        self.resampled(|scores| scores.pooled(statistic))
     }
 
     /// Returns the 95 % interval of this method's mean less the other's. The bootstrap draws whole
     /// runs: one learner made the scores of all its groups, so they are not independent. `None` for
     /// fewer than two seeds.
-    pub fn difference(&self, other: &Self) -> Option<Interval> {
-        pair_interval(self, other, |one, other| one.of(mean) - other.of(mean))
+    pub fn mean_difference_interval(&self, other: &Self) -> Option<BootstrapInterval> {
+        pair_interval(self, other, |one, other| one.pooled(mean) - other.pooled(mean))
     }
 
     /// Returns the probability that a run of this method scores above a run of the other in the
     /// same group, averaged over groups, and its 95 % interval by a bootstrap over whole runs.
     /// Equal scores count one half.
-    pub fn probability_of_improvement(&self, other: &Self) -> (f64, Option<Interval>) {
+    pub fn probability_of_improvement(&self, other: &Self) -> (f64, Option<BootstrapInterval>) {
         let interval = pair_interval(self, other, probability);
         (probability(self, other), interval)
     }
 
-    fn resampled(&self, statistic: impl Fn(&Self) -> f64) -> Option<Interval> {
+    fn resampled(&self, statistic: impl Fn(&Self) -> f64) -> Option<BootstrapInterval> {
         // a fixed seed: the same runs give the same report
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let enough = self.seeds() > 1;
+        let enough = self.min_seed_count() > 1;
         enough.then(|| percentiles((0..DRAWS).map(|_| statistic(&self.draw(rng))).collect()))
     }
 
@@ -107,7 +107,7 @@ impl Scores {
 
     /// Draws one bootstrap sample of whole runs, each with its scores of all groups.
     fn draw_runs(&self, rng: &mut ChaCha8Rng) -> Self {
-        let seeds = self.seeds();
+        let seeds = self.min_seed_count();
         let drawn: Vec<usize> = (0..seeds).map(|_| rng.random_range(0..seeds)).collect();
         let of = |scores: &Vec<f64>| drawn.iter().map(|&seed| scores[seed]).collect();
         Self(self.0.iter().map(of).collect())
@@ -118,17 +118,17 @@ fn pair_interval(
     one: &Scores,
     other: &Scores,
     statistic: fn(&Scores, &Scores) -> f64,
-) -> Option<Interval> {
+) -> Option<BootstrapInterval> {
     let rng = &mut ChaCha8Rng::seed_from_u64(0);
-    let enough = one.seeds().min(other.seeds()) > 1;
+    let enough = one.min_seed_count().min(other.min_seed_count()) > 1;
     let mut draw = |_| statistic(&one.draw_runs(rng), &other.draw_runs(rng));
     enough.then(|| percentiles((0..DRAWS).map(&mut draw).collect()))
 }
 
 fn probability(one: &Scores, other: &Scores) -> f64 {
     let groups = one.0.iter().zip(&other.0);
-    let above = groups.map(|(one, other)| {
-        let pairs = one.iter().flat_map(|a| other.iter().map(move |b| (a, b)));
+    let above = groups.map(|(ours, theirs)| {
+        let pairs = ours.iter().flat_map(|a| theirs.iter().map(move |b| (a, b)));
         let worth = pairs
             .map(|(a, b)| f64::midpoint(f64::from(u8::from(a > b)), f64::from(u8::from(a >= b))));
         mean(&worth.collect::<Vec<_>>())
@@ -137,10 +137,10 @@ fn probability(one: &Scores, other: &Scores) -> f64 {
 }
 
 /// Returns the percentiles of [`BOUNDS`], interpolated between neighbours.
-fn percentiles(mut values: Vec<f64>) -> Interval {
+fn percentiles(mut values: Vec<f64>) -> BootstrapInterval {
     values.sort_by(f64::total_cmp);
     let [low, high] = BOUNDS.map(|share| quantile_of_sorted(&values, share));
-    Interval { low, high }
+    BootstrapInterval { low, high }
 }
 
 #[cfg(test)]
@@ -150,10 +150,10 @@ mod tests {
     #[test]
     fn the_interquartile_mean_is_that_of_scipy() {
         // scipy.stats.trim_mean(v, 0.25)
-        assert_eq!(iqm(&[5.0, 1.0, 2.0, 9.0]), 3.5);
-        assert_eq!(iqm(&[5.0, 1.0, 2.0]), mean(&[5.0, 1.0, 2.0]));
-        assert_eq!(iqm(&[7.0, 1.0, 0.0, 2.0, 3.0, 90.0, 4.0, 5.0, 6.0]), 4.0);
-        assert!(iqm(&[]).is_nan());
+        assert_eq!(interquartile_mean(&[5.0, 1.0, 2.0, 9.0]), 3.5);
+        assert_eq!(interquartile_mean(&[5.0, 1.0, 2.0]), mean(&[5.0, 1.0, 2.0]));
+        assert_eq!(interquartile_mean(&[7.0, 1.0, 0.0, 2.0, 3.0, 90.0, 4.0, 5.0, 6.0]), 4.0);
+        assert!(interquartile_mean(&[]).is_nan());
     }
 
     #[test]
@@ -179,20 +179,20 @@ mod tests {
     fn seeds_are_drawn_within_their_group() {
         // groups far apart: their difference is no part of the interval
         let scores = Scores(vec![vec![0.0, 0.2, 0.4, 0.6], vec![100.0, 100.0, 100.0, 100.0]]);
-        let interval = scores.interval(mean).unwrap();
+        let interval = scores.bootstrap_interval(mean).unwrap();
         // the standard error of the first group's mean is sqrt(0.05 / 4) = 0.112; half of it counts
         let expected = 1.96 * 0.5 * (0.05_f64 / 4.0).sqrt();
-        let centre = scores.of(mean);
+        let centre = scores.pooled(mean);
         assert!((interval.low - (centre - expected)).abs() < 0.01, "{interval:?}");
         assert!((interval.high - (centre + expected)).abs() < 0.01, "{interval:?}");
-        assert_eq!(scores.interval(mean), scores.interval(mean));
+        assert_eq!(scores.bootstrap_interval(mean), scores.bootstrap_interval(mean));
     }
 
     #[test]
     fn one_seed_has_no_interval() {
         let (one, two) = (Scores(vec![vec![1.0]]), Scores(vec![vec![1.0, 0.5]]));
-        assert_eq!(one.interval(iqm), None);
-        assert_eq!(two.difference(&one), None);
+        assert_eq!(one.bootstrap_interval(interquartile_mean), None);
+        assert_eq!(two.mean_difference_interval(&one), None);
         assert_eq!(two.probability_of_improvement(&one).1, None);
     }
 
@@ -214,20 +214,20 @@ mod tests {
         // one of two seeds fails everywhere: the mean of two draws is 0 in a quarter of all cases
         let halves = Scores(vec![vec![0.0, 1.0]; 4]);
         let none = Scores(vec![vec![0.0, 0.0]; 4]);
-        let interval = halves.difference(&none).unwrap();
+        let interval = halves.mean_difference_interval(&none).unwrap();
         assert_eq!((interval.low, interval.high), (0.0, 1.0));
         // drawn within each group, as rliable has it, 8 draws rarely agree
-        let interval = halves.interval(mean).unwrap();
-        assert!(interval.low > 0.1 && interval.high < 0.9, "{interval:?}");
+        let grouped = halves.bootstrap_interval(mean).unwrap();
+        assert!(grouped.low > 0.1 && grouped.high < 0.9, "{grouped:?}");
     }
 
     #[test]
     fn a_difference_that_is_always_there_does_not_reach_zero() {
         let one = Scores(vec![vec![0.9, 1.0, 0.95]]);
         let other = Scores(vec![vec![0.2, 0.4, 0.3]]);
-        let interval = one.difference(&other).unwrap();
+        let interval = one.mean_difference_interval(&other).unwrap();
         assert!(interval.low > 0.5 && interval.high < 0.8, "{interval:?}");
-        let against = one.difference(&one).unwrap();
+        let against = one.mean_difference_interval(&one).unwrap();
         assert!(against.low < 0.0 && against.high > 0.0);
     }
 }

@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use experiments::colours::Stroke;
-use experiments::printable::printable_lines;
+use experiments::printable::escape_unprintable_lines;
 
-/// Colour of lines and dots that belong to no group: the colour of the text.
+/// SVG colour of lines and dots that belong to no task group: the colour of the text.
 pub const TEXT_COLOUR: &str = "currentColor";
 
 // All lengths are pixels of the view box.
@@ -25,12 +25,12 @@ const KEY: f64 = 28.0;
 /// Space between a stroke of the legend and its name, and after the name.
 const SPACE: f64 = 6.0;
 /// Radius of a dot (pixels).
-pub const DOT: f64 = 3.5;
+pub const DOT_RADIUS: f64 = 3.5;
 /// Radius of a dot among many (pixels).
-pub const SMALL_DOT: f64 = 1.6;
+pub const SMALL_DOT_RADIUS: f64 = 1.6;
 
 /// Drawing of panels one below the other over a common x axis.
-pub struct Drawing {
+pub struct SvgPlot {
     /// Elements so far.
     text: String,
     /// Largest value on the x axis, above 0.
@@ -47,7 +47,7 @@ pub struct Drawing {
     legend: [f64; 2],
 }
 
-impl Drawing {
+impl SvgPlot {
     /// Creates a drawing over x from 0 to `end`, with a label for this axis, as wide as a page.
     pub fn new(end: f64, axis: &'static str) -> Self {
         Self {
@@ -62,15 +62,15 @@ impl Drawing {
     }
 
     /// Creates a drawing of half a page's width, for two side by side.
-    pub fn half(end: f64, axis: &'static str) -> Self {
+    pub fn new_half_width(end: f64, axis: &'static str) -> Self {
         Self { length: 440.0, ..Self::new(end, axis) }
     }
 
     /// Begins a panel of this height (pixels), whose y axis spans `bounds`, with a name and ticks.
-    pub fn panel(&mut self, name: &str, height: f64, bounds: [f64; 2], ticks: &[f64]) {
+    pub fn begin_panel(&mut self, name: &str, height: f64, bounds: [f64; 2], ticks: &[f64]) {
         self.panel = [self.panel[0] + self.panel[1] + GAP, height];
         self.bounds = bounds;
-        let [top, height] = self.panel;
+        let top = self.panel[0];
         let (width, middle) = (self.length, top + height / 2.0);
         self.add(format_args!(
             "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
@@ -87,23 +87,23 @@ impl Drawing {
     }
 
     /// Fills the background of the panel from one x to another, with a title as tooltip.
-    pub fn span(&mut self, from: f64, to: f64, colour: &str, title: &str) {
+    pub fn shade_span(&mut self, from: f64, to: f64, colour: &str, title: &str) {
         let ([top, height], x) = (self.panel, self.x(from));
         let width = self.x(to) - x;
         self.add(format_args!(
             "<rect x=\"{x:.1}\" y=\"{top}\" width=\"{width:.1}\" height=\"{height}\" fill=\"{colour}\" \
              fill-opacity=\"0.16\"><title>{}</title></rect>",
-            escaped(title)
+            escape_xml(title)
         ));
     }
 
-    /// Adds a line through points.
-    pub fn line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+    /// Adds a line through points to the panel.
+    pub fn add_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
         self.polyline(points, stroke, "line");
     }
 
     /// Adds a line so wide that it shows on both sides of others that are drawn upon it.
-    pub fn wide_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+    pub fn add_wide_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
         self.polyline(points, stroke, "line wide");
     }
 
@@ -113,7 +113,7 @@ impl Drawing {
     }
 
     /// Fills the area between two lines.
-    pub fn band(&mut self, low: &[(f64, f64)], high: &[(f64, f64)], colour: &str) {
+    pub fn add_band(&mut self, low: &[(f64, f64)], high: &[(f64, f64)], colour: &str) {
         // around the area: along the lower line, and back along the upper one
         let path = self.path(low.iter().chain(high.iter().rev()));
         self.add(format_args!("<polygon points=\"{path}\" fill=\"{colour}\" class=\"band\"/>"));
@@ -125,18 +125,18 @@ impl Drawing {
     }
 
     /// Adds a dot at `point` with a radius in pixels, and a title as tooltip.
-    pub fn dot(&mut self, point: (f64, f64), radius: f64, colour: &str, title: &str) {
+    pub fn add_dot(&mut self, point: (f64, f64), radius: f64, colour: &str, title: &str) {
         let (x, y) = (self.x(point.0), self.y(point.1));
         self.add(format_args!(
             "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"><title>{}</title>\
              </circle>",
-            escaped(title)
+            escape_xml(title)
         ));
     }
 
-    /// Adds a name to the legend, on a new line if the last one is full. Call it before the first
-    /// [`Self::panel`], which begins below the legend.
-    pub fn legend(&mut self, name: &str, stroke: &Stroke) {
+    /// Adds a name and its stroke to the legend, on a new line if the last one is full. Call it
+    /// before the first [`Self::begin_panel`], which begins below the legend.
+    pub fn add_legend_entry(&mut self, name: &str, stroke: &Stroke) {
         let end = LEFT + self.length + RIGHT;
         let room = end - LEFT - KEY - 2.0 * SPACE;
         let width = KEY + 2.0 * SPACE + text_width(name).min(room);
@@ -156,7 +156,7 @@ impl Drawing {
     }
 
     /// Adds the x axis, and returns the SVG with a title for screen readers.
-    pub fn finish(mut self, title: &str) -> String {
+    pub fn into_svg(mut self, title: &str) -> String {
         let bottom = self.panel[0] + self.panel[1];
         for tick in ticks(self.end) {
             let (x, y) = (self.x(tick), bottom + 16.0);
@@ -169,7 +169,7 @@ impl Drawing {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
              font-family=\"sans-serif\" font-size=\"12\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
              <rect width=\"100%\" height=\"100%\" class=\"paper\"/>\n{}</svg>\n",
-            escaped(title),
+            escape_xml(title),
             self.text
         )
     }
@@ -218,7 +218,7 @@ fn text_width(text: &str) -> f64 {
 /// is its tooltip.
 fn fitted(text: &str, room: f64) -> String {
     if text_width(text) <= room {
-        return escaped(text);
+        return escape_xml(text);
     }
     let mut cut = String::new();
     for character in text.chars() {
@@ -228,7 +228,7 @@ fn fitted(text: &str, room: f64) -> String {
             break;
         }
     }
-    format!("{}…<title>{}</title>", escaped(&cut), escaped(text))
+    format!("{}…<title>{}</title>", escape_xml(&cut), escape_xml(text))
 }
 
 /// Returns two to eight round numbers from 0 to at most `end`, at equal steps of 1, 2 or 5 times a
@@ -251,8 +251,8 @@ fn ticks(end: f64) -> Vec<f64> {
 
 /// Escapes the special characters of XML and HTML, and control characters, which XML does not
 /// allow.
-pub fn escaped(text: &str) -> String {
-    let text = printable_lines(text);
+pub fn escape_xml(text: &str) -> String {
+    let text = escape_unprintable_lines(text);
     let text = text.replace('&', "&amp;").replace('<', "&lt;");
     text.replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -261,7 +261,7 @@ pub fn escaped(text: &str) -> String {
 mod tests {
     use super::read::check_texts;
     use super::*;
-    use experiments::colours::stroke;
+    use experiments::colours::line_stroke;
 
     #[test]
     fn ticks_are_round_and_few() {
@@ -278,11 +278,11 @@ mod tests {
 
     #[test]
     fn points_lie_inside_their_panel() {
-        let mut drawing = Drawing::new(100.0, "decisions");
-        drawing.panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
-        drawing.panel("a < b", 50.0, [0.0, 500.0], &[]);
-        drawing.line(&[(0.0, 0.0), (100.0, 500.0)], &stroke(0));
-        let text = drawing.finish("two");
+        let mut drawing = SvgPlot::new(100.0, "decisions");
+        drawing.begin_panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
+        drawing.begin_panel("a < b", 50.0, [0.0, 500.0], &[]);
+        drawing.add_line(&[(0.0, 0.0), (100.0, 500.0)], &line_stroke(0));
+        let text = drawing.into_svg("two");
         // the second panel begins at 34 + 100 + 14 and is 50 high
         assert!(text.contains("points=\"64.0,198.0 944.0,148.0\""), "{text}");
         assert!(text.contains("a &lt; b") && text.ends_with("</svg>\n"));
@@ -291,12 +291,12 @@ mod tests {
     fn names_of_any_length_lie_inside_the_drawing() {
         let long = "w".repeat(300);
         for names in [vec!["covers"; 3], vec!["a-rather-long-name"; 24], vec![long.as_str(); 2]] {
-            let mut drawing = Drawing::half(1.0, "decisions");
+            let mut drawing = SvgPlot::new_half_width(1.0, "decisions");
             for (number, name) in names.iter().enumerate() {
-                drawing.legend(name, &stroke(number));
+                drawing.add_legend_entry(name, &line_stroke(number));
             }
-            drawing.panel(names[0], 90.0, [0.0, 1.0], &[]);
-            check_texts(&drawing.finish("names"), names.len());
+            drawing.begin_panel(names[0], 90.0, [0.0, 1.0], &[]);
+            check_texts(&drawing.into_svg("names"), names.len());
         }
     }
 }

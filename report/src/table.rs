@@ -2,22 +2,22 @@
 
 use std::fmt::Write;
 
-use super::svg::escaped;
+use super::svg::escape_xml;
 
 /// Width to which captions and notes are wrapped in Markdown (characters).
 const COLUMNS: usize = 100;
 
-/// Table with a caption and footnotes.
+/// Table of a report, with a caption and footnotes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
-    /// Sentence that says what the table shows.
+    /// Text above the table that says what it shows.
     pub caption: String,
     /// Names of the columns.
     pub header: Vec<String>,
-    /// Rows `[rows][columns]`.
+    /// Cells of the table `[rows][columns]`.
     pub rows: Vec<Vec<String>>,
     /// Footnotes, without their full stops.
-    pub notes: Vec<String>,
+    pub footnotes: Vec<String>,
 }
 
 impl Table {
@@ -27,16 +27,16 @@ impl Table {
             caption: caption.to_owned(),
             header: header.iter().map(|&name| name.to_owned()).collect(),
             rows: Vec::new(),
-            notes: Vec::new(),
+            footnotes: Vec::new(),
         }
     }
 
-    /// Adds a footnote unless the table has it, and returns its mark, such as `(1)`.
-    pub fn note(&mut self, remark: &str) -> String {
-        let known = self.notes.iter().position(|note| note == remark);
+    /// Adds a footnote to the table unless it has it, and returns its mark, such as `(1)`.
+    pub fn add_footnote(&mut self, remark: &str) -> String {
+        let known = self.footnotes.iter().position(|note| note == remark);
         let index = known.unwrap_or_else(|| {
-            self.notes.push(remark.to_owned());
-            self.notes.len() - 1
+            self.footnotes.push(remark.to_owned());
+            self.footnotes.len() - 1
         });
         format!("({})", index + 1)
     }
@@ -49,10 +49,10 @@ impl Table {
         for row in &self.rows {
             text.push_str(&line(row));
         }
-        if !self.notes.is_empty() {
+        if !self.footnotes.is_empty() {
             text.push('\n');
         }
-        for (number, note) in (1..).zip(&self.notes) {
+        for (number, note) in (1..).zip(&self.footnotes) {
             // two spaces end a line in Markdown; writing to a String cannot fail
             let _ = writeln!(text, "{}  ", wrapped(&format!("({number}) {note}.")));
         }
@@ -62,11 +62,11 @@ impl Table {
     /// Returns the table in columns for a terminal, without its caption. Numbers are aligned to the
     /// right.
     pub fn text(&self) -> String {
-        let width = |column: usize| {
+        let column_width = |column: usize| {
             let cells = self.rows.iter().map(|row| &row[column]).chain([&self.header[column]]);
             cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
         };
-        let widths: Vec<usize> = (0..self.header.len()).map(width).collect();
+        let widths: Vec<usize> = (0..self.header.len()).map(column_width).collect();
         let line = |cells: &[String]| {
             let padded = cells.iter().zip(&widths).map(|(cell, &width)| {
                 let is_number = cell.parse::<f64>().is_ok();
@@ -77,7 +77,7 @@ impl Table {
         let rule: Vec<String> = widths.iter().map(|&width| "-".repeat(width)).collect();
         let rows = self.rows.iter().map(|row| line(row));
         let head = [line(&self.header), rule.join("  ")];
-        let notes = (1..).zip(&self.notes).map(|(number, note)| format!("({number}) {note}."));
+        let notes = (1..).zip(&self.footnotes).map(|(number, note)| format!("({number}) {note}."));
         let lines: Vec<String> = head.into_iter().chain(rows).chain(notes).collect();
         lines.join("\n")
     }
@@ -85,24 +85,24 @@ impl Table {
     /// Returns the table in HTML, in a box that scrolls on narrow screens.
     pub fn html(&self) -> String {
         let line = |tag: &str, cells: &[String]| {
-            let cells = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell)));
+            let cells = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape_xml(cell)));
             format!("<tr>{}</tr>\n", cells.collect::<String>())
         };
         let rows = self.rows.iter().map(|row| line("td", row));
         let note = |(number, note): (usize, &String)| {
-            format!("<p class=\"note\">({number}) {}.</p>\n", escaped(note))
+            format!("<p class=\"note\">({number}) {}.</p>\n", escape_xml(note))
         };
-        let notes = (1..).zip(&self.notes).map(note);
+        let notes = (1..).zip(&self.footnotes).map(note);
         format!(
             "<p class=\"caption\">{}</p>\n<div class=\"wide\"><table>\n{}{}</table></div>\n{}",
-            escaped(&self.caption),
+            escape_xml(&self.caption),
             line("th", &self.header),
             rows.collect::<String>(),
             notes.collect::<String>()
         )
     }
 
-    /// Returns the rows as CSV (RFC 4180), the header first. All cells are quoted.
+    /// Returns the table's rows as CSV (RFC 4180), the header first. All cells are quoted.
     pub fn csv(&self) -> String {
         let quoted = |cell: &String| format!("\"{}\"", cell.replace('"', "\"\""));
         let line = |cells: &Vec<String>| cells.iter().map(quoted).collect::<Vec<_>>().join(",");
@@ -119,7 +119,7 @@ impl Table {
         let columns = "l".repeat(self.header.len());
         let rows: String = self.rows.iter().map(line).collect();
         let header = line(&self.header);
-        let numbered = (1..).zip(&self.notes);
+        let numbered = (1..).zip(&self.footnotes);
         let notes: String = numbered.map(|(n, note)| format!("% ({n}) {note}.\n")).collect();
         format!(
             "% {}\n{notes}\\begin{{tabular}}{{{columns}}}\n\\toprule\n{header}\\midrule\n{rows}\\bottomrule\n\\end{{tabular}}\n",
@@ -164,8 +164,8 @@ mod tests {
 
     fn table() -> Table {
         let mut table = Table::new("Two figures.", &["method", "success"]);
-        let mark = table.note("one policy");
-        assert_eq!(table.note("one policy"), mark);
+        let mark = table.add_footnote("one policy");
+        assert_eq!(table.add_footnote("one policy"), mark);
         table.rows.push(vec!["a_b, \"c\"".to_owned(), format!("5 % {mark}")]);
         table
     }

@@ -1,12 +1,12 @@
 //! Tables of a report.
 
-use experiments::evaluation::{TAU, mean};
+use experiments::evaluation::{DORMANCY_THRESHOLD, mean};
 
 use super::comparison::Comparison;
-use super::format::{brackets, cell, dash, footnoted, title};
+use super::format::{bracketed_interval, empty_cell, mean_cell, method_cell, with_preset_footnote};
 use super::method::MethodRuns;
-use super::metrics::{GroupMetrics, RunMetrics, Undefined};
-use super::statistics::iqm;
+use super::metrics::{GroupMetrics, RunMetrics, UndefinedReason};
+use super::statistics::interquartile_mean;
 use super::table::Table;
 use super::{efficiency, paper, per_visit, recognition};
 use experiments::RunData;
@@ -16,25 +16,25 @@ const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-Wo
     built for exact symmetry, so success rates do not compare one to one";
 
 /// Names of the tables that not every report has.
-pub const OPTIONAL_TABLES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
+pub const OPTIONAL_TABLE_NAMES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
 
 /// Returns all tables of these methods, each with a name, for the groups that every run was scored
 /// on. The first method is compared with the others.
-pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
+pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     let groups = common_groups(methods);
     let mut tables =
         vec![("results", results(methods, &groups)), ("seeds", over_seeds(methods, &groups))];
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
     }
-    if let Some(table) = per_visit::table(methods, &groups) {
+    if let Some(table) = per_visit::visits_table(methods, &groups) {
         tables.push(("visits", table));
     }
-    if let Some(table) = efficiency::table(methods, &groups) {
+    if let Some(table) = efficiency::efficiency_table(methods, &groups) {
         tables.push(("efficiency", table));
     }
     tables.push(("variants", variants(methods, &groups)));
-    if let Some(table) = recognition::table(methods, &groups) {
+    if let Some(table) = recognition::recognition_table(methods, &groups) {
         tables.push(("recognition", table));
     }
     tables.push(("runs", runs(methods)));
@@ -65,26 +65,28 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
         is mismatched where that is not the group's own, which served the group in most rollouts.";
     let mut table = Table::new(caption, &header);
     for method in methods {
-        let of = |groups: &[String]| {
-            let success = method.scores(groups, |group| group.success);
-            let reward = method.scores(groups, |group| group.reward).of(mean);
-            let interval = brackets(success.interval(mean), 2);
-            format!("{:.3}{interval} / {reward:.0}", success.of(mean))
+        let of = |chosen: &[String]| {
+            let success = method.scores(chosen, |group| group.success);
+            let reward = method.scores(chosen, |group| group.reward).pooled(mean);
+            let interval = bracketed_interval(success.bootstrap_interval(mean), 2);
+            format!("{:.3}{interval} / {reward:.0}", success.pooled(mean))
         };
-        let mut row = vec![title(&mut table, method)];
+        let mut row = vec![method_cell(&mut table, method)];
         row.extend(groups.chunks(1).map(of));
         row.push(of(groups));
         row.extend(own_policies(&mut table, method, groups));
         table.rows.push(row);
-        if let Some(paper) = method.preset.method.and_then(paper::row) {
-            let mark = table.note(NOT_ONE_TO_ONE);
+        if let Some(paper) = method.preset_match.method.and_then(paper::paper_row) {
+            let mark = table.add_footnote(NOT_ONE_TO_ONE);
             let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
-            let of = |group: &String| paper.group(group).map_or_else(dash, cell);
-            let mut row = vec![format!("{} in the paper {mark}", paper.method.name())];
-            row.extend(groups.iter().map(of));
-            row.push(cell(paper.average));
-            row.extend([dash(), dash()]);
-            table.rows.push(row);
+            let paper_cell = |group: &String| {
+                paper.group_success_and_reward(group).map_or_else(empty_cell, cell)
+            };
+            let mut paper_row = vec![format!("{} in the paper {mark}", paper.method.name())];
+            paper_row.extend(groups.iter().map(paper_cell));
+            paper_row.push(cell(paper.average_success_and_reward));
+            paper_row.extend([empty_cell(), empty_cell()]);
+            table.rows.push(paper_row);
         }
     }
     table
@@ -99,19 +101,22 @@ fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [S
     let scores = of_groups
         .iter()
         .map(|group| Ok((group.own_success?, group.own_reward?)))
-        .collect::<Result<Vec<(f64, f64)>, Undefined>>();
+        .collect::<Result<Vec<(f64, f64)>, UndefinedReason>>();
     let score = scores.map(|scores| {
         let (success, reward) = scores.into_iter().unzip::<_, _, Vec<f64>, Vec<f64>>();
         format!("{:.3} / {:.0}", mean(&success), mean(&reward))
     });
-    let counts = of_groups.iter().map(|group| group.mismatches).collect::<Result<Vec<_>, _>>();
+    let counts = of_groups
+        .iter()
+        .map(|group| group.mismatch_and_variant_counts)
+        .collect::<Result<Vec<_>, _>>();
     let count = counts.map(|counts| {
         let [others, all] =
             counts.into_iter().fold([0, 0], |sum, group| [sum[0] + group[0], sum[1] + group[1]]);
         format!("{others} of {all}")
     });
-    let mut cell = |text: Result<String, Undefined>| {
-        text.unwrap_or_else(|reason| format!("- {}", table.note(reason)))
+    let mut cell = |text: Result<String, UndefinedReason>| {
+        text.unwrap_or_else(|reason| format!("- {}", table.add_footnote(reason)))
     };
     [cell(score), cell(count)]
 }
@@ -139,7 +144,7 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
     let caption = format!(
         "Over seeds: mean and interquartile mean of success with stratified bootstrap intervals of \
          95 %; forgetting, transfer and accuracy are means over groups and seeds. Dormant units put \
-         out at most {TAU} of their layer's mean."
+         out at most {DORMANCY_THRESHOLD} of their layer's mean."
     );
     let mut table = Table::new(&caption, &OVER_SEEDS);
     for method in methods {
@@ -150,32 +155,32 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
 }
 
 fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> Vec<String> {
-    let title = title(table, method);
+    let title = method_cell(table, method);
     let success = method.scores(groups, |group| group.success);
     let at_end = method.scores(groups, |group| group.success_at_end);
     let with_interval = |statistic: fn(&[f64]) -> f64| {
-        let interval = brackets(success.interval(statistic), 3);
-        format!("{:.3}{interval}", success.of(statistic))
+        let interval = bracketed_interval(success.bootstrap_interval(statistic), 3);
+        format!("{:.3}{interval}", success.pooled(statistic))
     };
     let metrics = || method.metrics.iter();
-    let mut mean_of = |metric: fn(&RunMetrics) -> Result<f64, Undefined>| {
-        cell(table, &metrics().map(metric).collect::<Vec<_>>())
+    let mut mean_of = |metric: fn(&RunMetrics) -> Result<f64, UndefinedReason>| {
+        mean_cell(table, &metrics().map(metric).collect::<Vec<_>>())
     };
-    let seconds: Option<Vec<f64>> = method.runs.iter().map(RunData::seconds).collect();
+    let seconds: Option<Vec<f64>> = method.runs.iter().map(RunData::training_seconds).collect();
     vec![
         title,
         method.runs.len().to_string(),
-        range(metrics().map(|metrics| metrics.decisions)),
+        range(metrics().map(|run| run.decisions)),
         with_interval(mean),
-        with_interval(iqm),
-        format!("{:.3}", at_end.of(mean)),
-        mean_of(|metrics| metrics.mean(|group| group.forgetting)),
-        mean_of(|metrics| metrics.mean(|group| group.transfer)),
-        mean_of(|metrics| metrics.accuracy),
-        mean_of(|metrics| metrics.return_accuracy),
-        range(metrics().map(|metrics| metrics.policies)),
-        share(metrics().map(|metrics| metrics.rollouts)),
-        mean_of(|metrics| metrics.dormant),
+        with_interval(interquartile_mean),
+        format!("{:.3}", at_end.pooled(mean)),
+        mean_of(|run| run.mean_over_groups(|group| group.forgetting)),
+        mean_of(|run| run.mean_over_groups(|group| group.forward_transfer)),
+        mean_of(|run| run.assignment_accuracy),
+        mean_of(|run| run.revisit_accuracy),
+        range(metrics().map(|run| run.policy_count)),
+        share(metrics().map(|run| run.rollout_and_switch_counts)),
+        mean_of(|run| run.dormant_share),
         whole(seconds.map(|seconds| mean(&seconds))),
     ]
 }
@@ -193,39 +198,44 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
     ];
     let mut table = Table::new("", &header);
     // the header holds the mark (1), so this must be the first note
-    table.note(NOT_ONE_TO_ONE);
-    table.caption = format!("{} against the other methods, by success.", title(&mut table, first));
+    table.add_footnote(NOT_ONE_TO_ONE);
+    table.caption =
+        format!("{} against the other methods, by success.", method_cell(&mut table, first));
     let printed = |method: &MethodRuns| {
-        let row = method.preset.method.and_then(paper::row);
-        row.map(|row| row.average.0)
+        let row = method.preset_match.method.and_then(paper::paper_row);
+        row.map(|row| row.average_success_and_reward.0)
     };
     for other in &methods[1..] {
         let comparison = Comparison::new(&success(first), &success(other));
-        let (improvement, interval) = comparison.improvement;
+        let (improvement, interval) = comparison.probability_of_improvement;
         let paper = printed(first).zip(printed(other));
-        let against = title(&mut table, other);
+        let against = method_cell(&mut table, other);
         table.rows.push(vec![
             against,
-            format!("{:+.3}{}", comparison.difference, brackets(comparison.interval, 3)),
-            format!("{improvement:.2}{}", brackets(interval, 2)),
-            comparison.verdict().label().to_owned(),
-            paper.map_or_else(dash, |(own, other)| format!("{:+.2}", own - other)),
+            format!(
+                "{:+.3}{}",
+                comparison.mean_difference,
+                bracketed_interval(comparison.difference_interval, 3)
+            ),
+            format!("{improvement:.2}{}", bracketed_interval(interval, 2)),
+            comparison.outcome().label().to_owned(),
+            paper.map_or_else(empty_cell, |(ours, theirs)| format!("{:+.2}", ours - theirs)),
         ]);
     }
     table
 }
 
-/// Returns the table of success in each variant. Variants that the learner was never trained on
-/// stand in brackets.
+/// Returns the table of success in each variant. Variants that were not seen in training are in
+/// brackets.
 fn variants(methods: &[MethodRuns], groups: &[String]) -> Table {
     let elements = ["identity", "flip x", "flip y", "half turn"];
     let mut header = vec!["method", "group"];
     header.extend(elements);
-    let caption = "Success in each variant, means over seeds; variants that were never trained on \
-        stand in brackets.";
+    let caption = "Success in each variant, means over seeds; variants that were not seen in \
+        training are in brackets.";
     let mut table = Table::new(caption, &header);
     for method in methods {
-        let name = title(&mut table, method);
+        let name = method_cell(&mut table, method);
         for group in groups {
             let mut row = vec![name.clone(), group.clone()];
             row.extend(elements.map(|element| variant(&method.runs, group, element)));
@@ -239,12 +249,12 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
     let of = |run: &RunData| {
         let mut rows = run.last_scores();
         let row = rows.find(|row| row.group == group && row.element == element);
-        row.map(|row| (row.success, row.seen))
+        row.map(|row| (row.success, row.seen_in_training))
     };
     let scores: Vec<(f64, bool)> = runs.iter().filter_map(of).collect();
     let successes: Vec<f64> = scores.iter().map(|score| score.0).collect();
     match scores.first() {
-        None => dash(),
+        None => empty_cell(),
         Some((_, true)) => format!("{:.3}", mean(&successes)),
         Some((_, false)) => format!("({:.3})", mean(&successes)),
     }
@@ -259,14 +269,14 @@ fn runs(methods: &[MethodRuns]) -> Table {
             let average = |metric: fn(&GroupMetrics) -> f64| {
                 mean(&metrics.groups.iter().map(metric).collect::<Vec<_>>())
             };
-            let name = footnoted(&mut table, method, &run.name);
+            let name = with_preset_footnote(&mut table, method, &run.name);
             table.rows.push(vec![
                 name,
                 format!("{:.3}", average(|group| group.success)),
                 format!("{:.1}", average(|group| group.reward)),
-                metrics.policies.to_string(),
+                metrics.policy_count.to_string(),
                 metrics.decisions.to_string(),
-                whole(run.seconds()),
+                whole(run.training_seconds()),
                 run.commits().join(", "),
             ]);
         }
@@ -276,7 +286,7 @@ fn runs(methods: &[MethodRuns]) -> Table {
 
 /// Returns a number without decimals, or a dash.
 fn whole(number: Option<f64>) -> String {
-    number.map_or_else(dash, |number| format!("{number:.0}"))
+    number.map_or_else(empty_cell, |number| format!("{number:.0}"))
 }
 
 /// Returns the smallest and the largest of some counts as "2 to 4", or the count if they agree.
@@ -284,7 +294,7 @@ fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
     match (counts.clone().min(), counts.max()) {
         (Some(least), Some(most)) if least == most => least.to_string(),
         (Some(least), Some(most)) => format!("{least} to {most}"),
-        _ => dash(),
+        _ => empty_cell(),
     }
 }
 

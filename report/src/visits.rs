@@ -7,10 +7,10 @@ use experiments::RolloutRow;
 /// Returns the number of rollouts after which each visit of a group was over. The rows hold the
 /// first and the last group of a rollout alone, so a visit within one rollout that neither began
 /// nor ended it is missing.
-pub fn ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
+pub fn visit_ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
     let over = |index: usize| {
         let row = &rollouts[index];
-        let next = rollouts.get(index + 1).map(|row| row.group.as_str());
+        let next = rollouts.get(index + 1).map(|later| later.group.as_str());
         let first = row.group == group && (row.spans_switch || next != Some(group));
         // the group came within the rollout, and the next rollout has another one
         let last = row.spans_switch && row.last_group == group && next != Some(group);
@@ -31,7 +31,7 @@ mod tests {
             spans_switch: groups.len() > 1,
             ..RolloutRow::default()
         };
-        ends(&rollouts.iter().map(row).collect::<Vec<_>>(), "a")
+        visit_ends(&rollouts.iter().map(row).collect::<Vec<_>>(), "a")
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use envs::TaskVariant;
 use re_sdk_types::archetypes::{EncodedImage, Scalars};
-use rl::{BoxError, EnvSpec, Observations, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, Transition, VectorEnv};
 
 use covers::CoversError;
 use covers::render::{EpisodeRecorder, PolicyPlayer, View};
@@ -12,7 +12,7 @@ use crate::scene::Solids;
 
 /// Images of an episode, each with its entity path in the recording.
 pub(crate) const VIEWS: [(View, &str); 3] =
-    [(View::Raw, "table/camera/raw"), (View::Mask, "mask"), (View::Seen, "seen")];
+    [(View::Raw, "table/camera/raw"), (View::Mask, "mask"), (View::PolicyInput, "seen")];
 
 /// Names of the components of an action.
 const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
@@ -34,7 +34,7 @@ pub(crate) fn record(
     let views = VIEWS.map(|(view, _)| view);
     let studio = EpisodeRecorder::new(&show.experiment.envs, variant, &views, seed)?;
     let mut stage = Stage { place: place(variant), solids: None, decision: 0, studio, recording };
-    let (policy, success) = show.perform(variant, &mut stage)?;
+    let (policy, success) = show.play_episode(variant, &mut stage)?;
     let outcome = if success { "solved" } else { "not solved" };
     Ok(format!("{variant}: policy {policy}, {outcome}"))
 }
@@ -65,7 +65,7 @@ impl Stage<'_> {
             solids.follow(table, recording)?;
         }
         for (view, name) in VIEWS {
-            if let Some(picture) = self.studio.newest(view) {
+            if let Some(picture) = self.studio.newest_picture(view) {
                 let png = picture.to_png().map_err(refused(recording.path()))?;
                 let image = EncodedImage::from_file_contents(png).with_media_type("image/png");
                 recording.log(&format!("{}/{name}", self.place), &image)?;
@@ -94,12 +94,12 @@ impl VectorEnv for Stage<'_> {
         self.studio.spec()
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.studio.reset(out)?;
         Ok(self.begin()?)
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         self.studio.step(actions, out)?;
         Ok(self.decided(actions, out)?)
     }

@@ -56,9 +56,9 @@ impl Options {
         }
         let run = RunData::read_partial(&self.run)?;
         let schedule = &run.experiment.schedule;
-        let groups = schedule.chosen(self.group.as_deref(), &TaskRegistry::standard())?;
+        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::standard())?;
         let threads = self.threads.count();
-        let mut show = PolicyPlayer::load(&RunFolder::open(&self.run), threads)?;
+        let mut show = PolicyPlayer::load(&RunFolder::from_path(&self.run), threads)?;
         let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;
         stream::record(&run, &recording)?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();

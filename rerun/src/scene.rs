@@ -48,11 +48,11 @@ impl Solids {
             // the viewer shows the latest pose, so poses that did not change are not repeated
             if self.last[number] != pose {
                 let turn = DQuat::from_mat3(&solid.axes).as_quat().to_array();
-                let pose = Transform3D::from_translation_rotation(
+                let transform = Transform3D::from_translation_rotation(
                     solid.position.as_vec3().to_array(),
                     Quaternion::from_xyzw(turn),
                 );
-                recording.log(&path(&self.place, number, &solid), &pose)?;
+                recording.log(&path(&self.place, number, &solid), &transform)?;
             }
             self.last[number] = pose;
         }

@@ -4,7 +4,7 @@ use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfigura
 use re_sdk_types::components::Color;
 
 use covers::CoversError;
-use covers::experiments::colours::rgb;
+use covers::experiments::colours::line_rgb;
 use covers::experiments::{RolloutRow, RunData};
 
 use crate::recording::{ROLLOUTS, Recording, STREAM};
@@ -32,9 +32,9 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversE
         figures(run, row, recording)?;
         begin = row.decisions;
     }
-    for rollouts in run.evaluated() {
+    for rollouts in run.evaluation_rollouts() {
         for (group, _) in &groups {
-            let scored = run.scored(rollouts, group, |row| row.success);
+            let scored = run.mean_group_score_after(rollouts, group, |row| row.success);
             if let Some((decisions, success)) = scored {
                 recording.at(&[(ROLLOUTS, rollouts), (STREAM, decisions)]);
                 let success = Scalars::single(success);
@@ -70,7 +70,7 @@ const GREY: [u8; 3] = [0x80; 3];
 /// Returns the groups of the run with the colours that reports use.
 fn groups(run: &RunData) -> Vec<Value> {
     let plans = run.experiment.schedule.groups.iter().enumerate();
-    let named = plans.map(|(number, plan)| (plan.group.clone(), rgb(number)));
+    let named = plans.map(|(number, plan)| (plan.group.clone(), line_rgb(number)));
     named.collect()
 }
 
@@ -79,8 +79,8 @@ fn policies(run: &RunData) -> Vec<Value> {
     let count = run.rollouts.iter().map(|row| row.policy + 1).max();
     let coloured = |policy| {
         let schedule = &run.experiment.schedule;
-        let number = run.group_of(policy).and_then(|group| schedule.number(group));
-        (policy_name(policy), number.map_or(GREY, rgb))
+        let number = run.group_of_policy(policy).and_then(|group| schedule.group_index(group));
+        (policy_name(policy), number.map_or(GREY, line_rgb))
     };
     (0..count.unwrap_or(0)).map(coloured).collect()
 }

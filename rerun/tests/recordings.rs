@@ -48,10 +48,10 @@ fn a_recording_names_what_it_holds() {
     let folder = RunFolder::create(&scratch.0, "run").unwrap();
     let mut run = Run::start(small(), folder).unwrap();
     while run.advance().unwrap().is_some() {}
-    let folder = run.folder().path().to_str().unwrap().to_owned();
+    let written = run.folder().path().to_str().unwrap().to_owned();
     drop(run);
     let film = scratch.0.join("new/film.rrd");
-    let said = rerun(&folder, &film, &["--group", "button-press"]).unwrap();
+    let said = rerun(&written, &film, &["--group", "button-press"]).unwrap();
     assert!(said.contains("button-press half turn: policy 0"), "{said}");
     let bytes = fs::read(&film).unwrap();
     assert!(bytes.starts_with(b"RRF"));
@@ -60,7 +60,7 @@ fn a_recording_names_what_it_holds() {
         assert!(holds(&bytes, entity), "{entity}");
     }
     assert!(!holds(&bytes, "/goal-reach/half-turn"));
-    let again = rerun(&folder, &film, &[]).unwrap_err();
+    let again = rerun(&written, &film, &[]).unwrap_err();
     assert!(matches!(again, CoversError::FileExists { .. }), "{again}");
 }
 
@@ -71,10 +71,10 @@ fn other_endings_and_groups_are_refused_before_anything_is_written() {
     let error = rerun(POLICIES, &gif, &[]).unwrap_err().to_string();
     assert!(error.contains("the ending .rrd"), "{error}");
     let film = scratch.0.join("film.rrd");
-    let error = rerun(POLICIES, &film, &["--group", "no-group"]).unwrap_err();
-    assert!(error.to_string().contains("no-group"), "{error}");
-    let error = rerun("no-run", &film, &[]).unwrap_err();
-    assert!(error.to_string().contains("no-run"), "{error}");
+    let group_error = rerun(POLICIES, &film, &["--group", "no-group"]).unwrap_err();
+    assert!(group_error.to_string().contains("no-group"), "{group_error}");
+    let run_error = rerun("no-run", &film, &[]).unwrap_err();
+    assert!(run_error.to_string().contains("no-run"), "{run_error}");
     assert_eq!(fs::read_dir(&scratch.0).unwrap().count(), 0);
-    assert!(!RunFolder::open(Path::new("no-run")).holds_run());
+    assert!(!RunFolder::from_path(Path::new("no-run")).holds_run());
 }

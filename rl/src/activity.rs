@@ -18,12 +18,13 @@ pub struct UnitActivity {
 
 /// A policy whose network can report the activations of its units.
 pub trait MeasureActivity: Actor {
-    /// Returns the activations of all parts of the network for the observations of N environments
-    /// and their `memory`. Critics are evaluated at the mean actions.
+    /// Returns the summed activations of the ReLU units in all parts of the network, for the
+    /// observations of N environments and their `memory`. Critics are evaluated at the mean
+    /// actions.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
-    fn activity(
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
+    fn unit_activity(
         &self,
         observations: &Observations,
         memory: &Self::Memory,
@@ -32,30 +33,30 @@ pub trait MeasureActivity: Actor {
 
 impl UnitActivity {
     /// Wraps the summed outputs of each layer's units, all over equally many samples.
-    pub(crate) fn of(layers: Vec<Vec<f64>>) -> Self {
+    pub(crate) fn from_layer_sums(layers: Vec<Vec<f64>>) -> Self {
         Self { layers }
     }
 
-    /// Adds the activations of the same units for other observations.
+    /// Adds the summed activations of the same units for other observations.
     pub fn add(&mut self, other: &Self) {
         // the default has no layers yet
         if self.layers.is_empty() {
             self.clone_from(other);
             return;
         }
-        for (own, other) in self.layers.iter_mut().zip(&other.layers) {
-            own.iter_mut().zip(other).for_each(|(sum, x)| *sum += x);
+        for (own, theirs) in self.layers.iter_mut().zip(&other.layers) {
+            own.iter_mut().zip(theirs).for_each(|(sum, x)| *sum += x);
         }
     }
 
-    /// Returns the number of units; 0 before anything was added.
-    pub fn units(&self) -> usize {
+    /// Returns the number of measured ReLU units; 0 before any activations were added.
+    pub fn num_units(&self) -> usize {
         self.layers.iter().map(Vec::len).sum()
     }
 
     /// Returns the number of `tau`-dormant units, whose mean output is at most `tau` times the mean
     /// of their layer (Sokar et al., definition 3.1).
-    pub fn dormant(&self, tau: f64) -> usize {
+    pub fn num_dormant_units(&self, tau: f64) -> usize {
         let dormant = |sums: &Vec<f64>| {
             let mean = sums.iter().sum::<f64>() / sums.len() as f64;
             // `<=`, so that all units of a layer without any output count as dormant
@@ -76,17 +77,21 @@ mod tests {
     #[test]
     fn dormant_units_are_those_below_a_share_of_their_layers_mean() {
         let layers = vec![vec![0.0, 0.2, 3.8], vec![1.0; 4], vec![0.0; 2]];
-        let mut activity = UnitActivity::of(layers.clone());
-        assert_eq!(activity.units(), 9);
+        let mut activity = UnitActivity::from_layer_sums(layers.clone());
+        assert_eq!(activity.num_units(), 9);
         // the means are 4 / 3, 1 and 0
-        assert_eq!([0.0, 0.1, 0.16, 1.0].map(|tau| activity.dormant(tau)), [3, 3, 4, 8]);
+        assert_eq!([0.0, 0.1, 0.16, 1.0].map(|tau| activity.num_dormant_units(tau)), [3, 3, 4, 8]);
         let mut sum = UnitActivity::default();
-        assert_eq!((sum.units(), sum.dormant(0.5)), (0, 0));
+        assert_eq!((sum.num_units(), sum.num_dormant_units(0.5)), (0, 0));
         sum.add(&activity);
         assert_eq!(sum, activity);
         // a unit that is dormant for some observations may be active for others
-        activity.add(&UnitActivity::of(vec![vec![4.0, 0.0, 0.0], vec![1.0; 4], vec![0.0, 1.0]]));
-        assert_eq!(activity.dormant(0.0), 1);
+        activity.add(&UnitActivity::from_layer_sums(vec![
+            vec![4.0, 0.0, 0.0],
+            vec![1.0; 4],
+            vec![0.0, 1.0],
+        ]));
+        assert_eq!(activity.num_dormant_units(0.0), 1);
     }
 
     #[test]
@@ -96,14 +101,14 @@ mod tests {
             let settings = settings(group, strided());
             let policy = ActorCriticPolicy::new(&settings, &spec(), 1).unwrap();
             let (network, params) = (policy.network(), policy.params());
-            let activity = |params: &[f32]| {
+            let activity = |given: &[f32]| {
                 let mut policy = policy.clone();
-                policy.params_mut().copy_from_slice(params);
-                policy.activity(&observations, &()).unwrap()
+                policy.params_mut().copy_from_slice(given);
+                policy.unit_activity(&observations, &()).unwrap()
             };
             // the encoder has 2 and 3 fields, then come those of the vector and of both heads
             let fields = 2 + 3 + 2 + 2 + 3;
-            assert_eq!(activity(params).units(), 4 * fields);
+            assert_eq!(activity(params).num_units(), 4 * fields);
             let parts = network.parts();
             check_killed_units(&network.actor, params.to_vec(), parts.actor, activity);
             check_killed_units(&network.critic, params.to_vec(), parts.critic, activity);

@@ -7,21 +7,21 @@ use crate::error::assert_len;
 
 // checkpoint names of the optimiser's state
 const FIRST_MOMENT: &str = "adam.first";
-pub(crate) const SECOND_MOMENT: &str = "adam.second";
+pub(crate) const SECOND_MOMENT_NAME: &str = "adam.second";
 const STEPS: &str = "adam.steps";
 
 /// A range of the parameter vector with its own learning rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParamGroup {
-    /// Positions in the flat parameter vector.
+    /// Positions of the group's parameters in the flat parameter vector of a network.
     pub range: Range<usize>,
-    /// Step size, above 0.
+    /// Adam's step size for the parameters in `range`, above 0.
     pub learning_rate: f32,
 }
 
 impl ParamGroup {
     /// Creates the group of all `len` parameters.
-    pub(crate) fn all(len: usize, learning_rate: f32) -> Self {
+    pub(crate) fn of_all_params(len: usize, learning_rate: f32) -> Self {
         Self { range: 0..len, learning_rate }
     }
 
@@ -38,15 +38,15 @@ impl ParamGroup {
 /// algorithm 1. The fields are the complete state: a copy of them continues with the same bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
-    /// Decay of the first and of the second moment, in [0, 1).
+    /// Decay rates of Adam's first and second moments, in [0, 1).
     pub betas: [f32; 2],
-    /// Constant added to the root of the second moment, above 0.
+    /// Constant added to the root of the second moment in Adam's denominator, above 0.
     pub epsilon: f32,
-    /// Number of steps taken.
+    /// Number of optimiser steps taken so far.
     pub steps: u64,
-    /// Running mean of the gradient, one value a parameter.
+    /// Running mean of the gradient, one value for each parameter.
     pub first_moment: Vec<f32>,
-    /// Running mean of the squared gradient, one value a parameter.
+    /// Running mean of the squared gradient, one value for each parameter.
     pub second_moment: Vec<f32>,
 }
 
@@ -62,7 +62,8 @@ impl Adam {
         }
     }
 
-    /// Takes one descent step. Parameters outside every group stay as they are.
+    /// Updates `params` in place by one Adam step against `gradient`. Parameters outside every
+    /// group stay as they are.
     ///
     /// # Panics
     /// If `params`, `gradient` and the moments differ in length, or a group lies outside them.
@@ -82,7 +83,10 @@ impl Adam {
     /// Returns both moments and the number of steps, for a checkpoint.
     pub(crate) fn save(&self) -> AlgorithmState<'_> {
         AlgorithmState {
-            tensors: vec![(FIRST_MOMENT, &self.first_moment), (SECOND_MOMENT, &self.second_moment)],
+            tensors: vec![
+                (FIRST_MOMENT, &self.first_moment),
+                (SECOND_MOMENT_NAME, &self.second_moment),
+            ],
             counters: vec![(STEPS, self.steps)],
         }
     }

@@ -12,20 +12,20 @@ const MAX_COUNTER: u64 = 1 << 53;
 /// A checkpoint of this state, the policy's parameters and the random generator determines the
 /// next update, given the experience.
 pub trait Algorithm {
-    /// Policy that is improved.
+    /// Type of the policy that the algorithm trains.
     type Policy;
-    /// Experience that an update reads: a [`RolloutBuffer`](crate::RolloutBuffer) for on-policy
-    /// algorithms, a replay buffer for others.
+    /// Type of the experience that an update reads: a [`RolloutBuffer`](crate::RolloutBuffer) for
+    /// on-policy algorithms, a replay buffer for others.
     type Experience;
-    /// Statistics of an update.
+    /// Type of the statistics that an update returns.
     type Stats: Metrics;
 
-    /// Runs one update of `policy`; random draws come from `rng`.
+    /// Trains `policy` by one update; random draws come from `rng`.
     ///
     /// # Errors
-    /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for experience or a policy of another
-    /// environment or network. [`RlError::NotFinite`] when a quantity diverges; `policy` then has
-    /// the parameters from before the offending step. An exception is a step that itself
+    /// [`RlError::SpecMismatch`] or [`RlError::ParameterCountMismatch`] for experience or a policy
+    /// of another environment or network. [`RlError::NotFinite`] when a quantity diverges; `policy`
+    /// then has the parameters from before the offending step. An exception is a step that itself
     /// makes parameters infinite, at learning rates near the limit of f32: they stay infinite.
     fn update(
         &mut self,
@@ -34,29 +34,33 @@ pub trait Algorithm {
         rng: &mut ChaCha8Rng,
     ) -> Result<Self::Stats, RlError>;
 
-    /// Returns all state by name, for a checkpoint. Names, lengths and order never change.
+    /// Returns the complete state of the algorithm, as named arrays and counters for a checkpoint.
+    /// Names, lengths and order never change.
     fn save(&self) -> AlgorithmState<'_>;
 
-    /// Restores a state that [`Algorithm::save`] returned. After an error, nothing has changed.
+    /// Restores the state of the algorithm that [`Algorithm::save`] returned. After an error,
+    /// nothing has changed.
     ///
     /// # Errors
-    /// [`RlError::State`] for a state of another algorithm or network, [`RlError::Damaged`] for
-    /// numbers that cannot be right.
+    /// [`RlError::StateMismatch`] for a state of another algorithm or network,
+    /// [`RlError::InvalidStateNumber`] for numbers that cannot be right.
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 }
 
-/// Statistics as named values, so that different algorithms can write to one log table.
+/// Statistics of a training update as named values, so that different algorithms can write to one
+/// log table.
 pub trait Metrics {
-    /// Returns names and values; names and order are the same after every update of an algorithm.
+    /// Returns the name and value of each statistic; names and order are the same after every
+    /// update of an algorithm.
     fn metrics(&self) -> Vec<(String, f64)>;
 }
 
 /// The state of an [`Algorithm`] between two updates, as named arrays and counters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AlgorithmState<'a> {
-    /// Arrays and their names.
+    /// Arrays of the algorithm's state, such as an optimiser's moments, and their names.
     pub tensors: Vec<(&'a str, &'a [f32])>,
-    /// Counters and their names, each at most 2^53.
+    /// Counters of the algorithm's state and their names, each at most 2^53.
     pub counters: Vec<(&'a str, u64)>,
 }
 
@@ -65,13 +69,13 @@ impl AlgorithmState<'_> {
     /// only finite numbers, and no counter above 2^53.
     ///
     /// # Errors
-    /// [`RlError::State`] or [`RlError::Damaged`].
-    pub fn check_like(&self, own: &AlgorithmState<'_>) -> Result<(), RlError> {
+    /// [`RlError::StateMismatch`] or [`RlError::InvalidStateNumber`].
+    pub fn check_same_layout(&self, own: &AlgorithmState<'_>) -> Result<(), RlError> {
         if self.layout() != own.layout() {
             let (got, expected) = (self.describe(), own.describe());
-            return Err(RlError::State { got, expected });
+            return Err(RlError::StateMismatch { got, expected });
         }
-        self.tensors.iter().try_for_each(|(name, values)| check_saved(name, values))?;
+        self.tensors.iter().try_for_each(|(name, values)| check_saved_params(name, values))?;
         self.counters.iter().try_for_each(|&(name, count)| check_counter(name, count))
     }
 
@@ -94,9 +98,9 @@ impl AlgorithmState<'_> {
     }
 }
 
-fn check_saved(name: &str, values: &[f32]) -> Result<(), RlError> {
+fn check_saved_params(name: &str, values: &[f32]) -> Result<(), RlError> {
     match values.iter().find(|value| !value.is_finite()) {
-        Some(&value) => Err(RlError::Damaged {
+        Some(&value) => Err(RlError::InvalidStateNumber {
             name: name.to_owned(),
             value: value.into(),
             expected: "finite numbers",
@@ -109,7 +113,7 @@ fn check_counter(name: &str, count: u64) -> Result<(), RlError> {
     if count <= MAX_COUNTER {
         return Ok(());
     }
-    Err(RlError::Damaged {
+    Err(RlError::InvalidStateNumber {
         name: name.to_owned(),
         value: count as f64,
         expected: "a count of at most 2^53",
@@ -122,7 +126,7 @@ pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Resu
     let arrays = state.tensors.iter().filter(|(name, _)| names.contains(name));
     let mut numbers = arrays.flat_map(|(name, values)| values.iter().map(move |v| (name, v)));
     match numbers.find(|&(_, &value)| value < 0.0) {
-        Some((&name, &value)) => Err(RlError::Damaged {
+        Some((&name, &value)) => Err(RlError::InvalidStateNumber {
             name: name.to_owned(),
             value: value.into(),
             expected: "no negative number",
@@ -169,8 +173,8 @@ mod tests {
             counters: vec![("steps", 3)],
         };
         let (own, other) = (state(&[0.0; 4]), state(&[0.0; 3]));
-        assert!(own.check_like(&own).is_ok());
-        let error = other.check_like(&own).unwrap_err().to_string();
+        assert!(own.check_same_layout(&own).is_ok());
+        let error = other.check_same_layout(&own).unwrap_err().to_string();
         let expected = r#"holds: "velocity" [3], "steps"; expected: "velocity" [4], "steps""#;
         assert!(error.contains(expected), "{error}");
     }

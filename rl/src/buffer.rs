@@ -5,10 +5,10 @@ use std::fmt;
 use rand_chacha::ChaCha8Rng;
 
 use crate::distributions::ActionNoise;
-use crate::env::{EnvSpec, Observations, Outcome, Transition};
+use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
 use crate::error::{RlError, check_all_finite, check_finite, check_len};
 use crate::gae::{GaeInputs, gae};
-use crate::policy::{Decisions, EvaluateActions, OnPolicy, Values};
+use crate::policy::{Decisions, EvaluateActions, OnPolicyActor, ValueFunction};
 use crate::rollout::Experience;
 
 /// Rollout buffer of T steps of N environments, allocated once. [`collect`](crate::collect) fills
@@ -25,7 +25,7 @@ pub struct RolloutBuffer {
     observations: Observations,
     decisions: Decisions,
     rewards: Vec<f32>,
-    outcomes: Vec<Outcome>,
+    outcomes: Vec<StepOutcome>,
     final_values: Vec<f32>,
     last_values: Vec<f32>,
     /// Final observations of the truncated samples.
@@ -45,10 +45,10 @@ impl RolloutBuffer {
     /// Allocates a buffer for `steps` (T, at least 1) steps of the environments of `spec`.
     ///
     /// # Errors
-    /// [`RlError::EmptySpec`] or [`RlError::Setting`] when a size is zero, [`RlError::Memory`] if
-    /// the machine has too little memory.
+    /// [`RlError::EmptySpec`] or [`RlError::InvalidSetting`] when a size is zero,
+    /// [`RlError::NotEnoughMemory`] if the machine has too little memory.
     pub fn new(spec: &EnvSpec, steps: usize) -> Result<Self, RlError> {
-        spec.check_rollout(steps)?;
+        spec.check_rollout_memory(steps)?;
         let all = EnvSpec { num_envs: spec.num_envs * steps, ..spec.clone() };
         Ok(Self {
             spec: spec.clone(),
@@ -59,13 +59,13 @@ impl RolloutBuffer {
             observations: Observations::new(&all),
             decisions: Decisions::new(&all),
             rewards: vec![0.0; all.num_envs],
-            outcomes: vec![Outcome::Running; all.num_envs],
+            outcomes: vec![StepOutcome::Running; all.num_envs],
             final_values: vec![0.0; all.num_envs],
             last_values: vec![0.0; spec.num_envs],
             finals: Observations::empty(),
             truncated: Vec::new(),
             last: Observations::new(spec),
-            noise: ActionNoise::independent(spec.num_envs, spec.action.len()),
+            noise: ActionNoise::independent(spec.num_envs, spec.action_irreps.len()),
             step_decisions: Decisions::new(spec),
             step_final_values: vec![0.0; spec.num_envs],
         })
@@ -82,7 +82,7 @@ impl RolloutBuffer {
     /// those conditional on the previous decisions, so the gradient of an update is biased.
     ///
     /// # Errors
-    /// [`RlError::Setting`] for a correlation outside [0, 1).
+    /// [`RlError::InvalidSetting`] for a correlation outside [0, 1).
     pub fn with_noise_correlation(mut self, correlation: f32) -> Result<Self, RlError> {
         self.noise.set_correlation(correlation)?;
         Ok(self)
@@ -92,7 +92,7 @@ impl RolloutBuffer {
     /// of the final observations `[N]` (read only for truncated outcomes).
     ///
     /// # Errors
-    /// [`RlError::BufferFull`] past T steps, [`RlError::Shape`] when an array does not fit,
+    /// [`RlError::BufferFull`] past T steps, [`RlError::ShapeMismatch`] when an array does not fit,
     /// [`RlError::NotFinite`] for a reward, decision, value or vector that is infinite or NaN.
     pub fn push(
         &mut self,
@@ -130,7 +130,7 @@ impl RolloutBuffer {
     /// [`RolloutBuffer::reevaluate`] needs.
     fn keep_finals(&mut self, transition: &Transition) {
         for (n, &outcome) in transition.outcomes.iter().enumerate() {
-            if outcome == Outcome::Truncated {
+            if outcome == StepOutcome::Truncated {
                 let (image, vector) = transition.final_observations.sample(&self.spec, n);
                 self.finals.images.extend_from_slice(image);
                 self.finals.vectors.extend_from_slice(vector);
@@ -142,8 +142,8 @@ impl RolloutBuffer {
     /// Completes a full buffer with the observations after its last step and their values `[N]`.
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] before T steps were pushed, [`RlError::Shape`] for a wrong
-    /// length, [`RlError::NotFinite`] for values or vectors that are infinite or NaN.
+    /// [`RlError::BufferNotFinished`] before T steps were pushed, [`RlError::ShapeMismatch`] for a
+    /// wrong length, [`RlError::NotFinite`] for values or vectors that are infinite or NaN.
     pub fn finish(&mut self, last: &Observations, last_values: &[f32]) -> Result<(), RlError> {
         if self.pushed != self.steps {
             return Err(RlError::BufferNotFinished { got: self.pushed, steps: self.steps });
@@ -164,14 +164,14 @@ impl RolloutBuffer {
     /// After an error, nothing has changed.
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other
-    /// environments, [`RlError::NotFinite`] for log-probabilities or values that are infinite or
-    /// NaN.
+    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::ShapeMismatch`] for a policy of
+    /// other environments, [`RlError::NotFinite`] for log-probabilities or values that are infinite
+    /// or NaN.
     pub fn reevaluate<P: EvaluateActions>(&mut self, policy: &mut P) -> Result<(), RlError> {
         self.check_finished()?;
         let mut decisions = self.decisions.clone();
         policy.evaluate_actions(&self.observations, &mut decisions)?;
-        decisions.check(&self.spec, self.samples())?;
+        decisions.check(&self.spec, self.num_samples())?;
         decisions.check_finite()?;
         let final_values = finite_values(policy, &self.finals, self.truncated.len())?;
         let last_values = finite_values(policy, &self.last, self.spec.num_envs)?;
@@ -185,7 +185,7 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Removes every step and keeps the allocations.
+    /// Removes every step of the rollout and keeps the buffer's allocations.
     pub fn clear(&mut self) {
         self.pushed = 0;
         self.finished = false;
@@ -196,10 +196,12 @@ impl RolloutBuffer {
         self.resize(self.capacity);
     }
 
-    /// Computes advantages and returns `[T, N]` by [`gae`]; `gamma` and `lambda` are in [0, 1].
+    /// Computes the advantages and the returns of all decisions, each `[T, N]`, by [`gae`]; `gamma`
+    /// and `lambda` are in [0, 1].
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for wrong lengths.
+    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::ShapeMismatch`] for wrong
+    /// lengths.
     pub fn advantages(
         &self,
         gamma: f32,
@@ -208,8 +210,8 @@ impl RolloutBuffer {
         returns: &mut [f32],
     ) -> Result<(), RlError> {
         self.check_finished()?;
-        check_len("advantages", "[T, N]", advantages.len(), self.samples())?;
-        check_len("returns", "[T, N]", returns.len(), self.samples())?;
+        check_len("advantages", "[T, N]", advantages.len(), self.num_samples())?;
+        check_len("returns", "[T, N]", returns.len(), self.num_samples())?;
         let inputs = GaeInputs {
             rewards: &self.rewards,
             values: &self.decisions.values,
@@ -243,40 +245,40 @@ impl RolloutBuffer {
         }
     }
 
-    /// Returns sizes and types of the environments.
+    /// Returns the sizes and symmetry types of the environments that the buffer stores steps of.
     pub fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    /// Returns T, the number of steps of a full rollout.
-    pub fn steps(&self) -> usize {
+    /// Returns T, the number of steps of every environment in a full rollout.
+    pub fn steps_per_env(&self) -> usize {
         self.steps
     }
 
     /// Returns T * N, the number of decisions of a full rollout.
-    pub fn samples(&self) -> usize {
+    pub fn num_samples(&self) -> usize {
         self.steps * self.spec.num_envs
     }
 
-    /// Returns the observations acted on, `[T, N, ...]`: sample t * N + n is environment n at step
-    /// t.
+    /// Returns the observations that the policy acted on, `[T, N, ...]`: sample t * N + n is
+    /// environment n at step t.
     pub fn observations(&self) -> &Observations {
         &self.observations
     }
 
-    /// Returns actions `[T, N, A]`, log-probabilities and values `[T, N]` from the collection or
-    /// from [`RolloutBuffer::reevaluate`].
+    /// Returns the rollout's actions `[T, N, A]`, with log-probabilities and values `[T, N]` from
+    /// the collection or from [`RolloutBuffer::reevaluate`].
     pub fn decisions(&self) -> &Decisions {
         &self.decisions
     }
 
-    /// Returns the rewards `[T, N]`.
+    /// Returns the reward of every step of the rollout, `[T, N]`.
     pub fn rewards(&self) -> &[f32] {
         &self.rewards
     }
 
-    /// Returns the outcomes `[T, N]`.
-    pub fn outcomes(&self) -> &[Outcome] {
+    /// Returns the state of the episode after every step of the rollout, `[T, N]`.
+    pub fn outcomes(&self) -> &[StepOutcome] {
         &self.outcomes
     }
 }
@@ -293,7 +295,7 @@ impl fmt::Debug for RolloutBuffer {
 }
 
 /// Returns the values `[N]` of N observations, and rejects infinities and NaN.
-fn finite_values<P: Values>(
+fn finite_values<P: ValueFunction>(
     policy: &mut P,
     observations: &Observations,
     samples: usize,
@@ -305,11 +307,11 @@ fn finite_values<P: Values>(
 }
 
 /// Checks the values `[N]` of final observations; bootstrapped ones must be finite.
-fn check_final_values(outcomes: &[Outcome], values: &[f32]) -> Result<(), RlError> {
+fn check_final_values(outcomes: &[StepOutcome], values: &[f32]) -> Result<(), RlError> {
     check_len("final_values", "[N]", values.len(), outcomes.len())?;
     let bootstrapped = outcomes.iter().zip(values);
     bootstrapped
-        .filter(|(outcome, _)| **outcome == Outcome::Truncated)
+        .filter(|(outcome, _)| **outcome == StepOutcome::Truncated)
         .try_for_each(|(_, &value)| check_finite("the value of a final observation", value.into()))
 }
 
@@ -318,18 +320,18 @@ fn copy_row<T: Copy>(array: &mut [T], t: usize, row: &[T]) {
     array[t * row.len()..(t + 1) * row.len()].copy_from_slice(row);
 }
 
-impl<P: OnPolicy> Experience<P> for RolloutBuffer {
+impl<P: OnPolicyActor> Experience<P> for RolloutBuffer {
     /// Returns the full capacity, also after a truncated rollout.
     #[allow(clippy::misnamed_getters, reason = "`steps` are those of the last rollout")]
-    fn steps(&self) -> usize {
+    fn steps_per_env(&self) -> usize {
         self.capacity
     }
 
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
-        self.spec.check_same(spec)?;
+        self.spec.check_compatible(spec)?;
         check_len("environments", "[N]", spec.num_envs, self.spec.num_envs)?;
         self.clear();
-        self.noise.restart();
+        self.noise.restart_all();
         Ok(())
     }
 
@@ -364,9 +366,9 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         (self.step_decisions, self.step_final_values) = (decisions, final_values);
         result?;
         // a new episode starts with new noise
-        let ended = |&(_, outcome): &(usize, &Outcome)| outcome.ended();
+        let ended = |&(_, outcome): &(usize, &StepOutcome)| outcome.is_ended();
         let ends = to.outcomes.iter().enumerate().filter(ended);
-        ends.for_each(|(env, _)| self.noise.forget(env));
+        ends.for_each(|(env, _)| self.noise.forget_episode(env));
         Ok(())
     }
 
@@ -378,27 +380,31 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
 }
 
 /// Computes the values of the final observations if any truncated episode bootstraps from one.
-fn value_truncated<P: Values>(
+fn value_truncated<P: ValueFunction>(
     policy: &mut P,
     transition: &Transition,
     out: &mut [f32],
 ) -> Result<(), RlError> {
-    if transition.outcomes.contains(&Outcome::Truncated) {
+    if transition.outcomes.contains(&StepOutcome::Truncated) {
         policy.values(&transition.final_observations, out)?;
     }
     Ok(())
 }
 
 impl RolloutBuffer {
-    /// Keeps only the first `steps` steps, until [`RolloutBuffer::clear`]. Episodes that still run
-    /// at the cut bootstrap from the recorded values of the next step.
+    /// Shortens the rollout to its first `steps` steps, until [`RolloutBuffer::clear`]. Episodes
+    /// that still run at the cut bootstrap from the recorded values of the next step.
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Setting`] for 0 steps.
+    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::InvalidSetting`] for 0 steps.
     pub fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
         self.check_finished()?;
         if steps == 0 {
-            return Err(RlError::Setting { name: "steps", value: 0.0, expected: "at least 1" });
+            return Err(RlError::InvalidSetting {
+                name: "steps",
+                value: 0.0,
+                expected: "at least 1",
+            });
         }
         if steps >= self.steps {
             return Ok(());
@@ -406,7 +412,7 @@ impl RolloutBuffer {
         let n = self.spec.num_envs;
         // the first dropped step becomes the one after the last
         let (from, to) = (steps * n, (steps + 1) * n);
-        let (image, vector) = (self.spec.image_len(), self.spec.vector.len());
+        let (image, vector) = (self.spec.image_len(), self.spec.vector_irreps.len());
         let next = &self.observations;
         self.last.images.copy_from_slice(&next.images[from * image..to * image]);
         self.last.vectors.copy_from_slice(&next.vectors[from * vector..to * vector]);
@@ -424,12 +430,12 @@ impl RolloutBuffer {
     pub(super) fn resize(&mut self, steps: usize) {
         let (spec, samples) = (&self.spec, steps * self.spec.num_envs);
         self.observations.images.resize(samples * spec.image_len(), 0);
-        self.observations.vectors.resize(samples * spec.vector.len(), 0.0);
-        self.decisions.actions.resize(samples * spec.action.len(), 0.0);
+        self.observations.vectors.resize(samples * spec.vector_irreps.len(), 0.0);
+        self.decisions.actions.resize(samples * spec.action_irreps.len(), 0.0);
         self.decisions.log_probs.resize(samples, 0.0);
         self.decisions.values.resize(samples, 0.0);
         self.rewards.resize(samples, 0.0);
-        self.outcomes.resize(samples, Outcome::Running);
+        self.outcomes.resize(samples, StepOutcome::Running);
         self.final_values.resize(samples, 0.0);
         self.steps = steps;
     }

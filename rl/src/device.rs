@@ -4,45 +4,47 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use equivariant::Signature;
-use equivariant::gpu::{Batch, Device, GpuError, Passes, Plan, Program, Slot, Step, Tensor, Work};
+use equivariant::LayerSignature;
+use equivariant::gpu::{
+    Batch, BufferSlot, Device, GpuError, KernelStep, Passes, Plan, Program, Tensor, WorkgroupCount,
+};
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, require};
 use crate::network::ActorCritic;
 use crate::network_policy::ActorCriticPolicy;
-use crate::network_settings::Critic;
-use crate::policy::{Actor, Decisions, OnPolicy, Values};
+use crate::network_settings::CriticSettings;
+use crate::policy::{Actor, Decisions, OnPolicyActor, ValueFunction};
 
 /// WGSL source of the struct for a row of [`DeviceObservations::draws`].
-pub(crate) const DRAW: &str = include_str!("device/wgsl/draw.wgsl");
+pub(crate) const DRAW_STRUCT_WGSL: &str = include_str!("device/wgsl/draw.wgsl");
 
 /// Buffers of observations on the device, and of the draws from them that form batches.
 #[derive(Clone, Copy)]
 pub(crate) struct DeviceObservations {
     /// Bytes of all images, four in a word.
-    images: Slot,
+    images: BufferSlot,
     /// All vectors, irrep-major.
-    vectors: Slot,
-    /// Index of the observation and advantage of each draw.
-    pub draws: Slot,
+    vectors: BufferSlot,
+    /// Buffer of the index of the observation and the advantage of each draw.
+    pub draws: BufferSlot,
 }
 
 /// Outputs of the network, and the start of two parameter ranges.
-pub(crate) struct Outputs {
-    /// Mean actions, irrep-major.
+pub(crate) struct NetworkOutputs {
+    /// Mean actions of the policy, components in irrep-major order.
     pub mean: Tensor,
     pub value: Tensor,
-    /// Index of the first parameter after the encoder's.
+    /// Index of the first parameter after those of the image encoder.
     pub heads: usize,
-    /// Index of the first log_std parameter.
+    /// Index of the first log_std among the parameters.
     pub log_std: usize,
 }
 
 impl DeviceObservations {
-    /// Reserves buffers for `observations` and `draws`; without images if the network has no image
-    /// encoder.
+    /// Reserves GPU buffers for `observations` observations and `draws` draws from them; without
+    /// images if the network has no image encoder.
     pub fn new(
         plan: &mut Plan,
         network: &ActorCritic<f32>,
@@ -53,15 +55,15 @@ impl DeviceObservations {
         let encoder = network.trunk.parts().encoder;
         let picture = encoder.map_or(0, |encoder| encoder.in_shape().len());
         let bytes = observations.saturating_mul(picture);
-        let components = observations.saturating_mul(spec.vector.len());
+        let components = observations.saturating_mul(spec.vector_irreps.len());
         Self {
-            images: plan.buffer(bytes.div_ceil(4), 0),
-            vectors: plan.buffer(components, 0),
-            draws: plan.buffer(draws.saturating_mul(2), 0),
+            images: plan.add_buffer(bytes.div_ceil(4), 0),
+            vectors: plan.add_buffer(components, 0),
+            draws: plan.add_buffer(draws.saturating_mul(2), 0),
         }
     }
 
-    /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the device.
+    /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the GPU.
     pub fn write(
         self,
         program: &Program,
@@ -72,13 +74,13 @@ impl DeviceObservations {
         let parts = network.trunk.parts();
         // a blind network has no buffer for images, even if the environment has some
         if parts.encoder.is_some() {
-            program.write_bytes(self.images, &network.trunk.canvases(images));
+            program.write_bytes(self.images, &network.trunk.centre_on_canvas(images));
         }
         let order = parts.vector_order;
         let rows = vectors.chunks_exact(order.len().max(1));
         let components: Vec<f32> =
             rows.flat_map(|vector| order.iter().map(|&i| vector[i])).collect();
-        program.write(self.vectors, &components);
+        program.write_floats(self.vectors, &components);
     }
 }
 
@@ -87,37 +89,37 @@ pub(crate) fn add_network(
     plan: &mut Plan,
     network: &ActorCritic<f32>,
     observed: DeviceObservations,
-) -> Result<Outputs, GpuError> {
+) -> Result<NetworkOutputs, GpuError> {
     let parts = network.trunk.parts();
-    let image = parts.encoder.map(|layers| plan.input(layers.in_shape()));
-    let vector = parts.vector.map(|layers| plan.input(layers.in_shape()));
+    let image = parts.encoder.map(|layers| plan.add_input(layers.in_shape()));
+    let vector = parts.vector.map(|layers| plan.add_input(layers.in_shape()));
     let gather = gather(plan, observed, image, vector);
-    plan.push(vec![gather], Vec::new());
+    plan.add_kernels(vec![gather], Vec::new());
     let top = match (parts.encoder, image) {
-        (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
+        (Some(layers), Some(x)) => Some(plan.add_layer(layers, x)?),
         _ => None,
     };
     // parameters are laid out in the order in which layers are added: the encoder's come first
-    let heads = plan.device_params();
+    let heads = plan.num_device_params();
     let fields = match (parts.vector, vector) {
-        (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
+        (Some(layers), Some(x)) => Some(plan.add_layer(layers, x)?),
         _ => None,
     };
     let h = match (parts.concat, top, fields) {
-        (Some(concat), Some(top), Some(fields)) => plan.concat(concat, [top, fields]),
+        (Some(concat), Some(top), Some(fields)) => plan.add_concat(concat, [top, fields]),
         (_, Some(alone), None) | (_, None, Some(alone)) => alone,
         _ => unreachable!("a trunk has an input, and joins two"),
     };
     // h has two readers: the fork adds up their gradients
-    let [of_actor, of_critic] = plan.fork(h);
-    let mean = plan.layer(&network.actor, of_actor)?;
+    let [of_actor, of_critic] = plan.add_fork(h);
+    let mean = plan.add_layer(&network.actor, of_actor)?;
     let of_critic = match network.settings().critic {
-        Critic::Pooled { .. } => plan.layer(parts.pool, of_critic)?,
-        Critic::Joint { .. } => of_critic,
+        CriticSettings::Pooled { .. } => plan.add_layer(parts.pool, of_critic)?,
+        CriticSettings::Joint { .. } => of_critic,
     };
-    let value = plan.layer(&network.critic, of_critic)?;
+    let value = plan.add_layer(&network.critic, of_critic)?;
     let action = network.action_order.len();
-    Ok(Outputs { mean, value, heads, log_std: plan.reserve(action, 0..action) })
+    Ok(NetworkOutputs { mean, value, heads, log_std: plan.reserve_params(action, 0..action) })
 }
 
 /// Creates the kernel that copies a batch's observations to the network's inputs; a network may
@@ -127,19 +129,19 @@ fn gather(
     observed: DeviceObservations,
     image: Option<Tensor>,
     vector: Option<Tensor>,
-) -> Step {
+) -> KernelStep {
     let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
     let [x_image, x_vector] =
-        [image, vector].map(|x| x.map_or_else(|| plan.buffer(0, 0), |x| x.values));
-    Step::new("gather", 1, Work::threads(pixels + components))
-        .constants([("IMAGE", pixels), ("VECTOR", components)])
-        .text(DRAW)
-        .read("draws", "Draw", observed.draws)
-        .read("images", "u32", observed.images)
-        .read("vectors", "f32", observed.vectors)
-        .write("x_image", "f32", x_image)
-        .write("x_vector", "f32", x_vector)
-        .text(include_str!("device/wgsl/gather.wgsl"))
+        [image, vector].map(|x| x.map_or_else(|| plan.add_buffer(0, 0), |x| x.values));
+    KernelStep::new("gather", 1, WorkgroupCount::threads_per_sample(pixels + components))
+        .add_u32_constants([("IMAGE", pixels), ("VECTOR", components)])
+        .add_wgsl(DRAW_STRUCT_WGSL)
+        .add_input_buffer("draws", "Draw", observed.draws)
+        .add_input_buffer("images", "u32", observed.images)
+        .add_input_buffer("vectors", "f32", observed.vectors)
+        .add_output_buffer("x_image", "f32", x_image)
+        .add_output_buffer("x_vector", "f32", x_vector)
+        .add_wgsl(include_str!("device/wgsl/gather.wgsl"))
 }
 
 /// An [`ActorCriticPolicy`] whose means and values a GPU computes, for batches that are large
@@ -156,7 +158,7 @@ pub struct DevicePolicy {
     program: Program,
     observed: DeviceObservations,
     /// Mean actions `[N, A]`, irrep-major, and values `[N]`.
-    outputs: [Slot; 2],
+    outputs: [BufferSlot; 2],
     /// `true` if the device has the policy's parameters.
     current: bool,
 }
@@ -166,8 +168,8 @@ impl DevicePolicy {
     /// time.
     ///
     /// # Errors
-    /// [`RlError::Setting`] for 0 samples; [`RlError::Gpu`] if a buffer would exceed the adapter's
-    /// limits (before anything is allocated), or if the device fails.
+    /// [`RlError::InvalidSetting`] for 0 samples; [`RlError::Gpu`] if a buffer would exceed the
+    /// adapter's limits (before anything is allocated), or if the device fails.
     pub fn new(
         policy: ActorCriticPolicy,
         device: &Device,
@@ -194,14 +196,14 @@ impl DevicePolicy {
         })
     }
 
-    /// Returns the policy.
+    /// Returns the policy whose means and values the GPU computes.
     pub fn policy(&self) -> &ActorCriticPolicy {
         &self.policy
     }
 
-    /// Returns the policy, for an update. Its parameters are copied to the device at the next
-    /// decision, which fails with [`RlError::OtherNetwork`] if the policy was replaced by one with
-    /// another network.
+    /// Returns the policy for a change of its parameters, such as an update. Its parameters are
+    /// copied to the device at the next decision, which fails with [`RlError::NetworkMismatch`] if
+    /// the policy was replaced by one with another network.
     pub fn policy_mut(&mut self) -> &mut ActorCriticPolicy {
         self.current = false;
         &mut self.policy
@@ -210,18 +212,18 @@ impl DevicePolicy {
     /// Fills the policy's outputs with those of the device; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         if !Arc::ptr_eq(&self.network, self.policy.network()) {
-            return Err(RlError::OtherNetwork);
+            return Err(RlError::NetworkMismatch);
         }
         let spec = self.network.spec();
-        let (samples, width) = (observations.samples(spec)?, spec.action.len());
+        let (samples, width) = (observations.checked_num_samples(spec)?, spec.action_irreps.len());
         if !self.current {
-            let params = self.plan.placed(self.policy.params());
-            self.program.write(self.plan.params(), &params);
+            let params = self.plan.params_to_device_order(self.policy.params());
+            self.program.write_floats(self.plan.params_buffer(), &params);
         }
         // an error below may mean that the parameters did not reach the device: write them again
         self.current = false;
         self.policy.outputs.resize(samples * (width + 1), 0.0);
-        let most = self.program.samples();
+        let most = self.program.max_samples();
         for start in (0..samples).step_by(most) {
             self.run_batch(observations, start..samples.min(start + most))?;
         }
@@ -235,7 +237,7 @@ impl DevicePolicy {
         range: Range<usize>,
     ) -> Result<(), GpuError> {
         let network = &self.network;
-        let EnvSpec { vector, action, .. } = network.spec();
+        let EnvSpec { vector_irreps: vector, action_irreps: action, .. } = network.spec();
         let (pixels, width) = (network.spec().image_len(), action.len());
         let images = &observations.images[range.start * pixels..range.end * pixels];
         let vectors = &observations.vectors[range.start * vector.len()..range.end * vector.len()];
@@ -245,13 +247,13 @@ impl DevicePolicy {
         self.program.submit(Passes::Forward, batch);
         let [mean, value] = self.outputs;
         let fronts = [(mean, samples * width), (value, samples)];
-        let [means, values] = self.program.read(fronts)?;
+        let [means, values] = self.program.read_floats(fronts)?;
         let rows = self.policy.outputs[range.start * (width + 1)..].chunks_exact_mut(width + 1);
-        for ((row, mean), &value) in rows.zip(means.chunks_exact(width)).zip(&values) {
-            for (&i, &mean) in network.action_order.iter().zip(mean) {
-                row[i] = mean.into();
+        for ((row, mean_row), &state_value) in rows.zip(means.chunks_exact(width)).zip(&values) {
+            for (&i, &component) in network.action_order.iter().zip(mean_row) {
+                row[i] = component.into();
             }
-            row[width] = value.into();
+            row[width] = state_value.into();
         }
         Ok(())
     }
@@ -260,7 +262,7 @@ impl DevicePolicy {
 impl Actor for DevicePolicy {
     type Memory = ();
 
-    fn memory(&self, _: usize) {}
+    fn new_memory(&self, _: usize) {}
 
     fn act(
         &mut self,
@@ -284,7 +286,7 @@ impl Actor for DevicePolicy {
     }
 }
 
-impl OnPolicy for DevicePolicy {
+impl OnPolicyActor for DevicePolicy {
     fn decide(
         &mut self,
         observations: &Observations,
@@ -297,7 +299,7 @@ impl OnPolicy for DevicePolicy {
     }
 }
 
-impl Values for DevicePolicy {
+impl ValueFunction for DevicePolicy {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         let samples = self.run(observations)?;
         self.policy.write_values(samples, out)
@@ -309,7 +311,7 @@ impl fmt::Debug for DevicePolicy {
         f.debug_struct("DevicePolicy")
             .field("policy", &self.policy)
             .field("adapter", &self.program.device().adapter().name)
-            .field("samples", &self.program.samples())
+            .field("samples", &self.program.max_samples())
             .finish()
     }
 }

@@ -40,34 +40,35 @@ pub(crate) fn entropy(log_std: &[f64]) -> f64 {
 
 /// Bounds of a tanh-Gaussian's log_std: `LOG_STD_MIN` and `LOG_STD_MAX` of CleanRL's
 /// `sac_continuous_action.py`.
-pub(crate) const TANH_LOG_STD: [f64; 2] = [-5.0, 2.0];
+pub(crate) const TANH_LOG_STD_BOUNDS: [f64; 2] = [-5.0, 2.0];
 
-/// Maps the network's raw output to a log_std within [`TANH_LOG_STD`]; returns it and its
+/// Maps the network's raw output to a log_std within [`TANH_LOG_STD_BOUNDS`]; returns it and its
 /// derivative.
-pub(crate) fn tanh_log_std(raw: f64) -> (f64, f64) {
-    let half = (TANH_LOG_STD[1] - TANH_LOG_STD[0]) / 2.0;
+pub(crate) fn squash_log_std(raw: f64) -> (f64, f64) {
+    let half = (TANH_LOG_STD_BOUNDS[1] - TANH_LOG_STD_BOUNDS[0]) / 2.0;
     let squashed = raw.tanh();
-    let log_std = TANH_LOG_STD[0] + half * (squashed + 1.0);
+    let log_std = TANH_LOG_STD_BOUNDS[0] + half * (squashed + 1.0);
     (log_std, half * (1.0 - squashed * squashed))
 }
 
-/// Inverts [`tanh_log_std`]; `None` if `log_std` is outside the open interval of the bounds.
-pub(crate) fn raw_log_std(log_std: f64) -> Option<f64> {
-    let share = (log_std - TANH_LOG_STD[0]) / (TANH_LOG_STD[1] - TANH_LOG_STD[0]);
+/// Inverts [`squash_log_std`]; `None` if `log_std` is outside the open interval of the bounds.
+pub(crate) fn unsquash_log_std(log_std: f64) -> Option<f64> {
+    let share =
+        (log_std - TANH_LOG_STD_BOUNDS[0]) / (TANH_LOG_STD_BOUNDS[1] - TANH_LOG_STD_BOUNDS[0]);
     (share > 0.0 && share < 1.0).then(|| (2.0 * share - 1.0).atanh())
 }
 
 /// Writes the action for the `output` `[2 A]` of the network and standard normal `noise` `[A]`;
 /// returns its log-probability density in nats: Haarnoja et al., "Soft actor-critic" (arXiv
 /// 1801.01290, appendix C, "Enforcing action bounds", equation 21). u is Gaussian and a = tanh(u),
-/// component by component; `output` holds the means of u, then the inputs of [`tanh_log_std`].
-pub(crate) fn sample_tanh(output: &[f64], noise: &[f32], action: &mut [f64]) -> f64 {
+/// component by component; `output` holds the means of u, then the inputs of [`squash_log_std`].
+pub(crate) fn sample_tanh_gaussian(output: &[f64], noise: &[f32], action: &mut [f64]) -> f64 {
     let (means, raws) = output.split_at(action.len());
     let mut log_prob = 0.0;
-    for (i, action) in action.iter_mut().enumerate() {
-        let (log_std, noise) = (tanh_log_std(raws[i]).0, f64::from(noise[i]));
+    for (i, component) in action.iter_mut().enumerate() {
+        let (log_std, noise) = (squash_log_std(raws[i]).0, f64::from(noise[i]));
         let u = means[i] + log_std.exp() * noise;
-        *action = u.tanh();
+        *component = u.tanh();
         // the Gaussian density of u, whose normalised deviation is the noise, over d tanh(u) / du
         log_prob -= 0.5 * noise * noise + log_std + 0.5 * TAU.ln() + log_slope(u);
     }
@@ -83,7 +84,7 @@ fn log_slope(u: f64) -> f64 {
 
 /// Writes the gradient of a loss with respect to `output` `[2 A]` from those with respect to the
 /// action, `d_action` `[A]`, and to its log-probability (arXiv 1801.01290, equation 13).
-pub(crate) fn tanh_gradient(
+pub(crate) fn tanh_gaussian_gradient(
     output: &[f64],
     noise: &[f32],
     action: &[f64],
@@ -93,7 +94,7 @@ pub(crate) fn tanh_gradient(
 ) {
     let width = action.len();
     for i in 0..width {
-        let (log_std, slope) = tanh_log_std(output[width + i]);
+        let (log_std, slope) = squash_log_std(output[width + i]);
         // d ln(1 - tanh(u)^2) / du = -2 tanh(u)
         let d_u = d_action[i] * (1.0 - action[i] * action[i]) + d_log_prob * 2.0 * action[i];
         d_output[i] = d_u;
@@ -103,11 +104,13 @@ pub(crate) fn tanh_gradient(
     }
 }
 
-/// Temporally correlated exploration noise `[N, A]` for N environments: x_0 = e_0 and
-/// x_t = c x_(t-1) + sqrt(1 - c^2) e_t with independent standard normal e, separately in each
-/// component and episode. This stationary autoregressive process of order one is standard normal at every step,
-/// and numbers k steps apart have the correlation c^k (Korenkevych et al., "Autoregressive policies
-/// for continuous control deep reinforcement learning", IJCAI 2019, p = 1).
+/// Temporally correlated exploration noise `[N, A]` for N environments, independent in each
+/// component and episode.
+///
+/// With independent standard normal e, x_0 = e_0 and x_t = c x_(t-1) + sqrt(1 - c^2) e_t. This
+/// stationary autoregressive process of order one is standard normal at every step, and numbers k
+/// steps apart have the correlation c^k (Korenkevych et al., "Autoregressive policies for
+/// continuous control deep reinforcement learning", IJCAI 2019, p = 1).
 #[derive(Clone, Debug)]
 pub(crate) struct ActionNoise {
     /// c, in [0, 1).
@@ -120,7 +123,8 @@ pub(crate) struct ActionNoise {
 }
 
 impl ActionNoise {
-    /// Creates independent noise for actions of `width` components (A, at least 1).
+    /// Creates noise for actions of `width` components (A, at least 1), independent from step to
+    /// step.
     pub fn independent(envs: usize, width: usize) -> Self {
         Self {
             correlation: 0.0,
@@ -131,10 +135,10 @@ impl ActionNoise {
         }
     }
 
-    /// Sets the correlation c of consecutive steps.
+    /// Sets the correlation c of the noise of consecutive steps, in [0, 1).
     ///
     /// # Errors
-    /// [`RlError::Setting`] for a correlation outside [0, 1).
+    /// [`RlError::InvalidSetting`] for a correlation outside [0, 1).
     pub fn set_correlation(&mut self, correlation: f32) -> Result<(), RlError> {
         let allowed = (0.0..1.0).contains(&correlation);
         let expected = "a number in [0, 1)";
@@ -143,13 +147,13 @@ impl ActionNoise {
         Ok(())
     }
 
-    /// Begins an episode in every environment.
-    pub fn restart(&mut self) {
+    /// Starts a new noise sequence in every environment, independent of the noise so far.
+    pub fn restart_all(&mut self) {
         self.begun.fill(false);
     }
 
-    /// Begins an episode in environment `env`, in 0..N.
-    pub fn forget(&mut self, env: usize) {
+    /// Starts a new noise sequence in environment `env`, in 0..N, independent of its noise so far.
+    pub fn forget_episode(&mut self, env: usize) {
         self.begun[env] = false;
     }
 
@@ -160,11 +164,11 @@ impl ActionNoise {
         let (kept, new) = (self.correlation, (1.0 - self.correlation.powi(2)).sqrt());
         let rows = self.values.chunks_exact_mut(self.width);
         let fresh = self.fresh.chunks_exact(self.width);
-        for ((row, fresh), begun) in rows.zip(fresh).zip(&mut self.begun) {
+        for ((row, drawn), begun) in rows.zip(fresh).zip(&mut self.begun) {
             if std::mem::replace(begun, true) {
-                row.iter_mut().zip(fresh).for_each(|(x, e)| *x = kept * *x + new * e);
+                row.iter_mut().zip(drawn).for_each(|(x, e)| *x = kept * *x + new * e);
             } else {
-                row.copy_from_slice(fresh);
+                row.copy_from_slice(drawn);
             }
         }
         &self.values
@@ -214,10 +218,10 @@ mod tests {
     #[test]
     fn what_the_network_must_put_out_is_the_inverse() {
         for expected in [-4.9, -0.5, 1.9] {
-            let raw = raw_log_std(expected).unwrap();
-            assert!((tanh_log_std(raw).0 - expected).abs() < 1e-12);
+            let raw = unsquash_log_std(expected).unwrap();
+            assert!((squash_log_std(raw).0 - expected).abs() < 1e-12);
         }
-        assert!(raw_log_std(-5.0).is_none() && raw_log_std(f64::NAN).is_none());
+        assert!(unsquash_log_std(-5.0).is_none() && unsquash_log_std(f64::NAN).is_none());
     }
 
     /// The density of one component sums to 1 over (-1, 1), by the midpoint rule over noise.
@@ -229,10 +233,10 @@ mod tests {
         let mut total = 0.0;
         for i in 0..steps {
             let [mut low, mut high, mut middle] = [[0.0]; 3];
-            sample_tanh(&output, &[at(i) as f32], &mut low);
-            sample_tanh(&output, &[at(i + 1) as f32], &mut high);
+            sample_tanh_gaussian(&output, &[at(i) as f32], &mut low);
+            sample_tanh_gaussian(&output, &[at(i + 1) as f32], &mut high);
             let noise = (at(i) + 8.0 / steps as f64) as f32;
-            let density = sample_tanh(&output, &[noise], &mut middle).exp();
+            let density = sample_tanh_gaussian(&output, &[noise], &mut middle).exp();
             total += density * (high[0] - low[0]);
         }
         assert!((total - 1.0).abs() < 1e-3, "{total}");
@@ -242,7 +246,7 @@ mod tests {
     fn far_means_have_finite_densities() {
         for mean in [-400.0, 400.0] {
             let mut action = [0.0];
-            let log_prob = sample_tanh(&[mean, 0.0], &[0.5], &mut action);
+            let log_prob = sample_tanh_gaussian(&[mean, 0.0], &[0.5], &mut action);
             assert!(log_prob.is_finite() && action[0].abs() == 1.0);
         }
     }
@@ -253,12 +257,12 @@ mod tests {
         let (weights, c) = ([0.8, -0.6], 0.3);
         let loss = |output: &[f64]| {
             let mut action = [0.0; 2];
-            let log_prob = sample_tanh(output, &NOISE, &mut action);
+            let log_prob = sample_tanh_gaussian(output, &NOISE, &mut action);
             weights[0] * action[0] + weights[1] * action[1] + c * log_prob
         };
         let (mut action, mut d_output) = ([0.0; 2], [0.0; 4]);
-        sample_tanh(&OUTPUT, &NOISE, &mut action);
-        tanh_gradient(&OUTPUT, &NOISE, &action, &weights, c, &mut d_output);
+        sample_tanh_gaussian(&OUTPUT, &NOISE, &mut action);
+        tanh_gaussian_gradient(&OUTPUT, &NOISE, &action, &weights, c, &mut d_output);
         for (i, got) in d_output.into_iter().enumerate() {
             let [low, high] = [-1e-6, 1e-6].map(|h| {
                 let mut moved = OUTPUT;
@@ -280,7 +284,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let draw = |t| {
             if t == 3 {
-                noise.forget(0);
+                noise.forget_episode(0);
             }
             noise.draw(&mut rng).to_vec()
         };
@@ -328,10 +332,8 @@ mod tests {
             let mut fresh = [0.0; 2 * ENVS];
             standard_normals(&mut rng, &mut fresh);
             for (i, (x, &e)) in expected.iter_mut().zip(&fresh).enumerate() {
-                *x = match t == 0 || (t == 3 && i < 2) {
-                    true => f64::from(e),
-                    false => 0.6 * *x + 0.8 * f64::from(e),
-                };
+                let begins = t == 0 || (t == 3 && i < 2);
+                *x = if begins { f64::from(e) } else { 0.6 * *x + 0.8 * f64::from(e) };
                 assert!((*x - f64::from(row[i])).abs() < 1e-5, "step {t}, number {i}");
             }
         }

@@ -3,7 +3,7 @@
 use std::f64::consts::SQRT_2;
 
 use equivariant::{
-    FieldType, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape,
+    FieldType, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape, SlidingWindow,
     SpatialSoftArgmax,
 };
 use serde::{Deserialize, Serialize};
@@ -13,13 +13,13 @@ use crate::error::RlError;
 
 /// Kernel that halves an image: 4 x 4, stride 2, padding 1. On even sizes its windows lie
 /// symmetrically, since (size + 2 - 4) mod 2 = 0, so the layer is exactly equivariant.
-const HALVING: Kernel = Kernel::new(4, 2, 1);
+const HALVING: SlidingWindow = SlidingWindow::new(4, 2, 1);
 /// Kernel that keeps the size of an image: 3 x 3, padding 1.
-const SAME: Kernel = Kernel::new(3, 1, 1);
+const SAME: SlidingWindow = SlidingWindow::new(3, 1, 1);
 /// Kernel that removes one pixel on every side: 3 x 3 without padding.
-const VALID: Kernel = Kernel::new(3, 1, 0);
+const VALID: SlidingWindow = SlidingWindow::new(3, 1, 0);
 /// Window of 2 x 2 max-pooling.
-pub(crate) const POOLING: Kernel = Kernel::new(2, 2, 0);
+pub(crate) const POOL_WINDOW: SlidingWindow = SlidingWindow::new(2, 2, 0);
 /// Side in pixels of the maps after the pooled encoder's halvings.
 const POOLED_SIDE: usize = 8;
 /// Temperature of the spatial soft-argmax.
@@ -35,16 +35,17 @@ const TEMPERATURE: f64 = 1.0;
 /// without images need no encoder, whatever the setting.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Encoder {
+pub enum EncoderSettings {
     /// 4 x 4 convolutions of stride 2, then one whose window is the whole remaining map; a ReLU
     /// after each.
     ///
     /// Sides of images are multiples of 2 to the power of the number of halvings.
     Strided {
-        /// Fields after each halving, at least 1 each and at least one halving.
+        /// Regular fields after each halving of the image, at least 1 each and at least one
+        /// halving.
         fields: Vec<usize>,
     },
-    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution: D. Wang et al.,
+    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution. From D. Wang et al.,
     /// "SO(2)-equivariant reinforcement learning" (ICLR 2022, appendix on network architecture),
     /// whose caption COVERS repeats.
     ///
@@ -52,32 +53,34 @@ pub enum Encoder {
     /// the last convolution 1 x 1. So sides of images are exactly 8 times 2 to the power of the
     /// number of halvings.
     Pooled {
-        /// Fields after each halving, at least 1 each; empty for images of 8 x 8 pixels.
+        /// Regular fields after each halving of the image, at least 1 each; empty for images of 8 x
+        /// 8 pixels.
         fields: Vec<usize>,
-        /// Fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is not
-        /// padded.
+        /// Regular fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is
+        /// not padded.
         inner: [usize; 2],
     },
     /// 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to maps, the expected
-    /// position of each map (spatial soft-argmax, temperature 1) and a linear layer: Levine et al.,
-    /// "End-to-end training of deep visuomotor policies" (JMLR 2016, section 5.1), made equivariant
-    /// by [`SpatialSoftArgmax`].
+    /// position of each map (spatial soft-argmax, temperature 1) and a linear layer. From Levine et
+    /// al., "End-to-end training of deep visuomotor policies" (JMLR 2016, section 5.1), made
+    /// equivariant by [`SpatialSoftArgmax`].
     ///
     /// Sides of images are multiples of 2 to the power of the number of halvings.
     Keypoints {
-        /// Fields after each halving, at least 1 each and at least one halving.
+        /// Regular fields after each halving of the image, at least 1 each and at least one
+        /// halving.
         fields: Vec<usize>,
-        /// Fields of the maps whose positions are taken, at least 1.
+        /// Regular fields of the maps whose expected positions are the keypoints, at least 1.
         maps: usize,
     },
     /// No encoder: the network reads the observation's vector only.
     Blind,
 }
 
-impl Encoder {
+impl EncoderSettings {
     /// Returns every width with the name of its setting. An empty list of required halvings counts
     /// as a width of zero, which the check of widths rejects.
-    pub(crate) fn widths(&self) -> Vec<(&'static str, usize)> {
+    pub(crate) fn named_widths(&self) -> Vec<(&'static str, usize)> {
         let halving = |fields: &[usize]| {
             if fields.is_empty() { vec![0] } else { fields.to_vec() }
         };
@@ -100,22 +103,22 @@ impl Encoder {
     /// Returns height, width and channels of the canvas on which images of this size are centred.
     ///
     /// # Errors
-    /// [`RlError::OffCentre`] if the image cannot be centred in a square.
-    pub(crate) fn canvas(&self, image: [usize; 3]) -> Result<[usize; 3], RlError> {
+    /// [`RlError::ImageCannotBeCentred`] if the image cannot be centred in a square.
+    pub(crate) fn canvas_shape(&self, image: [usize; 3]) -> Result<[usize; 3], RlError> {
         // these do not end in one pixel, so images need not be square
         if matches!(self, Self::Keypoints { .. } | Self::Blind) {
             return Ok(image);
         }
         let [height, width, channels] = image;
         if !(height + width).is_multiple_of(2) {
-            return Err(RlError::OffCentre { height, width });
+            return Err(RlError::ImageCannotBeCentred { height, width });
         }
         let side = height.max(width);
         Ok([side, side, channels])
     }
 
     /// Builds the layers from a canvas `[height, width, channels]` to the top fields; `None` for
-    /// [`Encoder::Blind`] and if there are no images.
+    /// [`EncoderSettings::Blind`] and if there are no images.
     pub(crate) fn layers<T: Scalar>(
         &self,
         group: Group,
@@ -128,7 +131,7 @@ impl Encoder {
         let stack = || Stack {
             group,
             layers: Vec::new(),
-            shape: Shape::image(height, width, group.trivial(channels)),
+            shape: Shape::image(height, width, group.trivial_type(channels)),
         };
         let layers = match self {
             Self::Strided { fields } => stack().strided(fields, top_fields)?,
@@ -140,7 +143,7 @@ impl Encoder {
     }
 
     /// Returns the gain of the last layer's weights: sqrt(2) before a ReLU, otherwise 1.
-    pub(crate) fn last_gain(&self) -> f64 {
+    pub(crate) fn last_layer_gain(&self) -> f64 {
         match self {
             Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
             Self::Keypoints { .. } | Self::Blind => 1.0,
@@ -149,7 +152,7 @@ impl Encoder {
 }
 
 /// Returns the number of regular fields of a group that have as many channels as `fields` of D2.
-pub(crate) fn copies(group: Group, fields: usize) -> usize {
+pub(crate) fn num_group_fields(group: Group, fields: usize) -> usize {
     fields * (Group::D2.order() / group.order())
 }
 
@@ -172,7 +175,7 @@ impl<T: Scalar> Stack<T> {
     fn strided(mut self, fields: &[usize], top_fields: usize) -> Result<Layers<T>, RlError> {
         self.check_multiple("strided", fields.len())?;
         self.halve(fields)?;
-        self.rectified(top_fields, Kernel::new(self.shape.height, 1, 0))?;
+        self.rectified(top_fields, SlidingWindow::new(self.shape.height, 1, 0))?;
         Ok(self.layers)
     }
 
@@ -185,8 +188,8 @@ impl<T: Scalar> Stack<T> {
         let side = POOLED_SIDE * halved(fields.len());
         let fits = self.shape.height == side;
         self.check("pooled", fields.len(), fits, format!("exactly {side} x {side}"))?;
-        for &fields in fields {
-            self.rectified(fields, SAME)?;
+        for &width in fields {
+            self.rectified(width, SAME)?;
             self.pool()?;
         }
         self.rectified(inner[0], SAME)?;
@@ -207,7 +210,7 @@ impl<T: Scalar> Stack<T> {
         self.halve(fields)?;
         self.conv(maps, SAME)?;
         self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
-        let top = self.regular(top_fields);
+        let top = self.regular_field_type(top_fields);
         self.add(Linear::new(self.shape.fields, top)?);
         Ok(self.layers)
     }
@@ -232,32 +235,32 @@ impl<T: Scalar> Stack<T> {
             return Ok(());
         }
         let Shape { height, width, .. } = self.shape;
-        Err(RlError::ImageSize { height, width, encoder, halvings, expected })
+        Err(RlError::UnsupportedImageSize { height, width, encoder, halvings, expected })
     }
 
-    fn regular(&self, fields: usize) -> FieldType {
-        self.group.regular(copies(self.group, fields))
+    fn regular_field_type(&self, fields: usize) -> FieldType {
+        self.group.regular_type(num_group_fields(self.group, fields))
     }
 
     fn halve(&mut self, fields: &[usize]) -> Result<(), RlError> {
         fields.iter().try_for_each(|&fields| self.rectified(fields, HALVING))
     }
 
-    fn rectified(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
+    fn rectified(&mut self, fields: usize, kernel: SlidingWindow) -> Result<(), RlError> {
         self.conv(fields, kernel)?;
         self.add(Relu::new(self.shape)?);
         Ok(())
     }
 
-    fn conv(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
+    fn conv(&mut self, fields: usize, kernel: SlidingWindow) -> Result<(), RlError> {
         let size = [self.shape.height, self.shape.width];
-        let to = self.regular(fields);
+        let to = self.regular_field_type(fields);
         self.add(R2Conv::new(self.shape.fields, to, kernel, size)?);
         Ok(())
     }
 
     fn pool(&mut self) -> Result<(), RlError> {
-        self.add(MaxPool::new(self.shape, POOLING)?);
+        self.add(MaxPool::new(self.shape, POOL_WINDOW)?);
         Ok(())
     }
 

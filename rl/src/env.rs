@@ -4,11 +4,13 @@ use std::fmt;
 
 use symmetry::{D2, Irrep};
 
-use crate::error::{BoxError, Place, RlError, check_finite_at, check_len, require, require_memory};
+use crate::error::{
+    BoxedEnvError, RlError, ValueLocation, check_finite_at, check_len, require, require_memory,
+};
 
 /// Largest magnitude accepted in an observation vector, whose components should be of order 1. It
 /// leaves a margin below 1.8e19, from which on squares overflow f32.
-pub const MAX_OBSERVATION: f32 = 1e12;
+pub const MAX_ABS_OBSERVATION: f32 = 1e12;
 
 /// Sizes and symmetry types of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,52 +19,54 @@ pub struct EnvSpec {
     pub num_envs: usize,
     /// Height, width (pixels) and channels of an image, or [`EnvSpec::NO_IMAGE`]. Every channel is
     /// of trivial type: a group element moves the pixels and leaves the colours alone.
-    pub image: [usize; 3],
+    pub image_shape: [usize; 3],
     /// Irreducible representation of every component of the observation vector, in its natural
     /// order; length D, which is 0 for environments with images only.
-    pub vector: Vec<Irrep>,
+    pub vector_irreps: Vec<Irrep>,
     /// Irreducible representation of every component of the action, in its natural order; length A.
-    pub action: Vec<Irrep>,
+    pub action_irreps: Vec<Irrep>,
 }
 
 impl EnvSpec {
-    /// Image size of environments without images.
+    /// Value of [`EnvSpec::image_shape`] for environments without images.
     pub const NO_IMAGE: [usize; 3] = [0; 3];
 
     /// Returns the number of bytes of one image, H * W * C.
     pub fn image_len(&self) -> usize {
-        self.image.iter().product()
+        self.image_shape.iter().product()
     }
 
-    /// Rejects specs with an empty dimension, and specs without any observation.
+    /// Checks that environments, actions and images, if there are any, have no size of zero, and
+    /// that an image, a vector or both are observed.
     ///
     /// # Errors
-    /// [`RlError::EmptySpec`] names the field, [`RlError::NothingObserved`] means that there are
+    /// [`RlError::EmptySpec`] names the field, [`RlError::NoObservationInput`] means that there are
     /// neither images nor vectors.
     pub fn check(&self) -> Result<(), RlError> {
-        let no_image = self.image == Self::NO_IMAGE;
+        let no_image = self.image_shape == Self::NO_IMAGE;
         // an image with some empty dimension is an error, but none at all is allowed
         let sizes = [
             ("num_envs", self.num_envs),
-            ("image", self.image_len() + usize::from(no_image)),
-            ("action", self.action.len()),
+            ("image_shape", self.image_len() + usize::from(no_image)),
+            ("action_irreps", self.action_irreps.len()),
         ];
         match sizes.iter().find(|(_, size)| *size == 0) {
             Some(&(field, _)) => Err(RlError::EmptySpec { field }),
-            None if no_image && self.vector.is_empty() => Err(RlError::NothingObserved),
+            None if no_image && self.vector_irreps.is_empty() => Err(RlError::NoObservationInput),
             None => Ok(()),
         }
     }
 
-    /// Rejects rollouts of `steps` steps of every environment that do not fit in memory.
+    /// Checks that rollouts of `steps` steps of every environment fit in this machine's memory.
     ///
     /// # Errors
-    /// Those of [`EnvSpec::check`], [`RlError::Setting`] for 0 steps, and [`RlError::Memory`] if
-    /// observations and actions exceed the machine's memory.
-    pub fn check_rollout(&self, steps: usize) -> Result<(), RlError> {
+    /// Errors of [`EnvSpec::check`], [`RlError::InvalidSetting`] for 0 steps, and
+    /// [`RlError::NotEnoughMemory`] if observations and actions exceed the machine's memory.
+    pub fn check_rollout_memory(&self, steps: usize) -> Result<(), RlError> {
         self.check()?;
         require("steps", steps as f32, "at least 1 step", steps > 0)?;
-        let sample = self.image_len() + size_of::<f32>() * (self.vector.len() + self.action.len());
+        let sample = self.image_len()
+            + size_of::<f32>() * (self.vector_irreps.len() + self.action_irreps.len());
         require_memory("the rollouts", &[self.num_envs, steps, sample])
     }
 
@@ -70,11 +74,11 @@ impl EnvSpec {
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] names the field.
-    pub fn check_same(&self, other: &Self) -> Result<(), RlError> {
+    pub fn check_compatible(&self, other: &Self) -> Result<(), RlError> {
         let equal = [
-            ("image", self.image == other.image),
-            ("vector", self.vector == other.vector),
-            ("action", self.action == other.action),
+            ("image_shape", self.image_shape == other.image_shape),
+            ("vector_irreps", self.vector_irreps == other.vector_irreps),
+            ("action_irreps", self.action_irreps == other.action_irreps),
         ];
         match equal.iter().find(|(_, equal)| !equal) {
             Some(&(field, _)) => Err(RlError::SpecMismatch { field }),
@@ -88,16 +92,17 @@ impl EnvSpec {
 pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
     pub images: Vec<u8>,
-    /// Vectors `[N, D]` in their natural order, of order 1; at most [`MAX_OBSERVATION`].
+    /// Observation vectors `[N, D]` with components in natural order. Their magnitudes should be of
+    /// order 1, and each is at most [`MAX_ABS_OBSERVATION`].
     pub vectors: Vec<f32>,
 }
 
 impl Observations {
-    /// Creates zeros in the shapes of `spec`.
+    /// Creates observations of zeros for the environments of `spec`.
     pub fn new(spec: &EnvSpec) -> Self {
         Self {
             images: vec![0; spec.num_envs * spec.image_len()],
-            vectors: vec![0.0; spec.num_envs * spec.vector.len()],
+            vectors: vec![0.0; spec.num_envs * spec.vector_irreps.len()],
         }
     }
 
@@ -109,15 +114,15 @@ impl Observations {
     /// Checks that both arrays hold `samples` observations of the sizes of `spec`.
     ///
     /// # Errors
-    /// [`RlError::Shape`] names the array, what it holds and what it should hold.
+    /// [`RlError::ShapeMismatch`] names the array, what it holds and what it should hold.
     pub fn check(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
         check_len("images", "[N, H, W, C]", self.images.len(), samples * spec.image_len())?;
-        check_len("vectors", "[N, D]", self.vectors.len(), samples * spec.vector.len())
+        check_len("vectors", "[N, D]", self.vectors.len(), samples * spec.vector_irreps.len())
     }
 
     /// Returns N if both arrays hold N observations of the sizes of `spec`.
-    pub(crate) fn samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
-        let samples = match spec.vector.len() {
+    pub(crate) fn checked_num_samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
+        let samples = match spec.vector_irreps.len() {
             0 => self.images.len() / spec.image_len().max(1),
             width => self.vectors.len() / width,
         };
@@ -129,28 +134,29 @@ impl Observations {
     pub(crate) fn transform(&mut self, spec: &EnvSpec, i: usize, g: D2) {
         let (image, vector) = self.sample(spec, i);
         let (image, vector) =
-            (transform_image(g, image, spec), transform_vector(g, vector, &spec.vector));
+            (transform_image(g, image, spec), transform_vector(g, vector, &spec.vector_irreps));
         self.images[i * image.len()..(i + 1) * image.len()].copy_from_slice(&image);
         self.vectors[i * vector.len()..(i + 1) * vector.len()].copy_from_slice(&vector);
     }
 
-    /// Rejects vectors with infinities, NaN or numbers beyond [`MAX_OBSERVATION`].
+    /// Rejects observation vectors with infinities, NaN or numbers beyond [`MAX_ABS_OBSERVATION`].
     ///
     /// # Errors
-    /// [`RlError::NotFinite`] or [`RlError::TooLarge`] with the value, environment and component.
+    /// [`RlError::NotFinite`] or [`RlError::ObservationTooLarge`] with the value, environment and
+    /// component.
     pub fn check_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
-        let width = spec.vector.len().max(1);
+        let width = spec.vector_irreps.len().max(1);
         self.vectors.chunks(width).enumerate().try_for_each(|(env, row)| {
             check_vector("a component of an observation vector", env, row)
         })
     }
 
-    /// Returns image `[H, W, C]` and vector `[D]` of sample `i`.
+    /// Returns the image `[H, W, C]` and the vector `[D]` of observation `i`.
     ///
     /// # Panics
     /// If there is no such sample.
     pub fn sample(&self, spec: &EnvSpec, i: usize) -> (&[u8], &[f32]) {
-        let (image, vector) = (spec.image_len(), spec.vector.len());
+        let (image, vector) = (spec.image_len(), spec.vector_irreps.len());
         (&self.images[i * image..(i + 1) * image], &self.vectors[i * vector..(i + 1) * vector])
     }
 }
@@ -165,31 +171,31 @@ impl fmt::Debug for Observations {
 }
 
 /// Rejects the vector of environment `env` if a component is not finite, or beyond
-/// [`MAX_OBSERVATION`].
+/// [`MAX_ABS_OBSERVATION`].
 fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlError> {
     // a comparison with NaN is false, so NaN is not accepted either
-    let accepted = |x: &f32| x.abs() <= MAX_OBSERVATION;
+    let accepted = |x: &f32| x.abs() <= MAX_ABS_OBSERVATION;
     let wrong = row.iter().position(|x| !accepted(x));
     let Some(component) = wrong else {
         return Ok(());
     };
-    let place = Place { env: Some(env), component: Some(component), step: None };
+    let place = ValueLocation { env: Some(env), component: Some(component), step: None };
     let value = row[component];
     check_finite_at(what, f64::from(value), place)?;
-    Err(RlError::TooLarge { what, place, value, limit: MAX_OBSERVATION })
+    Err(RlError::ObservationTooLarge { what, place, value, limit: MAX_ABS_OBSERVATION })
 }
 
 fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
     let wrong = rewards.iter().position(|reward| !reward.is_finite());
     wrong.map_or(Ok(()), |env| {
-        let place = Place { env: Some(env), ..Place::default() };
+        let place = ValueLocation { env: Some(env), ..ValueLocation::default() };
         check_finite_at("a reward", f64::from(rewards[env]), place)
     })
 }
 
 /// Returns an image `[H, W, C]` of the environments of `spec`, transformed by g.
 pub(crate) fn transform_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
-    let [height, width, channels] = spec.image;
+    let [height, width, channels] = spec.image_shape;
     if image.is_empty() {
         return Vec::new();
     }
@@ -202,22 +208,24 @@ pub(crate) fn transform_vector(g: D2, components: &[f32], irreps: &[Irrep]) -> V
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
 
-/// State of an episode after a step. After a termination, no reward follows. A truncation only
-/// stops the episode at its time limit, so the value of the final observation is bootstrapped.
+/// State of an episode after a step: it goes on, or has ended by its task or by a time limit. After
+/// a termination, no reward follows. A truncation only stops the episode at its time limit, so the
+/// value of the final observation is bootstrapped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Outcome {
-    /// A running episode.
+pub enum StepOutcome {
+    /// Running episode, which goes on after the step.
     #[default]
     Running,
-    /// An end by the task: the value of the next state is zero.
+    /// End of the episode by its task: the value of the next state is zero.
     Terminated,
-    /// An end by a time limit: the value of the next state is that of the final observation.
+    /// End of the episode by a time limit: the value of the next state is that of the final
+    /// observation.
     Truncated,
 }
 
-impl Outcome {
+impl StepOutcome {
     /// Returns `true` if the episode is over, for either reason.
-    pub fn ended(self) -> bool {
+    pub fn is_ended(self) -> bool {
         self != Self::Running
     }
 }
@@ -229,10 +237,10 @@ pub struct Transition {
     pub observations: Observations,
     /// Last observations of the episodes that ended; rows of running episodes have no meaning.
     pub final_observations: Observations,
-    /// Rewards `[N]`.
+    /// Reward of the step in each environment, `[N]`.
     pub rewards: Vec<f32>,
-    /// Outcomes `[N]`.
-    pub outcomes: Vec<Outcome>,
+    /// State of each environment's episode after the step, `[N]`.
+    pub outcomes: Vec<StepOutcome>,
     /// `true` if the success condition held at any time within this step, its end included, `[N]`.
     /// A step may be several control steps of a simulation.
     pub success: Vec<bool>,
@@ -242,25 +250,26 @@ pub struct Transition {
 }
 
 impl Transition {
-    /// Creates zero rewards and observations of running episodes without success.
+    /// Creates a transition of running episodes with zero rewards and observations and without
+    /// success.
     pub fn new(spec: &EnvSpec) -> Self {
         Self {
             observations: Observations::new(spec),
             final_observations: Observations::new(spec),
             rewards: vec![0.0; spec.num_envs],
-            outcomes: vec![Outcome::Running; spec.num_envs],
+            outcomes: vec![StepOutcome::Running; spec.num_envs],
             success: vec![false; spec.num_envs],
             success_at_end: vec![false; spec.num_envs],
         }
     }
 
-    /// Checks the shapes against `spec` and every number, except final observations of running
-    /// episodes.
+    /// Checks the shapes of the transition against `spec`, and every number except final
+    /// observations of running episodes.
     ///
     /// # Errors
-    /// [`RlError::Shape`] names the first array that does not fit, [`RlError::NotFinite`] the first
-    /// quantity that is infinite or NaN, [`RlError::SuccessAtEnd`] the first environment with
-    /// `success_at_end` but not `success`.
+    /// [`RlError::ShapeMismatch`] names the first array that does not fit, [`RlError::NotFinite`]
+    /// the first quantity that is infinite or NaN, [`RlError::ContradictorySuccess`] the first
+    /// environment with `success_at_end` but not `success`.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let n = spec.num_envs;
         self.observations.check(spec, n)?;
@@ -272,25 +281,25 @@ impl Transition {
         self.check_success()?;
         check_rewards(&self.rewards)?;
         // an ended episode's next observation is at step 0; the caller knows the step of the others
-        let first = |env: usize| self.outcomes[env].ended().then_some(0);
-        self.observations.check_finite(spec).map_err(|error| error.at_step(first))?;
+        let first = |env: usize| self.outcomes[env].is_ended().then_some(0);
+        self.observations.check_finite(spec).map_err(|error| error.with_step(first))?;
         self.check_finals_finite(spec)
     }
 
     fn check_success(&self) -> Result<(), RlError> {
         let mut pairs = self.success.iter().zip(&self.success_at_end);
         match pairs.position(|(within, at_end)| *at_end && !within) {
-            Some(env) => Err(RlError::SuccessAtEnd { env }),
+            Some(env) => Err(RlError::ContradictorySuccess { env }),
             None => Ok(()),
         }
     }
 
     /// Checks the final observations of ended episodes; the other rows have no meaning.
     fn check_finals_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
-        let width = spec.vector.len().max(1);
+        let width = spec.vector_irreps.len().max(1);
         let finals = self.final_observations.vectors.chunks(width);
         let ended = self.outcomes.iter().zip(finals).enumerate();
-        ended.filter(|(_, (outcome, _))| outcome.ended()).try_for_each(|(env, (_, row))| {
+        ended.filter(|(_, (outcome, _))| outcome.is_ended()).try_for_each(|(env, (_, row))| {
             check_vector("a component of a final observation vector", env, row)
         })
     }
@@ -298,19 +307,20 @@ impl Transition {
 
 /// N vectorised environments that step together and restart by themselves (auto-reset).
 pub trait VectorEnv {
-    /// Returns sizes and types, constant for the life of the environment.
+    /// Returns the number of environments and the sizes and symmetry types of their observations
+    /// and actions, constant for the life of the environment.
     fn spec(&self) -> &EnvSpec;
 
-    /// Returns the maximum number of steps of an episode; `None` if there is no time limit.
+    /// Returns the maximum number of steps of an episode; `None` without a time limit.
     fn horizon(&self) -> Option<usize> {
         None
     }
 
-    /// Starts an episode in every environment and writes its first observations.
+    /// Starts an episode in every environment and writes the first observations to `out`.
     ///
     /// # Errors
     /// Any failure of the environment.
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError>;
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError>;
 
     /// Applies actions `[N, A]` in their natural order and writes every field of `out`. Actions may
     /// be any finite numbers, since those of a Gaussian policy are not clipped: an environment with
@@ -323,7 +333,7 @@ pub trait VectorEnv {
     ///
     /// # Errors
     /// Any failure of the environment.
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError>;
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError>;
 }
 
 #[cfg(test)]
@@ -333,9 +343,9 @@ mod tests {
     fn spec() -> EnvSpec {
         EnvSpec {
             num_envs: 3,
-            image: [4, 4, 2],
-            vector: vec![Irrep::X, Irrep::Y],
-            action: vec![Irrep::X],
+            image_shape: [4, 4, 2],
+            vector_irreps: vec![Irrep::X, Irrep::Y],
+            action_irreps: vec![Irrep::X],
         }
     }
 
@@ -355,7 +365,7 @@ mod tests {
         transition.rewards.push(0.0);
         assert!(matches!(
             transition.check(&spec()),
-            Err(RlError::Shape { what: "rewards", got: 4, expected: 3, .. })
+            Err(RlError::ShapeMismatch { what: "rewards", got: 4, expected: 3, .. })
         ));
     }
 
@@ -380,18 +390,20 @@ mod tests {
 
     #[test]
     fn an_empty_spec_is_refused() {
-        let empty = EnvSpec { action: vec![], ..spec() };
-        assert!(matches!(empty.check(), Err(RlError::EmptySpec { field: "action" })));
+        let empty = EnvSpec { action_irreps: vec![], ..spec() };
+        assert!(matches!(empty.check(), Err(RlError::EmptySpec { field: "action_irreps" })));
         let mut partial = spec();
-        partial.image[2] = 0;
-        assert!(matches!(partial.check(), Err(RlError::EmptySpec { field: "image" })));
+        partial.image_shape[2] = 0;
+        assert!(matches!(partial.check(), Err(RlError::EmptySpec { field: "image_shape" })));
         assert!(spec().check().is_ok());
     }
 
     #[test]
     fn both_ends_end() {
         assert!(
-            !Outcome::Running.ended() && Outcome::Terminated.ended() && Outcome::Truncated.ended()
+            !StepOutcome::Running.is_ended()
+                && StepOutcome::Terminated.is_ended()
+                && StepOutcome::Truncated.is_ended()
         );
     }
 }

@@ -9,7 +9,7 @@ use symmetry::Irrep;
 use thiserror::Error;
 
 /// Error of an environment; `?` converts any `Send` and `Sync` error.
-pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
+pub type BoxedEnvError = Box<dyn std::error::Error + Send + Sync + 'static>;
 
 /// Number of bytes in a GiB.
 const GIB: f64 = (1_u64 << 30) as f64;
@@ -28,12 +28,12 @@ pub enum RlError {
         "got a policy with a network of its own, expected a clone of the one that the device was \
          prepared for; make a new DevicePolicy"
     )]
-    OtherNetwork,
-    /// A [`SymmetryLoss`](crate::SymmetryLoss) on a GPU.
+    NetworkMismatch,
+    /// A request for a [`SymmetryLoss`](crate::SymmetryLoss) on a GPU, where it is not available.
     #[cfg(feature = "wgpu")]
     #[error(
         "the setting `symmetry` asks for a symmetry loss, which a GPU does not compute; train on \
-         the processor, or remove the setting"
+         the CPU, or remove the setting"
     )]
     UnsupportedOnGpu,
     /// A slice whose length does not match its shape.
@@ -41,14 +41,14 @@ pub enum RlError {
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \
          takes the same EnvSpec"
     )]
-    Shape {
-        /// Name of the array.
+    ShapeMismatch {
+        /// Name of the array whose length is wrong.
         what: &'static str,
         /// Expected shape of the array, in words.
         shape: &'static str,
-        /// Number of values found.
+        /// Number of values that the array holds.
         got: usize,
-        /// Number of values required.
+        /// Number of values that the array must hold.
         expected: usize,
     },
     /// An [`EnvSpec`](crate::EnvSpec) with a size of zero.
@@ -57,7 +57,7 @@ pub enum RlError {
          component, and images of at least one pixel and channel, or EnvSpec::NO_IMAGE"
     )]
     EmptySpec {
-        /// Name of the empty field.
+        /// Name of the specification's field with a size of zero.
         field: &'static str,
     },
     /// A network with neither an image nor a vector as input.
@@ -65,15 +65,15 @@ pub enum RlError {
         "the network would have neither images nor vectors as input; describe one of them in \
          EnvSpec, and use an encoder other than `blind` if there are images only"
     )]
-    NothingObserved,
+    NoObservationInput,
     /// A setting outside its range.
     #[error("{name} = {value}: expected {expected}; change it in the settings")]
-    Setting {
-        /// Name of the field.
+    InvalidSetting {
+        /// Name of the setting that is out of range.
         name: &'static str,
-        /// Value of the field.
+        /// Rejected value of the setting.
         value: f64,
-        /// Allowed range, in words.
+        /// Allowed range of the setting, in words.
         expected: &'static str,
     },
     /// A policy that ordinary layers cannot express.
@@ -82,7 +82,7 @@ pub enum RlError {
          `pooled` or `blind` and without a context can be exported"
     )]
     NotExportable {
-        /// Description of the part.
+        /// Description of the part of the policy that cannot be exported.
         part: &'static str,
     },
     /// An array too large for this machine's memory.
@@ -91,10 +91,10 @@ pub enum RlError {
          for fewer or smaller ones",
         bytes / GIB
     )]
-    Memory {
-        /// Contents of the array.
+    NotEnoughMemory {
+        /// Description of the arrays that would not fit in memory.
         what: &'static str,
-        /// Size of the array in bytes.
+        /// Size of the arrays in bytes.
         bytes: f64,
     },
     /// A step pushed to a full rollout buffer.
@@ -102,7 +102,7 @@ pub enum RlError {
         "the rollout buffer already holds its {steps} steps; call `clear` before the next rollout"
     )]
     BufferFull {
-        /// Number T of steps that fit.
+        /// Number T of steps that the rollout buffer holds when full.
         steps: usize,
     },
     /// A rollout buffer read before it was full and finished.
@@ -111,9 +111,9 @@ pub enum RlError {
          update"
     )]
     BufferNotFinished {
-        /// Number of steps pushed so far.
+        /// Number of steps pushed to the rollout buffer so far.
         got: usize,
-        /// Number T of steps that fit.
+        /// Number T of steps that the rollout buffer holds when full.
         steps: usize,
     },
     /// Images of a size that the encoder cannot process.
@@ -121,16 +121,16 @@ pub enum RlError {
         "images of {height} x {width} pixels do not fit the {encoder} encoder with {halvings} \
          halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
     )]
-    ImageSize {
+    UnsupportedImageSize {
         /// Height of the images in pixels.
         height: usize,
         /// Width of the images in pixels.
         width: usize,
-        /// Kind of encoder.
+        /// Kind of the encoder that rejects the images.
         encoder: &'static str,
-        /// Number of times that it halves the images.
+        /// Number of times that the encoder halves the images.
         halvings: usize,
-        /// Sizes that the encoder accepts, in words.
+        /// Image sizes that the encoder accepts, in words.
         expected: String,
     },
     /// Images that cannot be centred in a square.
@@ -138,7 +138,7 @@ pub enum RlError {
         "images of {height} x {width} pixels: expected a square, or height and width that differ \
          by an even number; crop or resize them"
     )]
-    OffCentre {
+    ImageCannotBeCentred {
         /// Height of the images in pixels.
         height: usize,
         /// Width of the images in pixels.
@@ -161,7 +161,7 @@ pub enum RlError {
     ShortRollout {
         /// Number T of steps of a rollout.
         steps: usize,
-        /// Number of steps of the longest episode.
+        /// Number of steps of the longest possible episode.
         horizon: usize,
     },
     /// A saved state that does not fit the algorithm it is restored to.
@@ -169,10 +169,10 @@ pub enum RlError {
         "the saved state holds: {got}; expected: {expected}; restore it to the algorithm and the \
          network that it was saved from"
     )]
-    State {
-        /// Names and lengths in the saved state.
+    StateMismatch {
+        /// Names and lengths of the arrays in the saved state.
         got: String,
-        /// Names and lengths that the algorithm expects.
+        /// Names and lengths of the arrays that the algorithm expects.
         expected: String,
     },
     /// An invalid number in an algorithm's saved state.
@@ -180,12 +180,12 @@ pub enum RlError {
         "the saved `{name}` holds {value}, expected {expected}; the file is damaged, restore an \
          older one"
     )]
-    Damaged {
-        /// Name of the array.
+    InvalidStateNumber {
+        /// Name of the array or counter that holds the invalid number.
         name: String,
-        /// Invalid number.
+        /// Invalid number found in the saved state.
         value: f64,
-        /// Allowed values, in words.
+        /// Allowed values of the number, in words.
         expected: &'static str,
     },
     /// A layer with types or sizes that do not fit.
@@ -196,8 +196,8 @@ pub enum RlError {
         "got {got} parameters, expected {expected}; build the policy with the settings and the \
          spec that the parameters were saved with"
     )]
-    Parameters {
-        /// Number of parameters given.
+    ParameterCountMismatch {
+        /// Number of parameters in the given vector.
         got: usize,
         /// Number of parameters of the network.
         expected: usize,
@@ -208,10 +208,10 @@ pub enum RlError {
          would jump there at the first step; lower min_log_std or start with a larger \
          NetworkSettings::log_std"
     )]
-    BelowFloor {
-        /// Logarithm of the first standard deviation that is too small.
+    LogStdBelowMinimum {
+        /// Logarithm of the policy's first standard deviation that is too small.
         log_std: f32,
-        /// Smallest value allowed by the settings.
+        /// Smallest logarithm of a standard deviation that the PPO settings allow.
         min_log_std: f32,
     },
     /// A step with success at its end but not within it.
@@ -219,26 +219,26 @@ pub enum RlError {
         "environment {env} has success_at_end without success in the same step; set `success` \
          wherever the condition held at any time within the step, its end included"
     )]
-    SuccessAtEnd {
-        /// Index of the environment, in 0..N.
+    ContradictorySuccess {
+        /// Index of the environment with the contradictory success flags, in 0..N.
         env: usize,
     },
     /// A step pushed to a replay buffer that does not continue the episode.
     #[error(
         "the observation of environment {env} differs from the one that its last step led to; \
-         call `Replay::cut` after a reset"
+         call `ReplayBuffer::cut_episodes` after a reset"
     )]
-    Discontinued {
-        /// Index of the environment, in 0..N.
+    EpisodeNotContinued {
+        /// Index of the environment whose step does not continue its episode, in 0..N.
         env: usize,
     },
     /// An image whose still channels changed during an episode.
     #[error(
-        "the last {channels} channels of the picture of environment {env} differ from those at \
+        "the last {channels} channels of the image of environment {env} differ from those at \
          the beginning of its episode; lower ReplaySettings::still_channels"
     )]
-    NotStill {
-        /// Index of the environment, in 0..N.
+    StillChannelChanged {
+        /// Index of the environment whose still channels changed, in 0..N.
         env: usize,
         /// Number of channels declared as still.
         channels: usize,
@@ -249,8 +249,8 @@ pub enum RlError {
          {irrep} does, but is {deviation:.1} standard errors away; correct the irreps, or check \
          environments whose first states are distributed symmetrically"
     )]
-    Asymmetric {
-        /// Name of the quantity.
+    SymmetryViolated {
+        /// Name of the quantity that contradicts its irrep.
         what: String,
         /// Irrep of the quantity, as declared.
         irrep: Irrep,
@@ -263,11 +263,11 @@ pub enum RlError {
          and rewards, then lower the learning rates"
     )]
     NotFinite {
-        /// Name of the quantity.
+        /// Name of the quantity that is infinite or NaN.
         what: &'static str,
-        /// Environment, component and step.
-        place: Place,
-        /// Value of the quantity.
+        /// Environment, component and step of the infinite or NaN number.
+        place: ValueLocation,
+        /// Infinite or NaN value.
         value: f64,
     },
     /// An observation too large to train on.
@@ -275,33 +275,33 @@ pub enum RlError {
         "{what} is {value:e}{place}, expected a number of order 1, at most {limit:e} in \
          magnitude; divide it by its unit in the environment"
     )]
-    TooLarge {
-        /// Name of the quantity.
+    ObservationTooLarge {
+        /// Name of the observed quantity that is too large.
         what: &'static str,
-        /// Environment, component and step.
-        place: Place,
-        /// Value of the component.
+        /// Environment, component and step of the number that is too large.
+        place: ValueLocation,
+        /// Value of the component that is too large.
         value: f32,
-        /// Largest magnitude accepted.
+        /// Largest magnitude accepted in an observation.
         limit: f32,
     },
     /// A failure of the environment.
     #[error("the environment failed: {0}")]
-    Environment(#[source] BoxError),
+    Environment(#[source] BoxedEnvError),
 }
 
 /// Environment, component and step of a number, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Place {
-    /// Index of the environment, in 0..N.
+pub struct ValueLocation {
+    /// Index of the environment that the number belongs to, in 0..N.
     pub env: Option<usize>,
-    /// Index of the component of a vector or an action.
+    /// Index of the number in its observation vector or action.
     pub component: Option<usize>,
-    /// Number of steps of the episode so far: 0 for the first observation.
+    /// Number of steps that the episode had taken: 0 for the first observation.
     pub step: Option<usize>,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for ValueLocation {
     /// Formats the known parts as ` (environment 1, step 3)`; nothing if none is known.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [("environment", self.env), ("component", self.component), ("step", self.step)];
@@ -317,8 +317,8 @@ impl fmt::Display for Place {
 impl RlError {
     /// Adds the `step` of an environment's episode to an error that names the environment but no
     /// step.
-    pub(crate) fn at_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
-        if let Self::NotFinite { place, .. } | Self::TooLarge { place, .. } = &mut self {
+    pub(crate) fn with_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
+        if let Self::NotFinite { place, .. } | Self::ObservationTooLarge { place, .. } = &mut self {
             place.step = place.step.or_else(|| place.env.and_then(step));
         }
         self
@@ -338,16 +338,24 @@ pub(crate) fn check_len(
     got: usize,
     expected: usize,
 ) -> Result<(), RlError> {
-    if got == expected { Ok(()) } else { Err(RlError::Shape { what, shape, got, expected }) }
+    if got == expected {
+        Ok(())
+    } else {
+        Err(RlError::ShapeMismatch { what, shape, got, expected })
+    }
 }
 
 /// Rejects infinities and NaN.
 pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
-    check_finite_at(what, value, Place::default())
+    check_finite_at(what, value, ValueLocation::default())
 }
 
 /// Rejects infinities and NaN, and reports the place.
-pub(crate) fn check_finite_at(what: &'static str, value: f64, place: Place) -> Result<(), RlError> {
+pub(crate) fn check_finite_at(
+    what: &'static str,
+    value: f64,
+    place: ValueLocation,
+) -> Result<(), RlError> {
     if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, place, value }) }
 }
 
@@ -365,14 +373,15 @@ pub(crate) fn check_rows_finite(
 ) -> Result<(), RlError> {
     let wrong = values.iter().position(|value| !value.is_finite());
     wrong.map_or(Ok(()), |index| {
-        let place = Place { env: Some(index / width), component: Some(index % width), step: None };
+        let place =
+            ValueLocation { env: Some(index / width), component: Some(index % width), step: None };
         check_finite_at(what, f64::from(values[index]), place)
     })
 }
 
 /// Rejects parameters of another network.
-pub(crate) fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
-    if got == expected { Ok(()) } else { Err(RlError::Parameters { got, expected }) }
+pub(crate) fn check_params_fit_network(got: usize, expected: usize) -> Result<(), RlError> {
+    if got == expected { Ok(()) } else { Err(RlError::ParameterCountMismatch { got, expected }) }
 }
 
 /// Panics if the length of a slice is not `expected`; for lengths that only a bug in the calling
@@ -383,7 +392,7 @@ pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
 
 /// Range of log_std settings. Much below -10, actions in f32 are too coarse for their own density;
 /// above 2, noise is more than seven times an action's unit.
-const LOG_STD: RangeInclusive<f32> = -10.0..=2.0;
+const LOG_STD_RANGE: RangeInclusive<f32> = -10.0..=2.0;
 
 /// Rejects a setting that is not `allowed`.
 pub(crate) fn require(
@@ -395,7 +404,7 @@ pub(crate) fn require(
     if allowed {
         return Ok(());
     }
-    Err(RlError::Setting { name, value: f64::from(value), expected })
+    Err(RlError::InvalidSetting { name, value: f64::from(value), expected })
 }
 
 /// Maximum width of a layer in a setting; a field type has at most 2^24 channels.
@@ -410,14 +419,14 @@ pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlEr
 /// Rejects an array whose `sizes`, multiplied to bytes, exceed this machine's memory: allocating it
 /// would abort the program.
 pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), RlError> {
-    let bytes = sizes.iter().try_fold(1_usize, |n, &size| n.checked_mul(size));
+    let total = sizes.iter().try_fold(1_usize, |n, &size| n.checked_mul(size));
     // without the black box, the compiler removes the unused allocation
     let fits = |bytes| black_box(Vec::<u8>::new()).try_reserve_exact(bytes).is_ok();
-    if bytes.is_some_and(fits) {
+    if total.is_some_and(fits) {
         return Ok(());
     }
     let bytes = sizes.iter().map(|&size| size as f64).product();
-    Err(RlError::Memory { what, bytes })
+    Err(RlError::NotEnoughMemory { what, bytes })
 }
 
 /// Rejects a setting that is not a finite number above 0.
@@ -448,7 +457,7 @@ pub(crate) fn require_count(
     require(name, count as f32, expected, count >= least)
 }
 
-/// Rejects a log_std setting outside [`LOG_STD`].
+/// Rejects a log_std setting outside [`LOG_STD_RANGE`].
 pub(crate) fn require_log_std(name: &'static str, value: f32) -> Result<(), RlError> {
-    require(name, value, "a number in [-10, 2]", LOG_STD.contains(&value))
+    require(name, value, "a number in [-10, 2]", LOG_STD_RANGE.contains(&value))
 }

@@ -2,47 +2,50 @@
 
 use std::ops::Range;
 
-use equivariant::{Dense, Kernel, LayerKind, Sequential, Signature, hadamard};
+use equivariant::{
+    LayerKind, LayerSignature, OrdinaryConv, Sequential, SlidingWindow, hadamard_transform,
+};
 use symmetry::Group;
 
-use crate::encoder::{Encoder, POOLING};
+use crate::encoder::{EncoderSettings, POOL_WINDOW};
 use crate::env::{EnvSpec, Observations};
 use crate::error::RlError;
 use crate::trunk::Trunk;
 
-/// An ordinary layer of an exported policy. Channels between layers are in the regular basis, in
-/// which a group permutes them and the pointwise ReLU of any library is equivariant.
+/// Ordinary layer of an exported policy, which any neural-network library can run. Channels between
+/// layers are in the regular basis, in which a group permutes them and the pointwise ReLU of any
+/// library is equivariant.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ExportedLayer {
     /// A cross-correlation (convolution), or a matrix product on vectors.
     Linear {
-        /// Kernel `[C_out, C_in, size, size]`.
+        /// Kernel of the convolution, `[C_out, C_in, size, size]`.
         weight: Vec<f32>,
-        /// Shape of the kernel.
+        /// Shape of the kernel, `[C_out, C_in, size, size]`.
         shape: [usize; 4],
-        /// Bias `[C_out]`.
+        /// Bias of the convolution, `[C_out]`.
         bias: Vec<f32>,
-        /// Stride and padding.
-        window: Kernel,
+        /// Size, stride and padding of the convolution's window, in pixels.
+        window: SlidingWindow,
     },
     /// Pointwise max(x, 0).
     Relu,
     /// Max-pooling with this window.
-    MaxPool(Kernel),
+    MaxPool(SlidingWindow),
 }
 
 /// Action distribution that the actor's last layer parametrises.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Distribution {
-    /// A Gaussian; the output holds the means `[A]`.
+    /// Gaussian distribution; the actor outputs its means `[A]`.
     Gaussian {
-        /// Logarithms of the standard deviations `[A]`, the same for every state.
+        /// Logarithms of the Gaussian's standard deviations `[A]`, the same for every state.
         log_std: Vec<f32>,
     },
-    /// The tanh of a Gaussian; the output holds the means `[A]`, then `[A]` numbers whose tanh is
+    /// Tanh of a Gaussian; the actor outputs its means `[A]`, then `[A]` numbers whose tanh is
     /// scaled from [-1, 1] to the range of log_std.
     TanhGaussian {
-        /// Range of log_std.
+        /// Minimum and maximum of log_std, the logarithm of the Gaussian's standard deviation.
         log_std: [f32; 2],
     },
 }
@@ -57,17 +60,17 @@ pub enum Distribution {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExportedPolicy {
-    /// Sizes and types of observations and actions.
+    /// Sizes and symmetry types of the policy's observations and actions.
     pub spec: EnvSpec,
-    /// Order G of the group, which is the number of channels of a regular field.
+    /// Order G of the symmetry group, which is the number of channels of a regular field.
     pub order: usize,
-    /// Layers of the image; `None` if the policy reads no image.
+    /// Layers that encode the image; `None` if the policy reads no image.
     pub image: Option<Vec<ExportedLayer>>,
-    /// Layers of the vector; `None` if observations have no vector.
+    /// Layers that encode the observation vector; `None` if observations have no vector.
     pub vector: Option<Vec<ExportedLayer>>,
-    /// Layers of the actor.
+    /// Layers of the actor, which read the outputs of the image layers and the vector layers.
     pub actor: Vec<ExportedLayer>,
-    /// Meaning of the actor's output.
+    /// Action distribution whose parameters the actor outputs.
     pub distribution: Distribution,
     /// Layers of the critic, and `true` if it reads maxima over G; `None` for a policy without a
     /// value function.
@@ -81,28 +84,30 @@ pub struct PolicyOutput {
     pub actions: Vec<f32>,
     /// Logarithms of the Gaussian's standard deviations `[N, A]`, before any tanh.
     pub log_std: Vec<f32>,
-    /// Values `[N]`; `None` for a policy without a value function.
+    /// Values V(s) `[N]`; `None` for a policy without a value function.
     pub values: Option<Vec<f32>>,
 }
 
 /// A policy that can be exported as ordinary dense layers.
 pub trait ExportPolicy {
-    /// Returns the policy in ordinary layers, whose outputs differ by rounding only.
+    /// Returns the policy as ordinary layers, whose outputs differ from the policy's by rounding
+    /// only.
     ///
     /// # Errors
     /// [`RlError::NotExportable`] for a network with parts that ordinary layers cannot express.
     fn export(&self) -> Result<ExportedPolicy, RlError>;
 
-    /// Returns the output for observations, to compare the export with.
+    /// Returns the policy's own output for `observations`, with which that of its export is
+    /// compared.
     ///
     /// # Errors
-    /// [`RlError::Shape`] for observations of other environments.
-    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
+    /// [`RlError::ShapeMismatch`] for observations of other environments.
+    fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
 }
 
 /// Kind of an end of a chain of layers.
 #[derive(Clone, Copy)]
-pub(crate) enum Basis<'a> {
+pub(crate) enum ChannelBasis<'a> {
     /// Channels of the regular basis, element-major.
     Regular,
     /// Components in natural order; holds the natural index of every irrep-major component.
@@ -115,7 +120,7 @@ pub(crate) enum Basis<'a> {
 pub(crate) struct ExportedTrunk {
     pub image: Option<Vec<ExportedLayer>>,
     pub vector: Option<Vec<ExportedLayer>>,
-    pub joined: Basis<'static>,
+    pub joined: ChannelBasis<'static>,
 }
 
 /// Exports a trunk.
@@ -125,8 +130,10 @@ pub(crate) struct ExportedTrunk {
 pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
     let (group, parts, spec) = (trunk.settings.group, trunk.parts(), &trunk.spec);
     let refused = match trunk.settings.encoder {
-        Encoder::Keypoints { .. } => Some("an encoder of keypoints"),
-        Encoder::Strided { .. } | Encoder::Pooled { .. } if spec.image[0] != spec.image[1] => {
+        EncoderSettings::Keypoints { .. } => Some("an encoder of keypoints"),
+        EncoderSettings::Strided { .. } | EncoderSettings::Pooled { .. }
+            if spec.image_shape[0] != spec.image_shape[1] =>
+        {
             Some("an encoder of images that are not square")
         }
         _ => None,
@@ -135,18 +142,18 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk,
     if let (Some(part), Some(_)) = (refused, parts.encoder) {
         return Err(RlError::NotExportable { part });
     }
-    let channels: Vec<usize> = (0..spec.image[2]).collect();
+    let channels: Vec<usize> = (0..spec.image_shape[2]).collect();
     let export = |layers: Option<&Sequential<f32>>, own, order| {
-        let bases = [Basis::Natural(order), Basis::Regular];
+        let bases = [ChannelBasis::Natural(order), ChannelBasis::Regular];
         layers.map(|layers| chain(group, layers, &params[own], bases)).transpose()
     };
     let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
     let joined = [parts.encoder, parts.vector].map(|layers| layers.map_or(0, fields));
-    let vector = trunk.encoder().end..trunk.num_params();
+    let vector = trunk.encoder_params().end..trunk.num_params();
     Ok(ExportedTrunk {
-        image: export(parts.encoder, trunk.encoder(), &channels)?,
+        image: export(parts.encoder, trunk.encoder_params(), &channels)?,
         vector: export(parts.vector, vector, parts.vector_order)?,
-        joined: Basis::Joined(joined),
+        joined: ChannelBasis::Joined(joined),
     })
 }
 
@@ -158,7 +165,7 @@ pub(crate) fn chain(
     group: Group,
     layers: &Sequential<f32>,
     params: &[f32],
-    [input, output]: [Basis<'_>; 2],
+    [input, output]: [ChannelBasis<'_>; 2],
 ) -> Result<Vec<ExportedLayer>, RlError> {
     let all = layers.layers();
     let mut start = 0;
@@ -167,11 +174,11 @@ pub(crate) fn chain(
         let own: Range<usize> = start..start + layer.num_params();
         start = own.end;
         let bases = [
-            if index == 0 { input } else { Basis::Regular },
-            if index + 1 == all.len() { output } else { Basis::Regular },
+            if index == 0 { input } else { ChannelBasis::Regular },
+            if index + 1 == all.len() { output } else { ChannelBasis::Regular },
         ];
         let kind = layer.kind();
-        exported.push(match kind.dense() {
+        exported.push(match kind.as_ordinary_conv() {
             Some(dense) => linear(group, &dense, &params[own], bases),
             None => weightless(&kind)?,
         });
@@ -183,7 +190,7 @@ pub(crate) fn chain(
 fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     match kind {
         LayerKind::Relu => Ok(ExportedLayer::Relu),
-        LayerKind::MaxPool(POOLING) => Ok(ExportedLayer::MaxPool(POOLING)),
+        LayerKind::MaxPool(POOL_WINDOW) => Ok(ExportedLayer::MaxPool(POOL_WINDOW)),
         _ => {
             let part = "a layer without weights that is neither ReLU nor 2 x 2 max-pooling";
             Err(RlError::NotExportable { part })
@@ -192,7 +199,12 @@ fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
 }
 
 /// Exports a convolution or linear layer, with a kernel between the `bases` of input and output.
-fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]) -> ExportedLayer {
+fn linear(
+    group: Group,
+    dense: &OrdinaryConv<'_>,
+    params: &[f32],
+    bases: [ChannelBasis<'_>; 2],
+) -> ExportedLayer {
     let shape = dense.kernel_shape();
     let [outputs, inputs, size, _] = shape;
     let taps = size * size;
@@ -209,19 +221,19 @@ fn linear(group: Group, dense: &Dense<'_>, params: &[f32], bases: [Basis<'_>; 2]
 }
 
 /// Transforms the first axis of `[channels, inner]` values from the irrep basis to `basis`.
-fn change(group: Group, basis: Basis<'_>, inner: usize, values: &mut [f32]) {
+fn change(group: Group, basis: ChannelBasis<'_>, inner: usize, values: &mut [f32]) {
     // the Hadamard transform maps irreps to the regular basis of a field
     let irreps = match basis {
-        Basis::Natural(_) => values.to_vec(),
-        Basis::Regular | Basis::Joined(_) => {
-            hadamard(group, values);
+        ChannelBasis::Natural(_) => values.to_vec(),
+        ChannelBasis::Regular | ChannelBasis::Joined(_) => {
+            hadamard_transform(group, values);
             values.to_vec()
         }
     };
     let order = match basis {
-        Basis::Regular => return,
-        Basis::Natural(order) => order.to_vec(),
-        Basis::Joined(fields) => joined_order(group.order(), fields),
+        ChannelBasis::Regular => return,
+        ChannelBasis::Natural(order) => order.to_vec(),
+        ChannelBasis::Joined(fields) => joined_order(group.order(), fields),
     };
     for (from, to) in irreps.chunks_exact(inner).zip(order) {
         values[to * inner..][..inner].copy_from_slice(from);
@@ -252,12 +264,12 @@ mod tests {
     fn layers_without_weights_are_told_apart() {
         let shape = Shape { height: 4, width: 4, fields: FieldType::new(Group::D2, [2; 4]) };
         let plain = |layer: &dyn Layer<f32>| weightless(&layer.kind()).ok();
-        let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
+        let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOL_WINDOW));
         assert_eq!(plain(&relu), Some(ExportedLayer::Relu));
-        assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOLING)));
-        let halving = AveragePool::new(shape, POOLING).unwrap();
+        assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOL_WINDOW)));
+        let halving = AveragePool::new(shape, POOL_WINDOW).unwrap();
         assert_eq!(plain(&halving), None);
-        let wide = Kernel { size: 4, ..POOLING };
+        let wide = SlidingWindow { size: 4, ..POOL_WINDOW };
         assert_eq!(plain(&MaxPool::new(shape, wide).unwrap()), None);
     }
 }

@@ -8,10 +8,10 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::{Group, Irrep};
 
 use crate::activity::UnitActivity;
-use crate::encoder::Encoder;
-use crate::env::{EnvSpec, Observations, Outcome, Transition};
-use crate::network_settings::{Critic, NetworkSettings};
-use crate::replay::{Replay, ReplaySettings};
+use crate::encoder::EncoderSettings;
+use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
+use crate::network_settings::{CriticSettings, NetworkSettings};
+use crate::replay::{ReplayBuffer, ReplaySettings};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::ContextSettings;
 
@@ -21,31 +21,31 @@ pub const ENVS: usize = 2;
 pub fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: ENVS,
-        image: [8, 8, 2],
-        vector: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
-        action: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+        image_shape: [8, 8, 2],
+        vector_irreps: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+        action_irreps: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
     }
 }
 
-pub fn settings(group: Group, encoder: Encoder) -> NetworkSettings {
+pub fn settings(group: Group, encoder: EncoderSettings) -> NetworkSettings {
     NetworkSettings {
         group,
         encoder,
         top_fields: 3,
         vector_fields: 2,
         actor_fields: 2,
-        critic: Critic::Joint { fields: 3 },
+        critic: CriticSettings::Joint { fields: 3 },
         action_gain: 1.0,
         ..NetworkSettings::default()
     }
 }
 
-pub fn strided() -> Encoder {
-    Encoder::Strided { fields: vec![2] }
+pub fn strided() -> EncoderSettings {
+    EncoderSettings::Strided { fields: vec![2] }
 }
 
 /// Builds a network, with a context whose size fits every group if `context`.
-pub fn network(group: Group, encoder: Encoder, context: bool) -> SacNetwork<f64> {
+pub fn network(group: Group, encoder: EncoderSettings, context: bool) -> SacNetwork<f64> {
     let context = context.then_some(ContextSettings { size: 4, length: 3 });
     SacNetwork::new(&settings(group, encoder), context, &spec()).unwrap()
 }
@@ -58,26 +58,26 @@ fn fill_random(rng: &mut ChaCha8Rng, out: &mut Observations) {
 
 /// Returns six steps of two environments; at the fourth, the first one's episode ends by a time-out
 /// and the second one's by a termination.
-pub fn replay() -> Replay {
+pub fn replay() -> ReplayBuffer {
     marked(0)
 }
 
 /// Returns the steps of [`replay`] with a mark before the last `newest` ones.
-pub fn marked(newest: usize) -> Replay {
+pub fn marked(newest: usize) -> ReplayBuffer {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let mut replay = Replay::new(ReplaySettings::default(), &spec()).unwrap();
+    let mut replay = ReplayBuffer::new(ReplaySettings::default(), &spec()).unwrap();
     let (mut now, mut transition) = (Observations::new(&spec()), Transition::new(&spec()));
     fill_random(&mut rng, &mut now);
     for step in 0..6 {
         if ENVS * (6 - step) == newest {
-            replay.mark();
+            replay.start_newest();
         }
         fill_random(&mut rng, &mut transition.observations);
         fill_random(&mut rng, &mut transition.final_observations);
         transition.rewards.fill_with(|| rng.random_range(-1.0..1.0));
         transition.outcomes = match step {
-            3 => vec![Outcome::Truncated, Outcome::Terminated],
-            _ => vec![Outcome::Running; ENVS],
+            3 => vec![StepOutcome::Truncated, StepOutcome::Terminated],
+            _ => vec![StepOutcome::Running; ENVS],
         };
         let actions: Vec<f32> = (0..ENVS * 3).map(|_| rng.random_range(-1.0..1.0)).collect();
         replay.push(&now, &actions, &transition).unwrap();
@@ -91,7 +91,7 @@ pub fn observations(samples: usize) -> Observations {
     let (spec, mut rng) = (spec(), ChaCha8Rng::seed_from_u64(5));
     let mut out = Observations {
         images: vec![0; samples * spec.image_len()],
-        vectors: vec![0.0; samples * spec.vector.len()],
+        vectors: vec![0.0; samples * spec.vector_irreps.len()],
     };
     fill_random(&mut rng, &mut out);
     out
@@ -102,7 +102,7 @@ pub fn observations(samples: usize) -> Observations {
 fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weights: bool) {
     let first = &head.layers()[0];
     let (from, to) = (first.in_shape().fields, first.out_shape().fields);
-    let fields = to.regular_fields().unwrap();
+    let fields = to.num_regular_fields().unwrap();
     let mut start = 0;
     for irrep in to.group().irreps() {
         let width = from.multiplicity(*irrep);
@@ -117,7 +117,7 @@ fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weig
 /// Activates all units of the hidden layer of `head` with parameters `params`.
 pub fn wake(head: &Sequential<f32>, params: &mut [f32]) {
     let hidden = head.layers()[0].out_shape().fields;
-    for field in 0..hidden.regular_fields().unwrap() {
+    for field in 0..hidden.num_regular_fields().unwrap() {
         set(head, params, field, 100.0, true);
     }
 }
@@ -131,14 +131,14 @@ pub fn check_killed_units(
     activity: impl Fn(&[f32]) -> UnitActivity,
 ) {
     let hidden = head.layers()[0].out_shape().fields;
-    let fields = hidden.regular_fields().unwrap();
+    let fields = hidden.num_regular_fields().unwrap();
     wake(head, &mut params[own.clone()]);
     let awake = activity(&params);
     for killed in 1..=fields {
         set(head, &mut params[own.clone()], killed - 1, -1.0, false);
         let found = activity(&params);
-        assert_eq!(found.units(), awake.units());
-        let expected = awake.dormant(0.025) + killed * hidden.group().order();
-        assert_eq!(found.dormant(0.025), expected, "{head}");
+        assert_eq!(found.num_units(), awake.num_units());
+        let expected = awake.num_dormant_units(0.025) + killed * hidden.group().order();
+        assert_eq!(found.num_dormant_units(0.025), expected, "{head}");
     }
 }

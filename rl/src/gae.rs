@@ -1,20 +1,21 @@
 //! Generalised advantage estimation.
 
-use crate::env::Outcome;
+use crate::env::StepOutcome;
 use crate::error::assert_len;
 
 /// Inputs of generalised advantage estimation: T steps of N environments, time-major.
 #[derive(Clone, Copy, Debug)]
 pub struct GaeInputs<'a> {
-    /// Rewards `[T, N]`.
+    /// Rewards of all steps, `[T, N]`.
     pub rewards: &'a [f32],
-    /// V(s_t) `[T, N]`.
+    /// Values V(s_t) of the observations acted on, `[T, N]`.
     pub values: &'a [f32],
-    /// Outcomes of the steps, `[T, N]`.
-    pub outcomes: &'a [Outcome],
-    /// V of the final observation of truncated steps, `[T, N]`; other entries are not read.
+    /// State of the episode after each step, `[T, N]`.
+    pub outcomes: &'a [StepOutcome],
+    /// Value V of the final observation of each truncated step, `[T, N]`; other entries are not
+    /// read.
     pub final_values: &'a [f32],
-    /// V of the observations after the last step, `[N]`.
+    /// Value V of each environment's observation after the last step, `[N]`.
     pub last_values: &'a [f32],
 }
 
@@ -35,17 +36,17 @@ impl GaeInputs<'_> {
     fn following(&self, i: usize, later: &[f32]) -> (f32, f32) {
         let n = self.last_values.len();
         match self.outcomes[i] {
-            Outcome::Running if i + n < self.values.len() => (self.values[i + n], later[i + n]),
+            StepOutcome::Running if i + n < self.values.len() => (self.values[i + n], later[i + n]),
             // the episode goes on after the rollout: its value is known, its advantages are not
-            Outcome::Running => (self.last_values[i % n], 0.0),
-            Outcome::Terminated => (0.0, 0.0),
+            StepOutcome::Running => (self.last_values[i % n], 0.0),
+            StepOutcome::Terminated => (0.0, 0.0),
             // not `values[i + n]`, which belongs to the first observation of the next episode
-            Outcome::Truncated => (self.final_values[i], 0.0),
+            StepOutcome::Truncated => (self.final_values[i], 0.0),
         }
     }
 }
 
-/// Writes advantages and returns (advantage + value), both `[T, N]`.
+/// Writes the advantages and the returns (advantage + value) of all steps, both `[T, N]`.
 ///
 /// Schulman et al., "High-dimensional continuous control using generalized advantage estimation"
 /// (ICLR 2016), equation 16, as the recurrence A_t = delta_t + gamma lambda A_(t+1) with
@@ -90,10 +91,10 @@ mod tests {
         let delta = |t: usize, e: usize| {
             let i = t * ENVS + e;
             let next = match inputs.outcomes[i] {
-                Outcome::Terminated => 0.0,
-                Outcome::Truncated => inputs.final_values[i],
-                Outcome::Running if t + 1 == STEPS => inputs.last_values[e],
-                Outcome::Running => inputs.values[i + ENVS],
+                StepOutcome::Terminated => 0.0,
+                StepOutcome::Truncated => inputs.final_values[i],
+                StepOutcome::Running if t + 1 == STEPS => inputs.last_values[e],
+                StepOutcome::Running => inputs.values[i + ENVS],
             };
             f64::from(inputs.rewards[i]) + gamma * f64::from(next) - f64::from(inputs.values[i])
         };
@@ -101,7 +102,7 @@ mod tests {
         for t in 0..STEPS {
             for e in 0..ENVS {
                 let end = (t..STEPS)
-                    .find(|&s| inputs.outcomes[s * ENVS + e].ended())
+                    .find(|&s| inputs.outcomes[s * ENVS + e].is_ended())
                     .unwrap_or(STEPS - 1);
                 all.push(
                     (t..=end).map(|s| (gamma * lambda).powi((s - t) as i32) * delta(s, e)).sum(),
@@ -120,14 +121,17 @@ mod tests {
         let (rewards, values, final_values, last_values) =
             (random(len), random(len), random(len), random(ENVS));
         let kinds = [
-            Outcome::Running,
-            Outcome::Running,
-            Outcome::Terminated,
-            Outcome::Running,
-            Outcome::Truncated,
+            StepOutcome::Running,
+            StepOutcome::Running,
+            StepOutcome::Terminated,
+            StepOutcome::Running,
+            StepOutcome::Truncated,
         ];
         let outcomes: Vec<_> = (0..len).map(|i| kinds[(i * i + i / 7) % 5]).collect();
-        assert!(outcomes.contains(&Outcome::Terminated) && outcomes.contains(&Outcome::Truncated));
+        assert!(
+            outcomes.contains(&StepOutcome::Terminated)
+                && outcomes.contains(&StepOutcome::Truncated)
+        );
         let inputs = GaeInputs {
             rewards: &rewards,
             values: &values,
@@ -149,11 +153,11 @@ mod tests {
 
     /// Returns the first advantage of one environment, two steps, gamma 0.5 and lambda 1, if the
     /// first step ends as `outcome`. By hand: the second step has delta = 1 + 0.5 * 4 - 2 = 1.
-    fn first_advantage(outcome: Outcome) -> f32 {
+    fn first_advantage(outcome: StepOutcome) -> f32 {
         let inputs = GaeInputs {
             rewards: &[1.0, 1.0],
             values: &[0.0, 2.0],
-            outcomes: &[outcome, Outcome::Running],
+            outcomes: &[outcome, StepOutcome::Running],
             final_values: &[10.0, -100.0],
             last_values: &[4.0],
         };
@@ -165,8 +169,8 @@ mod tests {
 
     #[test]
     fn the_three_outcomes_bootstrap_differently() {
-        assert_eq!(first_advantage(Outcome::Running), 1.0 + 0.5 * 2.0 + 0.5 * 1.0);
-        assert_eq!(first_advantage(Outcome::Terminated), 1.0);
-        assert_eq!(first_advantage(Outcome::Truncated), 1.0 + 0.5 * 10.0);
+        assert_eq!(first_advantage(StepOutcome::Running), 1.0 + 0.5 * 2.0 + 0.5 * 1.0);
+        assert_eq!(first_advantage(StepOutcome::Terminated), 1.0);
+        assert_eq!(first_advantage(StepOutcome::Truncated), 1.0 + 0.5 * 10.0);
     }
 }

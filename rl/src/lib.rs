@@ -5,18 +5,19 @@
 //! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
 //! [`evaluate`] runs whole episodes with mean actions. Two algorithms are implemented:
 //! [`ActorCriticPolicy`], [`RolloutBuffer`] and [`Ppo`] form proximal policy optimisation
-//! (on-policy); [`SacPolicy`], [`Replay`] and [`Sac`] form soft actor-critic (off-policy).
+//! (on-policy); [`SacPolicy`], [`ReplayBuffer`] and [`Sac`] form soft actor-critic (off-policy).
 //!
 //! | a new | implements | example |
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
-//! | actor | [`Actor`] and its [`Memory`]; [`OnPolicy`] for rollouts | `tests/memory.rs` |
+//! | actor | [`Actor`] and its [`ActorMemory`]; [`OnPolicyActor`] for rollouts | `tests/memory.rs` |
 //! | algorithm | [`Algorithm`]; [`Experience`] for a new buffer | `src/replay.rs`, `src/sac.rs` |
 //!
 //! - The policy is exactly equivariant under D2, or a subgroup of choice: mirror the table and its
 //!   mean action is the mirrored one, its value and features are the same.
-//! - The end of an episode has two kinds, [`Outcome::Terminated`] and [`Outcome::Truncated`], all
-//!   the way to [`gae()`]: a time-out bootstraps the value of the final observation.
+//! - The end of an episode has two kinds, [`StepOutcome::Terminated`] and
+//!   [`StepOutcome::Truncated`], all the way to [`gae()`]: a time-out bootstraps the value of the
+//!   final observation.
 //! - Every random number comes from a generator that the caller passes. The same inputs give the
 //!   same bits on any number of threads of the current rayon pool.
 //! - All parameters of a policy are one flat slice, and all state of an algorithm is saved by name
@@ -30,7 +31,8 @@
 //!
 //! ```
 //! use rl::{
-//!     ActorCriticPolicy, Algorithm, BoxError, EnvSpec, NetworkSettings, Observations, Outcome, Ppo,
+//!     ActorCriticPolicy, Algorithm, BoxedEnvError, EnvSpec, NetworkSettings, Observations,
+//! StepOutcome, Ppo,
 //!     PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -44,16 +46,16 @@
 //!         &self.0
 //!     }
 //!
-//!     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+//!     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
 //!         out.vectors.copy_from_slice(&self.1);
 //!         Ok(())
 //!     }
 //!
-//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
 //!         for (i, x) in self.1.iter_mut().enumerate() {
 //!             *x = (*x + 0.1 * actions[i].clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
 //!             out.rewards[i] = 1.0 - x.abs();
-//!             out.outcomes[i] = Outcome::Running;
+//!             out.outcomes[i] = StepOutcome::Running;
 //!             out.success_at_end[i] = x.abs() < 0.1;
 //!             out.success[i] = out.success_at_end[i];
 //!         }
@@ -64,9 +66,9 @@
 //!
 //! let spec = EnvSpec {
 //!     num_envs: 2,
-//!     image: EnvSpec::NO_IMAGE,
-//!     vector: vec![Irrep::X],
-//!     action: vec![Irrep::X],
+//!     image_shape: EnvSpec::NO_IMAGE,
+//!     vector_irreps: vec![Irrep::X],
+//!     action_irreps: vec![Irrep::X],
 //! };
 //! let mut env = Line(spec.clone(), vec![0.5, -0.7]);
 //! let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
@@ -121,24 +123,26 @@ pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
 #[cfg(feature = "wgpu")]
 pub use device::DevicePolicy;
-pub use encoder::Encoder;
-pub use env::{EnvSpec, MAX_OBSERVATION, Observations, Outcome, Transition, VectorEnv};
-pub use error::{BoxError, Place, RlError};
+pub use encoder::EncoderSettings;
+pub use env::{EnvSpec, MAX_ABS_OBSERVATION, Observations, StepOutcome, Transition, VectorEnv};
+pub use error::{BoxedEnvError, RlError, ValueLocation};
 pub use export::{Distribution, ExportPolicy, ExportedLayer, ExportedPolicy, PolicyOutput};
 pub use gae::{GaeInputs, gae};
 pub use network::{ActorCritic, Workspace};
 pub use network_policy::{ActorCriticPolicy, NetworkPolicy};
-pub use network_settings::{Critic, NetworkSettings};
-pub use policy::{Actor, Decisions, EvaluateActions, Features, Memory, OnPolicy, Values};
+pub use network_settings::{CriticSettings, NetworkSettings};
+pub use policy::{
+    Actor, ActorMemory, Decisions, EvaluateActions, FeatureExtractor, OnPolicyActor, ValueFunction,
+};
 pub use ppo::Ppo;
 pub use ppo::settings::PpoSettings;
-pub use ppo::stats::UpdateStats;
+pub use ppo::stats::PpoStats;
 pub use ppo::symmetry_loss::SymmetryLoss;
 pub use replay::state::{EpisodeState, ReplayState};
-pub use replay::{Replay, ReplaySettings, ReplayStep};
+pub use replay::{ReplayBuffer, ReplaySettings, ReplayStep};
 pub use rollout::{
-    Episode, Experience, MAX_RETURN, MIN_RETURN, RewardWarning, RolloutState, RolloutStats,
-    collect, evaluate, evaluate_with,
+    EpisodeStats, Experience, MAX_ABS_RETURN, MIN_ABS_RETURN, RewardWarning, RolloutState,
+    RolloutStats, collect, evaluate, evaluate_with_callback,
 };
 pub use sac::Sac;
 pub use sac::network::SacNetwork;

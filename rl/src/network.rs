@@ -2,15 +2,15 @@
 
 use std::ops::Range;
 
-use equivariant::{FieldType, Layer, Scalar, Sequential, Signature};
+use equivariant::{FieldType, Layer, LayerSignature, Scalar, Sequential};
 use rand::Rng;
-use symmetry::irrep_order;
+use symmetry::irrep_major_permutation;
 
 use crate::activity::UnitActivity;
 use crate::env::EnvSpec;
 use crate::error::RlError;
-use crate::network_settings::{Critic, NetworkSettings};
-use crate::trunk::{HasTrunk, HasTrunkPass, LayerBuffers, Layout, Trunk, TrunkPass, head};
+use crate::network_settings::{CriticSettings, NetworkSettings};
+use crate::trunk::{HasTrunk, HasTrunkPass, LayerBuffers, ParamAllocator, Trunk, TrunkPass, head};
 
 /// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network
 /// architecture").
@@ -26,14 +26,14 @@ use crate::trunk::{HasTrunk, HasTrunkPass, LayerBuffers, Layout, Trunk, TrunkPas
 ///
 /// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the
 /// features are invariant under transformations of either input alone: the position of the vector
-/// relative to the image reaches only the actor and a [`Critic::Joint`].
+/// relative to the image reaches only the actor and a [`CriticSettings::Joint`].
 ///
 /// Every part is equivariant under [`NetworkSettings::group`]: D2 gives the paper's network, and C1
 /// an ordinary one of the same width, whose pooling does nothing.
 ///
 /// The network owns no weights. Parameters are one flat slice: the image encoder's
-/// ([`ActorCritic::encoder`]), then all others ([`ActorCritic::heads`]), the last A of which are
-/// log_std.
+/// ([`ActorCritic::encoder_params`]), then all others ([`ActorCritic::head_params`]), the last A of
+/// which are log_std.
 pub struct ActorCritic<T> {
     pub(crate) trunk: Trunk<T>,
     pub(crate) actor: Sequential<T>,
@@ -43,7 +43,7 @@ pub struct ActorCritic<T> {
 }
 
 /// Ranges of each part's parameters in the flat slice.
-pub(crate) struct Parts {
+pub(crate) struct ParamRanges {
     pub actor: Range<usize>,
     pub critic: Range<usize>,
     pub log_std: Range<usize>,
@@ -54,34 +54,37 @@ impl<T: Scalar> ActorCritic<T> {
     /// environments is ignored.
     ///
     /// # Errors
-    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images on which the convolutions would
-    /// not be exactly equivariant, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of
-    /// zero, [`RlError::NothingObserved`] for a network with neither images nor vectors as input.
+    /// [`RlError::UnsupportedImageSize`] or [`RlError::ImageCannotBeCentred`] for images on which
+    /// the convolutions would not be exactly equivariant, [`RlError::InvalidSetting`] and
+    /// [`RlError::EmptySpec`] for sizes of zero, [`RlError::NoObservationInput`] for a network with
+    /// neither images nor vectors as input.
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         let trunk = Trunk::new(settings, spec)?;
-        let action = FieldType::from_irreps(settings.group, &spec.action);
-        let hidden = settings.regular(settings.actor_fields);
+        let action = FieldType::from_irreps(settings.group, &spec.action_irreps);
+        let hidden = settings.regular_field_type(settings.actor_fields);
         Ok(Self {
             actor: head(trunk.out_type(), hidden, action)?,
             critic: critic(settings, &trunk)?,
-            action_order: irrep_order(settings.group, &spec.action),
+            action_order: irrep_major_permutation(settings.group, &spec.action_irreps),
             trunk,
         })
     }
 
-    /// Returns the length of the flat parameter slice.
+    /// Returns the number of parameters of the network, which is the length of its flat parameter
+    /// slice.
     pub fn num_params(&self) -> usize {
         self.parts().log_std.end
     }
 
-    /// Returns the range of the image encoder's parameters.
-    pub fn encoder(&self) -> Range<usize> {
-        self.trunk.encoder()
+    /// Returns the range of the image encoder's parameters in the flat parameter slice.
+    pub fn encoder_params(&self) -> Range<usize> {
+        self.trunk.encoder_params()
     }
 
-    /// Returns the range of all other parameters.
-    pub fn heads(&self) -> Range<usize> {
-        self.encoder().end..self.num_params()
+    /// Returns the range of all parameters but those of the image encoder in the flat parameter
+    /// slice.
+    pub fn head_params(&self) -> Range<usize> {
+        self.encoder_params().end..self.num_params()
     }
 
     /// Returns F, the length of the invariant features: one per regular field of the group.
@@ -99,21 +102,21 @@ impl<T: Scalar> ActorCritic<T> {
         &self.trunk.spec
     }
 
-    /// Draws all parameters: weights before a ReLU with gain sqrt(2) (He et al., ICCV 2015,
-    /// equation 10), the last layers with the gains of the settings, zero biases, and log_std as
-    /// set.
-    pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
+    /// Draws the initial values of all parameters of the network. Weights before a ReLU have gain
+    /// sqrt(2) (He et al., ICCV 2015, equation 10), the last layers the gains of the settings;
+    /// biases are zero, and log_std is as set.
+    pub fn init_params(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
-        let mut params = self.trunk.init(self.num_params(), rng);
-        self.actor.init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
-        self.critic.init_scaled(rng, settings.value_gain.into(), &mut params[parts.critic]);
+        let mut params = self.trunk.init_params(self.num_params(), rng);
+        self.actor.init_with_gain(rng, settings.action_gain.into(), &mut params[parts.actor]);
+        self.critic.init_with_gain(rng, settings.value_gain.into(), &mut params[parts.critic]);
         params[parts.log_std].fill(T::from_f64(settings.log_std.into()));
         params
     }
 
-    pub(crate) fn parts(&self) -> Parts {
-        let mut layout = Layout::after(&self.trunk);
-        Parts {
+    pub(crate) fn parts(&self) -> ParamRanges {
+        let mut layout = ParamAllocator::after(&self.trunk);
+        ParamRanges {
             actor: layout.next(self.actor.num_params()),
             critic: layout.next(self.critic.num_params()),
             log_std: layout.next(self.action_order.len()),
@@ -132,13 +135,15 @@ fn critic<T: Scalar>(
     settings: &NetworkSettings,
     trunk: &Trunk<T>,
 ) -> Result<Sequential<T>, RlError> {
-    let (group, value) = (settings.group, settings.group.trivial(1));
+    let (group, value) = (settings.group, settings.group.trivial_type(1));
     match settings.critic {
-        Critic::Pooled { width } => {
-            let features = group.trivial(trunk.feature_dim());
-            head(features, group.trivial(width), value)
+        CriticSettings::Pooled { width } => {
+            let features = group.trivial_type(trunk.feature_dim());
+            head(features, group.trivial_type(width), value)
         }
-        Critic::Joint { fields } => head(trunk.out_type(), settings.regular(fields), value),
+        CriticSettings::Joint { fields } => {
+            head(trunk.out_type(), settings.regular_field_type(fields), value)
+        }
     }
 }
 
@@ -150,9 +155,9 @@ fn critic<T: Scalar>(
 pub struct Workspace<T> {
     /// Mean actions `[K, A]` of the last forward pass.
     pub mean: Vec<f64>,
-    /// Values `[K]` of the last forward pass.
+    /// Values V(s) `[K]` of the last forward pass.
     pub value: Vec<f64>,
-    /// Logarithms of the standard deviations `[A]` of the last forward pass.
+    /// Logarithms of the action's standard deviations `[A]` of the last forward pass.
     pub log_std: Vec<f64>,
     /// Gradient of the loss with respect to `mean`, `[K, A]`; set before the backward pass.
     pub d_mean: Vec<f64>,
@@ -185,7 +190,7 @@ impl<T: Scalar> ActorCritic<T> {
             d_mean: vec![0.0; capacity * action],
             d_value: vec![0.0; capacity],
             d_log_std: vec![0.0; action],
-            trunk: self.trunk.pass(capacity),
+            trunk: self.trunk.new_pass(capacity),
             actor: LayerBuffers::new(&self.actor, capacity),
             critic: LayerBuffers::new(&self.critic, capacity),
             features_len: 0,
@@ -197,8 +202,14 @@ impl<T: Scalar> ActorCritic<T> {
     ///
     /// # Panics
     /// If the slices' lengths differ from the spec, or `slot` is beyond the capacity.
-    pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], workspace: &mut Workspace<T>) {
-        self.trunk.load(slot, image, vector, &mut workspace.trunk);
+    pub fn load_sample(
+        &self,
+        slot: usize,
+        image: &[u8],
+        vector: &[f32],
+        workspace: &mut Workspace<T>,
+    ) {
+        self.trunk.load_sample(slot, image, vector, &mut workspace.trunk);
     }
 
     /// Runs the samples in slots 0..n forward: fills `mean`, `value`, `log_std` and the features.
@@ -210,15 +221,15 @@ impl<T: Scalar> ActorCritic<T> {
         self.forward_features(params, n, w);
         w.actor.forward(&self.actor, &params[parts.actor], n);
         w.critic.x.copy_from_slice(match self.settings().critic {
-            Critic::Pooled { .. } => w.trunk.features(),
-            Critic::Joint { .. } => w.trunk.fields(),
+            CriticSettings::Pooled { .. } => w.trunk.features(),
+            CriticSettings::Joint { .. } => w.trunk.fields(),
         });
         w.critic.forward(&self.critic, &params[parts.critic], n);
         // layers use irrep-major order, the loss the environment's natural order
         let width = self.action_order.len();
         for (mean, y) in w.mean.chunks_exact_mut(width).zip(w.actor.y.chunks_exact(width)).take(n) {
-            for (&i, y) in self.action_order.iter().zip(y) {
-                mean[i] = y.to_f64();
+            for (&i, component) in self.action_order.iter().zip(y) {
+                mean[i] = component.to_f64();
             }
         }
         to_f64(&w.critic.y[..n], &mut w.value);
@@ -226,13 +237,13 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     /// Returns the units' activations for the n samples of the last forward pass.
-    pub(crate) fn activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> UnitActivity {
+    pub(crate) fn unit_activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> UnitActivity {
         let parts = self.parts();
         let own = &params[self.trunk.params()];
-        let mut sums = self.trunk.unit_sums(own, n, &w.trunk);
-        sums.extend(w.actor.unit_sums(&self.actor, &params[parts.actor], n));
-        sums.extend(w.critic.unit_sums(&self.critic, &params[parts.critic], n));
-        UnitActivity::of(sums)
+        let mut sums = self.trunk.unit_activation_sums(own, n, &w.trunk);
+        sums.extend(w.actor.unit_activation_sums(&self.actor, &params[parts.actor], n));
+        sums.extend(w.critic.unit_activation_sums(&self.critic, &params[parts.critic], n));
+        UnitActivity::from_layer_sums(sums)
     }
 
     /// Runs the samples in slots 0..n forward as far as the features.
@@ -276,8 +287,10 @@ impl<T: Scalar> ActorCritic<T> {
     fn add_head_gradients(&self, n: usize, w: &mut Workspace<T>) {
         // written by the critic, then added to by the actor
         match self.settings().critic {
-            Critic::Pooled { .. } => self.trunk.pool_backward(&w.critic.dx, n, &mut w.trunk),
-            Critic::Joint { .. } => w.trunk.d_fields().copy_from_slice(&w.critic.dx),
+            CriticSettings::Pooled { .. } => {
+                self.trunk.pool_backward(&w.critic.dx, n, &mut w.trunk)
+            }
+            CriticSettings::Joint { .. } => w.trunk.d_fields().copy_from_slice(&w.critic.dx),
         }
         for (sum, d) in w.trunk.d_fields().iter_mut().zip(&w.actor.dx) {
             *sum += *d;
@@ -288,8 +301,8 @@ impl<T: Scalar> ActorCritic<T> {
         let width = self.action_order.len();
         for (dy, d) in w.actor.dy.chunks_exact_mut(width).zip(w.d_mean.chunks_exact(width)).take(n)
         {
-            for (dy, &i) in dy.iter_mut().zip(&self.action_order) {
-                *dy = T::from_f64(d[i]);
+            for (component, &i) in dy.iter_mut().zip(&self.action_order) {
+                *component = T::from_f64(d[i]);
             }
         }
         for (dy, &d) in w.critic.dy.iter_mut().zip(&w.d_value[..n]) {
@@ -305,8 +318,8 @@ impl<T> HasTrunkPass<T> for Workspace<T> {
 }
 
 fn to_f64<T: Scalar>(from: &[T], to: &mut [f64]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = from.to_f64();
+    for (target, value) in to.iter_mut().zip(from) {
+        *target = value.to_f64();
     }
 }
 
@@ -317,23 +330,31 @@ mod tests {
     use symmetry::{Group, Irrep};
 
     use super::*;
-    use crate::encoder::Encoder;
+    use crate::encoder::EncoderSettings;
     use crate::env::EnvSpec;
     use crate::network_settings::NetworkSettings;
 
     fn spec(image: [usize; 3]) -> EnvSpec {
         let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-        EnvSpec { num_envs: 1, image, action: vector.clone(), vector }
+        EnvSpec {
+            num_envs: 1,
+            image_shape: image,
+            action_irreps: vector.clone(),
+            vector_irreps: vector,
+        }
     }
 
     #[test]
     fn parts_cover_the_parameters_and_start_as_set() {
         let network =
             ActorCritic::<f32>::new(&NetworkSettings::default(), &spec([48, 48, 6])).unwrap();
-        let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
+        let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
         assert_eq!(params.len(), network.num_params());
-        assert_eq!((network.encoder().start, network.encoder().end), (0, network.heads().start));
-        assert_eq!((network.heads().end, network.feature_dim()), (params.len(), 64));
+        assert_eq!(
+            (network.encoder_params().start, network.encoder_params().end),
+            (0, network.head_params().start)
+        );
+        assert_eq!((network.head_params().end, network.feature_dim()), (params.len(), 64));
         assert_eq!(params[params.len() - 4..], [-0.5; 4]);
         let actor_out = &params[network.parts().actor.end - 4 * 32..network.parts().actor.end];
         assert!(actor_out.iter().all(|w| w.abs() < 0.02) && actor_out.iter().any(|&w| w != 0.0));
@@ -363,7 +384,7 @@ mod tests {
                 }
                 let rectangle = new([right, 2 * right, 6]);
                 match settings.encoder {
-                    Encoder::Pooled { .. } => {
+                    EncoderSettings::Pooled { .. } => {
                         let message = rectangle.unwrap().to_string();
                         assert!(message.contains("256 x 256"), "{message}");
                     }
@@ -376,7 +397,7 @@ mod tests {
     #[test]
     fn images_that_no_square_can_centre_are_refused_with_both_sides() {
         let error = ActorCritic::<f32>::new(&NetworkSettings::default(), &spec([48, 63, 6])).err();
-        let named = matches!(error, Some(RlError::OffCentre { height: 48, width: 63 }));
+        let named = matches!(error, Some(RlError::ImageCannotBeCentred { height: 48, width: 63 }));
         assert!(named, "{error:?}");
     }
 
@@ -392,18 +413,23 @@ mod tests {
 
     fn network() -> ActorCritic<f32> {
         let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial];
-        let spec = EnvSpec { num_envs: 1, image: [16, 16, 6], action: vector.clone(), vector };
+        let spec = EnvSpec {
+            num_envs: 1,
+            image_shape: [16, 16, 6],
+            action_irreps: vector.clone(),
+            vector_irreps: vector,
+        };
         ActorCritic::new(&NetworkSettings::default(), &spec).unwrap()
     }
 
     /// Computes the gradient of three samples in a workspace for four, moved between the passes.
     fn gradient(moved: impl Fn(Workspace<f32>) -> Workspace<f32>) -> Vec<f32> {
         let network = network();
-        let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
+        let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
         let mut workspace = network.workspace(4);
         for slot in 0..3 {
             let image: Vec<u8> = (0..16 * 16 * 6).map(|i| (i * 37 + slot) as u8).collect();
-            network.load(slot, &image, &[0.1, 0.2, slot as f32], &mut workspace);
+            network.load_sample(slot, &image, &[0.1, 0.2, slot as f32], &mut workspace);
         }
         network.forward(&params, 3, &mut workspace);
         let mut workspace = moved(workspace);
@@ -432,7 +458,7 @@ mod tests {
     #[test]
     fn features_are_those_of_the_samples_that_were_run() {
         let network = network();
-        let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
+        let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
         let mut workspace = network.workspace(4);
         for n in [0, 4, 2] {
             network.forward_features(&params, n, &mut workspace);
@@ -442,7 +468,7 @@ mod tests {
 
     fn load(image: &[u8], vector: &[f32]) {
         let network = network();
-        network.load(0, image, vector, &mut network.workspace(2));
+        network.load_sample(0, image, vector, &mut network.workspace(2));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use equivariant::Chunks;
+use equivariant::ParallelChunks;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
@@ -12,12 +12,16 @@ use symmetry::Group;
 use crate::activity::{MeasureActivity, UnitActivity};
 use crate::distributions::{log_prob, standard_normals};
 use crate::env::{EnvSpec, Observations};
-use crate::error::{RlError, check_all_finite, check_len, check_params};
+use crate::error::{RlError, check_all_finite, check_len, check_params_fit_network};
 use crate::export;
-use crate::export::{Basis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain};
+use crate::export::{
+    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain,
+};
 use crate::network::{ActorCritic, Workspace};
-use crate::network_settings::{Critic, NetworkSettings};
-use crate::policy::{Actor, Decisions, EvaluateActions, Features, OnPolicy, Values};
+use crate::network_settings::{CriticSettings, NetworkSettings};
+use crate::policy::{
+    Actor, Decisions, EvaluateActions, FeatureExtractor, OnPolicyActor, ValueFunction,
+};
 use crate::trunk::{HasTrunk, HasTrunkPass, Trunk};
 
 /// Samples of one chunk, small enough that a batch of 20 environments occupies several threads.
@@ -35,7 +39,7 @@ pub struct NetworkPolicy<N, W> {
     /// Network outputs of the last run, one row for each sample.
     pub(crate) outputs: Vec<f64>,
     buffers: fn(&N, usize) -> W,
-    chunks: Chunks<f32, W>,
+    chunks: ParallelChunks<f32, W>,
 }
 
 /// Part of a batch: the samples in `range`, which are loaded into the slots from 0 on.
@@ -46,17 +50,17 @@ pub(crate) struct Chunk<'a, N> {
 }
 
 impl<N, W> NetworkPolicy<N, W> {
-    /// Returns the network.
+    /// Returns the policy's network, which holds no parameters.
     pub fn network(&self) -> &Arc<N> {
         &self.network
     }
 
-    /// Returns all parameters, in the network's layout.
+    /// Returns all parameters of the policy, in the flat layout of its network.
     pub fn params(&self) -> &[f32] {
         &self.params
     }
 
-    /// Returns all parameters, for an optimiser or a checkpoint to write.
+    /// Returns all parameters of the policy, for an optimiser or a checkpoint to write.
     pub fn params_mut(&mut self) -> &mut [f32] {
         &mut self.params
     }
@@ -79,7 +83,7 @@ where
             params,
             outputs: Vec::new(),
             buffers,
-            chunks: Chunks::new(0, CHUNK, move || buffers(&builder, CHUNK)),
+            chunks: ParallelChunks::new(0, CHUNK, move || buffers(&builder, CHUNK)),
         }
     }
 
@@ -88,8 +92,8 @@ where
     }
 
     /// Returns A, the number of action components.
-    pub(crate) fn width(&self) -> usize {
-        self.trunk().spec.action.len()
+    pub(crate) fn action_dim(&self) -> usize {
+        self.trunk().spec.action_irreps.len()
     }
 
     /// Fills a row of `outputs`, `row` numbers long, for each of N observations by `forward`;
@@ -102,7 +106,7 @@ where
     ) -> Result<usize, RlError> {
         let (network, params) = (&*self.network, &self.params[..]);
         let trunk = network.trunk();
-        let samples = observations.samples(&trunk.spec)?;
+        let samples = observations.checked_num_samples(&trunk.spec)?;
         self.outputs.resize(samples * row, 0.0);
         self.chunks.map_rows(&mut self.outputs, row, |range, buffers, rows| {
             trunk.load_all(observations, range.clone(), buffers.trunk());
@@ -113,7 +117,7 @@ where
     }
 }
 
-impl<N, W> Features for NetworkPolicy<N, W>
+impl<N, W> FeatureExtractor for NetworkPolicy<N, W>
 where
     N: HasTrunk<f32> + Send + Sync + 'static,
     W: HasTrunkPass<f32> + Send + 'static,
@@ -124,7 +128,7 @@ where
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         let trunk = self.trunk();
-        let (samples, width) = (observations.samples(&trunk.spec)?, self.feature_dim());
+        let (samples, width) = (observations.checked_num_samples(&trunk.spec)?, self.feature_dim());
         check_len("features", "[N, F]", out.len(), samples * width)?;
         let params = &self.params[trunk.params()];
         self.chunks.map_rows(out, width, |range, buffers, rows| {
@@ -161,8 +165,8 @@ where
 
 /// Rejects parameters of another network, and parameters that are infinite or NaN, which would only
 /// show up later as a loss that is not finite.
-pub(crate) fn check_saved(params: &[f32], expected: usize) -> Result<(), RlError> {
-    check_params(params.len(), expected)?;
+pub(crate) fn check_saved_params(params: &[f32], expected: usize) -> Result<(), RlError> {
+    check_params_fit_network(params.len(), expected)?;
     check_all_finite("a parameter", params)
 }
 
@@ -174,10 +178,10 @@ impl ActorCriticPolicy {
     /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
     ///
     /// # Errors
-    /// Those of [`ActorCritic::new`].
+    /// Errors of [`ActorCritic::new`].
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
-        let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
+        let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(seed));
         Ok(Self::from_parts(Arc::new(network), params, ActorCritic::workspace))
     }
 
@@ -185,15 +189,15 @@ impl ActorCriticPolicy {
     /// [`ActorCriticPolicy::params`] returned them.
     ///
     /// # Errors
-    /// Those of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs
-    /// and [`RlError::NotFinite`] when one is infinite or not a number.
+    /// Errors of [`ActorCritic::new`], [`RlError::ParameterCountMismatch`] when the number of
+    /// parameters differs and [`RlError::NotFinite`] when one is infinite or not a number.
     pub fn with_params(
         settings: &NetworkSettings,
         spec: &EnvSpec,
         params: Vec<f32>,
     ) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
-        check_saved(&params, network.num_params())?;
+        check_saved_params(&params, network.num_params())?;
         Ok(Self::from_parts(Arc::new(network), params, ActorCritic::workspace))
     }
 
@@ -201,12 +205,12 @@ impl ActorCriticPolicy {
     /// for every state.
     pub fn log_std(&self) -> &[f32] {
         let params = self.params();
-        &params[params.len() - self.width()..]
+        &params[params.len() - self.action_dim()..]
     }
 
     /// Raises every log_std below `floor` to it. NaN stays, so that a check for it can fail.
     pub(crate) fn clamp_log_std(&mut self, floor: f32) {
-        let start = self.params().len() - self.width();
+        let start = self.params().len() - self.action_dim();
         for log_std in &mut self.params_mut()[start..] {
             if *log_std < floor {
                 *log_std = floor;
@@ -216,7 +220,7 @@ impl ActorCriticPolicy {
 
     /// Fills `outputs` with rows `[A + 1]` of mean and value; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
-        let width = self.width();
+        let width = self.action_dim();
         let forward = |chunk: Chunk<ActorCritic<f32>>, w: &mut Workspace<f32>, rows: &mut [f64]| {
             chunk.network.forward(chunk.params, chunk.range.len(), w);
             let outputs = w.mean.chunks_exact(width).zip(&w.value);
@@ -239,7 +243,7 @@ impl ActorCriticPolicy {
         rng: &mut ChaCha8Rng,
         out: &mut [f32],
     ) -> Result<(), RlError> {
-        check_len("actions", "[N, A]", out.len(), samples * self.width())?;
+        check_len("actions", "[N, A]", out.len(), samples * self.action_dim())?;
         standard_normals(rng, out);
         self.sample(out);
         Ok(())
@@ -253,7 +257,7 @@ impl ActorCriticPolicy {
         out: &mut Decisions,
     ) -> Result<(), RlError> {
         out.check(self.network().spec(), samples)?;
-        check_len("noise", "[N, A]", noise.len(), samples * self.width())?;
+        check_len("noise", "[N, A]", noise.len(), samples * self.action_dim())?;
         out.actions.copy_from_slice(noise);
         self.sample(&mut out.actions);
         self.write_log_probs(out);
@@ -262,7 +266,7 @@ impl ActorCriticPolicy {
 
     /// Writes the means `[N, A]` in `outputs`.
     pub(crate) fn write_means(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
-        let width = self.width();
+        let width = self.action_dim();
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
         let rows = out.chunks_exact_mut(width);
         for (mean, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
@@ -274,7 +278,7 @@ impl ActorCriticPolicy {
     /// Writes the values `[N]` in `outputs`.
     pub(crate) fn write_values(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
         check_len("values", "[N]", out.len(), samples)?;
-        let width = self.width();
+        let width = self.action_dim();
         for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
             *value = output[width] as f32;
         }
@@ -283,7 +287,7 @@ impl ActorCriticPolicy {
 
     /// Turns standard normal `numbers` `[N, A]` into actions around the means of the last run.
     fn sample(&self, numbers: &mut [f32]) {
-        let width = self.width();
+        let width = self.action_dim();
         let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
         let rows = numbers.chunks_exact_mut(width);
         for (row, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
@@ -299,9 +303,9 @@ impl ActorCriticPolicy {
         let width = log_std.len();
         let mut taken = vec![0.0; width];
         for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
-            for (taken, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
+            for (component, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
                 // the executed action, rounded to f32: its density is the one that PPO compares
-                *taken = f64::from(action);
+                *component = f64::from(action);
             }
             decisions.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
             decisions.values[i] = output[width] as f32;
@@ -312,7 +316,7 @@ impl ActorCriticPolicy {
 impl Actor for ActorCriticPolicy {
     type Memory = ();
 
-    fn memory(&self, _: usize) {}
+    fn new_memory(&self, _: usize) {}
 
     fn act(
         &mut self,
@@ -336,7 +340,7 @@ impl Actor for ActorCriticPolicy {
     }
 }
 
-impl OnPolicy for ActorCriticPolicy {
+impl OnPolicyActor for ActorCriticPolicy {
     fn decide(
         &mut self,
         observations: &Observations,
@@ -362,7 +366,7 @@ impl EvaluateActions for ActorCriticPolicy {
     }
 }
 
-impl Values for ActorCriticPolicy {
+impl ValueFunction for ActorCriticPolicy {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         let samples = self.run(observations)?;
         self.write_values(samples, out)
@@ -375,11 +379,11 @@ impl ExportPolicy for ActorCriticPolicy {
         let (parts, trunk) = (network.parts(), export::trunk(&network.trunk, params)?);
         let settings = network.settings();
         let (group, critic) = (settings.group, &params[parts.critic]);
-        let to = |order| [trunk.joined, Basis::Natural(order)];
-        let pooled = matches!(settings.critic, Critic::Pooled { .. });
+        let to = |order| [trunk.joined, ChannelBasis::Natural(order)];
+        let pooled = matches!(settings.critic, CriticSettings::Pooled { .. });
         let critic = if pooled {
             // pooled features are invariant: no change of basis
-            chain(Group::C1, &network.critic, critic, [Basis::Regular; 2])?
+            chain(Group::C1, &network.critic, critic, [ChannelBasis::Regular; 2])?
         } else {
             chain(group, &network.critic, critic, to(&[0]))?
         };
@@ -395,9 +399,9 @@ impl ExportPolicy for ActorCriticPolicy {
         })
     }
 
-    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
-        let samples = observations.samples(self.network().spec())?;
-        let mut actions = vec![0.0; samples * self.width()];
+    fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
+        let samples = observations.checked_num_samples(self.network().spec())?;
+        let mut actions = vec![0.0; samples * self.action_dim()];
         let mut values = vec![0.0; samples];
         self.mean_actions(observations, &mut (), &mut actions)?;
         self.values(observations, &mut values)?;
@@ -406,12 +410,12 @@ impl ExportPolicy for ActorCriticPolicy {
 }
 
 impl MeasureActivity for ActorCriticPolicy {
-    fn activity(&self, observations: &Observations, (): &()) -> Result<UnitActivity, RlError> {
+    fn unit_activity(&self, observations: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
-        let samples = observations.samples(network.spec())?;
+        let samples = observations.checked_num_samples(network.spec())?;
         let mut w = network.workspace(samples);
         network.trunk.load_all(observations, 0..samples, w.trunk());
         network.forward(params, samples, &mut w);
-        Ok(network.activity(params, samples, &w))
+        Ok(network.unit_activity(params, samples, &w))
     }
 }

@@ -4,7 +4,7 @@ use equivariant::FieldType;
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
-use crate::encoder::{Encoder, copies};
+use crate::encoder::{EncoderSettings, num_group_fields};
 use crate::error::{RlError, require_log_std, require_positive, require_width};
 
 /// Sizes and initial values of [`crate::ActorCritic`]. The default is the network tuned for images
@@ -25,8 +25,8 @@ pub struct NetworkSettings {
     /// use symmetry::{Group, Irrep};
     ///
     /// let xy = vec![Irrep::X, Irrep::Y, Irrep::Trivial];
-    /// let spec = EnvSpec { num_envs: 1, image: [48, 48, 6], vector: xy.clone(), action: xy };
-    /// let parameters = |group| {
+    /// let spec = EnvSpec { num_envs: 1, image_shape: [48, 48, 6], vector_irreps: xy.clone(),
+    /// action_irreps: xy }; let parameters = |group| {
     ///     let settings = NetworkSettings { group, ..NetworkSettings::default() };
     ///     ActorCritic::<f32>::new(&settings, &spec).map(|network| network.num_params())
     /// };
@@ -38,8 +38,8 @@ pub struct NetworkSettings {
     /// The number of features grows, too: `top_fields + vector_fields` for D2, four times as many
     /// for C1.
     pub group: Group,
-    /// Image encoder, from images to the top fields.
-    pub encoder: Encoder,
+    /// Kind and widths of the image encoder, from images to the top fields.
+    pub encoder: EncoderSettings,
     /// Regular fields of the image's feature vector, at least 1.
     pub top_fields: usize,
     /// Regular fields of the observation vector's features, at least 1.
@@ -47,7 +47,7 @@ pub struct NetworkSettings {
     /// Regular fields of the actor's hidden layer, at least 1.
     pub actor_fields: usize,
     /// Kind and width of the critic.
-    pub critic: Critic,
+    pub critic: CriticSettings,
     /// Initial gain of the actor's last layer, above 0; small, so that mean actions start near
     /// zero.
     pub action_gain: f32,
@@ -61,22 +61,23 @@ pub struct NetworkSettings {
 /// Input of the critic, whose value is invariant in either case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Critic {
-    /// The pooled features, as in the paper. Image and vector are pooled separately, so the value
-    /// cannot depend on the position of the hand (vector) relative to the object (image).
+pub enum CriticSettings {
+    /// Critic that reads the pooled features, as in the paper. Image and vector are pooled
+    /// separately, so the value cannot depend on the position of the hand (vector) relative to the
+    /// object (image).
     Pooled {
-        /// Channels of the hidden layer, at least 1.
+        /// Channels of the critic's hidden layer, at least 1.
         width: usize,
     },
-    /// The fields before pooling, through a hidden layer of regular fields, like the actor. The
-    /// value can depend on the vector relative to the image.
+    /// Critic that reads the fields before pooling, through a hidden layer of regular fields, like
+    /// the actor. The value can depend on the vector relative to the image.
     Joint {
-        /// Regular fields of the hidden layer, at least 1.
+        /// Regular fields of the critic's hidden layer, at least 1.
         fields: usize,
     },
 }
 
-impl Critic {
+impl CriticSettings {
     /// Returns the width of the hidden layer, in channels or fields.
     fn size(self) -> usize {
         match self {
@@ -93,16 +94,16 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// Returns the default with other widths: regular fields after each halving
-    /// ([`Encoder::Strided`]), and `fields` in all later layers.
+    /// Returns the default network settings with other widths: regular fields after each halving
+    /// ([`EncoderSettings::Strided`]), and `fields` in all later layers.
     pub fn strided(halvings: Vec<usize>, fields: usize) -> Self {
         Self {
             group: Group::D2,
-            encoder: Encoder::Strided { fields: halvings },
+            encoder: EncoderSettings::Strided { fields: halvings },
             top_fields: fields,
             vector_fields: fields,
             actor_fields: fields,
-            critic: Critic::Joint { fields },
+            critic: CriticSettings::Joint { fields },
             action_gain: 0.01,
             value_gain: 1.0,
             // standard deviations of 0.6 of an action's unit (measured, docs/ppo.md)
@@ -111,36 +112,39 @@ impl NetworkSettings {
     }
 
     /// Returns the network for 128 x 128 pixels of D. Wang et al.'s SO(2)-equivariant agents
-    /// with n = 64, see [`Encoder::Pooled`], and the paper's critic.
+    /// with n = 64, see [`EncoderSettings::Pooled`], and the paper's critic.
     pub fn so2_128() -> Self {
         Self {
-            encoder: Encoder::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },
+            encoder: EncoderSettings::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },
             top_fields: 64,
-            critic: Critic::Pooled { width: 64 },
+            critic: CriticSettings::Pooled { width: 64 },
             ..Self::default()
         }
     }
 
-    /// Returns the default with an encoder of two halvings and the positions of 16 maps, see
-    /// [`Encoder::Keypoints`]. Sides of images are multiples of 4.
+    /// Returns the default network settings with an encoder of two halvings and the positions of 16
+    /// maps, see [`EncoderSettings::Keypoints`]. Sides of images are multiples of 4.
     pub fn keypoints() -> Self {
-        Self { encoder: Encoder::Keypoints { fields: vec![4, 8], maps: 16 }, ..Self::default() }
+        Self {
+            encoder: EncoderSettings::Keypoints { fields: vec![4, 8], maps: 16 },
+            ..Self::default()
+        }
     }
 
     /// Returns the number of regular fields of the group with as many channels as `fields` of D2.
-    pub(crate) fn copies(&self, fields: usize) -> usize {
-        copies(self.group, fields)
+    pub(crate) fn num_group_fields(&self, fields: usize) -> usize {
+        num_group_fields(self.group, fields)
     }
 
     /// Returns the type of regular fields of the group with as many channels as `fields` of D2.
-    pub(crate) fn regular(&self, fields: usize) -> FieldType {
-        self.group.regular(self.copies(fields))
+    pub(crate) fn regular_field_type(&self, fields: usize) -> FieldType {
+        self.group.regular_type(self.num_group_fields(fields))
     }
 
-    /// Rejects values outside their ranges.
+    /// Checks that every setting of the network is in its range.
     ///
     /// # Errors
-    /// [`RlError::Setting`] names the field, its value and its range.
+    /// [`RlError::InvalidSetting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
         let own = [
             ("top_fields", self.top_fields),
@@ -148,7 +152,7 @@ impl NetworkSettings {
             ("actor_fields", self.actor_fields),
             ("critic", self.critic.size()),
         ];
-        for (name, width) in self.encoder.widths().into_iter().chain(own) {
+        for (name, width) in self.encoder.named_widths().into_iter().chain(own) {
             require_width(name, width)?;
         }
         for (name, value) in [("action_gain", self.action_gain), ("value_gain", self.value_gain)] {
@@ -171,17 +175,17 @@ mod tests {
         }
         let with = |encoder| NetworkSettings { encoder, ..default.clone() };
         let (none, zero) = (vec![], vec![4, 0]);
-        let narrow = Encoder::Pooled { fields: none.clone(), inner: [1, 0] };
-        let blind = Encoder::Keypoints { fields: vec![1], maps: 0 };
+        let narrow = EncoderSettings::Pooled { fields: none.clone(), inner: [1, 0] };
+        let blind = EncoderSettings::Keypoints { fields: vec![1], maps: 0 };
         let mut quiet = default.clone();
         quiet.action_gain = 0.0;
         let mut undefined = default.clone();
         undefined.log_std = f32::NAN;
         let huge = vec![4, usize::MAX];
         for (name, wrong) in [
-            ("encoder.strided.fields", with(Encoder::Strided { fields: huge })),
-            ("encoder.strided.fields", with(Encoder::Strided { fields: none })),
-            ("encoder.strided.fields", with(Encoder::Strided { fields: zero })),
+            ("encoder.strided.fields", with(EncoderSettings::Strided { fields: huge })),
+            ("encoder.strided.fields", with(EncoderSettings::Strided { fields: none })),
+            ("encoder.strided.fields", with(EncoderSettings::Strided { fields: zero })),
             ("encoder.pooled.inner", with(narrow)),
             ("encoder.keypoints.maps", with(blind)),
             ("action_gain", quiet),

@@ -7,20 +7,20 @@ use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_rows_finite};
 
 /// Recurrent state of an actor for the running episodes of N environments.
-pub trait Memory {
+pub trait ActorMemory {
     /// Forgets the running episode of environment `env`, in 0..N, whose next observation starts a
     /// new episode.
-    fn forget(&mut self, env: usize);
+    fn forget_episode(&mut self, env: usize);
 
     /// Records the step of environment `env` that followed the actor's last decision: the executed
     /// action `[A]`, which may differ from the decision, and its reward. Called before
-    /// [`Memory::forget`] if the step ended the episode.
-    fn remember(&mut self, _env: usize, _action: &[f32], _reward: f32) {}
+    /// [`ActorMemory::forget_episode`] if the step ended the episode.
+    fn remember_step(&mut self, _env: usize, _action: &[f32], _reward: f32) {}
 }
 
 /// The memory of an actor that decides from the observation alone.
-impl Memory for () {
-    fn forget(&mut self, _: usize) {}
+impl ActorMemory for () {
+    fn forget_episode(&mut self, _: usize) {}
 }
 
 /// A policy that chooses actions `[N, A]`, in their natural order: any finite numbers.
@@ -32,15 +32,15 @@ impl Memory for () {
 /// applied to the mean action of s, and the standard deviation is the same for s and g s.
 pub trait Actor {
     /// State kept from step to step: `()` if the actor decides from the observation alone.
-    type Memory: Memory;
+    type Memory: ActorMemory;
 
     /// Returns the memory for `envs` environments (N) in which no episode has begun.
-    fn memory(&self, envs: usize) -> Self::Memory;
+    fn new_memory(&self, envs: usize) -> Self::Memory;
 
     /// Samples actions `[N, A]`, as a collection executes them.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
     fn act(
         &mut self,
         observations: &Observations,
@@ -52,7 +52,7 @@ pub trait Actor {
     /// Writes the means of the action distribution, `[N, A]`, as an evaluation executes them.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
     fn mean_actions(
         &mut self,
         observations: &Observations,
@@ -62,37 +62,37 @@ pub trait Actor {
 }
 
 /// A policy with a state-value function. The contract of an equivariant one: V(g s) = V(s).
-pub trait Values {
+pub trait ValueFunction {
     /// Writes the values V(s), `[N]`: expected discounted sums of rewards. N is free.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
 }
 
 /// A policy that maps observations to feature vectors, which policy assignment compares. The
 /// contract of an equivariant one: g s and s have equal features.
-pub trait Features {
+pub trait FeatureExtractor {
     /// Returns F, the length of the feature vector of one observation.
     fn feature_dim(&self) -> usize;
 
-    /// Writes the features `[N, F]`. N is free.
+    /// Writes the feature vectors of N observations, `[N, F]`, to `out`. N is free.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
 }
 
 /// A policy for on-policy collection, which gives an action, its log-probability and the state
 /// value in one call, so that a network whose actor and critic share an encoder runs it once.
-pub trait OnPolicy: Actor + Values {
+pub trait OnPolicyActor: Actor + ValueFunction {
     /// Writes the actions for the noise `[N, A]`, with their log-probabilities and the values of
     /// the observations. The standard normal noise is the only source of randomness: equal noise
     /// gives equal actions. With independent noise, actions are distributed like those of
     /// [`Actor::act`].
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
     fn decide(
         &mut self,
         observations: &Observations,
@@ -104,12 +104,12 @@ pub trait OnPolicy: Actor + Values {
 
 /// A policy that can evaluate actions another policy took, like Stable-Baselines3's
 /// `evaluate_actions`. Only for policies without a memory, which an observation cannot restore.
-pub trait EvaluateActions: Values {
+pub trait EvaluateActions: ValueFunction {
     /// Writes the log-probabilities `[N]` of the actions `[N, A]` that `decisions` holds, and the
     /// values `[N]` of the observations.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
     fn evaluate_actions(
         &mut self,
         observations: &Observations,
@@ -129,11 +129,11 @@ pub struct Decisions {
 }
 
 impl Decisions {
-    /// Creates zeros for the environments of `spec`.
+    /// Creates decisions of zeros, one for each environment of `spec`.
     pub fn new(spec: &EnvSpec) -> Self {
         let n = spec.num_envs;
         Self {
-            actions: vec![0.0; n * spec.action.len()],
+            actions: vec![0.0; n * spec.action_irreps.len()],
             log_probs: vec![0.0; n],
             values: vec![0.0; n],
         }
@@ -142,15 +142,15 @@ impl Decisions {
     /// Checks that every array holds `samples` decisions for the actions of `spec`.
     ///
     /// # Errors
-    /// [`RlError::Shape`] names the array, what it holds and what it should hold.
+    /// [`RlError::ShapeMismatch`] names the array, what it holds and what it should hold.
     pub fn check(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
-        let width = spec.action.len();
+        let width = spec.action_irreps.len();
         check_len("actions", "[N, A]", self.actions.len(), samples * width)?;
         check_len("log_probs", "[N]", self.log_probs.len(), samples)?;
         check_len("values", "[N]", self.values.len(), samples)
     }
 
-    /// Rejects infinities and NaN.
+    /// Rejects decisions with infinities or NaN.
     ///
     /// # Errors
     /// [`RlError::NotFinite`] names the array's quantity.

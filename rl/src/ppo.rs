@@ -18,15 +18,15 @@ use std::fmt;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::adam::{Adam, SECOND_MOMENT, clip_global_norm};
+use crate::adam::{Adam, SECOND_MOMENT_NAME, clip_global_norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::buffer::RolloutBuffer;
 use crate::distributions::{entropy, log_prob};
-use crate::error::{RlError, check_all_finite, check_finite, check_params};
+use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::minibatch::{Batch, Cpu, Decision, Device, MAX_LOG_RATIO, Output, Update};
 use crate::ppo::settings::PpoSettings;
-use crate::ppo::stats::{LossSums, LossWeights, Totals, UpdateStats};
+use crate::ppo::stats::{LossSums, LossWeights, PpoStats, PpoTotals};
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
 /// state of one policy.
@@ -41,8 +41,8 @@ impl Ppo {
     /// Creates fresh optimiser state for `policy` and its clones.
     ///
     /// # Errors
-    /// [`RlError::Setting`] if a setting is out of range, [`RlError::BelowFloor`] if a standard
-    /// deviation of `policy` is already below the floor.
+    /// [`RlError::InvalidSetting`] if a setting is out of range, [`RlError::LogStdBelowMinimum`] if
+    /// a standard deviation of `policy` is already below the floor.
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
         Self::on(settings, policy, Box::new(Cpu::new(policy)))
     }
@@ -53,7 +53,7 @@ impl Ppo {
     /// GPU can alternate.
     ///
     /// # Errors
-    /// Those of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
+    /// Errors of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
     /// [`SymmetryLoss`](crate::SymmetryLoss).
     #[cfg(feature = "wgpu")]
     pub fn on_device(
@@ -91,26 +91,26 @@ impl Ppo {
 impl Algorithm for Ppo {
     type Policy = ActorCriticPolicy;
     type Experience = RolloutBuffer;
-    type Stats = UpdateStats;
+    type Stats = PpoStats;
 
     /// Trains `policy` in several passes over the minibatches of a finished rollout. `rng` gives
     /// the group elements of a [`SymmetryLoss`](crate::SymmetryLoss), then the order of the
     /// minibatches. The same inputs give the same bits on any number of threads.
     ///
     /// The update stops before the first gradient step whose minibatch has a KL divergence above
-    /// [`PpoSettings::kl_stop`] (Stable-Baselines3, `PPO.train`).
+    /// [`PpoSettings::kl_stop_threshold`] (Stable-Baselines3, `PPO.train`).
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] for an unfinished rollout, and those of
+    /// [`RlError::BufferNotFinished`] for an unfinished rollout, and errors of
     /// [`Algorithm::update`]; returns, the loss and the gradient are checked for divergence.
     fn update(
         &mut self,
         policy: &mut ActorCriticPolicy,
         buffer: &RolloutBuffer,
         rng: &mut ChaCha8Rng,
-    ) -> Result<UpdateStats, RlError> {
-        check_params(self.optimiser.first_moment.len(), policy.params().len())?;
-        policy.network().spec().check_same(buffer.spec())?;
+    ) -> Result<PpoStats, RlError> {
+        check_params_fit_network(self.optimiser.first_moment.len(), policy.params().len())?;
+        policy.network().spec().check_compatible(buffer.spec())?;
         self.batch.fill(&self.settings, buffer, rng)?;
         let mut update = Update {
             settings: &self.settings,
@@ -124,7 +124,7 @@ impl Algorithm for Ppo {
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
         let transformed = self.batch.transformed.take();
-        Ok(UpdateStats {
+        Ok(PpoStats {
             symmetry_loss: transformed.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
             ..totals.stats(values, &self.batch.returns, policy.log_std())
         })
@@ -136,8 +136,8 @@ impl Algorithm for Ppo {
     }
 
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
-        state.check_like(&self.save())?;
-        check_not_negative(state, &[SECOND_MOMENT])?;
+        state.check_same_layout(&self.save())?;
+        check_not_negative(state, &[SECOND_MOMENT_NAME])?;
         self.optimiser.restore(state);
         Ok(())
     }
@@ -153,8 +153,8 @@ impl Batch {
         rng: &mut ChaCha8Rng,
     ) -> Result<(), RlError> {
         let (advantages, returns) = (&mut self.advantages, &mut self.returns);
-        advantages.resize(buffer.samples(), 0.0);
-        returns.resize(buffer.samples(), 0.0);
+        advantages.resize(buffer.num_samples(), 0.0);
+        returns.resize(buffer.num_samples(), 0.0);
         buffer.advantages(settings.gamma, settings.lambda, advantages, returns)?;
         check_all_finite("a return", returns)?;
         self.actions.clear();
@@ -166,11 +166,11 @@ impl Batch {
 
 /// Runs all passes over the minibatches, or up to the one whose KL divergence stops the update. A
 /// GPU, which queues minibatches, applies the same rules itself and reports at the end.
-fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, RlError> {
+fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<PpoTotals, RlError> {
     let settings = update.settings;
-    let mut totals = Totals::default();
+    let mut totals = PpoTotals::default();
     // indices into the batch and, below, the minibatch: the names are CleanRL's
-    let mut b_inds: Vec<usize> = (0..update.buffer.samples()).collect();
+    let mut b_inds: Vec<usize> = (0..update.buffer.num_samples()).collect();
     let mut mb_advantages = Vec::new();
     'epochs: for _ in 0..settings.epochs {
         shuffle(&mut b_inds, update.rng);
@@ -184,7 +184,7 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, Rl
             // counted even if the minibatch stops the update, whose statistics should show why
             totals.losses.add(&losses);
             let approx_kl = losses.approx_kl / losses.samples;
-            if approx_kl > settings.kl_stop() {
+            if approx_kl > settings.kl_stop_threshold() {
                 break 'epochs;
             }
             let grad_norm = clip_global_norm(gradient, settings.max_grad_norm);
@@ -193,7 +193,7 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, Rl
             update.optimiser.step(&groups, params, gradient);
             // after each step, so that no minibatch sees a standard deviation below the floor
             update.policy.clamp_log_std(settings.min_log_std);
-            totals.grad_norms += grad_norm;
+            totals.grad_norm_sum += grad_norm;
             totals.steps += 1;
         }
         totals.epochs += 1;

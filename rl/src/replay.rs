@@ -11,7 +11,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::env::{EnvSpec, Observations, Outcome, Transition};
+use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
 use crate::error::{RlError, check_len, check_rows_finite, require};
 use crate::policy::Actor;
 use crate::replay::episode::{Episode, Sizes};
@@ -24,21 +24,21 @@ use crate::rollout::Experience;
 /// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
 /// memory while they are [history](ReplayStep::earlier) of later ones of their episode.
 ///
-/// [`collect`](crate::collect) fills it; [`Replay::push`] does the same by hand.
+/// [`collect`](crate::collect) fills it; [`ReplayBuffer::push`] does the same by hand.
 #[derive(Clone)]
-pub struct Replay {
+pub struct ReplayBuffer {
     settings: ReplaySettings,
     spec: EnvSpec,
     sizes: Sizes,
-    episodes: VecDeque<Episode>,
+    stored_episodes: VecDeque<Episode>,
     /// Number of the first of `episodes`, counted from the first one ever.
     first: u32,
     /// Held steps, the oldest first.
-    order: VecDeque<StepIndex>,
+    step_order: VecDeque<StepId>,
     /// Numbers of the running episodes, `[N]`; `None` if the next step begins an episode.
-    running: Vec<Option<u32>>,
-    recorded: u64,
-    marked: u64,
+    running_episodes: Vec<Option<u32>>,
+    num_recorded: u64,
+    num_before_newest: u64,
     /// Allocations of dropped episodes' images, at most N, for new episodes. Returning them to the
     /// allocator instead fragments it, since they are large and of almost equal size: a fifth of
     /// the memory was lost after a few rounds.
@@ -47,12 +47,12 @@ pub struct Replay {
     actions: Vec<f32>,
 }
 
-impl Replay {
-    /// Creates an empty buffer for the environments of `spec`; their number may change, see
-    /// [`Replay::cut`]. Memory is allocated as steps are recorded.
+impl ReplayBuffer {
+    /// Creates an empty replay buffer for the environments of `spec`; their number may change, see
+    /// [`ReplayBuffer::cut_episodes`]. Memory is allocated as steps are recorded.
     ///
     /// # Errors
-    /// [`RlError::EmptySpec`] or [`RlError::Setting`] for sizes out of range.
+    /// [`RlError::EmptySpec`] or [`RlError::InvalidSetting`] for sizes out of range.
     pub fn new(settings: ReplaySettings, spec: &EnvSpec) -> Result<Self, RlError> {
         spec.check()?;
         settings.check(spec)?;
@@ -60,12 +60,12 @@ impl Replay {
             sizes: Sizes::new(spec, settings.still_channels),
             settings,
             spec: spec.clone(),
-            episodes: VecDeque::new(),
+            stored_episodes: VecDeque::new(),
             first: 0,
-            order: VecDeque::new(),
-            running: vec![None; spec.num_envs],
-            recorded: 0,
-            marked: 0,
+            step_order: VecDeque::new(),
+            running_episodes: vec![None; spec.num_envs],
+            num_recorded: 0,
+            num_before_newest: 0,
             spare: Vec::new(),
             actions: Vec::new(),
         })
@@ -75,9 +75,9 @@ impl Replay {
     /// transition. After an error, nothing has changed.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit, [`RlError::NotFinite`] for infinite or NaN
-    /// numbers, [`RlError::Discontinued`] for observations other than those the last step led to,
-    /// [`RlError::NotStill`] if a still channel changes.
+    /// [`RlError::ShapeMismatch`] when an array does not fit, [`RlError::NotFinite`] for infinite
+    /// or NaN numbers, [`RlError::EpisodeNotContinued`] for observations other than those the last
+    /// step led to, [`RlError::StillChannelChanged`] if a still channel changes.
     pub fn push(
         &mut self,
         observations: &Observations,
@@ -100,25 +100,25 @@ impl Replay {
     }
 
     /// Cuts the running episodes: the next observations start new ones. Call it before a collection
-    /// that begins with a reset. The last steps count as [`Outcome::Running`]. Afterwards, a
+    /// that begins with a reset. The last steps count as [`StepOutcome::Running`]. Afterwards, a
     /// collection may have another number of environments.
-    pub fn cut(&mut self) {
-        for number in self.running.iter_mut().filter_map(Option::take) {
-            if let Some(episode) = self.episodes.get_mut((number - self.first) as usize) {
+    pub fn cut_episodes(&mut self) {
+        for number in self.running_episodes.iter_mut().filter_map(Option::take) {
+            if let Some(episode) = self.stored_episodes.get_mut((number - self.first) as usize) {
                 episode.shrink();
             }
         }
     }
 
     /// Marks the present: steps recorded from now on are the newest experience, from which
-    /// [`Replay::sample`] draws a share. Before the first mark, all steps are.
-    pub fn mark(&mut self) {
-        self.mark_newest(0);
+    /// [`ReplayBuffer::sample_indices`] draws a share. Before the first mark, all steps are.
+    pub fn start_newest(&mut self) {
+        self.set_num_newest(0);
     }
 
     /// Marks the last `steps` steps (all, if there are fewer) as the newest experience.
-    pub fn mark_newest(&mut self, steps: u64) {
-        self.marked = self.recorded.saturating_sub(steps);
+    pub fn set_num_newest(&mut self, steps: u64) {
+        self.num_before_newest = self.num_recorded.saturating_sub(steps);
     }
 
     /// Draws `batch` steps with replacement and writes their indices: a share `newest` in [0, 1],
@@ -127,9 +127,15 @@ impl Replay {
     ///
     /// # Panics
     /// If the buffer is empty.
-    pub fn sample(&self, batch: usize, newest: f32, rng: &mut ChaCha8Rng, out: &mut Vec<usize>) {
+    pub fn sample_indices(
+        &self,
+        batch: usize,
+        newest: f32,
+        rng: &mut ChaCha8Rng,
+        out: &mut Vec<usize>,
+    ) {
         let len = self.len();
-        let since = ((self.recorded - self.marked) as usize).min(len);
+        let since = ((self.num_recorded - self.num_before_newest) as usize).min(len);
         let share = (newest * batch as f32).round() as usize;
         let starts = if since == 0 { 0 } else { len - since };
         let starts = repeat_n(starts, share).chain(repeat_n(0, batch - share));
@@ -137,12 +143,12 @@ impl Replay {
         out.extend(starts.map(|start| rng.random_range(start..len)));
     }
 
-    /// Returns step `index`, in 0..[`Replay::len`], the oldest first.
+    /// Returns the step of this index, in 0..[`ReplayBuffer::len`], the oldest first.
     ///
     /// # Panics
     /// If there is no such step.
     pub fn get(&self, index: usize) -> ReplayStep<'_> {
-        let place = self.order[index];
+        let place = self.step_order[index];
         let episode = self.episode(place.episode);
         ReplayStep {
             episode,
@@ -152,40 +158,40 @@ impl Replay {
         }
     }
 
-    /// Returns the number of held steps.
+    /// Returns the number of steps that the replay buffer holds.
     pub fn len(&self) -> usize {
-        self.order.len()
+        self.step_order.len()
     }
 
-    /// Returns `true` if no step is held.
+    /// Returns `true` if the replay buffer holds no step.
     pub fn is_empty(&self) -> bool {
-        self.order.is_empty()
+        self.step_order.is_empty()
     }
 
-    /// Returns the number of steps ever recorded.
-    pub fn recorded(&self) -> u64 {
-        self.recorded
+    /// Returns the number of steps ever recorded, dropped ones included.
+    pub fn num_recorded(&self) -> u64 {
+        self.num_recorded
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the replay buffer.
     pub fn settings(&self) -> &ReplaySettings {
         &self.settings
     }
 
-    /// Returns sizes and types of the environments.
+    /// Returns the sizes and symmetry types of the environments whose steps the buffer records.
     pub fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    /// Returns the number of bytes allocated.
-    pub fn bytes(&self) -> usize {
-        let episodes = self.episodes.iter().map(Episode::bytes).sum::<usize>();
+    /// Returns the number of bytes that the replay buffer has allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        let episodes = self.stored_episodes.iter().map(Episode::bytes).sum::<usize>();
         let spare = self.spare.iter().map(Vec::capacity).sum::<usize>();
-        episodes + spare + self.order.capacity() * size_of::<StepIndex>()
+        episodes + spare + self.step_order.capacity() * size_of::<StepId>()
     }
 
     fn episode(&self, number: u32) -> &Episode {
-        &self.episodes[(number - self.first) as usize]
+        &self.stored_episodes[(number - self.first) as usize]
     }
 
     /// Rejects a step of environment `env` that does not continue its running episode, and images
@@ -199,7 +205,7 @@ impl Replay {
         let (image, vector) = observations.sample(&self.spec, env);
         let (next_image, _) = next_observations(transition, env).sample(&self.spec, env);
         let begun;
-        let episode = match self.running[env] {
+        let episode = match self.running_episodes[env] {
             Some(number) => self.episode(number),
             None => {
                 begun = Episode::begin(&self.sizes, image, vector, Vec::new());
@@ -207,11 +213,11 @@ impl Replay {
             }
         };
         if !episode.ends_with(&self.sizes, image, vector) {
-            return Err(RlError::Discontinued { env });
+            return Err(RlError::EpisodeNotContinued { env });
         }
         if !episode.stands_still(&self.sizes, next_image) {
             let channels = self.sizes.still;
-            return Err(RlError::NotStill { env, channels });
+            return Err(RlError::StillChannelChanged { env, channels });
         }
         Ok(())
     }
@@ -223,22 +229,22 @@ impl Replay {
         action: &[f32],
         transition: &Transition,
     ) {
-        let number = self.running[env].unwrap_or_else(|| {
+        let number = self.running_episodes[env].unwrap_or_else(|| {
             let (image, vector) = observations.sample(&self.spec, env);
             let spare = self.spare.pop().unwrap_or_default();
-            self.episodes.push_back(Episode::begin(&self.sizes, image, vector, spare));
-            self.first + self.episodes.len() as u32 - 1
+            self.stored_episodes.push_back(Episode::begin(&self.sizes, image, vector, spare));
+            self.first + self.stored_episodes.len() as u32 - 1
         });
         let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
         let (image, vector) = next_observations(transition, env).sample(&self.spec, env);
-        let episode = &mut self.episodes[(number - self.first) as usize];
-        self.order.push_back(StepIndex {
+        let episode = &mut self.stored_episodes[(number - self.first) as usize];
+        self.step_order.push_back(StepId {
             episode: number,
             step: (episode.removed + episode.steps()) as u32,
         });
         episode.push(&self.sizes, action, reward, outcome, image, vector);
-        self.running[env] = (!outcome.ended()).then_some(number);
-        self.recorded += 1;
+        self.running_episodes[env] = (!outcome.is_ended()).then_some(number);
+        self.num_recorded += 1;
         if self.len() > self.settings.capacity {
             self.drop_oldest();
         }
@@ -246,35 +252,35 @@ impl Replay {
 
     /// Drops the oldest step, and frees ended episodes without held steps.
     fn drop_oldest(&mut self) {
-        let Some(place) = self.order.pop_front() else {
+        let Some(place) = self.step_order.pop_front() else {
             return;
         };
-        let running = &self.running;
+        let running = &self.running_episodes;
         let over = |number: u32| !running.contains(&Some(number));
-        let episode = &mut self.episodes[(place.episode - self.first) as usize];
+        let episode = &mut self.stored_episodes[(place.episode - self.first) as usize];
         episode.drop_oldest(&self.sizes);
         if episode.held == 0 && over(place.episode) {
             let dropped = std::mem::take(episode);
-            if self.spare.len() < self.running.len() {
+            if self.spare.len() < self.running_episodes.len() {
                 self.spare.push(dropped.moving);
             }
         }
         // episodes do not end in the order in which they began, so one that is over may have to
         // wait for those before it
-        while self.episodes.front().is_some_and(|e| e.held == 0) && over(self.first) {
-            self.episodes.pop_front();
+        while self.stored_episodes.front().is_some_and(|e| e.held == 0) && over(self.first) {
+            self.stored_episodes.pop_front();
             self.first += 1;
         }
     }
 }
 
-impl fmt::Debug for Replay {
+impl fmt::Debug for ReplayBuffer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Replay")
+        f.debug_struct("ReplayBuffer")
             .field("settings", &self.settings)
             .field("spec", &self.spec)
             .field("len", &self.len())
-            .field("recorded", &self.recorded)
+            .field("recorded", &self.num_recorded)
             .finish_non_exhaustive()
     }
 }
@@ -282,31 +288,31 @@ impl fmt::Debug for Replay {
 /// Returns the observations after a step of environment `env`: the final ones if the episode ended.
 fn next_observations(transition: &Transition, env: usize) -> &Observations {
     match transition.outcomes[env] {
-        Outcome::Running => &transition.observations,
-        Outcome::Terminated | Outcome::Truncated => &transition.final_observations,
+        StepOutcome::Running => &transition.observations,
+        StepOutcome::Terminated | StepOutcome::Truncated => &transition.final_observations,
     }
 }
 
-impl<A: Actor> Experience<A> for Replay {
-    fn steps(&self) -> usize {
+impl<A: Actor> Experience<A> for ReplayBuffer {
+    fn steps_per_env(&self) -> usize {
         self.settings.steps
     }
 
     /// Adapts to the number of environments of `spec`, which may change only between episodes.
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
-        self.spec.check_same(spec)?;
+        self.spec.check_compatible(spec)?;
         let (got, expected) = (spec.num_envs, self.spec.num_envs);
-        if self.running.iter().any(Option::is_some) {
+        if self.running_episodes.iter().any(Option::is_some) {
             check_len("environments", "[N]", got, expected)?;
         }
         self.spec.num_envs = got;
-        self.running.resize(got, None);
+        self.running_episodes.resize(got, None);
         self.actions.resize(got * self.sizes.action, 0.0);
         Ok(())
     }
 
     fn action_buffer(&mut self) -> (&mut [f32], bool) {
-        let warm_up = self.recorded < self.settings.warm_up;
+        let warm_up = self.num_recorded < self.settings.warm_up;
         (&mut self.actions, warm_up)
     }
 
@@ -321,14 +327,14 @@ impl<A: Actor> Experience<A> for Replay {
 
 /// Identifier of a step, and of the observation before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct StepIndex {
-    /// Number of the episode, counted from the first one ever.
+pub(crate) struct StepId {
+    /// Number of the episode that the step belongs to, counted from the first one ever.
     pub episode: u32,
-    /// Position in the episode, from 0.
+    /// Position of the step in its episode, from 0.
     pub step: u32,
 }
 
-/// A step in a [`Replay`]: an observation, the action, the reward and the next observation.
+/// A step in a [`ReplayBuffer`]: an observation, the action, the reward and the next observation.
 #[derive(Clone, Copy)]
 pub struct ReplayStep<'a> {
     episode: &'a Episode,
@@ -340,23 +346,23 @@ pub struct ReplayStep<'a> {
 }
 
 impl<'a> ReplayStep<'a> {
-    /// Returns the position in the episode, from 0.
+    /// Returns the position of the step in its episode, from 0.
     pub fn step(&self) -> usize {
         self.episode.removed + self.step
     }
 
     /// Returns the identifier of the observation acted on.
-    pub(crate) fn index(&self) -> StepIndex {
-        StepIndex { episode: self.number, step: self.step() as u32 }
+    pub(crate) fn index(&self) -> StepId {
+        StepId { episode: self.number, step: self.step() as u32 }
     }
 
     /// Returns the identifier of the observation after the step.
-    pub(crate) fn next_index(&self) -> StepIndex {
-        let StepIndex { episode, step } = self.index();
-        StepIndex { episode, step: step + 1 }
+    pub(crate) fn next_index(&self) -> StepId {
+        let StepId { episode, step } = self.index();
+        StepId { episode, step: step + 1 }
     }
 
-    /// Writes the image `[H, W, C]` acted on.
+    /// Writes the image `[H, W, C]` that was acted on in this step to `out`.
     ///
     /// # Panics
     /// If the length of `out` is not that of an image.
@@ -364,25 +370,30 @@ impl<'a> ReplayStep<'a> {
         self.episode.image(self.sizes, self.step, out);
     }
 
-    /// Returns the vector `[D]` acted on.
+    /// Returns the observation vector `[D]` that was acted on in this step.
     pub fn vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step, self.sizes.vector)
     }
 
-    /// Returns the executed action `[A]`.
+    /// Returns the action `[A]` executed in this step.
     pub fn action(&self) -> &'a [f32] {
         row(&self.episode.actions, self.step, self.sizes.action)
     }
 
-    /// Returns the reward.
+    /// Returns the reward of the step.
     pub fn reward(&self) -> f32 {
         self.episode.rewards[self.step]
     }
 
-    /// Returns the outcome of the step. After [`Replay::cut`](crate::Replay::cut), an episode's
-    /// last step stays [`Outcome::Running`].
-    pub fn outcome(&self) -> Outcome {
-        if self.step + 1 == self.episode.steps() { self.episode.outcome } else { Outcome::Running }
+    /// Returns the state of the episode after the step. After
+    /// [`ReplayBuffer::cut_episodes`](crate::ReplayBuffer::cut_episodes), an episode's last step
+    /// stays [`StepOutcome::Running`].
+    pub fn outcome(&self) -> StepOutcome {
+        if self.step + 1 == self.episode.steps() {
+            self.episode.outcome
+        } else {
+            StepOutcome::Running
+        }
     }
 
     /// Writes the image `[H, W, C]` after the step; after an episode's end, its final one.
@@ -393,13 +404,14 @@ impl<'a> ReplayStep<'a> {
         self.episode.image(self.sizes, self.step + 1, out);
     }
 
-    /// Returns the vector `[D]` after the step; after an episode's end, its final one.
+    /// Returns the observation vector `[D]` after the step; after an episode's end, its final one.
     pub fn next_vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step + 1, self.sizes.vector)
     }
 
-    /// Returns the step `count` before this one; `None` if the episode begins later. At least 256
-    /// dropped steps of an episode longer than the buffer's capacity remain available.
+    /// Returns the step that came `count` steps before this one; `None` if the episode begins
+    /// later. At least 256 dropped steps of an episode longer than the buffer's capacity remain
+    /// available.
     pub fn earlier(&self, count: usize) -> Option<Self> {
         let step = self.step.checked_sub(count)?;
         Some(Self { step, ..*self })
@@ -429,14 +441,15 @@ fn row(values: &[f32], i: usize, width: usize) -> &[f32] {
     &values[i * width..(i + 1) * width]
 }
 
-/// Settings of [`crate::Replay`]. Default capacity and warm-up follow CLEAR and 3RL in COVERS (Liu
-/// et al., CoRL 2023, appendix, table "CLEAR and 3RL Hyperparameter").
+/// Settings of [`crate::ReplayBuffer`]. Default capacity and warm-up follow CLEAR and 3RL in COVERS
+/// (Liu et al., CoRL 2023, appendix, table "CLEAR and 3RL Hyperparameter").
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReplaySettings {
-    /// Maximum number of held steps, at least 1; beyond it, every new step replaces the oldest.
+    /// Maximum number of steps that the buffer holds, at least 1; beyond it, every new step
+    /// replaces the oldest.
     pub capacity: usize,
     /// Number of steps of every environment in one collection, at least 1.
     pub steps: usize,
@@ -454,20 +467,21 @@ impl Default for ReplaySettings {
 }
 
 impl ReplaySettings {
-    /// Rejects values outside their ranges, and more still channels than images have.
+    /// Checks that every setting of the replay buffer is in its range, and that images have at
+    /// least as many channels as are declared still.
     ///
     /// # Errors
-    /// [`RlError::Setting`] names the field, its value and its range.
+    /// [`RlError::InvalidSetting`] names the field, its value and its range.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
         // steps are numbered by u32
         let places = 1..=u32::MAX as usize;
         let (capacity, still) = (self.capacity, self.still_channels);
         let allowed = places.contains(&capacity);
         require("capacity", capacity as f32, "1 to 2^32 - 1 steps", allowed)?;
-        let allowed = self.steps > 0;
-        require("steps", self.steps as f32, "at least 1 step", allowed)?;
-        let expected = "at most the channels of a picture";
-        let allowed = still <= spec.image[2];
-        require("still_channels", still as f32, expected, allowed)
+        let has_steps = self.steps > 0;
+        require("steps", self.steps as f32, "at least 1 step", has_steps)?;
+        let expected = "at most the channels of an image";
+        let has_channels = still <= spec.image_shape[2];
+        require("still_channels", still as f32, expected, has_channels)
     }
 }

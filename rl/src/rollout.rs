@@ -7,27 +7,27 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, check_len, check_rows_finite, require};
-use crate::policy::{Actor, Memory};
+use crate::policy::{Actor, ActorMemory};
 
 /// Complete state of N environments and their actor's memory between two rollouts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutState<M = ()> {
     /// Observations that the actor acts on next.
     pub observations: Observations,
-    /// The running episodes so far, `[N]`.
-    pub episodes: Vec<Episode>,
-    /// The actor's memory of the running episodes.
+    /// Statistics of each environment's running episode so far, `[N]`.
+    pub episodes: Vec<EpisodeStats>,
+    /// Actor's memory of the running episodes.
     pub memory: M,
 }
 
 /// Statistics of one episode, running or ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Episode {
-    /// Index of the environment, in 0..N.
+pub struct EpisodeStats {
+    /// Index of the environment that runs the episode, in 0..N.
     pub env: usize,
-    /// Number of steps.
+    /// Number of steps taken in the episode.
     pub length: usize,
-    /// Undiscounted sum of rewards.
+    /// Undiscounted sum of the episode's rewards so far.
     pub total_reward: f64,
     /// `true` if the success condition held at any time of the episode.
     pub success: bool,
@@ -38,56 +38,57 @@ pub struct Episode {
 /// Statistics of a rollout: its decisions and the episodes that ended during it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RolloutStats {
-    /// T * N, the number of decisions taken.
+    /// Number of decisions taken in the rollout, T * N.
     pub decisions: usize,
-    /// Episodes in the order in which they ended.
-    pub episodes: Vec<Episode>,
+    /// Episodes that ended during the rollout, in the order in which they ended.
+    pub episodes: Vec<EpisodeStats>,
     /// Largest magnitude of the undiscounted return of any episode up to any step, running
     /// episodes included.
-    pub largest_return: f64,
+    pub max_abs_return: f64,
 }
 
 impl RolloutStats {
-    /// Returns the mean undiscounted return; `None` if no episode ended.
+    /// Returns the mean undiscounted return of the episodes that ended; `None` if none did.
     pub fn mean_return(&self) -> Option<f64> {
         self.mean(|e| e.total_reward)
     }
 
-    /// Returns the share in [0, 1] of episodes with success at any time; `None` if none ended.
+    /// Returns the share in [0, 1] of the rollout's ended episodes with success at any time; `None`
+    /// if none ended.
     pub fn success_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success)))
     }
 
-    /// Returns the share in [0, 1] of episodes with success at the end of their last step; `None`
-    /// if no episode ended.
+    /// Returns the share in [0, 1] of the rollout's ended episodes with success at the end of their
+    /// last step; `None` if no episode ended.
     pub fn success_at_end_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success_at_end)))
     }
 
-    /// Returns a warning if rewards are too large or too small to train on.
+    /// Returns a warning if the returns of episodes are too large or too small to train on.
     pub fn reward_warning(&self) -> Option<RewardWarning> {
-        RewardWarning::of(self.largest_return)
+        RewardWarning::for_max_return(self.max_abs_return)
     }
 
     /// Counts one step of all environments, after which these episodes have ended or still run.
-    pub(crate) fn count_step(&mut self, ended: &[Episode], running: &[Episode]) {
+    pub(crate) fn count_step(&mut self, ended: &[EpisodeStats], running: &[EpisodeStats]) {
         self.decisions += running.len();
         let returns = ended.iter().chain(running).map(|e| e.total_reward.abs());
-        self.largest_return = returns.fold(self.largest_return, f64::max);
+        self.max_abs_return = returns.fold(self.max_abs_return, f64::max);
     }
 
-    fn mean(&self, of: impl Fn(&Episode) -> f64) -> Option<f64> {
+    fn mean(&self, of: impl Fn(&EpisodeStats) -> f64) -> Option<f64> {
         let count = self.episodes.len();
         (count > 0).then(|| self.episodes.iter().map(of).sum::<f64>() / count as f64)
     }
 }
 
-impl<M: Memory> RolloutState<M> {
-    /// Resets every environment and creates a fresh memory of `actor`.
+impl<M: ActorMemory> RolloutState<M> {
+    /// Starts an episode in every environment and creates a fresh memory of `actor`.
     ///
     /// # Errors
-    /// [`RlError::Environment`] when the reset fails, [`RlError::Shape`] when it changes the sizes
-    /// of its output, [`RlError::NotFinite`] for vectors that are not numbers.
+    /// [`RlError::Environment`] when the reset fails, [`RlError::ShapeMismatch`] when it changes
+    /// the sizes of its output, [`RlError::NotFinite`] for vectors that are not numbers.
     pub fn reset<A: Actor<Memory = M>>(
         env: &mut dyn VectorEnv,
         actor: &A,
@@ -97,25 +98,25 @@ impl<M: Memory> RolloutState<M> {
         let mut observations = Observations::new(&spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(&spec, spec.num_envs)?;
-        observations.check_finite(&spec).map_err(|error| error.at_step(|_| Some(0)))?;
+        observations.check_finite(&spec).map_err(|error| error.with_step(|_| Some(0)))?;
         Ok(Self {
             observations,
             episodes: (0..spec.num_envs).map(fresh).collect(),
-            memory: actor.memory(spec.num_envs),
+            memory: actor.new_memory(spec.num_envs),
         })
     }
 
     /// Records the executed actions `[N, A]` and their rewards in the memory.
-    pub(crate) fn remember(&mut self, actions: &[f32], rewards: &[f32]) {
+    pub(crate) fn remember_step(&mut self, actions: &[f32], rewards: &[f32]) {
         let width = actions.len() / rewards.len().max(1);
         for (n, (action, &reward)) in actions.chunks(width.max(1)).zip(rewards).enumerate() {
-            self.memory.remember(n, action, reward);
+            self.memory.remember_step(n, action, reward);
         }
     }
 
     /// Adds one step to the episodes and moves on to its observations; returns the episodes that
     /// ended, which the memory then forgets.
-    pub(crate) fn advance(&mut self, transition: &mut Transition) -> Vec<Episode> {
+    pub(crate) fn advance(&mut self, transition: &mut Transition) -> Vec<EpisodeStats> {
         // the environment overwrites the old observations in its next step
         std::mem::swap(&mut self.observations, &mut transition.observations);
         let mut ended = Vec::new();
@@ -124,9 +125,9 @@ impl<M: Memory> RolloutState<M> {
             episode.total_reward += f64::from(transition.rewards[n]);
             episode.success |= transition.success[n];
             episode.success_at_end = transition.success_at_end[n];
-            if transition.outcomes[n].ended() {
+            if transition.outcomes[n].is_ended() {
                 ended.push(std::mem::replace(episode, fresh(n)));
-                self.memory.forget(n);
+                self.memory.forget_episode(n);
             }
         }
         ended
@@ -137,27 +138,27 @@ impl<M: Memory> RolloutState<M> {
 /// running `episodes` give the step for error messages.
 pub(crate) fn step(
     env: &mut dyn VectorEnv,
-    episodes: &[Episode],
+    episodes: &[EpisodeStats],
     actions: &[f32],
     transition: &mut Transition,
 ) -> Result<(), RlError> {
     let spec = env.spec();
-    let next = |env: usize| episodes.get(env).map(|episode| episode.length + 1);
-    let expected = spec.num_envs * spec.action.len();
+    let next = |index: usize| episodes.get(index).map(|episode| episode.length + 1);
+    let expected = spec.num_envs * spec.action_irreps.len();
     check_len("actions", "[N, A]", actions.len(), expected)?;
     // before the step: a NaN can break the state of a simulation for good
-    check_rows_finite("an action", actions, spec.action.len())
-        .map_err(|error| error.at_step(next))?;
+    check_rows_finite("an action", actions, spec.action_irreps.len())
+        .map_err(|error| error.with_step(next))?;
     env.step(actions, transition).map_err(RlError::Environment)?;
-    transition.check(env.spec()).map_err(|error| error.at_step(next))
+    transition.check(env.spec()).map_err(|error| error.with_step(next))
 }
 
-fn fresh(env: usize) -> Episode {
-    Episode { env, ..Episode::default() }
+fn fresh(env: usize) -> EpisodeStats {
+    EpisodeStats { env, ..EpisodeStats::default() }
 }
 
-/// Runs `actor` in the environments from `state` on, for [`Experience::steps`] steps, and records
-/// them in `experience`. Environments restart by themselves.
+/// Runs `actor` in the environments from `state` on, for [`Experience::steps_per_env`] steps, and
+/// records them in `experience`. Environments restart by themselves.
 ///
 /// Pass the same `state` again and episodes continue across collections. If every collection begins
 /// with a reset instead, it must last as long as an episode: a shorter one never reaches late
@@ -165,10 +166,10 @@ fn fresh(env: usize) -> Episode {
 /// with [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon).
 ///
 /// # Errors
-/// [`RlError::Environment`] when a step fails, [`RlError::Shape`] or [`RlError::SpecMismatch`] when
-/// environment, actor, state and experience do not fit together, [`RlError::NotFinite`] for
-/// rewards, observations, actions or decisions that are infinite or NaN, [`RlError::Setting`] if
-/// [`Experience::steps`] is 0.
+/// [`RlError::Environment`] when a step fails, [`RlError::ShapeMismatch`] or
+/// [`RlError::SpecMismatch`] when environment, actor, state and experience do not fit together,
+/// [`RlError::NotFinite`] for rewards, observations, actions or decisions that are infinite or NaN,
+/// [`RlError::InvalidSetting`] if [`Experience::steps_per_env`] is 0.
 ///
 /// After an error, environments, `state` and `experience` may be at different steps. Start again
 /// with [`RolloutState::reset`].
@@ -180,7 +181,7 @@ pub fn collect<A: Actor, E: Experience<A>>(
     rng: &mut ChaCha8Rng,
 ) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
-    let steps = experience.steps();
+    let steps = experience.steps_per_env();
     require("steps", steps as f32, "at least 1 step", steps > 0)?;
     check_len("episodes", "[N]", state.episodes.len(), spec.num_envs)?;
     state.observations.check(&spec, spec.num_envs)?;
@@ -192,7 +193,7 @@ pub fn collect<A: Actor, E: Experience<A>>(
         let actions = experience.decide(actor, observations, memory, rng)?;
         step(env, &state.episodes, actions, &mut transition)?;
         // before `advance`, which lets the memory forget episodes that ended
-        state.remember(actions, &transition.rewards);
+        state.remember_step(actions, &transition.rewards);
         experience.record(actor, &state.observations, &transition)?;
         let ended = state.advance(&mut transition);
         stats.count_step(&ended, &state.episodes);
@@ -204,14 +205,14 @@ pub fn collect<A: Actor, E: Experience<A>>(
 
 /// Storage that [`collect`] fills: a rollout buffer for one update, or a growing replay buffer.
 ///
-/// [`collect`] calls `begin`; then, [`Experience::steps`] times, `decide`, one step of the
+/// [`collect`] calls `begin`; then, [`Experience::steps_per_env`] times, `decide`, one step of the
 /// environments and `record`; then `end`.
 pub trait Experience<A: Actor> {
     /// Returns the number of steps of every environment in one collection, at least 1.
-    fn steps(&self) -> usize;
+    fn steps_per_env(&self) -> usize;
 
-    /// Prepares for steps of the environments of `spec`. A rollout buffer is cleared, a replay
-    /// buffer keeps its steps.
+    /// Prepares the storage for steps of the environments of `spec`. A rollout buffer is cleared, a
+    /// replay buffer keeps its steps.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] for other environments than it was made for.
@@ -271,22 +272,23 @@ pub trait Experience<A: Actor> {
 /// over-represented.
 ///
 /// # Errors
-/// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when environment and actor differ
-/// in size, [`RlError::NotFinite`] for rewards, observations or actions that are not numbers.
+/// [`RlError::Environment`] when a step fails, [`RlError::ShapeMismatch`] when environment and
+/// actor differ in size, [`RlError::NotFinite`] for rewards, observations or actions that are not
+/// numbers.
 pub fn evaluate<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
 ) -> Result<RolloutStats, RlError> {
-    evaluate_with(env, actor, rounds, |_, _| Ok(()))
+    evaluate_with_callback(env, actor, rounds, |_, _| Ok(()))
 }
 
 /// Evaluates like [`evaluate`] and calls `look` with the actor and the state of the environments
 /// before every decision.
 ///
 /// # Errors
-/// Those of [`evaluate`], and of `look`.
-pub fn evaluate_with<A: Actor>(
+/// Errors of [`evaluate`], and of `look`.
+pub fn evaluate_with_callback<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
@@ -295,14 +297,14 @@ pub fn evaluate_with<A: Actor>(
     let spec = env.spec().clone();
     let mut state = RolloutState::reset(env, actor)?;
     let mut transition = Transition::new(&spec);
-    let mut actions = vec![0.0; spec.num_envs * spec.action.len()];
+    let mut actions = vec![0.0; spec.num_envs * spec.action_irreps.len()];
     let mut left = vec![rounds; spec.num_envs];
     let mut stats = RolloutStats::default();
-    while left.iter().any(|&rounds| rounds > 0) {
+    while left.iter().any(|&open| open > 0) {
         look(actor, &state)?;
         actor.mean_actions(&state.observations, &mut state.memory, &mut actions)?;
         step(env, &state.episodes, &actions, &mut transition)?;
-        state.remember(&actions, &transition.rewards);
+        state.remember_step(&actions, &transition.rewards);
         let ended = state.advance(&mut transition);
         stats.count_step(&ended, &state.episodes);
         // an environment that has run its episodes still steps with the others, but does not count
@@ -318,11 +320,11 @@ pub fn evaluate_with<A: Actor>(
 
 /// Largest magnitude of an episode's return without a warning. Beyond it, the gradient of the value
 /// function crowds out the policy's, since both are clipped to one common norm.
-pub const MAX_RETURN: f64 = 1e3;
+pub const MAX_ABS_RETURN: f64 = 1e3;
 
 /// Smallest non-zero magnitude of an episode's return without a warning. Below it, the initial
 /// errors of the value function exceed the differences between rewards.
-pub const MIN_RETURN: f64 = 1e-2;
+pub const MIN_ABS_RETURN: f64 = 1e-2;
 
 /// Warning about returns outside the range in which PPO with default settings was measured to
 /// train. Nothing in this crate normalises rewards.
@@ -340,12 +342,12 @@ pub const MIN_RETURN: f64 = 1e-2;
 /// bound although their discounted values do not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RewardWarning {
-    /// Undiscounted returns above [`MAX_RETURN`].
+    /// Undiscounted returns above [`MAX_ABS_RETURN`].
     TooLarge {
         /// Largest magnitude of an episode's return so far.
         largest: f64,
     },
-    /// Undiscounted returns below [`MIN_RETURN`], though not zero.
+    /// Undiscounted returns below [`MIN_ABS_RETURN`], though not zero.
     TooSmall {
         /// Largest magnitude of an episode's return so far.
         largest: f64,
@@ -355,10 +357,10 @@ pub enum RewardWarning {
 impl RewardWarning {
     /// Returns the warning for the largest magnitude of an episode's return; `None` if it is in
     /// range.
-    pub fn of(largest: f64) -> Option<Self> {
-        if largest > MAX_RETURN {
+    pub fn for_max_return(largest: f64) -> Option<Self> {
+        if largest > MAX_ABS_RETURN {
             Some(Self::TooLarge { largest })
-        } else if largest > 0.0 && largest < MIN_RETURN {
+        } else if largest > 0.0 && largest < MIN_ABS_RETURN {
             Some(Self::TooSmall { largest })
         } else {
             None
@@ -374,8 +376,9 @@ impl fmt::Display for RewardWarning {
         };
         write!(
             f,
-            "returns of episodes reach {largest:.1e} in magnitude, expected between {MIN_RETURN:e} \
-             and {MAX_RETURN:e}: {effect}; divide rewards by their usual size in the environment"
+            "returns of episodes reach {largest:.1e} in magnitude, expected between \
+             {MIN_ABS_RETURN:e} and {MAX_ABS_RETURN:e}: {effect}; divide rewards by their usual \
+             size in the environment"
         )
     }
 }

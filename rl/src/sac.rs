@@ -17,14 +17,14 @@ mod update_tests;
 use std::fmt;
 use std::ops::Range;
 
-use equivariant::{Chunks, Scalar};
+use equivariant::{ParallelChunks, Scalar};
 use rand_chacha::ChaCha8Rng;
 
-use crate::adam::{Adam, ParamGroup, SECOND_MOMENT, clip_values, norm};
+use crate::adam::{Adam, ParamGroup, SECOND_MOMENT_NAME, clip_values, norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
-use crate::env::Outcome;
-use crate::error::{RlError, check_all_finite, check_finite, check_params};
-use crate::replay::Replay;
+use crate::env::StepOutcome;
+use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
+use crate::replay::ReplayBuffer;
 use crate::sac::minibatch::{Draws, SacWorkspace, training_chunk};
 use crate::sac::passes::Losses;
 use crate::sac::policy::SacPolicy;
@@ -58,7 +58,7 @@ pub struct Sac {
     /// Logarithm of a learned temperature.
     log_alpha: [f32; 1],
     alpha_optimiser: Adam,
-    chunks: Chunks<f32, SacWorkspace<f32>>,
+    chunks: ParallelChunks<f32, SacWorkspace<f32>>,
     gradient: Vec<f32>,
     draws: Draws,
 }
@@ -67,7 +67,7 @@ impl Sac {
     /// Creates fresh state for `policy` and its clones, with target critics equal to its critics.
     ///
     /// # Errors
-    /// [`RlError::Setting`] if a setting is out of range.
+    /// [`RlError::InvalidSetting`] if a setting is out of range.
     pub fn new(settings: SacSettings, policy: &SacPolicy) -> Result<Self, RlError> {
         settings.check()?;
         let chunk = training_chunk(settings.window);
@@ -75,10 +75,10 @@ impl Sac {
         let num_params = network.num_params();
         Ok(Self {
             optimiser: Adam::new(num_params, settings.adam_epsilon),
-            targets: policy.params()[network.critics()].to_vec(),
+            targets: policy.params()[network.critic_params()].to_vec(),
             log_alpha: [settings.temperature.initial().ln()],
             alpha_optimiser: Adam::new(1, settings.adam_epsilon),
-            chunks: Chunks::new(num_params, chunk, move || network.workspace(chunk)),
+            chunks: ParallelChunks::new(num_params, chunk, move || network.workspace(chunk)),
             gradient: vec![0.0; num_params],
             draws: Draws::default(),
             settings,
@@ -102,7 +102,7 @@ impl Sac {
     /// those for all steps after the burn-in, less the gradient steps already taken. So a fresh
     /// `Sac` with a filled replay buffer catches up on all of its steps in the first update, but a
     /// restored one does not, since [`Algorithm::restore`] restores its count.
-    pub fn due(&self, recorded: u64) -> u64 {
+    pub fn gradient_steps_due(&self, recorded: u64) -> u64 {
         let after = recorded.saturating_sub(self.settings.burn_in);
         let total = after as f64 * f64::from(self.settings.updates_per_step);
         (total as u64).saturating_sub(self.optimiser.steps)
@@ -112,13 +112,13 @@ impl Sac {
     fn step(
         &mut self,
         policy: &mut SacPolicy,
-        replay: &Replay,
+        replay: &ReplayBuffer,
         rng: &mut ChaCha8Rng,
         totals: &mut SacTotals,
     ) -> Result<(), RlError> {
         self.draws.draw(&self.settings, replay, rng);
         let sums = self.losses(policy, replay)?;
-        totals.grad_norms += self.descend(policy, totals)?;
+        totals.grad_norm_sum += self.descend(policy, totals)?;
         totals.steps += 1;
         totals.sums.add(&sums);
         self.update_alpha(policy, &sums);
@@ -127,7 +127,7 @@ impl Sac {
     }
 
     /// Computes the summed losses of the drawn minibatch, and its gradient in `self.gradient`.
-    fn losses(&mut self, policy: &SacPolicy, replay: &Replay) -> Result<SacSums, RlError> {
+    fn losses(&mut self, policy: &SacPolicy, replay: &ReplayBuffer) -> Result<SacSums, RlError> {
         let losses = Losses {
             network: policy.network(),
             params: policy.params(),
@@ -136,7 +136,7 @@ impl Sac {
         };
         self.gradient.fill(0.0);
         let mut sums = SacSums::default();
-        let parts = self.chunks.accumulate(
+        let parts = self.chunks.accumulate_gradients(
             self.settings.batch,
             &mut self.gradient,
             |range, workspace, gradient| losses.chunk(range, workspace, gradient),
@@ -153,7 +153,7 @@ impl Sac {
         check_finite("the norm of the gradient", grad_norm)?;
         let clipped = clip_values(&mut self.gradient, self.settings.max_gradient);
         totals.clipped += clipped as f64 / self.gradient.len() as f64;
-        let group = ParamGroup::all(self.gradient.len(), self.settings.learning_rate);
+        let group = ParamGroup::of_all_params(self.gradient.len(), self.settings.learning_rate);
         let params = policy.params_mut();
         self.optimiser.step(&[group], params, &self.gradient);
         Ok(grad_norm)
@@ -165,11 +165,11 @@ impl Sac {
         let Temperature::Learned { target, .. } = self.settings.temperature else {
             return;
         };
-        let target_entropy = f64::from(target) * policy.network().spec().action.len() as f64;
+        let target_entropy = f64::from(target) * policy.network().spec().action_irreps.len() as f64;
         let surplus = -sums.log_pi / sums.samples - target_entropy;
         // dJ / d ln alpha = alpha dJ / d alpha
         let gradient = [(self.temperature() * surplus) as f32];
-        let group = ParamGroup::all(1, self.settings.learning_rate);
+        let group = ParamGroup::of_all_params(1, self.settings.learning_rate);
         let log_alpha = &mut self.log_alpha;
         self.alpha_optimiser.step(&[group], log_alpha, &gradient);
     }
@@ -177,7 +177,7 @@ impl Sac {
     /// Moves the target critics by a share `tau` towards the critics (1812.05905, algorithm 1).
     fn update_targets(&mut self, policy: &SacPolicy) {
         let tau = self.settings.tau;
-        let critics = &policy.params()[policy.network().critics()];
+        let critics = &policy.params()[policy.network().critic_params()];
         for (target, critic) in self.targets.iter_mut().zip(critics) {
             *target += tau * (critic - *target);
         }
@@ -191,7 +191,7 @@ impl<T: Scalar> Losses<'_, T> {
             let (step, _) = self.batch.step(position);
             let min_qf_next_target = w.min_qf(slot).1 - self.batch.alpha * w.log_pi[slot];
             // a truncated episode still has a next value, unlike a terminated one
-            let continues = f64::from(u8::from(step.outcome() != Outcome::Terminated));
+            let continues = f64::from(u8::from(step.outcome() != StepOutcome::Terminated));
             let reward = f64::from(step.reward());
             w.next_q_values[slot] = reward + self.batch.gamma * continues * min_qf_next_target;
         }
@@ -231,25 +231,25 @@ impl<T: Scalar> Losses<'_, T> {
 
 impl Algorithm for Sac {
     type Policy = SacPolicy;
-    type Experience = Replay;
+    type Experience = ReplayBuffer;
     type Stats = SacStats;
 
-    /// Takes the gradient steps that are due ([`Sac::due`]), none during the burn-in. The same
-    /// inputs give the same bits on any number of threads.
+    /// Takes the gradient steps that are due ([`Sac::gradient_steps_due`]), none during the
+    /// burn-in. The same inputs give the same bits on any number of threads.
     ///
     /// # Errors
-    /// Those of [`Algorithm::update`]; the loss and the gradient are checked for divergence.
+    /// Errors of [`Algorithm::update`]; the loss and the gradient are checked for divergence.
     fn update(
         &mut self,
         policy: &mut SacPolicy,
-        replay: &Replay,
+        replay: &ReplayBuffer,
         rng: &mut ChaCha8Rng,
     ) -> Result<SacStats, RlError> {
-        check_params(self.gradient.len(), policy.params().len())?;
-        policy.network().spec().check_same(replay.spec())?;
+        check_params_fit_network(self.gradient.len(), policy.params().len())?;
+        policy.network().spec().check_compatible(replay.spec())?;
         let mut totals = SacTotals::default();
         if !replay.is_empty() {
-            for _ in 0..self.due(replay.recorded()) {
+            for _ in 0..self.gradient_steps_due(replay.num_recorded()) {
                 self.step(policy, replay, rng, &mut totals)?;
             }
         }
@@ -275,8 +275,8 @@ impl Algorithm for Sac {
     }
 
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
-        state.check_like(&self.save())?;
-        check_not_negative(state, &[SECOND_MOMENT, TEMPERATURE_SECOND])?;
+        state.check_same_layout(&self.save())?;
+        check_not_negative(state, &[SECOND_MOMENT_NAME, TEMPERATURE_SECOND])?;
         let alpha = &mut self.alpha_optimiser;
         let own: [&mut [f32]; 4] = [
             &mut self.targets,
@@ -285,8 +285,8 @@ impl Algorithm for Sac {
             &mut alpha.second_moment,
         ];
         // the layout is that of `save`: without a learned temperature, `zip` ends after the targets
-        for (own, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
-            own.copy_from_slice(saved);
+        for (target, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
+            target.copy_from_slice(saved);
         }
         self.optimiser.restore(state);
         // both optimisers step together

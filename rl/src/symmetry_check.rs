@@ -7,7 +7,7 @@ use symmetry::{D2, Group, Irrep};
 use crate::distributions::standard_normals;
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, require};
-use crate::rollout::{Episode, step};
+use crate::rollout::{EpisodeStats, step};
 
 /// Number of random transformations of the episodes that the observed deviation is compared with.
 /// If it exceeds all 999, the randomisation test rejects at a level of 1 / (999 + 1).
@@ -38,8 +38,8 @@ const EQUAL: f64 = 1e-9;
 /// y in a task without images.
 ///
 /// # Errors
-/// [`RlError::Asymmetric`] names the mean that is not zero. [`RlError::Setting`] for fewer than 48
-/// episodes, unfinished ones included. [`RlError::Environment`] if a step fails, and
+/// [`RlError::SymmetryViolated`] names the mean that is not zero. [`RlError::InvalidSetting`] for
+/// fewer than 48 episodes, unfinished ones included. [`RlError::Environment`] if a step fails, and
 /// [`RlError::NotFinite`] for infinite or NaN numbers.
 pub fn check_symmetry(
     env: &mut dyn VectorEnv,
@@ -49,7 +49,7 @@ pub fn check_symmetry(
 ) -> Result<(), RlError> {
     let spec = env.spec().clone();
     spec.check()?;
-    let features = Features::new(&spec, group);
+    let features = FeatureExtractor::new(&spec, group);
     let episodes = features.observe(env, steps, rng)?;
     let enough = episodes.len() >= MIN_EPISODES;
     let expected = "steps in which 48 episodes begin, in all environments together";
@@ -68,7 +68,7 @@ pub fn check_symmetry(
         }
     }
     let term = features.terms[worst];
-    Err(RlError::Asymmetric {
+    Err(RlError::SymmetryViolated {
         what: features.name(term),
         irrep: features.irrep(term),
         deviation: observed,
@@ -97,19 +97,19 @@ enum Term {
 ///
 /// A view of an environment is its vector and, for each channel of its image, the moments 1, x, y
 /// and xy, relative to a channel of full brightness.
-struct Features {
+struct FeatureExtractor {
     spec: EnvSpec,
     /// Irreps of the entries of a view.
     view: Vec<Irrep>,
     terms: Vec<Term>,
 }
 
-impl Features {
+impl FeatureExtractor {
     fn new(spec: &EnvSpec, group: Group) -> Self {
-        let moments = (0..spec.image[2]).flat_map(|_| Irrep::ALL);
-        let view: Vec<Irrep> = spec.vector.iter().copied().chain(moments).collect();
+        let moments = (0..spec.image_shape[2]).flat_map(|_| Irrep::ALL);
+        let view: Vec<Irrep> = spec.vector_irreps.iter().copied().chain(moments).collect();
         let mut features = Self { spec: spec.clone(), terms: Vec::new(), view };
-        let (views, actions) = (0..features.view.len(), 0..spec.action.len());
+        let (views, actions) = (0..features.view.len(), 0..spec.action_irreps.len());
         let mut terms: Vec<Term> = views.clone().map(Term::View).collect();
         terms.extend(views.clone().map(Term::ViewReward));
         terms.extend(actions.clone().map(Term::ActionReward));
@@ -133,19 +133,19 @@ impl Features {
             Term::View(i) | Term::ViewReward(i) => self.view[i],
             Term::ViewPair(i, j) => self.view[i] * self.view[j],
             Term::ActionChange(a, i) | Term::ActionViewReward(a, i) => {
-                self.spec.action[a] * self.view[i]
+                self.spec.action_irreps[a] * self.view[i]
             }
-            Term::ActionReward(a) => self.spec.action[a],
+            Term::ActionReward(a) => self.spec.action_irreps[a],
         }
     }
 
     /// Returns the name of a term for an error message.
     fn name(&self, term: Term) -> String {
-        let view = |i: usize| match i.checked_sub(self.spec.vector.len()) {
+        let view = |i: usize| match i.checked_sub(self.spec.vector_irreps.len()) {
             None => format!("vector component {i} ({})", self.view[i]),
-            Some(k) => format!("moment {} of channel {} of the picture", self.view[i], k / 4),
+            Some(k) => format!("moment {} of channel {} of the image", self.view[i], k / 4),
         };
-        let action = |a: usize| format!("action component {a} ({})", self.spec.action[a]);
+        let action = |a: usize| format!("action component {a} ({})", self.spec.action_irreps[a]);
         match term {
             Term::View(i) => view(i),
             Term::ViewPair(i, j) => format!("{} times {}", view(i), view(j)),
@@ -170,18 +170,18 @@ impl Features {
         let mut observations = Observations::new(spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(spec, n)?;
-        observations.check_finite(spec).map_err(|e| e.at_step(|_| Some(0)))?;
+        observations.check_finite(spec).map_err(|e| e.with_step(|_| Some(0)))?;
         let mut views: Vec<_> = (0..n).map(|i| self.view_of(&observations, i)).collect();
-        let mut running = vec![Episode::default(); n];
+        let mut running = vec![EpisodeStats::default(); n];
         let mut sums = vec![vec![0.0; self.terms.len()]; n];
         let mut episodes = Vec::new();
         let mut transition = Transition::new(spec);
-        let mut actions = vec![0.0; n * spec.action.len()];
+        let mut actions = vec![0.0; n * spec.action_irreps.len()];
         for _ in 0..steps {
             standard_normals(rng, &mut actions);
             step(env, &running, &actions, &mut transition)?;
-            for (i, action) in actions.chunks(spec.action.len()).enumerate() {
-                let ended = transition.outcomes[i].ended();
+            for (i, action) in actions.chunks(spec.action_irreps.len()).enumerate() {
+                let ended = transition.outcomes[i].is_ended();
                 let next = self.view_of(&transition.observations, i);
                 // not the next observation, which belongs to another episode
                 let after = if ended {
@@ -207,14 +207,14 @@ impl Features {
             }
         }
         let open = sums.into_iter().zip(&running);
-        episodes.extend(open.filter(|(_, e)| e.length > 0).map(|(sums, _)| sums));
+        episodes.extend(open.filter(|(_, e)| e.length > 0).map(|(episode, _)| episode));
         Ok(episodes)
     }
 
     /// Returns the view of environment `i`.
     fn view_of(&self, observations: &Observations, i: usize) -> Vec<f64> {
         let (image, vector) = observations.sample(&self.spec, i);
-        let [height, width, channels] = self.spec.image;
+        let [height, width, channels] = self.spec.image_shape;
         let mut moments = vec![0.0; 4 * channels];
         let full = 255.0 * (height * width) as f64;
         for (k, &byte) in image.iter().enumerate() {

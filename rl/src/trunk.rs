@@ -5,11 +5,11 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use equivariant::{
-    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Scratch, Sequential, Shape,
-    Signature, pixel_value, unit_sums,
+    Concat, FieldType, GroupMaxPool, Layer, LayerSignature, Linear, Relu, Scalar, Scratch,
+    Sequential, Shape, absolute_activation_sums, pixel_byte_to_float,
 };
 use rand::Rng;
-use symmetry::irrep_order;
+use symmetry::irrep_major_permutation;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, assert_len};
@@ -23,8 +23,9 @@ use crate::network_settings::NetworkSettings;
 /// ```
 ///
 /// Parameters are those of the image encoder, then those of the vector's layer. With
-/// [`Encoder::Blind`](crate::Encoder::Blind) or without images there is no image encoder, and h
-/// consists of the vector's fields; without a vector, h consists of the image's fields.
+/// [`EncoderSettings::Blind`](crate::EncoderSettings::Blind) or without images there is no image
+/// encoder, and h consists of the vector's fields; without a vector, h consists of the image's
+/// fields.
 pub struct Trunk<T> {
     /// Settings that the network was built with.
     pub settings: NetworkSettings,
@@ -41,7 +42,7 @@ pub struct Trunk<T> {
 }
 
 /// Layers of a trunk, for running or exporting them elsewhere.
-pub struct Parts<'a, T> {
+pub struct TrunkLayers<'a, T> {
     pub encoder: Option<&'a Sequential<T>>,
     pub vector: Option<&'a Sequential<T>>,
     /// Concatenation of the fields of image and vector, if there are both.
@@ -74,20 +75,21 @@ impl<T: Scalar> Trunk<T> {
         settings.check()?;
         spec.check()?;
         let group = settings.group;
-        let canvas = settings.encoder.canvas(spec.image)?;
+        let canvas = settings.encoder.canvas_shape(spec.image_shape)?;
         let encoder = settings.encoder.layers(group, canvas, settings.top_fields)?;
-        let fields = settings.regular(settings.vector_fields);
-        let from = (!spec.vector.is_empty()).then(|| FieldType::from_irreps(group, &spec.vector));
-        let layers = |from| Ok::<_, RlError>(Sequential::new(lift(from, fields)?)?);
+        let fields = settings.regular_field_type(settings.vector_fields);
+        let from = (!spec.vector_irreps.is_empty())
+            .then(|| FieldType::from_irreps(group, &spec.vector_irreps));
+        let layers = |input| Ok::<_, RlError>(Sequential::new(lift(input, fields)?)?);
         let vector = from.map(layers).transpose()?;
-        let shapes = [&encoder, &vector].map(|part| part.as_ref().map(Signature::out_shape));
+        let shapes = [&encoder, &vector].map(|part| part.as_ref().map(LayerSignature::out_shape));
         let (joint, concat) = match shapes {
-            [Some(image), Some(vector)] => {
-                let concat = Concat::new(image, vector)?;
+            [Some(image), Some(lifted)] => {
+                let concat = Concat::new(image, lifted)?;
                 (concat.out_shape(), Some(concat))
             }
             [Some(alone), None] | [None, Some(alone)] => (alone, None),
-            [None, None] => return Err(RlError::NothingObserved),
+            [None, None] => return Err(RlError::NoObservationInput),
         };
         Ok(Self {
             pool: GroupMaxPool::new(joint)?,
@@ -95,13 +97,13 @@ impl<T: Scalar> Trunk<T> {
             encoder,
             vector,
             concat,
-            vector_order: irrep_order(group, &spec.vector),
+            vector_order: irrep_major_permutation(group, &spec.vector_irreps),
             settings: settings.clone(),
             spec: spec.clone(),
         })
     }
 
-    /// Returns the field type of h.
+    /// Returns the field type of h, the features that actor and critic share.
     pub fn out_type(&self) -> FieldType {
         self.pool.in_shape().fields
     }
@@ -112,13 +114,13 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Returns the range of the image encoder's parameters.
-    pub fn encoder(&self) -> Range<usize> {
-        0..self.encoder.as_ref().map_or(0, Signature::num_params)
+    pub fn encoder_params(&self) -> Range<usize> {
+        0..self.encoder.as_ref().map_or(0, LayerSignature::num_params)
     }
 
     pub fn num_params(&self) -> usize {
         let vector = self.vector.as_ref();
-        self.encoder().end + vector.map_or(0, Signature::num_params)
+        self.encoder_params().end + vector.map_or(0, LayerSignature::num_params)
     }
 
     /// Returns the range of the trunk's parameters in those of the network.
@@ -127,16 +129,16 @@ impl<T: Scalar> Trunk<T> {
     }
 
     fn vector_params(&self) -> Range<usize> {
-        self.encoder().end..self.num_params()
+        self.encoder_params().end..self.num_params()
     }
 
     /// Returns `num_params` parameters for a whole network: the trunk's are drawn (weights before a
     /// ReLU with gain sqrt(2), zero biases), the others are zeros.
-    pub fn init(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
+    pub fn init_params(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
         let mut params = vec![T::ZERO; num_params];
         if let Some(encoder) = &self.encoder {
-            let gain = self.settings.encoder.last_gain();
-            encoder.init_scaled(rng, gain, &mut params[self.encoder()]);
+            let gain = self.settings.encoder.last_layer_gain();
+            encoder.init_with_gain(rng, gain, &mut params[self.encoder_params()]);
         }
         if let Some(vector) = &self.vector {
             vector.init(rng, &mut params[self.vector_params()]);
@@ -144,8 +146,8 @@ impl<T: Scalar> Trunk<T> {
         params
     }
 
-    pub fn parts(&self) -> Parts<'_, T> {
-        Parts {
+    pub fn parts(&self) -> TrunkLayers<'_, T> {
+        TrunkLayers {
             encoder: self.encoder.as_ref(),
             vector: self.vector.as_ref(),
             concat: self.concat.as_ref(),
@@ -155,7 +157,7 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Allocates buffers for up to `capacity` samples.
-    pub fn pass(&self, capacity: usize) -> TrunkPass<T> {
+    pub fn new_pass(&self, capacity: usize) -> TrunkPass<T> {
         let (encoder, vector) = (self.encoder.as_ref(), self.vector.as_ref());
         TrunkPass {
             image: encoder.map(|encoder| EncoderBuffers::new(encoder, capacity)),
@@ -166,7 +168,7 @@ impl<T: Scalar> Trunk<T> {
 
     /// Loads sample `slot`: pixels `[H, W, C]`, which the encoder maps to [-0.5, 0.5], and the
     /// vector `[D]`, reordered to irrep-major order.
-    pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
+    pub fn load_sample(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
         assert_len("image", image.len(), self.spec.image_len());
         assert_len("vector", vector.len(), self.vector_order.len());
         if let Some(encoder) = &mut pass.image {
@@ -184,7 +186,7 @@ impl<T: Scalar> Trunk<T> {
     /// Copies an image to the centre of a canvas, where flips of the canvas flip the image in
     /// place.
     fn centre(&self, image: &[u8], canvas: &mut [u8]) {
-        let ([height, width, channels], [rows, columns, _]) = (self.spec.image, self.canvas);
+        let ([height, width, channels], [rows, columns, _]) = (self.spec.image_shape, self.canvas);
         let (top, left) = ((rows - height) / 2, (columns - width) / 2);
         for (row, pixels) in image.chunks_exact(width * channels).enumerate() {
             let start = ((top + row) * columns + left) * channels;
@@ -194,16 +196,16 @@ impl<T: Scalar> Trunk<T> {
 
     /// Returns images `[N, H, W, C]`, each centred on the encoder's canvas.
     #[cfg(feature = "wgpu")]
-    pub fn canvases<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
-        if self.canvas == self.spec.image {
+    pub fn centre_on_canvas<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
+        if self.canvas == self.spec.image_shape {
             return Cow::Borrowed(images);
         }
         let (image, canvas) = (self.spec.image_len(), self.canvas.iter().product());
-        let mut canvases = vec![0; images.len() / image * canvas];
-        for (image, canvas) in images.chunks(image).zip(canvases.chunks_mut(canvas)) {
-            self.centre(image, canvas);
+        let mut centre_on_canvas = vec![0; images.len() / image * canvas];
+        for (source, target) in images.chunks(image).zip(centre_on_canvas.chunks_mut(canvas)) {
+            self.centre(source, target);
         }
-        Cow::Owned(canvases)
+        Cow::Owned(centre_on_canvas)
     }
 
     /// Loads the observations in `range` into the slots from 0 on.
@@ -215,15 +217,15 @@ impl<T: Scalar> Trunk<T> {
     ) {
         for (slot, i) in range.enumerate() {
             let (image, vector) = observations.sample(&self.spec, i);
-            self.load(slot, image, vector, pass);
+            self.load_sample(slot, image, vector, pass);
         }
     }
 
-    /// Computes h of the samples in slots 0..n.
+    /// Computes h, the features that actor and critic share, for the samples in slots 0..n.
     pub fn forward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>) {
         let (mut image, mut vector): (&[T], &[T]) = (&[], &[]);
         if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
-            image = buffers.forward(layers, &params[self.encoder()], n);
+            image = buffers.forward(layers, &params[self.encoder_params()], n);
         }
         if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
             vector = buffers.forward(layers, &params[self.vector_params()], n);
@@ -237,18 +239,23 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Returns the sum of each unit's outputs over the samples in slots 0..n.
-    pub fn unit_sums(&self, params: &[T], n: usize, pass: &TrunkPass<T>) -> Vec<Vec<f64>> {
+    pub fn unit_activation_sums(
+        &self,
+        params: &[T],
+        n: usize,
+        pass: &TrunkPass<T>,
+    ) -> Vec<Vec<f64>> {
         let mut sums = Vec::new();
         if let (Some(layers), Some(buffers)) = (&self.encoder, &pass.image) {
-            sums.extend(buffers.unit_sums(layers, &params[self.encoder()], n));
+            sums.extend(buffers.unit_activation_sums(layers, &params[self.encoder_params()], n));
         }
         if let (Some(layers), Some(buffers)) = (&self.vector, &pass.vector) {
-            sums.extend(buffers.unit_sums(layers, &params[self.vector_params()], n));
+            sums.extend(buffers.unit_activation_sums(layers, &params[self.vector_params()], n));
         }
         sums
     }
 
-    /// Returns h of the samples in slots 0..n.
+    /// Returns h, the features that actor and critic share, of the samples in slots 0..n.
     pub fn fields<'p>(&self, n: usize, pass: &'p TrunkPass<T>) -> &'p [T] {
         &pass.fields()[..n * self.out_type().dim()]
     }
@@ -282,7 +289,7 @@ impl<T: Scalar> Trunk<T> {
             None => d_vector.copy_from_slice(sum),
         }
         if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
-            let own = self.encoder();
+            let own = self.encoder_params();
             buffers.backward(layers, &params[own.clone()], n, &mut dparams[own]);
         }
         if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
@@ -326,9 +333,9 @@ pub(crate) fn head<T: Scalar>(
 }
 
 /// Allocator of consecutive parameter ranges.
-pub(crate) struct Layout(usize);
+pub(crate) struct ParamAllocator(usize);
 
-impl Layout {
+impl ParamAllocator {
     /// Starts after the parameters of a trunk.
     pub fn after<T: Scalar>(trunk: &Trunk<T>) -> Self {
         Self(trunk.num_params())
@@ -364,7 +371,7 @@ impl<T: Scalar> LayerBuffers<T> {
             y: zeros(output),
             dx: zeros(input),
             dy: zeros(output),
-            scratch: layer.scratch(samples),
+            scratch: layer.allocate_scratch(samples),
         }
     }
 
@@ -376,8 +383,13 @@ impl<T: Scalar> LayerBuffers<T> {
     }
 
     /// Returns the sum of each unit's outputs over the first n samples, one list for each ReLU.
-    pub fn unit_sums(&self, layer: &impl Layer<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
-        unit_sums(layer, params, &self.x[..n * layer.in_shape().len()])
+    pub fn unit_activation_sums(
+        &self,
+        layer: &impl Layer<T>,
+        params: &[T],
+        n: usize,
+    ) -> Vec<Vec<f64>> {
+        absolute_activation_sums(layer, params, &self.x[..n * layer.in_shape().len()])
     }
 
     /// Adds the gradient with respect to the parameters `range`, and computes that with respect to
@@ -417,7 +429,7 @@ impl<T: Scalar> EncoderBuffers<T> {
             pictures: vec![0; samples * encoder.in_shape().len()],
             y: vec![T::ZERO; output],
             dy: vec![T::ZERO; output],
-            scratch: encoder.scratch(samples),
+            scratch: encoder.allocate_scratch(samples),
         }
     }
 
@@ -425,21 +437,32 @@ impl<T: Scalar> EncoderBuffers<T> {
     pub fn forward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize) -> &[T] {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let (pictures, y) = (&self.pictures[..x], &mut self.y[..y]);
-        encoder.forward_bytes(params, pictures, y, &mut self.scratch);
+        encoder.forward_from_bytes(params, pictures, y, &mut self.scratch);
         y
     }
 
     /// Returns the sum of each unit's outputs over the first n images, one list for each ReLU.
-    pub fn unit_sums(&self, encoder: &Sequential<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
+    pub fn unit_activation_sums(
+        &self,
+        encoder: &Sequential<T>,
+        params: &[T],
+        n: usize,
+    ) -> Vec<Vec<f64>> {
         let pictures = &self.pictures[..n * encoder.in_shape().len()];
-        let x: Vec<T> = pictures.iter().map(|&byte| pixel_value(byte)).collect();
-        unit_sums(encoder, params, &x)
+        let x: Vec<T> = pictures.iter().map(|&byte| pixel_byte_to_float(byte)).collect();
+        absolute_activation_sums(encoder, params, &x)
     }
 
     /// Adds the gradient with respect to the parameters to `dparams`, from that of the output.
     pub fn backward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize, dparams: &mut [T]) {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let outputs = [&self.y[..y], &self.dy[..y]];
-        encoder.backward_bytes(params, &self.pictures[..x], outputs, dparams, &mut self.scratch);
+        encoder.backward_from_bytes(
+            params,
+            &self.pictures[..x],
+            outputs,
+            dparams,
+            &mut self.scratch,
+        );
     }
 }

@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    BoxError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition, VectorEnv,
+    BoxedEnvError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition, VectorEnv,
     collect, evaluate,
 };
 
@@ -19,11 +19,11 @@ impl VectorEnv for Strict {
         self.0.spec()
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.0.reset(out)
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         assert_eq!(actions.len(), ENVS, "the environment sees {actions:?}");
         let finite = actions.iter().all(|a| a.is_finite());
         assert!(finite, "the environment sees {actions:?}");
@@ -41,7 +41,7 @@ fn constant(action: f32) -> Acting<Constant> {
 impl Unseeing for Constant {
     type Memory = ();
 
-    fn memory(&self, _: usize) {}
+    fn new_memory(&self, _: usize) {}
 
     fn decide(&self, (): &mut (), out: &mut [f32]) {
         out.fill(self.0);
@@ -55,7 +55,7 @@ struct Sieve {
 }
 
 impl Experience<Acting<Constant>> for Sieve {
-    fn steps(&self) -> usize {
+    fn steps_per_env(&self) -> usize {
         self.steps
     }
 
@@ -128,7 +128,7 @@ fn too_few_and_too_many_actions_never_reach_the_environment() {
         let result = collected(4, &vec![0.5; len]);
         let named = matches!(
             result,
-            Err(RlError::Shape { what: "actions", got, expected: ENVS, .. }) if got == len
+            Err(RlError::ShapeMismatch { what: "actions", got, expected: ENVS, .. }) if got == len
         );
         assert!(named, "{result:?}");
     }
@@ -137,6 +137,6 @@ fn too_few_and_too_many_actions_never_reach_the_environment() {
 #[test]
 fn a_collection_of_no_steps_is_refused() {
     let result = collected(0, &[0.5; ENVS]);
-    let named = matches!(result, Err(RlError::Setting { name: "steps", .. }));
+    let named = matches!(result, Err(RlError::InvalidSetting { name: "steps", .. }));
     assert!(named, "{result:?}");
 }

@@ -3,9 +3,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, BoxError, Decisions, Encoder, EnvSpec, Experience, NetworkSettings,
-    Observations, OnPolicy, Outcome, RlError, RolloutBuffer, RolloutState, RolloutStats,
-    Transition, Values, VectorEnv, collect, evaluate,
+    Actor, ActorCriticPolicy, BoxedEnvError, Decisions, EncoderSettings, EnvSpec, Experience,
+    NetworkSettings, Observations, OnPolicyActor, RlError, RolloutBuffer, RolloutState,
+    RolloutStats, StepOutcome, Transition, ValueFunction, VectorEnv, collect, evaluate,
 };
 use symmetry::Irrep;
 
@@ -24,9 +24,9 @@ impl Scripted {
     fn new() -> Self {
         let spec = EnvSpec {
             num_envs: 2,
-            image: [4, 4, 1],
-            vector: vec![Irrep::X],
-            action: vec![Irrep::X],
+            image_shape: [4, 4, 1],
+            vector_irreps: vec![Irrep::X],
+            action_irreps: vec![Irrep::X],
         };
         Self { spec, time: 0, fails: false }
     }
@@ -41,12 +41,12 @@ impl VectorEnv for Scripted {
         &self.spec
     }
 
-    fn reset(&mut self, _: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, _: &mut Observations) -> Result<(), BoxedEnvError> {
         self.time = 0;
         Ok(())
     }
 
-    fn step(&mut self, _: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, _: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         if self.fails {
             return Err(FellOver.into());
         }
@@ -54,8 +54,8 @@ impl VectorEnv for Scripted {
         out.success = vec![self.time == 3; 2];
         out.success_at_end = vec![false, self.time == 3];
         out.outcomes.fill(match self.time {
-            3 => Outcome::Terminated,
-            _ => Outcome::Running,
+            3 => StepOutcome::Terminated,
+            _ => StepOutcome::Running,
         });
         Ok(())
     }
@@ -63,7 +63,7 @@ impl VectorEnv for Scripted {
 
 fn policy() -> ActorCriticPolicy {
     let settings = NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![2] },
+        encoder: EncoderSettings::Strided { fields: vec![2] },
         ..NetworkSettings::default()
     };
     ActorCriticPolicy::new(&settings, &Scripted::new().spec, 1).unwrap()
@@ -81,10 +81,10 @@ fn success_at_the_end_is_that_of_the_last_state() {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let stats = collect(&mut *env, &mut policy(), &mut buffer, &mut state, &mut rng).unwrap();
     let evaluated = evaluate(&mut *env, &mut policy(), 2).unwrap();
-    for stats in [stats, evaluated] {
-        assert_eq!(stats.success_rate(), Some(1.0));
-        assert_eq!(stats.success_at_end_rate(), Some(0.5));
-        assert!(stats.episodes.iter().all(|e| e.success_at_end == (e.env == 1)));
+    for each in [stats, evaluated] {
+        assert_eq!(each.success_rate(), Some(1.0));
+        assert_eq!(each.success_at_end_rate(), Some(0.5));
+        assert!(each.episodes.iter().all(|e| e.success_at_end == (e.env == 1)));
     }
 }
 
@@ -103,7 +103,7 @@ struct Echo;
 impl Actor for Echo {
     type Memory = ();
 
-    fn memory(&self, _: usize) {}
+    fn new_memory(&self, _: usize) {}
 
     fn act(
         &mut self,
@@ -126,14 +126,14 @@ impl Actor for Echo {
     }
 }
 
-impl Values for Echo {
+impl ValueFunction for Echo {
     fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         out.fill(0.0);
         Ok(())
     }
 }
 
-impl OnPolicy for Echo {
+impl OnPolicyActor for Echo {
     fn decide(
         &mut self,
         _: &Observations,
@@ -172,10 +172,8 @@ fn the_noise_of_an_episode_goes_on_and_that_of_the_next_begins_afresh() {
     for t in 0..10 {
         for n in 0..2 {
             let (fresh, kept) = (fresh[2 * t + n], kept[2 * t + n]);
-            expected[n] = match begins[n].contains(&t) {
-                true => fresh,
-                false => 0.6 * expected[n] + 0.8 * fresh,
-            };
+            let begun = begins[n].contains(&t);
+            expected[n] = if begun { fresh } else { 0.6 * expected[n] + 0.8 * fresh };
             assert!((kept - expected[n]).abs() < 1e-5, "{n} at {t}: {kept}");
         }
     }
@@ -187,9 +185,9 @@ fn outcomes_of_other_environments_are_refused() {
     let mut buffer = RolloutBuffer::new(env.spec(), 5).unwrap();
     let from = Observations::new(env.spec());
     let mut to = Transition::new(env.spec());
-    to.outcomes = vec![Outcome::Terminated; 3];
+    to.outcomes = vec![StepOutcome::Terminated; 3];
     let error = buffer.record(&mut Echo, &from, &to).unwrap_err();
-    assert!(matches!(error, RlError::Shape { .. }), "{error}");
+    assert!(matches!(error, RlError::ShapeMismatch { .. }), "{error}");
 }
 
 #[test]
@@ -220,7 +218,7 @@ impl Short {
     fn new() -> Self {
         let env = PointReach::new(2, 0);
         let settings = NetworkSettings {
-            encoder: Encoder::Strided { fields: vec![2] },
+            encoder: EncoderSettings::Strided { fields: vec![2] },
             ..NetworkSettings::default()
         };
         Self {
@@ -270,8 +268,8 @@ fn after_a_rollout_that_lost_its_end_the_next_is_whole() {
     let mut state = short.reset();
     for _ in 0..2 {
         let stats = short.collect(&mut state);
-        assert_eq!((stats.decisions, short.buffer.steps()), (8, 4));
+        assert_eq!((stats.decisions, short.buffer.steps_per_env()), (8, 4));
         short.buffer.truncate(3).unwrap();
-        assert_eq!(short.buffer.steps(), 3);
+        assert_eq!(short.buffer.steps_per_env(), 3);
     }
 }

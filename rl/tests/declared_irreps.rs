@@ -3,7 +3,7 @@
 use Irrep::{Trivial, X, XY, Y};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxError, EnvSpec, Observations, RlError, Transition, VectorEnv, check_symmetry};
+use rl::{BoxedEnvError, EnvSpec, Observations, RlError, Transition, VectorEnv, check_symmetry};
 use symmetry::{Group, Irrep};
 
 use crate::common::guess::Guess;
@@ -18,8 +18,11 @@ struct Declared<E> {
 
 impl<E: VectorEnv> Declared<E> {
     fn new(env: E, vector: &[Irrep], action: &[Irrep]) -> Self {
-        let spec =
-            EnvSpec { vector: vector.to_vec(), action: action.to_vec(), ..env.spec().clone() };
+        let spec = EnvSpec {
+            vector_irreps: vector.to_vec(),
+            action_irreps: action.to_vec(),
+            ..env.spec().clone()
+        };
         Self { env, spec }
     }
 }
@@ -29,11 +32,11 @@ impl<E: VectorEnv> VectorEnv for Declared<E> {
         &self.spec
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.env.reset(out)
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         self.env.step(actions, out)
     }
 }
@@ -70,7 +73,7 @@ fn wrong_irreps_are_refused() {
     for (vector, action) in wrong {
         let refused = checked(&vector, &action, Group::D2, 0);
         assert!(
-            matches!(refused, Err(RlError::Asymmetric { .. })),
+            matches!(refused, Err(RlError::SymmetryViolated { .. })),
             "{vector:?} {action:?}: {refused:?}"
         );
     }
@@ -109,8 +112,8 @@ impl Toy for Noise {
     fn observe(&self, n: usize, out: &mut Observations) {
         let mut rng = self.0.clone();
         rng.set_word_pos(1000 * n as u128);
-        let heavy = |rng: &mut ChaCha8Rng| (1.0 / rng.random_range(0.001..1.0_f32)).powi(2);
-        let sign = |rng: &mut ChaCha8Rng| if rng.random() { 1.0 } else { -1.0 };
+        let heavy = |draws: &mut ChaCha8Rng| (1.0 / draws.random_range(0.001..1.0_f32)).powi(2);
+        let sign = |draws: &mut ChaCha8Rng| if draws.random() { 1.0 } else { -1.0 };
         let row = &mut out.vectors[3 * n..3 * n + 3];
         row.fill_with(|| sign(&mut rng) * heavy(&mut rng));
     }
@@ -122,7 +125,12 @@ impl Toy for Noise {
 
 #[test]
 fn false_alarms_are_rare_whatever_the_distribution() {
-    let spec = EnvSpec { num_envs: 60, image: [1, 1, 1], vector: vec![X, Y, XY], action: vec![X] };
+    let spec = EnvSpec {
+        num_envs: 60,
+        image_shape: [1, 1, 1],
+        vector_irreps: vec![X, Y, XY],
+        action_irreps: vec![X],
+    };
     let alarms = (0..300).filter(|&seed| {
         let noise = Noise(ChaCha8Rng::seed_from_u64(seed));
         let mut env = Toys::of(noise, spec.clone());
@@ -152,8 +160,12 @@ fn first_states_on_one_side_and_too_few_episodes_are_refused() {
         }
     }
 
-    let spec =
-        EnvSpec { num_envs: 10, image: [PIXELS, PIXELS, 1], vector: vec![X], action: vec![X] };
+    let spec = EnvSpec {
+        num_envs: 10,
+        image_shape: [PIXELS, PIXELS, 1],
+        vector_irreps: vec![X],
+        action_irreps: vec![X],
+    };
     let mut env = Toys::of(OneSided, spec);
     let mut check = |steps| {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -162,6 +174,6 @@ fn first_states_on_one_side_and_too_few_episodes_are_refused() {
     };
     let message = check(10);
     assert!(message.contains("vector component 0 (x) would be 0"), "{message}");
-    let message = check(4);
-    assert!(message.contains("48 episodes"), "{message}");
+    let short_message = check(4);
+    assert!(short_message.contains("48 episodes"), "{short_message}");
 }

@@ -3,8 +3,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Critic, Encoder, EnvSpec, Features, NetworkSettings, Observations,
-    Values,
+    Actor, ActorCriticPolicy, CriticSettings, EncoderSettings, EnvSpec, FeatureExtractor,
+    NetworkSettings, Observations, ValueFunction,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -17,20 +17,25 @@ const TOLERANCE: f32 = 1e-5;
 fn spec() -> EnvSpec {
     let vector =
         vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::XY, Irrep::X, Irrep::Y];
-    EnvSpec { num_envs: SAMPLES, image: [32, 32, 6], action: vector[..5].to_vec(), vector }
+    EnvSpec {
+        num_envs: SAMPLES,
+        image_shape: [32, 32, 6],
+        action_irreps: vector[..5].to_vec(),
+        vector_irreps: vector,
+    }
 }
 
 /// The three kinds of encoder and the two of critic, for pictures of 32 x 32 pixels.
 fn networks() -> [NetworkSettings; 4] {
     let pooled = NetworkSettings {
-        encoder: Encoder::Pooled { fields: vec![4, 8], inner: [16, 8] },
+        encoder: EncoderSettings::Pooled { fields: vec![4, 8], inner: [16, 8] },
         ..NetworkSettings::default()
     };
     [NetworkSettings::default(), pooled, NetworkSettings::keypoints(), with_pooled_critic()]
 }
 
 fn with_pooled_critic() -> NetworkSettings {
-    NetworkSettings { critic: Critic::Pooled { width: 64 }, ..NetworkSettings::default() }
+    NetworkSettings { critic: CriticSettings::Pooled { width: 64 }, ..NetworkSettings::default() }
 }
 
 /// A random policy whose mean actions are of order one.
@@ -65,7 +70,7 @@ fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
 fn errors_of(policy: &mut ActorCriticPolicy, pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
     let [mean, value, features] = outputs(policy, &observations());
     let moved = outputs(policy, &transformed(&spec(), &observations(), pixels, vectors));
-    let mean = transform_vector(&mean, &spec().action, action);
+    let mean = transform_vector(&mean, &spec().action_irreps, action);
     [error(&moved[0], &mean), error(&moved[1], &value), error(&moved[2], &features)]
 }
 
@@ -106,9 +111,9 @@ fn elements_outside_the_group_change_mean_value_and_features() {
 fn the_network_for_128_pixels_is_equivariant() {
     let spec = EnvSpec {
         num_envs: 1,
-        image: [128, 128, 6],
-        vector: vec![Irrep::X, Irrep::Y],
-        action: vec![Irrep::X, Irrep::Y],
+        image_shape: [128, 128, 6],
+        vector_irreps: vec![Irrep::X, Irrep::Y],
+        action_irreps: vec![Irrep::X, Irrep::Y],
     };
     let settings = NetworkSettings { action_gain: 1.0, ..NetworkSettings::so2_128() };
     let mut policy = ActorCriticPolicy::new(&settings, &spec, 5).unwrap();
@@ -152,8 +157,8 @@ fn only_the_joint_critic_sees_how_the_vector_lies_relative_to_the_image() {
         let of = |settings| errors_of(&mut policy_of(&settings), D2::Identity, g, g);
         let [_, papers, features] = of(with_pooled_critic());
         assert!(papers < TOLERANCE && features < TOLERANCE, "{g}");
-        let [_, joint, features] = of(NetworkSettings::default());
-        assert!(joint > 100.0 * TOLERANCE && features < TOLERANCE, "{g}: {joint}");
+        let [_, joint, joint_features] = of(NetworkSettings::default());
+        assert!(joint > 100.0 * TOLERANCE && joint_features < TOLERANCE, "{g}: {joint}");
     }
 }
 
@@ -162,7 +167,7 @@ fn only_the_joint_critic_sees_how_the_vector_lies_relative_to_the_image() {
 fn the_check_of_value_and_features_fails_for_what_is_no_symmetry() {
     let mut policy = policy();
     let [_, value, features] = outputs(&mut policy, &observations());
-    let [h, w, c] = spec().image;
+    let [h, w, c] = spec().image_shape;
     let original = observations().images;
     let mut transposed = observations();
     for (i, pixel) in transposed.images.chunks_mut(c).enumerate() {
@@ -170,7 +175,7 @@ fn the_check_of_value_and_features_fails_for_what_is_no_symmetry() {
         pixel.copy_from_slice(&original[((image * h + column) * w + row) * c..][..c]);
     }
     let mut swapped = observations();
-    swapped.vectors.chunks_mut(spec().vector.len()).for_each(|v| v.swap(0, 1));
+    swapped.vectors.chunks_mut(spec().vector_irreps.len()).for_each(|v| v.swap(0, 1));
     for wrong in [transposed, swapped] {
         let moved = outputs(&mut policy, &wrong);
         assert!(error(&moved[1], &value) > 100.0 * TOLERANCE);

@@ -3,9 +3,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, ContextSettings, Encoder, EnvSpec, NetworkSettings, Ppo,
-    PpoSettings, Replay, ReplaySettings, RolloutBuffer, RolloutState, Sac, SacPolicy, SacSettings,
-    VectorEnv, collect, evaluate,
+    ActorCriticPolicy, Algorithm, ContextSettings, EncoderSettings, EnvSpec, NetworkSettings, Ppo,
+    PpoSettings, ReplayBuffer, ReplaySettings, RolloutBuffer, RolloutState, Sac, SacPolicy,
+    SacSettings, VectorEnv, collect, evaluate,
 };
 use symmetry::Group;
 
@@ -18,10 +18,9 @@ const ROLLOUTS: usize = 25;
 const THRESHOLD: f64 = 7.5;
 
 /// Returns the mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
-fn last_return(mut env: PointReach, encoder: Encoder, learn: bool) -> f64 {
+fn last_return(mut env: PointReach, encoder: EncoderSettings, learn: bool) -> f64 {
     let network = joint(encoder, 8);
-    let settings =
-        PpoSettings { encoder_learning_rate: 1e-3, gamma: 0.9, ..PpoSettings::measured() };
+    let settings = PpoSettings { encoder_learning_rate: 1e-3, gamma: 0.9, ..PpoSettings::tuned() };
     let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE).unwrap();
@@ -38,11 +37,11 @@ fn last_return(mut env: PointReach, encoder: Encoder, learn: bool) -> f64 {
     last
 }
 
-fn assert_learns(encoder: Encoder) {
+fn assert_learns(encoder: EncoderSettings) {
     assert_learns_in(&PointReach::new(32, 1), encoder);
 }
 
-fn assert_learns_in(env: &PointReach, encoder: Encoder) {
+fn assert_learns_in(env: &PointReach, encoder: EncoderSettings) {
     let last = |learn| last_return(env.clone(), encoder.clone(), learn);
     let [frozen, learned] = [false, true].map(last);
     assert!(learned > THRESHOLD, "{encoder:?} learned {learned}");
@@ -51,35 +50,35 @@ fn assert_learns_in(env: &PointReach, encoder: Encoder) {
 
 #[test]
 fn a_strided_encoder_reaches_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(Encoder::Strided { fields: vec![4] });
+    assert_learns(EncoderSettings::Strided { fields: vec![4] });
 }
 
 #[test]
 fn a_pooled_encoder_reaches_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(Encoder::Pooled { fields: vec![], inner: [4, 4] });
+    assert_learns(EncoderSettings::Pooled { fields: vec![], inner: [4, 4] });
 }
 
 #[test]
 fn keypoints_reach_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(Encoder::Keypoints { fields: vec![4], maps: 4 });
+    assert_learns(EncoderSettings::Keypoints { fields: vec![4], maps: 4 });
 }
 
 #[test]
 fn vectors_alone_reach_a_return_that_a_frozen_policy_does_not() {
     let env = PointReach::showing(32, 1, EnvSpec::NO_IMAGE, 4);
-    assert_learns_in(&env, Encoder::Blind);
+    assert_learns_in(&env, EncoderSettings::Blind);
 }
 
 #[test]
 fn pictures_alone_that_are_not_square_reach_a_return_that_a_frozen_policy_does_not() {
     let env = PointReach::showing(32, 1, [8, 12, 2], 0);
-    let encoder = Encoder::Keypoints { fields: vec![4], maps: 4 };
+    let encoder = EncoderSettings::Keypoints { fields: vec![4], maps: 4 };
     assert_learns_in(&env, encoder);
 }
 
 const ENVS: usize = 16;
 
-fn network(group: Group, encoder: Encoder) -> NetworkSettings {
+fn network(group: Group, encoder: EncoderSettings) -> NetworkSettings {
     NetworkSettings { group, ..joint(encoder, 8) }
 }
 
@@ -112,7 +111,7 @@ fn learned(
         warm_up: 200,
         ..ReplaySettings::default()
     };
-    let mut replay = Replay::new(replay, &spec).unwrap();
+    let mut replay = ReplayBuffer::new(replay, &spec).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut state = RolloutState::reset(env, &policy).unwrap();
     for _ in 0..turns {
@@ -127,7 +126,7 @@ fn learned(
 fn a_goal_that_is_shown_is_learnt_from_vectors() {
     for group in [Group::D2, Group::C1] {
         let run = |turns| {
-            let network = network(group, Encoder::Blind);
+            let network = network(group, EncoderSettings::Blind);
             learned(&mut Guess::new(ENVS, true, 1), &network, None, turns)
         };
         let (frozen, learned) = (run(0), run(25));
@@ -141,7 +140,7 @@ fn a_goal_that_is_shown_is_learnt_from_vectors() {
 #[test]
 fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
     let run = |context| {
-        let network = network(Group::C1, Encoder::Blind);
+        let network = network(Group::C1, EncoderSettings::Blind);
         learned(&mut Guess::new(ENVS, false, 1), &network, context, 40)
     };
     let remembering = run(Some(ContextSettings { size: 8, length: 2 }));
@@ -154,7 +153,7 @@ fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
 #[test]
 fn a_goal_in_a_picture_is_learnt_from_pixels() {
     let run = |turns| {
-        let network = network(Group::D2, Encoder::Strided { fields: vec![4] });
+        let network = network(Group::D2, EncoderSettings::Strided { fields: vec![4] });
         learned(&mut PointReach::new(ENVS, 1), &network, None, turns)
     };
     let (frozen, learned) = (run(0), run(25));

@@ -5,8 +5,8 @@ use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, Memory, Replay, ReplaySettings, RolloutBuffer, RolloutState, VectorEnv, collect,
-    evaluate,
+    Actor, ActorMemory, ReplayBuffer, ReplaySettings, RolloutBuffer, RolloutState, VectorEnv,
+    collect, evaluate,
 };
 
 use crate::common::unseeing::{Acting, Ages, Unseeing};
@@ -30,8 +30,8 @@ struct Counts {
     forgets: Forgets,
 }
 
-impl Memory for Counts {
-    fn forget(&mut self, env: usize) {
+impl ActorMemory for Counts {
+    fn forget_episode(&mut self, env: usize) {
         match self.forgets {
             Forgets::ThisOne => self.steps[env] = 0,
             Forgets::Nothing => {}
@@ -44,7 +44,7 @@ impl Memory for Counts {
 impl Unseeing for Counter {
     type Memory = Counts;
 
-    fn memory(&self, envs: usize) -> Counts {
+    fn new_memory(&self, envs: usize) -> Counts {
         Counts { steps: vec![0; envs], forgets: self.forgets }
     }
 
@@ -118,7 +118,7 @@ fn the_check_fails_for_a_memory_that_is_lost_between_rollouts() {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     collect(&mut env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
     assert!(right(buffer.rewards()));
-    state.memory = actor.memory(1);
+    state.memory = actor.new_memory(1);
     collect(&mut env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
     assert!(!right(buffer.rewards()));
 }
@@ -136,14 +136,14 @@ enum Heard {
     End,
 }
 
-impl Memory for Notes {
-    fn forget(&mut self, env: usize) {
+impl ActorMemory for Notes {
+    fn forget_episode(&mut self, env: usize) {
         if env == 0 {
             self.heard.push(Heard::End);
         }
     }
 
-    fn remember(&mut self, env: usize, action: &[f32], reward: f32) {
+    fn remember_step(&mut self, env: usize, action: &[f32], reward: f32) {
         if env == 0 {
             let action = action[0];
             self.heard.push(Heard::Step { action, reward });
@@ -157,7 +157,7 @@ struct Wavering;
 impl Unseeing for Wavering {
     type Memory = Notes;
 
-    fn memory(&self, _: usize) -> Notes {
+    fn new_memory(&self, _: usize) -> Notes {
         Notes::default()
     }
 
@@ -174,7 +174,7 @@ fn a_memory_hears_of_actions_and_rewards_before_the_end() {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut heard = |steps, warm_up| {
         let settings = ReplaySettings { steps, warm_up, ..ReplaySettings::default() };
-        let mut replay = Replay::new(settings, env.spec()).unwrap();
+        let mut replay = ReplayBuffer::new(settings, env.spec()).unwrap();
         let mut actor = Acting(Wavering);
         let mut state = RolloutState::reset(&mut env, &actor).unwrap();
         collect(&mut env, &mut actor, &mut replay, &mut state, &mut rng).unwrap();

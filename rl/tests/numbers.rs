@@ -3,8 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, AlgorithmState, MAX_OBSERVATION, Outcome, Ppo, PpoSettings,
-    RlError, RolloutBuffer, Transition, evaluate,
+    ActorCriticPolicy, Algorithm, AlgorithmState, MAX_ABS_OBSERVATION, Ppo, PpoSettings, RlError,
+    RolloutBuffer, StepOutcome, Transition, evaluate,
 };
 
 use crate::common::parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
@@ -27,7 +27,7 @@ fn rewards_and_observations_that_are_not_numbers_are_refused_before_the_policy_s
         (|t| t.observations.vectors[3] = f32::INFINITY, "a component of an observation vector"),
         (
             |t| {
-                t.outcomes[2] = Outcome::Terminated;
+                t.outcomes[2] = StepOutcome::Terminated;
                 t.final_observations.vectors[5] = f32::NAN;
             },
             "a component of a final observation vector",
@@ -56,7 +56,7 @@ fn an_error_names_environment_component_and_step() {
         ),
         (
             |t| {
-                t.outcomes[2] = Outcome::Truncated;
+                t.outcomes[2] = StepOutcome::Truncated;
                 t.final_observations.vectors[5] = f32::INFINITY;
             },
             "a component of a final observation vector is inf (environment 2, component 1, step 3)",
@@ -69,7 +69,7 @@ fn an_error_names_environment_component_and_step() {
             steps += 1;
             match steps {
                 2 => {
-                    t.outcomes[1] = Outcome::Truncated;
+                    t.outcomes[1] = StepOutcome::Truncated;
                     t.final_observations.vectors[2..4].fill(0.0);
                 }
                 3 => spoil(t),
@@ -90,12 +90,12 @@ fn an_error_names_environment_component_and_step() {
 /// Squares of such numbers overflow the gradient, which names nothing that is of use.
 #[test]
 fn observations_far_from_order_one_are_refused() {
-    for (value, refused) in [(MAX_OBSERVATION, false), (1e13, true), (-1e30, true)] {
+    for (value, refused) in [(MAX_ABS_OBSERVATION, false), (1e13, true), (-1e30, true)] {
         let mut wrong = parts();
         wrong.transition.observations.vectors[5] = value;
         let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
         let result = push(&mut buffer, &wrong);
-        let too_large = matches!(result, Err(RlError::TooLarge { .. }));
+        let too_large = matches!(result, Err(RlError::ObservationTooLarge { .. }));
         assert_eq!(too_large, refused, "{value:e}: {result:?}");
     }
 }
@@ -152,7 +152,7 @@ fn returns_that_overflow_leave_the_parameters_alone() {
     let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
     let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
     let mut huge = parts();
-    huge.transition.outcomes.fill(Outcome::Running);
+    huge.transition.outcomes.fill(StepOutcome::Running);
     huge.transition.rewards.fill(3e38);
     push(&mut buffer, &huge).unwrap();
     push(&mut buffer, &huge).unwrap();
@@ -197,7 +197,7 @@ fn saved_states_of_other_networks_and_damaged_ones_are_refused() {
         AlgorithmState::default(),
     ] {
         let result = ppo.restore(&state);
-        assert!(matches!(result, Err(RlError::State { .. })), "{result:?}");
+        assert!(matches!(result, Err(RlError::StateMismatch { .. })), "{result:?}");
     }
     for (value, expected) in [(f32::NAN, "finite"), (-1.0, "no negative number")] {
         let mut wrong = zeros.clone();
@@ -221,10 +221,10 @@ fn names_that_read_like_another_layout_are_refused() {
     let joined = AlgorithmState { tensors: vec![("a [3], b", &two)], counters };
     let moved =
         AlgorithmState { tensors: vec![], counters: vec![("a [3]", 0), ("b [2]", 0), ("c", 0)] };
-    assert!(own.check_like(&own).is_ok());
+    assert!(own.check_same_layout(&own).is_ok());
     for other in [joined, moved] {
-        match other.check_like(&own) {
-            Err(RlError::State { got, expected }) => assert_ne!(got, expected),
+        match other.check_same_layout(&own) {
+            Err(RlError::StateMismatch { got, expected }) => assert_ne!(got, expected),
             result => panic!("{result:?}"),
         }
     }
@@ -239,7 +239,10 @@ fn counters_that_no_run_can_reach_are_refused() {
     let most = 1 << 53;
     for steps in [most + 1, u64::MAX] {
         let result = ppo.restore(&saved(&zeros, &zeros, ("adam.steps", steps)));
-        let named = matches!(&result, Err(RlError::Damaged { name, .. }) if name == "adam.steps");
+        let named = matches!(
+            &result,
+            Err(RlError::InvalidStateNumber { name, .. }) if name == "adam.steps"
+        );
         assert!(named, "{result:?}");
     }
     let state = saved(&zeros, &zeros, ("adam.steps", most));

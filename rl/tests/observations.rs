@@ -3,10 +3,10 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, ContextSettings, Critic, Encoder, EnvSpec, ExportPolicy,
-    Features, NetworkSettings, Observations, Ppo, PpoSettings, Replay, ReplaySettings, RlError,
-    RolloutBuffer, RolloutState, Sac, SacPolicy, SacSettings, Transition, Values, VectorEnv,
-    check_symmetry, collect,
+    Actor, ActorCriticPolicy, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec,
+    ExportPolicy, FeatureExtractor, NetworkSettings, Observations, Ppo, PpoSettings, ReplayBuffer,
+    ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy, SacSettings, Transition,
+    ValueFunction, VectorEnv, check_symmetry, collect,
 };
 use symmetry::{D2, Group};
 
@@ -29,13 +29,13 @@ fn env((image, components): Space) -> PointReach {
     PointReach::showing(ENVS, 1, image, components)
 }
 
-fn encoders() -> [Encoder; 2] {
+fn encoders() -> [EncoderSettings; 2] {
     let fields = vec![2];
-    let keypoints = Encoder::Keypoints { fields: fields.clone(), maps: 3 };
-    [Encoder::Strided { fields }, keypoints]
+    let keypoints = EncoderSettings::Keypoints { fields: fields.clone(), maps: 3 };
+    [EncoderSettings::Strided { fields }, keypoints]
 }
 
-fn network(encoder: Encoder, group: Group) -> NetworkSettings {
+fn network(encoder: EncoderSettings, group: Group) -> NetworkSettings {
     NetworkSettings { group, action_gain: 1.0, ..joint(encoder, 4) }
 }
 
@@ -47,24 +47,24 @@ fn seen(spec: &EnvSpec, g: D2) -> [Observations; 2] {
 }
 
 /// Mean actions and features.
-fn outputs<P: Actor + Features>(policy: &mut P, seen: &Observations) -> [Vec<f32>; 2] {
+fn outputs<P: Actor + FeatureExtractor>(policy: &mut P, seen: &Observations) -> [Vec<f32>; 2] {
     let mut out = [vec![0.0; 2 * ENVS], vec![0.0; ENVS * policy.feature_dim()]];
-    let mut memory = policy.memory(ENVS);
+    let mut memory = policy.new_memory(ENVS);
     policy.mean_actions(seen, &mut memory, &mut out[0]).unwrap();
     policy.features(seen, &mut out[1]).unwrap();
     out
 }
 
-fn assert_equivariant<P: Actor + Features>(policy: &mut P, spec: &EnvSpec, group: Group) {
+fn assert_equivariant<P: Actor + FeatureExtractor>(policy: &mut P, spec: &EnvSpec, group: Group) {
     for &g in group.elements() {
         let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
-        let expected = transform_vector(&here[0], &spec.action, g);
+        let expected = transform_vector(&here[0], &spec.action_irreps, g);
         assert!(error(&there[0], &expected) < TOLERANCE, "{group} {g}");
         assert!(error(&there[1], &here[1]) < TOLERANCE, "{group} {g}");
     }
     for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
         let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
-        let expected = transform_vector(&here[0], &spec.action, g);
+        let expected = transform_vector(&here[0], &spec.action_irreps, g);
         assert!(error(&there[0], &expected) > 100.0 * TOLERANCE, "{group} {g}");
     }
 }
@@ -85,8 +85,8 @@ fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy 
         assert!(stats.steps > 0 && stats.grad_norm > 0.0);
     }
     buffer.reevaluate(&mut policy).unwrap();
-    let network = policy.network();
-    for own in [network.encoder(), network.heads()] {
+    let trained = policy.network();
+    for own in [trained.encoder_params(), trained.head_params()] {
         assert!(own.is_empty() || policy.params()[own.clone()] != before[own]);
     }
     policy
@@ -98,7 +98,7 @@ fn ppo_trains_an_equivariant_policy_in_every_space() {
         for encoder in encoders() {
             for group in [Group::D2, Group::D1x] {
                 let pooled = NetworkSettings {
-                    critic: Critic::Pooled { width: 3 },
+                    critic: CriticSettings::Pooled { width: 3 },
                     ..network(encoder.clone(), group)
                 };
                 for network in [network(encoder.clone(), group), pooled] {
@@ -122,9 +122,9 @@ fn ppo_trains_an_equivariant_policy_in_every_space() {
 /// With a context and moved windows; the replay that a state was saved of samples the same steps.
 #[test]
 fn sac_trains_an_equivariant_policy_in_every_space() {
-    let context = Some(ContextSettings { size: 4, length: 3 });
+    let short_context = Some(ContextSettings { size: 4, length: 3 });
     for space in SPACES {
-        for (encoder, context) in encoders().into_iter().zip([None, context]) {
+        for (encoder, context) in encoders().into_iter().zip([None, short_context]) {
             let mut env = env(space);
             let network = network(encoder, Group::D2);
             let mut policy = SacPolicy::new(&network, context, env.spec(), 2).unwrap();
@@ -136,13 +136,13 @@ fn sac_trains_an_equivariant_policy_in_every_space() {
                 ..SacSettings::default()
             };
             let mut sac = Sac::new(settings, &policy).unwrap();
-            let settings = ReplaySettings {
+            let replay_settings = ReplaySettings {
                 capacity: 100,
                 steps: EPISODE + 3,
                 warm_up: 20,
                 still_channels: 0,
             };
-            let mut replay = Replay::new(settings.clone(), env.spec()).unwrap();
+            let mut replay = ReplayBuffer::new(replay_settings.clone(), env.spec()).unwrap();
             let mut rng = ChaCha8Rng::seed_from_u64(3);
             let mut state = RolloutState::reset(&mut env, &policy).unwrap();
             for _ in 0..2 {
@@ -150,7 +150,8 @@ fn sac_trains_an_equivariant_policy_in_every_space() {
                 assert!(sac.update(&mut policy, &replay, &mut rng).unwrap().steps > 0);
             }
             assert_equivariant(&mut policy, env.spec(), Group::D2);
-            let restored = Replay::restore(settings, env.spec(), &replay.save()).unwrap();
+            let restored =
+                ReplayBuffer::restore(replay_settings, env.spec(), &replay.save()).unwrap();
             assert_eq!(restored.save(), replay.save());
         }
     }
@@ -169,9 +170,9 @@ fn irreps_are_checked_in_every_space() {
 fn a_network_that_sees_nothing_is_refused() {
     let nothing = env((EnvSpec::NO_IMAGE, 0)).spec().clone();
     let images = env(([8, 8, 2], 0)).spec().clone();
-    for (spec, encoder) in [(nothing, encoders()[0].clone()), (images, Encoder::Blind)] {
+    for (spec, encoder) in [(nothing, encoders()[0].clone()), (images, EncoderSettings::Blind)] {
         let error = ActorCriticPolicy::new(&joint(encoder, 2), &spec, 0).unwrap_err();
-        assert!(matches!(error, RlError::NothingObserved), "{error:?}");
+        assert!(matches!(error, RlError::NoObservationInput), "{error:?}");
         let message = error.to_string();
         assert!(message.contains("neither images nor vectors"), "{message}");
     }

@@ -4,8 +4,9 @@ use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, Adam, Decisions, EvaluateActions, Features, GaeInputs, OnPolicy, Outcome, ParamGroup,
-    RlError, RolloutBuffer, RolloutState, Values, collect, evaluate, gae,
+    Actor, Adam, Decisions, EvaluateActions, FeatureExtractor, GaeInputs, OnPolicyActor,
+    ParamGroup, RlError, RolloutBuffer, RolloutState, StepOutcome, ValueFunction, collect,
+    evaluate, gae,
 };
 
 use crate::common::PointReach;
@@ -56,7 +57,7 @@ fn spoil(parts: &mut Parts, array: usize, change: isize) -> &'static str {
 
 /// Returns `true` if a result is the error of the array of that name.
 fn names(result: Result<(), RlError>, array: &str) -> bool {
-    matches!(result, Err(RlError::Shape { what, .. }) if what == array)
+    matches!(result, Err(RlError::ShapeMismatch { what, .. }) if what == array)
 }
 
 fn panics(run: impl FnOnce() + std::panic::UnwindSafe) -> String {
@@ -118,9 +119,9 @@ proptest! {
         for array in 2..5 {
             let mut wrong = parts();
             let name = spoil(&mut wrong, array, change);
-            let decisions = &mut wrong.decisions;
-            prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], decisions), name));
-            prop_assert!(names(policy.evaluate_actions(&seen, decisions), name));
+            let spoilt = &mut wrong.decisions;
+            prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], spoilt), name));
+            prop_assert!(names(policy.evaluate_actions(&seen, spoilt), name));
         }
     }
 
@@ -133,7 +134,7 @@ proptest! {
         spoil(&mut wrong, array, change);
         let seen = &wrong.observations;
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let shape = |result| matches!(result, Err(RlError::Shape { .. }));
+        let shape = |result| matches!(result, Err(RlError::ShapeMismatch { .. }));
         let mut decisions = Decisions::new(&spec());
         prop_assert!(shape(policy.act(seen, &mut (), &mut rng, &mut [0.0; 2 * ENVS])));
         prop_assert!(shape(policy.mean_actions(seen, &mut (), &mut [0.0; 2 * ENVS])));
@@ -166,20 +167,20 @@ proptest! {
 #[test]
 fn a_rollout_of_other_environments_is_refused() {
     let mut other = spec();
-    other.action.swap(0, 1);
+    other.action_irreps.swap(0, 1);
     let mut buffer = RolloutBuffer::new(&other, 2).unwrap();
     let (mut env, mut policy) = (PointReach::new(ENVS, 0), policy());
     let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let result = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng);
-    assert!(matches!(result, Err(RlError::SpecMismatch { field: "action" })));
+    assert!(matches!(result, Err(RlError::SpecMismatch { field: "action_irreps" })));
 }
 
 #[test]
 fn gae_names_the_slice_that_does_not_fit() {
     let gae_with = |lens: [usize; 7]| {
         let [rewards, values, finals, last] = [0, 1, 3, 4].map(|i: usize| vec![0.0; lens[i]]);
-        let outcomes = vec![Outcome::Running; lens[2]];
+        let outcomes = vec![StepOutcome::Running; lens[2]];
         let inputs = GaeInputs {
             rewards: &rewards,
             values: &values,

@@ -4,9 +4,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, Decisions, Encoder, EvaluateActions, NetworkSettings,
-    Observations, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, UpdateStats,
-    Values, VectorEnv, collect,
+    Actor, ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EvaluateActions,
+    NetworkSettings, Observations, Ppo, PpoSettings, PpoStats, RlError, RolloutBuffer,
+    RolloutState, Transition, ValueFunction, VectorEnv, collect,
 };
 use symmetry::Group;
 
@@ -22,7 +22,7 @@ fn policy(seed: u64) -> ActorCriticPolicy {
 fn policy_of(group: Group, seed: u64) -> ActorCriticPolicy {
     let settings = NetworkSettings {
         group,
-        encoder: Encoder::Strided { fields: vec![4] },
+        encoder: EncoderSettings::Strided { fields: vec![4] },
         action_gain: 1.0,
         ..NetworkSettings::default()
     };
@@ -70,14 +70,15 @@ fn commented(actor: &mut ActorCriticPolicy, critic: &mut ActorCriticPolicy) -> R
 
 /// Log-probabilities, values, advantages and returns.
 fn figures(buffer: &RolloutBuffer) -> [Vec<f32>; 4] {
-    let (mut advantages, mut returns) = (vec![0.0; buffer.samples()], vec![0.0; buffer.samples()]);
+    let (mut advantages, mut returns) =
+        (vec![0.0; buffer.num_samples()], vec![0.0; buffer.num_samples()]);
     buffer.advantages(0.9, 0.8, &mut advantages, &mut returns).unwrap();
     let Decisions { log_probs, values, .. } = buffer.decisions().clone();
     [log_probs, values, advantages, returns]
 }
 
-fn largest_difference(a: &RolloutBuffer, b: &RolloutBuffer) -> f32 {
-    let pairs = figures(a).into_iter().zip(figures(b));
+fn largest_difference(one: &RolloutBuffer, other: &RolloutBuffer) -> f32 {
+    let pairs = figures(one).into_iter().zip(figures(other));
     let pairs = pairs.flat_map(|(a, b)| a.into_iter().zip(b));
     largest(pairs.map(|(a, b)| (a - b).abs()))
 }
@@ -97,7 +98,7 @@ fn another_policys_rollout_is_valued_as_if_it_had_been_commented_at_every_step()
 }
 
 /// An update with steps of size almost zero.
-fn still_update(policy: &mut ActorCriticPolicy, buffer: &RolloutBuffer) -> UpdateStats {
+fn still_update(policy: &mut ActorCriticPolicy, buffer: &RolloutBuffer) -> PpoStats {
     let settings = PpoSettings {
         head_learning_rate: 1e-30,
         encoder_learning_rate: 1e-30,
@@ -152,7 +153,7 @@ impl Faulty {
     fn answer(&mut self, out: &mut [f32]) -> Result<(), RlError> {
         self.answers += 1;
         match (self.answers == self.spoilt + 1, self.fails) {
-            (true, true) => Err(RlError::SpecMismatch { field: "image" }),
+            (true, true) => Err(RlError::SpecMismatch { field: "image_shape" }),
             (true, false) => {
                 out[1] = f32::NAN;
                 Ok(())
@@ -162,7 +163,7 @@ impl Faulty {
     }
 }
 
-impl Values for Faulty {
+impl ValueFunction for Faulty {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         self.policy.values(observations, out)?;
         self.answer(out)

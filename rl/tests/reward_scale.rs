@@ -3,9 +3,9 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Encoder, EnvSpec, MAX_RETURN, MIN_RETURN, Observations, Ppo,
-    PpoSettings, RewardWarning, RolloutBuffer, RolloutState, RolloutStats, VectorEnv, collect,
-    evaluate,
+    ActorCriticPolicy, Algorithm, EncoderSettings, EnvSpec, MAX_ABS_RETURN, MIN_ABS_RETURN,
+    Observations, Ppo, PpoSettings, RewardWarning, RolloutBuffer, RolloutState, RolloutStats,
+    VectorEnv, collect, evaluate,
 };
 use symmetry::Irrep;
 
@@ -25,9 +25,9 @@ impl Bandit {
         let bandit = Self { scale, goals: vec![0.0; num_envs], rng: ChaCha8Rng::seed_from_u64(1) };
         let spec = EnvSpec {
             num_envs,
-            image: EnvSpec::NO_IMAGE,
-            vector: vec![Irrep::X],
-            action: vec![Irrep::X],
+            image_shape: EnvSpec::NO_IMAGE,
+            vector_irreps: vec![Irrep::X],
+            action_irreps: vec![Irrep::X],
         };
         Toys::of(bandit, spec)
     }
@@ -54,7 +54,8 @@ impl Toy for Bandit {
 /// rollout.
 fn ppo(scale: f32) -> (f64, RolloutStats) {
     let mut env = Bandit::envs(32, scale);
-    let mut policy = ActorCriticPolicy::new(&joint(Encoder::Blind, 2), env.spec(), 2).unwrap();
+    let mut policy =
+        ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), env.spec(), 2).unwrap();
     let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), 16).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -74,8 +75,8 @@ fn ppo_learns_within_the_bounds_and_is_warned_of_outside() {
     // exploration never shrinks
     for (scale, mean, drawn) in [
         (1.0, 0.9..=1.0, 0.8..=1.0),
-        (MIN_RETURN as f32 * 1.001, 0.9..=1.0, 0.3..=1.0),
-        (MAX_RETURN as f32 * 0.99, 0.9..=1.0, 0.3..=1.0),
+        (MIN_ABS_RETURN as f32 * 1.001, 0.9..=1.0, 0.3..=1.0),
+        (MAX_ABS_RETURN as f32 * 0.99, 0.9..=1.0, 0.3..=1.0),
         (1e-6, 0.0..=0.3, 0.0..=0.2),
         (1e6, 0.9..=1.0, 0.0..=0.25),
     ] {
@@ -95,7 +96,8 @@ fn ppo_learns_within_the_bounds_and_is_warned_of_outside() {
 /// One rollout of the bandit.
 fn rollout(scale: f32) -> RolloutStats {
     let mut env = Bandit::envs(4, scale);
-    let mut policy = ActorCriticPolicy::new(&joint(Encoder::Blind, 2), env.spec(), 2).unwrap();
+    let mut policy =
+        ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), env.spec(), 2).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
     let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -112,7 +114,7 @@ fn rewards_of_nothing_but_zero_say_nothing() {
 fn the_sign_does_not_matter_and_the_message_names_value_and_bounds() {
     for scale in [3e38, -3e38] {
         let stats = rollout(scale);
-        assert!(stats.largest_return > 1e38);
+        assert!(stats.max_abs_return > 1e38);
         let message = stats.reward_warning().unwrap().to_string();
         assert!(message.contains("e38 in magnitude"), "{message}");
         assert!(message.contains("between 1e-2 and 1e3"), "{message}");
@@ -135,5 +137,5 @@ fn long_episodes_of_small_rewards_are_not_warned_of() {
     // the episodes go on, and end within the next rollout
     let long = after(7);
     assert_eq!(long.reward_warning(), None);
-    assert!((long.largest_return - 0.02).abs() < 1e-6);
+    assert!((long.max_abs_return - 0.02).abs() < 1e-6);
 }

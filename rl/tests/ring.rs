@@ -3,17 +3,25 @@
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, Outcome, Replay, ReplaySettings, ReplayStep, RlError, Transition};
+use rl::{
+    EnvSpec, Observations, ReplayBuffer, ReplaySettings, ReplayStep, RlError, StepOutcome,
+    Transition,
+};
 
 use crate::common::episodes::{Episodes, Step, settings, spec};
 
 /// Records `count` steps of every environment, with a reset before each of the steps in `resets`.
-fn fill(episodes: &mut Episodes, replay: &mut Replay, count: usize, resets: &[usize]) -> Vec<Step> {
+fn fill(
+    episodes: &mut Episodes,
+    replay: &mut ReplayBuffer,
+    count: usize,
+    resets: &[usize],
+) -> Vec<Step> {
     let mut all = Vec::new();
     for i in 0..count {
         if resets.contains(&i) {
             episodes.reset();
-            replay.cut();
+            replay.cut_episodes();
         }
         all.extend(episodes.record(replay).unwrap());
     }
@@ -36,17 +44,17 @@ fn is(recorded: ReplayStep, step: &Step) -> bool {
 }
 
 /// Compares every step that is held, and every step before it, with all steps ever taken.
-fn check(replay: &Replay, all: &[Step]) {
+fn check(replay: &ReplayBuffer, all: &[Step]) {
     let held = replay.len();
     assert_eq!(held, all.len().min(replay.settings().capacity));
-    assert_eq!(replay.recorded(), all.len() as u64);
+    assert_eq!(replay.num_recorded(), all.len() as u64);
     for (i, step) in all[all.len() - held..].iter().enumerate() {
         let recorded = replay.get(i);
         assert!(is(recorded, step), "{i}: {recorded:?} {step:?}");
         for count in 1..=step.seen.at {
             let mut seen = step.seen;
             seen.at -= count;
-            let outcome = Outcome::Running;
+            let outcome = StepOutcome::Running;
             let earlier = recorded.earlier(count).unwrap();
             assert!(is(earlier, &Step { seen, outcome }), "{i}, {count}");
         }
@@ -54,9 +62,9 @@ fn check(replay: &Replay, all: &[Step]) {
     }
 }
 
-fn indices(replay: &Replay, newest: f32, seed: u64) -> Vec<usize> {
+fn indices(replay: &ReplayBuffer, newest: f32, seed: u64) -> Vec<usize> {
     let mut out = Vec::new();
-    replay.sample(200, newest, &mut ChaCha8Rng::seed_from_u64(seed), &mut out);
+    replay.sample_indices(200, newest, &mut ChaCha8Rng::seed_from_u64(seed), &mut out);
     out
 }
 
@@ -76,13 +84,13 @@ proptest! {
     ) {
         let envs = lengths.len();
         let mut episodes = Episodes::new(&lengths);
-        let mut replay = Replay::new(settings(capacity), &spec(envs)).unwrap();
+        let mut replay = ReplayBuffer::new(settings(capacity), &spec(envs)).unwrap();
         let mut all = fill(&mut episodes, &mut replay, count, &resets);
         check(&replay, &all);
         if mark {
-            replay.mark();
+            replay.start_newest();
         }
-        let mut copy = Replay::restore(settings(capacity), &spec(1), &replay.save()).unwrap();
+        let mut copy = ReplayBuffer::restore(settings(capacity), &spec(1), &replay.save()).unwrap();
         prop_assert_eq!(copy.save(), replay.save());
         check(&copy, &all);
         for seed in 0..3 {
@@ -98,16 +106,16 @@ proptest! {
 #[test]
 fn a_share_of_a_minibatch_is_the_newest_experience() {
     let (mut episodes, mut replay) = (Episodes::new(&[5, 3]), replay_of(2, 60));
-    let newest = |replay: &Replay, share: f32, from: usize| {
-        let drawn = indices(replay, share, 1);
+    let newest = |any: &ReplayBuffer, share: f32, from: usize| {
+        let drawn = indices(any, share, 1);
         assert_eq!(drawn.len(), 200);
-        assert!(drawn.iter().all(|&i| i < replay.len()));
+        assert!(drawn.iter().all(|&i| i < any.len()));
         drawn.into_iter().filter(|&i| i >= from).count()
     };
     fill(&mut episodes, &mut replay, 20, &[]);
     // without a mark, all is the newest; right after one, nothing is
     assert_eq!(newest(&replay, 1.0, 0), 200);
-    replay.mark();
+    replay.start_newest();
     let last_quarter = newest(&replay, 1.0, 30);
     assert!((25..75).contains(&last_quarter), "{last_quarter}");
     fill(&mut episodes, &mut replay, 5, &[]);
@@ -115,17 +123,17 @@ fn a_share_of_a_minibatch_is_the_newest_experience() {
     let half = newest(&replay, 0.5, 40);
     assert!((101..160).contains(&half), "100 and a fifth of 100: {half}");
     assert!(newest(&replay, 0.0, 40) < 75);
-    replay.mark_newest(4);
+    replay.set_num_newest(4);
     assert_eq!(newest(&replay, 1.0, 46), 200, "the last four of fifty");
-    replay.mark_newest(1000);
+    replay.set_num_newest(1000);
     assert!(newest(&replay, 1.0, 46) < 50);
     // what is older than the ring counts no more
     fill(&mut episodes, &mut replay, 100, &[]);
     assert_eq!(newest(&replay, 1.0, 0), 200);
 }
 
-fn replay_of(envs: usize, capacity: usize) -> Replay {
-    Replay::new(settings(capacity), &spec(envs)).unwrap()
+fn replay_of(envs: usize, capacity: usize) -> ReplayBuffer {
+    ReplayBuffer::new(settings(capacity), &spec(envs)).unwrap()
 }
 
 /// An episode that never ends does not fill the memory, and contexts still find their steps.
@@ -135,14 +143,14 @@ fn an_endless_episode_is_forgotten_from_its_front() {
     let mut most = 0;
     for _ in 0..20 {
         fill(&mut episodes, &mut replay, 200, &[]);
-        most = most.max(replay.bytes());
+        most = most.max(replay.allocated_bytes());
         let oldest = replay.get(0);
         let count = oldest.step().min(256);
         assert_eq!(oldest.earlier(count).unwrap().step(), oldest.step() - count);
     }
     let step = 12 + 5 * size_of::<f32>();
     assert!(most < 2000 * step, "{most}");
-    let copy = Replay::restore(settings(50), &spec(1), &replay.save()).unwrap();
+    let copy = ReplayBuffer::restore(settings(50), &spec(1), &replay.save()).unwrap();
     assert_eq!(copy.save(), replay.save());
 }
 
@@ -150,19 +158,19 @@ fn an_endless_episode_is_forgotten_from_its_front() {
 /// steps: 200,000 of them are under 3 GB.
 #[test]
 fn a_step_takes_little_more_than_its_picture() {
-    let spec = EnvSpec { num_envs: 4, image: [64, 64, 6], ..spec(4) };
+    let spec = EnvSpec { num_envs: 4, image_shape: [64, 64, 6], ..spec(4) };
     let settings =
         ReplaySettings { capacity: 4000, still_channels: 3, ..ReplaySettings::default() };
-    let mut replay = Replay::new(settings, &spec).unwrap();
+    let mut replay = ReplayBuffer::new(settings, &spec).unwrap();
     let now = Observations::new(&spec);
     for step in 1..=1200 {
         let mut transition = Transition::new(&spec);
         if step % 50 == 0 {
-            transition.outcomes.fill(Outcome::Truncated);
+            transition.outcomes.fill(StepOutcome::Truncated);
         }
         replay.push(&now, &[0.0; 8], &transition).unwrap();
     }
-    let bytes = replay.bytes() / replay.len();
+    let bytes = replay.allocated_bytes() / replay.len();
     assert!((64 * 64 * 3..14_000).contains(&bytes), "{bytes}");
     assert!(200_000 * bytes < 3_000_000_000);
 }
@@ -173,16 +181,16 @@ fn a_step_that_does_not_follow_is_refused_until_the_episodes_are_cut() {
     let mut all = fill(&mut episodes, &mut replay, 3, &[]);
     episodes.reset();
     let result = episodes.clone().record(&mut replay);
-    assert!(matches!(result, Err(RlError::Discontinued { env: 0 })));
+    assert!(matches!(result, Err(RlError::EpisodeNotContinued { env: 0 })));
     check(&replay, &all);
-    replay.cut();
+    replay.cut_episodes();
     all.extend(fill(&mut episodes, &mut replay, 2, &[]));
     check(&replay, &all);
     // one environment alone leaves its episode
     let (mut now, actions, transition, _) = episodes.step();
     *now.vectors.last_mut().unwrap() += 1.0;
-    let result = replay.push(&now, &actions, &transition);
-    assert!(matches!(result, Err(RlError::Discontinued { env: 1 })));
+    let pushed = replay.push(&now, &actions, &transition);
+    assert!(matches!(pushed, Err(RlError::EpisodeNotContinued { env: 1 })));
 }
 
 /// Function that spoils a step, and the beginning of the error.
@@ -190,7 +198,7 @@ type Case = (fn(&mut Observations, &mut Vec<f32>, &mut Transition), &'static str
 
 #[test]
 fn what_cannot_be_right_is_refused_and_changes_nothing() {
-    let still = "the last 1 channels of the picture of environment 1 differ";
+    let still = "the last 1 channels of the image of environment 1 differ";
     let cases: [Case; 7] = [
         (|_, _, t| t.rewards[1] = f32::NAN, "a reward is NaN"),
         (|_, actions, _| actions[3] = f32::INFINITY, "an action is inf"),
@@ -216,17 +224,17 @@ fn what_cannot_be_right_is_refused_and_changes_nothing() {
 
 #[test]
 fn settings_out_of_range_are_refused_by_name() {
-    let wrong = |spoil: fn(&mut ReplaySettings)| {
+    let spoilt = |spoil: fn(&mut ReplaySettings)| {
         let mut settings = ReplaySettings::default();
         spoil(&mut settings);
         settings
     };
     for (name, wrong) in [
-        ("capacity", wrong(|s| s.capacity = 0)),
-        ("steps", wrong(|s| s.steps = 0)),
-        ("still_channels", wrong(|s| s.still_channels = 4)),
+        ("capacity", spoilt(|s| s.capacity = 0)),
+        ("steps", spoilt(|s| s.steps = 0)),
+        ("still_channels", spoilt(|s| s.still_channels = 4)),
     ] {
-        let message = Replay::new(wrong, &spec(1)).unwrap_err().to_string();
+        let message = ReplayBuffer::new(wrong, &spec(1)).unwrap_err().to_string();
         assert!(message.starts_with(name), "{message}");
     }
 }
@@ -241,17 +249,18 @@ fn a_damaged_state_is_refused() {
     let refused = |spoil: &dyn Fn(&mut rl::ReplayState)| {
         let mut wrong = state.clone();
         spoil(&mut wrong);
-        Replay::restore(settings(12), &spec(2), &wrong).unwrap_err()
+        ReplayBuffer::restore(settings(12), &spec(2), &wrong).unwrap_err()
     };
-    let damaged = |error| matches!(error, RlError::Damaged { .. });
-    assert!(damaged(refused(&|s| s.order[3][0] = 99)));
-    assert!(damaged(refused(&|s| s.order[3][1] = 99)));
-    assert!(damaged(refused(&|s| s.recorded = 3)));
-    assert!(damaged(refused(&|s| s.marked = 1000)));
-    assert!(damaged(refused(&|s| s.running[0] = Some(99))));
-    assert!(damaged(refused(&|s| s.running[1] = Some(0))));
-    let short = |error| matches!(error, RlError::Shape { what: "moving", .. });
-    assert!(short(refused(&|s| s.episodes[1].moving = &[])));
-    let rewards = refused(&|s| s.episodes[1].rewards = &NAN[..s.episodes[1].rewards.len()]);
+    let damaged = |error| matches!(error, RlError::InvalidStateNumber { .. });
+    assert!(damaged(refused(&|s| s.step_order[3][0] = 99)));
+    assert!(damaged(refused(&|s| s.step_order[3][1] = 99)));
+    assert!(damaged(refused(&|s| s.num_recorded = 3)));
+    assert!(damaged(refused(&|s| s.num_before_newest = 1000)));
+    assert!(damaged(refused(&|s| s.running_episodes[0] = Some(99))));
+    assert!(damaged(refused(&|s| s.running_episodes[1] = Some(0))));
+    let short = |error| matches!(error, RlError::ShapeMismatch { what: "moving", .. });
+    assert!(short(refused(&|s| s.stored_episodes[1].moving = &[])));
+    let rewards =
+        refused(&|s| s.stored_episodes[1].rewards = &NAN[..s.stored_episodes[1].rewards.len()]);
     assert!(matches!(rewards, RlError::NotFinite { .. }), "{rewards}");
 }

@@ -1,9 +1,9 @@
 //! Updates of soft actor-critic, what they save and refuse, and their settings.
 
 use rl::{
-    Actor, Algorithm, ContextSettings, Critic, Encoder, EnvSpec, Metrics, NetworkSettings,
-    Observations, PpoSettings, Replay, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
-    Temperature, VectorEnv, evaluate,
+    Actor, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec, Metrics,
+    NetworkSettings, Observations, PpoSettings, ReplayBuffer, ReplaySettings, RlError, Sac,
+    SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
 };
 use symmetry::Group;
 
@@ -14,8 +14,8 @@ use crate::common::{EPISODE, PointReach};
 const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
 const LEARNED: Temperature = Temperature::Learned { initial: 0.1, target: -1.0 };
 
-fn strided() -> Encoder {
-    Encoder::Strided { fields: vec![3, 4] }
+fn strided() -> EncoderSettings {
+    EncoderSettings::Strided { fields: vec![3, 4] }
 }
 
 /// Two collections and updates of a policy with a context, from moved steps, with everything on.
@@ -31,7 +31,7 @@ fn busy() -> Run {
 
 fn learn(run: &mut Run, turns: usize) {
     for _ in 0..turns {
-        run.replay.mark();
+        run.replay.start_newest();
         run.collect().unwrap();
         run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap();
     }
@@ -62,9 +62,9 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
     let mut run = busy();
     learn(&mut run, 2);
     let mut twin = restored(&run);
-    for run in [&mut run, &mut twin] {
-        run.replay.mark();
-        run.collect().unwrap();
+    for each in [&mut run, &mut twin] {
+        each.replay.start_newest();
+        each.collect().unwrap();
     }
     assert_eq!(twin.replay.save(), run.replay.save());
     let [stats, twins] = [&mut run, &mut twin]
@@ -86,7 +86,7 @@ fn restored(run: &Run) -> Run {
         env: run.env.clone(),
         policy,
         sac,
-        replay: Replay::restore(replay_settings(), spec, &run.replay.save()).unwrap(),
+        replay: ReplayBuffer::restore(replay_settings(), spec, &run.replay.save()).unwrap(),
         state: run.state.clone(),
         rng: run.rng.clone(),
     }
@@ -98,13 +98,13 @@ fn a_state_that_cannot_be_right_is_refused() {
     let plain = Run::new(&network(strided()), None, settings(), replay_settings());
     let mut sac = Sac::new(run.sac.settings().clone(), &run.policy).unwrap();
     let other = sac.restore(&plain.sac.save());
-    assert!(matches!(other, Err(RlError::State { .. })));
+    assert!(matches!(other, Err(RlError::StateMismatch { .. })));
     for moment in [1, 5] {
         let mut state = run.sac.save();
         let negative = vec![-1.0; state.tensors[moment].1.len()];
         state.tensors[moment].1 = &negative;
         let damaged = sac.restore(&state);
-        assert!(matches!(damaged, Err(RlError::Damaged { .. })));
+        assert!(matches!(damaged, Err(RlError::InvalidStateNumber { .. })));
     }
 }
 
@@ -112,7 +112,7 @@ fn a_state_that_cannot_be_right_is_refused() {
 #[test]
 fn gradient_steps_follow_the_recorded_steps() {
     let settings = SacSettings { updates_per_step: 0.25, ..settings() };
-    let mut run = Run::new(&network(Encoder::Blind), None, settings, replay_settings());
+    let mut run = Run::new(&network(EncoderSettings::Blind), None, settings, replay_settings());
     let mut turn = || {
         run.collect().unwrap();
         let stats = run.sac.update(&mut run.policy, &run.replay, &mut run.rng);
@@ -120,14 +120,14 @@ fn gradient_steps_follow_the_recorded_steps() {
     };
     assert_eq!([turn(), turn(), turn()], [2, 13, 12]);
     // nothing new was recorded, so nothing is due
-    assert_eq!(run.sac.due(run.replay.recorded()), 0);
+    assert_eq!(run.sac.gradient_steps_due(run.replay.num_recorded()), 0);
 }
 
 #[test]
 fn during_the_burn_in_nothing_is_learnt() {
     let mut run = busy();
     let before = run.policy.params().to_vec();
-    run.replay = Replay::new(replay_settings(), run.env.spec()).unwrap();
+    run.replay = ReplayBuffer::new(replay_settings(), run.env.spec()).unwrap();
     let settings = SacSettings { burn_in: 50, ..settings() };
     run.sac = Sac::new(settings, &run.policy).unwrap();
     run.collect().unwrap();
@@ -139,13 +139,12 @@ fn during_the_burn_in_nothing_is_learnt() {
 
 #[test]
 fn actions_are_uniform_during_the_warm_up_and_the_policys_afterwards() {
-    let still = NetworkSettings { log_std: -4.5, ..network(Encoder::Blind) };
+    let still = NetworkSettings { log_std: -4.5, ..network(EncoderSettings::Blind) };
     let mut run = Run::new(&still, None, settings(), replay_settings());
     run.collect().unwrap();
     let actions: Vec<f32> = (0..50).flat_map(|i| run.replay.get(i).action().to_vec()).collect();
     let (warm, own) = actions.split_at(2 * 20);
-    let spread =
-        |actions: &[f32]| actions.iter().map(|a| a * a).sum::<f32>() / actions.len() as f32;
+    let spread = |some: &[f32]| some.iter().map(|a| a * a).sum::<f32>() / some.len() as f32;
     assert!(actions.iter().all(|a| a.abs() <= 1.0));
     assert!((0.2..0.5).contains(&spread(warm)), "a third: {}", spread(warm));
     assert!(spread(own) < 0.01, "{}", spread(own));
@@ -171,40 +170,43 @@ fn a_network_that_diverged_is_reported_and_left_alone() {
     assert!(matches!(error, RlError::NotFinite { what: w, .. } if w == what), "{error}");
     assert!(untouched);
     // a finite loss whose gradient is beyond f32
-    let (error, untouched) = diverged(|run| {
-        let critics = run.policy.network().critics();
+    let (gradient_error, gradient_untouched) = diverged(|run| {
+        let critics = run.policy.network().critic_params();
         for param in &mut run.policy.params_mut()[critics] {
             *param *= 1e13;
         }
     });
-    let what = "the norm of the gradient";
-    assert!(matches!(error, RlError::NotFinite { what: w, .. } if w == what), "{error}");
-    assert!(untouched);
+    let norm = "the norm of the gradient";
+    assert!(
+        matches!(gradient_error, RlError::NotFinite { what: w, .. } if w == norm),
+        "{gradient_error}"
+    );
+    assert!(gradient_untouched);
 }
 
 #[test]
 fn what_does_not_fit_is_refused() {
     let mut run = busy();
     run.collect().unwrap();
-    let other = EnvSpec { image: [16, 16, 2], ..run.env.spec().clone() };
-    let foreign = Replay::new(replay_settings(), &other).unwrap();
+    let other = EnvSpec { image_shape: [16, 16, 2], ..run.env.spec().clone() };
+    let foreign = ReplayBuffer::new(replay_settings(), &other).unwrap();
     let result = run.sac.update(&mut run.policy, &foreign, &mut run.rng);
-    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image" })));
+    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image_shape" })));
     let mut stranger = SacPolicy::new(&network(strided()), None, run.env.spec(), 0).unwrap();
-    let result = run.sac.update(&mut stranger, &run.replay, &mut run.rng);
-    assert!(matches!(result, Err(RlError::Parameters { .. })));
+    let of_stranger = run.sac.update(&mut stranger, &run.replay, &mut run.rng);
+    assert!(matches!(of_stranger, Err(RlError::ParameterCountMismatch { .. })));
     let short = SacPolicy::with_params(&network(strided()), None, &other, vec![0.0; 3]);
-    assert!(matches!(short, Err(RlError::Parameters { got: 3, .. })));
+    assert!(matches!(short, Err(RlError::ParameterCountMismatch { got: 3, .. })));
 }
 
 /// Acts with the memory of a policy of these settings on this many environments.
 fn act_with(fields: usize, context: Option<ContextSettings>, envs: usize) -> Result<(), RlError> {
     let spec = PointReach::new(ENVS, 1).spec().clone();
-    let policy = |fields, context| {
-        let network = joint(strided(), fields);
-        SacPolicy::new(&network, context, &spec, 2).unwrap()
+    let policy = |width, memory| {
+        let network = joint(strided(), width);
+        SacPolicy::new(&network, memory, &spec, 2).unwrap()
     };
-    let mut memory = policy(fields, context).memory(envs);
+    let mut memory = policy(fields, context).new_memory(envs);
     let mut out = vec![0.0; 2 * ENVS];
     policy(4, Some(CONTEXT)).mean_actions(&Observations::new(&spec), &mut memory, &mut out)
 }
@@ -232,13 +234,13 @@ fn a_learned_temperature_approaches_the_entropy_that_is_asked_for() {
             learning_rate: 1e-3,
             ..settings()
         };
-        let mut run = Run::new(&network(Encoder::Blind), None, settings, replay_settings());
+        let mut run = Run::new(&network(EncoderSettings::Blind), None, settings, replay_settings());
         learn(&mut run, 4);
         run.sac.temperature()
     };
     // a component has less than ln 2 nats in (-1, 1)
     assert!(after(1.0) > 0.1 && after(-5.0) < 0.1);
-    let fixed = Run::new(&network(Encoder::Blind), None, settings(), replay_settings());
+    let fixed = Run::new(&network(EncoderSettings::Blind), None, settings(), replay_settings());
     assert_eq!(fixed.sac.temperature(), f64::from(0.005f32));
 }
 
@@ -258,7 +260,7 @@ fn small_spec() -> EnvSpec {
 
 fn small_network() -> NetworkSettings {
     NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![3, 4] },
+        encoder: EncoderSettings::Strided { fields: vec![3, 4] },
         ..NetworkSettings::default()
     }
 }
@@ -269,7 +271,7 @@ fn the_default_passes_a_step_as_often_as_ppo_does() {
     let (sac, ppo) = (SacSettings::default(), PpoSettings::default());
     let passes = sac.updates_per_step * sac.batch as f32;
     assert!((passes - ppo.epochs as f32).abs() < 1e-4);
-    let smaller = SacSettings { batch: 64, ..sac }.with_update_ratio_of(&PpoSettings::paper());
+    let smaller = SacSettings { batch: 64, ..sac }.with_update_ratio_of_ppo(&PpoSettings::paper());
     assert_eq!(smaller.updates_per_step, 8.0 / 64.0);
 }
 
@@ -314,7 +316,7 @@ fn networks_and_contexts_that_do_not_fit_are_refused_by_name() {
         let error = SacPolicy::new(settings, context, &small_spec(), 0).unwrap_err();
         assert!(error.to_string().starts_with(&format!("{name} ")), "{error}");
     };
-    let pooled = NetworkSettings { critic: Critic::Pooled { width: 8 }, ..small_network() };
+    let pooled = NetworkSettings { critic: CriticSettings::Pooled { width: 8 }, ..small_network() };
     refused(&pooled, None, "critic.pooled.width");
     let narrow = NetworkSettings { log_std: -5.0, ..small_network() };
     refused(&narrow, None, "log_std");

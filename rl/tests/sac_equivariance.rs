@@ -2,7 +2,10 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{Actor, ContextSettings, Encoder, EnvSpec, Features, Memory, NetworkSettings, SacPolicy};
+use rl::{
+    Actor, ActorMemory, ContextSettings, EncoderSettings, EnvSpec, FeatureExtractor,
+    NetworkSettings, SacPolicy,
+};
 use symmetry::{D2, Group, Irrep};
 
 use crate::common::parts::{error, random_observations, transform_vector, transformed};
@@ -14,9 +17,9 @@ const TOLERANCE: f32 = 1e-5;
 fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: ENVS,
-        image: [16, 16, 3],
-        vector: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
-        action: vec![Irrep::X, Irrep::Y, Irrep::Trivial],
+        image_shape: [16, 16, 3],
+        vector_irreps: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+        action_irreps: vec![Irrep::X, Irrep::Y, Irrep::Trivial],
     }
 }
 
@@ -25,7 +28,7 @@ fn spec() -> EnvSpec {
 fn outputs(policy: &mut SacPolicy, g: D2) -> [Vec<f32>; 2] {
     let spec = spec();
     let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let mut memory = policy.memory(ENVS);
+    let mut memory = policy.new_memory(ENVS);
     let mut out = [vec![0.0; ENVS * A], vec![0.0; ENVS * policy.feature_dim()]];
     for _ in 0..3 {
         let seen = random_observations(&spec, &mut rng);
@@ -34,8 +37,8 @@ fn outputs(policy: &mut SacPolicy, g: D2) -> [Vec<f32>; 2] {
         policy.features(&moved, &mut out[1]).unwrap();
         for env in 0..ENVS {
             let done: Vec<f32> = (0..A).map(|_| rng.random_range(-1.0..1.0)).collect();
-            let done = transform_vector(&done, &spec.action, g);
-            memory.remember(env, &done, rng.random_range(-1.0..1.0));
+            let done = transform_vector(&done, &spec.action_irreps, g);
+            memory.remember_step(env, &done, rng.random_range(-1.0..1.0));
         }
     }
     out
@@ -44,7 +47,7 @@ fn outputs(policy: &mut SacPolicy, g: D2) -> [Vec<f32>; 2] {
 fn policy(group: Group, context: bool) -> SacPolicy {
     let settings = NetworkSettings {
         group,
-        encoder: Encoder::Strided { fields: vec![4, 8] },
+        encoder: EncoderSettings::Strided { fields: vec![4, 8] },
         action_gain: 1.0,
         ..NetworkSettings::default()
     };
@@ -56,7 +59,7 @@ fn policy(group: Group, context: bool) -> SacPolicy {
 fn errors(policy: &mut SacPolicy, g: D2) -> [f32; 2] {
     let [means, features] = outputs(policy, D2::Identity);
     let moved = outputs(policy, g);
-    let expected = [transform_vector(&means, &spec().action, g), features];
+    let expected = [transform_vector(&means, &spec().action_irreps, g), features];
     [0, 1].map(|i: usize| error(&moved[i], &expected[i]))
 }
 

@@ -3,9 +3,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, Decisions, Encoder, EnvSpec, Metrics, NetworkSettings,
-    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, RolloutStats, SymmetryLoss,
-    UpdateStats, VectorEnv, collect, evaluate,
+    Actor, ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, Metrics,
+    NetworkSettings, OnPolicyActor, Ppo, PpoSettings, PpoStats, RlError, RolloutBuffer,
+    RolloutState, RolloutStats, SymmetryLoss, VectorEnv, collect, evaluate,
 };
 use symmetry::Group;
 
@@ -22,7 +22,7 @@ struct Run {
 
 fn settings() -> NetworkSettings {
     NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![3, 4] },
+        encoder: EncoderSettings::Strided { fields: vec![3, 4] },
         top_fields: 6,
         ..NetworkSettings::default()
     }
@@ -45,11 +45,11 @@ fn rollout_of(group: Group) -> Run {
     Run { policy, buffer, stats, rng }
 }
 
-fn updated(settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
+fn updated(settings: PpoSettings) -> (Vec<f32>, PpoStats) {
     updated_of(Group::D2, settings)
 }
 
-fn updated_of(group: Group, settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
+fn updated_of(group: Group, settings: PpoSettings) -> (Vec<f32>, PpoStats) {
     let Run { mut policy, buffer, mut rng, .. } = rollout_of(group);
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
@@ -72,9 +72,9 @@ fn asymmetry(weight: f32) -> (f64, usize) {
     let mut ppo = Ppo::new(symmetrised(weight), &policy).unwrap();
     let steps = ppo.update(&mut policy, &buffer, &mut rng).unwrap().steps;
     // what the next update finds before its first step
-    let first = PpoSettings { epochs: 1, minibatch: buffer.samples(), ..symmetrised(0.0) };
-    let mut ppo = Ppo::new(first, &policy).unwrap();
-    let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+    let first = PpoSettings { epochs: 1, minibatch: buffer.num_samples(), ..symmetrised(0.0) };
+    let mut single_step = Ppo::new(first, &policy).unwrap();
+    let stats = single_step.update(&mut policy, &buffer, &mut rng).unwrap();
     (stats.symmetry_loss.unwrap(), steps)
 }
 
@@ -236,10 +236,10 @@ fn a_saved_optimiser_continues_to_the_same_bits() {
 #[test]
 fn log_probabilities_are_those_of_the_actions_taken() {
     let Run { mut policy, buffer, .. } = rollout();
-    let mut means = vec![0.0; 2 * buffer.samples()];
+    let mut means = vec![0.0; 2 * buffer.num_samples()];
     policy.mean_actions(buffer.observations(), &mut (), &mut means).unwrap();
     let decisions = buffer.decisions();
-    for i in 0..buffer.samples() {
+    for i in 0..buffer.num_samples() {
         let density: f32 = (2 * i..2 * i + 2)
             .map(|j| {
                 let z = (decisions.actions[j] - means[j]) / (-0.5f32).exp();
@@ -257,19 +257,22 @@ fn what_does_not_fit_is_refused() {
     let mut short = Decisions { actions: vec![0.0; 3], ..Decisions::new(buffer.spec()) };
     let observations = rl::Observations::new(buffer.spec());
     let result = policy.decide(&observations, &mut (), &[0.0; 18], &mut short);
-    assert!(matches!(result, Err(RlError::Shape { what: "actions", got: 3, expected: 18, .. })));
+    assert!(matches!(
+        result,
+        Err(RlError::ShapeMismatch { what: "actions", got: 3, expected: 18, .. })
+    ));
     buffer.clear();
-    let result = ppo.update(&mut policy, &buffer, &mut rng);
-    assert!(matches!(result, Err(RlError::BufferNotFinished { got: 0, .. })));
-    let other = EnvSpec { image: [16, 16, 2], ..buffer.spec().clone() };
+    let cleared = ppo.update(&mut policy, &buffer, &mut rng);
+    assert!(matches!(cleared, Err(RlError::BufferNotFinished { got: 0, .. })));
+    let other = EnvSpec { image_shape: [16, 16, 2], ..buffer.spec().clone() };
     let mut stranger = ActorCriticPolicy::new(&settings(), &other, 0).unwrap();
     assert!(matches!(
         ppo.update(&mut stranger, &buffer, &mut rng),
-        Err(RlError::Parameters { .. })
+        Err(RlError::ParameterCountMismatch { .. })
     ));
     let foreign = RolloutBuffer::new(&other, 1).unwrap();
-    let result = ppo.update(&mut policy, &foreign, &mut rng);
-    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image" })));
+    let of_foreign = ppo.update(&mut policy, &foreign, &mut rng);
+    assert!(matches!(of_foreign, Err(RlError::SpecMismatch { field: "image_shape" })));
 }
 
 #[test]

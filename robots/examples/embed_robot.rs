@@ -7,13 +7,12 @@ use std::cell::Cell;
 use std::env;
 use std::error::Error;
 use std::path::Path;
-use std::process::ExitCode;
 use std::time::Duration;
 
 use glam::DVec3;
 use robots::{
-    CartesianControl, Chain, Command, ControlError, ControlSettings, Description, KinematicArm,
-    MjcfSettings, Robot, Servo, Twist, UrdfSettings, Watchdog, gen3,
+    CartesianControl, Chain, Command, ControlError, ControlSettings, KinematicArm, MjcfSettings,
+    Robot, RobotDescription, Servo, Twist, Watchdog, gen3,
 };
 
 /// Time between two commands.
@@ -23,21 +22,11 @@ const PERIOD: Duration = Duration::from_millis(25);
 const GEN3_JOINTS: [&str; 7] =
     ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "joint_7"];
 
-fn main() -> ExitCode {
-    let Err(error) = run() else {
-        return ExitCode::SUCCESS;
-    };
-    eprintln!("{error}");
-    ExitCode::FAILURE
-}
-
-fn run() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let (arm, tip) = match &arguments[..] {
         [] => (gen3::description()?, "tool_link"),
-        [file, tip] => {
-            (Description::read_with(Path::new(file), &UrdfSettings::forgiving())?, &tip[..])
-        }
+        [file, tip] => (RobotDescription::from_urdf_file(Path::new(file))?, &tip[..]),
         _ => return Err("usage: embed_robot [URDF TIP_LINK]".into()),
     };
     arm.notes().iter().chain(arm.unread_meshes()).for_each(|note| eprintln!("{note}"));
@@ -45,7 +34,7 @@ fn run() -> Result<(), Box<dyn Error>> {
         let mjcf = arm
             .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })?;
         print!("{}", mjcf.text);
-        for [first, second] in mjcf.excluded {
+        for [first, second] in mjcf.excluded_pairs {
             eprintln!("{first} and {second} touch at rest, so they do not collide in this model");
         }
         return Ok(());
@@ -59,7 +48,7 @@ fn run() -> Result<(), Box<dyn Error>> {
 
 /// The Gen3's posture for work on a table; of another arm, a bent one: two thirds of all
 /// ranges.
-fn posture(arm: &Description, chain: &Chain) -> Vec<f64> {
+fn posture(arm: &RobotDescription, chain: &Chain) -> Vec<f64> {
     let names = chain.joints().iter().map(|joint| &joint.name[..]);
     // another robot may have the Gen3's name
     if arm.name() == "kinova_gen3" && names.eq(GEN3_JOINTS) {
@@ -69,7 +58,7 @@ fn posture(arm: &Description, chain: &Chain) -> Vec<f64> {
     ranges.map(|range| range.map_or(0.5, |[low, high]| (low + 2.0 * high) / 3.0)).collect()
 }
 
-fn describe(arm: &Description, chain: &Chain, posture: &[f64]) {
+fn describe(arm: &RobotDescription, chain: &Chain, posture: &[f64]) {
     for of in arm.restrictions() {
         let (joint, follower) = (&of.joint, &of.follower);
         println!(
@@ -80,9 +69,9 @@ fn describe(arm: &Description, chain: &Chain, posture: &[f64]) {
         let (name, range) = (&joint.name, joint.motion.range);
         println!("joint {name} at {position:.3}, range {range:?}");
     }
-    let mut positions = vec![0.0; arm.dofs()];
+    let mut positions = vec![0.0; arm.num_dofs()];
     for (joint, &position) in chain.joints().iter().zip(posture) {
-        positions[joint.dof] = position;
+        positions[joint.dof_index] = position;
     }
     for (link, capsule) in arm.capsules(&positions) {
         let (name, [start, end]) = (&arm.links()[link].name, capsule.ends);
@@ -99,7 +88,7 @@ fn dry_run(arm: KinematicArm) -> Result<(), ControlError> {
         for _ in 0..20 {
             if let Some(way) = way {
                 let twist = Twist::from_linear(0.1 * way);
-                robot.command(&Command { twist, closing: 0.0 })?;
+                robot.command(&Command { twist, gripper_closure: 0.0 })?;
             }
             robot.robot_mut().advance(PERIOD.as_secs_f64())?;
             now.set(now.get() + PERIOD);

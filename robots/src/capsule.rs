@@ -15,7 +15,7 @@ pub struct Capsule {
 
 impl Capsule {
     /// Returns the signed distance of `point` from the surface (metres), negative inside.
-    pub fn distance(&self, point: DVec3) -> f64 {
+    pub fn signed_distance(&self, point: DVec3) -> f64 {
         let [start, end] = self.ends;
         let (axis, way) = (end - start, point - start);
         // the axis of a sphere has length zero: avoid 0 / 0
@@ -43,13 +43,13 @@ pub enum Shape {
     Cylinder {
         /// Radius.
         radius: f64,
-        /// Length.
+        /// Whole length along z.
         length: f64,
     },
     /// A box.
     Box {
         /// Half extents along x, y and z.
-        half: DVec3,
+        half_extents: DVec3,
     },
 }
 
@@ -67,16 +67,16 @@ impl PlacedShape {
     ///
     /// It is exact for spheres and capsules. A cylinder gains a hemisphere at each end; the capsule
     /// of a box lies along the box's longest axis and passes through its edges.
-    pub fn capsule(&self, link: &Pose) -> Capsule {
+    pub fn enclosing_capsule(&self, link: &Pose) -> Capsule {
         let (half, radius) = match self.shape {
             Shape::Sphere { radius } => (DVec3::ZERO, radius),
             Shape::Capsule { radius, length } | Shape::Cylinder { radius, length } => {
                 (0.5 * length * DVec3::Z, radius)
             }
-            Shape::Box { half } => along_longest(half),
+            Shape::Box { half_extents } => along_longest(half_extents),
         };
         let pose = *link * self.pose;
-        Capsule { ends: [pose.point(-half), pose.point(half)], radius }
+        Capsule { ends: [pose.transform_point(-half), pose.transform_point(half)], radius }
     }
 }
 
@@ -116,7 +116,7 @@ fn capsule_of(
         return None;
     };
     let cap = |side: f64| {
-        let end = pose.point(side * 0.5 * length * DVec3::Z);
+        let end = pose.transform_point(side * 0.5 * length * DVec3::Z);
         shapes.iter().position(|other| other.is_some_and(|other| is_cap(&other, end, radius)))
     };
     let capsule = PlacedShape { pose, shape: Shape::Capsule { radius, length } };
@@ -140,26 +140,26 @@ mod tests {
     use super::*;
 
     fn placed(shape: Shape, position: DVec3) -> PlacedShape {
-        PlacedShape { pose: Pose::at(position), shape }
+        PlacedShape { pose: Pose::from_position(position), shape }
     }
 
     #[test]
     fn a_capsule_holds_every_corner_of_its_box() {
-        let half = DVec3::new(0.1, 0.3, 0.2);
+        let half_extents = DVec3::new(0.1, 0.3, 0.2);
         let link = Pose::from_xyz_rpy([1.0, 2.0, 3.0], [0.3, -0.7, 2.0]);
         let shape = PlacedShape {
             pose: Pose::from_xyz_rpy([0.1, 0.0, -0.2], [1.0, 0.2, 0.0]),
-            shape: Shape::Box { half },
+            shape: Shape::Box { half_extents },
         };
-        let capsule = shape.capsule(&link);
+        let capsule = shape.enclosing_capsule(&link);
         assert!((capsule.radius - 0.05_f64.sqrt()).abs() < 1e-15);
         for corner in 0..8 {
             let sign = |bit: u32| if corner >> bit & 1 == 0 { -1.0 } else { 1.0 };
-            let point = DVec3::new(sign(0), sign(1), sign(2)) * half;
-            let outside = capsule.distance((link * shape.pose).point(point));
+            let point = DVec3::new(sign(0), sign(1), sign(2)) * half_extents;
+            let outside = capsule.signed_distance((link * shape.pose).transform_point(point));
             assert!(outside.abs() < 1e-12, "{outside}");
         }
-        assert!(capsule.distance((link * shape.pose).point(1.9 * DVec3::Y)) > 1.0);
+        assert!(capsule.signed_distance((link * shape.pose).transform_point(1.9 * DVec3::Y)) > 1.0);
     }
 
     #[test]
@@ -171,7 +171,7 @@ mod tests {
             pose: Pose { position: at, rotation: DQuat::from_rotation_x(0.3) },
             shape: cylinder,
         };
-        let ends = [-0.2, 0.2].map(|z| placed(sphere, turned.pose.point(z * DVec3::Z)));
+        let ends = [-0.2, 0.2].map(|z| placed(sphere, turned.pose.transform_point(z * DVec3::Z)));
         let joined = join_capsules(vec![ends[0], turned, ends[1]]);
         let expected = PlacedShape { shape: Shape::Capsule { radius: 0.1, length: 0.4 }, ..turned };
         assert_eq!(joined, [expected]);

@@ -1,6 +1,8 @@
 //! Serial chain of joints from a robot's base to a tip: forward kinematics and the Jacobian.
 
-use crate::description::{Description, Drive, Motion, MotionKind, check_length};
+use glam::DVec3;
+
+use crate::description::{JointMotion, MotionKind, PositionSource, RobotDescription, check_length};
 use crate::error::DescriptionError;
 use crate::pose::Pose;
 use crate::twist::Twist;
@@ -21,10 +23,10 @@ pub struct Chain {
 pub struct ChainJoint {
     /// Name of the joint.
     pub name: String,
-    /// Index in the position vectors of the [`Description`].
-    pub dof: usize,
+    /// Index in the position vectors of the [`RobotDescription`].
+    pub dof_index: usize,
     /// Kind, axis and limits of the joint's motion.
-    pub motion: Motion,
+    pub motion: JointMotion,
     /// Pose in the frame of the preceding joint; for the first joint, in the world.
     before: Pose,
 }
@@ -33,11 +35,11 @@ impl Chain {
     /// Builds the chain from the base to the link `tip`.
     ///
     /// # Errors
-    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::Chain`] if no joint on the path
-    /// moves, or if one of them follows another joint.
-    pub fn new(description: &Description, tip: &str) -> Result<Self, DescriptionError> {
+    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::InvalidChain`] if no joint on the
+    /// path moves, or if one of them follows another joint.
+    pub fn new(description: &RobotDescription, tip: &str) -> Result<Self, DescriptionError> {
         let mut joints = Vec::new();
-        let mut pose = description.base();
+        let mut pose = description.base_pose();
         for index in path_to(description, tip)? {
             let joint = &description.joints()[index];
             // fixed joints are merged into the pose of the next joint that moves
@@ -46,7 +48,12 @@ impl Chain {
                 continue;
             };
             let dof = dof(&motion, tip, &joint.name)?;
-            joints.push(ChainJoint { name: joint.name.clone(), dof, motion, before: pose });
+            joints.push(ChainJoint {
+                name: joint.name.clone(),
+                dof_index: dof,
+                motion,
+                before: pose,
+            });
             pose = Pose::IDENTITY;
         }
         if joints.is_empty() {
@@ -64,7 +71,7 @@ impl Chain {
     ///
     /// # Panics
     /// If `configuration` is not as long as the chain.
-    pub fn tip(&self, configuration: &[f64]) -> Pose {
+    pub fn tip_pose(&self, configuration: &[f64]) -> Pose {
         check_length("configuration", configuration.len(), self.joints.len());
         let joints = self.joints.iter().zip(configuration);
         let frame = |pose: Pose, (joint, &position): (&ChainJoint, &f64)| {
@@ -82,7 +89,7 @@ impl Chain {
     /// If a slice is not as long as the chain.
     pub fn jacobian(&self, configuration: &[f64], columns: &mut [Twist]) -> Pose {
         check_length("columns", columns.len(), self.joints.len());
-        let tip = self.tip(configuration);
+        let tip = self.tip_pose(configuration);
         let mut pose = Pose::IDENTITY;
         for ((joint, &position), column) in self.joints.iter().zip(configuration).zip(columns) {
             pose = pose * joint.before;
@@ -98,17 +105,46 @@ impl Chain {
         tip
     }
 
-    /// Picks the chain's configuration `[len]` from a position vector of the [`Description`].
+    /// Returns a point of the world, and the distance (metres) from it that the last joint's frame
+    /// keeps within in every configuration. The point is on the axis of the first joint, if that
+    /// turns.
+    pub(crate) fn reach_bound(&self) -> (DVec3, f64) {
+        let mut base = self.joints[0].before;
+        let mut links: Vec<DVec3> =
+            self.joints[1..].iter().map(|joint| joint.before.position).collect();
+        if let (JointMotion { kind: MotionKind::Hinge, axis, .. }, Some(link)) =
+            (self.joints[0].motion, links.first_mut())
+        {
+            // turning about the axis keeps the distance from each of its points
+            let along = link.dot(axis) * axis;
+            base.position = base.transform_point(along);
+            *link -= along;
+        }
+        let slides = self.joints.iter().filter(|of| of.motion.kind == MotionKind::Slide);
+        let travel = slides.map(|of| match of.motion.range {
+            Some([low, high]) => low.abs().max(high.abs()),
+            None => f64::INFINITY,
+        });
+        let reach = links.iter().map(|link| link.length()).sum::<f64>() + travel.sum::<f64>();
+        (base.position, reach)
+    }
+
+    /// Returns the pose of the tip in the frame of the last joint.
+    pub(crate) fn tip_in_last_joint(&self) -> Pose {
+        self.tip
+    }
+
+    /// Picks the chain's configuration `[len]` from a position vector of the [`RobotDescription`].
     ///
     /// # Panics
     /// If `positions` is too short.
     pub fn configuration(&self, positions: &[f64]) -> Vec<f64> {
-        self.joints.iter().map(|joint| positions[joint.dof]).collect()
+        self.joints.iter().map(|joint| positions[joint.dof_index]).collect()
     }
 }
 
 /// Returns the indices of the joints from the base to the link `tip`.
-fn path_to(description: &Description, tip: &str) -> Result<Vec<usize>, DescriptionError> {
+fn path_to(description: &RobotDescription, tip: &str) -> Result<Vec<usize>, DescriptionError> {
     let mut link = description.link_index(tip, "a chain")?;
     let mut path = Vec::new();
     // joint i carries link i + 1, and no joint carries the root
@@ -120,8 +156,8 @@ fn path_to(description: &Description, tip: &str) -> Result<Vec<usize>, Descripti
     Ok(path)
 }
 
-fn dof(motion: &Motion, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
-    let Drive::Free { dof } = motion.drive else {
+fn dof(motion: &JointMotion, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
+    let PositionSource::Free { dof } = motion.drive else {
         let reason = format!("the joint `{joint}` on it follows another joint");
         return Err(chain_error(tip, reason));
     };
@@ -130,5 +166,5 @@ fn dof(motion: &Motion, tip: &str, joint: &str) -> Result<usize, DescriptionErro
 
 fn chain_error(tip: &str, reason: String) -> DescriptionError {
     let tip = tip.to_owned();
-    DescriptionError::Chain { tip, reason }
+    DescriptionError::InvalidChain { tip, reason }
 }

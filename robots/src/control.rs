@@ -4,10 +4,13 @@ use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use crate::chain::{Chain, ChainJoint};
-use crate::description::{Motion, MotionKind, check_length};
-use crate::error::LARGEST;
+use crate::description::{JointMotion, MotionKind, check_length};
+use crate::error::MAX_NUMBER;
 use crate::error::{ControlError, require_finite};
-use crate::ik::{DampedLeastSquares, check_posture, error, out_of_reach, room, step};
+use crate::ik::{
+    JointVelocitySolver, OrientationConstraint, check_joint_ranges, range_margins, step_joints,
+    tip_miss,
+};
 use crate::pose::Pose;
 use crate::twist::{Twist, TwistLimits};
 
@@ -31,7 +34,10 @@ pub struct ControlSettings {
     /// Time (seconds, in [0, 10]) for which the arm must be able to follow a command; otherwise the
     /// command is rejected. A [`Watchdog`](crate::Watchdog) with this time-out stops the arm before
     /// that time ends.
-    pub horizon: f64,
+    pub lookahead_s: f64,
+    /// Part of the commanded rotation that the tip follows: an arm with fewer than six joints can
+    /// rarely follow all of it. The axis of [`OrientationConstraint::Axis`] keeps to its reference.
+    pub orientation: OrientationConstraint,
 }
 
 impl Default for ControlSettings {
@@ -43,7 +49,8 @@ impl Default for ControlSettings {
             correction_rate: 5.0,
             tolerance: 0.005,
             angular_tolerance: 0.05,
-            horizon: 0.2,
+            lookahead_s: 0.2,
+            orientation: OrientationConstraint::Full,
         }
     }
 }
@@ -52,25 +59,25 @@ impl ControlSettings {
     /// Rejects settings out of range.
     ///
     /// # Errors
-    /// [`ControlError::Setting`].
+    /// [`ControlError::InvalidSetting`].
     pub fn check(&self) -> Result<(), ControlError> {
         for (name, value) in self.positive() {
-            let in_range = value > 0.0 && value <= LARGEST;
+            let in_range = value > 0.0 && value <= MAX_NUMBER;
             check_number(name, value, in_range, "a positive number up to 1e6")?;
         }
         for (name, value, range, expected) in self.ranges() {
             check_number(name, value, range.contains(&value), expected)?;
         }
-        Ok(())
+        self.orientation.check()
     }
 
     fn positive(&self) -> [(&'static str, f64); 7] {
         let limits = &self.limits;
         [
-            ("speed", limits.speed),
-            ("angular_speed", limits.angular_speed),
-            ("acceleration", limits.acceleration),
-            ("angular_acceleration", limits.angular_acceleration),
+            ("max_speed", limits.max_speed),
+            ("max_angular_speed", limits.max_angular_speed),
+            ("max_acceleration", limits.max_acceleration),
+            ("max_angular_acceleration", limits.max_angular_acceleration),
             ("correction_rate", self.correction_rate),
             ("tolerance", self.tolerance),
             ("angular_tolerance", self.angular_tolerance),
@@ -85,7 +92,7 @@ impl ControlSettings {
             ("correction_rate", correction, rates.clone(), "40 at most"),
             ("posture_rate", self.posture_rate, rates, "0 to 40"),
             ("damping", self.damping, 1e-4..=1.0, "1e-4 to 1"),
-            ("horizon", self.horizon, 0.0..=LONGEST, "0 to 10"),
+            ("lookahead_s", self.lookahead_s, 0.0..=LONGEST, "0 to 10"),
         ]
     }
 }
@@ -99,7 +106,7 @@ fn check_number(
     if in_range && value.is_finite() {
         return Ok(());
     }
-    Err(ControlError::Setting { name, value: value.to_string(), expected })
+    Err(ControlError::InvalidSetting { name, value: value.to_string(), expected })
 }
 
 /// Longest step (seconds) that is solved at once; longer ticks are divided.
@@ -124,7 +131,7 @@ pub struct CartesianControl {
     posture: Vec<f64>,
     configuration: Vec<f64>,
     velocities: Vec<f64>,
-    solver: DampedLeastSquares,
+    solver: JointVelocitySolver,
     /// Target pose of the tip in the world.
     reference: Pose,
     wanted: Twist,
@@ -135,7 +142,8 @@ impl CartesianControl {
     /// Starts at rest in `posture` `[len]`, to which redundant joints return.
     ///
     /// # Errors
-    /// [`ControlError::Setting`], [`ControlError::Posture`], [`ControlError::NoSpeed`].
+    /// [`ControlError::InvalidSetting`], [`ControlError::JointOutOfRange`],
+    /// [`ControlError::MissingSpeed`].
     ///
     /// # Panics
     /// If `posture` is not as long as the chain.
@@ -147,14 +155,14 @@ impl CartesianControl {
         let joints = chain.joints().len();
         check_length("posture", posture.len(), joints);
         settings.check()?;
-        check_posture(&chain, posture)?;
+        check_joint_ranges(&chain, posture)?;
         check_speeds(&chain)?;
         Ok(Self {
-            reference: chain.tip(posture),
+            reference: chain.tip_pose(posture),
             posture: posture.to_vec(),
             configuration: posture.to_vec(),
             velocities: vec![0.0; joints],
-            solver: DampedLeastSquares::new(joints),
+            solver: JointVelocitySolver::new(joints, settings.orientation),
             wanted: Twist::ZERO,
             twist: Twist::ZERO,
             chain,
@@ -165,13 +173,13 @@ impl CartesianControl {
     /// Restarts at rest from `configuration` `[len]`, for instance from the measured one.
     ///
     /// # Errors
-    /// [`ControlError::Posture`]; the controller is unchanged then.
+    /// [`ControlError::JointOutOfRange`]; the controller is unchanged then.
     ///
     /// # Panics
     /// If `configuration` is not as long as the chain.
     pub fn restart(&mut self, configuration: &[f64]) -> Result<(), ControlError> {
         check_length("configuration", configuration.len(), self.configuration.len());
-        check_posture(&self.chain, configuration)?;
+        check_joint_ranges(&self.chain, configuration)?;
         self.configuration.copy_from_slice(configuration);
         self.stop();
         Ok(())
@@ -183,18 +191,18 @@ impl CartesianControl {
     }
 
     /// Returns the reference positions of the joints `[len]` (radians, metres).
-    pub fn joints(&self) -> &[f64] {
+    pub fn joint_positions(&self) -> &[f64] {
         &self.configuration
     }
 
     /// Returns the reference velocities of the joints `[len]` (rad/s, m/s).
-    pub fn velocities(&self) -> &[f64] {
+    pub fn joint_velocities(&self) -> &[f64] {
         &self.velocities
     }
 
     /// Returns the pose of the tip in the world at the reference positions of the joints.
-    pub fn tip(&self) -> Pose {
-        self.chain.tip(&self.configuration)
+    pub fn tip_pose(&self) -> Pose {
+        self.chain.tip_pose(&self.configuration)
     }
 
     /// Returns the twist of the last tick, along the axes of the world.
@@ -206,8 +214,8 @@ impl CartesianControl {
     /// above the maximum speed is slowed down to it.
     ///
     /// # Errors
-    /// [`ControlError::NotFinite`]; [`ControlError::OutOfReach`] if the arm could not follow for
-    /// [`ControlSettings::horizon`]. The arm is stopped then.
+    /// [`ControlError::NotFinite`]; [`ControlError::CannotFollow`] if the arm could not follow for
+    /// [`ControlSettings::lookahead_s`]. The arm is stopped then.
     pub fn command(&mut self, twist: Twist) -> Result<(), ControlError> {
         let checked = check_twist(&twist).and_then(|()| self.look_ahead(twist));
         if checked.is_err() {
@@ -218,11 +226,11 @@ impl CartesianControl {
         checked
     }
 
-    /// Simulates `twist` on a copy for [`ControlSettings::horizon`], and fails if a tick fails.
+    /// Simulates `twist` on a copy for [`ControlSettings::lookahead_s`], and fails if a tick fails.
     fn look_ahead(&self, twist: Twist) -> Result<(), ControlError> {
         let mut ahead = self.clone();
         ahead.wanted = twist;
-        let steps = (self.settings.horizon / STEP).ceil() as usize;
+        let steps = (self.settings.lookahead_s / STEP).ceil() as usize;
         (0..steps).try_for_each(|_| ahead.tick(STEP))
     }
 
@@ -232,16 +240,16 @@ impl CartesianControl {
         self.twist = Twist::ZERO;
         self.velocities.fill(0.0);
         // drops the tip's lag, which the next command would otherwise correct
-        self.reference = self.tip();
+        self.reference = self.tip_pose();
     }
 
     /// Advances the references by `seconds`, in (0, 10], in steps of at most 25 ms.
     ///
     /// # Errors
-    /// [`ControlError::OutOfReach`] if the arm cannot follow the tip's reference because it is at
-    /// the end of its reach or of the ranges of its joints. [`ControlError::Setting`] for a time
-    /// out of range, [`ControlError::NotFinite`] if the solved joint velocities are not finite. The
-    /// arm is stopped then.
+    /// [`ControlError::CannotFollow`] if the arm cannot follow the tip's reference because it is at
+    /// the end of its reach or of the ranges of its joints. [`ControlError::InvalidSetting`] for a
+    /// time out of range, [`ControlError::NotFinite`] if the solved joint velocities are not
+    /// finite. The arm is stopped then.
     pub fn tick(&mut self, seconds: f64) -> Result<(), ControlError> {
         let in_range = seconds > 0.0 && seconds <= LONGEST;
         let checked = check_number("seconds", seconds, in_range, "a positive number up to 10");
@@ -267,37 +275,38 @@ impl CartesianControl {
         let scale = self.speed_scale();
         self.twist = scale * twist;
         self.reference = advanced(&self.reference, &self.twist, seconds);
-        for (velocity, solved) in self.velocities.iter_mut().zip(self.solver.velocities()) {
+        for (velocity, solved) in self.velocities.iter_mut().zip(self.solver.joint_velocities()) {
             *velocity = scale * solved;
         }
-        step(self.chain.joints(), &mut self.configuration, &self.velocities, seconds);
+        step_joints(self.chain.joints(), &mut self.configuration, &self.velocities, seconds);
         self.check_lag()
     }
 
     /// Solves for the joint velocities of `twist`, without limits on their speeds.
     fn solve(&mut self, twist: Twist, seconds: f64) {
         let Self { chain, settings, configuration, posture, reference, solver, .. } = self;
-        let correction = settings.correction_rate * error(&chain.tip(configuration), reference);
+        let (tip, orientation) = (chain.tip_pose(configuration), settings.orientation);
+        let correction = settings.correction_rate * orientation.error(&tip, reference);
         let speed = twist.linear.length().max(twist.angular.length());
         let rate = settings.posture_rate * (speed / POSTURE_SPEED).min(1.0);
         solver.solve(
             chain,
             configuration,
-            twist + correction,
+            orientation.constrained(&tip, twist) + correction,
             settings.damping,
             |joint| {
                 let displacement = posture[joint] - configuration[joint];
                 rate * shortest(&chain.joints()[joint].motion, displacement)
             },
             |joint| {
-                let room = room(&chain.joints()[joint], configuration[joint]);
+                let room = range_margins(&chain.joints()[joint], configuration[joint]);
                 room.map(|distance| distance / seconds)
             },
         );
     }
 
     fn check_solved(&self) -> Result<(), ControlError> {
-        let velocities = self.solver.velocities();
+        let velocities = self.solver.joint_velocities();
         let finite = velocities.iter().all(|velocity| velocity.is_finite());
         let what = "the solved velocity of the joints";
         require_finite(finite, what, format_args!("{velocities:?}"))
@@ -306,30 +315,32 @@ impl CartesianControl {
     /// Returns the factor, in [0, 1], by which the solved velocities are scaled so that no joint is
     /// too fast.
     fn speed_scale(&self) -> f64 {
-        let joints = self.chain.joints().iter().zip(self.solver.velocities());
+        let joints = self.chain.joints().iter().zip(self.solver.joint_velocities());
         let factor = |(joint, velocity): (&ChainJoint, &f64)| {
-            joint.motion.speed.map_or(1.0, |speed| speed / velocity.abs())
+            joint.motion.max_speed.map_or(1.0, |speed| speed / velocity.abs())
         };
         // a joint at rest has the factor infinity, which the fold ignores
         joints.map(factor).fold(1.0, f64::min)
     }
 
     fn check_lag(&self) -> Result<(), ControlError> {
-        let lag = error(&self.tip(), &self.reference);
+        let lag = self.settings.orientation.error(&self.tip_pose(), &self.reference);
         let near = lag.linear.length() <= self.settings.tolerance
             && lag.angular.length() <= self.settings.angular_tolerance;
         if near {
             return Ok(());
         }
-        Err(out_of_reach(&self.chain, &self.configuration, &self.reference))
+        let orientation = self.settings.orientation;
+        let miss = tip_miss(&self.chain, orientation, &self.configuration, &self.reference);
+        Err(ControlError::CannotFollow { miss })
     }
 }
 
 /// Rejects a chain with joints of which no maximum speed is known.
 fn check_speeds(chain: &Chain) -> Result<(), ControlError> {
-    let joints = chain.joints().iter().filter(|joint| joint.motion.speed.is_none());
+    let joints = chain.joints().iter().filter(|joint| joint.motion.max_speed.is_none());
     let joints: Vec<String> = joints.map(|joint| joint.name.clone()).collect();
-    if joints.is_empty() { Ok(()) } else { Err(ControlError::NoSpeed { joints }) }
+    if joints.is_empty() { Ok(()) } else { Err(ControlError::MissingSpeed { joints }) }
 }
 
 /// Rejects a twist that is not finite.
@@ -340,7 +351,7 @@ pub(crate) fn check_twist(twist: &Twist) -> Result<(), ControlError> {
 }
 
 /// Returns `displacement`, less whole turns of a hinge without limits: in (-pi, pi] for such a one.
-fn shortest(motion: &Motion, displacement: f64) -> f64 {
+fn shortest(motion: &JointMotion, displacement: f64) -> f64 {
     match (motion.kind, motion.range) {
         (MotionKind::Hinge, None) => displacement - TAU * (displacement / TAU - 0.5).ceil(),
         _ => displacement,

@@ -1,7 +1,7 @@
 //! Errors of reading and controlling a robot.
 
 use std::error::Error;
-use std::fmt::Arguments;
+use std::fmt::{self, Arguments};
 use std::path::PathBuf;
 
 use glam::DVec3;
@@ -20,13 +20,13 @@ pub enum DescriptionError {
     },
     /// A file that is too long.
     #[error("the URDF has more than {limit} bytes; give one robot, without meshes inside")]
-    TooLong {
+    FileTooLong {
         /// Maximum number of bytes.
         limit: usize,
     },
     /// A file that is not XML, or not a URDF.
     #[error("the URDF cannot be parsed: {message}")]
-    Syntax {
+    InvalidSyntax {
         /// Line and cause.
         message: String,
     },
@@ -44,25 +44,13 @@ pub enum DescriptionError {
         /// Errors in the order in which they were found.
         errors: Vec<DescriptionError>,
     },
-    /// A value of an attribute that cannot be used.
-    #[error("`{name}` of {place} is {value:?}, expected {expected}")]
-    Attribute {
-        /// Element and the link or joint that it belongs to.
+    /// A missing element or attribute, or one that cannot be used.
+    #[error("{place} {problem}")]
+    InvalidElement {
+        /// Element or attribute, and the link or joint that it belongs to.
         place: String,
-        /// Name of the attribute.
-        name: &'static str,
-        /// Value in the file, cut to 80 characters.
-        value: String,
-        /// Values expected.
-        expected: &'static str,
-    },
-    /// An element or attribute that must be there.
-    #[error("{place} has no {what}; add it")]
-    Missing {
-        /// Element and the link or joint that it belongs to.
-        place: String,
-        /// Missing element or attribute.
-        what: String,
+        /// Value in the file, and what is expected.
+        problem: String,
     },
     /// A template that `xacro` has not expanded, so that parts of the robot are missing.
     #[error(
@@ -76,7 +64,7 @@ pub enum DescriptionError {
     },
     /// No links, or too many links or shapes.
     #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
-    Count {
+    CountOutOfRange {
         /// Robot, or one of its links.
         place: String,
         /// `link` or `collision shape`.
@@ -90,7 +78,7 @@ pub enum DescriptionError {
     },
     /// A name that cannot be used.
     #[error("the {kind} name {name:?} cannot be used: {reason}")]
-    Name {
+    InvalidName {
         /// `link`, `joint` or `robot`.
         kind: &'static str,
         /// Rejected name, cut to 200 characters.
@@ -107,12 +95,12 @@ pub enum DescriptionError {
         name: String,
     },
     /// A link that does not exist.
-    #[error("there is no link `{link}`, which {asked} names; known: {}", .known.join(", "))]
+    #[error("there is no link `{link}`, which {requested_by} names; known: {}", .known.join(", "))]
     UnknownLink {
         /// Requested name.
         link: String,
         /// Origin of the request, for instance a joint.
-        asked: String,
+        requested_by: String,
         /// Names of all links.
         known: Vec<String>,
     },
@@ -141,7 +129,7 @@ pub enum DescriptionError {
     },
     /// A number out of range.
     #[error("{place}: {what} is {value}, expected {expected}")]
-    Number {
+    NumberOutOfRange {
         /// Link or joint that has the number.
         place: String,
         /// Name of the quantity.
@@ -169,7 +157,7 @@ pub enum DescriptionError {
          `<inertia>`, or set `UrdfSettings::repair`",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
-    Inertia {
+    InvalidInertia {
         /// Name of the link.
         link: String,
         /// Components ixx, iyy, izz, ixy, ixz, iyz (kg m^2) along the link's axes.
@@ -179,7 +167,7 @@ pub enum DescriptionError {
     },
     /// A `<mimic>` of a joint that cannot be followed.
     #[error("the joint `{joint}` cannot follow `{followed}`: {reason}; correct its `<mimic>`")]
-    Mimic {
+    InvalidMimic {
         /// Name of the joint.
         joint: String,
         /// Name of the joint in `<mimic>`.
@@ -192,17 +180,17 @@ pub enum DescriptionError {
         "{}\nread the robot with `UrdfSettings::ignore_meshes` to leave all meshes out",
         .unread.join("\n")
     )]
-    Meshes {
+    UnreadMeshes {
         /// Descriptions of the meshes and the reasons.
         unread: Vec<String>,
     },
     /// Joints without maximum force or torque, which servos need.
     #[error(
         "servos need the efforts of the joints {}, which the URDF does not state: add `effort` to \
-         their `<limit>`, or set `UrdfSettings::effort`",
+         their `<limit>`, or set `UrdfSettings::default_effort`",
         .joints.join(", ")
     )]
-    NoEffort {
+    MissingEffort {
         /// Names of the joints.
         joints: Vec<String>,
     },
@@ -211,7 +199,7 @@ pub enum DescriptionError {
         "the link `{link}` hangs on {limit} others in a row, and MuJoCo 2.2.2 reads at most \
          {limit} links in a row: merge links that are fixed to each other"
     )]
-    LongRow {
+    TooManyLinksInRow {
         /// Name of the first link that is too far from the root.
         link: String,
         /// Maximum number of links in a row, including the root.
@@ -219,7 +207,7 @@ pub enum DescriptionError {
     },
     /// A chain that cannot be controlled.
     #[error("the chain to the link `{tip}` cannot be controlled: {reason}")]
-    Chain {
+    InvalidChain {
         /// Name of the link at the end of the chain.
         tip: String,
         /// Reason for the rejection.
@@ -242,7 +230,7 @@ pub enum ControlError {
     },
     /// A setting out of range.
     #[error("{name} is {value}, expected {expected}")]
-    Setting {
+    InvalidSetting {
         /// Name of the setting.
         name: &'static str,
         /// Value of the setting.
@@ -253,10 +241,10 @@ pub enum ControlError {
     /// Joints without maximum speed.
     #[error(
         "control needs the speeds of the joints {}, which the URDF does not state: add `velocity` \
-         to their `<limit>`, or set `UrdfSettings::speed`",
+         to their `<limit>`, or set `UrdfSettings::default_speed`",
         .joints.join(", ")
     )]
-    NoSpeed {
+    MissingSpeed {
         /// Names of the joints.
         joints: Vec<String>,
     },
@@ -265,7 +253,7 @@ pub enum ControlError {
         "the joint `{joint}` is at {position}, outside of its range {} to {}",
         .range[0], .range[1]
     )]
-    Posture {
+    JointOutOfRange {
         /// Name of the joint.
         joint: String,
         /// Position of the joint (metres or radians).
@@ -273,22 +261,38 @@ pub enum ControlError {
         /// Range of the joint.
         range: [f64; 2],
     },
-    /// A pose that the arm cannot reach.
+    /// A motion that the arm cannot follow any further from its present posture.
+    #[error("the arm cannot follow to {miss}")]
+    CannotFollow {
+        /// Target, and the pose that was reached.
+        miss: TipMiss,
+    },
+    /// A target beyond the length of the arm.
     #[error(
-        "the arm cannot reach {target} in this orientation: it comes to {reached}, {distance} m \
-         and {angle} rad away{}", at_limit(.joint)
+        "the arm cannot reach {target} in any posture: its {part} would be {distance:.4} m from the \
+         base of its chain, and its links allow at most {reach:.4} m"
     )]
     OutOfReach {
         /// Target position of the tip (metres, world).
         target: DVec3,
-        /// Position of the tip that was reached (metres, world).
-        reached: DVec3,
-        /// Distance between `target` and `reached` (metres).
+        /// Part of the arm that is too far away: its tip, or its last joint, whose position follows
+        /// from a full pose.
+        part: &'static str,
+        /// Distance of that part from the base of the chain (metres).
         distance: f64,
-        /// Angle between the tip's orientation and the target's (radians).
-        angle: f64,
-        /// A joint at the end of its range, if that is what stops the arm.
-        joint: Option<String>,
+        /// Bound on that distance in any configuration: the sum of the links' lengths (metres).
+        reach: f64,
+    },
+    /// A target for which inverse kinematics found no configuration. There may be one.
+    #[error(
+        "no configuration was found that brings the tip to {miss}. That is the best of {searches} \
+         searches; one from another seed, more searches, or a freer orientation may succeed"
+    )]
+    NoSolution {
+        /// Target, and the nearest pose that was reached.
+        miss: TipMiss,
+        /// Number of searches.
+        searches: usize,
     },
     /// A failure of the robot, or of the connection to it.
     #[error("the robot failed: {source}")]
@@ -306,25 +310,44 @@ pub enum ControlError {
     },
 }
 
-fn at_limit(joint: &Option<String>) -> String {
-    match joint {
-        Some(joint) => format!("; the joint `{joint}` is at the end of its range"),
-        None => String::new(),
+/// Tip that is not at its target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TipMiss {
+    /// Target position of the tip (metres, world).
+    pub target: DVec3,
+    /// Position of the tip that was reached (metres, world).
+    pub reached: DVec3,
+    /// Distance between `target` and `reached` (metres).
+    pub distance: f64,
+    /// Angle (radians) between the tip's orientation and the target's, without rotation that is
+    /// free.
+    pub angle: f64,
+    /// A joint at the end of its range, if that is what stops the arm.
+    pub joint: Option<String>,
+}
+
+impl fmt::Display for TipMiss {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { target, reached, distance, angle, joint } = self;
+        write!(f, "{target}: it comes to {reached}, {distance} m and {angle} rad away")?;
+        match joint {
+            Some(joint) => write!(f, "; the joint `{joint}` is at the end of its range"),
+            None => Ok(()),
+        }
     }
 }
 
-/// Maximum number of errors in a message.
-const MAX_LISTED: usize = 50;
-
 fn listed(errors: &[DescriptionError]) -> String {
-    let lines: Vec<String> = errors.iter().take(MAX_LISTED).map(|e| e.to_string()).collect();
-    let more = errors.len().saturating_sub(MAX_LISTED);
-    lines.join("\n") + &if more > 0 { format!("\nand {more} more") } else { String::new() }
+    errors.iter().map(DescriptionError::to_string).collect::<Vec<_>>().join("\n")
 }
 
-/// Joins errors, of which there is at least one.
-pub(crate) fn all(mut errors: Vec<DescriptionError>) -> DescriptionError {
-    if errors.len() == 1 { errors.remove(0) } else { DescriptionError::Several { errors } }
+/// Fails with the errors, if there are any.
+pub(crate) fn all(mut errors: Vec<DescriptionError>) -> Result<(), DescriptionError> {
+    match errors.len() {
+        0 => Ok(()),
+        1 => Err(errors.remove(0)),
+        _ => Err(DescriptionError::Several { errors }),
+    }
 }
 
 /// Returns [`ControlError::NotFinite`] unless `holds`.
@@ -340,7 +363,7 @@ pub(crate) fn require_finite(
     Err(ControlError::NotFinite { what, value })
 }
 
-/// Returns [`DescriptionError::Number`] unless `holds`.
+/// Returns [`DescriptionError::NumberOutOfRange`] unless `holds`.
 pub(crate) fn require(
     holds: bool,
     place: impl Fn() -> String,
@@ -351,20 +374,20 @@ pub(crate) fn require(
     if holds {
         return Ok(());
     }
-    Err(DescriptionError::Number { place: place(), what, value, expected })
+    Err(DescriptionError::NumberOutOfRange { place: place(), what, value, expected })
 }
 
 /// Largest number in a robot's file, in any unit: larger ones are taken for mistakes.
-pub(crate) const LARGEST: f64 = 1e6;
+pub(crate) const MAX_NUMBER: f64 = 1e6;
 
-/// Rejects numbers that are not finite or exceed [`LARGEST`].
-pub(crate) fn finite(
+/// Rejects numbers that are not finite or exceed [`MAX_NUMBER`].
+pub(crate) fn check_numbers(
     place: impl Fn() -> String,
     what: &'static str,
     values: &[f64],
 ) -> Result<(), DescriptionError> {
     // a comparison that is false for NaN, too
-    let sound = |value: &f64| value.abs() <= LARGEST;
+    let sound = |value: &f64| value.abs() <= MAX_NUMBER;
     let invalid = values.iter().find(|value| !sound(value));
     let value = invalid.copied().unwrap_or(0.0);
     let expected = "finite numbers up to 1e6";

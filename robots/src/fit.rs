@@ -6,7 +6,7 @@ use crate::capsule::{PlacedShape, Shape};
 use crate::pose::Pose;
 
 /// Smallest size of a shape (metres): MuJoCo needs positive sizes.
-pub(crate) const LEAST_SIZE: f64 = 1e-6;
+pub(crate) const MIN_SHAPE_SIZE: f64 = 1e-6;
 
 /// Returns the smallest by volume of three capsules, along x, y and z, that enclose all points.
 ///
@@ -31,7 +31,7 @@ fn capsule_along(points: &[DVec3], axis: DVec3) -> PlacedShape {
         (position, (point - position * axis).distance(middle))
     });
     let radius = points.clone().map(|(_, across)| across);
-    let radius = radius.fold(LEAST_SIZE, f64::max);
+    let radius = radius.fold(MIN_SHAPE_SIZE, f64::max);
     let [start, end] = segment(points, radius);
     let pose = Pose {
         position: middle + 0.5 * (start + end) * axis,
@@ -55,11 +55,11 @@ fn segment(points: impl Iterator<Item = (f64, f64)>, radius: f64) -> [f64; 2] {
 
 /// Returns a capsule, or a sphere if the segment has no length.
 fn shape(radius: f64, length: f64) -> Shape {
-    if length > LEAST_SIZE {
+    if length > MIN_SHAPE_SIZE {
         return Shape::Capsule { radius, length };
     }
     // LEAST_SIZE more, so that it covers a segment of up to that length
-    let radius = radius + LEAST_SIZE;
+    let radius = radius + MIN_SHAPE_SIZE;
     Shape::Sphere { radius }
 }
 
@@ -95,10 +95,10 @@ mod tests {
             let stretch = DVec3::from_array(stretch);
             let points: Vec<DVec3> =
                 points.into_iter().map(|point| stretch * DVec3::from_array(point)).collect();
-            let capsule = bounding_capsule(&points).capsule(&Pose::IDENTITY);
-            let outside = points.iter().map(|&point| capsule.distance(point));
+            let capsule = bounding_capsule(&points).enclosing_capsule(&Pose::IDENTITY);
+            let outside = points.iter().map(|&point| capsule.signed_distance(point));
             let furthest = outside.fold(f64::NEG_INFINITY, f64::max);
-            prop_assert!(furthest.abs() < 2.1 * LEAST_SIZE, "{furthest}");
+            prop_assert!(furthest.abs() < 2.1 * MIN_SHAPE_SIZE, "{furthest}");
         }
     }
 
@@ -106,7 +106,7 @@ mod tests {
     fn a_long_thing_has_a_long_capsule() {
         let corner = |x: f64| [DVec3::new(x, 0.1, 0.0), DVec3::new(x, -0.1, 0.0)];
         let points = [corner(-1.0), corner(3.0)].concat();
-        let capsule = bounding_capsule(&points).capsule(&Pose::IDENTITY);
+        let capsule = bounding_capsule(&points).enclosing_capsule(&Pose::IDENTITY);
         assert!((capsule.radius - 0.1).abs() < 1e-12, "{capsule:?}");
         assert!(capsule.ends[0].distance(DVec3::new(-1.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");
         assert!(capsule.ends[1].distance(DVec3::new(3.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");

@@ -5,7 +5,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::description::Description;
+use crate::description::RobotDescription;
 use crate::error::DescriptionError;
 
 /// URDF of the arm and its gripper.
@@ -33,6 +33,6 @@ pub const WORK: [f64; 7] = [0.0, 0.537, PI, -1.761, 0.0, -0.844, FRAC_PI_2];
 ///
 /// # Errors
 /// Never in practice: the tests of the crate parse [`URDF`].
-pub fn description() -> Result<Description, DescriptionError> {
-    Description::from_urdf(URDF)
+pub fn description() -> Result<RobotDescription, DescriptionError> {
+    RobotDescription::from_urdf(URDF)
 }

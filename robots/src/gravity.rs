@@ -2,23 +2,23 @@
 
 use glam::DVec3;
 
-use crate::description::{Description, Drive, Link, Motion, MotionKind};
+use crate::description::{JointMotion, Link, MotionKind, PositionSource, RobotDescription};
 use crate::pose::Pose;
 
 /// Acceleration of the earth's gravity (m/s^2); z is up.
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-impl Description {
-    /// Returns the joint forces `[dofs]` (newtons, newton metres) that hold the robot still against
-    /// gravity in `positions`, without a payload.
+impl RobotDescription {
+    /// Returns the joint forces `[num_dofs]` (newtons, newton metres) that hold the robot still
+    /// against gravity in `positions`, without a payload.
     ///
     /// The force on a joint that follows another one is added to the followed joint.
     ///
     /// # Panics
-    /// If `positions` is not of length [`Description::dofs`].
+    /// If `positions` is not of length [`RobotDescription::num_dofs`].
     pub fn holding_forces(&self, positions: &[f64]) -> Vec<f64> {
-        let poses = self.poses(positions);
-        let mut forces = vec![0.0; self.dofs];
+        let poses = self.link_poses(positions);
+        let mut forces = vec![0.0; self.num_dofs];
         let mut loads = self.loads(&poses);
         // from the tips to the root: a joint carries everything that hangs on its link
         for (index, joint) in self.joints.iter().enumerate().rev() {
@@ -29,8 +29,8 @@ impl Description {
                 continue;
             };
             let (dof, share) = match motion.drive {
-                Drive::Free { dof } => (dof, 1.0),
-                Drive::Follows { dof, multiplier, .. } => (dof, multiplier),
+                PositionSource::Free { dof } => (dof, 1.0),
+                PositionSource::Follows { dof, multiplier, .. } => (dof, multiplier),
             };
             forces[dof] -= share * force_on_joint(load, &poses[link], &motion);
         }
@@ -42,7 +42,7 @@ impl Description {
         let load = |(link, pose): (&Link, &Pose)| {
             link.inertia.map_or(Load::NONE, |inertia| {
                 let weight = inertia.mass * GRAVITY;
-                let moment = pose.point(inertia.centre).cross(weight);
+                let moment = pose.transform_point(inertia.centre_of_mass).cross(weight);
                 Load { weight, moment }
             })
         };
@@ -52,7 +52,7 @@ impl Description {
 
 /// Returns the force (newtons) or torque (newton metres) of `load` on a joint whose link is at
 /// `pose`.
-fn force_on_joint(load: Load, pose: &Pose, motion: &Motion) -> f64 {
+fn force_on_joint(load: Load, pose: &Pose, motion: &JointMotion) -> f64 {
     // the joint's own motion, which `pose` includes, does not change its axis
     let axis = pose.rotation * motion.axis;
     match motion.kind {

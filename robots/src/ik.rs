@@ -1,14 +1,20 @@
 //! Inverse kinematics by damped least squares, for velocities and for poses.
 
+use std::f64::consts::PI;
+use std::time::{Duration, Instant};
+
+use glam::{DQuat, DVec3};
+
 use crate::chain::{Chain, ChainJoint};
 use crate::description::check_length;
-use crate::error::{ControlError, require_finite};
+use crate::error::{ControlError, TipMiss, require_finite};
 use crate::pose::Pose;
 use crate::twist::Twist;
 
 /// Solver for joint velocities, with buffers that are reused from solve to solve.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct DampedLeastSquares {
+pub(crate) struct JointVelocitySolver {
+    orientation: OrientationConstraint,
     /// Columns of the Jacobian.
     columns: Vec<Twist>,
     /// `true` for joints whose velocity is fixed at a bound.
@@ -16,9 +22,10 @@ pub(crate) struct DampedLeastSquares {
     velocities: Vec<f64>,
 }
 
-impl DampedLeastSquares {
-    pub(crate) fn new(joints: usize) -> Self {
+impl JointVelocitySolver {
+    pub(crate) fn new(joints: usize, orientation: OrientationConstraint) -> Self {
         Self {
+            orientation,
             columns: vec![Twist::ZERO; joints],
             held: vec![false; joints],
             velocities: vec![0.0; joints],
@@ -26,12 +33,12 @@ impl DampedLeastSquares {
     }
 
     /// Returns the last solution, one velocity for each joint.
-    pub(crate) fn velocities(&self) -> &[f64] {
+    pub(crate) fn joint_velocities(&self) -> &[f64] {
         &self.velocities
     }
 
-    /// Solves for joint velocities within `bounds` that move the tip by `wanted`; redundant joints
-    /// move as `posture` requests.
+    /// Solves for joint velocities within `bounds` that move the tip by `wanted`, which has no
+    /// rotation that the orientation leaves free; redundant joints move as `posture` requests.
     ///
     /// With damping `l` it minimises `|J v - wanted|^2 + l^2 |v - posture|^2` (Wampler 1986,
     /// "Manipulator inverse kinematic solutions based on vector formulations and damped
@@ -47,7 +54,10 @@ impl DampedLeastSquares {
         posture: impl Fn(usize) -> f64,
         bounds: impl Fn(usize) -> [f64; 2],
     ) {
-        chain.jacobian(configuration, &mut self.columns);
+        let tip = chain.jacobian(configuration, &mut self.columns);
+        for column in &mut self.columns {
+            *column = self.orientation.constrained(&tip, *column);
+        }
         self.held.fill(false);
         // each pass holds one more joint, so this many always suffice
         for _ in 0..=self.held.len() {
@@ -106,9 +116,99 @@ fn add_square(system: &mut [[f64; 6]; 6], column: Twist) {
     }
 }
 
-/// Maximum number of iterations of [`Chain::solve`].
+/// Part of a target's orientation that the tip must have.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum OrientationConstraint {
+    /// All of it.
+    #[default]
+    Full,
+    /// Direction of one axis of the tip, a vector in the tip's frame; rotation about it is free.
+    Axis(DVec3),
+    /// None of it: the position alone.
+    Free,
+}
+
+impl OrientationConstraint {
+    /// Rejects an axis without a direction.
+    pub(crate) fn check(&self) -> Result<(), ControlError> {
+        match self {
+            Self::Axis(axis) if axis.try_normalize().is_none() => {
+                Err(ControlError::InvalidSetting {
+                    name: "orientation",
+                    value: format!("the axis {axis}"),
+                    expected: "a finite axis that is not zero",
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Returns the error of the tip as the twist that moves it to `target` in one second.
+    pub(crate) fn error(&self, tip: &Pose, target: &Pose) -> Twist {
+        let [linear, turn] = tip.displacement_to(target);
+        let angular = match self {
+            Self::Full => turn,
+            Self::Axis(axis) => {
+                let [from, to] = [tip, target].map(|of| of.rotation * axis.normalize());
+                DQuat::from_rotation_arc(from, to).to_scaled_axis()
+            }
+            Self::Free => DVec3::ZERO,
+        };
+        Twist { linear, angular }
+    }
+
+    /// Returns a twist of the tip without the rotation that is free.
+    pub(crate) fn constrained(&self, tip: &Pose, twist: Twist) -> Twist {
+        let angular = match self {
+            Self::Full => twist.angular,
+            Self::Axis(axis) => twist.angular.reject_from(tip.rotation * axis.normalize()),
+            Self::Free => DVec3::ZERO,
+        };
+        Twist { angular, ..twist }
+    }
+}
+
+/// Settings of [`Chain::solve_ik_with`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IkSettings {
+    /// Part of the target's orientation that a solution must have.
+    pub orientation: OrientationConstraint,
+    /// Maximum number of searches, at least 1: one from the seed, and the others from
+    /// configurations that are spread over the ranges of the joints, the same ones in every call.
+    pub max_searches: usize,
+    /// Time after which no further search begins. Results depend on the clock only where this limit
+    /// ends the searches.
+    pub time_limit: Duration,
+}
+
+impl Default for IkSettings {
+    fn default() -> Self {
+        Self {
+            orientation: OrientationConstraint::Full,
+            max_searches: 50,
+            time_limit: Duration::from_millis(50),
+        }
+    }
+}
+
+impl IkSettings {
+    fn check(&self) -> Result<(), ControlError> {
+        if self.max_searches == 0 {
+            return Err(ControlError::InvalidSetting {
+                name: "searches",
+                value: "0".to_owned(),
+                expected: "at least 1 search",
+            });
+        }
+        self.orientation.check()
+    }
+}
+
+/// Maximum number of iterations of a search from the seed.
 const ITERATIONS: usize = 500;
-/// Largest error of the tip (metres, radians) that [`Chain::solve`] accepts.
+/// Maximum number of iterations of a search from elsewhere.
+const RESTART_ITERATIONS: usize = 60;
+/// Largest error of the tip (metres, radians) that [`Chain::solve_ik`] accepts.
 const PRECISION: f64 = 1e-10;
 /// Largest motion of a joint in one iteration (metres, radians).
 const MAX_STEP: f64 = 0.3;
@@ -116,61 +216,164 @@ const MAX_STEP: f64 = 0.3;
 const SEED_PULL: f64 = 0.1;
 /// Number of iterations with [`SEED_PULL`]; the later ones minimise the error of the tip alone.
 const PULLED_ITERATIONS: usize = 100;
-/// Damping of [`Chain::solve`] at the target; half of the squared error is added to its square
+/// Damping of [`Chain::solve_ik`] at the target; half of the squared error is added to its square
 /// (Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method").
 const LEAST_DAMPING: f64 = 1e-3;
 
 impl Chain {
-    /// Solves the inverse kinematics: a configuration `[len]` within all ranges that brings the tip
-    /// to `target`. The search starts at `seed` and prefers solutions near it.
+    /// Solves the inverse kinematics for all of a pose, with the default settings.
     ///
     /// # Errors
-    /// [`ControlError::NotFinite`], [`ControlError::Posture`] for a seed out of range,
-    /// [`ControlError::OutOfReach`] with the pose at the last iteration.
+    /// Those of [`Chain::solve_ik_with`].
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
-    pub fn solve(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
+    pub fn solve_ik(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
+        self.solve_ik_with(target, seed, &IkSettings::default())
+    }
+
+    /// Solves the inverse kinematics: a configuration `[len]` within all ranges that brings the tip
+    /// to `target`. The first search starts at `seed` and prefers solutions near it.
+    ///
+    /// # Errors
+    /// [`ControlError::NotFinite`], [`ControlError::JointOutOfRange`] for a seed out of range,
+    /// [`ControlError::InvalidSetting`]; [`ControlError::OutOfReach`] for a target beyond the
+    /// length of the arm, and [`ControlError::NoSolution`] where no search succeeds.
+    ///
+    /// # Panics
+    /// If `seed` is not as long as the chain.
+    pub fn solve_ik_with(
+        &self,
+        target: &Pose,
+        seed: &[f64],
+        settings: &IkSettings,
+    ) -> Result<Vec<f64>, ControlError> {
+        let started = Instant::now();
         check_length("seed", seed.len(), self.joints().len());
-        check_posture(self, seed)?;
+        check_joint_ranges(self, seed)?;
+        settings.check()?;
         let finite = target.position.is_finite() && target.rotation.is_finite();
         require_finite(finite, "the target", format_args!("{target:?}"))?;
-        let mut solver = DampedLeastSquares::new(seed.len());
-        let mut configuration = seed.to_vec();
-        for iteration in 0..ITERATIONS {
-            let error = error(&self.tip(&configuration), target);
-            if error.linear.length().max(error.angular.length()) < PRECISION {
-                return Ok(configuration);
+        check_reach(self, target, settings.orientation)?;
+        let mut search = Search {
+            chain: self,
+            target,
+            solver: JointVelocitySolver::new(seed.len(), settings.orientation),
+        };
+        let mut nearest = search.run(seed.to_vec(), ITERATIONS, PULLED_ITERATIONS);
+        let mut searches = 1;
+        while nearest.0 >= PRECISION
+            && searches < settings.max_searches
+            && started.elapsed() < settings.time_limit
+        {
+            let found = search.run(spread(self, seed, searches), RESTART_ITERATIONS, 0);
+            searches += 1;
+            if found.0 < nearest.0 {
+                nearest = found;
             }
-            let damping = (0.5 * error.dot(&error) + LEAST_DAMPING * LEAST_DAMPING).sqrt();
-            let bounds = |joint: usize| {
-                let [low, high] = room(&self.joints()[joint], configuration[joint]);
-                [low.max(-MAX_STEP), high.min(MAX_STEP)]
-            };
-            let pull = if iteration < PULLED_ITERATIONS { SEED_PULL } else { 0.0 };
-            let posture = |joint: usize| pull * (seed[joint] - configuration[joint]);
-            solver.solve(self, &configuration, error, damping, posture, bounds);
-            step(self.joints(), &mut configuration, solver.velocities(), 1.0);
         }
-        Err(out_of_reach(self, &configuration, target))
+        let (error, configuration) = nearest;
+        if error < PRECISION {
+            return Ok(configuration);
+        }
+        let miss = tip_miss(self, settings.orientation, &configuration, target);
+        Err(ControlError::NoSolution { miss, searches })
     }
 }
 
-/// Returns the error of the tip as the twist that moves it to `target` in one second.
-pub(crate) fn error(tip: &Pose, target: &Pose) -> Twist {
-    let [linear, angular] = tip.displacement_to(target);
-    Twist { linear, angular }
+/// Search for a configuration that brings the tip of a chain to a target.
+struct Search<'a> {
+    chain: &'a Chain,
+    target: &'a Pose,
+    solver: JointVelocitySolver,
+}
+
+impl Search<'_> {
+    /// Searches from a configuration, in the first `pulled` iterations for one near it. Returns the
+    /// remaining error of the tip, the larger one of distance (metres) and angle (radians), and the
+    /// last configuration.
+    fn run(
+        &mut self,
+        mut configuration: Vec<f64>,
+        iterations: usize,
+        pulled: usize,
+    ) -> (f64, Vec<f64>) {
+        let joints = self.chain.joints();
+        let start = configuration.clone();
+        let mut iteration = 0;
+        loop {
+            let error =
+                self.solver.orientation.error(&self.chain.tip_pose(&configuration), self.target);
+            let size = error.linear.length().max(error.angular.length());
+            if size < PRECISION || iteration == iterations {
+                return (size, configuration);
+            }
+            let damping = (0.5 * error.dot(&error) + LEAST_DAMPING * LEAST_DAMPING).sqrt();
+            let bounds = |joint: usize| {
+                let [low, high] = range_margins(&joints[joint], configuration[joint]);
+                [low.max(-MAX_STEP), high.min(MAX_STEP)]
+            };
+            let pull = if iteration < pulled { SEED_PULL } else { 0.0 };
+            let posture = |joint: usize| pull * (start[joint] - configuration[joint]);
+            self.solver.solve(self.chain, &configuration, error, damping, posture, bounds);
+            step_joints(joints, &mut configuration, self.solver.joint_velocities(), 1.0);
+            iteration += 1;
+        }
+    }
+}
+
+/// Rejects a target that is farther from the base of the chain than the links are long.
+fn check_reach(
+    chain: &Chain,
+    target: &Pose,
+    orientation: OrientationConstraint,
+) -> Result<(), ControlError> {
+    let (base, to_last) = chain.reach_bound();
+    let tip = chain.tip_in_last_joint();
+    let (part, point, reach) = if orientation == OrientationConstraint::Full {
+        let turn = target.rotation * tip.rotation.conjugate();
+        ("last joint", target.position - turn * tip.position, to_last)
+    } else {
+        ("tip", target.position, to_last + tip.position.length())
+    };
+    let distance = point.distance(base);
+    if distance <= reach + REACH_TOLERANCE * (1.0 + reach) {
+        return Ok(());
+    }
+    Err(ControlError::OutOfReach { target: target.position, part, distance, reach })
+}
+
+/// Relative rounding of a distance that still counts as within reach.
+const REACH_TOLERANCE: f64 = 1e-9;
+
+/// Returns the start of search `number`, from 1: the joints are spread evenly over their ranges, of
+/// which half a turn (or as many metres) to either side of the seed is used.
+///
+/// Point `number` of Roberts' sequence with the powers of 1/g, where g^(d + 1) = g + 1 for d joints
+/// (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
+fn spread(chain: &Chain, seed: &[f64], number: usize) -> Vec<f64> {
+    let dimension = seed.len() as f64;
+    let g = (0..50).fold(2.0_f64, |g, _| (1.0 + g).powf(1.0 / (dimension + 1.0)));
+    let position = |index: usize, joint: &ChainJoint, start: f64| {
+        let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
+        let half = PI.min(0.5 * (high - low));
+        let middle = start.max(low + half).min(high - half);
+        let part = (0.5 + number as f64 / g.powi(index as i32 + 1)).fract();
+        (middle + (2.0 * part - 1.0) * half).clamp(low, high)
+    };
+    let joints = chain.joints().iter().zip(seed).enumerate();
+    joints.map(|(index, (joint, &start))| position(index, joint, start)).collect()
 }
 
 /// Returns the distances (metres, radians) from `position` to the ends of a joint's range; infinite
 /// for a joint without limits.
-pub(crate) fn room(joint: &ChainJoint, position: f64) -> [f64; 2] {
+pub(crate) fn range_margins(joint: &ChainJoint, position: f64) -> [f64; 2] {
     let [low, high] = joint.motion.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
     [low - position, high - position]
 }
 
 /// Moves joints by `seconds` of their velocities, clamped to their ranges.
-pub(crate) fn step(
+pub(crate) fn step_joints(
     joints: &[ChainJoint],
     configuration: &mut [f64],
     velocities: &[f64],
@@ -184,27 +387,32 @@ pub(crate) fn step(
 }
 
 /// Rejects a configuration with a joint outside of its range.
-pub(crate) fn check_posture(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
+pub(crate) fn check_joint_ranges(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
     for (joint, &position) in chain.joints().iter().zip(configuration) {
         let range = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
         if !(range[0]..=range[1]).contains(&position) {
             let joint = joint.name.clone();
-            return Err(ControlError::Posture { joint, position, range });
+            return Err(ControlError::JointOutOfRange { joint, position, range });
         }
     }
     Ok(())
 }
 
-/// Returns the error of a tip that cannot reach `target`, with a joint at the end of its range.
-pub(crate) fn out_of_reach(chain: &Chain, configuration: &[f64], target: &Pose) -> ControlError {
-    let tip = chain.tip(configuration);
-    let error = error(&tip, target);
+/// Returns how far the tip is from `target`, with a joint at the end of its range.
+pub(crate) fn tip_miss(
+    chain: &Chain,
+    orientation: OrientationConstraint,
+    configuration: &[f64],
+    target: &Pose,
+) -> TipMiss {
+    let tip = chain.tip_pose(configuration);
+    let error = orientation.error(&tip, target);
     let mut joints = chain.joints().iter().zip(configuration);
     let stuck = joints.find(|&(joint, &position)| {
-        let [low, high] = room(joint, position);
+        let [low, high] = range_margins(joint, position);
         (-low).min(high) < LIMIT_TOLERANCE
     });
-    ControlError::OutOfReach {
+    TipMiss {
         target: target.position,
         reached: tip.position,
         distance: error.linear.length(),
@@ -260,10 +468,10 @@ mod tests {
         let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
         let wanted =
             Twist { linear: DVec3::new(0.1, -0.2, 0.05), angular: DVec3::new(0.0, 0.1, -0.1) };
-        let mut solver = DampedLeastSquares::new(7);
+        let mut solver = JointVelocitySolver::new(7, OrientationConstraint::Full);
         let mut solve = |bounds: &dyn Fn(usize) -> [f64; 2]| {
             solver.solve(&chain, &configuration, wanted, 1e-6, |_| 0.0, bounds);
-            solver.velocities().to_vec()
+            solver.joint_velocities().to_vec()
         };
         let free = solve(&|_| [f64::NEG_INFINITY, f64::INFINITY]);
         let mut columns = [Twist::ZERO; 7];
@@ -301,7 +509,7 @@ mod tests {
         let b = [1.0, -2.0, 3.0, -4.0, 5.0, -6.0];
         let x = solve(&a, b);
         for (row, expected) in a.iter().zip(b) {
-            let got: f64 = row.iter().zip(x).map(|(a, x)| a * x).sum();
+            let got: f64 = row.iter().zip(x).map(|(coefficient, x)| coefficient * x).sum();
             assert!((got - expected).abs() < 1e-11, "{got} {expected}");
         }
     }

@@ -14,24 +14,26 @@ const CLOSING_TIME: f64 = 0.57;
 pub struct KinematicArm {
     control: CartesianControl,
     wanted_closing: f64,
-    closing: f64,
+    gripper_closure: f64,
 }
 
 impl KinematicArm {
-    /// Creates an arm at the references of `control`, with open fingers.
+    /// Creates an arm whose joints are at the target positions that `control` holds, with open
+    /// fingers.
     pub fn new(control: CartesianControl) -> Self {
-        Self { control, wanted_closing: 0.0, closing: 0.0 }
+        Self { control, wanted_closing: 0.0, gripper_closure: 0.0 }
     }
 
     /// Advances the arm's time by `seconds`.
     ///
     /// # Errors
-    /// Those of [`CartesianControl::tick`]; the arm stands still then.
+    /// Errors of [`CartesianControl::tick`]; the arm stands still then.
     pub fn advance(&mut self, seconds: f64) -> Result<(), ControlError> {
         let moved = self.control.tick(seconds);
         self.unless_failed(moved)?;
         let max_change = seconds / CLOSING_TIME;
-        self.closing += (self.wanted_closing - self.closing).clamp(-max_change, max_change);
+        self.gripper_closure +=
+            (self.wanted_closing - self.gripper_closure).clamp(-max_change, max_change);
         Ok(())
     }
 
@@ -52,9 +54,9 @@ impl KinematicArm {
 impl Robot for KinematicArm {
     fn state(&mut self) -> Result<RobotState, ControlError> {
         Ok(RobotState {
-            joints: self.control.joints().to_vec(),
-            tip: self.control.tip(),
-            closing: self.closing,
+            joints: self.control.joint_positions().to_vec(),
+            tip: self.control.tip_pose(),
+            gripper_closure: self.gripper_closure,
         })
     }
 
@@ -62,14 +64,14 @@ impl Robot for KinematicArm {
         let checked = command.check();
         let sent = checked.and_then(|()| self.control.command(command.twist));
         self.unless_failed(sent)?;
-        self.wanted_closing = command.closing;
+        self.wanted_closing = command.gripper_closure;
         Ok(())
     }
 
     fn stop(&mut self) -> Result<(), ControlError> {
         self.control.stop();
         // the fingers stop where they are, too
-        self.wanted_closing = self.closing;
+        self.wanted_closing = self.gripper_closure;
         Ok(())
     }
 }

@@ -22,12 +22,16 @@ mod watchdog;
 pub use capsule::{Capsule, PlacedShape, Shape};
 pub use chain::{Chain, ChainJoint};
 pub use control::{CartesianControl, ControlSettings};
-pub use description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind, Restriction};
-pub use error::{ControlError, DescriptionError};
+pub use description::{
+    Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RangeRestriction,
+    RobotDescription,
+};
+pub use error::{ControlError, DescriptionError, TipMiss};
+pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
-pub use mjcf::{Addition, Mjcf, MjcfSettings, Servo};
+pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo};
 pub use pose::Pose;
 pub use robot::{Command, Robot, RobotState};
 pub use twist::{Twist, TwistLimits};
-pub use urdf::{MAX_BYTES, MAX_LINKS, UrdfSettings};
+pub use urdf::{MAX_LINKS, MAX_URDF_BYTES, UrdfSettings};
 pub use watchdog::Watchdog;

@@ -15,9 +15,11 @@
 use glam::{DQuat, DVec3};
 
 use crate::capsule::{PlacedShape, Shape};
-use crate::description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind};
+use crate::description::{
+    Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RobotDescription,
+};
 use crate::error::DescriptionError;
-use crate::error::{all, finite, require};
+use crate::error::{all, check_numbers, require};
 use crate::overlap::Solids;
 use crate::pose::Pose;
 
@@ -31,8 +33,8 @@ pub struct Mjcf {
     /// MJCF source.
     pub text: String,
     /// Pairs of links whose collisions are switched off in all poses, because they touch at rest
-    /// ([`Description::rest`]) and would collide otherwise.
-    pub excluded: Vec<[String; 2]>,
+    /// ([`RobotDescription::rest_positions`]) and would collide otherwise.
+    pub excluded_pairs: Vec<[String; 2]>,
 }
 
 /// Settings of the conversion to MJCF: additions to the robot itself.
@@ -40,11 +42,11 @@ pub struct Mjcf {
 pub struct MjcfSettings {
     /// Servos of the joints; if `None`, the model has no actuators.
     pub servo: Option<Servo>,
-    /// Links and their default class (`childclass`), which also holds for everything below them.
-    /// The scene must declare the classes.
-    pub classes: Vec<(String, String)>,
+    /// Pairs of a link and the default class (`childclass`) of its geometries and of all links below
+    /// it. The scene must declare the classes.
+    pub link_classes: Vec<(String, String)>,
     /// Elements that are added to links.
-    pub additions: Vec<Addition>,
+    pub additions: Vec<LinkAddition>,
 }
 
 /// MJCF elements that are added to a link's body, for instance sites and cameras.
@@ -52,7 +54,7 @@ pub struct MjcfSettings {
 /// Added geoms contribute mass only to a link that has neither mass nor shapes; added bodies have
 /// masses of their own.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Addition {
+pub struct LinkAddition {
     /// Name of the link.
     pub link: String,
     /// MJCF of the elements, which is not checked.
@@ -62,13 +64,14 @@ pub struct Addition {
 /// Servos of the free joints: the force is `stiffness` times the position error plus `damping`
 /// times the speed error, up to the joint's effort.
 ///
-/// An actuator has the name of its joint, and takes [`Servo::control`] as its control. Its damping
-/// needs an implicit integrator (`<option integrator="implicit"/>`); with Euler's it vibrates.
+/// An actuator has the name of its joint, and takes [`Servo::control_signal`] as its control. Its
+/// damping needs an implicit integrator (`<option integrator="implicit"/>`); with Euler's it
+/// vibrates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
     /// Position error (radians, metres) at which the servo applies the joint's maximum effort; 1e-6
     /// or more.
-    pub saturation: f64,
+    pub saturation_error: f64,
     /// Damping over stiffness (seconds); zero or more.
     pub damping_time: f64,
 }
@@ -77,55 +80,56 @@ impl Default for Servo {
     /// Returns settings that give a Kinova Gen3 about the stiffness that others simulate it with:
     /// 1950 and 450 N m/rad.
     fn default() -> Self {
-        Self { saturation: 0.02, damping_time: 0.03 }
+        Self { saturation_error: 0.02, damping_time: 0.03 }
     }
 }
 
 impl Servo {
     fn check(&self) -> Result<(), DescriptionError> {
-        let Self { saturation, damping_time } = *self;
+        let Self { saturation_error, damping_time } = *self;
         let place = || "the servo".to_owned();
-        let values = [saturation, damping_time];
-        finite(place, "its saturation or damping time", &values)?;
-        let (what, expected) = ("its saturation", "1e-6 or more");
-        require(saturation >= 1e-6, place, what, saturation, expected)?;
-        let (what, expected) = ("its damping time", "zero or more");
-        require(damping_time >= 0.0, place, what, damping_time, expected)
+        let values = [saturation_error, damping_time];
+        check_numbers(place, "its saturation error or damping time", &values)?;
+        let (what, expected) = ("its saturation error", "1e-6 or more");
+        require(saturation_error >= 1e-6, place, what, saturation_error, expected)?;
+        let (damping, expected_damping) = ("its damping time", "zero or more");
+        require(damping_time >= 0.0, place, damping, damping_time, expected_damping)
     }
 
     /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
-    /// instance one of [`Description::holding_forces`]. Zero for a joint without effort, which can
-    /// have no servo.
-    pub fn feed_forward(&self, motion: &Motion, force: f64) -> f64 {
-        motion.effort.map_or(0.0, |effort| force * self.saturation / effort)
+    /// instance one of [`RobotDescription::holding_forces`]. Zero for a joint without a known
+    /// effort, which can have no servo.
+    pub fn feed_forward(&self, motion: &JointMotion, force: f64) -> f64 {
+        motion.max_effort.map_or(0.0, |effort| force * self.saturation_error / effort)
     }
 
     /// Returns the control with which a joint follows a position (radians, metres) and its velocity
     /// (rad/s, m/s).
-    pub fn control(&self, position: f64, velocity: f64) -> f64 {
+    pub fn control_signal(&self, position: f64, velocity: f64) -> f64 {
         // cancels the servo's damping at this velocity
         position + self.damping_time * velocity
     }
 }
 
-impl Description {
+impl RobotDescription {
     /// Converts the robot to a complete MJCF model.
     ///
     /// It has links with masses and collision shapes, joints with limits and friction, servos in
     /// the order of position vectors, and an equality for each joint that follows another. Bodies
     /// and joints have the names of links and joints; a shape has its link's name with `_0`, `_1`
     /// and so on. A link does not collide with the link that it moves on, nor do links that touch
-    /// at rest ([`Mjcf::excluded`]).
+    /// at rest ([`Mjcf::excluded_pairs`]).
     ///
     /// # Errors
-    /// [`DescriptionError::Number`] for a servo out of range, [`DescriptionError::UnknownLink`] for
-    /// a class or an addition of an unknown link, [`DescriptionError::LongRow`] for more than 96
-    /// nested links, [`DescriptionError::Name`] for a link `world` with shapes or mass.
-    /// [`DescriptionError::MissingInertia`] and [`DescriptionError::Inertia`] for bodies that cannot
-    /// be simulated, [`DescriptionError::Meshes`] for meshes that could not be read; with servos,
-    /// [`DescriptionError::NoEffort`].
+    /// [`DescriptionError::NumberOutOfRange`] for a servo out of range,
+    /// [`DescriptionError::UnknownLink`] for a class or an addition of an unknown link,
+    /// [`DescriptionError::TooManyLinksInRow`] for more than 96 nested links,
+    /// [`DescriptionError::InvalidName`] for a link `world` with shapes or mass.
+    /// [`DescriptionError::MissingInertia`] and [`DescriptionError::InvalidInertia`] for bodies that
+    /// cannot be simulated, [`DescriptionError::UnreadMeshes`] for meshes that could not be read;
+    /// with servos, [`DescriptionError::MissingEffort`].
     pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
-        let name = escaped(&self.name);
+        let name = xml_escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
         let sections = self.sections(settings)?;
         let text = format!("<mujoco model=\"{name}\">\n{head}{}</mujoco>\n", sections.text);
@@ -137,7 +141,7 @@ impl Description {
     /// The scene must count angles in radians and, with servos, use an implicit integrator.
     ///
     /// # Errors
-    /// Those of [`Description::to_mjcf`].
+    /// Errors of [`RobotDescription::to_mjcf`].
     pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let sections = self.sections(settings)?;
         let text = format!("<mujocoinclude>\n{}</mujocoinclude>\n", sections.text);
@@ -151,10 +155,15 @@ impl Description {
         self.check_nesting()?;
         self.check_world()?;
         let (inertias, _, mut errors) = self.simulated_inertias(false);
-        errors.extend(self.lacking(settings.servo.is_some()));
-        if !errors.is_empty() {
-            return Err(all(errors));
+        if !self.unread_meshes.is_empty() {
+            errors.push(DescriptionError::UnreadMeshes { unread: self.unread_meshes.clone() });
         }
+        let joints = self.free_joints().filter(|(_, motion)| motion.max_effort.is_none());
+        let joints: Vec<String> = joints.map(|(joint, _)| joint.name.clone()).collect();
+        if settings.servo.is_some() && !joints.is_empty() {
+            errors.push(DescriptionError::MissingEffort { joints });
+        }
+        all(errors)?;
         let servos = settings.servo.map_or(String::new(), |servo| self.servos(&servo));
         let section = |(name, text): (&str, String)| match &text[..] {
             "" => String::new(),
@@ -170,12 +179,12 @@ impl Description {
         let names = |pair: [usize; 2]| pair.map(|link| self.links[link].name.clone());
         Ok(Mjcf {
             text: sections.map(section).concat(),
-            excluded: touching.into_iter().map(names).collect(),
+            excluded_pairs: touching.into_iter().map(names).collect(),
         })
     }
 
     fn check_links(&self, settings: &MjcfSettings) -> Result<(), DescriptionError> {
-        let classes = settings.classes.iter().map(|(link, _)| link);
+        let classes = settings.link_classes.iter().map(|(link, _)| link);
         let additions = settings.additions.iter().map(|addition| &addition.link);
         let mut named = classes.chain(additions);
         named.try_for_each(|link| self.link_index(link, "a setting of the MJCF").map(|_| ()))
@@ -189,7 +198,7 @@ impl Description {
         }
         match levels.iter().position(|&level| level > MAX_NESTED_LINKS) {
             None => Ok(()),
-            Some(link) => Err(DescriptionError::LongRow {
+            Some(link) => Err(DescriptionError::TooManyLinksInRow {
                 link: self.links[link].name.clone(),
                 limit: MAX_NESTED_LINKS,
             }),
@@ -198,28 +207,16 @@ impl Description {
 
     /// Rejects a link `world` that is not a bare root: MuJoCo reserves the name for its own body.
     fn check_world(&self) -> Result<(), DescriptionError> {
-        let mut links = self.links.iter().enumerate();
         let is_bare = |link: &Link| link.shapes.is_empty() && link.inertia.is_none();
-        let taken =
-            links.any(|(index, link)| link.name == "world" && (index > 0 || !is_bare(link)));
-        if !taken {
+        let first = usize::from(is_bare(&self.links[0]));
+        if self.links[first..].iter().all(|link| link.name != "world") {
             return Ok(());
         }
-        Err(DescriptionError::Name {
+        Err(DescriptionError::InvalidName {
             kind: "link",
             name: "world".to_owned(),
             reason: "it is reserved for the simulated world and a root without shapes and mass",
         })
-    }
-
-    /// Returns errors for meshes and, with `servos`, efforts that the model lacks.
-    fn lacking(&self, servos: bool) -> Vec<DescriptionError> {
-        let unread = self.unread.clone();
-        let meshes = (!unread.is_empty()).then_some(DescriptionError::Meshes { unread });
-        let joints = self.free_joints().filter(|(_, motion)| servos && motion.effort.is_none());
-        let joints: Vec<String> = joints.map(|(joint, _)| joint.name.clone()).collect();
-        let efforts = (!joints.is_empty()).then_some(DescriptionError::NoEffort { joints });
-        meshes.into_iter().chain(efforts).collect()
     }
 
     /// Writes the bodies, each inside its parent.
@@ -227,7 +224,7 @@ impl Description {
     /// Links are in depth-first order, so a link closes the open bodies that it does not hang on.
     fn bodies(&self, settings: &MjcfSettings, inertias: &[Option<Inertia>]) -> String {
         let contents = |link: usize| contents(&self.links[link], inertias[link], settings);
-        let mut text = body(&self.links[0], &self.base, settings) + &contents(0);
+        let mut text = body(&self.links[0], &self.base_pose, settings) + &contents(0);
         let mut open = vec![0];
         for (index, joint) in self.joints.iter().enumerate() {
             while open.last().is_some_and(|&link| link != joint.parent) {
@@ -249,7 +246,7 @@ impl Description {
         let pairs =
             links.flat_map(|link| self.neighbours(link).into_iter().map(move |n| [n, link]));
         let exclude = |pair: [usize; 2]| {
-            let [first, second] = pair.map(|link| escaped(&self.links[link].name));
+            let [first, second] = pair.map(|link| xml_escaped(&self.links[link].name));
             format!("<exclude body1=\"{first}\" body2=\"{second}\"/>\n")
         };
         pairs.chain(touching.iter().copied()).map(exclude).collect()
@@ -257,7 +254,7 @@ impl Description {
 
     /// Returns the pairs of links that would collide at rest.
     fn touching_at_rest(&self) -> Vec<[usize; 2]> {
-        let poses = self.poses(&self.rest());
+        let poses = self.link_poses(&self.rest_positions());
         let bodies = self.rigid_bodies();
         let moves_on = |body: usize, other: usize| {
             let joint = body.checked_sub(1);
@@ -281,7 +278,7 @@ impl Description {
     /// Returns the links between `link` and the root that at most one joint separates from it, as
     /// far as both have shapes.
     fn neighbours(&self, link: usize) -> Vec<usize> {
-        let has_shapes = |link: usize| !self.links[link].shapes.is_empty();
+        let has_shapes = |index: usize| !self.links[index].shapes.is_empty();
         let mut found = Vec::new();
         let mut below = link.checked_sub(1).filter(|_| has_shapes(link));
         let mut moves = 0;
@@ -301,11 +298,11 @@ impl Description {
     fn equalities(&self) -> String {
         let names: Vec<&str> = self.free_joints().map(|(joint, _)| &joint.name[..]).collect();
         let equality = |joint: &Joint| match joint.motion?.drive {
-            Drive::Free { .. } => None,
-            Drive::Follows { dof, multiplier, offset } => Some(format!(
+            PositionSource::Free { .. } => None,
+            PositionSource::Follows { dof, multiplier, offset } => Some(format!(
                 "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{offset} {multiplier} 0 0 0\"/>\n",
-                escaped(&joint.name),
-                escaped(names[dof]),
+                xml_escaped(&joint.name),
+                xml_escaped(names[dof]),
             )),
         };
         self.joints.iter().filter_map(equality).collect()
@@ -313,11 +310,11 @@ impl Description {
 
     /// Writes an actuator for each free joint.
     fn servos(&self, servo: &Servo) -> String {
-        let of_joint = |(joint, motion): (&Joint, &Motion)| {
-            let name = escaped(&joint.name);
+        let of_joint = |(joint, motion): (&Joint, &JointMotion)| {
+            let name = xml_escaped(&joint.name);
             // no servos are written where an effort is unknown
-            let effort = motion.effort.unwrap_or_default();
-            let stiffness = effort / servo.saturation;
+            let effort = motion.max_effort.unwrap_or_default();
+            let stiffness = effort / servo.saturation_error;
             let damping = stiffness * servo.damping_time;
             format!(
                 "<general name=\"{name}\" joint=\"{name}\" biastype=\"affine\" \
@@ -334,12 +331,12 @@ fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     let name = match &link.name[..] {
         // MuJoCo's own name of the world's body; reading a URDF allows it for a bare root only
         "world" => String::new(),
-        name => format!(" name=\"{}\"", escaped(name)),
+        name => format!(" name=\"{}\"", xml_escaped(name)),
     };
-    let mut classes = settings.classes.iter();
+    let mut classes = settings.link_classes.iter();
     let class = classes.find(|(of, _)| *of == link.name);
     let class =
-        class.map_or(String::new(), |(_, class)| format!(" childclass=\"{}\"", escaped(class)));
+        class.map_or(String::new(), |(_, class)| format!(" childclass=\"{}\"", xml_escaped(class)));
     format!("<body{name}{class}{}>\n", placed(pose))
 }
 
@@ -365,7 +362,7 @@ fn inertial(inertia: &Inertia) -> String {
     let [x, y, z] = [inertia.tensor.x_axis, inertia.tensor.y_axis, inertia.tensor.z_axis];
     format!(
         "<inertial pos=\"{}\" mass=\"{}\" fullinertia=\"{} {} {} {} {} {}\"/>\n",
-        numbers(inertia.centre),
+        numbers(inertia.centre_of_mass),
         inertia.mass,
         x.x,
         y.y,
@@ -376,7 +373,7 @@ fn inertial(inertia: &Inertia) -> String {
     )
 }
 
-fn moving(name: &str, motion: &Motion) -> String {
+fn moving(name: &str, motion: &JointMotion) -> String {
     let kind = match motion.kind {
         MotionKind::Hinge => "hinge",
         MotionKind::Slide => "slide",
@@ -384,7 +381,7 @@ fn moving(name: &str, motion: &Motion) -> String {
     let range = |[low, high]: [f64; 2]| format!(" limited=\"true\" range=\"{low} {high}\"");
     format!(
         "<joint name=\"{}\" type=\"{kind}\" axis=\"{}\" damping=\"{}\" frictionloss=\"{}\"{}/>\n",
-        escaped(name),
+        xml_escaped(name),
         numbers(motion.axis),
         motion.damping,
         motion.friction,
@@ -398,9 +395,9 @@ fn geom(name: &str, placed_shape: &PlacedShape) -> String {
         Shape::Sphere { radius } => ("sphere", format!("{radius}")),
         Shape::Capsule { radius, length } => ("capsule", format!("{radius} {}", 0.5 * length)),
         Shape::Cylinder { radius, length } => ("cylinder", format!("{radius} {}", 0.5 * length)),
-        Shape::Box { half } => ("box", numbers(half)),
+        Shape::Box { half_extents } => ("box", numbers(half_extents)),
     };
-    let (name, place) = (escaped(name), placed(&placed_shape.pose));
+    let (name, place) = (xml_escaped(name), placed(&placed_shape.pose));
     format!("<geom name=\"{name}\" type=\"{kind}\" size=\"{size}\"{place} mass=\"0\"/>\n")
 }
 
@@ -416,7 +413,7 @@ fn numbers(DVec3 { x, y, z }: DVec3) -> String {
 }
 
 /// Escapes a text for the value of an XML attribute.
-pub(crate) fn escaped(name: &str) -> String {
+pub(crate) fn xml_escaped(name: &str) -> String {
     let escape = |character: char| match character {
         '&' => "&amp;".to_owned(),
         '<' => "&lt;".to_owned(),

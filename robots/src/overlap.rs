@@ -26,7 +26,7 @@ struct Solid {
 
 impl Solid {
     fn new(placed: &PlacedShape, link: &Pose) -> Self {
-        let radius = match placed.shape {
+        let rounding = match placed.shape {
             Shape::Sphere { radius } | Shape::Capsule { radius, .. } => radius,
             Shape::Cylinder { .. } | Shape::Box { .. } => 0.0,
         };
@@ -34,9 +34,9 @@ impl Solid {
             Shape::Sphere { radius } => radius,
             Shape::Capsule { radius, length } => radius + 0.5 * length,
             Shape::Cylinder { radius, length } => radius.hypot(0.5 * length),
-            Shape::Box { half } => half.length(),
+            Shape::Box { half_extents } => half_extents.length(),
         };
-        Self { shape: placed.shape, pose: *link * placed.pose, radius, reach }
+        Self { shape: placed.shape, pose: *link * placed.pose, radius: rounding, reach }
     }
 
     fn sphere(&self) -> Sphere {
@@ -54,9 +54,9 @@ impl Solid {
                 let across = direction.with_z(0.0).normalize_or_zero();
                 radius * across + at_end(length)
             }
-            Shape::Box { half } => half.copysign(direction),
+            Shape::Box { half_extents } => half_extents.copysign(direction),
         };
-        self.pose.point(point)
+        self.pose.transform_point(point)
     }
 
     /// Returns `true` if the distance to `other` is at most the clearance.
@@ -183,8 +183,8 @@ mod tests {
         let (radius, length) = (0.03, 0.2);
         let cylinder = Shape::Cylinder { radius, length };
         let capsule = Shape::Capsule { radius, length };
-        let cube = Shape::Box { half: DVec3::new(0.1, 0.2, 0.05) };
-        let beam = Shape::Box { half: DVec3::new(0.1, 0.05, 0.05) };
+        let cube = Shape::Box { half_extents: DVec3::new(0.1, 0.2, 0.05) };
+        let beam = Shape::Box { half_extents: DVec3::new(0.1, 0.05, 0.05) };
         let lying = DQuat::from_rotation_y(0.5 * std::f64::consts::PI);
         // it stands on its rim
         let tilted = DQuat::from_rotation_y(0.6);

@@ -18,7 +18,7 @@ impl Pose {
     pub const IDENTITY: Self = Self { position: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
     /// Returns a frame with its origin at `position` (metres) and no rotation.
-    pub fn at(position: DVec3) -> Self {
+    pub fn from_position(position: DVec3) -> Self {
         Self { position, rotation: DQuat::IDENTITY }
     }
 
@@ -33,7 +33,7 @@ impl Pose {
     }
 
     /// Transforms a point of this frame into the frame that the pose is given in.
-    pub fn point(&self, point: DVec3) -> DVec3 {
+    pub fn transform_point(&self, point: DVec3) -> DVec3 {
         self.position + self.rotation * point
     }
 
@@ -53,7 +53,7 @@ impl Mul for Pose {
     /// Composes transforms: `inner`, given in the frame `self`, in the frame that `self` is in.
     fn mul(self, inner: Self) -> Self {
         Self {
-            position: self.point(inner.position),
+            position: self.transform_point(inner.position),
             rotation: (self.rotation * inner.rotation).normalize(),
         }
     }

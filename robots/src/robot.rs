@@ -10,22 +10,22 @@ pub struct Command {
     /// Twist of the tip, along the axes of the world.
     pub twist: Twist,
     /// Target of the fingers, in [0, 1]: 0 is open, 1 is closed.
-    pub closing: f64,
+    pub gripper_closure: f64,
 }
 
 impl Command {
-    /// Rejects a twist that is not finite, and a `closing` out of range.
+    /// Rejects a twist that is not finite, and a gripper closure out of range.
     ///
     /// # Errors
-    /// [`ControlError::NotFinite`], [`ControlError::Setting`].
+    /// [`ControlError::NotFinite`], [`ControlError::InvalidSetting`].
     pub fn check(&self) -> Result<(), ControlError> {
         crate::control::check_twist(&self.twist)?;
-        if (0.0..=1.0).contains(&self.closing) {
+        if (0.0..=1.0).contains(&self.gripper_closure) {
             return Ok(());
         }
-        Err(ControlError::Setting {
-            name: "closing",
-            value: self.closing.to_string(),
+        Err(ControlError::InvalidSetting {
+            name: "gripper_closure",
+            value: self.gripper_closure.to_string(),
             expected: "0 (open) to 1 (closed)",
         })
     }
@@ -39,7 +39,7 @@ pub struct RobotState {
     /// Pose of the tip in the world.
     pub tip: Pose,
     /// Position of the fingers, in [0, 1]: 0 is open, 1 is closed.
-    pub closing: f64,
+    pub gripper_closure: f64,
 }
 
 /// Robot that moves its tip by twists.

@@ -66,20 +66,25 @@ impl Mul<Twist> for f64 {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwistLimits {
     /// Maximum speed (m/s).
-    pub speed: f64,
+    pub max_speed: f64,
     /// Maximum angular speed (rad/s).
-    pub angular_speed: f64,
+    pub max_angular_speed: f64,
     /// Maximum acceleration (m/s^2).
-    pub acceleration: f64,
+    pub max_acceleration: f64,
     /// Maximum angular acceleration (rad/s^2).
-    pub angular_acceleration: f64,
+    pub max_angular_acceleration: f64,
 }
 
 impl Default for TwistLimits {
     /// Returns the limits of a Kinova Gen3: 0.5 m/s and 100 degrees per second are its hard limits,
     /// 0.4 m/s^2 and 0.4 rad/s^2 the accelerations that its driver states.
     fn default() -> Self {
-        Self { speed: 0.5, angular_speed: 1.74, acceleration: 0.4, angular_acceleration: 0.4 }
+        Self {
+            max_speed: 0.5,
+            max_angular_speed: 1.74,
+            max_acceleration: 0.4,
+            max_angular_acceleration: 0.4,
+        }
     }
 }
 
@@ -89,15 +94,15 @@ impl TwistLimits {
     ///
     /// The speed is the highest from which the tip can still stop at the end, and at most `rate`
     /// (1/s) times the remaining displacement.
-    pub fn towards(&self, [displacement, rotation]: [DVec3; 2], rate: f64) -> Twist {
+    pub fn twist_towards(&self, [displacement, rotation]: [DVec3; 2], rate: f64) -> Twist {
         let velocity = |remaining: DVec3, speed: f64, acceleration: f64| {
             // v^2 = 2 a s: the speed from which a tip that brakes at `acceleration` stops in time
             let braking = (2.0 * acceleration * remaining.length()).sqrt();
             (rate * remaining).clamp_length_max(speed.min(braking))
         };
         Twist {
-            linear: velocity(displacement, self.speed, self.acceleration),
-            angular: velocity(rotation, self.angular_speed, self.angular_acceleration),
+            linear: velocity(displacement, self.max_speed, self.max_acceleration),
+            angular: velocity(rotation, self.max_angular_speed, self.max_angular_acceleration),
         }
     }
 
@@ -105,17 +110,17 @@ impl TwistLimits {
     ///
     /// A `wanted` above the maximum speed is scaled down and keeps its direction.
     pub fn ramp(&self, present: Twist, wanted: Twist, seconds: f64) -> Twist {
-        let ramp = |present: DVec3, wanted: DVec3, speed: f64, acceleration: f64| {
-            let change = wanted.clamp_length_max(speed) - present;
-            present + change.clamp_length_max(acceleration * seconds)
+        let ramp = |from: DVec3, to: DVec3, speed: f64, acceleration: f64| {
+            let change = to.clamp_length_max(speed) - from;
+            from + change.clamp_length_max(acceleration * seconds)
         };
         Twist {
-            linear: ramp(present.linear, wanted.linear, self.speed, self.acceleration),
+            linear: ramp(present.linear, wanted.linear, self.max_speed, self.max_acceleration),
             angular: ramp(
                 present.angular,
                 wanted.angular,
-                self.angular_speed,
-                self.angular_acceleration,
+                self.max_angular_speed,
+                self.max_angular_acceleration,
             ),
         }
     }

@@ -1,4 +1,4 @@
-//! Robot descriptions from URDF.
+//! Robot descriptions from URDF: cleaned, parsed by `urdf-rs`, then validated.
 //!
 //! Reading refuses only what leaves the kinematics undefined. What else a file lacks (limits,
 //! masses, meshes) is an error where it is needed: in control, servos and MJCF.
@@ -16,14 +16,12 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use crate::description::{Description, Link};
-use crate::error::{DescriptionError, LARGEST, all, require};
+use crate::description::RobotDescription;
+use crate::error::{DescriptionError, all};
 use crate::pose::Pose;
-use joints::StatedJoint;
-use tree::Tree;
 
 pub use names::MAX_LINKS;
-pub use xml::MAX_BYTES;
+pub use xml::MAX_URDF_BYTES;
 
 /// Settings of reading a URDF file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,14 +31,14 @@ pub struct UrdfSettings {
     pub packages: Vec<(String, PathBuf)>,
     /// Folder outside of which no mesh is read, except from `packages`. If `None`, the fifth folder
     /// above the URDF's.
-    pub root: Option<PathBuf>,
+    pub mesh_root: Option<PathBuf>,
     /// `true` if meshes are left out: links then collide only as their other shapes.
     pub ignore_meshes: bool,
-    /// Maximum speed (rad/s, m/s) of joints for which the file states none. If `None`, they have
-    /// none, and control refuses them.
-    pub speed: Option<f64>,
+    /// Maximum speed (rad/s, m/s) of joints for which the file states none. Without a positive one
+    /// they have none, and control refuses them.
+    pub default_speed: Option<f64>,
     /// Maximum torque or force (newton metres, newtons), likewise, which servos need.
-    pub effort: Option<f64>,
+    pub default_effort: Option<f64>,
     /// `true` if masses and inertias that cannot be simulated are replaced, with a note: moving
     /// links without mass get that of water in boxes around their shapes (one gram without shapes),
     /// and impossible inertias become their mean in all directions. If `false`, conversion to MJCF
@@ -48,59 +46,42 @@ pub struct UrdfSettings {
     pub repair: bool,
 }
 
-impl UrdfSettings {
-    /// Returns settings that fill in what a file lacks: speeds of 0.5 rad/s or m/s, efforts of 50 N
-    /// m or N, and masses.
-    pub fn forgiving() -> Self {
-        Self { speed: Some(0.5), effort: Some(50.0), repair: true, ..Self::default() }
-    }
-
-    fn check(&self) -> Result<(), DescriptionError> {
-        let place = || "the settings of the URDF".to_owned();
-        for (what, value) in [("the speed", self.speed), ("the effort", self.effort)] {
-            let value = value.unwrap_or(1.0);
-            let holds = value > 0.0 && value <= LARGEST;
-            require(holds, place, what, value, "a positive number up to 1e6")?;
-        }
-        Ok(())
-    }
-}
-
 /// Findings while a file is read.
 #[derive(Default)]
 struct Report {
-    errors: Vec<DescriptionError>,
+    errors: Vec<(usize, DescriptionError)>,
     notes: Vec<String>,
-    unread: Vec<String>,
+    unread_meshes: Vec<String>,
 }
 
 impl Report {
-    /// Returns the value, or `None` after adding the error.
-    fn keep<T>(&mut self, found: Result<T, DescriptionError>) -> Option<T> {
-        found.map_err(|error| self.errors.push(error)).ok()
+    /// Adds an error at a line, or in the whole file at line 0.
+    fn reject(&mut self, line: usize, error: DescriptionError) {
+        self.errors.push((line, error));
     }
 
-    /// Returns the errors in the order of their lines.
-    fn error(mut self) -> DescriptionError {
-        self.errors.sort_by_key(|error| match error {
-            DescriptionError::Line { line, .. } => *line,
-            _ => 0,
+    fn note(&mut self, line: usize, note: &str) {
+        self.notes.push(format!("line {line}: {note}"));
+    }
+
+    /// Fails with the errors, if there are any, in the order of their lines.
+    fn check(&mut self) -> Result<(), DescriptionError> {
+        self.errors.sort_by_key(|(line, _)| *line);
+        let errors = self.errors.drain(..).map(|(line, error)| match line {
+            0 => error,
+            line => DescriptionError::Line { line, error: Box::new(error) },
         });
-        all(self.errors)
-    }
-
-    fn note(&mut self, element: xml::Element, note: &str) {
-        self.notes.push(format!("line {}: {}: {note}", element.line(), element.place()));
+        all(errors.collect())
     }
 }
 
-impl Description {
+impl RobotDescription {
     /// Reads a URDF file, and the collision meshes that it names, with the default settings.
     ///
     /// # Errors
-    /// Those of [`Description::read_with`].
-    pub fn read(path: &Path) -> Result<Self, DescriptionError> {
-        Self::read_with(path, &UrdfSettings::default())
+    /// Those of [`RobotDescription::from_urdf_file_with`].
+    pub fn from_urdf_file(path: &Path) -> Result<Self, DescriptionError> {
+        Self::from_urdf_file_with(path, &UrdfSettings::default())
     }
 
     /// Reads a URDF file, and the collision meshes that it names.
@@ -108,16 +89,21 @@ impl Description {
     /// A mesh (STL, OBJ or COLLADA) becomes a capsule that encloses its points.
     ///
     /// # Errors
-    /// [`DescriptionError::Read`], [`DescriptionError::Number`] for settings that are not
-    /// positive, and those of [`Description::from_urdf`].
-    pub fn read_with(path: &Path, settings: &UrdfSettings) -> Result<Self, DescriptionError> {
+    /// [`DescriptionError::Read`], and those of [`RobotDescription::from_urdf`].
+    pub fn from_urdf_file_with(
+        path: &Path,
+        settings: &UrdfSettings,
+    ) -> Result<Self, DescriptionError> {
         // the folder of a plain name is the empty path, which is no folder
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
-        Self::parse(&text(path)?, Some(folder.unwrap_or(Path::new("."))), settings)
+        let bytes = read(path, MAX_URDF_BYTES);
+        let bytes =
+            bytes.map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
+        Self::parse(&xml::decode(bytes), Some(folder.unwrap_or(Path::new("."))), settings)
     }
 
     /// Parses a URDF, without its collision meshes. Its root is at the world's origin;
-    /// [`Description::placed`] moves it.
+    /// [`RobotDescription::with_base_pose`] moves it.
     ///
     /// Reads `<inertial>` and `<collision>` (boxes, cylinders, spheres, capsules) of links, and
     /// everything but `<safety_controller>` and `<calibration>` of joints. Everything else is
@@ -135,54 +121,45 @@ impl Description {
         folder: Option<&Path>,
         settings: &UrdfSettings,
     ) -> Result<Self, DescriptionError> {
-        settings.check()?;
-        let text = xml::prepared(text)?;
-        let document = xml::parse(&text)?;
-        let robot = xml::robot(&document)?;
-        let [links, elements] =
-            ["link", "joint"].map(|name| robot.children(name).collect::<Vec<_>>());
-        names::count(&links)?;
         let mut report = Report::default();
-        names::check(robot, &links, &elements, &mut report);
-        let stated = elements.iter().map(|&joint| StatedJoint::new(joint, settings, &mut report));
-        let stated: Vec<StatedJoint> = stated.collect();
-        let tree = Tree::new(&links, &stated, &mut report);
+        let cleaned = xml::clean(text, &mut report)?;
+        let file = urdf_rs::read_from_string(&cleaned.text)
+            .map_err(|error| DescriptionError::InvalidSyntax { message: error.to_string() })?;
+        names::check_counts(&file)?;
+        let tree = tree::Tree::new(&file, &cleaned, &mut report)?;
+        let lines: Vec<usize> = tree.joints.iter().map(|&at| cleaned.joint_lines[at]).collect();
+        let (mut joints, num_dofs) = joints::joints(&file, &tree, &lines, settings, &mut report);
+        let note = |joint: usize, note: String| report.note(lines[joint], &note);
+        let restrictions = mimic::restrict(&mut joints, note);
+        report.check()?;
         let meshes = mesh::Meshes::new(settings, folder);
-        let read = links.iter().map(|&link| links::link(link, &meshes, &mut report));
-        let links: Vec<Link> = read.collect();
-        let Some(tree) = tree else {
-            return Err(report.error());
-        };
-        let (mut joints, dofs) = joints::resolve(stated, &tree, &mut report);
-        let restrictions = mimic::restrict(&mut joints, |joint, note| {
-            report.note(elements[tree.joints[joint]], &note);
-        });
-        if !report.errors.is_empty() {
-            return Err(report.error());
-        }
-        let description = Self {
-            links: tree.links.iter().map(|&link| links[link].clone()).collect(),
+        let links = tree
+            .links
+            .iter()
+            .map(|&at| links::link(&file.links[at], cleaned.link_lines[at], &meshes, &mut report));
+        let mut description = Self {
+            links: links.collect(),
             joints,
-            dofs,
+            num_dofs,
             restrictions,
             notes: report.notes,
-            unread: report.unread,
-            base: Pose::IDENTITY,
-            name: robot.name().to_owned(),
+            unread_meshes: report.unread_meshes,
+            base_pose: Pose::IDENTITY,
+            name: file.name,
         };
-        Ok(if settings.repair { description.repaired() } else { description })
+        if settings.repair {
+            let (inertias, notes, _) = description.simulated_inertias(true);
+            let links = description.links.iter_mut().zip(inertias);
+            links.for_each(|(link, inertia)| link.inertia = inertia);
+            description.notes.extend(notes);
+        }
+        Ok(description)
     }
 }
 
-/// Reads a file, up to one byte more than [`MAX_BYTES`], which shows that it is too long.
-fn text(path: &Path) -> Result<String, DescriptionError> {
-    let read = || -> io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        let limit = MAX_BYTES as u64 + 1;
-        File::open(path)?.take(limit).read_to_end(&mut bytes)?;
-        Ok(bytes)
-    };
-    let bytes =
-        read().map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
-    Ok(xml::decode(bytes))
+/// Reads a file, up to one byte more than `limit`, which shows that it is too long.
+fn read(path: &Path, limit: usize) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(limit as u64 + 1).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }

@@ -10,8 +10,8 @@ use crate::robot::{Command, Robot, RobotState};
 ///
 /// `clock` defines time. For a real robot use `let start = Instant::now(); move ||
 /// start.elapsed()`; for a simulated one, the simulation's time. A thread, or the loop that reads
-/// the camera, must call [`Watchdog::check`] or [`Robot::state`], which includes it, more often
-/// than the time-out.
+/// the camera, must call [`Watchdog::check_timeout`] or [`Robot::state`], which includes it, more
+/// often than the time-out.
 pub struct Watchdog<R: Robot, C: Fn() -> Duration> {
     robot: R,
     clock: C,
@@ -30,7 +30,8 @@ enum Activity {
 }
 
 /// Default time after which a robot without a new command is stopped. It equals the default
-/// [`ControlSettings::horizon`](crate::ControlSettings::horizon), which commands are checked for.
+/// [`ControlSettings::lookahead_s`](crate::ControlSettings::lookahead_s), which commands are
+/// checked for.
 const TIMEOUT: Duration = Duration::from_millis(200);
 
 impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
@@ -49,7 +50,7 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
     ///
     /// # Errors
     /// [`ControlError::NotStopped`]; the next call tries again.
-    pub fn check(&mut self) -> Result<bool, ControlError> {
+    pub fn check_timeout(&mut self) -> Result<bool, ControlError> {
         let cause = match self.activity {
             Activity::Still => return Ok(false),
             Activity::Commanded(commanded) => match (self.clock)().checked_sub(commanded) {
@@ -86,13 +87,13 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
 
 impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
     fn state(&mut self) -> Result<RobotState, ControlError> {
-        self.check()?;
+        self.check_timeout()?;
         self.robot.state()
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         // before the command, which would make an overdue robot look freshly commanded
-        self.check()?;
+        self.check_timeout()?;
         let sent = command.check().and_then(|()| self.robot.command(command));
         if let Err(refused) = sent {
             self.halt(|| refused.to_string())?;

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    CartesianControl, Chain, ControlError, ControlSettings, Description, Pose, Twist, gen3,
+    CartesianControl, Chain, ControlError, ControlSettings, Pose, RobotDescription, Twist, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -23,7 +23,7 @@ fn at_work() -> CartesianControl {
     CartesianControl::new(chain("tool_link"), &gen3::WORK, ControlSettings::default()).unwrap()
 }
 
-fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
+pub fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
     let within = chain.joints().iter().map(|joint| {
         let [low, high] = joint.motion.range.unwrap_or([-3.0, 3.0]);
         generator.random_range(low..high)
@@ -33,19 +33,20 @@ fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
 
 #[test]
 fn the_jacobian_is_the_derivative_of_the_tip() {
-    let six = Description::from_urdf(SIX_JOINT).unwrap();
-    let placed = six.placed(Pose::from_xyz_rpy([0.3, 0.1, -0.2], [0.5, 0.4, -1.0])).unwrap();
+    let six = RobotDescription::from_urdf(SIX_JOINT).unwrap();
+    let placed =
+        six.with_base_pose(Pose::from_xyz_rpy([0.3, 0.1, -0.2], [0.5, 0.4, -1.0])).unwrap();
     for chain in [chain("tool_link"), Chain::new(&placed, "tip").unwrap()] {
         let mut generator = ChaCha8Rng::seed_from_u64(1003);
         let mut columns = vec![Twist::ZERO; chain.joints().len()];
         for _ in 0..50 {
             let joints = random(&chain, &mut generator);
-            assert_eq!(chain.jacobian(&joints, &mut columns), chain.tip(&joints));
+            assert_eq!(chain.jacobian(&joints, &mut columns), chain.tip_pose(&joints));
             for (joint, column) in columns.iter().enumerate() {
                 let moved = |by: f64| {
                     let mut joints = joints.clone();
                     joints[joint] += by;
-                    chain.tip(&joints)
+                    chain.tip_pose(&joints)
                 };
                 let [linear, angular] =
                     moved(-1e-6).displacement_to(&moved(1e-6)).map(|way| way / 2e-6);
@@ -82,7 +83,10 @@ const TOOL_DOWN: [[f64; 5]; 9] = [
 
 /// A pose with the tool straight down, the fingers opening sideways.
 fn tool_down(x: f64, y: f64, z: f64) -> Pose {
-    Pose { position: DVec3::new(x, y, z), rotation: chain("tool_link").tip(&gen3::WORK).rotation }
+    Pose {
+        position: DVec3::new(x, y, z),
+        rotation: chain("tool_link").tip_pose(&gen3::WORK).rotation,
+    }
 }
 
 #[test]
@@ -90,8 +94,8 @@ fn the_inverse_finds_the_postures_of_the_sheet() {
     let chain = chain("tool_link");
     for [radius, height, second, fourth, sixth] in TOOL_DOWN {
         let target = tool_down(radius, 0.0, height);
-        let joints = chain.solve(&target, &gen3::WORK).unwrap();
-        let tip = chain.tip(&joints);
+        let joints = chain.solve_ik(&target, &gen3::WORK).unwrap();
+        let tip = chain.tip_pose(&joints);
         assert!(tip.position.distance(target.position) < 1e-9);
         for (joint, expected) in [(1, second), (3, fourth), (5, sixth)] {
             // the redundant arm has many solutions, of which the table lists one
@@ -113,9 +117,9 @@ fn the_inverse_comes_back_to_random_postures_and_keeps_to_the_ranges() {
     for _ in 0..200 {
         let (joints, seed) = (random(&chain, &mut generator), random(&chain, &mut generator));
         let near: Vec<f64> = joints.iter().zip(&seed).map(|(a, b)| a + 0.2 * (b - a)).collect();
-        let target = chain.tip(&joints);
-        if let Ok(found) = chain.solve(&target, &near) {
-            let tip = chain.tip(&found);
+        let target = chain.tip_pose(&joints);
+        if let Ok(found) = chain.solve_ik(&target, &near) {
+            let tip = chain.tip_pose(&found);
             assert!(tip.position.distance(target.position) < 1e-9);
             assert!(tip.rotation.dot(target.rotation).abs() > 1.0 - 1e-12);
             for (joint, &position) in chain.joints().iter().zip(&found) {
@@ -132,37 +136,37 @@ fn the_inverse_comes_back_to_random_postures_and_keeps_to_the_ranges() {
 #[test]
 fn places_out_of_reach_and_targets_that_are_none_are_refused() {
     let chain = chain("tool_link");
-    let far = chain.solve(&tool_down(0.9, 0.0, 0.1), &gen3::WORK).unwrap_err();
-    let ControlError::OutOfReach { target, reached, distance, .. } = &far else {
+    let far = chain.solve_ik(&tool_down(0.9, 0.0, 0.1), &gen3::WORK).unwrap_err();
+    let ControlError::OutOfReach { target, distance, reach, .. } = &far else {
         panic!("{far}");
     };
-    assert!(target.x == 0.9 && reached.x < 0.85 && *distance > 0.05, "{far}");
+    assert!(target.x == 0.9 && *reach < 0.85 && *distance > 0.89, "{far}");
     let nowhere = Pose { position: DVec3::NAN, rotation: DQuat::IDENTITY };
-    let error = chain.solve(&nowhere, &gen3::WORK).unwrap_err();
+    let error = chain.solve_ik(&nowhere, &gen3::WORK).unwrap_err();
     assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
     let mut bent = gen3::WORK;
     bent[3] = -2.6;
-    let error = chain.solve(&tool_down(0.45, 0.0, 0.1), &bent).unwrap_err();
-    assert!(error.to_string().contains("`joint_4` is at -2.6"), "{error}");
+    let bent_error = chain.solve_ik(&tool_down(0.45, 0.0, 0.1), &bent).unwrap_err();
+    assert!(bent_error.to_string().contains("`joint_4` is at -2.6"), "{bent_error}");
 }
 
 #[test]
 fn a_twist_moves_the_tip_and_keeps_its_orientation() {
     let mut control = at_work();
-    let start = control.tip();
+    let start = control.tip_pose();
     let limits = ControlSettings::default().limits;
     for (way, seconds) in [(DVec3::Y, 1.0), (-DVec3::Y, 2.0), (DVec3::new(0.6, 0.0, -0.8), 1.0)] {
-        let before = control.tip();
+        let before = control.tip_pose();
         control.command(Twist::from_linear(0.1 * way)).unwrap();
         let mut travelled = DVec3::ZERO;
         for _ in 0..(seconds / TICK) as usize {
             control.tick(TICK).unwrap();
             travelled += TICK * control.twist().linear;
         }
-        let tip = control.tip();
+        let tip = control.tip_pose();
         assert!((tip.position - before.position).distance(travelled) < 2e-3);
         // to turn round takes 0.2 m/s, half of which is lost on the way
-        let least = 0.1 * seconds - 0.1 * 0.2 / limits.acceleration - 0.01;
+        let least = 0.1 * seconds - 0.1 * 0.2 / limits.max_acceleration - 0.01;
         assert!(least > 0.0 && travelled.dot(way) > least, "{travelled}");
         let [_, turn] = start.displacement_to(&tip);
         assert!(turn.length() < 5e-3, "{turn}");
@@ -174,21 +178,22 @@ fn a_twist_moves_the_tip_and_keeps_its_orientation() {
 fn a_twist_towards_a_target_ends_there() {
     let mut control = at_work();
     let limits = ControlSettings::default().limits;
-    let start = control.tip();
+    let start = control.tip_pose();
     let turned = DQuat::from_rotation_z(0.3) * start.rotation;
     let target = Pose { position: start.position + DVec3::new(0.05, 0.1, 0.02), rotation: turned };
     let mut fastest = 0.0_f64;
     for _ in 0..200 {
-        let way = control.tip().displacement_to(&target);
-        control.command(limits.towards(way, 10.0)).unwrap();
+        let way = control.tip_pose().displacement_to(&target);
+        control.command(limits.twist_towards(way, 10.0)).unwrap();
         control.tick(TICK).unwrap();
         fastest = fastest.max(control.twist().linear.length());
-        let passed = (control.tip().position - target.position).dot(DVec3::new(0.05, 0.1, 0.02));
+        let passed =
+            (control.tip_pose().position - target.position).dot(DVec3::new(0.05, 0.1, 0.02));
         assert!(passed < 2e-3 * 0.113, "{passed}");
     }
-    let [way, turn] = control.tip().displacement_to(&target);
+    let [way, turn] = control.tip_pose().displacement_to(&target);
     assert!(way.length() < 1e-4 && turn.length() < 1e-3, "{way} {turn}");
-    assert!(fastest > 0.15 && fastest <= limits.speed, "{fastest}");
+    assert!(fastest > 0.15 && fastest <= limits.max_speed, "{fastest}");
 }
 
 #[test]
@@ -200,7 +205,7 @@ fn an_arm_at_rest_moves_no_joint() {
     for _ in 0..100 {
         control.tick(TICK).unwrap();
     }
-    assert_eq!(control.joints(), elsewhere);
+    assert_eq!(control.joint_positions(), elsewhere);
     // but as soon as the tip moves, the elbow goes back towards its posture
     for round in 0..20 {
         let way = if round % 2 == 0 { 0.1 } else { -0.1 };
@@ -209,7 +214,7 @@ fn an_arm_at_rest_moves_no_joint() {
             control.tick(TICK).unwrap();
         }
     }
-    let left = (control.joints()[2] - gen3::WORK[2]).abs();
+    let left = (control.joint_positions()[2] - gen3::WORK[2]).abs();
     assert!(left < 0.35, "{left}");
 }
 
@@ -225,13 +230,13 @@ fn whole_turns_of_an_endless_joint_change_nothing() {
         control.restart(&joints).unwrap();
         control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
         control.tick(TICK).unwrap();
-        control.velocities().to_vec()
+        control.joint_velocities().to_vec()
     };
     let straight = velocities(0.0);
     for turns in [-2.0, -1.0, 1.0] {
         let turned = velocities(turns * 2.0 * PI);
-        for (straight, turned) in straight.iter().zip(&turned) {
-            assert!((straight - turned).abs() < 1e-9, "{straight} {turned}");
+        for (expected, got) in straight.iter().zip(&turned) {
+            assert!((expected - got).abs() < 1e-9, "{expected} {got}");
         }
     }
 }
@@ -247,7 +252,7 @@ fn commands_that_are_not_finite_stop_the_arm() {
     ] {
         control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
         control.tick(TICK).unwrap();
-        assert!(control.velocities().iter().any(|&velocity| velocity != 0.0));
+        assert!(control.joint_velocities().iter().any(|&velocity| velocity != 0.0));
         let error = control.command(bad).unwrap_err();
         assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
         stands(&mut control);
@@ -258,11 +263,11 @@ fn commands_that_are_not_finite_stop_the_arm() {
 
 #[track_caller]
 fn stands(control: &mut CartesianControl) {
-    let joints = control.joints().to_vec();
+    let joints = control.joint_positions().to_vec();
     control.tick(TICK).unwrap();
-    assert_eq!(control.joints(), joints);
+    assert_eq!(control.joint_positions(), joints);
     assert_eq!(control.twist(), Twist::ZERO);
-    assert!(control.velocities().iter().all(|&velocity| velocity == 0.0));
+    assert!(control.joint_velocities().iter().all(|&velocity| velocity == 0.0));
 }
 
 #[test]
@@ -276,7 +281,7 @@ fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
         });
         let error = stopped.unwrap();
         println!("{way}: {error}");
-        assert!(matches!(error, ControlError::OutOfReach { .. }), "{error}");
+        assert!(matches!(error, ControlError::CannotFollow { .. }), "{error}");
         stands(&mut control);
         // it can go back the way it came
         control.command(Twist::from_linear(-0.05 * way)).unwrap();
@@ -287,13 +292,13 @@ fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
 #[test]
 #[should_panic(expected = "`configuration` has 6 elements, expected 7")]
 fn a_configuration_of_another_length_is_named() {
-    chain("tool_link").tip(&gen3::WORK[..6]);
+    chain("tool_link").tip_pose(&gen3::WORK[..6]);
 }
 
 #[test]
 #[should_panic(expected = "`positions` has 7 elements, expected 8")]
 fn a_position_vector_of_another_length_is_named() {
-    gen3::description().unwrap().poses(&gen3::WORK);
+    gen3::description().unwrap().link_poses(&gen3::WORK);
 }
 
 #[test]
@@ -301,11 +306,11 @@ fn settings_out_of_range_are_refused() {
     type Spoil = fn(&mut ControlSettings);
     let spoils: [(Spoil, &str); 9] = [
         (
-            |s| s.limits.acceleration = 0.0,
-            "acceleration is 0, expected a positive number up to 1e6",
+            |s| s.limits.max_acceleration = 0.0,
+            "max_acceleration is 0, expected a positive number up to 1e6",
         ),
-        (|s| s.horizon = f64::NAN, "horizon is NaN"),
-        (|s| s.horizon = 1e9, "horizon is 1000000000"),
+        (|s| s.lookahead_s = f64::NAN, "lookahead_s is NaN"),
+        (|s| s.lookahead_s = 1e9, "lookahead_s is 1000000000"),
         (|s| s.damping = 1e-200, "damping is 0.000"),
         (|s| s.damping = 1e200, "damping is 1000"),
         (|s| s.correction_rate = 41.0, "correction_rate is 41"),
@@ -339,7 +344,7 @@ fn velocities_that_are_not_finite_move_no_joint() {
     control.restart(&posture).unwrap();
     let error = control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap_err();
     assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
-    assert_eq!(control.joints(), posture);
+    assert_eq!(control.joint_positions(), posture);
     stands(&mut control);
 }
 
@@ -351,8 +356,8 @@ fn a_long_tick_is_many_short_ones() {
     }
     long.tick(0.5).unwrap();
     (0..20).for_each(|_| short.tick(0.025).unwrap());
-    for (long, short) in long.joints().iter().zip(short.joints()) {
-        assert!((long - short).abs() < 1e-12, "{long} {short}");
+    for (one_tick, many_ticks) in long.joint_positions().iter().zip(short.joint_positions()) {
+        assert!((one_tick - many_ticks).abs() < 1e-12, "{one_tick} {many_ticks}");
     }
     let error = long.tick(1e9).unwrap_err().to_string();
     assert!(error.contains("seconds is 1000000000"), "{error}");
@@ -378,20 +383,21 @@ proptest! {
             let twist = Twist { linear: any(1.0), angular: any(1.0) };
             let commanded = control.command(twist).is_ok();
             for _ in 0..8 {
-                let (joints, before) = (control.joints().to_vec(), control.twist());
+                let (joints, before) = (control.joint_positions().to_vec(), control.twist());
                 let moved = control.tick(TICK).is_ok();
                 let now = control.twist();
-                prop_assert!(now.linear.length() <= limits.speed + 1e-12);
-                prop_assert!(now.angular.length() <= limits.angular_speed + 1e-12);
+                prop_assert!(now.linear.length() <= limits.max_speed + 1e-12);
+                prop_assert!(now.angular.length() <= limits.max_angular_speed + 1e-12);
                 let faster = now.linear.length() - before.linear.length();
-                prop_assert!(faster <= limits.acceleration * TICK + 1e-12, "{faster}");
+                prop_assert!(faster <= limits.max_acceleration * TICK + 1e-12, "{faster}");
                 prop_assert!(commanded || now == Twist::ZERO);
-                let rows = control.chain().joints().iter().zip(control.joints()).zip(&joints);
-                for ((joint, now), before) in rows {
-                    let speed = (now - before).abs() / TICK;
-                    prop_assert!(speed <= joint.motion.speed.unwrap() + 1e-9, "{}: {speed}", joint.name);
+                let rows = control.chain().joints().iter().zip(control.joint_positions());
+                let rows = rows.zip(&joints);
+                for ((joint, position), earlier) in rows {
+                    let (speed, max) = ((position - earlier).abs() / TICK, joint.motion.max_speed);
+                    prop_assert!(speed <= max.unwrap() + 1e-9, "{}: {speed}", joint.name);
                     let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
-                    prop_assert!((low..=high).contains(now));
+                    prop_assert!((low..=high).contains(position));
                 }
                 if !moved {
                     break;

@@ -4,7 +4,7 @@ use mujoco::Model;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{Description, MjcfSettings, Servo, gen3};
+use robots::{MjcfSettings, RobotDescription, Servo, gen3};
 
 use crate::SIX_JOINT;
 
@@ -65,9 +65,9 @@ proptest! {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let whole = if ours { SIX_JOINT } else { gen3::URDF };
         let text = (0..times).fold(whole.to_owned(), |text, _| damage(&text, &mut generator));
-        if let Ok(arm) = Description::from_urdf(&text) {
-            let positions = vec![0.3; arm.dofs()];
-            prop_assert!(arm.poses(&positions).iter().all(|pose| pose.position.is_finite()));
+        if let Ok(arm) = RobotDescription::from_urdf(&text) {
+            let positions = vec![0.3; arm.num_dofs()];
+            prop_assert!(arm.link_poses(&positions).iter().all(|pose| pose.position.is_finite()));
             prop_assert!(arm.capsules(&positions).iter().all(|(_, c)| c.ends[0].is_finite()));
             let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
             // limits and masses may be missing
@@ -80,7 +80,7 @@ proptest! {
 
     #[test]
     fn no_text_is_a_panic(text in ".{0,400}", tail in "[<>/=\" a-e!?-]{0,400}") {
-        let _ = Description::from_urdf(&format!("<robot name=\"a\">{text}{tail}"));
-        let _ = Description::from_urdf(&tail);
+        let _ = RobotDescription::from_urdf(&format!("<robot name=\"a\">{text}{tail}"));
+        let _ = RobotDescription::from_urdf(&tail);
     }
 }

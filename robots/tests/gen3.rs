@@ -6,7 +6,7 @@ use glam::{DMat4, DVec3};
 use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{Chain, Description, MjcfSettings, Pose, gen3};
+use robots::{Chain, MjcfSettings, Pose, RobotDescription, gen3};
 
 /// Capsules fitted to the published meshes: link, ends in its frame, radius (metres).
 const CAPSULES: &str = "\
@@ -35,12 +35,12 @@ const DENAVIT_HARTENBERG: [(f64, f64, f64); 8] = [
     (2.0, -(0.1059 + 0.0615), 2.0),
 ];
 
-fn arm() -> Description {
+fn arm() -> RobotDescription {
     gen3::description().unwrap()
 }
 
-fn random(generator: &mut ChaCha8Rng, dofs: usize) -> Vec<f64> {
-    (0..dofs).map(|_| generator.random_range(-3.2..3.2)).collect()
+fn random(generator: &mut ChaCha8Rng, num_dofs: usize) -> Vec<f64> {
+    (0..num_dofs).map(|_| generator.random_range(-3.2..3.2)).collect()
 }
 
 /// Returns the pose of the flange by the table.
@@ -61,7 +61,7 @@ fn the_flange_is_where_the_user_guide_has_it() {
     let mut generator = ChaCha8Rng::seed_from_u64(1000);
     for _ in 0..1000 {
         let joints = random(&mut generator, 7);
-        let tip = chain.tip(&joints);
+        let tip = chain.tip_pose(&joints);
         let expected = by_table(&joints);
         let distance = tip.position.distance(expected.w_axis.truncate());
         assert!(distance < 6.2e-4, "{distance} at {joints:?}");
@@ -72,13 +72,13 @@ fn the_flange_is_where_the_user_guide_has_it() {
 }
 
 /// Returns MuJoCo's frames of all bodies of `model`, by the names of links.
-fn check_against(model: Model, arm: &Description) {
+fn check_against(model: Model, arm: &RobotDescription) {
     let model = Arc::new(model);
     let mut data = Data::new(Arc::clone(&model));
     let bodies: Vec<_> = arm.links().iter().map(|link| model.body(&link.name).unwrap()).collect();
     let mut generator = ChaCha8Rng::seed_from_u64(1001);
     for _ in 0..1000 {
-        let positions = random(&mut generator, arm.dofs());
+        let positions = random(&mut generator, arm.num_dofs());
         for joint in arm.joints() {
             if let Some(motion) = &joint.motion {
                 let address = model.joint_qpos_address(model.joint(&joint.name).unwrap());
@@ -86,10 +86,10 @@ fn check_against(model: Model, arm: &Description) {
             }
         }
         data.forward_kinematics().unwrap();
-        for (pose, &body) in arm.poses(&positions).iter().zip(&bodies) {
+        for (pose, &body) in arm.link_poses(&positions).iter().zip(&bodies) {
             let expected = DVec3::from_array(data.body_position(body));
             assert!(pose.position.distance(expected) < 1e-9, "{pose:?} {expected}");
-            let [w, x, y, z] = data.body_quat(body);
+            let [w, x, y, z] = data.body_orientation(body);
             let same = pose.rotation.dot(glam::DQuat::from_xyzw(x, y, z, w)).abs();
             assert!(same > 1.0 - 1e-12, "{same}");
         }
@@ -105,7 +105,7 @@ fn links_are_where_mujoco_has_them_after_reading_the_urdf() {
 #[test]
 fn links_are_where_mujoco_has_them_after_reading_our_mjcf() {
     let base = Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.1, -0.2, 1.5]);
-    let arm = arm().placed(base).unwrap();
+    let arm = arm().with_base_pose(base).unwrap();
     let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap();
     check_against(Model::from_xml(&mjcf.text).unwrap(), &arm);
 }
@@ -121,14 +121,14 @@ fn named_poses_are_where_the_sheet_has_them() {
         (&flange, gen3::ZERO, [0.0, -0.0249, 1.187], -1.0),
         (&tool, gen3::WORK, [0.45, 0.0, 0.15], 1.0),
     ] {
-        let tip = chain.tip(&joints);
+        let tip = chain.tip_pose(&joints);
         let distance = tip.position.distance(DVec3::from_array(expected));
         assert!(distance < 2e-3, "{} {expected:?}", tip.position);
         let axis = tip.rotation * DVec3::Z;
         // the sheet: "within 4 degrees of straight down"
         assert!((-axis.z - down).abs() < 3e-3, "{axis}");
     }
-    let home = flange.tip(&gen3::HOME).rotation * DVec3::Z;
+    let home = flange.tip_pose(&gen3::HOME).rotation * DVec3::Z;
     assert!(home.x > 0.999, "{home}");
 }
 
@@ -136,7 +136,7 @@ fn named_poses_are_where_the_sheet_has_them() {
 fn capsules_are_those_of_the_sheet_and_follow_their_links() {
     let arm = arm();
     let positions = [&gen3::WORK[..], &[0.01]].concat();
-    let (poses, capsules) = (arm.poses(&positions), arm.capsules(&positions));
+    let (poses, capsules) = (arm.link_poses(&positions), arm.capsules(&positions));
     for line in CAPSULES.lines() {
         let (name, numbers) = line.split_once(' ').unwrap();
         let numbers = numbers.split_whitespace();
@@ -147,7 +147,7 @@ fn capsules_are_those_of_the_sheet_and_follow_their_links() {
             panic!("{name} has {} capsules", of_link.len());
         };
         for (end, expected) in capsule.ends.iter().zip(numbers.chunks_exact(3)) {
-            let expected = poses[link].point(DVec3::from_slice(expected));
+            let expected = poses[link].transform_point(DVec3::from_slice(expected));
             assert!(end.distance(expected) < 1e-6, "{name}: {end} {expected}");
         }
         assert_eq!(capsule.radius, numbers[6]);
@@ -162,9 +162,9 @@ fn masses_and_fingers_are_those_of_the_sheet() {
     let masses = arm.links().iter().filter_map(|link| link.inertia.map(|inertia| inertia.mass));
     let total: f64 = masses.sum();
     assert!((total - 8.188 - 0.9226).abs() < 1e-3, "{total}");
-    assert_eq!(arm.dofs(), 8);
+    assert_eq!(arm.num_dofs(), 8);
     for (closing, gap) in [(0.0, 0.085), (0.0425, 0.0)] {
-        let poses = arm.poses(&[&gen3::ZERO[..], &[closing]].concat());
+        let poses = arm.link_poses(&[&gen3::ZERO[..], &[closing]].concat());
         let finger = |name: &str| {
             let link = arm.links().iter().position(|link| link.name == name).unwrap();
             poses[link].position
@@ -176,12 +176,12 @@ fn masses_and_fingers_are_those_of_the_sheet() {
 
 #[test]
 fn fingers_may_be_kept_half_open() {
-    let range = |arm: &Description| {
+    let range = |arm: &RobotDescription| {
         let mut joints = arm.free_joints();
         joints.find(|(joint, _)| joint.name == "finger_l").unwrap().1.range
     };
     assert_eq!(range(&arm()), Some([0.0, 0.0425]));
-    let half = arm().narrowed("finger_l", [0.02, 0.0425]).unwrap();
+    let half = arm().with_joint_range("finger_l", [0.02, 0.0425]).unwrap();
     assert_eq!(range(&half), Some([0.02, 0.0425]));
     for (joint, low, high, says) in [
         ("finger_l", -0.001, 0.04, "lower end of its new range is -0.001"),
@@ -193,9 +193,9 @@ fn fingers_may_be_kept_half_open() {
         ("joint_1", 0.0, 1.0, "has a range"),
         ("thumb", 0.02, 0.04, "has a range"),
     ] {
-        let refused = arm().narrowed(joint, [low, high]).unwrap_err().to_string();
-        for says in [says, joint] {
-            assert!(refused.contains(says), "{says}: {refused}");
+        let refused = arm().with_joint_range(joint, [low, high]).unwrap_err().to_string();
+        for part in [says, joint] {
+            assert!(refused.contains(part), "{part}: {refused}");
         }
     }
 }

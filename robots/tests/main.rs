@@ -5,6 +5,7 @@
 mod control;
 mod damage;
 mod gen3;
+mod ik;
 mod mjcf;
 mod refusals;
 mod structures;

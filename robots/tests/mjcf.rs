@@ -8,8 +8,8 @@ use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    Addition, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose, Servo,
-    Twist, gen3,
+    CartesianControl, Chain, ControlSettings, LinkAddition, MjcfSettings, Pose, RobotDescription,
+    Servo, Twist, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -39,7 +39,7 @@ fn fall(model: &Arc<Model>, joints: &[&str], positions: &[f64]) -> Vec<f64> {
 }
 
 /// Positions of the free joints, clear of either end of a range by this share of it.
-fn drawn(arm: &Description, generator: &mut ChaCha8Rng, clear: f64) -> Vec<f64> {
+fn drawn(arm: &RobotDescription, generator: &mut ChaCha8Rng, clear: f64) -> Vec<f64> {
     let mut draw = |[low, high]: [f64; 2]| {
         let margin = clear * (high - low);
         generator.random_range(low + margin..high - margin)
@@ -56,20 +56,20 @@ fn arms_fall_as_mujoco_has_them_fall() {
         // without shapes and mimics, which MuJoCo's own reading of a URDF treats differently
         let urdf = without(&without(urdf, "<collision>", "</collision>"), "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"1\" velocity=\"1\"");
-        let arm = Description::from_urdf(&urdf).unwrap();
-        let ours = arm
+        let arm = RobotDescription::from_urdf(&urdf).unwrap();
+        let rendered = arm
             .to_mjcf(&MjcfSettings::default())
             .unwrap()
             .text
             .replace("\"implicit\"", "\"Euler\"");
-        let models = [model(&urdf, "arm.urdf"), model(&ours, "arm.xml")];
+        let models = [model(&urdf, "arm.urdf"), model(&rendered, "arm.xml")];
         let joints: Vec<&str> = arm.free_joints().map(|(joint, _)| &joint.name[..]).collect();
         let mut generator = ChaCha8Rng::seed_from_u64(1002);
         for _ in 0..20 {
             let positions = drawn(&arm, &mut generator, 0.0);
             let [theirs, ours] = models.each_ref().map(|model| fall(model, &joints, &positions));
-            for (theirs, ours) in theirs.iter().zip(&ours) {
-                assert!((theirs - ours).abs() < 1e-7 * (1.0 + theirs.abs()), "{theirs} {ours}");
+            for (expected, got) in theirs.iter().zip(&ours) {
+                assert!((expected - got).abs() < 1e-7 * (1.0 + expected.abs()), "{expected} {got}");
             }
             assert!(ours.iter().any(|velocity| velocity.abs() > 0.1), "{ours:?}");
         }
@@ -80,9 +80,9 @@ fn arms_fall_as_mujoco_has_them_fall() {
 fn limits_names_and_servos_are_in_the_model() {
     let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
     for urdf in [gen3::URDF, SIX_JOINT] {
-        let arm = Description::from_urdf(urdf).unwrap();
+        let arm = RobotDescription::from_urdf(urdf).unwrap();
         let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
-        assert_eq!(model.nu(), arm.dofs());
+        assert_eq!(model.nu(), arm.num_dofs());
         for (index, (joint, motion)) in arm.free_joints().enumerate() {
             assert_eq!(model.joint_range(model.joint(&joint.name).unwrap()), motion.range);
             assert_eq!(model.actuator(&joint.name).unwrap().index(), index);
@@ -99,14 +99,14 @@ fn limits_names_and_servos_are_in_the_model() {
 #[test]
 fn servos_and_bases_that_make_no_sense_are_refused() {
     let arm = gen3::description().unwrap();
-    for (saturation, damping_time, words) in [
-        (0.0, 0.03, "its saturation is 0, expected 1e-6 or more"),
-        (-1.0, 0.03, "its saturation is -1"),
+    for (saturation_error, damping_time, words) in [
+        (0.0, 0.03, "its saturation error is 0, expected 1e-6 or more"),
+        (-1.0, 0.03, "its saturation error is -1"),
         (f64::NAN, 0.03, "NaN"),
         (0.02, -0.1, "its damping time is -0.1"),
         (0.02, f64::INFINITY, "inf"),
     ] {
-        let servo = Some(Servo { saturation, damping_time });
+        let servo = Some(Servo { saturation_error, damping_time });
         let settings = MjcfSettings { servo, ..MjcfSettings::default() };
         for refused in [arm.to_mjcf(&settings), arm.to_mjcf_part(&settings)] {
             let message = refused.unwrap_err().to_string();
@@ -118,7 +118,7 @@ fn servos_and_bases_that_make_no_sense_are_refused() {
         (DVec3::ZERO, DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), "rotation is 0"),
         (DVec3::ZERO, DQuat::NAN, "rotation is NaN"),
     ] {
-        let placed = arm.clone().placed(Pose { position, rotation });
+        let placed = arm.clone().with_base_pose(Pose { position, rotation });
         let message = placed.unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
     }
@@ -129,8 +129,8 @@ fn servos_and_bases_that_make_no_sense_are_refused() {
 fn a_scene_includes_the_part() {
     let settings = MjcfSettings {
         servo: None,
-        classes: vec![("base_link".to_owned(), "arm".to_owned())],
-        additions: vec![Addition {
+        link_classes: vec![("base_link".to_owned(), "arm".to_owned())],
+        additions: vec![LinkAddition {
             link: "tool_link".to_owned(),
             mjcf: "<site name=\"tool\" pos=\"0 0 0.01\"/>".to_owned(),
         }],
@@ -149,9 +149,9 @@ fn a_scene_includes_the_part() {
     data.forward_kinematics().unwrap();
     let arm = gen3::description().unwrap();
     let link = arm.links().iter().position(|link| link.name == "tool_link");
-    let pose = arm.poses(&[0.0; 8])[link.unwrap()];
+    let pose = arm.link_poses(&[0.0; 8])[link.unwrap()];
     let site = DVec3::from_array(data.site_position(tool));
-    assert!(site.distance(pose.point(0.01 * DVec3::Z)) < 1e-9, "{site}");
+    assert!(site.distance(pose.transform_point(0.01 * DVec3::Z)) < 1e-9, "{site}");
 }
 
 #[test]
@@ -174,7 +174,7 @@ fn neighbours_do_not_collide_and_the_arm_hits_itself() {
 #[test]
 fn additions_to_no_link_are_refused() {
     let settings = MjcfSettings {
-        additions: vec![Addition { link: "elbow".to_owned(), mjcf: String::new() }],
+        additions: vec![LinkAddition { link: "elbow".to_owned(), mjcf: String::new() }],
         ..MjcfSettings::default()
     };
     let refused = gen3::description().unwrap().to_mjcf(&settings);
@@ -191,8 +191,9 @@ fn holding_forces_hold() {
         // an equality is soft
         let urdf = without(urdf, "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"9\" velocity=\"1\"");
-        let arm = Description::from_urdf(&urdf).unwrap();
-        let arm = arm.placed(Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.4, -0.2, 1.5])).unwrap();
+        let arm = RobotDescription::from_urdf(&urdf).unwrap();
+        let arm =
+            arm.with_base_pose(Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.4, -0.2, 1.5])).unwrap();
         let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
         let mut generator = ChaCha8Rng::seed_from_u64(1005);
         for _ in 0..20 {
@@ -202,8 +203,8 @@ fn holding_forces_hold() {
             let joints = arm.free_joints().zip(positions.iter().zip(&forces));
             let controls: Vec<f64> = joints
                 .map(|((_, motion), (&position, &force))| {
-                    assert!(force.abs() < motion.effort.unwrap(), "{force}");
-                    servo.control(position, 0.0) + servo.feed_forward(motion, force)
+                    assert!(force.abs() < motion.max_effort.unwrap(), "{force}");
+                    servo.control_signal(position, 0.0) + servo.feed_forward(motion, force)
                 })
                 .collect();
             let mut data = Data::new(Arc::clone(&model));
@@ -244,15 +245,15 @@ fn the_simulated_arm_follows_its_control() {
         // 0.75 s in ticks of 12.5 ms
         for _ in 0..60 {
             control.tick(0.0125).unwrap();
-            let targets = control.joints().iter().zip(control.velocities());
+            let targets = control.joint_positions().iter().zip(control.joint_velocities());
             let mut controls: Vec<f64> =
-                targets.map(|(&joint, &velocity)| servo.control(joint, velocity)).collect();
+                targets.map(|(&joint, &velocity)| servo.control_signal(joint, velocity)).collect();
             controls.push(0.0);
             data.set_ctrl(&controls).unwrap();
             data.step((0.0125 / model.timestep()).round() as usize).unwrap();
             data.forward_kinematics().unwrap();
             let tip = DVec3::from_array(data.body_position(pinch));
-            furthest = furthest.max(tip.distance(control.tip().position));
+            furthest = furthest.max(tip.distance(control.tip_pose().position));
         }
     }
     println!("furthest {furthest}");
@@ -262,7 +263,7 @@ fn the_simulated_arm_follows_its_control() {
 /// A follower follows in motion, and no servo exceeds its joint's effort.
 #[test]
 fn followers_follow_and_efforts_hold_in_motion() {
-    let arm = Description::from_urdf(SIX_JOINT).unwrap();
+    let arm = RobotDescription::from_urdf(SIX_JOINT).unwrap();
     let servo = Some(Servo::default());
     let mjcf = arm.to_mjcf(&MjcfSettings { servo, ..MjcfSettings::default() }).unwrap();
     let model = model(&mjcf.text, "arm.xml");
@@ -282,7 +283,7 @@ fn followers_follow_and_efforts_hold_in_motion() {
             furthest = furthest.max((balance - (0.2 - 0.5 * swing)).abs());
         }
         for ((_, motion), force) in arm.free_joints().zip(data.actuator_force()) {
-            let effort = motion.effort.unwrap();
+            let effort = motion.max_effort.unwrap();
             assert!(force.abs() <= effort, "{force} {effort}");
             spent = spent.max(force.abs() / effort);
         }
@@ -327,23 +328,23 @@ const FAT: &str = r#"<robot name="fat">
 /// An arm that touches only itself stays at its commanded position.
 #[test]
 fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
-    let arm = Description::from_urdf(FAT).unwrap();
+    let arm = RobotDescription::from_urdf(FAT).unwrap();
     let mjcf = arm
         .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })
         .unwrap();
     let pair = ["base", "forearm"].map(str::to_owned);
-    assert_eq!(mjcf.excluded, [pair]);
+    assert_eq!(mjcf.excluded_pairs, [pair]);
     let exclude = "<exclude body1=\"base\" body2=\"forearm\"/>\n";
-    let drift = |mjcf: &str| {
-        let model = model(mjcf, "arm.xml");
+    let drift = |text: &str| {
+        let model = model(text, "arm.xml");
         let mut data = Data::new(Arc::clone(&model));
-        data.qpos_mut().copy_from_slice(&arm.rest());
-        data.set_ctrl(&arm.rest()).unwrap();
+        data.qpos_mut().copy_from_slice(&arm.rest_positions());
+        data.set_ctrl(&arm.rest_positions()).unwrap();
         data.step(500).unwrap();
-        let off = data.qpos().iter().zip(arm.rest());
+        let off = data.qpos().iter().zip(arm.rest_positions());
         off.fold(0.0_f64, |most, (is, rest)| most.max((is - rest).abs()))
     };
-    assert_eq!(arm.rest(), [0.0, 0.1, 0.0]);
+    assert_eq!(arm.rest_positions(), [0.0, 0.1, 0.0]);
     let left = drift(&mjcf.text);
     assert!(left < 1e-3, "{left}");
     // the test can fail
@@ -361,12 +362,12 @@ fn links_without_mass_have_as_many_shapes_as_they_like() {
       </link>"#;
     let several = SIX_JOINT.replacen("<link name=\"tip\"/>", tool, 1);
     assert_ne!(several, SIX_JOINT);
-    let arm = Description::from_urdf(&several).unwrap();
+    let arm = RobotDescription::from_urdf(&several).unwrap();
     let settings = MjcfSettings::default();
     let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
     model.geom("tip_1").unwrap();
     // it falls as the arm without these shapes does, so they have no mass
-    let bare = Description::from_urdf(SIX_JOINT).unwrap();
+    let bare = RobotDescription::from_urdf(SIX_JOINT).unwrap();
     let bare = self::model(&bare.to_mjcf(&settings).unwrap().text, "arm.xml");
     let names = arm.free_joints().map(|(joint, _)| &joint.name[..]);
     let names: Vec<&str> = names.collect();
@@ -379,18 +380,18 @@ fn links_without_mass_have_as_many_shapes_as_they_like() {
 #[test]
 fn a_follower_stays_within_its_own_range() {
     let urdf = SIX_JOINT.replacen("lower=\"-4\" upper=\"4\"", "lower=\"0\" upper=\"0.3\"", 1);
-    let arm = Description::from_urdf(&urdf).unwrap();
+    let arm = RobotDescription::from_urdf(&urdf).unwrap();
     let [restriction] = arm.restrictions() else {
         panic!("{:?}", arm.restrictions());
     };
-    let whole = Description::from_urdf(SIX_JOINT).unwrap();
+    let whole = RobotDescription::from_urdf(SIX_JOINT).unwrap();
     assert!(whole.restrictions().is_empty());
     let stated = whole.free_joints().find(|(joint, _)| joint.name == "swing");
     let stated = stated.unwrap().1.range;
     // it is at 0.2 less half of the other's position
     let range = [-0.2, 0.4];
     assert_eq!((&restriction.joint[..], &restriction.follower[..]), ("swing", "balance"));
-    assert_eq!(restriction.stated, stated);
+    assert_eq!(restriction.file_range, stated);
     for (end, expected) in restriction.range.iter().zip(range) {
         assert!((end - expected).abs() < 1e-12, "{restriction:?}");
     }
@@ -404,7 +405,7 @@ fn a_follower_stays_within_its_own_range() {
     let index = arm.free_joints().position(|(joint, _)| joint.name == "swing");
     for side in [0, 1] {
         let mut data = Data::new(Arc::clone(&model));
-        let mut controls = arm.rest();
+        let mut controls = arm.rest_positions();
         controls[index.unwrap()] = restriction.range[side];
         data.set_ctrl(&controls).unwrap();
         data.step(1500).unwrap();

@@ -8,7 +8,7 @@ use mujoco::{Data, Model};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{Description, MjcfSettings, Servo};
+use robots::{MjcfSettings, RobotDescription, Servo};
 
 /// Generator of a random tree.
 struct Draw(ChaCha8Rng);
@@ -81,13 +81,17 @@ impl Draw {
             let kind = kinds[self.0.random_range(0..kinds.len())];
             let moves = link > 0 && kind != "fixed";
             let massive = moves || self.chance(0.3);
-            let carries_load = moves && self.chance(0.2);
-            let inertial = if massive { self.inertial() } else { String::new() };
-            let (inertial, load) = if carries_load {
-                (String::new(), self.load(link, &inertial))
-            } else {
-                (inertial, String::new())
-            };
+            let mut inertial = if massive { self.inertial() } else { String::new() };
+            // some links that move have their mass on a link that is fixed to them
+            let mut load = String::new();
+            if moves && self.chance(0.2) {
+                let (origin, inertial) = (self.origin(), std::mem::take(&mut inertial));
+                let (parent, child) = (name(link), format!("link=\"load {link}\""));
+                load = format!(
+                    "<link name=\"load {link}\">{inertial}</link><joint name=\"hold {link}\" \
+                     type=\"fixed\">{origin}<parent link=\"{parent}\"/><child {child}/></joint>"
+                );
+            }
             let shapes = if self.chance(0.7) { self.shapes(sizes) } else { String::new() };
             let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>{load}", name(link));
             if link == 0 {
@@ -122,15 +126,6 @@ impl Draw {
         urdf + "</robot>"
     }
 
-    /// A link with the mass of `link`, to which it is fixed.
-    fn load(&mut self, link: usize, inertial: &str) -> String {
-        let (origin, parent) = (self.origin(), name(link));
-        format!(
-            "<link name=\"load {link}\">{inertial}</link><joint name=\"hold {link}\" \
-             type=\"fixed\">{origin}<parent link=\"{parent}\"/><child link=\"load {link}\"/></joint>"
-        )
-    }
-
     fn range(&mut self) -> [f64; 2] {
         let low = self.0.random_range(-3.0..3.0);
         [low, low + self.scale([1e-3, 6.0])]
@@ -162,7 +157,7 @@ fn with_servo() -> MjcfSettings {
 }
 
 /// Returns a robot of this many links, each of which moves on the one before it.
-fn long(links: usize) -> Description {
+fn long(links: usize) -> RobotDescription {
     let inertial = "<inertial><mass value=\"1\"/><inertia ixx=\"1\" iyy=\"1\" izz=\"1\" ixy=\"0\" \
                     ixz=\"0\" iyz=\"0\"/></inertial>";
     let link = |index: usize| format!("<link name=\"{index}\">{inertial}</link>");
@@ -175,7 +170,8 @@ fn long(links: usize) -> Description {
     };
     let links_text: String = (0..links).map(link).collect();
     let joints: String = (1..links).map(joint).collect();
-    Description::from_urdf(&format!("<robot name=\"long\">{links_text}{joints}</robot>")).unwrap()
+    RobotDescription::from_urdf(&format!("<robot name=\"long\">{links_text}{joints}</robot>"))
+        .unwrap()
 }
 
 #[test]
@@ -188,10 +184,10 @@ fn rows_that_mujoco_does_not_read_are_refused() {
 }
 
 /// Names of links whose shapes MuJoCo finds in contact while the robot rests.
-fn contacts(arm: &Description, mjcf: &str) -> BTreeSet<[String; 2]> {
+fn contacts(arm: &RobotDescription, mjcf: &str) -> BTreeSet<[String; 2]> {
     let model = Arc::new(Model::from_xml(mjcf).unwrap());
     let mut data = Data::new(Arc::clone(&model));
-    let rest = arm.rest();
+    let rest = arm.rest_positions();
     for joint in arm.joints() {
         if let Some(motion) = joint.motion {
             let address = model.joint_qpos_address(model.joint(&joint.name).unwrap());
@@ -221,7 +217,7 @@ proptest! {
     #[test]
     fn mujoco_takes_the_mjcf_of_every_robot(seed in any::<u64>()) {
         let urdf = Draw::new(seed).robot(12, [1e-6, 1.0]);
-        let arm = Description::from_urdf(&urdf);
+        let arm = RobotDescription::from_urdf(&urdf);
         prop_assert!(arm.is_ok(), "{:?}\n{urdf}", arm.err());
         let mjcf = arm.unwrap().to_mjcf(&with_servo()).unwrap();
         let model = Model::from_xml(&mjcf.text);
@@ -233,15 +229,15 @@ proptest! {
     #[test]
     fn links_that_touch_at_rest_are_excluded_and_named(seed in any::<u64>()) {
         let urdf = Draw::new(seed).robot(6, [0.02, 0.2]);
-        let arm = Description::from_urdf(&urdf).unwrap();
+        let arm = RobotDescription::from_urdf(&urdf).unwrap();
         let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap();
-        let named: BTreeSet<_> = mjcf.excluded.iter().cloned().collect();
+        let named: BTreeSet<_> = mjcf.excluded_pairs.iter().cloned().collect();
         let left = contacts(&arm, &mjcf.text);
         prop_assert!(left.is_empty(), "{left:?}\n{urdf}");
         let escape = |name: &String| {
             name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
         };
-        let colliding = mjcf.excluded.iter().fold(mjcf.text.clone(), |text, pair| {
+        let colliding = mjcf.excluded_pairs.iter().fold(mjcf.text.clone(), |text, pair| {
             let [first, second] = pair.each_ref().map(escape);
             let line = format!("<exclude body1=\"{first}\" body2=\"{second}\"/>\n");
             let without = text.replacen(&line, "", 1);

@@ -21,7 +21,7 @@ struct Recorded<'a>(&'a Tape);
 impl Robot for Recorded<'_> {
     fn state(&mut self) -> Result<RobotState, ControlError> {
         let (joints, tip) = (Vec::new(), Pose::IDENTITY);
-        Ok(RobotState { joints, tip, closing: 0.0 })
+        Ok(RobotState { joints, tip, gripper_closure: 0.0 })
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
@@ -44,7 +44,7 @@ impl Robot for Recorded<'_> {
 }
 
 const UP: Command =
-    Command { twist: Twist { linear: DVec3::Z, angular: DVec3::ZERO }, closing: 0.0 };
+    Command { twist: Twist { linear: DVec3::Z, angular: DVec3::ZERO }, gripper_closure: 0.0 };
 
 fn ms(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
@@ -54,15 +54,15 @@ fn ms(milliseconds: u64) -> Duration {
 fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
     let (tape, now) = (Tape::default(), Cell::new(ms(5000)));
     let mut watched = Watchdog::new(Recorded(&tape), || now.get());
-    assert!(!watched.check().unwrap(), "nobody commanded it yet");
+    assert!(!watched.check_timeout().unwrap(), "nobody commanded it yet");
     for at in [5000, 5150, 5300] {
         now.set(ms(at));
         watched.command(&Command::default()).unwrap();
     }
     now.set(ms(5499));
-    assert!(!watched.check().unwrap());
+    assert!(!watched.check_timeout().unwrap());
     now.set(ms(5500));
-    assert!(watched.check().unwrap());
+    assert!(watched.check_timeout().unwrap());
     now.set(ms(9000));
     watched.state().unwrap();
     assert_eq!(*tape.calls.borrow(), ["command", "command", "command", "stop"]);
@@ -77,11 +77,11 @@ fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
 fn it_stops_where_a_command_is_refused() {
     let tape = Tape::default();
     let mut watched = Watchdog::new(Recorded(&tape), || Duration::ZERO);
-    let lost = Command { twist: Twist::from_linear(DVec3::NAN), closing: 0.0 };
+    let lost = Command { twist: Twist::from_linear(DVec3::NAN), gripper_closure: 0.0 };
     assert!(matches!(watched.command(&lost), Err(ControlError::NotFinite { .. })));
-    let wide = Command { closing: 1.5, ..Command::default() };
+    let wide = Command { gripper_closure: 1.5, ..Command::default() };
     let message = watched.command(&wide).unwrap_err().to_string();
-    assert!(message.contains("closing is 1.5"), "{message}");
+    assert!(message.contains("gripper_closure is 1.5"), "{message}");
     // neither has reached the robot, which refuses this one itself
     assert!(matches!(watched.command(&UP), Err(ControlError::Driver { .. })));
     assert_eq!(*tape.calls.borrow(), ["stop", "stop", "command", "stop"]);
@@ -96,8 +96,8 @@ fn a_robot_that_does_not_stop_is_told_again() {
     assert!(message.contains("cable") && message.contains("COULD NOT BE STOPPED"), "{message}");
     assert!(matches!(watched.state(), Err(ControlError::NotStopped { .. })));
     tape.stuck.set(false);
-    assert!(watched.check().unwrap());
-    assert!(!watched.check().unwrap());
+    assert!(watched.check_timeout().unwrap());
+    assert!(!watched.check_timeout().unwrap());
     assert_eq!(*tape.calls.borrow(), ["command", "stop", "stop", "stop"]);
 }
 
@@ -107,8 +107,8 @@ fn a_clock_that_goes_back_stops_the_robot() {
     let mut watched = Watchdog::new(Recorded(&tape), || now.get());
     watched.command(&Command::default()).unwrap();
     now.set(ms(0));
-    assert!(watched.check().unwrap());
-    assert!(!watched.check().unwrap());
+    assert!(watched.check_timeout().unwrap());
+    assert!(!watched.check_timeout().unwrap());
 }
 
 #[test]
@@ -144,7 +144,7 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
     let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let now = Cell::new(ms(0));
     let mut watched = Watchdog::new(KinematicArm::new(control), || now.get());
-    let command = Command { twist: Twist::from_linear(0.1 * DVec3::Y), closing: 1.0 };
+    let command = Command { twist: Twist::from_linear(0.1 * DVec3::Y), gripper_closure: 1.0 };
     watched.command(&command).unwrap();
     let start = watched.state().unwrap();
     let mut places = Vec::new();
@@ -155,7 +155,11 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
     }
     let still = &places[8];
     assert!(still.tip.position.y > start.tip.position.y + 5e-3, "{still:?}");
-    assert!(still.closing > 0.3 && still.closing < 0.5, "{}", still.closing);
+    assert!(
+        still.gripper_closure > 0.3 && still.gripper_closure < 0.5,
+        "{}",
+        still.gripper_closure
+    );
     assert!(places[8..].iter().all(|place| place == still));
 }
 
@@ -165,12 +169,12 @@ fn a_kinematic_arm_that_refuses_a_command_stands_still() {
     let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let mut arm = KinematicArm::new(control);
     let closing =
-        |speed: f64| Command { twist: Twist::from_linear(speed * DVec3::Y), closing: 1.0 };
+        |speed: f64| Command { twist: Twist::from_linear(speed * DVec3::Y), gripper_closure: 1.0 };
     arm.command(&closing(0.1)).unwrap();
     arm.advance(0.1).unwrap();
     assert!(arm.command(&closing(f64::NAN)).is_err());
     let stood = arm.state().unwrap();
     arm.advance(0.1).unwrap();
     assert_eq!(arm.state().unwrap(), stood);
-    assert!(stood.closing > 0.0 && stood.tip.position.y > 0.0);
+    assert!(stood.gripper_closure > 0.0 && stood.tip.position.y > 0.0);
 }

@@ -48,8 +48,8 @@ impl Npz<File> {
 }
 
 impl<R: Read + Seek> Npz<R> {
-    pub(crate) fn new(source: R) -> Result<Self, RecordingError> {
-        let archive = ZipArchive::new(source);
+    pub(crate) fn new(file: R) -> Result<Self, RecordingError> {
+        let archive = ZipArchive::new(file);
         let archive = archive.map_err(|source| RecordingError::NotAnArchive { source })?;
         Ok(Self { archive })
     }

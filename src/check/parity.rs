@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use envs::mujoco::{Data, GeomId, MocapId, State};
 use envs::{
-    Camera, Embodiment, EnvError, EpisodeStart, Layout, Measurement, PHYSICS_STEPS, Scene,
-    TableTop, TaskGroup,
+    Camera, Embodiment, EnvError, EpisodeStart, Layout, Measurement,
+    PHYSICS_STEPS_PER_CONTROL_STEP, Scene, TableTop, TaskGroup,
 };
 use glam::DVec3;
 use rand::SeedableRng;
@@ -20,7 +20,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
-use super::recording::{CENTRE, Recording, centred, files, largest};
+use super::recording::{Recording, TABLE_CENTRE, largest_deviation, npz_files, to_project_frame};
 use super::recording_error::RecordingError;
 use experiments::RunError;
 
@@ -28,7 +28,7 @@ use experiments::RunError;
 const STAND_INS: [&str; 6] =
     ["gripper_base", "gripper_neck", "net_back", "net_left", "net_right", "net_top"];
 
-/// Comparison with one recording.
+/// Comparison of this simulation with one recording of Meta-World.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ParityRow {
     /// Name of the recording's file.
@@ -38,22 +38,27 @@ pub struct ParityRow {
     /// Number of control steps whose rewards were compared.
     pub reward_steps: usize,
     /// Largest difference of the reward, of scale 10, or of one of its terms.
-    pub reward_deviation: f64,
-    /// Number of steps with different success.
+    #[serde(rename = "reward_deviation")]
+    pub max_reward_deviation: f64,
+    /// Number of control steps in which the success flags differ.
     pub success_mismatches: usize,
     /// Number of single control steps compared, in which no mesh or replacing box touched anything.
     pub physics_steps: usize,
     /// Median over single steps of the largest difference in qpos (metres, radians).
-    pub physics_median: f64,
+    #[serde(rename = "physics_median")]
+    pub median_qpos_deviation: f64,
     /// 99th percentile over single steps of the largest difference in qpos (metres, radians).
-    pub physics_p99: f64,
+    #[serde(rename = "physics_p99")]
+    pub p99_qpos_deviation: f64,
     /// Maximum over single steps of the largest difference in qpos (metres, radians).
-    pub physics_max: f64,
+    #[serde(rename = "physics_max")]
+    pub max_qpos_deviation: f64,
     /// Number of control steps replayed open loop. Each episode ends before the first step in which
     /// a mesh or a replacing box touched anything.
     pub replay_steps: usize,
     /// Largest distance of the hand from its recorded position during replay (metres).
-    pub replay_deviation: f64,
+    #[serde(rename = "replay_deviation")]
+    pub max_replay_deviation_m: f64,
 }
 
 /// Largest accepted difference of rewards and their terms.
@@ -70,10 +75,10 @@ impl ParityRow {
         let steps = [self.reward_steps, self.physics_steps, self.replay_steps];
         !steps.contains(&0)
             && self.success_mismatches == 0
-            && self.reward_deviation <= REWARD_DEVIATION
-            && self.physics_p99 <= STEP_DEVIATION
-            && self.physics_max.is_finite()
-            && self.replay_deviation <= REPLAY_DEVIATION
+            && self.max_reward_deviation <= REWARD_DEVIATION
+            && self.p99_qpos_deviation <= STEP_DEVIATION
+            && self.max_qpos_deviation.is_finite()
+            && self.max_replay_deviation_m <= REPLAY_DEVIATION
     }
 }
 
@@ -81,19 +86,20 @@ impl ParityRow {
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the problem; errors of MuJoCo.
-pub fn parity(folder: &Path) -> Result<Vec<ParityRow>, RunError> {
-    let paths = files(folder).map_err(|source| RunError::read(folder, source))?;
+pub fn compare_recordings(folder: &Path) -> Result<Vec<ParityRow>, RunError> {
+    let paths = npz_files(folder).map_err(|source| RunError::cannot_read(folder, source))?;
     if paths.is_empty() {
-        return Err(RunError::read(folder, RecordingError::NoFiles));
+        return Err(RunError::cannot_read(folder, RecordingError::NoFiles));
     }
     paths.par_iter().map(|path| compare(path)).collect()
 }
 
 fn compare(path: &Path) -> Result<ParityRow, RunError> {
-    let group = Recording::task(path).map_err(|source| RunError::read(path, source))?;
+    let group =
+        Recording::task_of_file(path).map_err(|source| RunError::cannot_read(path, source))?;
     let mut replica = Replica::new(group)?;
     let recording = Recording::read(path, replica.table.scene());
-    let recording = recording.map_err(|source| RunError::read(path, source))?;
+    let recording = recording.map_err(|source| RunError::cannot_read(path, source))?;
     let file = path.file_name().unwrap_or_default();
     let mut row = ParityRow {
         file: file.to_string_lossy().into(),
@@ -110,7 +116,7 @@ fn compare(path: &Path) -> Result<ParityRow, RunError> {
     // a NaN comes last
     physics.sort_by(f64::total_cmp);
     row.physics_steps = physics.len();
-    [row.physics_median, row.physics_p99, row.physics_max] =
+    [row.median_qpos_deviation, row.p99_qpos_deviation, row.max_qpos_deviation] =
         [0.5, 0.99, 1.0].map(|share| quantile(&physics, share));
     Ok(row)
 }
@@ -140,9 +146,9 @@ struct Replica {
 impl Replica {
     fn new(group: TaskGroup) -> Result<Self, EnvError> {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
-        let scene = Arc::new(Scene::in_layout(layout, group, arm, Camera::default())?);
+        let scene = Arc::new(Scene::new_in_layout(layout, group, arm, Camera::default())?);
         let mut table = TableTop::new(Arc::clone(&scene), layout.control())?;
-        let placement = scene.place(&mut ChaCha8Rng::seed_from_u64(0));
+        let placement = scene.draw_placement(&mut ChaCha8Rng::seed_from_u64(0));
         table.reset_to(D2::Identity, placement)?;
         let model = &scene.model;
         let stand_ins = STAND_INS.iter().filter_map(|name| model.geom(name).ok());
@@ -151,12 +157,12 @@ impl Replica {
             start: EpisodeStart {
                 placement,
                 hand_target: DVec3::ZERO,
-                measured: table.measurement()?,
+                measurement: table.measurement()?,
             },
-            cold: scene.settled().clone(),
-            hand_target: model.mocap("hand_target")?,
-            object: model.mocap("object").ok(),
-            goal: model.mocap("goal").ok(),
+            cold: scene.start_state().clone(),
+            hand_target: model.mocap_body("hand_target")?,
+            object: model.mocap_body("object").ok(),
+            goal: model.mocap_body("goal").ok(),
             decoy: decoy.map(|joint| model.joint_qpos_address(joint)),
             stand_ins: stand_ins.collect(),
             table,
@@ -167,10 +173,10 @@ impl Replica {
     fn begin(&mut self, recording: &Recording, episode: usize) -> Result<(), EnvError> {
         let placement = recording.placement(self.table.scene().group, episode);
         let [hand, object] = recording.hand_and_object(episode, 0);
-        let measured =
+        let measurement =
             Measurement { hand, object, tcp: recording.start_tcp(episode), aperture: 1.0 };
         self.start =
-            EpisodeStart { placement, hand_target: recording.hand_start(episode), measured };
+            EpisodeStart { placement, hand_target: recording.hand_start(episode), measurement };
         self.table.reset_to(D2::Identity, placement)?;
         let bodies = [(self.object, placement.object), (self.goal, placement.goal)];
         let data = self.table.simulation_mut();
@@ -180,7 +186,7 @@ impl Replica {
                 data.set_mocap_position(body, position.to_array())?;
             }
         }
-        self.cold = data.save();
+        self.cold = data.save_state();
         Ok(())
     }
 
@@ -188,7 +194,7 @@ impl Replica {
     fn put(&mut self, recording: &Recording, episode: usize, step: usize) -> Result<(), EnvError> {
         let qpos = self.in_our_frame(recording.qpos.row(&[episode, step]));
         let data = self.table.simulation_mut();
-        data.restore(&self.cold)?;
+        data.restore_state(&self.cold)?;
         data.qpos_mut().copy_from_slice(&qpos);
         data.qvel_mut().copy_from_slice(recording.qvel.row(&[episode, step]));
         Ok(())
@@ -199,7 +205,7 @@ impl Replica {
         let mut qpos = qpos.to_vec();
         // only the free joint of the loose cylinder is relative to the world's origin
         if let Some(address) = self.decoy {
-            qpos[address + 1] -= CENTRE.y;
+            qpos[address + 1] -= TABLE_CENTRE.y;
         }
         qpos
     }
@@ -212,13 +218,13 @@ impl Replica {
         episode: usize,
         step: usize,
     ) -> Result<bool, EnvError> {
-        let target = centred(recording.target.row(&[episode, step + 1]));
-        let finger = recording.finger(episode, step);
+        let target = to_project_frame(recording.target.row(&[episode, step + 1]));
+        let finger = recording.finger_action(episode, step);
         let data = self.table.simulation_mut();
         data.set_mocap_position(self.hand_target, target.to_array())?;
         data.set_ctrl(&[finger, -finger])?;
         let mut comparable = !recording.meshes_touch(episode, step);
-        for _ in 0..PHYSICS_STEPS {
+        for _ in 0..PHYSICS_STEPS_PER_CONTROL_STEP {
             data.step(1)?;
             comparable &= !touches(data, &self.stand_ins);
         }
@@ -238,10 +244,10 @@ impl Replica {
             self.put(recording, episode, step + 1)?;
             self.table.simulation_mut().forward_kinematics()?;
             let now = self.table.measurement()?;
-            let finger = recording.finger(episode, step);
+            let finger = recording.finger_action(episode, step);
             let ours = group.task().reward(&self.start, &now, finger);
             let deviation = recording.reward_deviation(group, episode, step, &ours);
-            row.reward_deviation = largest([row.reward_deviation, deviation]);
+            row.max_reward_deviation = largest_deviation([row.max_reward_deviation, deviation]);
             row.success_mismatches += usize::from(ours.success != recording.success(episode, step));
             row.reward_steps += 1;
         }
@@ -263,7 +269,7 @@ impl Replica {
             }
             let expected = self.in_our_frame(recording.qpos.row(&[episode, step + 1]));
             let pairs = self.table.simulation().qpos().iter().zip(&expected);
-            differences.push(largest(pairs.map(|(a, b)| (a - b).abs())));
+            differences.push(largest_deviation(pairs.map(|(a, b)| (a - b).abs())));
         }
         Ok(())
     }
@@ -281,8 +287,8 @@ impl Replica {
                 break;
             }
             let [recorded, _] = recording.hand_and_object(episode, step + 1);
-            let deviation = self.table.hand().distance(recorded);
-            row.replay_deviation = largest([row.replay_deviation, deviation]);
+            let deviation = self.table.hand_position().distance(recorded);
+            row.max_replay_deviation_m = largest_deviation([row.max_replay_deviation_m, deviation]);
             row.replay_steps += 1;
         }
         Ok(())
@@ -304,7 +310,7 @@ mod tests {
             reward_steps: 200,
             physics_steps: 100,
             replay_steps: 1,
-            physics_max: 1e-3,
+            max_qpos_deviation: 1e-3,
             ..ParityRow::default()
         }
     }
@@ -318,13 +324,13 @@ mod tests {
             |row| row.physics_steps = 0,
             |row| row.replay_steps = 0,
             |row| row.success_mismatches = 1,
-            |row| row.reward_deviation = 2e-9,
-            |row| row.physics_p99 = 1e-11,
-            |row| row.replay_deviation = 2e-4,
-            |row| row.reward_deviation = f64::NAN,
-            |row| row.physics_p99 = f64::NAN,
-            |row| row.physics_max = f64::NAN,
-            |row| row.replay_deviation = f64::NAN,
+            |row| row.max_reward_deviation = 2e-9,
+            |row| row.p99_qpos_deviation = 1e-11,
+            |row| row.max_replay_deviation_m = 2e-4,
+            |row| row.max_reward_deviation = f64::NAN,
+            |row| row.p99_qpos_deviation = f64::NAN,
+            |row| row.max_qpos_deviation = f64::NAN,
+            |row| row.max_replay_deviation_m = f64::NAN,
         ];
         for change in changes {
             let mut row = good();

@@ -10,7 +10,7 @@ use super::recording_error::RecordingError;
 
 /// Vector from Meta-World's origin, the robot's base, to the centre of the table, the origin of
 /// this project (metres).
-pub(crate) const CENTRE: DVec3 = DVec3::new(0.0, 0.6, 0.0);
+pub(crate) const TABLE_CENTRE: DVec3 = DVec3::new(0.0, 0.6, 0.0);
 /// Height of the puck's centre on the table (metres); Meta-World's placements give its underside.
 const PUCK_HEIGHT: f64 = 0.015;
 
@@ -43,11 +43,12 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// Parses the task from a file's name.
-    pub(crate) fn task(path: &Path) -> Result<TaskGroup, RecordingError> {
+    pub(crate) fn task_of_file(path: &Path) -> Result<TaskGroup, RecordingError> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
         let mut groups = TaskGroup::STANDARD.into_iter();
-        let named = |group: &TaskGroup| group.task().meta_world().is_some_and(|it| it.name == task);
+        let named =
+            |group: &TaskGroup| group.task().meta_world_spec().is_some_and(|it| it.name == task);
         groups.find(named).ok_or(RecordingError::UnknownTask)
     }
 
@@ -77,31 +78,31 @@ impl Recording {
 
     /// Returns the placement of an episode in this project's frame.
     pub(crate) fn placement(&self, group: TaskGroup, episode: usize) -> Placement {
-        let mut object = centred(&self.placement.row(&[episode])[..3]);
+        let mut object = to_project_frame(&self.placement.row(&[episode])[..3]);
         if group == TaskGroup::PLATE_SLIDE {
             object.z = PUCK_HEIGHT;
         }
-        Placement { object, goal: centred(self.goal.row(&[episode])) }
+        Placement { object, goal: to_project_frame(self.goal.row(&[episode])) }
     }
 
     /// Returns the hand's target at the start of an episode, in this project's frame.
     pub(crate) fn hand_start(&self, episode: usize) -> DVec3 {
-        centred(self.hand_start.row(&[episode]))
+        to_project_frame(self.hand_start.row(&[episode]))
     }
 
     /// Returns the point between the fingertips at an episode's start, in this project's frame.
     pub(crate) fn start_tcp(&self, episode: usize) -> DVec3 {
-        centred(self.start_tcp.row(&[episode]))
+        to_project_frame(self.start_tcp.row(&[episode]))
     }
 
     /// Returns the positions of hand and object in an observation, in this project's frame.
     pub(crate) fn hand_and_object(&self, episode: usize, step: usize) -> [DVec3; 2] {
         let observation = self.observation.row(&[episode, step]);
-        [centred(&observation[..3]), centred(&observation[4..7])]
+        [to_project_frame(&observation[..3]), to_project_frame(&observation[4..7])]
     }
 
     /// Returns the finger component of an action, not clipped.
-    pub(crate) fn finger(&self, episode: usize, step: usize) -> f64 {
+    pub(crate) fn finger_action(&self, episode: usize, step: usize) -> f64 {
         self.action.row(&[episode, step])[3]
     }
 
@@ -120,14 +121,15 @@ impl Recording {
     ) -> f64 {
         let info = self.info.row(&[episode, step]);
         // Meta-World's Reach reports a distance instead of this term
-        let approach = if group == TaskGroup::GOAL_REACH { 0.0 } else { ours.approach - info[3] };
+        let approach =
+            if group == TaskGroup::GOAL_REACH { 0.0 } else { ours.approach_reward - info[3] };
         let terms = [
             ours.reward - self.reward.row(&[episode, step])[0],
-            ours.in_place - info[4],
-            ours.remaining - info[5],
+            ours.in_place_reward - info[4],
+            ours.goal_distance - info[5],
             approach,
         ];
-        largest(terms.map(f64::abs))
+        largest_deviation(terms.map(f64::abs))
     }
 
     /// Returns `true` if a mesh touched anything during a step.
@@ -143,12 +145,12 @@ fn placement_len(group: TaskGroup) -> usize {
 }
 
 /// Converts a point of Meta-World's frame to this project's frame.
-pub(crate) fn centred(point: &[f64]) -> DVec3 {
-    DVec3::from_slice(point) - CENTRE
+pub(crate) fn to_project_frame(point: &[f64]) -> DVec3 {
+    DVec3::from_slice(point) - TABLE_CENTRE
 }
 
 /// Lists the npz files of a folder, sorted by name.
-pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
+pub(crate) fn npz_files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     let entries = std::fs::read_dir(folder).map_err(|source| RecordingError::Open { source })?;
     let mut files = Vec::new();
     for entry in entries {
@@ -162,7 +164,7 @@ pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
 }
 
 /// Returns the largest deviation; zero without any, and NaN if one of them is NaN.
-pub(crate) fn largest(deviations: impl IntoIterator<Item = f64>) -> f64 {
+pub(crate) fn largest_deviation(deviations: impl IntoIterator<Item = f64>) -> f64 {
     // `f64::max` ignores NaN, which would hide broken values
     let larger = |most: f64, one: f64| if most.is_nan() || most >= one { most } else { one };
     deviations.into_iter().fold(0.0, larger)
@@ -177,15 +179,15 @@ mod tests {
     fn deviation(change: impl Fn(&mut StepReward)) -> f64 {
         let group = TaskGroup::PLATE_SLIDE;
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
-        let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
+        let scene = Scene::new_in_layout(layout, group, arm, Camera::default()).unwrap();
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
         let path = folder.join("mj222_plate-slide_expert.npz");
         let recording = Recording::read(&path, &scene).unwrap();
         let info = recording.info.row(&[1, 7]);
         let mut ours = StepReward {
-            approach: info[3],
-            in_place: info[4],
-            remaining: info[5],
+            approach_reward: info[3],
+            in_place_reward: info[4],
+            goal_distance: info[5],
             reward: recording.reward.row(&[1, 7])[0],
             success: false,
         };
@@ -196,13 +198,13 @@ mod tests {
     #[test]
     fn a_reward_of_ours_that_is_no_number_is_noticed() {
         assert_eq!(deviation(|_| ()), 0.0);
-        assert!((deviation(|ours| ours.in_place += 0.5) - 0.5).abs() < 1e-12);
+        assert!((deviation(|ours| ours.in_place_reward += 0.5) - 0.5).abs() < 1e-12);
         type Change = fn(&mut StepReward);
         let broken: [Change; 4] = [
             |ours| ours.reward = f64::NAN,
-            |ours| ours.approach = f64::NAN,
-            |ours| ours.in_place = f64::NAN,
-            |ours| ours.remaining = f64::NAN,
+            |ours| ours.approach_reward = f64::NAN,
+            |ours| ours.in_place_reward = f64::NAN,
+            |ours| ours.goal_distance = f64::NAN,
         ];
         for change in broken {
             assert!(deviation(change).is_nan());
@@ -211,12 +213,12 @@ mod tests {
 
     #[test]
     fn nan_is_the_largest_wherever_it_stands() {
-        assert_eq!(largest([]), 0.0);
-        assert_eq!(largest([1.0, 3.0, 2.0]), 3.0);
+        assert_eq!(largest_deviation([]), 0.0);
+        assert_eq!(largest_deviation([1.0, 3.0, 2.0]), 3.0);
         let (nan, infinite) = (f64::NAN, f64::INFINITY);
         for values in [[nan, 1.0, 2.0], [1.0, nan, 2.0], [1.0, infinite, nan]] {
-            assert!(largest(values).is_nan(), "{values:?}");
+            assert!(largest_deviation(values).is_nan(), "{values:?}");
         }
-        assert_eq!(largest([1.0, infinite]), infinite);
+        assert_eq!(largest_deviation([1.0, infinite]), infinite);
     }
 }

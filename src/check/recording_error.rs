@@ -1,6 +1,6 @@
 //! Errors of recordings.
 
-/// Error of a recording.
+/// Error of reading a recording of Meta-World.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordingError {

@@ -6,16 +6,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 use envs::{ACTION_DIM, TaskGroup, TaskRegistry, VecEnvSettings};
-use experiments::cli::say;
+use experiments::cli::print_escaped;
 use experiments::{Experiment, RunError, RunFolder, Stream};
 use learner::Labels;
-use learner::disk::{LocalDisk, replace};
+use learner::disk::{LocalDisk, write_atomically};
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 
-use super::description::description;
-use super::onnx::model;
-use super::weights::{golden, weights};
+use super::description::policy_description;
+use super::onnx::onnx_model;
+use super::weights::{reference_outputs, safetensors_weights};
 
 /// Options of `covers export`.
 #[derive(Clone, Debug, Args)]
@@ -23,7 +23,8 @@ use super::weights::{golden, weights};
     `covers eval` and `covers render` print the policy of each group.")]
 pub struct ExportOptions {
     /// Folder of a run, or a folder that `covers pack` created.
-    pub run: PathBuf,
+    #[arg(value_name = "RUN")]
+    pub run_folder: PathBuf,
     /// Index of the policy, from 0.
     #[arg(long)]
     pub policy: usize,
@@ -44,29 +45,30 @@ impl ExportOptions {
             let path = self.out.clone();
             return Err(RunError::FileExists { path });
         }
-        let folder = RunFolder::open(&self.run);
-        let run = folder.experiment()?;
-        let spec = Stream::spec_of(&run.envs);
+        let folder = RunFolder::from_path(&self.run_folder);
+        let run = folder.read_experiment()?;
+        let spec = Stream::env_spec(&run.envs);
         let mut learner = folder.load_learner(&run.learner, &spec, &Labels::default())?;
         let observations = observations(&run)?;
-        let (policy, answers) = learner.export(self.policy, &observations)?;
-        let about = description(&policy, self.policy, &run);
+        let (policy, answers) = learner.export_policy(self.policy, &observations)?;
+        let about = policy_description(&policy, self.policy, &run);
         let path = |name: &str| self.out.join(name);
-        let weights = weights(&policy, &path("policy.safetensors"))?;
-        let golden = golden(&policy, &observations, &answers, &path("golden.safetensors"))?;
-        create_dir_all(&self.out).map_err(|error| RunError::write(&self.out, error))?;
+        let weights = safetensors_weights(&policy, &path("policy.safetensors"))?;
+        let golden =
+            reference_outputs(&policy, &observations, &answers, &path("golden.safetensors"))?;
+        create_dir_all(&self.out).map_err(|error| RunError::cannot_write(&self.out, error))?;
         let files = [
-            ("policy.onnx", model(&policy, &about.to_string())),
+            ("policy.onnx", onnx_model(&policy, &about.to_string())),
             ("policy.safetensors", weights),
             ("policy.json", format!("{about:#}\n").into_bytes()),
             ("golden.safetensors", golden),
         ];
         for (name, bytes) in &files {
-            replace(&LocalDisk, &path(name), bytes)?;
+            write_atomically(&LocalDisk, &path(name), bytes)?;
         }
         // printed after all files are written, so that a closed pipe cannot prevent any
         for (name, bytes) in &files {
-            say(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
+            print_escaped(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }
         Ok(())
     }
@@ -82,8 +84,9 @@ const DECISIONS: usize = 8;
 /// # Errors
 /// Errors of the environments.
 fn observations(run: &Experiment) -> Result<Observations, RunError> {
-    let groups = run.schedule.resolve(&TaskRegistry::standard())?;
-    let settings = VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.clean() };
+    let groups = run.schedule.resolve_groups(&TaskRegistry::standard())?;
+    let settings =
+        VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.without_randomisation() };
     let mut stream = Stream::new(settings, &groups)?;
     let mut all = Observations { images: Vec::new(), vectors: Vec::new() };
     for group in groups {

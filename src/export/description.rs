@@ -4,16 +4,16 @@ use envs::ExtraView;
 use rl::{Distribution, ExportedLayer, ExportedPolicy};
 use serde_json::{Map, Value, json};
 
-use experiments::{Experiment, INPUTS};
+use experiments::{Experiment, VECTOR_INPUTS};
 
-use super::weights::parts;
+use super::weights::network_parts;
 
 /// Format and version of the description.
 const FORMAT: &str = "covers-policy 1";
 
 /// Describes policy `index` of a run: inputs, outputs, layers, and the environments of training.
-pub(super) fn description(policy: &ExportedPolicy, index: usize, run: &Experiment) -> Value {
-    let layers = parts(policy).into_iter().map(|(part, layers, _)| {
+pub(super) fn policy_description(policy: &ExportedPolicy, index: usize, run: &Experiment) -> Value {
+    let layers = network_parts(policy).into_iter().map(|(part, layers, _)| {
         let layers: Vec<Value> = layers.iter().map(layer).collect();
         (part.to_owned(), Value::from(layers))
     });
@@ -35,15 +35,15 @@ pub(super) fn description(policy: &ExportedPolicy, index: usize, run: &Experimen
 
 fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let camera = &run.envs.camera;
-    let beside: &[&str] = match camera.beside {
+    let beside: &[&str] = match camera.extra_views {
         ExtraView::First => &["the episode's first"],
         ExtraView::CloseUp => &["the close-up"],
         ExtraView::FirstAndCloseUp => &["the episode's first", "the close-up"],
     };
     let pictures = [&["the picture"], beside].concat();
     let pictures = pictures.iter().map(|own| format!("red, green, blue of {own}"));
-    let [height, width, channels] = policy.spec.image;
-    let components = INPUTS.map(|input| {
+    let [height, width, channels] = policy.spec.image_shape;
+    let components = VECTOR_INPUTS.map(|input| {
         json!({
             "name": input.name, "unit": input.unit,
             "offset": input.offset, "factor": input.factor,
@@ -58,7 +58,7 @@ fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
             "scaling": "byte / 255 - 0.5, which the ONNX model does itself",
         },
         "vector": {
-            "shape": ["B", policy.spec.vector.len()], "type": "float32",
+            "shape": ["B", policy.spec.vector_irreps.len()], "type": "float32",
             "scaling": "(value - offset) * factor, before the model; goals that are hidden are 0",
             "components": components,
         },
@@ -66,7 +66,7 @@ fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
 }
 
 fn outputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
-    let width = policy.spec.action.len();
+    let width = policy.spec.action_irreps.len();
     let control = &run.envs.control;
     let distribution = match policy.distribution {
         Distribution::Gaussian { .. } => json!({"kind": "gaussian"}),

@@ -3,8 +3,8 @@
 use prost::Message;
 
 /// Element types, numbered as in `TensorProto.DataType`.
-pub const FLOAT: i64 = 1;
-pub const UINT8: i64 = 2;
+pub const FLOAT_TYPE: i64 = 1;
+pub const UINT8_TYPE: i64 = 2;
 const INT64: i32 = 7;
 /// Types of attributes, numbered as in `AttributeProto.AttributeType`.
 const ONE_INT: i32 = 2;
@@ -130,24 +130,24 @@ struct Side {
     name: Option<String>,
 }
 
-/// Operators and constants, in the order in which they run.
+/// Operators and constants of an ONNX graph, in the order in which they run.
 #[derive(Default)]
 pub struct Graph {
     nodes: Vec<Node>,
     constants: Vec<Tensor>,
 }
 
-/// Attribute of an operator.
+/// Attribute of an ONNX operator.
 pub enum Attribute {
-    /// Name and integer.
+    /// Name and value of an integer attribute.
     Int(&'static str, i64),
-    /// Name and list of integers.
+    /// Name and values of an attribute that is a list of integers.
     Ints(&'static str, Vec<i64>),
 }
 
 impl Graph {
     /// Adds an operator whose single output has the name `output`, and returns that name.
-    pub fn node(
+    pub fn add_node(
         &mut self,
         operator: &str,
         inputs: &[&str],
@@ -165,13 +165,13 @@ impl Graph {
     }
 
     /// Adds a constant of this shape, and returns its name.
-    pub fn floats(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
+    pub fn add_float_constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
-        self.constant(name, FLOAT as i32, shape, bytes.collect())
+        self.constant(name, FLOAT_TYPE as i32, shape, bytes.collect())
     }
 
     /// Adds a vector of integers, and returns its name.
-    pub fn ints(&mut self, name: &str, values: &[i64]) -> String {
+    pub fn add_int_constant(&mut self, name: &str, values: &[i64]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
         self.constant(name, INT64, &[values.len()], bytes.collect())
     }
@@ -188,7 +188,7 @@ impl Graph {
 
     /// Serialises the model with these inputs and outputs, given by name, element type, and the
     /// dimensions after the batch.
-    pub fn model(
+    pub fn into_model_bytes(
         self,
         about: &str,
         inputs: &[(&str, i64, Vec<usize>)],

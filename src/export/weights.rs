@@ -12,9 +12,12 @@ type Array = (String, Dtype, Vec<usize>, Vec<u8>);
 
 /// Serialises the weights as `image.0.weight` and so on: convolutions `[C_out, C_in, size, size]`,
 /// matrices `[C_out, C_in]`. Errors name `path`, the file that will be written.
-pub(super) fn weights(policy: &ExportedPolicy, path: &Path) -> Result<Vec<u8>, RunError> {
+pub(super) fn safetensors_weights(
+    policy: &ExportedPolicy,
+    path: &Path,
+) -> Result<Vec<u8>, RunError> {
     let mut arrays = Vec::new();
-    for (part, layers, maps) in parts(policy) {
+    for (part, layers, maps) in network_parts(policy) {
         for (number, layer) in layers.iter().enumerate() {
             if let ExportedLayer::Linear { weight, shape, bias, .. } = layer {
                 let shape = if maps { &shape[..] } else { &shape[..2] };
@@ -30,7 +33,9 @@ pub(super) fn weights(policy: &ExportedPolicy, path: &Path) -> Result<Vec<u8>, R
 }
 
 /// Returns the name and layers of each part of a policy, and `true` for layers that run on maps.
-pub(super) fn parts(policy: &ExportedPolicy) -> Vec<(&'static str, &[ExportedLayer], bool)> {
+pub(super) fn network_parts(
+    policy: &ExportedPolicy,
+) -> Vec<(&'static str, &[ExportedLayer], bool)> {
     let image = policy.image.iter().map(|layers| ("image", &layers[..], true));
     let critic = policy.critic.iter().map(|(layers, _)| ("critic", &layers[..], false));
     let vector = policy.vector.iter().map(|layers| ("vector", &layers[..], false));
@@ -39,14 +44,14 @@ pub(super) fn parts(policy: &ExportedPolicy) -> Vec<(&'static str, &[ExportedLay
 }
 
 /// Serialises observations and the policy's outputs for them, as a reference for other programs.
-pub(super) fn golden(
+pub(super) fn reference_outputs(
     policy: &ExportedPolicy,
     observations: &Observations,
     answers: &PolicyOutput,
     path: &Path,
 ) -> Result<Vec<u8>, RunError> {
-    let [height, width, channels] = policy.spec.image;
-    let (vector, action) = (policy.spec.vector.len(), policy.spec.action.len());
+    let [height, width, channels] = policy.spec.image_shape;
+    let (vector, action) = (policy.spec.vector_irreps.len(), policy.spec.action_irreps.len());
     let samples = answers.actions.len() / action;
     let image = vec![samples, height, width, channels];
     let mut arrays = vec![
@@ -71,5 +76,5 @@ fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, RunError> {
     });
     let views = views.collect::<Result<Vec<_>, _>>();
     let bytes = views.and_then(|views| safetensors::serialize(views, None));
-    bytes.map_err(|error| RunError::write(path, error))
+    bytes.map_err(|error| RunError::cannot_write(path, error))
 }

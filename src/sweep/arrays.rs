@@ -19,9 +19,9 @@ pub struct ArrayJob<'a> {
     pub plan: &'a Path,
     /// Path of the folder of runs for the members.
     pub runs: &'a Path,
-    /// Number of jobs.
-    pub jobs: usize,
-    /// Worker threads of each run; as many processors are requested.
+    /// Number of jobs of the plan.
+    pub job_count: usize,
+    /// Worker threads of each run; as many CPUs are requested.
     pub threads: usize,
 }
 
@@ -29,8 +29,8 @@ impl ArrayJob<'_> {
     /// Returns a Slurm script. A member that Slurm stops writes a checkpoint (exit code 3) and is
     /// requeued without limit. A member that fails or is killed, for instance for its memory, is
     /// tried again three times; a file beside Slurm's output lists its failures.
-    pub fn slurm(&self, program: &Path) -> String {
-        let (last, threads) = (self.jobs.saturating_sub(1), self.threads);
+    pub fn slurm_script(&self, program: &Path) -> String {
+        let (last, threads) = (self.job_count.saturating_sub(1), self.threads);
         // `TERM@120` leaves two minutes to write a checkpoint before Slurm kills the member
         let [program, plan, runs] = [program, self.plan, self.runs].map(quoted);
         format!(
@@ -71,8 +71,8 @@ exit $code
     /// code 3), which does not count as a failure.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a plan or runs outside the volume.
-    pub fn kubernetes(&self, image: &str) -> Result<Value, RunError> {
+    /// [`RunError::InvalidSetting`] for a plan or runs outside the volume.
+    pub fn kubernetes_job_json(&self, image: &str) -> Result<Value, RunError> {
         let plan = on_the_volume("plan", self.plan)?;
         let runs = on_the_volume("runs", self.runs)?;
         let threads = self.threads.to_string();
@@ -97,8 +97,8 @@ exit $code
             "metadata": {"name": "covers"},
             "spec": {
                 "completionMode": "Indexed",
-                "completions": self.jobs,
-                "parallelism": self.jobs,
+                "completions": self.job_count,
+                "parallelism": self.job_count,
                 "backoffLimitPerIndex": RETRIES,
                 "podFailurePolicy": {"rules": stops},
                 "template": {"spec": {
@@ -118,7 +118,7 @@ fn on_the_volume(name: &'static str, path: &Path) -> Result<String, RunError> {
     match path.to_str() {
         // Kubernetes replaces `$(NAME)` in arguments, and reads `$$` as one `$`
         Some(text) if path.starts_with(MOUNT) && !climbs => Ok(text.replace('$', "$$")),
-        _ => Err(RunError::Setting {
+        _ => Err(RunError::InvalidSetting {
             name,
             value: path.display().to_string(),
             expected: "an absolute path inside /covers, where containers see the volume",
@@ -142,7 +142,7 @@ mod tests {
         ArrayJob {
             plan: Path::new("/covers/o'neil/my \"plan\" $(HOME).json"),
             runs: Path::new("/covers/runs"),
-            jobs: 9,
+            job_count: 9,
             threads: 3,
         }
     }
@@ -159,7 +159,7 @@ mod tests {
             let name = format!("covers-slurm-{name}-{}", std::process::id());
             let folder = std::env::temp_dir().join(name);
             std::fs::create_dir_all(&folder).unwrap();
-            let script = array().slurm(Path::new("covers"));
+            let script = array().slurm_script(Path::new("covers"));
             Self { folder, script }
         }
 
@@ -225,7 +225,7 @@ mod tests {
     #[test]
     fn a_kubernetes_job_has_an_index_for_each_job_and_says_what_to_run() {
         let image = "registry:5000/a \"b\":{{c}}";
-        let job = array().kubernetes(image).unwrap();
+        let job = array().kubernetes_job_json(image).unwrap();
         let read: Value = serde_json::from_str(&format!("{job:#}")).unwrap();
         assert_eq!(read["spec"]["completions"], 9);
         let container = &read["spec"]["template"]["spec"]["containers"][0];
@@ -252,7 +252,7 @@ mod tests {
             let (mut plan, mut runs) = (array(), array());
             (plan.plan, runs.runs) = (path, path);
             for (array, name) in [(plan, "plan"), (runs, "runs")] {
-                let message = array.kubernetes("covers").unwrap_err().to_string();
+                let message = array.kubernetes_job_json("covers").unwrap_err().to_string();
                 let expected = format!("`{name}` is {}, expected", path.display());
                 assert!(message.contains(&expected), "{message}");
                 assert!(message.contains("inside /covers"), "{message}");

@@ -8,16 +8,16 @@ use serde::{Deserialize, Serialize};
 
 use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
-use learner::overrides::{self, Override, parse, read};
+use learner::overrides::{self, Override, parse_json, read_json};
 
 /// Plan of a sweep, as a JSON file holds it: all combinations of methods, variants and seeds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Plan {
-    /// Methods, in the order of the jobs.
+pub struct SweepPlan {
+    /// Methods of the sweep, in the order of the jobs.
     pub methods: Vec<Method>,
-    /// Seeds. All methods run with one seed before the next, so that an interrupted sweep compares
-    /// methods fairly.
+    /// Seeds with which each method, or each of its variants, runs. All methods run with one seed
+    /// before the next, so that an interrupted sweep compares methods fairly.
     pub seeds: Vec<u64>,
     /// Length of each run.
     pub budget: Budget,
@@ -27,13 +27,13 @@ pub struct Plan {
     pub set: Vec<String>,
     /// Variants of every method, for a study of settings; if empty, each method runs once per seed.
     #[serde(default)]
-    pub variants: Vec<Variant>,
+    pub variants: Vec<SettingsVariant>,
 }
 
-/// Settings of one arm of a study.
+/// Named variant of the settings, one arm of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Variant {
+pub struct SettingsVariant {
     /// Name of the variant, which follows the method's name in the folders of its runs.
     pub name: String,
     /// Overrides that apply after the plan's own `set`.
@@ -41,52 +41,52 @@ pub struct Variant {
     pub set: Vec<String>,
 }
 
-/// One run of a sweep.
+/// One run of a sweep: a method, a variant of its settings and a seed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Job {
+pub struct SweepJob {
     /// Name of the run's folder.
-    pub name: String,
-    /// Settings of the run.
+    pub folder_name: String,
+    /// Settings of the job's run.
     pub experiment: Experiment,
 }
 
-impl Plan {
-    /// Reads a plan from a JSON file.
+impl SweepPlan {
+    /// Reads the plan of a sweep from a JSON file.
     ///
     /// # Errors
     /// [`RunError::Read`] with the file and the problem.
     pub fn read(path: &Path) -> Result<Self, RunError> {
-        Ok(read(path)?)
+        Ok(read_json(path)?)
     }
 
-    /// Reads a plan from JSON.
+    /// Reads the plan of a sweep from JSON text.
     ///
     /// # Errors
     /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`],
     /// [`learner::LearnerError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, RunError> {
-        Ok(parse(text)?)
+        Ok(parse_json(text)?)
     }
 
-    /// Returns the jobs after checking all of them.
+    /// Returns the jobs of the plan after checking all of them.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a plan without methods or seeds, with duplicate methods, seeds or
-    /// variants, with variants of equal settings, with a variant's name that no folder can have, or
-    /// with a seed in `set`; errors of [`Experiment::check`].
-    pub fn jobs(&self) -> Result<Vec<Job>, RunError> {
-        let (jobs, tasks) = (self.listed()?, TaskRegistry::standard());
+    /// [`RunError::InvalidSetting`] for a plan without methods or seeds, with duplicate methods,
+    /// seeds or variants, with variants of equal settings, with a variant's name that no folder can
+    /// have, or with a seed in `set`; errors of [`Experiment::check`].
+    pub fn jobs(&self) -> Result<Vec<SweepJob>, RunError> {
+        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::standard());
         // all jobs before the first one runs, so that no sweep fails after days
         let mut experiments = jobs.iter().map(|job| &job.experiment);
         experiments.try_for_each(|experiment| experiment.check(&tasks))?;
         Ok(jobs)
     }
 
-    /// Returns the jobs in their order without calling [`Experiment::check`].
+    /// Returns the jobs of the plan in their order without calling [`Experiment::check`].
     ///
     /// # Errors
-    /// As [`Plan::jobs`], without errors of [`Experiment::check`].
-    pub fn listed(&self) -> Result<Vec<Job>, RunError> {
+    /// As [`SweepPlan::jobs`], without errors of [`Experiment::check`].
+    pub fn jobs_unchecked(&self) -> Result<Vec<SweepJob>, RunError> {
         let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
         distinct("methods", &methods)?;
         distinct("seeds", &self.seeds)?;
@@ -99,7 +99,7 @@ impl Plan {
                 }
             }
         }
-        let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
+        let names: Vec<&str> = jobs.iter().map(|job| job.folder_name.as_str()).collect();
         distinct("variants", &names)?;
         different(&jobs)?;
         Ok(jobs)
@@ -117,13 +117,13 @@ impl Plan {
         arms.collect()
     }
 
-    fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<Job, RunError> {
+    fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<SweepJob, RunError> {
         let preset = self.budget.experiment(method);
         // tried with another seed than the job's, so that an override is found even if it sets the
         // job's own seed
         let other = overrides::apply(&arm.set, preset.clone().with_seed(!seed))?;
         if other.learner.seed() != !seed {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "set",
                 value: serde_json::json!(arm.text).to_string(),
                 expected: "no seed: `seeds` lists them",
@@ -131,7 +131,7 @@ impl Plan {
         }
         let experiment = overrides::apply(&arm.set, preset.with_seed(seed))?.with_threads(1);
         let name = format!("{}{}-seed{seed}", method.name(), arm.suffix);
-        Ok(Job { name, experiment })
+        Ok(SweepJob { folder_name: name, experiment })
     }
 }
 
@@ -164,28 +164,31 @@ fn folder_part(name: &str) -> Result<&str, RunError> {
     {
         return Ok(name);
     }
-    Err(RunError::Setting {
+    Err(RunError::InvalidSetting {
         name: "variants",
         value: serde_json::json!(name).to_string(),
         expected: "a name of letters, digits, dots and hyphens, of which no part begins with `seed`",
     })
 }
 
-impl Job {
+impl SweepJob {
     /// Returns the path of the job's folder.
-    pub fn folder(&self, runs: &Path) -> PathBuf {
-        runs.join(&self.name)
+    pub fn folder_path(&self, runs: &Path) -> PathBuf {
+        runs.join(&self.folder_name)
     }
 }
 
 /// Rejects jobs with equal settings under different names, whose comparison would be meaningless.
-fn different(jobs: &[Job]) -> Result<(), RunError> {
+fn different(jobs: &[SweepJob]) -> Result<(), RunError> {
     for (index, job) in jobs.iter().enumerate() {
         let mut before = jobs[..index].iter();
         if let Some(same) = before.find(|other| other.experiment == job.experiment) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "variants",
-                value: format!("{} and {}, which are the same run", same.name, job.name),
+                value: format!(
+                    "{} and {}, which are the same run",
+                    same.folder_name, job.folder_name
+                ),
                 expected: "settings that differ, those of the preset included",
             });
         }
@@ -205,7 +208,7 @@ fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<
         None if values.is_empty() => ("empty".to_owned(), "at least one value"),
         None => return Ok(()),
     };
-    Err(RunError::Setting { name, value, expected })
+    Err(RunError::InvalidSetting { name, value, expected })
 }
 
 #[cfg(test)]
@@ -218,8 +221,8 @@ mod tests {
 
     #[test]
     fn every_method_runs_with_a_seed_before_the_next_seed() {
-        let jobs = Plan::parse(TEXT).unwrap().jobs().unwrap();
-        let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
+        let jobs = SweepPlan::parse(TEXT).unwrap().jobs().unwrap();
+        let names: Vec<&str> = jobs.iter().map(|job| job.folder_name.as_str()).collect();
         let expected = ["covers-seed20", "covers-gt-seed20", "covers-seed21", "covers-gt-seed21"];
         assert_eq!(names, expected);
         assert_eq!(jobs[3].experiment.learner.seed(), 21);
@@ -238,7 +241,7 @@ mod tests {
             ("covers-gt", "covers-gtt", "`covers-gt`"),
             ("\"budget\"", "\"seeds\": [], \"budget\"", "duplicate field `seeds`"),
         ] {
-            let changed = Plan::parse(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
+            let changed = SweepPlan::parse(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
             let message = changed.unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
         }
@@ -249,28 +252,28 @@ mod tests {
         let own =
             r#""variants": [{"name": "own"}, {"name": "same", "set": ["covers.ppo.clip=0.2"]}],"#;
         let text = TEXT.replace("\"budget\"", &format!("{own} \"budget\""));
-        let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
+        let message = SweepPlan::parse(&text).unwrap().jobs().unwrap_err().to_string();
         assert!(message.contains("-own-seed20 and "), "{message}");
         assert!(message.contains("-same-seed20, which are the same run"), "{message}");
         let text = text.replace("clip=0.2", "clip=0.3");
-        assert!(Plan::parse(&text).unwrap().jobs().is_ok());
+        assert!(SweepPlan::parse(&text).unwrap().jobs().is_ok());
     }
 
     #[test]
     fn a_seed_in_the_settings_is_refused_also_for_a_single_seed() {
         let text = TEXT.replace("20, 21", "20");
         let text = text.replace("covers.ppo.gamma=0.9", "covers.seed=1");
-        let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
+        let message = SweepPlan::parse(&text).unwrap().jobs().unwrap_err().to_string();
         assert!(message.contains("`seeds` lists them"), "{message}");
     }
 
     /// Returns the plans of the repository with their names.
-    fn plans() -> Vec<(String, Plan)> {
+    fn plans() -> Vec<(String, SweepPlan)> {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results/plans");
         let files = std::fs::read_dir(folder).unwrap();
         let paths = files.map(|file| file.unwrap().path());
         let name = |path: &Path| path.file_stem().unwrap().to_string_lossy().into_owned();
-        paths.map(|path| (name(&path), Plan::read(&path).unwrap())).collect()
+        paths.map(|path| (name(&path), SweepPlan::read(&path).unwrap())).collect()
     }
 
     #[test]
@@ -280,7 +283,7 @@ mod tests {
             let runs = plan.methods.len() * plan.seeds.len() * variants;
             assert_eq!(plan.jobs().unwrap().len(), runs, "{name}");
             let budget = Budget::Smoke;
-            assert_eq!(Plan { budget, ..plan }.jobs().unwrap().len(), runs, "{name}");
+            assert_eq!(SweepPlan { budget, ..plan }.jobs().unwrap().len(), runs, "{name}");
         }
     }
 
@@ -303,10 +306,10 @@ mod tests {
         for (name, plan) in tables {
             let seeds = if name == "table-sac" { 20..23 } else { 20..25 };
             assert!(plan.seeds.iter().copied().eq(seeds), "{name}");
-            assert_eq!(plan.budget, Budget::Table, "{name}");
+            assert_eq!(plan.budget, Budget::TableProtocol, "{name}");
             assert!(plan.set.is_empty(), "{name}: presets and nothing else");
             for &method in &plan.methods {
-                let sac = matches!(method.learner(), LearnerSettings::OffPolicy(_));
+                let sac = matches!(method.learner_settings(), LearnerSettings::OffPolicy(_));
                 assert_eq!(sac, name == "table-sac", "{method:?}");
                 methods.push(method);
             }
@@ -323,8 +326,8 @@ mod tests {
 
     #[test]
     fn a_variant_sets_after_the_plan() {
-        let jobs = Plan::parse(STUDY).unwrap().jobs().unwrap();
-        let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
+        let jobs = SweepPlan::parse(STUDY).unwrap().jobs().unwrap();
+        let names: Vec<&str> = jobs.iter().map(|job| job.folder_name.as_str()).collect();
         assert_eq!(names, ["covers-base-seed1000", "covers-far-seed1000"]);
         let ppo = jobs.iter().map(|job| match &job.experiment.learner {
             LearnerSettings::Covers(settings) => (settings.ppo.gamma, settings.ppo.epochs),
@@ -343,7 +346,7 @@ mod tests {
             ("x-seed1", "`variants` is \"x-seed1\""),
         ] {
             let text = STUDY.replace("\"far\"", &format!("\"{name}\""));
-            let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
+            let message = SweepPlan::parse(&text).unwrap().jobs().unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
         }
     }
@@ -351,8 +354,8 @@ mod tests {
     #[test]
     fn jobs_do_not_depend_on_threads() {
         let text = TEXT.replace("covers.ppo.gamma=0.9", "envs.threads=2");
-        for job in Plan::parse(&text).unwrap().jobs().unwrap() {
-            assert_eq!(job.experiment.envs.threads, 1, "{}", job.name);
+        for job in SweepPlan::parse(&text).unwrap().jobs().unwrap() {
+            assert_eq!(job.experiment.envs.threads, 1, "{}", job.folder_name);
         }
     }
 }

@@ -6,22 +6,22 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use experiments::{Event, Experiment, Run, RunError, RunFolder, StopSignal};
-use learner::overrides::same;
+use learner::overrides::check_same_settings;
 
-use super::plan::Job;
+use super::plan::SweepJob;
 
 /// Time between attempts to claim jobs that other workers run.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Time between checks of the stop signal while a worker waits.
 const STOP_POLL: Duration = Duration::from_millis(50);
 
-/// Outcome of a worker.
+/// Outcome of a sweep's worker.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SweepOutcome {
     /// `true` if a stop was requested while jobs were left.
     pub stopped: bool,
     /// Names of the jobs that failed; their errors were printed.
-    pub failed: Vec<String>,
+    pub failed_jobs: Vec<String>,
 }
 
 /// Outcome of an attempt to run a job.
@@ -32,24 +32,24 @@ enum JobOutcome {
     Taken,
 }
 
-/// Works until every job has finished or failed, or until a stop is requested, and prints its
-/// progress. Jobs of other workers are left to them, and taken over if such a worker ends early.
-/// Workers share nothing but the folders of the runs and their locks.
+/// Works on the sweep until every job has finished or failed, or until a stop is requested, and
+/// prints its progress. Jobs of other workers are left to them, and taken over if such a worker
+/// ends early. Workers share nothing but the folders of the runs and their locks.
 ///
 /// # Errors
 /// [`RunError::Write`] if the folder of the runs cannot be created.
-pub fn work(
-    jobs: &[Job],
+pub fn run_worker(
+    jobs: &[SweepJob],
     runs: &Path,
     threads: usize,
     stop: &StopSignal,
     out: &mut impl Write,
 ) -> Result<SweepOutcome, RunError> {
-    std::fs::create_dir_all(runs).map_err(|error| RunError::write(runs, error))?;
+    std::fs::create_dir_all(runs).map_err(|error| RunError::cannot_write(runs, error))?;
     let mut worker = Worker { runs, threads, stop, out, failed: Vec::new(), lost: Vec::new() };
     let stopped = worker.work(jobs);
     let failed = worker.failed;
-    Ok(SweepOutcome { stopped, failed })
+    Ok(SweepOutcome { stopped, failed_jobs: failed })
 }
 
 struct Worker<'a, W> {
@@ -64,8 +64,8 @@ struct Worker<'a, W> {
 
 impl<W: Write> Worker<'_, W> {
     /// Repeats passes over the jobs until none is left; returns `true` after a stop.
-    fn work(&mut self, jobs: &[Job]) -> bool {
-        let mut left: Vec<&Job> = jobs.iter().collect();
+    fn work(&mut self, jobs: &[SweepJob]) -> bool {
+        let mut left: Vec<&SweepJob> = jobs.iter().collect();
         let mut waited_for = Vec::new();
         while !left.is_empty() {
             let Some(taken) = self.pass(&left) else {
@@ -82,7 +82,7 @@ impl<W: Write> Worker<'_, W> {
     }
 
     /// Tries each job once. Returns the jobs that other workers run; `None` after a stop.
-    fn pass<'j>(&mut self, jobs: &[&'j Job]) -> Option<Vec<&'j Job>> {
+    fn pass<'j>(&mut self, jobs: &[&'j SweepJob]) -> Option<Vec<&'j SweepJob>> {
         let mut taken = Vec::new();
         for &job in jobs {
             match self.run(job) {
@@ -93,12 +93,12 @@ impl<W: Write> Worker<'_, W> {
                 // file server does not share locks. Claiming it back would stop that process.
                 Err(error @ RunError::TakenOver(_)) => {
                     self.say(job, &error.to_string());
-                    self.lost.push(job.name.clone());
+                    self.lost.push(job.folder_name.clone());
                     taken.push(job);
                 }
                 Err(error) => {
                     self.say(job, &format!("error: {error}"));
-                    self.failed.push(job.name.clone());
+                    self.failed.push(job.folder_name.clone());
                 }
             }
         }
@@ -106,27 +106,27 @@ impl<W: Write> Worker<'_, W> {
     }
 
     /// Prints once for each job that this worker waits for it.
-    fn announce<'j>(&mut self, taken: &[&'j Job], waited_for: &mut Vec<&'j str>) {
+    fn announce<'j>(&mut self, taken: &[&'j SweepJob], waited_for: &mut Vec<&'j str>) {
         for &job in taken {
-            if !waited_for.contains(&job.name.as_str()) {
+            if !waited_for.contains(&job.folder_name.as_str()) {
                 self.say(job, "another worker has it: waiting");
-                waited_for.push(&job.name);
+                waited_for.push(&job.folder_name);
             }
         }
     }
 
     fn wait(&self) {
         let clock = Instant::now();
-        while clock.elapsed() < RETRY_INTERVAL && !self.stop.requested() {
+        while clock.elapsed() < RETRY_INTERVAL && !self.stop.is_requested() {
             sleep(STOP_POLL);
         }
     }
 
-    fn run(&mut self, job: &Job) -> Result<JobOutcome, RunError> {
-        let folder = RunFolder::open(&job.folder(self.runs));
+    fn run(&mut self, job: &SweepJob) -> Result<JobOutcome, RunError> {
+        let folder = RunFolder::from_path(&job.folder_path(self.runs));
         if folder.holds_run() {
             // checked before the run is resumed, which would change its files
-            refuse_others(job, &folder, &folder.experiment()?)?;
+            refuse_others(job, &folder, &folder.read_experiment()?)?;
             if folder.is_finished() {
                 match folder.verify_tables() {
                     Ok(()) => return Ok(JobOutcome::Done),
@@ -137,10 +137,10 @@ impl<W: Write> Worker<'_, W> {
                 }
             }
         }
-        if self.lost.contains(&job.name) {
+        if self.lost.contains(&job.folder_name) {
             return Ok(JobOutcome::Taken);
         }
-        if self.stop.requested() {
+        if self.stop.is_requested() {
             return Ok(JobOutcome::Stopped);
         }
         match claim(job, &folder, self.threads) {
@@ -149,9 +149,9 @@ impl<W: Write> Worker<'_, W> {
         }
     }
 
-    fn finish(&mut self, job: &Job, mut run: Run) -> Result<JobOutcome, RunError> {
-        run.stop_at(self.stop.clone());
-        self.say(job, run.notice());
+    fn finish(&mut self, job: &SweepJob, mut run: Run) -> Result<JobOutcome, RunError> {
+        run.set_stop_signal(self.stop.clone());
+        self.say(job, run.start_message());
         while let Some(event) = run.advance()? {
             if let Event::Evaluation(evaluation) = event {
                 let rollouts = evaluation.rollouts;
@@ -168,10 +168,11 @@ impl<W: Write> Worker<'_, W> {
     }
 
     /// Prints a line about a job. A closed output stops the worker, which then writes a checkpoint.
-    fn say(&mut self, job: &Job, line: &str) {
-        let written = writeln!(self.out, "{}: {line}", job.name).and_then(|()| self.out.flush());
+    fn say(&mut self, job: &SweepJob, line: &str) {
+        let written =
+            writeln!(self.out, "{}: {line}", job.folder_name).and_then(|()| self.out.flush());
         if let Err(error) = written
-            && !self.stop.requested()
+            && !self.stop.is_requested()
         {
             // a closed terminal must not make the sweep fail
             let _ = writeln!(std::io::stderr(), "standard output is closed ({error}): stopping");
@@ -181,9 +182,9 @@ impl<W: Write> Worker<'_, W> {
 }
 
 /// Starts the job's run or resumes it.
-fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, RunError> {
+fn claim(job: &SweepJob, folder: &RunFolder, threads: usize) -> Result<Run, RunError> {
     let path = folder.path();
-    std::fs::create_dir_all(path).map_err(|error| RunError::write(path, error))?;
+    std::fs::create_dir_all(path).map_err(|error| RunError::cannot_write(path, error))?;
     let resume = || Run::resume(path, Some(threads));
     let start = || Run::start(job.experiment.clone().with_threads(threads), folder.clone());
     // `resume` takes the lock before any slow step, which matters to workers that try again often
@@ -192,7 +193,7 @@ fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, RunError>
     } else {
         match start() {
             // another worker started the run since
-            Err(RunError::Occupied { .. }) => resume()?,
+            Err(RunError::FolderHoldsRun { .. }) => resume()?,
             other => other?,
         }
     };
@@ -202,9 +203,9 @@ fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, RunError>
 }
 
 /// Rejects a run in the job's folder whose settings differ from the job's.
-fn refuse_others(job: &Job, folder: &RunFolder, there: &Experiment) -> Result<(), RunError> {
+fn refuse_others(job: &SweepJob, folder: &RunFolder, there: &Experiment) -> Result<(), RunError> {
     let [asked, there] = [&job.experiment, there].map(|run| run.clone().with_threads(1));
-    Ok(same(folder.path(), &asked, &there)?)
+    Ok(check_same_settings(folder.path(), &asked, &there)?)
 }
 
 #[cfg(test)]
@@ -221,44 +222,44 @@ mod tests {
     /// Temporary folder with the settings of three jobs that have not started.
     struct Sweep {
         runs: PathBuf,
-        jobs: Vec<Job>,
+        jobs: Vec<SweepJob>,
     }
 
     impl Sweep {
         fn new(name: &str) -> Self {
             let name = format!("covers-worker-{name}-{}", std::process::id());
             let runs = std::env::temp_dir().join(name);
-            let job = |seed: u64| Job {
-                name: format!("equi-seed{seed}"),
+            let job = |seed: u64| SweepJob {
+                folder_name: format!("equi-seed{seed}"),
                 experiment: Budget::Smoke.experiment(Method::Equi).with_seed(seed),
             };
-            let jobs: Vec<Job> = (0..3).map(job).collect();
+            let jobs: Vec<SweepJob> = (0..3).map(job).collect();
             let sweep = Self { runs, jobs };
-            for job in &sweep.jobs {
-                std::fs::create_dir_all(job.folder(&sweep.runs)).unwrap();
-                sweep.folder(job).write_experiment(&job.experiment).unwrap();
+            for each in &sweep.jobs {
+                std::fs::create_dir_all(each.folder_path(&sweep.runs)).unwrap();
+                sweep.folder(each).write_experiment(&each.experiment).unwrap();
             }
             sweep
         }
 
-        fn folder(&self, job: &Job) -> RunFolder {
-            RunFolder::open(&job.folder(&self.runs))
+        fn folder(&self, job: &SweepJob) -> RunFolder {
+            RunFolder::from_path(&job.folder_path(&self.runs))
         }
 
-        fn finish(&self, job: &Job) {
-            std::fs::write(job.folder(&self.runs).join("summary.json"), "{}").unwrap();
+        fn finish(&self, job: &SweepJob) {
+            std::fs::write(job.folder_path(&self.runs).join("summary.json"), "{}").unwrap();
         }
 
         /// Takes the lock of a job as another worker would.
-        fn take(&self, job: &Job) -> File {
-            let lock = File::create(job.folder(&self.runs).join("lock")).unwrap();
+        fn take(&self, job: &SweepJob) -> File {
+            let lock = File::create(job.folder_path(&self.runs).join("lock")).unwrap();
             lock.try_lock().unwrap();
             lock
         }
 
         fn work(&self, stop: &StopSignal) -> (SweepOutcome, String) {
             let mut said = Vec::new();
-            let ended = work(&self.jobs, &self.runs, 1, stop, &mut said).unwrap();
+            let ended = run_worker(&self.jobs, &self.runs, 1, stop, &mut said).unwrap();
             (ended, String::from_utf8(said).unwrap())
         }
     }
@@ -312,7 +313,7 @@ mod tests {
             });
             sweep.work(&stop)
         });
-        assert!(ended.stopped && ended.failed == ["equi-seed0"], "{ended:?}");
+        assert!(ended.stopped && ended.failed_jobs == ["equi-seed0"], "{ended:?}");
         assert!(clock.elapsed() < RETRY_INTERVAL, "{:?}", clock.elapsed());
         assert!(said.contains("other settings"), "{said}");
     }
@@ -325,7 +326,10 @@ mod tests {
         let other = job.experiment.clone().with_seed(9);
         folder.write_experiment(&other).unwrap();
         let error = claim(job, &folder, 2).err().unwrap();
-        assert!(matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })), "{error}");
+        assert!(
+            matches!(error, RunError::Learner(LearnerError::CheckpointSettingsDiffer { .. })),
+            "{error}"
+        );
         sweep.take(job);
         folder.write_experiment(&job.experiment).unwrap();
         assert_eq!(claim(job, &folder, 2).unwrap().experiment().envs.threads, 2);

@@ -12,16 +12,16 @@ use serde::{Deserialize, Serialize};
 /// [`Display`](fmt::Display) prints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum D2 {
-    /// Leaves everything in place.
+    /// Element that leaves every point in place.
     #[serde(rename = "identity")]
     Identity,
-    /// Maps (x, y) to (-x, y).
+    /// Flip that maps (x, y) to (-x, y).
     #[serde(rename = "flip x")]
     FlipX,
-    /// Maps (x, y) to (x, -y).
+    /// Flip that maps (x, y) to (x, -y).
     #[serde(rename = "flip y")]
     FlipY,
-    /// Maps (x, y) to (-x, -y).
+    /// Half turn that maps (x, y) to (-x, -y).
     #[serde(rename = "half turn")]
     HalfTurn,
 }
@@ -30,7 +30,7 @@ impl D2 {
     /// All four elements, in the order of their bits.
     pub const ALL: [D2; 4] = [D2::Identity, D2::FlipX, D2::FlipY, D2::HalfTurn];
 
-    /// Returns the element's two bits, in 0..4.
+    /// Returns the element as two bits, in 0..4: bit 0 flips x, bit 1 flips y.
     pub const fn bits(self) -> usize {
         self as usize
     }
@@ -40,7 +40,7 @@ impl D2 {
         Self::ALL[bits & 3]
     }
 
-    /// Returns the inverse: the element itself.
+    /// Returns the inverse of the element, which is the element itself.
     pub const fn inverse(self) -> D2 {
         self
     }
@@ -83,7 +83,8 @@ impl D2 {
 
     /// Returns a transformed copy of a channels-last image `[height, width, channels]`.
     ///
-    /// Only pixels move; [`FieldType::act`](crate::FieldType::act) changes the signs of channels.
+    /// Only pixels move; [`FieldType::transform_channels`](crate::FieldType::transform_channels)
+    /// changes the signs of channels.
     ///
     /// # Panics
     /// If `image` does not hold height x width x channels values.

@@ -8,10 +8,10 @@ use crate::irrep::Irrep;
 
 /// Representation of a [`Group`], given by the multiplicity of each irrep.
 ///
-/// Channels are irrep-major: [`range`](FieldType::range) gives the channels of an irrep. A type
-/// prints and parses the notation of the papers, `8 reg + 2 x` for a type of D2 and
-/// `C2: 8 reg + 2 x` for one of a subgroup. [`Group::regular`] and [`Group::trivial`] make the
-/// common types.
+/// Channels are irrep-major: [`channel_range`](FieldType::channel_range) gives the channels of an
+/// irrep. A type prints and parses the notation of the papers, `8 reg + 2 x` for a type of D2 and
+/// `C2: 8 reg + 2 x` for one of a subgroup. [`Group::regular_type`] and [`Group::trivial_type`]
+/// make the common types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FieldType {
     group: Group,
@@ -20,24 +20,25 @@ pub struct FieldType {
 }
 
 impl FieldType {
-    /// Maximum number of channels of a type, 2^24.
+    /// Maximum number of channels of a field type, 2^24.
     pub const MAX_DIM: usize = 1 << 24;
 
-    /// Creates the type of D2 with these multiplicities of 1, x, y and xy, restricted to `group`.
+    /// Creates the field type of D2 with these multiplicities of 1, x, y and xy, restricted to
+    /// `group`.
     ///
     /// Multiplicities of irreps that are equal under `group` are added up.
     ///
     /// # Panics
     /// If the multiplicities add up to more than [`FieldType::MAX_DIM`].
     pub const fn new(group: Group, multiplicities: [usize; 4]) -> FieldType {
-        match FieldType::checked(group, multiplicities) {
+        match FieldType::try_new(group, multiplicities) {
             Some(field) => field,
             None => panic!("a field type has at most 2^24 channels"),
         }
     }
 
     /// Creates a type as [`FieldType::new`] does. `None` if there are too many channels.
-    pub(crate) const fn checked(group: Group, multiplicities: [usize; 4]) -> Option<FieldType> {
+    pub(crate) const fn try_new(group: Group, multiplicities: [usize; 4]) -> Option<FieldType> {
         // subtracted from the maximum, since a sum could overflow; `for` is not allowed in const fn
         let (mut left, mut a) = (FieldType::MAX_DIM, 0);
         while a < 4 {
@@ -52,12 +53,12 @@ impl FieldType {
 
     /// Returns the direct sum with `count` copies of `other`, which must have the same group.
     /// `None` if there are too many channels.
-    pub(crate) fn with_copies(&self, count: usize, other: FieldType) -> Option<FieldType> {
+    pub(crate) fn plus_copies_of(&self, other: FieldType, count: usize) -> Option<FieldType> {
         let mut multiplicities = self.multiplicities;
         for (sum, of_one) in multiplicities.iter_mut().zip(other.multiplicities) {
             *sum = count.checked_mul(of_one)?.checked_add(*sum)?;
         }
-        FieldType::checked(self.group, multiplicities)
+        FieldType::try_new(self.group, multiplicities)
     }
 
     /// Restricts the multiplicities of a type of D2 to `group`.
@@ -65,16 +66,16 @@ impl FieldType {
         let mut restricted = [0; 4];
         let mut a = 0;
         while a < 4 {
-            restricted[group.restrict(Irrep::ALL[a]).index()] += multiplicities[a];
+            restricted[group.restrict_irrep(Irrep::ALL[a]).index()] += multiplicities[a];
             a += 1;
         }
         FieldType { group, multiplicities: restricted }
     }
 
-    /// Returns the type, under `group`, of a vector whose entries have these irreps of D2, in any
-    /// order.
+    /// Returns the field type, under `group`, of a vector whose entries have these irreps of D2, in
+    /// any order.
     ///
-    /// [`irrep_order`] sorts such a vector into the layout of the type.
+    /// [`irrep_major_permutation`] sorts such a vector into the layout of the type.
     ///
     /// # Panics
     /// If there are more than [`FieldType::MAX_DIM`] entries.
@@ -86,15 +87,16 @@ impl FieldType {
         FieldType::new(group, multiplicities)
     }
 
-    /// Returns the group that acts.
+    /// Returns the symmetry group that acts on the channels.
     pub const fn group(&self) -> Group {
         self.group
     }
 
-    /// Restricts the type to a subgroup.
+    /// Restricts the field type to a subgroup of its group.
     ///
-    /// Channels of irreps that become equal are neighbours in the new layout: [`irrep_order`] of
-    /// [`irreps`](FieldType::irreps) gives the order of the old channels in it.
+    /// Channels of irreps that become equal are neighbours in the new layout:
+    /// [`irrep_major_permutation`] of [`channel_irreps`](FieldType::channel_irreps) gives the order
+    /// of the old channels in it.
     ///
     /// # Panics
     /// If `group` is not a subgroup of the type's.
@@ -107,7 +109,7 @@ impl FieldType {
         FieldType::new(group, self.multiplicities)
     }
 
-    /// Returns the number of channels.
+    /// Returns the number of channels of the field type.
     pub fn dim(&self) -> usize {
         self.multiplicities.iter().sum()
     }
@@ -117,29 +119,30 @@ impl FieldType {
         self.multiplicities[irrep.index()]
     }
 
-    /// Returns the range of the channels with this irrep.
-    pub fn range(&self, irrep: Irrep) -> Range<usize> {
+    /// Returns the range of the channels with this irrep in a channel vector.
+    pub fn channel_range(&self, irrep: Irrep) -> Range<usize> {
         let start = self.multiplicities[..irrep.index()].iter().sum();
         start..start + self.multiplicity(irrep)
     }
 
-    /// Returns the irrep of each channel.
-    pub fn irreps(&self) -> impl Iterator<Item = Irrep> + use<> {
+    /// Returns the irrep of each channel, in the order of the channels.
+    pub fn channel_irreps(&self) -> impl Iterator<Item = Irrep> + use<> {
         let multiplicities = self.multiplicities;
         Irrep::ALL.into_iter().flat_map(move |a| std::iter::repeat_n(a, multiplicities[a.index()]))
     }
 
-    /// Returns the number of regular fields. `None` if the type has other fields, too.
+    /// Returns the number of regular fields that the field type consists of. `None` if the type has
+    /// other fields, too.
     ///
     /// Every type of C1 consists of regular fields: its regular representation is the trivial one.
-    pub fn regular_fields(&self) -> Option<usize> {
+    pub fn num_regular_fields(&self) -> Option<usize> {
         let n = self.multiplicity(Irrep::Trivial);
         let irreps = self.group.irreps();
         let is_regular = irreps.iter().all(|&irrep| self.multiplicity(irrep) == n);
         is_regular.then_some(n)
     }
 
-    /// Returns `true` if every channel is invariant.
+    /// Returns `true` if the group leaves every channel unchanged.
     pub fn is_trivial(&self) -> bool {
         self.multiplicities[1..] == [0; 3]
     }
@@ -148,7 +151,7 @@ impl FieldType {
     ///
     /// # Panics
     /// If `g` is not in the group or `channels` does not hold [`dim`](FieldType::dim) values.
-    pub fn act<T: Copy + Neg<Output = T>>(&self, g: D2, channels: &mut [T]) {
+    pub fn transform_channels<T: Copy + Neg<Output = T>>(&self, g: D2, channels: &mut [T]) {
         assert!(
             self.group.contains(g),
             "got {g}, which is not in the group {} of `{self}`",
@@ -156,7 +159,7 @@ impl FieldType {
         );
         assert_eq!(channels.len(), self.dim(), "wrong number of channels for {self}");
         for irrep in Irrep::ALL.into_iter().filter(|a| a.sign(g) < 0) {
-            for value in &mut channels[self.range(irrep)] {
+            for value in &mut channels[self.channel_range(irrep)] {
                 *value = -*value;
             }
         }
@@ -164,12 +167,12 @@ impl FieldType {
 }
 
 impl Group {
-    /// Returns the type of `fields` copies of the regular representation, in which every irrep
-    /// occurs `fields` times.
+    /// Returns the field type of `fields` copies of the regular representation, in which every
+    /// irrep occurs `fields` times.
     ///
     /// # Panics
     /// If that is more than [`FieldType::MAX_DIM`] channels.
-    pub const fn regular(self, fields: usize) -> FieldType {
+    pub const fn regular_type(self, fields: usize) -> FieldType {
         match self {
             Group::C1 => FieldType::new(self, [fields, 0, 0, 0]),
             Group::D1x | Group::C2 => FieldType::new(self, [fields, fields, 0, 0]),
@@ -178,11 +181,11 @@ impl Group {
         }
     }
 
-    /// Returns the type of `channels` invariant channels.
+    /// Returns the field type of `channels` invariant channels.
     ///
     /// # Panics
     /// If `channels` is more than [`FieldType::MAX_DIM`].
-    pub const fn trivial(self, channels: usize) -> FieldType {
+    pub const fn trivial_type(self, channels: usize) -> FieldType {
         FieldType::new(self, [channels, 0, 0, 0])
     }
 }
@@ -204,24 +207,24 @@ impl Add for FieldType {
     }
 }
 
-/// Sorts the channels of a vector given in its natural order into irrep-major order under `group`.
+/// Returns the permutation that sorts channels with these irreps into irrep-major order under
+/// `group`: entry `i` is the natural index of irrep-major channel `i`.
 ///
-/// `order[i]` is the natural index of irrep-major channel `i`; channels of one irrep keep
-/// their order.
+/// Channels of one irrep keep their order.
 ///
 /// ```
-/// use symmetry::{Group, Irrep, irrep_order};
+/// use symmetry::{Group, Irrep, irrep_major_permutation};
 ///
 /// // natural order x, y, z, finger
 /// let irreps = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-/// assert_eq!(irrep_order(Group::D2, &irreps), [2, 3, 0, 1]);
+/// assert_eq!(irrep_major_permutation(Group::D2, &irreps), [2, 3, 0, 1]);
 /// // flip x leaves y alone
-/// assert_eq!(irrep_order(Group::D1x, &irreps), [1, 2, 3, 0]);
+/// assert_eq!(irrep_major_permutation(Group::D1x, &irreps), [1, 2, 3, 0]);
 /// ```
-pub fn irrep_order(group: Group, irreps: &[Irrep]) -> Vec<usize> {
+pub fn irrep_major_permutation(group: Group, irreps: &[Irrep]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..irreps.len()).collect();
     // a stable sort, so channels of one irrep keep their order
-    order.sort_by_key(|&i| group.restrict(irreps[i]).index());
+    order.sort_by_key(|&i| group.restrict_irrep(irreps[i]).index());
     order
 }
 
@@ -233,25 +236,25 @@ mod tests {
     fn ranges_are_irrep_major_and_cover_the_channels() {
         let field = FieldType::new(Group::D2, [2, 0, 3, 1]);
         assert_eq!(field.dim(), 6);
-        let ranges = Irrep::ALL.map(|a| field.range(a));
+        let ranges = Irrep::ALL.map(|a| field.channel_range(a));
         assert_eq!(ranges, [0..2, 2..2, 2..5, 5..6]);
         use Irrep::*;
-        assert!(field.irreps().eq([Trivial, Trivial, Y, Y, Y, XY]));
+        assert!(field.channel_irreps().eq([Trivial, Trivial, Y, Y, Y, XY]));
     }
 
     #[test]
     fn regular_fields_are_recognised() {
         for group in Group::ALL {
-            let regular = group.regular(3);
+            let regular = group.regular_type(3);
             assert_eq!(regular.dim(), 3 * group.order());
-            assert_eq!(regular.regular_fields(), Some(3));
-            assert!(group.trivial(6).is_trivial());
+            assert_eq!(regular.num_regular_fields(), Some(3));
+            assert!(group.trivial_type(6).is_trivial());
             assert_eq!(regular.is_trivial(), group == Group::C1);
         }
         let uneven = FieldType::new(Group::D2, [3, 3, 3, 2]);
-        assert_eq!(uneven.regular_fields(), None);
+        assert_eq!(uneven.num_regular_fields(), None);
         let foreign = FieldType::new(Group::D1y, [1, 0, 0, 0]);
-        assert_eq!(foreign.regular_fields(), None);
+        assert_eq!(foreign.num_regular_fields(), None);
     }
 
     #[test]
@@ -261,16 +264,16 @@ mod tests {
             for &g in group.elements() {
                 for &h in group.elements() {
                     let mut twice = [1, 2, 3, 4, 5];
-                    field.act(h, &mut twice);
-                    field.act(g, &mut twice);
+                    field.transform_channels(h, &mut twice);
+                    field.transform_channels(g, &mut twice);
                     let mut once = [1, 2, 3, 4, 5];
-                    field.act(g * h, &mut once);
+                    field.transform_channels(g * h, &mut once);
                     assert_eq!(once, twice);
                 }
             }
         }
         let mut flipped = [1, 2, 3, 4, 5];
-        FieldType::new(Group::D2, [1, 2, 1, 1]).act(D2::FlipX, &mut flipped);
+        FieldType::new(Group::D2, [1, 2, 1, 1]).transform_channels(D2::FlipX, &mut flipped);
         assert_eq!(flipped, [1, -2, -3, 4, -5]);
     }
 
@@ -278,14 +281,14 @@ mod tests {
     fn restriction_keeps_the_action_of_the_subgroup() {
         for group in Group::ALL {
             let field = FieldType::new(group, [1, 2, 1, 3]);
-            let irreps: Vec<Irrep> = field.irreps().collect();
+            let irreps: Vec<Irrep> = field.channel_irreps().collect();
             for sub in Group::ALL.into_iter().filter(|h| h.is_subgroup_of(group)) {
-                let order = irrep_order(sub, &irreps);
+                let order = irrep_major_permutation(sub, &irreps);
                 for &g in sub.elements() {
                     let mut before = [1, 2, 3, 4, 5, 6, 7];
                     let mut after: Vec<i32> = order.iter().map(|&i| before[i]).collect();
-                    field.act(g, &mut before);
-                    field.restrict(sub).act(g, &mut after);
+                    field.transform_channels(g, &mut before);
+                    field.restrict(sub).transform_channels(g, &mut after);
                     let moved: Vec<i32> = order.iter().map(|&i| before[i]).collect();
                     assert_eq!(after, moved, "{group} to {sub}");
                 }
@@ -295,38 +298,38 @@ mod tests {
 
     #[test]
     fn the_sum_adds_multiplicities() {
-        let sum = Group::C2.regular(2) + Group::C2.trivial(1);
+        let sum = Group::C2.regular_type(2) + Group::C2.trivial_type(1);
         assert_eq!(sum, FieldType::new(Group::C2, [3, 2, 0, 0]));
     }
 
     #[test]
     #[should_panic(expected = "`1 1` and `C2: 1 1` are types of different groups")]
     fn types_of_different_groups_are_not_added() {
-        let _ = Group::D2.trivial(1) + Group::C2.trivial(1);
+        let _ = Group::D2.trivial_type(1) + Group::C2.trivial_type(1);
     }
 
     #[test]
     #[should_panic(expected = "got D1x, expected a subgroup of C2")]
     fn a_restriction_to_another_group_is_refused() {
-        Group::C2.regular(1).restrict(Group::D1x);
+        Group::C2.regular_type(1).restrict(Group::D1x);
     }
 
     #[test]
     #[should_panic(expected = "got flip x, which is not in the group C2")]
     fn elements_outside_the_group_do_not_act() {
-        Group::C2.regular(1).act(D2::FlipX, &mut [0.0; 2]);
+        Group::C2.regular_type(1).transform_channels(D2::FlipX, &mut [0.0; 2]);
     }
 
     #[test]
     #[should_panic(expected = "wrong number of channels for 1 reg")]
     fn acting_on_the_wrong_number_of_channels_is_refused() {
-        Group::D2.regular(1).act(D2::FlipX, &mut [0.0; 5]);
+        Group::D2.regular_type(1).transform_channels(D2::FlipX, &mut [0.0; 5]);
     }
 
     #[test]
     fn the_order_is_stable_within_an_irrep() {
         use Irrep::*;
-        let order = irrep_order(Group::D2, &[XY, Y, Trivial, Y, X, Trivial]);
+        let order = irrep_major_permutation(Group::D2, &[XY, Y, Trivial, Y, X, Trivial]);
         assert_eq!(order, [2, 5, 4, 1, 3, 0]);
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::d2::D2;
 use crate::irrep::Irrep;
 
-/// Subgroup of D2, a power of Z2.
+/// Symmetry group of a network or field type, a subgroup of D2 and a power of Z2.
 ///
 /// Restricted to a subgroup, several irreps of D2 can have equal signs. The first of them in
 /// [`Irrep::ALL`] then represents all: C2, for example, has the irreps 1 and x, and y becomes x.
@@ -29,10 +29,10 @@ pub enum Group {
 }
 
 impl Group {
-    /// All five groups.
+    /// All five subgroups of D2.
     pub const ALL: [Group; 5] = [Group::C1, Group::D1x, Group::D1y, Group::C2, Group::D2];
 
-    /// Returns the elements, in the order of their bits; the first is the identity.
+    /// Returns the elements of the group, in the order of their bits; the first is the identity.
     pub const fn elements(self) -> &'static [D2] {
         match self {
             Group::C1 => &[D2::Identity],
@@ -43,13 +43,13 @@ impl Group {
         }
     }
 
-    /// Returns the number of elements: 1, 2 or 4.
+    /// Returns the number of elements of the group: 1, 2 or 4.
     pub const fn order(self) -> usize {
         self.elements().len()
     }
 
-    /// Returns the irreps, as many as elements, in the order of the channel layout; the first is
-    /// trivial.
+    /// Returns the irreps of the group, as many as elements, in the order of the channel layout;
+    /// the first is trivial.
     pub const fn irreps(self) -> &'static [Irrep] {
         match self {
             Group::C1 => &[Irrep::Trivial],
@@ -60,7 +60,7 @@ impl Group {
     }
 
     /// Restricts an irrep of D2 to this group.
-    pub const fn restrict(self, irrep: Irrep) -> Irrep {
+    pub const fn restrict_irrep(self, irrep: Irrep) -> Irrep {
         // equal signs on the elements of the subgroup make two irreps one
         match (self, irrep) {
             (Group::C1, _)
@@ -78,18 +78,18 @@ impl Group {
         self.elements().iter().all(|&g| other.contains(g))
     }
 
-    /// Returns `true` if `g` is an element.
+    /// Returns `true` if `g` is an element of the group.
     pub fn contains(self, g: D2) -> bool {
         self.elements().contains(&g)
     }
 
-    /// Returns `true` if an element maps x to -x.
-    pub fn flips_x(self) -> bool {
+    /// Returns `true` if an element of the group maps x to -x.
+    pub fn has_element_flipping_x(self) -> bool {
         self.elements().iter().any(|g| g.flips_x())
     }
 
-    /// Returns `true` if an element maps y to -y.
-    pub fn flips_y(self) -> bool {
+    /// Returns `true` if an element of the group maps y to -y.
+    pub fn has_element_flipping_y(self) -> bool {
         self.elements().iter().any(|g| g.flips_y())
     }
 }
@@ -106,7 +106,7 @@ impl fmt::Display for Group {
     }
 }
 
-/// Error of parsing a text that names no group.
+/// Error of parsing a text that names no symmetry group, with the text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParseGroupError(pub String);
 
@@ -150,9 +150,9 @@ mod tests {
             let signs = |a: Irrep| group.elements().iter().map(move |&g| a.sign(g));
             for irrep in Irrep::ALL {
                 let first = Irrep::ALL.into_iter().find(|&a| signs(a).eq(signs(irrep)));
-                assert_eq!(Some(group.restrict(irrep)), first, "{group} {irrep}");
+                assert_eq!(Some(group.restrict_irrep(irrep)), first, "{group} {irrep}");
             }
-            let distinct = Irrep::ALL.into_iter().filter(|&a| group.restrict(a) == a);
+            let distinct = Irrep::ALL.into_iter().filter(|&a| group.restrict_irrep(a) == a);
             assert!(distinct.eq(group.irreps().iter().copied()), "{group}");
             assert_eq!(group.irreps().len(), group.order());
         }
@@ -184,7 +184,8 @@ mod tests {
 
     #[test]
     fn flips_are_those_of_some_element() {
-        let flips = Group::ALL.map(|group| [group.flips_x(), group.flips_y()]);
+        let flips = Group::ALL
+            .map(|group| [group.has_element_flipping_x(), group.has_element_flipping_y()]);
         let expected = [[0, 0], [1, 0], [0, 1], [1, 1], [1, 1]];
         assert_eq!(flips, expected.map(|axes| axes.map(|flag| flag == 1)));
     }

@@ -12,13 +12,13 @@ use crate::d2::{D2, product};
 /// one-dimensional irreps). `X` and `Y` are different irreps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Irrep {
-    /// Invariant: never changes sign.
+    /// Trivial representation: never changes sign.
     Trivial,
-    /// Changes sign under flip x and the half turn, as a coordinate x does.
+    /// Representation that changes sign under flip x and the half turn, as a coordinate x does.
     X,
-    /// Changes sign under flip y and the half turn, as a coordinate y does.
+    /// Representation that changes sign under flip y and the half turn, as a coordinate y does.
     Y,
-    /// Changes sign under both flips, as a product x y does.
+    /// Representation that changes sign under both flips, as a product x y does.
     XY,
 }
 
@@ -31,7 +31,7 @@ impl Irrep {
         self as usize
     }
 
-    /// Returns the sign, 1 or -1, by which `g` acts.
+    /// Returns the sign, 1 or -1, by which the group element `g` acts in this irrep.
     pub const fn sign(self, g: D2) -> i8 {
         if (self.index() & g.bits()).count_ones().is_multiple_of(2) { 1 } else { -1 }
     }

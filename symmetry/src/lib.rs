@@ -19,7 +19,7 @@
 //!
 //! // irrep-major order: z, finger, x, y
 //! let mut channels = [0.1, 0.5, 0.2, -0.3];
-//! hand.act(D2::FlipX, &mut channels);
+//! hand.transform_channels(D2::FlipX, &mut channels);
 //! assert_eq!(channels, [0.1, 0.5, -0.2, -0.3]);
 //!
 //! // under the group that only flips x, y is one more invariant
@@ -37,7 +37,7 @@ mod irrep;
 mod notation;
 
 pub use d2::D2;
-pub use field_type::{FieldType, irrep_order};
+pub use field_type::{FieldType, irrep_major_permutation};
 pub use group::{Group, ParseGroupError};
 pub use irrep::Irrep;
 pub use notation::ParseFieldTypeError;

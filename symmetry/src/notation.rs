@@ -23,7 +23,7 @@ impl fmt::Display for FieldType {
             .into_iter()
             .chain(rest)
             .filter(|(count, _)| *count > 0)
-            .map(|(count, name)| format!("{count} {name}"))
+            .map(|(count, irrep)| format!("{count} {irrep}"))
             .collect();
         let sum = if terms.is_empty() { "0".to_owned() } else { terms.join(" + ") };
         // D2 is the usual group of a table, so its name is left out
@@ -38,20 +38,20 @@ impl fmt::Display for FieldType {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ParseFieldTypeError {
-    /// The text before the colon is not a group.
+    /// Text before the colon that names no symmetry group.
     Group(ParseGroupError),
-    /// A term is not a count and a representation.
+    /// Term that does not consist of a count and a representation, as `2 x` does.
     Term(String),
-    /// A term brings the type above [`FieldType::MAX_DIM`] channels.
+    /// Term that brings the field type above [`FieldType::MAX_DIM`] channels.
     TooManyChannels {
         /// Term that exceeds the maximum.
         term: String,
     },
-    /// A representation is none of those of the group.
+    /// Representation that the symmetry group does not have.
     Representation {
-        /// Group of the field type.
+        /// Symmetry group of the field type.
         group: Group,
-        /// Name found in the text.
+        /// Name of the representation, as found in the text.
         name: String,
     },
 }
@@ -96,12 +96,12 @@ impl FromStr for FieldType {
         };
         // the empty type has no terms, so it needs a notation of its own
         if sum.trim() == "0" {
-            return Ok(group.trivial(0));
+            return Ok(group.trivial_type(0));
         }
-        sum.split('+').try_fold(group.trivial(0), |sum, term| {
+        sum.split('+').try_fold(group.trivial_type(0), |sum, term| {
             let term = term.trim();
             let (count, field) = parse_term(group, term)?;
-            let larger = count.and_then(|count| sum.with_copies(count, field));
+            let larger = count.and_then(|count| sum.plus_copies_of(field, count));
             larger.ok_or_else(|| ParseFieldTypeError::TooManyChannels { term: term.into() })
         })
     }
@@ -128,7 +128,7 @@ fn is_overflow(error: &ParseIntError) -> bool {
 /// Parses the name of an irrep of `group`, or `reg`.
 fn parse_representation(group: Group, name: &str) -> Result<FieldType, ParseFieldTypeError> {
     if name == "reg" {
-        return Ok(group.regular(1));
+        return Ok(group.regular_type(1));
     }
     let mut irreps = group.irreps().iter();
     let irrep = irreps

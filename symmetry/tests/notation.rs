@@ -56,9 +56,9 @@ proptest! {
         let mut irreps = group.irreps().iter().map(|&irrep| field.multiplicity(irrep));
         let first = irreps.next().unwrap();
         let expected = irreps.all(|count| count == first).then_some(first);
-        prop_assert_eq!(field.regular_fields(), expected);
+        prop_assert_eq!(field.num_regular_fields(), expected);
         if let Some(fields) = expected {
-            prop_assert_eq!(group.regular(fields), field);
+            prop_assert_eq!(group.regular_type(fields), field);
         }
     }
 
@@ -68,7 +68,7 @@ proptest! {
     ) {
         if let Ok(field) = text.parse::<FieldType>() {
             prop_assert!(field.dim() <= FieldType::MAX_DIM);
-            let _ = field.regular_fields();
+            let _ = field.num_regular_fields();
             prop_assert_eq!(field.to_string().parse::<FieldType>(), Ok(field));
         }
     }
@@ -96,7 +96,7 @@ fn sums_that_overflow_are_refused_with_their_term() {
 #[test]
 #[should_panic(expected = "at most 2^24 channels")]
 fn sums_of_types_that_overflow_are_refused() {
-    let _ = Group::D2.trivial(FieldType::MAX_DIM) + Group::D2.trivial(1);
+    let _ = Group::D2.trivial_type(FieldType::MAX_DIM) + Group::D2.trivial_type(1);
 }
 
 #[test]

@@ -107,7 +107,7 @@ impl Node<'_> {
 
     /// Pixels under the window at each place of the output: `[row, column]`s of the input, or
     /// nothing in the padding.
-    fn windows(&self, x: &Tensor) -> ([usize; 2], impl Fn(usize, usize) -> Pixels) {
+    fn windows(&self, image: &Tensor) -> ([usize; 2], impl Fn(usize, usize) -> Pixels) {
         // one number for all axes and ends
         let same = |name: &str, numbers: usize| {
             let values = self.ints(name);
@@ -115,7 +115,7 @@ impl Node<'_> {
             values[0]
         };
         let (size, stride, pad) = (same("kernel_shape", 2), same("strides", 2), same("pads", 4));
-        let sides = [x.shape[2], x.shape[3]];
+        let sides = [image.shape[2], image.shape[3]];
         let out = sides.map(|side| (side + 2 * pad - size) / stride + 1);
         let at = move |row: usize, column: usize| {
             let taps = (0..size).flat_map(|i| (0..size).map(move |j| [i, j]));
@@ -232,7 +232,7 @@ fn gemm(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Tensor {
     assert_eq!(x.shape[1], inputs);
     let values = x.values.chunks_exact(inputs).flat_map(|row| {
         let rows = weight.values.chunks_exact(inputs).zip(&bias.values);
-        rows.map(move |(w, b)| b + w.iter().zip(row).map(|(w, x)| w * x).sum::<f64>())
+        rows.map(move |(w, b)| b + w.iter().zip(row).map(|(w, value)| w * value).sum::<f64>())
     });
     Tensor::new(&[x.shape[0], outputs], values)
 }
@@ -266,8 +266,8 @@ pub fn run(model: &[u8], inputs: &[(&str, Tensor)]) -> HashMap<String, Tensor> {
         known.insert((*name).to_owned(), tensor.clone());
     }
     for node in graph.messages(1).map(Node) {
-        let inputs = node.0.blobs(1).map(|name| &known[std::str::from_utf8(name).unwrap()]);
-        let output = node.run(&inputs.collect::<Vec<_>>());
+        let values = node.0.blobs(1).map(|name| &known[std::str::from_utf8(name).unwrap()]);
+        let output = node.run(&values.collect::<Vec<_>>());
         known.insert(node.0.text(2).to_owned(), output);
     }
     let outputs = graph.messages(12).map(|output| {

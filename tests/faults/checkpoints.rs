@@ -30,7 +30,7 @@ fn resume(folder: &Path) -> Result<Run, RunError> {
 fn a_run_of_several_policies_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("policies");
     let run = resume(&interrupted(&scratch)).unwrap();
-    assert_eq!(run.stats().opened_for.len(), 2);
+    assert_eq!(run.stats().created_for_group.len(), 2);
     assert!(run.stats().rollouts == 3 && !run.is_finished());
     let written = finish(run);
     assert_same(&written, expected());
@@ -52,7 +52,7 @@ fn a_damaged_checkpoint_is_passed_over_and_named() {
             let run = resume(&folder).unwrap();
             assert_eq!(run.stats().rollouts, 2);
             let passed = format!("passed over a newer checkpoint: cannot read {}", path.display());
-            assert!(run.notice().contains(&passed), "{}", run.notice());
+            assert!(run.start_message().contains(&passed), "{}", run.start_message());
         }
     }
     fs::write(&path, b"a file of another program").unwrap();
@@ -66,16 +66,16 @@ fn a_checkpoint_under_a_higher_number_is_passed_over_and_named() {
     let path = newest(&folder);
     let renamed = path.with_file_name("000099.safetensors");
     fs::copy(checkpoints(&folder).first().unwrap(), &renamed).unwrap();
-    let experiment = RunFolder::open(&folder).experiment().unwrap();
-    let spec = Stream::spec_of(&experiment.envs);
-    let learner = RunFolder::open(&folder)
+    let experiment = RunFolder::from_path(&folder).read_experiment().unwrap();
+    let spec = Stream::env_spec(&experiment.envs);
+    let learner = RunFolder::from_path(&folder)
         .load_learner(&experiment.learner, &spec, &Labels::default())
         .unwrap();
-    assert_eq!(learner.policies(), 2, "an evaluation passes it over, too");
+    assert_eq!(learner.policy_count(), 2, "an evaluation passes it over, too");
     let run = resume(&folder).unwrap();
-    assert_eq!(run.stats().rollouts, 3, "{}", run.notice());
+    assert_eq!(run.stats().rollouts, 3, "{}", run.start_message());
     let problem = "it is the checkpoint after 1 rollouts under the name of the one after 99";
-    assert!(run.notice().contains(problem), "{}", run.notice());
+    assert!(run.start_message().contains(problem), "{}", run.start_message());
     fs::remove_file(renamed.with_added_extension("damaged")).unwrap();
     assert_same(&finish(run), expected());
 }
@@ -95,23 +95,23 @@ fn a_run_without_an_intact_checkpoint_says_what_is_wrong_with_each() {
     }
     let empty = scratch.0.join("empty");
     fs::create_dir(&empty).unwrap();
-    let message = resume(&empty).err().unwrap().to_string();
-    assert!(message.contains("holds no run"), "{message}");
+    let empty_message = resume(&empty).err().unwrap().to_string();
+    assert!(empty_message.contains("holds no run"), "{empty_message}");
 }
 
 #[test]
 fn settings_whose_file_is_lost_come_back_from_a_checkpoint() {
     let scratch = Scratch::new("settings");
     let path = interrupted(&scratch);
-    let (folder, file) = (RunFolder::open(&path), path.join("experiment.json"));
-    let settings = folder.experiment().unwrap().with_threads(1);
+    let (folder, file) = (RunFolder::from_path(&path), path.join("experiment.json"));
+    let settings = folder.read_experiment().unwrap().with_threads(1);
     fs::remove_file(&file).unwrap();
     fs::write(newest(&path), b"nor is this one whole").unwrap();
-    assert_eq!(folder.experiment().unwrap(), settings);
+    assert_eq!(folder.read_experiment().unwrap(), settings);
     let run = resume(&path).unwrap();
-    let notice = run.notice();
+    let notice = run.start_message();
     assert!(
-        notice.contains("goes on after 2 rollouts")
+        notice.contains("continues after 2 rollouts")
             && notice.contains("experiment.json was lost and is written again"),
         "{notice}"
     );
@@ -128,7 +128,10 @@ fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
     let other = crash_after(3, other);
     fs::copy(newest(&other), newest(&folder)).unwrap();
     let error = resume(&folder).err().unwrap();
-    assert!(matches!(error, RunError::Learner(LearnerError::OtherSettings { .. })), "{error}");
+    assert!(
+        matches!(error, RunError::Learner(LearnerError::CheckpointSettingsDiffer { .. })),
+        "{error}"
+    );
     assert!(error.to_string().contains("`seed` 0 and 5"), "{error}");
 }
 
@@ -159,7 +162,7 @@ fn a_checkpoint_with_a_number_that_is_not_finite_is_passed_over_and_the_number_n
         fs::write(&path, &poisoned).unwrap();
         let run = resume(&folder).unwrap();
         let named = format!("`{array}`[0] is NaN");
-        assert!(run.notice().contains(&named), "{}", run.notice());
+        assert!(run.start_message().contains(&named), "{}", run.start_message());
     }
 }
 
@@ -181,7 +184,7 @@ fn a_run_that_was_killed_before_its_first_checkpoint_begins_anew() {
     experiment.checkpoints.every = 100;
     let folder = crash_after(2, Run::start(experiment.clone(), scratch.run("run")).unwrap());
     let run = resume(&folder).unwrap();
-    assert!(run.notice().contains("begun anew"), "{}", run.notice());
+    assert!(run.start_message().contains("started from the beginning"), "{}", run.start_message());
     assert_same(&finish(run), &reference(&experiment));
 }
 

@@ -23,8 +23,8 @@ pub fn full() -> bool {
     std::env::var("COVERS_FAULTS").is_ok_and(|value| value == "full")
 }
 
-/// Two groups, few environments, a checkpoint after every rollout, and nothing asked after the stream
-/// but scores; the paper's method with small pictures.
+/// Two groups, few environments, a checkpoint after every rollout, and nothing asked after the
+/// stream but scores; the paper's method with small pictures.
 ///
 /// COVERS learns from two rollouts of the first group; the third turn hands over to a second policy
 /// and takes three, and two more are left.
@@ -36,7 +36,7 @@ pub fn tiny(method: Method) -> Experiment {
     experiment.schedule.groups[1].decisions = 2 * 80;
     experiment.checkpoints.every = 1;
     experiment.envs.num_envs = 4;
-    experiment.evaluation.looks = 0;
+    experiment.evaluation.recognition_repeats = 0;
     // without an arm: quicker
     experiment.envs.embodiment = Embodiment::HAND;
     if method == Method::Paper
@@ -105,8 +105,8 @@ pub fn expected() -> &'static Bytes {
 pub fn interrupted(scratch: &Scratch) -> PathBuf {
     static FILES: OnceLock<Vec<(PathBuf, Vec<u8>)>> = OnceLock::new();
     let files = FILES.get_or_init(|| {
-        let scratch = Scratch::new("interrupted");
-        let run = Run::start(tiny(Method::Covers), scratch.run("run")).unwrap();
+        let inner = Scratch::new("interrupted");
+        let run = Run::start(tiny(Method::Covers), inner.run("run")).unwrap();
         contents(&crash_after(3, run))
     });
     let folder = scratch.run("run").path().to_owned();

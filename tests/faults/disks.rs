@@ -86,7 +86,7 @@ fn run_until_failure(
     run.summary()?;
     drop(run);
     begin_part();
-    Run::start(tiny(Method::Covers), folder.overwriting()).map(|_| ())
+    Run::start(tiny(Method::Covers), folder.allow_overwriting()).map(|_| ())
 }
 
 /// Runs to the end; after a failure nothing but that it failed can be had of the run.
@@ -97,7 +97,7 @@ fn learn(run: &mut Run) -> Result<(), RunError> {
             Ok(None) => return Ok(()),
             Err(error) => {
                 let again = run.advance().unwrap_err();
-                assert!(matches!(again, RunError::Broken), "{again}");
+                assert!(matches!(again, RunError::FailedEarlier), "{again}");
                 return Err(error);
             }
         }
@@ -189,7 +189,7 @@ fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     assert!(message.contains("No space left"), "{message}");
     assert_eq!(checkpoints(&folder).len(), 1, "what is not whole is removed");
     drop(run);
-    let run = Run::resume(&folder, None).unwrap();
-    assert_eq!(run.stats().rollouts, 1);
-    assert_same(&finish(run), expected());
+    let resumed = Run::resume(&folder, None).unwrap();
+    assert_eq!(resumed.stats().rollouts, 1);
+    assert_same(&finish(resumed), expected());
 }

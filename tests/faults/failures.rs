@@ -8,7 +8,7 @@ use covers::presets::Method;
 use covers::{Experiment, Run, RunError};
 use envs::tasks::DrawerClose;
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
+    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
     TaskRegistry,
 };
 use rand_chacha::ChaCha8Rng;
@@ -59,12 +59,12 @@ impl Task for Faulty {
         self.name
     }
 
-    fn parts(&self) -> Parts<'_> {
+    fn parts(&self) -> TaskParts<'_> {
         DrawerClose.parts()
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-        DrawerClose.place(rng)
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+        DrawerClose.draw_placement(rng)
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
@@ -83,12 +83,12 @@ impl Task for Faulty {
 /// One group of a task that fails after about two and a half rollouts.
 fn run_of(scratch: &Scratch, task: &'static Faulty) -> Run {
     let mut tasks = TaskRegistry::standard();
-    tasks.register(TaskGroup::of(task)).unwrap();
+    tasks.register(TaskGroup::from_task(task)).unwrap();
     let mut experiment = tiny(Method::Covers);
     experiment.schedule.groups.truncate(1);
     experiment.schedule.groups[0].group = task.name.to_owned();
     experiment.schedule.groups[0].decisions = 4 * 80;
-    Run::start_with(experiment, tasks, scratch.run("run")).unwrap()
+    Run::start_with_tasks(experiment, tasks, scratch.run("run")).unwrap()
 }
 
 /// Rewards asked for in a rollout: one a control step, ten a decision, 80 decisions.
@@ -107,7 +107,7 @@ fn a_reward_that_is_not_a_number_is_an_error_and_no_checkpoint_holds_it() {
     };
     assert!(error.to_string().contains("NaN"), "{error}");
     let (folder, learnt) = (run.folder().path().to_owned(), run.stats().rollouts);
-    assert!(matches!(run.save().unwrap_err(), RunError::Broken));
+    assert!(matches!(run.save().unwrap_err(), RunError::FailedEarlier));
     assert_eq!(checkpoints(&folder).len(), learnt, "one after each rollout before");
     let log = std::fs::read_to_string(folder.join("log.txt")).unwrap();
     assert!(log.contains("NaN"), "{log}");
@@ -120,7 +120,7 @@ fn a_panic_in_a_task_is_a_failure_of_its_environment_alone() {
     let mut run = run_of(&scratch, &TASK);
     while run.advance().unwrap().is_some() {}
     assert!(run.is_finished());
-    assert_eq!(run.stats().failures, 1);
+    assert_eq!(run.stats().environment_failures, 1);
 }
 
 /// The first update leaves parameters that are finite, but so large that the second overflows.
@@ -156,7 +156,7 @@ fn a_gradient_that_overflows_is_an_error_and_no_checkpoint_holds_it() {
     // a resumption refuses numbers that are not finite
     for rollouts in (1..=learnt).rev() {
         let resumed = Run::resume(&folder, Some(1)).unwrap();
-        assert_eq!(resumed.stats().rollouts, rollouts, "{}", resumed.notice());
+        assert_eq!(resumed.stats().rollouts, rollouts, "{}", resumed.start_message());
         std::fs::remove_file(newest(&folder)).unwrap();
     }
 }

@@ -95,7 +95,7 @@ fn torment(folder: &Path, config: &str, kills: usize, rng: &mut ChaCha8Rng) -> (
     let (mut killed, mut writes) = (0, 0);
     loop {
         let threads = ["1", "2"][rng.random_range(0..2)];
-        let what = if RunFolder::open(folder).holds_run() {
+        let what = if RunFolder::from_path(folder).holds_run() {
             vec!["resume", path]
         } else {
             vec!["train", "--config", config, "--folder", path]
@@ -166,7 +166,7 @@ fn every_method_survives_kills() {
     for &method in methods {
         let scratch = Scratch::new(method.name());
         let mut experiment = tiny(method);
-        experiment.evaluation.looks = 1;
+        experiment.evaluation.recognition_repeats = 1;
         let expected = reference(&experiment);
         let (killed, _) = survives(&scratch, &experiment, kills, &expected);
         println!("{}: {killed} kills", method.name());

@@ -253,11 +253,11 @@ fn record(scratch: &Scratch) -> (PathBuf, Vec<Operation>) {
 
 /// Goes on in what a cut left.
 fn go_on(folder: &Path) -> Run {
-    if RunFolder::open(folder).holds_run() {
+    if RunFolder::from_path(folder).holds_run() {
         return Run::resume(folder, Some(2)).unwrap();
     }
     fs::create_dir_all(folder).unwrap();
-    Run::start(tiny(Method::Covers), RunFolder::open(folder)).unwrap()
+    Run::start(tiny(Method::Covers), RunFolder::from_path(folder)).unwrap()
 }
 
 fn check(folder: &Path, promised: usize, expected: &Bytes, to_the_end: bool) {
@@ -316,14 +316,14 @@ fn the_model_loses_what_was_not_synced() {
     let scratch = Scratch::new("model");
     let path = |name: &str| Path::new("/run").join(name);
     let mut model = Model::new(&path(""));
-    let apply = |model: &mut Model, operations: &[Operation]| {
-        operations.iter().for_each(|operation| model.apply(operation));
+    let apply = |disk: &mut Model, operations: &[Operation]| {
+        operations.iter().for_each(|operation| disk.apply(operation));
     };
-    let left = |model: &Model, name: &str, bytes: &[u8]| {
-        let cuts = cuts(&scratch, model, name);
+    let left = |disk: &Model, name: &str, bytes: &[u8]| {
+        let cuts = cuts(&scratch, disk, name);
         cuts.iter().filter(|left| left.as_deref() == Some(bytes)).count()
     };
-    let sync = |path: &str| Operation::SyncFolder(PathBuf::from(path));
+    let sync = |folder: &str| Operation::SyncFolder(PathBuf::from(folder));
     let write = |name: &str| Operation::Write(path(name), b"whole".to_vec());
     apply(&mut model, &[write("a.partial"), sync("/run"), sync("/")]);
     // names are there, bytes are not yet

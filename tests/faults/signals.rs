@@ -1,5 +1,5 @@
-//! Signals and closed outputs: they end a run in good order. The second Ctrl-C or SIGTERM ends it at
-//! once.
+//! Signals and closed outputs: they end a run in good order. The second Ctrl-C or SIGTERM ends it
+//! at once.
 
 use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader};
@@ -85,7 +85,7 @@ fn goes_on(scratch: &Scratch, expected: &Bytes) {
     let resumed = Process::start(["resume", folder.to_str().unwrap(), "--threads", "1"]);
     // all that it prints, so that it never waits for a reader
     let lines: Vec<String> = resumed.out.lines().map(Result::unwrap).collect();
-    assert!(lines[0].contains("goes on after"), "{}", lines[0]);
+    assert!(lines[0].contains("continues after"), "{}", lines[0]);
     assert_same(&bytes(&folder), expected);
 }
 
@@ -155,7 +155,7 @@ fn an_output_that_is_closed_ends_the_rollout_and_leaves_a_checkpoint() {
 #[test]
 fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
     let (scratch, experiment) = prepared("evaluation", |experiment| {
-        experiment.evaluation.visit_rounds = 2;
+        experiment.evaluation.visit_episodes_per_env = 2;
         let groups = &mut experiment.schedule.groups;
         groups.iter_mut().for_each(|plan| plan.decisions = 80);
     });
@@ -170,11 +170,11 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
 
 #[test]
 fn a_signal_ends_the_scoring_of_a_finished_run() {
-    let (scratch, experiment) = prepared("scoring", |e| e.evaluation.rounds = 20);
+    let (scratch, experiment) = prepared("scoring", |e| e.evaluation.episodes_per_env = 20);
     finish(Run::start(experiment, scratch.run("run")).unwrap());
     let folder = scratch.0.join("run");
     let resumed = Process::start(["resume", folder.to_str().unwrap()]);
-    let said = stop_after("goes on after", resumed, "INT");
+    let said = stop_after("continues after", resumed, "INT");
     assert!(said.contains("covers resume"), "{said}");
     assert!(!folder.join("summary.json").exists());
 }
@@ -203,6 +203,6 @@ fn a_second_signal_ends_the_process_at_once_and_the_last_checkpoint_is_whole() {
         process.signal(signal);
         assert_eq!(process.end(), Some(code));
         let run = Run::resume(&scratch.0.join("run"), Some(1)).unwrap();
-        assert_eq!(run.stats().rollouts, 1, "{}", run.notice());
+        assert_eq!(run.stats().rollouts, 1, "{}", run.start_message());
     }
 }

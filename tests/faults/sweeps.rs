@@ -6,7 +6,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use covers::sweep::{Job, Plan};
+use covers::sweep::{SweepJob, SweepPlan};
 use covers::{Provenance, RunFolder};
 
 use crate::common::{Scratch, assert_same, bytes, checkpoints, reference};
@@ -34,8 +34,8 @@ impl Sweep {
         Self { _scratch: scratch, plan, runs }
     }
 
-    fn jobs(&self) -> Vec<Job> {
-        Plan::read(&self.plan).unwrap().jobs().unwrap()
+    fn jobs(&self) -> Vec<SweepJob> {
+        SweepPlan::read(&self.plan).unwrap().jobs().unwrap()
     }
 
     fn worker(&self, options: &[&str]) -> Child {
@@ -74,34 +74,34 @@ fn said(output: &Output) -> String {
 fn workers_that_are_killed_leave_jobs_that_others_finish() {
     let sweep = Sweep::new();
     let jobs = sweep.jobs();
-    let [first, second] = [0, 1].map(|job| jobs[job].folder(&sweep.runs));
+    let [first, second] = [0, 1].map(|job| jobs[job].folder_path(&sweep.runs));
     let mut killed = sweep.worker(&[]);
-    wait_until(&mut killed, || RunFolder::open(&first).holds_run());
+    wait_until(&mut killed, || RunFolder::from_path(&first).holds_run());
     let (other, alone) = (sweep.worker(&[]), sweep.worker(&["--job", "0"]));
     // then the other worker has passed over the first job
-    wait_until(&mut killed, || RunFolder::open(&second).holds_run());
+    wait_until(&mut killed, || RunFolder::from_path(&second).holds_run());
     wait_until(&mut killed, || has_checkpoint(&first));
     killed.kill().unwrap();
     assert_eq!(killed.wait().unwrap().code(), None);
-    assert!(!RunFolder::open(&first).is_finished());
+    assert!(!RunFolder::from_path(&first).is_finished());
     for worker in [other, alone] {
         let output = worker.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(0));
         assert!(said(&output).contains("covers-seed1000: done"));
     }
     for job in &jobs {
-        assert_same(&bytes(&job.folder(&sweep.runs)), &reference(&job.experiment));
+        assert_same(&bytes(&job.folder_path(&sweep.runs)), &reference(&job.experiment));
     }
     let writers = Provenance::read(&first).unwrap();
     assert_eq!(writers.len(), 2);
-    assert!(writers[1].rollouts > 0, "begun anew");
+    assert!(writers[1].rollouts_before > 0, "started from the beginning");
 }
 
 #[test]
 fn a_worker_that_was_frozen_while_another_one_finished_changes_nothing() {
     let sweep = Sweep::new();
     let job = &sweep.jobs()[0];
-    let folder = job.folder(&sweep.runs);
+    let folder = job.folder_path(&sweep.runs);
     let mut frozen = sweep.worker(&["--job", "0"]);
     wait_until(&mut frozen, || has_checkpoint(&folder));
     signal(&frozen, "STOP");
@@ -119,7 +119,7 @@ fn a_worker_that_was_frozen_while_another_one_finished_changes_nothing() {
     let done = printed.find("covers-seed1000: done").unwrap();
     assert!(taken_over < done, "{printed}");
     assert_same(&bytes(&folder), &finished);
-    RunFolder::open(&folder).verify_tables().unwrap();
+    RunFolder::from_path(&folder).verify_tables().unwrap();
 }
 
 /// Two machines whose file server does not share locks: the later worker finishes the run, and the
@@ -128,7 +128,7 @@ fn a_worker_that_was_frozen_while_another_one_finished_changes_nothing() {
 fn of_two_live_workers_without_shared_locks_one_finishes_the_run() {
     let sweep = Sweep::new();
     let job = &sweep.jobs()[0];
-    let folder = job.folder(&sweep.runs);
+    let folder = job.folder_path(&sweep.runs);
     let mut first = sweep.worker(&["--job", "0"]);
     wait_until(&mut first, || has_checkpoint(&folder));
     fs::remove_file(folder.join("lock")).unwrap();
@@ -144,7 +144,7 @@ fn of_two_live_workers_without_shared_locks_one_finishes_the_run() {
 #[test]
 fn a_job_whose_tables_changed_after_its_end_is_not_done() {
     let sweep = Sweep::new();
-    let folder = sweep.jobs()[0].folder(&sweep.runs);
+    let folder = sweep.jobs()[0].folder_path(&sweep.runs);
     let work = || said(&sweep.worker(&["--job", "0"]).wait_with_output().unwrap());
     work();
     let finished = bytes(&folder);
@@ -154,18 +154,18 @@ fn a_job_whose_tables_changed_after_its_end_is_not_done() {
     let printed = work();
     assert!(printed.contains("restoring the tables"), "{printed}");
     assert_same(&bytes(&folder), &finished);
-    let printed = work();
-    assert_eq!(printed, "covers-seed1000: done\n");
+    let again = work();
+    assert_eq!(again, "covers-seed1000: done\n");
 }
 
 #[test]
 fn a_worker_whose_output_is_closed_leaves_a_checkpoint() {
     let sweep = Sweep::new();
-    let folder = sweep.jobs()[0].folder(&sweep.runs);
+    let folder = sweep.jobs()[0].folder_path(&sweep.runs);
     let mut worker = sweep.worker(&["--job", "0"]);
     drop(worker.stdout.take());
     assert_eq!(worker.wait().unwrap().code(), Some(3));
-    assert!(!RunFolder::open(&folder).is_finished());
+    assert!(!RunFolder::from_path(&folder).is_finished());
     assert!(has_checkpoint(&folder));
 }
 
@@ -179,9 +179,9 @@ fn signal(process: &Child, name: &str) {
 fn runs_of_other_settings_are_left_alone() {
     let sweep = Sweep::new();
     for job in sweep.jobs() {
-        let folder = job.folder(&sweep.runs);
+        let folder = job.folder_path(&sweep.runs);
         fs::create_dir_all(&folder).unwrap();
-        let folder = RunFolder::open(&folder);
+        let folder = RunFolder::from_path(&folder);
         let other = job.experiment.with_seed(9);
         folder.write_experiment(&other).unwrap();
     }
@@ -189,7 +189,7 @@ fn runs_of_other_settings_are_left_alone() {
     assert_eq!(output.status.code(), Some(1));
     assert_eq!(said(&output).matches("other settings").count(), 2);
     for job in sweep.jobs() {
-        let files = fs::read_dir(job.folder(&sweep.runs)).unwrap();
+        let files = fs::read_dir(job.folder_path(&sweep.runs)).unwrap();
         assert_eq!(files.count(), 1);
     }
 }

@@ -20,7 +20,7 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
     let refusals = [
         Run::resume(folder.path(), None).err(),
         Run::start(tiny(Method::Covers), folder.clone()).err(),
-        Run::start(tiny(Method::Covers), folder.clone().overwriting()).err(),
+        Run::start(tiny(Method::Covers), folder.clone().allow_overwriting()).err(),
     ];
     for error in refusals.map(Option::unwrap) {
         let message = error.to_string();
@@ -30,8 +30,8 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
         assert!(message.contains(&process) && message.contains(path), "{message}");
     }
     drop(run);
-    let mut run = Run::resume(folder.path(), None).unwrap();
-    assert!(run.advance().unwrap().is_some(), "the first writer is gone");
+    let mut second = Run::resume(folder.path(), None).unwrap();
+    assert!(second.advance().unwrap().is_some(), "the first writer is gone");
 }
 
 /// All files of a run, byte for byte.
@@ -77,8 +77,8 @@ fn a_folder_of_a_run_that_ended_serves_the_next_one() {
     let (run, _) = begun(&scratch);
     let folder = run.folder().clone();
     drop(run);
-    let run = Run::start(tiny(Method::Covers), folder.overwriting()).unwrap();
-    assert_same(&finish(run), expected());
+    let fresh = Run::start(tiny(Method::Covers), folder.allow_overwriting()).unwrap();
+    assert_same(&finish(fresh), expected());
 }
 
 #[test]
@@ -127,8 +127,8 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
         }
     }
     assert_same(&bytes(folder.path()), expected());
-    // without a checkpoint there is nothing to restore from, and nothing is begun anew
-    fs::remove_dir_all(folder.checkpoints()).unwrap();
+    // without a checkpoint there is nothing to restore from, and nothing starts again
+    fs::remove_dir_all(folder.checkpoint_folder()).unwrap();
     let metrics = fs::read(folder.path().join("metrics.csv")).unwrap();
     let message = Run::resume(folder.path(), Some(1)).err().unwrap().to_string();
     assert!(message.contains("its checkpoints were removed"), "{message}");
@@ -142,14 +142,14 @@ fn a_finished_run_is_overwritten_only_when_told() {
     let folder = scratch.run("run");
     let expected = finish(Run::start(experiment.clone(), folder.clone()).unwrap());
     let error = Run::start(experiment.clone(), folder.clone()).err().unwrap();
-    assert!(matches!(error, RunError::Occupied { .. }), "{error}");
+    assert!(matches!(error, RunError::FolderHoldsRun { .. }), "{error}");
     assert!(error.to_string().contains("covers resume"), "{error}");
     // what has ended stays as it is
     let lines = Provenance::read(folder.path()).unwrap().len();
     assert_same(&finish(Run::resume(folder.path(), None).unwrap()), &expected);
     assert_eq!(Provenance::read(folder.path()).unwrap().len(), lines);
     fs::write(folder.path().join("notes.txt"), "mine").unwrap();
-    let folder = folder.overwriting();
+    let folder = folder.allow_overwriting();
     let other = finish(Run::start(experiment.with_seed(9), folder.clone()).unwrap());
     assert!(other[Path::new("metrics.csv")] != expected[Path::new("metrics.csv")]);
     let notes = fs::read_to_string(folder.path().join("notes.txt")).unwrap();
@@ -182,10 +182,10 @@ fn rows_that_are_lost_while_no_process_runs_come_back_from_the_checkpoint() {
     let written = finish(Run::resume(&folder, Some(1)).unwrap());
     assert_same(&written, expected());
     // no checkpoint holds what depends on clocks and processes: these files begin anew
-    let metrics = &written[Path::new("metrics.csv")];
-    assert_eq!(rollouts(&timings(&folder)), rollouts(metrics)[3..]);
+    let rewritten = &written[Path::new("metrics.csv")];
+    assert_eq!(rollouts(&timings(&folder)), rollouts(rewritten)[3..]);
     let log = fs::read_to_string(folder.join("log.txt")).unwrap();
-    assert!(log.contains("goes on after 3 rollouts"), "{log}");
+    assert!(log.contains("continues after 3 rollouts"), "{log}");
 }
 
 fn timings(folder: &Path) -> Vec<u8> {
@@ -207,12 +207,12 @@ fn provenance_says_who_worked_on_a_run() {
     let [first, second] = &Provenance::read(&folder).unwrap()[..] else {
         panic!("two processes worked on the run");
     };
-    assert_eq!((first.rollouts, second.rollouts), (0, 2));
+    assert_eq!((first.rollouts_before, second.rollouts_before), (0, 2));
     assert_eq!((first.threads, second.threads), (2, 1));
-    assert_eq!(first.mujoco, "2.2.2");
+    assert_eq!(first.mujoco_version, "2.2.2");
     assert!(first.renderer.contains("OpenGL"), "{}", first.renderer);
-    assert!(!first.command.is_empty() && first.version == env!("CARGO_PKG_VERSION"));
-    assert_eq!(first.commit.is_some(), first.clean.is_some());
+    assert!(!first.command.is_empty() && first.covers_version == env!("CARGO_PKG_VERSION"));
+    assert_eq!(first.commit.is_some(), first.clean_checkout.is_some());
 }
 
 /// Seconds are differences of a clock that never goes back (`Instant`), so a machine's clock that

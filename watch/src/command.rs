@@ -10,8 +10,8 @@ use clap::Args;
 use serde_json::Value;
 
 use crate::WatchError;
-use experiments::cli::say;
-use experiments::{RunError, RunFolder, SUMMARY};
+use experiments::cli::print_escaped;
+use experiments::{RunError, RunFolder, SUMMARY_FILE};
 
 use super::events::{EventFeed, RunEvent};
 use super::snapshot::RunSnapshot;
@@ -28,7 +28,8 @@ const EARLY_FILES: [&str; 2] = ["lock", "metrics.csv"];
     covers watch runs/covers-seed0 --json | jq .reward")]
 pub struct WatchOptions {
     /// Folder of the run.
-    pub run: PathBuf,
+    #[arg(value_name = "RUN")]
+    pub run_folder: PathBuf,
     /// Print a JSON object a line, one for each rollout and evaluation, and one for the end.
     #[arg(long)]
     pub json: bool,
@@ -45,34 +46,35 @@ impl WatchOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<u8, WatchError> {
         #[cfg(feature = "tui")]
         if !self.json && std::io::IsTerminal::is_terminal(&std::io::stdout()) {
-            return Ok(super::screen::watch(self.open()?)?);
+            return Ok(super::screen::watch_run(self.open()?)?);
         }
-        self.print(out).map(|()| 0)
+        self.print_events(out).map(|()| 0)
     }
 
     fn open(&self) -> Result<RunSnapshot, WatchError> {
-        let folder = RunFolder::open(&self.run);
-        if !folder.holds_run() {
-            let folder = self.run.clone();
+        let opened = RunFolder::from_path(&self.run_folder);
+        if !opened.holds_run() {
+            let folder = self.run_folder.clone();
             return Err(RunError::NoRun { folder }.into());
         }
         // a run that has just begun has no tables yet
-        if !EARLY_FILES.iter().any(|name| folder.file(name).exists()) {
-            let folder = self.run.clone();
+        if !EARLY_FILES.iter().any(|name| opened.file_path(name).exists()) {
+            let folder = self.run_folder.clone();
             return Err(WatchError::NoTables { folder });
         }
-        Ok(RunSnapshot::open(&self.run)?)
+        Ok(RunSnapshot::open(&self.run_folder)?)
     }
 
     /// Prints a line for each rollout and evaluation to `out` until the run is finished.
     ///
     /// # Errors
     /// As [`WatchOptions::run`].
-    pub fn print(&self, out: &mut impl Write) -> Result<(), WatchError> {
+    pub fn print_events(&self, out: &mut impl Write) -> Result<(), WatchError> {
         let mut snapshot = self.open()?;
         let mut feed = EventFeed::default();
-        let mut print =
-            |event: &RunEvent<'_>| say(out, &if self.json { event.json() } else { event.line() });
+        let mut print = |event: &RunEvent<'_>| {
+            print_escaped(out, &if self.json { event.json_line() } else { event.text_line() })
+        };
         loop {
             feed.new_events(&snapshot.run).iter().try_for_each(&mut print)?;
             if snapshot.finished {
@@ -87,7 +89,7 @@ impl WatchOptions {
 }
 
 fn summary(folder: &RunFolder) -> Result<Value, RunError> {
-    let path = folder.file(SUMMARY);
-    let text = fs::read(&path).map_err(|error| RunError::read(&path, error))?;
-    serde_json::from_slice(&text).map_err(|error| RunError::read(&path, error))
+    let path = folder.file_path(SUMMARY_FILE);
+    let text = fs::read(&path).map_err(|error| RunError::cannot_read(&path, error))?;
+    serde_json::from_slice(&text).map_err(|error| RunError::cannot_read(&path, error))
 }

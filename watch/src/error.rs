@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use experiments::RunError;
 
-/// Error while a run is followed.
+/// Error while the progress of a run is followed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WatchError {
-    /// Error of the run's folder or of the terminal.
+    /// Failure to read the run's folder or to use the terminal.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// Folder with policies but without tables.
+    /// Folder that holds policies but none of the tables of a run.
     #[error(
         "{} has no tables to watch: `covers pack` keeps only policies. Watch the run's own folder",
         folder.display()

@@ -5,11 +5,11 @@ use serde_json::Value;
 use symmetry::D2;
 
 use experiments::evaluation::mean;
-use experiments::text::{RolloutLine, number};
+use experiments::text::{RolloutLine, format_number};
 use experiments::{RolloutRow, RunData, ScoreRow};
 use itertools::Itertools;
 
-use super::progress::Progress;
+use super::progress::StreamProgress;
 
 /// Position of an event in a run: the number of rollouts before its end, then 0 for a rollout and 1
 /// for an evaluation, which comes after the rollout.
@@ -28,7 +28,7 @@ pub(super) enum RunEvent<'a> {
         /// Thresholds of the rollout's distances, one for each policy.
         thresholds: Vec<Option<f64>>,
         #[serde(flatten)]
-        progress: Progress,
+        progress: StreamProgress,
     },
     /// Evaluation of all variants.
     Evaluation { rollouts: usize, decisions: usize, scores: Vec<&'a ScoreRow> },
@@ -38,14 +38,14 @@ pub(super) enum RunEvent<'a> {
 
 impl RunEvent<'_> {
     /// Returns a line of text; for a rollout, the line that `covers train` prints.
-    pub fn line(&self) -> String {
+    pub fn text_line(&self) -> String {
         match self {
             Self::Rollout { row, .. } => rollout(row).to_string(),
             Self::Evaluation { decisions, scores, .. } => {
                 format!("{decisions:>7}  evaluation    {}", successes(scores))
             }
             Self::Finished { summary } => {
-                let figure = |name: &str| number(summary[name].as_f64(), 3);
+                let figure = |name: &str| format_number(summary[name].as_f64(), 3);
                 format!(
                     "finished: {} policies, assignment accuracy {} ({} when groups come back)",
                     summary["policies"],
@@ -57,22 +57,22 @@ impl RunEvent<'_> {
     }
 
     /// Returns a line of JSON.
-    pub fn json(&self) -> String {
+    pub fn json_line(&self) -> String {
         serde_json::json!(self).to_string()
     }
 }
 
 fn rollout(row: &RolloutRow) -> RolloutLine<'_> {
-    let scores = row.scores.iter().copied().chain(std::iter::repeat(None));
+    let scores = row.permutation_z_scores.iter().copied().chain(std::iter::repeat(None));
     RolloutLine {
         decisions: row.decisions,
         group: &row.group,
         policy: row.policy,
-        created: row.created,
-        second_look: row.looks.is_some_and(|looks| looks > 1.0),
+        policy_created: row.created_policy,
+        needed_second_rollout: row.compared_rollouts.is_some_and(|looks| looks > 1.0),
         reward: row.reward,
         success: row.success,
-        evidence: row.distances.iter().copied().zip(scores).collect(),
+        distances_and_z_scores: row.distances.iter().copied().zip(scores).collect(),
     }
 }
 
@@ -84,7 +84,7 @@ fn successes(scores: &[&ScoreRow]) -> String {
         let success = |group: &str| {
             let rows = scores.iter().filter(|row| row.group == group);
             let figures: Option<Vec<f64>> = rows.map(|row| figure(row)).collect();
-            format!("{group} {}", number(figures.map(|own| mean(&own)), 2))
+            format!("{group} {}", format_number(figures.map(|own| mean(&own)), 2))
         };
         let successes: Vec<String> = groups.into_iter().map(success).collect();
         format!("[{}]", successes.join(", "))
@@ -129,25 +129,25 @@ impl EventFeed {
 
 /// Returns all events of a run: the rollouts, then the evaluations.
 fn events(run: &RunData) -> Vec<(Moment, RunEvent<'_>)> {
-    let rollouts = run.rollouts.iter().enumerate().map(|(rollout, row)| {
+    let rollout_events = run.rollouts.iter().enumerate().map(|(rollout, row)| {
         let event = RunEvent::Rollout {
             rollout,
             row,
             thresholds: run.thresholds(row),
-            progress: Progress::after(run, rollout + 1),
+            progress: StreamProgress::after_rollouts(run, rollout + 1),
         };
         ((rollout + 1, 0), event)
     });
     // skip an evaluation that is still being written: it has fewer rows than there are variants
     let variants = run.experiment.schedule.groups.len() * D2::ALL.len();
-    let evaluations = run.evaluated().filter_map(|rollouts| {
-        let scores: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
+    let evaluations = run.evaluation_rollouts().filter_map(|rollouts| {
+        let scores: Vec<&ScoreRow> = run.scores_after(Some(rollouts)).collect();
         let decisions = scores.first()?.decisions;
         let whole = scores.len() >= variants;
         let event = RunEvent::Evaluation { rollouts, decisions, scores };
         whole.then_some(((rollouts, 1), event))
     });
-    rollouts.chain(evaluations).collect()
+    rollout_events.chain(evaluations).collect()
 }
 
 #[cfg(test)]
@@ -163,10 +163,10 @@ mod tests {
             .map(|turn| RolloutRow {
                 decisions: 500 * turn,
                 group: "goal-reach".to_owned(),
-                created: turn == 1,
-                looks: Some(2.0),
+                created_policy: turn == 1,
+                compared_rollouts: Some(2.0),
                 distances: vec![Some(0.5), None],
-                scores: vec![Some(2.0)],
+                permutation_z_scores: vec![Some(2.0)],
                 reward: Some(f64::NAN),
                 ..RolloutRow::default()
             })
@@ -192,7 +192,7 @@ mod tests {
                 decisions: 500 * rollouts,
                 group: "goal-reach".to_owned(),
                 element: element.to_string(),
-                seen: true,
+                seen_in_training: true,
                 episodes: 5,
                 success: 0.5,
                 success_at_end: 0.5,
@@ -204,7 +204,7 @@ mod tests {
 
     fn moments(feed: &mut EventFeed, run: &RunData) -> Vec<String> {
         let events = feed.new_events(run);
-        events.iter().map(|event| event.line()[..19].trim().to_owned()).collect()
+        events.iter().map(|event| event.text_line()[..19].trim().to_owned()).collect()
     }
 
     #[test]
@@ -242,24 +242,24 @@ mod tests {
             row.own_policy = Some(0);
             row.own_success = Some(if variant == 2 { 0.9 } else { row.success });
         }
-        let line = EventFeed::default().new_events(&run)[1].line();
+        let line = EventFeed::default().new_events(&run)[1].text_line();
         let expected = "success [goal-reach 0.50], 1 of 4 variants by another policy than the \
             group's own, own policies [goal-reach 0.60]";
         assert!(line.ends_with(expected), "{line}");
         run.scores[2].policy = Some(0);
-        let line = EventFeed::default().new_events(&run)[1].line();
-        assert!(line.ends_with("success [goal-reach 0.50]"), "{line}");
+        let own_line = EventFeed::default().new_events(&run)[1].text_line();
+        assert!(own_line.ends_with("success [goal-reach 0.50]"), "{own_line}");
     }
 
     #[test]
     fn what_is_no_number_is_a_dash_and_no_value() {
         let run = run(2);
         let events = EventFeed::default().new_events(&run);
-        let line = events[1].line();
+        let line = events[1].text_line();
         assert!(line.contains("policy 0 2nd  reward     -"), "{line}");
         assert!(line.ends_with("W1 [0.50 (z 2.0), -]"), "{line}");
-        assert!(events[0].line().contains("policy 0 new"));
-        let json: Value = serde_json::from_str(&events[1].json()).unwrap();
+        assert!(events[0].text_line().contains("policy 0 new"));
+        let json: Value = serde_json::from_str(&events[1].json_line()).unwrap();
         assert_eq!((&json["event"], &json["rollout"]), (&"rollout".into(), &1.into()));
         assert_eq!(json["reward"], Value::Null);
         assert_eq!(json["distances"][0], 0.5);
@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn the_end_has_figures() {
         let summary = serde_json::json!({"policies": 4, "assignment_accuracy": 1.0});
-        let line = RunEvent::Finished { summary }.line();
+        let line = RunEvent::Finished { summary }.text_line();
         let expected = "finished: 4 policies, assignment accuracy 1.000 (- when groups come back)";
         assert_eq!(line, expected);
     }

@@ -9,8 +9,8 @@ mod terminal;
 #[cfg(test)]
 mod tests;
 
-use super::progress::Progress;
+use super::progress::StreamProgress;
 use super::snapshot::RunSnapshot;
 
-pub use session::train;
-pub(crate) use session::watch;
+pub use session::train_with_screen;
+pub(crate) use session::watch_run;

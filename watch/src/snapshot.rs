@@ -6,10 +6,10 @@ use std::path::Path;
 use std::time::Duration;
 use std::time::SystemTime;
 
-use experiments::{RunData, RunError, RunFolder, SUMMARY};
+use experiments::{RunData, RunError, RunFolder, SUMMARY_FILE};
 
 /// Files whose changes are noticed.
-const FILES: [&str; 4] = ["metrics.csv", "timings.csv", "evaluation.csv", SUMMARY];
+const FILES: [&str; 4] = ["metrics.csv", "timings.csv", "evaluation.csv", SUMMARY_FILE];
 
 /// Length and modification time of a file; `None` if it does not exist.
 type Stamp = Option<(u64, SystemTime)>;
@@ -29,7 +29,7 @@ impl RunSnapshot {
     /// # Errors
     /// As [`RunData::read_partial`].
     pub fn open(path: &Path) -> Result<Self, RunError> {
-        let folder = RunFolder::open(path);
+        let folder = RunFolder::from_path(path);
         // before the tables are read, so that later changes are noticed by `refresh`
         let (stamps, finished) = (stamps(&folder), folder.is_finished());
         Ok(Self { run: RunData::read_partial(path)?, finished, stamps, folder })
@@ -49,7 +49,7 @@ impl RunSnapshot {
 
     /// Returns the time since the latest change; `None` if there are no files yet.
     #[cfg(feature = "tui")]
-    pub fn silence(&self) -> Option<Duration> {
+    pub fn time_since_change(&self) -> Option<Duration> {
         let newest = self.stamps.iter().flatten().map(|stamp| stamp.1).max()?;
         // a clock may have been set back
         Some(newest.elapsed().unwrap_or(Duration::ZERO))
@@ -58,7 +58,7 @@ impl RunSnapshot {
 
 fn stamps(folder: &RunFolder) -> [Stamp; FILES.len()] {
     FILES.map(|name| {
-        let file = fs::metadata(folder.file(name)).ok()?;
+        let file = fs::metadata(folder.file_path(name)).ok()?;
         Some((file.len(), file.modified().ok()?))
     })
 }

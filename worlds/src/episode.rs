@@ -4,8 +4,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
-use crate::group::Group;
-use crate::picture::{Picture, SIDE};
+use crate::group::TaskGroup;
+use crate::picture::{PICTURE_SIZE, Picture};
 use crate::world::Scene;
 
 /// Largest absolute coordinate of the hand, in units of half the picture's side.
@@ -18,8 +18,8 @@ const NEAR: f32 = 0.06;
 /// State of one environment: hand, object and camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Episode {
-    group: Group,
-    noise: f32,
+    group: TaskGroup,
+    noise_amplitude: f32,
     variant: D2,
     hand: [f32; 2],
     object: [f32; 2],
@@ -33,21 +33,21 @@ impl Episode {
     /// Places an object of `group` as it looks after `rounds` rounds of the stream.
     pub fn begin(
         scene: &Scene,
-        group: &Group,
+        group: &TaskGroup,
         rounds: usize,
         variant: Option<D2>,
         mut rng: ChaCha8Rng,
     ) -> Self {
         // drawn even if the caller chose a variant, so that the rest of the episode stays the same
         let drawn = D2::from_bits(rng.random_range(0..4));
-        let [from, to] = scene.places;
+        let [from, to] = scene.object_range;
         let object = [0; 2].map(|_| rng.random_range(from..=to));
-        let still = Picture::still(scene, &group.look_after(rounds), object, &mut rng);
+        let still = Picture::without_hand(scene, &group.appearance_after(rounds), object, &mut rng);
         let hand = [0.0; 2];
-        let first = still.with_hand(hand).taken(scene.noise, &mut rng);
+        let first = still.with_hand(hand).with_camera_noise(scene.noise_amplitude, &mut rng);
         Self {
             group: *group,
-            noise: scene.noise,
+            noise_amplitude: scene.noise_amplitude,
             variant: variant.unwrap_or(drawn),
             hand,
             object,
@@ -62,19 +62,21 @@ impl Episode {
     /// whether the step counts as success.
     pub fn step(&mut self, action: [f32; 2]) -> (f32, bool) {
         let action = mirrored(self.variant, action).map(|a| a.clamp(-1.0, 1.0));
-        let motion = self.group.motion.forward(action);
-        for (hand, motion) in self.hand.iter_mut().zip(motion) {
-            *hand = (*hand + motion).clamp(-REACH, REACH);
+        let motion = self.group.dynamics.displacement(action);
+        for (hand, shift) in self.hand.iter_mut().zip(motion) {
+            *hand = (*hand + shift).clamp(-REACH, REACH);
         }
-        self.now = self.still.with_hand(self.hand).taken(self.noise, &mut self.rng);
+        self.now =
+            self.still.with_hand(self.hand).with_camera_noise(self.noise_amplitude, &mut self.rng);
         let place = self.place();
-        let pay = &self.group.pay;
-        (pay.at(place), pay.distance(place) <= NEAR)
+        let pay = &self.group.reward;
+        (pay.reward_at(place), pay.distance(place) <= NEAR)
     }
 
     /// Returns the action of an expert that takes this for a task of `group`, in the variant shown.
-    pub fn expert(&self, group: &Group) -> [f32; 2] {
-        let action = group.motion.inverse(group.pay.way(self.place()));
+    pub fn expert_action(&self, group: &TaskGroup) -> [f32; 2] {
+        let action =
+            group.dynamics.action_for_displacement(group.reward.vector_to_nearest(self.place()));
         // actions are scaled as a whole, since clipping each component would change the direction
         let most = action[0].abs().max(action[1].abs()).max(1.0);
         mirrored(self.variant, action.map(|a| a / most))
@@ -84,8 +86,13 @@ impl Episode {
     pub fn show(&self, image: &mut [u8], vector: &mut [f32]) {
         for (at, pixel) in image.chunks_exact_mut(6).enumerate() {
             // every variant is its own inverse, so the source is where the pixel goes
-            let (row, col) = self.variant.apply_pixel(at / SIDE, at % SIDE, SIDE, SIDE);
-            let from = 3 * (row * SIDE + col);
+            let (row, col) = self.variant.apply_pixel(
+                at / PICTURE_SIZE,
+                at % PICTURE_SIZE,
+                PICTURE_SIZE,
+                PICTURE_SIZE,
+            );
+            let from = 3 * (row * PICTURE_SIZE + col);
             pixel[..3].copy_from_slice(&self.now[from..from + 3]);
             pixel[3..].copy_from_slice(&self.first[from..from + 3]);
         }

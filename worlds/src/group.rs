@@ -1,48 +1,50 @@
 //! Properties that all tasks of one group share.
 
-use crate::look::Look;
+use crate::look::Appearance;
 
-/// Group of tasks: all variants of D2 and all placements of one object.
+/// Task group of a world: all variants of D2 and all placements of one object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Group {
-    /// Appearance of the object at the beginning of the stream.
-    pub look: Look,
-    /// Reward function.
-    pub pay: Pay,
-    /// Dynamics of the hand.
-    pub motion: Motion,
+pub struct TaskGroup {
+    /// Appearance of the group's object at the beginning of the stream.
+    pub appearance: Appearance,
+    /// Reward function of the group.
+    pub reward: RewardFunction,
+    /// Dynamics of the hand in the group.
+    pub dynamics: HandDynamics,
     /// Signed amplitude of each colour's drift, a sine with a period of 1000 rounds, in units of a
-    /// byte; zero
-    /// without drift.
-    pub drift: [f32; 3],
+    /// byte; zero without drift.
+    pub colour_drift: [f32; 3],
 }
 
 /// Reward of a step: `exp(-10 d)`, where d is the distance of the hand from a circle around a
 /// target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pay {
+pub struct RewardFunction {
     /// Vector from the object to the target, in units of half the picture's side.
     pub offset: [f32; 2],
-    /// Radius of the circle; with zero the target itself has the full reward.
+    /// Radius of the circle of full reward, in units of half the picture's side; with zero the
+    /// target itself has the full reward.
     pub radius: f32,
 }
 
 /// Decay rate of the reward with distance, per half of the picture's side.
 const DECAY: f32 = 10.0;
 
-impl Pay {
-    /// Returns the reward, in (0, 1], for a hand at this position relative to the object.
-    pub fn at(&self, [x, y]: [f32; 2]) -> f32 {
+impl RewardFunction {
+    /// Returns the reward, in (0, 1], for a hand at a position relative to the object, in units of
+    /// half the picture's side.
+    pub fn reward_at(&self, [x, y]: [f32; 2]) -> f32 {
         (-DECAY * self.distance([x, y])).exp()
     }
 
-    /// Returns the distance of such a hand from full reward.
+    /// Returns the distance of a hand from the nearest position of full reward, in units of half
+    /// the picture's side.
     pub fn distance(&self, [x, y]: [f32; 2]) -> f32 {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }
 
     /// Returns the vector to the nearest position of full reward.
-    pub(crate) fn way(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+    pub(crate) fn vector_to_nearest(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (dx, dy) = (self.offset[0] - x, self.offset[1] - y);
         // no division by zero for a hand at the target
         let distance = dx.hypot(dy).max(1e-6);
@@ -53,23 +55,23 @@ impl Pay {
 
 /// Dynamics of the hand: the displacement that an action in `[-1, 1]^2` causes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct HandDynamics {
     /// Displacement at full action, in units of half the picture's side; reversed if negative.
     pub gain: f32,
-    /// Angle from action to displacement, in radians.
-    pub turn: f32,
+    /// Angle from an action's direction to that of the displacement, in radians.
+    pub rotation_rad: f32,
 }
 
-impl Motion {
+impl HandDynamics {
     /// Returns the hand's displacement under an action.
-    pub(crate) fn forward(&self, [x, y]: [f32; 2]) -> [f32; 2] {
-        let (sin, cos) = self.turn.sin_cos();
+    pub(crate) fn displacement(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let (sin, cos) = self.rotation_rad.sin_cos();
         [self.gain * (cos * x - sin * y), self.gain * (sin * x + cos * y)]
     }
 
     /// Returns the action that causes this displacement.
-    pub(crate) fn inverse(&self, [x, y]: [f32; 2]) -> [f32; 2] {
-        let (sin, cos) = self.turn.sin_cos();
+    pub(crate) fn action_for_displacement(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let (sin, cos) = self.rotation_rad.sin_cos();
         [(cos * x + sin * y) / self.gain, (cos * y - sin * x) / self.gain]
     }
 }
@@ -77,12 +79,12 @@ impl Motion {
 /// Period of the drift of colours, in rounds.
 const PERIOD: f32 = 1000.0;
 
-impl Group {
+impl TaskGroup {
     /// Returns the appearance of the object after `rounds` rounds of the stream.
-    pub(crate) fn look_after(&self, rounds: usize) -> Look {
+    pub(crate) fn appearance_after(&self, rounds: usize) -> Appearance {
         let share = (std::f32::consts::TAU * rounds as f32 / PERIOD).sin();
-        let mut look = self.look;
-        for (colour, drift) in look.colour.iter_mut().zip(self.drift) {
+        let mut look = self.appearance;
+        for (colour, drift) in look.colour.iter_mut().zip(self.colour_drift) {
             *colour += share * drift;
         }
         look

@@ -4,12 +4,12 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use crate::group::{Group, Motion, Pay};
-use crate::look::{Look, Shape, Texture};
+use crate::group::{HandDynamics, RewardFunction, TaskGroup};
+use crate::look::{Appearance, Shape, Texture};
 
-/// Properties in which the groups of a world differ.
+/// Kind of a world: the properties in which its task groups differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Kind {
+pub enum WorldKind {
     /// Colour, shape, size, texture and number of copies; positions of targets differ as well.
     Appearance,
     /// Shape, with one colour and size; positions of targets differ as well.
@@ -18,15 +18,15 @@ pub enum Kind {
     Target,
     /// Reward around a common target: the radius of the circle of full reward.
     Reward,
-    /// Dynamics of the hand.
+    /// Dynamics of the hand: the displacement that an action causes.
     Dynamics,
     /// No property: one group under several indices.
     Identical,
-    /// Properties of [`Kind::Appearance`], with colours that drift slowly.
+    /// As [`WorldKind::Appearance`], with colours that change a little from rollout to rollout.
     Drift,
 }
 
-impl Kind {
+impl WorldKind {
     /// All kinds of worlds.
     pub const ALL: [Self; 7] = [
         Self::Appearance,
@@ -38,7 +38,7 @@ impl Kind {
         Self::Drift,
     ];
 
-    /// Returns the name in tables.
+    /// Returns the kind's name in tables, for instance `appearance`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Appearance => "appearance",
@@ -51,8 +51,8 @@ impl Kind {
         }
     }
 
-    /// Returns the default number of groups, which is drawn for most kinds.
-    pub(crate) fn number(self, rng: &mut ChaCha8Rng) -> usize {
+    /// Draws the default number of groups, which is fixed for some kinds.
+    pub(crate) fn draw_num_groups(self, rng: &mut ChaCha8Rng) -> usize {
         match self {
             Self::Appearance | Self::Shape => 8,
             Self::Target | Self::Drift => rng.random_range(2..=6),
@@ -63,7 +63,7 @@ impl Kind {
     }
 
     /// Returns the largest number of groups.
-    pub(crate) const fn most(self) -> usize {
+    pub(crate) const fn max_num_groups(self) -> usize {
         match self {
             Self::Appearance | Self::Identical | Self::Drift => 16,
             // sizes of the lists that groups are drawn from without repetition
@@ -74,18 +74,18 @@ impl Kind {
     }
 
     /// Draws `number` groups.
-    pub(crate) fn groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
+    pub(crate) fn draw_groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
         let groups = match self {
             Self::Appearance => appearance(number, rng),
             Self::Shape => shapes(number, rng),
-            Self::Target => vary(number, rng, &targets(), |group, &pay| group.pay = pay),
-            Self::Reward => vary(number, rng, &rings(), |group, &pay| group.pay = pay),
-            Self::Dynamics => vary(number, rng, &MOTIONS, |group, &m| group.motion = m),
+            Self::Target => vary(number, rng, &targets(), |group, &pay| group.reward = pay),
+            Self::Reward => vary(number, rng, &rings(), |group, &pay| group.reward = pay),
+            Self::Dynamics => vary(number, rng, &HAND_DYNAMICS, |group, &m| group.dynamics = m),
             Self::Identical => vec![group(look(rng), rng); number],
             Self::Drift => appearance(number, rng),
         };
-        let stray = |group: Group, rng: &mut ChaCha8Rng| Group {
-            drift: [0; 3].map(|_| rng.random_range(-STRAY..STRAY)),
+        let stray = |group: TaskGroup, draws: &mut ChaCha8Rng| TaskGroup {
+            colour_drift: [0; 3].map(|_| draws.random_range(-STRAY..STRAY)),
             ..group
         };
         match self {
@@ -113,58 +113,60 @@ const COLOURS: [[f32; 3]; 8] = [
 /// Sizes of objects, as half of their extent, in units of half the picture's side.
 const SIZES: [f32; 2] = [0.12, 0.18];
 
-/// Dynamics of all kinds but [`Kind::Dynamics`].
-const ORDINARY: Motion = Motion { gain: 0.08, turn: 0.0 };
+/// Dynamics of all kinds but [`WorldKind::Dynamics`].
+const ORDINARY: HandDynamics = HandDynamics { gain: 0.08, rotation_rad: 0.0 };
 
-/// Dynamics of [`Kind::Dynamics`]: ordinary, half the speed, reversed, and turned to either side.
-const MOTIONS: [Motion; 5] = [
+/// Dynamics of [`WorldKind::Dynamics`]: ordinary, half the speed, reversed, and turned to either
+/// side.
+const HAND_DYNAMICS: [HandDynamics; 5] = [
     ORDINARY,
-    Motion { gain: 0.04, ..ORDINARY },
-    Motion { gain: -0.08, ..ORDINARY },
+    HandDynamics { gain: 0.04, ..ORDINARY },
+    HandDynamics { gain: -0.08, ..ORDINARY },
     // about a right angle: an expert of the ordinary group makes no progress
-    Motion { turn: 1.6, ..ORDINARY },
-    Motion { turn: -1.6, ..ORDINARY },
+    HandDynamics { rotation_rad: 1.6, ..ORDINARY },
+    HandDynamics { rotation_rad: -1.6, ..ORDINARY },
 ];
 
-fn look(rng: &mut ChaCha8Rng) -> Look {
-    Look {
+fn look(rng: &mut ChaCha8Rng) -> Appearance {
+    Appearance {
         colour: COLOURS[rng.random_range(0..COLOURS.len())],
         shape: Shape::ALL[rng.random_range(0..Shape::ALL.len())],
-        size: SIZES[rng.random_range(0..SIZES.len())],
+        half_size: SIZES[rng.random_range(0..SIZES.len())],
         texture: Texture::ALL[rng.random_range(0..Texture::ALL.len())],
-        number: rng.random_range(1..=3),
+        num_copies: rng.random_range(1..=3),
     }
 }
 
-fn group(look: Look, rng: &mut ChaCha8Rng) -> Group {
+fn group(appearance: Appearance, rng: &mut ChaCha8Rng) -> TaskGroup {
     let around = rng.random_range(0.0..std::f32::consts::TAU);
     let (sin, cos) = around.sin_cos();
-    Group {
-        look,
-        pay: Pay { offset: [0.3 * cos, 0.3 * sin], radius: 0.0 },
-        motion: ORDINARY,
-        drift: [0.0; 3],
+    TaskGroup {
+        appearance,
+        reward: RewardFunction { offset: [0.3 * cos, 0.3 * sin], radius: 0.0 },
+        dynamics: ORDINARY,
+        colour_drift: [0.0; 3],
     }
 }
 
 /// Draws groups with distinct appearances, which differ in at least one property.
-fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
-    let mut groups: Vec<Group> = Vec::with_capacity(number);
+fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
+    let mut groups: Vec<TaskGroup> = Vec::with_capacity(number);
     while groups.len() < number {
         let look = look(rng);
-        if groups.iter().all(|other| other.look != look) {
+        if groups.iter().all(|other| other.appearance != look) {
             groups.push(group(look, rng));
         }
     }
     groups
 }
 
-fn shapes(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
-    let common = Look { texture: Texture::Plain, number: 1, size: 0.18, ..look(rng) };
+fn shapes(number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
+    let common =
+        Appearance { texture: Texture::Plain, num_copies: 1, half_size: 0.18, ..look(rng) };
     let mut shapes = Shape::ALL;
     shapes.shuffle(rng);
     let shapes = shapes.into_iter().take(number);
-    let looks = shapes.map(|shape| Look { shape, ..common });
+    let looks = shapes.map(|shape| Appearance { shape, ..common });
     looks.map(|look| group(look, rng)).collect()
 }
 
@@ -174,8 +176,8 @@ fn vary<T: Copy>(
     number: usize,
     rng: &mut ChaCha8Rng,
     values: &[T],
-    set: impl Fn(&mut Group, &T),
-) -> Vec<Group> {
+    set: impl Fn(&mut TaskGroup, &T),
+) -> Vec<TaskGroup> {
     let common = group(look(rng), rng);
     let mut values = values.to_vec();
     values.shuffle(rng);
@@ -188,14 +190,14 @@ fn vary<T: Copy>(
 }
 
 /// Returns eight targets around the object.
-fn targets() -> [Pay; 8] {
+fn targets() -> [RewardFunction; 8] {
     std::array::from_fn(|i| {
         let (sin, cos) = (i as f32 * std::f32::consts::TAU / 8.0).sin_cos();
-        Pay { offset: [0.4 * cos, 0.4 * sin], radius: 0.0 }
+        RewardFunction { offset: [0.4 * cos, 0.4 * sin], radius: 0.0 }
     })
 }
 
 /// Returns four circles around the object, the first of radius zero.
-fn rings() -> [Pay; 4] {
-    [0.0, 0.25, 0.5, 0.75].map(|radius| Pay { offset: [0.0, 0.0], radius })
+fn rings() -> [RewardFunction; 4] {
+    [0.0, 0.25, 0.5, 0.75].map(|radius| RewardFunction { offset: [0.0, 0.0], radius })
 }

@@ -4,24 +4,25 @@
 //! A learner that assigns tasks to policies by itself should be tested in worlds that it was not
 //! tuned for. This crate draws such worlds: a hand moves on a plane, seen from above, and the
 //! reward depends on its position relative to an object. A *group* fixes the object's appearance,
-//! the reward and the dynamics of the hand. A [`Kind`] names the properties in which the groups of
-//! a world differ. No simulator is needed, and a step takes microseconds.
+//! the reward and the dynamics of the hand. A [`WorldKind`] names the properties in which the
+//! groups of a world differ. No simulator is needed, and a step takes microseconds.
 //!
-//! - [`World::draw`] draws groups and their surroundings: clutter, light, camera noise, placements.
-//! - [`Stream`] shows the groups one after another, as an [`rl::VectorEnv`] of pictures
+//! - [`World::random`] draws groups and their surroundings: clutter, light, camera noise,
+//!   placements.
+//! - [`TaskStream`] shows the groups one after another, as an [`rl::VectorEnv`] of pictures
 //!   `[48, 48, 6]`.
-//! - [`Stream::expert`] solves any group, and can also act as if in the wrong one.
+//! - [`TaskStream::expert_action`] solves any group, and can also act as if in the wrong one.
 //!
 //! Every episode shows one of the four variants of D2. Simulation uses one frame of reference and
 //! mirrors the result, so variants are mirror images of each other to the bit.
 //!
 //! ```
 //! use rl::{Observations, VectorEnv};
-//! use worlds::{Kind, Stream, Visit, World};
+//! use worlds::{WorldKind, TaskStream, Visit, World};
 //!
-//! let world = World::draw(Kind::Appearance, 1000);
+//! let world = World::random(WorldKind::Appearance, 1000);
 //! let visits = vec![Visit { group: 0, rounds: 2 }, Visit { group: 1, rounds: 2 }];
-//! let mut stream = Stream::new(world, visits, 4)?;
+//! let mut stream = TaskStream::new(world, visits, 4)?;
 //! let mut observations = Observations::new(stream.spec());
 //! stream.reset(&mut observations)?;
 //! assert_eq!(observations.images.len(), 4 * 48 * 48 * 6);
@@ -36,10 +37,10 @@ mod picture;
 mod stream;
 mod world;
 
-pub use group::{Group, Motion, Pay};
-pub use kind::Kind;
-pub use look::{Look, Shape, Texture};
-pub use stream::{HORIZON, Stream, Visit, WorldError};
+pub use group::{HandDynamics, RewardFunction, TaskGroup};
+pub use kind::WorldKind;
+pub use look::{Appearance, Shape, Texture};
+pub use stream::{DEFAULT_HORIZON, StreamError, TaskStream, Visit};
 pub use world::{Scene, World};
 
 /// Compiles and runs the example of the README.

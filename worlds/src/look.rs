@@ -2,17 +2,17 @@
 
 /// Appearance of an object: two objects with equal values differ only in their position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
-    /// Red, green and blue in 0..=255.
+pub struct Appearance {
+    /// Colour of the object: red, green and blue in 0..=255.
     pub colour: [f32; 3],
-    /// Outline of each copy.
+    /// Outline of each copy of the object.
     pub shape: Shape,
-    /// Half of the extent of a copy, in units of half the picture's side.
-    pub size: f32,
-    /// Pattern of each copy.
+    /// Half of the extent of each copy, in units of half the picture's side.
+    pub half_size: f32,
+    /// Pattern of each copy of the object.
     pub texture: Texture,
-    /// Number of copies side by side, 1 to 3.
-    pub number: usize,
+    /// Number of copies of the object side by side, 1 to 3.
+    pub num_copies: usize,
 }
 
 /// Outline of an object, inside the square `[-1, 1]^2`.
@@ -33,11 +33,11 @@ pub enum Shape {
     /// A square on its corner.
     Diamond,
     /// A letter L.
-    Ell,
+    LetterL,
 }
 
 impl Shape {
-    /// All outlines.
+    /// All outlines of objects.
     pub const ALL: [Self; 8] = [
         Self::Disc,
         Self::Square,
@@ -46,11 +46,11 @@ impl Shape {
         Self::Ring,
         Self::Cross,
         Self::Diamond,
-        Self::Ell,
+        Self::LetterL,
     ];
 
     /// Returns `true` if the point (u, v) is inside the outline.
-    pub fn holds(self, u: f32, v: f32) -> bool {
+    pub fn contains(self, u: f32, v: f32) -> bool {
         let (squared, inside) = (u * u + v * v, u.abs() <= 1.0 && v.abs() <= 1.0);
         match self {
             Self::Disc => squared <= 1.0,
@@ -60,7 +60,7 @@ impl Shape {
             Self::Ring => (0.36..=1.0).contains(&squared),
             Self::Cross => inside && (u.abs() <= 0.35 || v.abs() <= 0.35),
             Self::Diamond => u.abs() + v.abs() <= 1.0,
-            Self::Ell => inside && (u <= -0.3 || v <= -0.3),
+            Self::LetterL => inside && (u <= -0.3 || v <= -0.3),
         }
     }
 }
@@ -68,16 +68,16 @@ impl Shape {
 /// Pattern of an object: parts of it are darker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Texture {
-    /// One colour.
+    /// One colour all over the object.
     Plain,
-    /// Four stripes across y.
+    /// Four stripes parallel to x, dark and bright in turn.
     Stripes,
-    /// Two by two fields.
+    /// Two by two fields, dark and bright in turn.
     Checks,
 }
 
 impl Texture {
-    /// All patterns.
+    /// All patterns of objects.
     pub const ALL: [Self; 3] = [Self::Plain, Self::Stripes, Self::Checks];
 
     /// Returns the factor on the colour at (u, v) in `[-1, 1]^2`: 1, or 0.35 in dark parts.
@@ -91,12 +91,13 @@ impl Texture {
     }
 }
 
-impl Look {
-    /// Returns the centres of the copies, relative to the centre of the first one.
-    pub(crate) fn copies(&self) -> impl Iterator<Item = [f32; 2]> {
+impl Appearance {
+    /// Returns the centres of the copies, relative to that of the first one, in the units
+    /// of `half_size`.
+    pub(crate) fn copy_centres(&self) -> impl Iterator<Item = [f32; 2]> {
         // a copy is 2 sizes wide, so a gap of 0.3 sizes remains
-        let apart = 2.3 * self.size;
+        let apart = 2.3 * self.half_size;
         let places = [[0.0, 0.0], [apart, 0.0], [0.0, apart]];
-        places.into_iter().take(self.number)
+        places.into_iter().take(self.num_copies)
     }
 }

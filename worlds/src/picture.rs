@@ -3,21 +3,21 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::look::{Look, Shape, Texture};
+use crate::look::{Appearance, Shape, Texture};
 use crate::world::Scene;
 
 /// Width and height of a picture in pixels.
-pub(crate) const SIDE: usize = 48;
+pub(crate) const PICTURE_SIZE: usize = 48;
 /// Sample points per side of a pixel, for anti-aliasing.
 const SAMPLES: usize = 2;
 
 /// Appearance of the hand, in a colour that no object has.
-const HAND: Look = Look {
+const HAND: Appearance = Appearance {
     colour: [250.0, 120.0, 20.0],
     shape: Shape::Disc,
-    size: 0.07,
+    half_size: 0.07,
     texture: Texture::Plain,
-    number: 1,
+    num_copies: 1,
 };
 
 /// Picture `[48, 48, 3]`, not yet clipped to 0..=255; row 0 is the largest y, column 0 the least x.
@@ -25,17 +25,22 @@ const HAND: Look = Look {
 pub(crate) struct Picture(Vec<f32>);
 
 impl Picture {
-    /// Paints the ground with clutter and an object, in the light of one episode.
-    pub fn still(scene: &Scene, look: &Look, object: [f32; 2], rng: &mut ChaCha8Rng) -> Self {
-        let mut picture = Self(vec![scene.ground; SIDE * SIDE * 3]);
-        for _ in 0..scene.clutter {
+    /// Paints the scene without the hand: ground, clutter and object, in the light of one episode.
+    pub fn without_hand(
+        scene: &Scene,
+        look: &Appearance,
+        object: [f32; 2],
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
+        let mut picture = Self(vec![scene.ground_grey; PICTURE_SIZE * PICTURE_SIZE * 3]);
+        for _ in 0..scene.num_clutter_objects {
             let place = [0; 2].map(|_| rng.random_range(-0.95..0.95));
             picture.paint(&litter(rng), place);
         }
-        for [dx, dy] in look.copies() {
+        for [dx, dy] in look.copy_centres() {
             picture.paint(look, [object[0] + dx, object[1] + dy]);
         }
-        let light = 1.0 + rng.random_range(-1.0..=1.0) * scene.light;
+        let light = 1.0 + rng.random_range(-1.0..=1.0) * scene.max_light_deviation;
         picture.0.iter_mut().for_each(|value| *value *= light);
         picture
     }
@@ -48,22 +53,22 @@ impl Picture {
     }
 
     /// Returns the camera picture `[48, 48, 3]`, with uniform noise of at most `noise`.
-    pub fn taken(&self, noise: f32, rng: &mut ChaCha8Rng) -> Vec<u8> {
+    pub fn with_camera_noise(&self, noise: f32, rng: &mut ChaCha8Rng) -> Vec<u8> {
         // one random byte for each value: the noise has 256 levels
         let mut grain = vec![0; self.0.len()];
         rng.fill(&mut grain[..]);
         let values = self.0.iter().zip(grain);
         values
-            .map(|(value, grain): (_, u8)| (value + noise * (f32::from(grain) / 127.5 - 1.0)) as u8)
+            .map(|(value, speck): (_, u8)| (value + noise * (f32::from(speck) / 127.5 - 1.0)) as u8)
             .collect()
     }
 
     /// Paints one copy of an object; pixels that it covers in part are blended.
-    fn paint(&mut self, look: &Look, [x, y]: [f32; 2]) {
-        for row in pixels(-(y + look.size), -(y - look.size)) {
-            for col in pixels(x - look.size, x + look.size) {
+    fn paint(&mut self, look: &Appearance, [x, y]: [f32; 2]) {
+        for row in pixels(-(y + look.half_size), -(y - look.half_size)) {
+            for col in pixels(x - look.half_size, x + look.half_size) {
                 let (share, brightness) = cover(look, x, y, row, col);
-                let pixel = &mut self.0[(row * SIDE + col) * 3..][..3];
+                let pixel = &mut self.0[(row * PICTURE_SIZE + col) * 3..][..3];
                 for (value, colour) in pixel.iter_mut().zip(look.colour) {
                     *value += brightness * colour - share * *value;
                 }
@@ -74,22 +79,22 @@ impl Picture {
 
 /// Returns the range of pixel indices between two coordinates in `[-1, 1]`.
 fn pixels(from: f32, to: f32) -> std::ops::Range<usize> {
-    let pixel = |place: f32| (place + 1.0) * SIDE as f32 / 2.0;
-    pixel(from).floor().max(0.0) as usize..(pixel(to).ceil().max(0.0) as usize).min(SIDE)
+    let pixel = |place: f32| (place + 1.0) * PICTURE_SIZE as f32 / 2.0;
+    pixel(from).floor().max(0.0) as usize..(pixel(to).ceil().max(0.0) as usize).min(PICTURE_SIZE)
 }
 
 /// Returns the share of a pixel that an object covers, and that share weighted by the brightness of
 /// the object's texture.
-fn cover(look: &Look, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
+fn cover(look: &Appearance, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
     let place = |pixel: usize, sample: usize| {
         let offset = (sample as f32 + 0.5) / SAMPLES as f32;
-        (pixel as f32 + offset) * 2.0 / SIDE as f32 - 1.0
+        (pixel as f32 + offset) * 2.0 / PICTURE_SIZE as f32 - 1.0
     };
     let (mut share, mut brightness) = (0.0, 0.0);
     for (i, j) in (0..SAMPLES).flat_map(|i| (0..SAMPLES).map(move |j| (i, j))) {
-        let u = (place(col, i) - x) / look.size;
-        let v = (-place(row, j) - y) / look.size;
-        if look.shape.holds(u, v) {
+        let u = (place(col, i) - x) / look.half_size;
+        let v = (-place(row, j) - y) / look.half_size;
+        if look.shape.contains(u, v) {
             share += 1.0;
             brightness += look.texture.brightness(u, v);
         }
@@ -99,13 +104,13 @@ fn cover(look: &Look, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
 }
 
 /// Draws the appearance of a piece of clutter: greyish and smaller than any object.
-fn litter(rng: &mut ChaCha8Rng) -> Look {
+fn litter(rng: &mut ChaCha8Rng) -> Appearance {
     let grey = rng.random_range(60.0..190.0);
-    Look {
+    Appearance {
         colour: [0; 3].map(|_| grey + rng.random_range(-15.0..15.0)),
         shape: Shape::ALL[rng.random_range(0..2)],
-        size: rng.random_range(0.04..0.09),
+        half_size: rng.random_range(0.04..0.09),
         texture: Texture::Plain,
-        number: 1,
+        num_copies: 1,
     }
 }

@@ -2,55 +2,55 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 use symmetry::{D2, Irrep};
 
 use crate::episode::Episode;
-use crate::picture::SIDE;
+use crate::picture::PICTURE_SIZE;
 use crate::world::World;
 
-/// Default number of decisions of an episode.
-pub const HORIZON: usize = 50;
+/// Default number of decisions of an episode of a [`TaskStream`].
+pub const DEFAULT_HORIZON: usize = 50;
 
-/// Visit to one group for a number of rounds. In a round each environment runs one episode; all
-/// begin and end together.
+/// Visit of the stream to one task group for a number of rounds. In a round each environment runs
+/// one episode; all begin and end together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Visit {
-    /// Index of the group.
+    /// Index of the visited task group in the world, from 0.
     pub group: usize,
-    /// Number of episodes of each environment.
+    /// Number of rounds of the visit; a round is one episode in each environment.
     pub rounds: usize,
 }
 
-/// Errors of creating or stepping a stream.
+/// Error of creating or stepping a stream.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum WorldError {
+pub enum StreamError {
     /// Stream without visits or without environments.
     #[error("{what} is 0, expected at least 1")]
-    Zero {
-        /// Name of the number that is 0.
+    NoVisitsOrEnvs {
+        /// Name of the number that is 0: of visits or of environments.
         what: &'static str,
     },
     /// Visit of a group that the world does not have.
     #[error("visit {visit} is of group {group}, expected one of the world's {groups}")]
-    NoGroup {
-        /// Index of the visit.
+    UnknownGroup {
+        /// Index of the visit in the list of visits, from 0.
         visit: usize,
         /// Index of the requested group.
         group: usize,
-        /// Number of groups of the world.
+        /// Number of task groups that the world has.
         groups: usize,
     },
     /// List of actions that does not hold two numbers for each environment.
     #[error("got {got} actions, expected {expected}: two for each environment")]
-    Actions {
-        /// Number of values given.
+    ActionsLength {
+        /// Number of values in the list of actions.
         got: usize,
-        /// Number of values expected.
+        /// Number of values expected: two for each environment.
         expected: usize,
     },
-    /// Step before the first reset.
+    /// Step of a stream before its first reset.
     #[error("the environments were never reset: call `reset` before `step`")]
     NotReset,
 }
@@ -61,7 +61,7 @@ pub enum WorldError {
 /// position (x, y) in `[-0.95, 0.95]`, actions are (x, y) in `[-1, 1]` and are clipped. Episodes
 /// are drawn from the world's seed and the number of the round, whatever happened before.
 #[derive(Clone, Debug)]
-pub struct Stream {
+pub struct TaskStream {
     world: World,
     visits: Vec<Visit>,
     variant: Option<D2>,
@@ -72,33 +72,33 @@ pub struct Stream {
     step: usize,
 }
 
-impl Stream {
+impl TaskStream {
     /// Creates a stream of `visits` in `num_envs` environments.
     ///
     /// # Errors
     /// No visit, no environment, or a group that the world does not have.
-    pub fn new(world: World, visits: Vec<Visit>, num_envs: usize) -> Result<Self, WorldError> {
+    pub fn new(world: World, visits: Vec<Visit>, num_envs: usize) -> Result<Self, StreamError> {
         for (what, size) in [("the number of visits", visits.len()), ("num_envs", num_envs)] {
             if size == 0 {
-                return Err(WorldError::Zero { what });
+                return Err(StreamError::NoVisitsOrEnvs { what });
             }
         }
         let groups = world.groups.len();
         if let Some(visit) = visits.iter().position(|visit| visit.group >= groups) {
             let group = visits[visit].group;
-            return Err(WorldError::NoGroup { visit, group, groups });
+            return Err(StreamError::UnknownGroup { visit, group, groups });
         }
         let spec = EnvSpec {
             num_envs,
-            image: [SIDE, SIDE, 6],
-            vector: vec![Irrep::X, Irrep::Y],
-            action: vec![Irrep::X, Irrep::Y],
+            image_shape: [PICTURE_SIZE, PICTURE_SIZE, 6],
+            vector_irreps: vec![Irrep::X, Irrep::Y],
+            action_irreps: vec![Irrep::X, Irrep::Y],
         };
         Ok(Self {
             world,
             visits,
             variant: None,
-            horizon: HORIZON,
+            horizon: DEFAULT_HORIZON,
             spec,
             episodes: Vec::new(),
             round: 0,
@@ -106,32 +106,32 @@ impl Stream {
         })
     }
 
-    /// Fixes the variant of D2 of every episode, which is otherwise drawn.
+    /// Fixes the variant of D2 of every episode of the stream, which is otherwise drawn.
     #[must_use]
     pub fn with_variant(mut self, variant: D2) -> Self {
         self.variant = Some(variant);
         self
     }
 
-    /// Sets the length of episodes in decisions, at least 1.
+    /// Sets the length of the stream's episodes in decisions, at least 1.
     #[must_use]
     pub fn with_horizon(mut self, horizon: usize) -> Self {
         self.horizon = horizon.max(1);
         self
     }
 
-    /// Returns the world.
+    /// Returns the world whose task groups the stream visits.
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// Returns the number of rounds that ended so far.
-    pub fn rounds(&self) -> usize {
+    /// Returns the number of rounds (episodes in each environment) that ended so far.
+    pub fn num_rounds_ended(&self) -> usize {
         self.round
     }
 
-    /// Returns the index of the group that is visited in this round.
-    pub fn group_at(&self, round: usize) -> usize {
+    /// Returns the index of the task group that the stream visits in round `round`, from 0.
+    pub fn group_in_round(&self, round: usize) -> usize {
         let mut end = 0;
         let visit = self.visits.iter().find(|visit| {
             end += visit.rounds;
@@ -140,19 +140,20 @@ impl Stream {
         visit.or(self.visits.last()).map_or(0, |visit| visit.group)
     }
 
-    /// Returns the action of an expert in environment `env` that takes its task for one of `group`.
+    /// Returns the action (x, y) of an expert in environment `env` that takes its task for one of
+    /// `group`.
     ///
     /// # Panics
     /// If there is no such environment or group, or before the first reset.
-    pub fn expert(&self, env: usize, group: usize) -> [f32; 2] {
-        self.episodes[env].expert(&self.world.groups[group])
+    pub fn expert_action(&self, env: usize, group: usize) -> [f32; 2] {
+        self.episodes[env].expert_action(&self.world.groups[group])
     }
 
     /// Begins an episode in every environment.
     fn begin(&mut self) {
         self.step = 0;
         let (world, round) = (&self.world, self.round);
-        let group = &world.groups[self.group_at(round)];
+        let group = &world.groups[self.group_in_round(round)];
         let episodes = (0..self.spec.num_envs).map(|env| {
             let mut rng = ChaCha8Rng::seed_from_u64(world.seed);
             // stream 0 drew the world itself
@@ -164,14 +165,14 @@ impl Stream {
 
     fn show(&self, out: &mut Observations) {
         let images = out.images.chunks_exact_mut(self.spec.image_len());
-        let vectors = out.vectors.chunks_exact_mut(self.spec.vector.len());
+        let vectors = out.vectors.chunks_exact_mut(self.spec.vector_irreps.len());
         for (episode, (image, vector)) in self.episodes.iter().zip(images.zip(vectors)) {
             episode.show(image, vector);
         }
     }
 }
 
-impl VectorEnv for Stream {
+impl VectorEnv for TaskStream {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
@@ -181,7 +182,7 @@ impl VectorEnv for Stream {
     }
 
     /// Begins an episode in every environment; running ones are broken off and count as a round.
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         if self.step > 0 {
             self.round += 1;
         }
@@ -190,14 +191,14 @@ impl VectorEnv for Stream {
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         let expected = 2 * self.spec.num_envs;
         if actions.len() != expected {
             let got = actions.len();
-            return Err(WorldError::Actions { got, expected }.into());
+            return Err(StreamError::ActionsLength { got, expected }.into());
         }
         if self.episodes.is_empty() {
-            return Err(WorldError::NotReset.into());
+            return Err(StreamError::NotReset.into());
         }
         for (env, episode) in self.episodes.iter_mut().enumerate() {
             let (pay, success) = episode.step([actions[2 * env], actions[2 * env + 1]]);
@@ -207,7 +208,7 @@ impl VectorEnv for Stream {
         }
         self.step += 1;
         let ends = self.step == self.horizon;
-        out.outcomes.fill(if ends { Outcome::Truncated } else { Outcome::Running });
+        out.outcomes.fill(if ends { StepOutcome::Truncated } else { StepOutcome::Running });
         if ends {
             self.show(&mut out.final_observations);
             self.round += 1;

@@ -6,12 +6,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, Observations, Transition, VectorEnv};
 use symmetry::D2;
-use worlds::{Kind, Stream, Visit, World};
+use worlds::{TaskStream, Visit, World, WorldKind};
 
-fn stream(kind: Kind, seed: u64, variant: D2) -> Stream {
-    let world = World::draw(kind, seed);
+fn stream(kind: WorldKind, seed: u64, variant: D2) -> TaskStream {
+    let world = World::random(kind, seed);
     let visits = (0..2).map(|group| Visit { group, rounds: 1 }).collect();
-    let stream = Stream::new(world, visits, 2).unwrap();
+    let stream = TaskStream::new(world, visits, 2).unwrap();
     stream.with_variant(variant).with_horizon(6)
 }
 
@@ -21,7 +21,7 @@ fn mirrored(g: D2, components: &[f32]) -> Vec<f32> {
 }
 
 fn moved(g: D2, observations: &Observations, spec: &EnvSpec) -> Observations {
-    let [height, width, channels] = spec.image;
+    let [height, width, channels] = spec.image_shape;
     let images = observations.images.chunks(spec.image_len());
     Observations {
         images: images
@@ -32,7 +32,7 @@ fn moved(g: D2, observations: &Observations, spec: &EnvSpec) -> Observations {
 }
 
 /// Compares a stream with its mirror image under mirrored actions over two groups.
-fn is_equivariant(kind: Kind, seed: u64, g: D2) -> bool {
+fn is_equivariant(kind: WorldKind, seed: u64, g: D2) -> bool {
     let (mut one, mut other) = (stream(kind, seed, D2::Identity), stream(kind, seed, g));
     let spec = one.spec().clone();
     let mut seen = [Observations::new(&spec), Observations::new(&spec)];
@@ -54,7 +54,7 @@ fn is_equivariant(kind: Kind, seed: u64, g: D2) -> bool {
 
 #[test]
 fn all_kinds_are_equivariant_to_the_bit() {
-    for kind in Kind::ALL {
+    for kind in WorldKind::ALL {
         for g in D2::ALL {
             for seed in 1000..1003 {
                 assert!(is_equivariant(kind, seed, g), "{} {g} {seed}", kind.name());
@@ -66,7 +66,7 @@ fn all_kinds_are_equivariant_to_the_bit() {
 #[test]
 fn the_comparison_sees_a_wrong_mirror() {
     let (mut one, mut other) =
-        (stream(Kind::Shape, 1000, D2::Identity), stream(Kind::Shape, 1000, D2::FlipX));
+        (stream(WorldKind::Shape, 1000, D2::Identity), stream(WorldKind::Shape, 1000, D2::FlipX));
     let spec = one.spec().clone();
     let mut seen = [Observations::new(&spec), Observations::new(&spec)];
     one.reset(&mut seen[0]).unwrap();

@@ -7,7 +7,7 @@
 //!   a backward pass, or of a forward pass alone, over a batch that lies on the device.
 //! - `<network> kernels <batch>`: a name and microseconds for each kernel of a training pass.
 //! - `update <width> gpu` and `update <width> <threads>`: milliseconds of a PPO update on the GPU
-//!   or on the processor; `width` is 1 for the presets' network, 1000 decisions and minibatches of
+//!   or on the CPU; `width` is 1 for the presets' network, 1000 decisions and minibatches of
 //!   64, and 4 for four times as many fields, decisions and samples of a minibatch.
 //! - `decide <batch> gpu` and `decide <batch> <threads>`: milliseconds of decisions for a batch of
 //!   observations, which go to the device and come back.

@@ -2,8 +2,8 @@
 
 use std::error::Error;
 
-use equivariant::gpu::{Batch, Device, Passes, Plan, Program, Slot};
-use equivariant::{Layer, Signature};
+use equivariant::gpu::{Batch, BufferSlot, Device, Passes, Plan, Program};
+use equivariant::{Layer, LayerSignature};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -13,7 +13,7 @@ use crate::networks::network;
 /// Program of a network, and the buffer that it writes last.
 struct Bench {
     program: Program,
-    last: Slot,
+    last: BufferSlot,
     batch: Batch,
 }
 
@@ -33,21 +33,21 @@ impl Bench {
         };
         let network = network(size, fields, pooled)?;
         let mut plan = Plan::new();
-        let x = plan.input(network.in_shape());
-        let y = plan.layer(&network, x)?;
+        let x = plan.add_input(network.in_shape());
+        let y = plan.add_layer(&network, x)?;
         let trains = passes == Passes::All;
         let plan = if trains { plan } else { plan.forward_only() };
         let program = Program::new(device, &plan, samples)?;
         let mut params = vec![0.0; network.num_params()];
         network.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
-        program.write(plan.params(), &plan.placed(&params));
+        program.write_floats(plan.params_buffer(), &plan.params_to_device_order(&params));
         let picture = (0..samples * x.shape.len()).map(|i| (i % 251) as f32 / 251.0);
-        program.write(x.values, &picture.collect::<Vec<f32>>());
+        program.write_floats(x.values, &picture.collect::<Vec<f32>>());
         let gradient = y.gradient.filter(|_| trains);
         if let Some(gradient) = gradient {
-            program.write(gradient, &vec![1.0; samples * y.shape.len()]);
+            program.write_floats(gradient, &vec![1.0; samples * y.shape.len()]);
         }
-        let last = if trains { plan.gradient() } else { y.values };
+        let last = if trains { plan.params_gradient_buffer() } else { y.values };
         let batch = Batch { samples, ..Batch::default() };
         Ok(Bench { program, last, batch })
     }
@@ -70,7 +70,7 @@ pub fn time(
         for _ in 0..runs {
             bench.program.submit(passes, bench.batch);
         }
-        bench.program.read([(bench.last, 1)])?;
+        bench.program.read_floats([(bench.last, 1)])?;
         Ok(())
     })
 }
@@ -83,10 +83,10 @@ pub fn kernels(device: &Device, network: &str, batch: usize) -> Result<String, B
         for _ in 0..runs {
             bench.program.submit(Passes::All, bench.batch);
         }
-        bench.program.read([(bench.last, 1)])?;
+        bench.program.read_floats([(bench.last, 1)])?;
         Ok(())
     })?;
-    let times = bench.program.kernel_times(Passes::All, bench.batch)?;
+    let times = bench.program.kernel_seconds(Passes::All, bench.batch)?;
     let times = times.iter();
     let words =
         times.map(|(name, seconds)| format!("{} {:.2}", name.replace(' ', "_"), 1e6 * seconds));

@@ -1,4 +1,4 @@
-//! Times of updates and decisions of policies, on a device and on the processor.
+//! Times of updates and decisions of policies, on a device and on the CPU.
 
 use std::error::Error;
 
@@ -6,8 +6,9 @@ use equivariant::gpu::Device;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Decisions, DevicePolicy, Encoder, EnvSpec, NetworkSettings,
-    Observations, OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
+    ActorCriticPolicy, Algorithm, Decisions, DevicePolicy, EncoderSettings, EnvSpec,
+    NetworkSettings, Observations, OnPolicyActor, Ppo, PpoSettings, RlError, RolloutBuffer,
+    RolloutState, collect,
 };
 
 use crate::milliseconds;
@@ -59,7 +60,7 @@ pub fn decide(device: &Device, num_envs: usize, place: &str) -> Result<f64, Box<
 }
 
 fn decisions(
-    policy: &mut impl OnPolicy<Memory = ()>,
+    policy: &mut impl OnPolicyActor<Memory = ()>,
     spec: &EnvSpec,
 ) -> Result<f64, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -89,8 +90,8 @@ fn on(
 fn wide(width: usize) -> NetworkSettings {
     let defaults = NetworkSettings::default();
     let encoder = match &defaults.encoder {
-        Encoder::Strided { fields } => {
-            Encoder::Strided { fields: fields.iter().map(|n| width * n).collect() }
+        EncoderSettings::Strided { fields } => {
+            EncoderSettings::Strided { fields: fields.iter().map(|n| width * n).collect() }
         }
         other => other.clone(),
     };

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use clap::Parser;
-use worlds::{Kind, World};
+use worlds::{World, WorldKind};
 
 use record::{HEADER, Record, Results, row};
 use trial::Trial;
@@ -30,7 +30,7 @@ struct Arguments {
     count: u64,
     /// Kind of the worlds; without it all kinds
     #[arg(value_parser = kind)]
-    kind: Option<Kind>,
+    kind: Option<WorldKind>,
     #[command(flatten)]
     plan: Plan,
     /// File to which each world adds a line as it is done; worlds that it holds are not run again
@@ -50,9 +50,9 @@ struct Plan {
     stay: RangeInclusive<usize>,
 }
 
-fn kind(name: &str) -> Result<Kind, String> {
-    let kind = Kind::ALL.into_iter().find(|kind| kind.name() == name);
-    let names = || Kind::ALL.map(Kind::name).join(", ");
+fn kind(name: &str) -> Result<WorldKind, String> {
+    let kind = WorldKind::ALL.into_iter().find(|kind| kind.name() == name);
+    let names = || WorldKind::ALL.map(WorldKind::name).join(", ");
     kind.ok_or_else(|| format!("expected one of {}", names()))
 }
 
@@ -67,7 +67,7 @@ fn range(word: &str) -> Result<RangeInclusive<usize>, String> {
 fn main() -> Answer<()> {
     let arguments = Arguments::parse();
     let results = Results::open(arguments.csv.as_deref(), &arguments.plan)?;
-    let kinds = arguments.kind.map_or(Kind::ALL.to_vec(), |kind| vec![kind]);
+    let kinds = arguments.kind.map_or(WorldKind::ALL.to_vec(), |kind| vec![kind]);
     let records = run_all(&kinds, &arguments, &results)?;
     println!("{HEADER}");
     for kind in kinds {
@@ -80,14 +80,14 @@ fn main() -> Answer<()> {
 /// Runs the worlds on threads of their own, and returns their records. Decisions are made in
 /// rayon's pool and timed. Kinds alternate, so that a study that is interrupted has as many of
 /// each.
-fn run_all(kinds: &[Kind], arguments: &Arguments, results: &Results) -> Answer<Vec<Record>> {
+fn run_all(kinds: &[WorldKind], arguments: &Arguments, results: &Results) -> Answer<Vec<Record>> {
     let seeds = arguments.first..arguments.first + arguments.count;
     let worlds = seeds.flat_map(|seed| kinds.iter().map(move |&kind| (kind, seed)));
     let next = Mutex::new(worlds);
     let take = || next.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || {
-        let worlds = std::iter::from_fn(take);
-        worlds.map(|(kind, seed)| run(kind, seed, arguments, results)).collect::<Answer<Vec<_>>>()
+        let taken = std::iter::from_fn(take);
+        taken.map(|(kind, seed)| run(kind, seed, arguments, results)).collect::<Answer<Vec<_>>>()
     };
     std::thread::scope(|scope| {
         let threads = 0..rayon::current_num_threads();
@@ -101,11 +101,11 @@ fn run_all(kinds: &[Kind], arguments: &Arguments, results: &Results) -> Answer<V
 }
 
 /// Returns the record of one world, from the file if it is there.
-fn run(kind: Kind, seed: u64, arguments: &Arguments, results: &Results) -> Answer<Record> {
+fn run(kind: WorldKind, seed: u64, arguments: &Arguments, results: &Results) -> Answer<Record> {
     if let Some(record) = results.known(kind, seed) {
         return Ok(record.clone());
     }
-    let outcome = Trial::of(World::draw(kind, seed), &arguments.plan)?.run()?;
+    let outcome = Trial::of(World::random(kind, seed), &arguments.plan)?.run()?;
     let record = scores::record(kind, seed, &arguments.plan, &outcome);
     results.add(&record)?;
     Ok(record)

@@ -5,13 +5,13 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
-use worlds::Kind;
+use worlds::WorldKind;
 
 use crate::trial::ROUNDS;
 use crate::{Answer, Plan};
 
 /// Version of the study. Results of two versions do not belong in one table.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// Counts of one world, in the order of the file's columns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,8 +22,6 @@ pub struct Record {
     /// Columns of the plan.
     pub visits: String,
     pub stay: String,
-    /// Policies opened by force, a method of earlier versions.
-    pub forced: String,
     /// Number of groups, each of which needs a policy of its own.
     pub groups: usize,
     pub policies: usize,
@@ -38,10 +36,6 @@ pub struct Record {
     /// Number of first turns of returning groups; `noticed` counts those that are right.
     pub switches: usize,
     pub noticed: usize,
-    /// Number of first rollouts of a turn with a switch in them; `split` counts those that were cut
-    /// there.
-    pub mixed: usize,
-    pub split: usize,
     /// Number of episodes trained on; `foreign` counts those that belong to another policy.
     pub learnt: usize,
     pub foreign: usize,
@@ -49,27 +43,26 @@ pub struct Record {
     pub merged: usize,
     /// Time of the decisions of the slowest turn, in microseconds.
     pub slowest_us: u128,
-    /// Size of the recogniser's state as text, in bytes.
+    /// Size of the learner's checkpoint, in bytes.
     pub state_bytes: usize,
 }
 
 impl Record {
     /// Creates a record of a world without counts.
-    pub fn new(kind: Kind, seed: u64, plan: &Plan) -> Self {
+    pub fn new(kind: WorldKind, seed: u64, plan: &Plan) -> Self {
         Self {
             version: VERSION,
             kind: kind.name().to_owned(),
             seed,
             visits: plan.visits.map_or("two".to_owned(), |n| n.to_string()),
             stay: format!("{}-{}", plan.stay.start(), plan.stay.end()),
-            forced: "none".to_owned(),
             ..Self::default()
         }
     }
 
     /// Returns the columns that must agree for two records to stand in one table.
-    fn plan(&self) -> [&str; 3] {
-        [&self.visits, &self.stay, &self.forced]
+    fn plan(&self) -> [&str; 2] {
+        [&self.visits, &self.stay]
     }
 }
 
@@ -86,7 +79,7 @@ impl Results {
             let (file, known) = (None, Vec::new());
             return Ok(Self { file, known });
         };
-        let refused = |problem: String| {
+        let rejected = |problem: String| {
             let path = path.display();
             format!(
                 "{path}: {problem}, expected version {VERSION} of this study; name another file"
@@ -96,20 +89,20 @@ impl Results {
         let is_new = file.metadata()?.len() == 0;
         let rows = csv::Reader::from_path(path)?.into_deserialize();
         let rows: Result<Vec<Record>, _> = rows.collect();
-        let mut known = rows.map_err(|error| refused(error.to_string()))?;
+        let mut known = rows.map_err(|error| rejected(error.to_string()))?;
         if let Some(other) = known.iter().find(|record| record.version != VERSION) {
-            return Err(refused(format!("it holds version {}", other.version)).into());
+            return Err(rejected(format!("it holds version {}", other.version)).into());
         }
-        let own = Record::new(Kind::Shape, 0, plan);
+        let own = Record::new(WorldKind::Shape, 0, plan);
         known.retain(|record| record.plan() == own.plan());
         let mut writer = csv::WriterBuilder::new();
         let writer = writer.has_headers(is_new).from_writer(file);
-        let file = Some(Mutex::new(writer));
-        Ok(Self { file, known })
+        let shared = Some(Mutex::new(writer));
+        Ok(Self { file: shared, known })
     }
 
     /// Returns the record of a world, if the file had it when it was opened.
-    pub fn known(&self, kind: Kind, seed: u64) -> Option<&Record> {
+    pub fn known(&self, kind: WorldKind, seed: u64) -> Option<&Record> {
         let mut known = self.known.iter();
         known.find(|record| record.kind == kind.name() && record.seed == seed)
     }
@@ -127,9 +120,9 @@ impl Results {
 
 pub const HEADER: &str = "| worlds | number | as many policies as groups | exact policies \
 | with superfluous policies | most superfluous | with missing policies | most missing \
-| right after first visits | switches noticed at once | mixed rollouts | split exactly \
+| right after first visits | switches noticed at once \
 | learnt by the wrong policy | rollouts a turn | policies merged | slowest decisions |\n\
-|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// Returns the line of the table for worlds of one kind.
 pub fn row(kind: &str, records: &[&Record]) -> String {
@@ -153,8 +146,6 @@ pub fn row(kind: &str, records: &[&Record]) -> String {
         most(|r| r.groups.saturating_sub(r.policies)).to_string(),
         share(|r| r.right, |r| r.known),
         share(|r| r.noticed, |r| r.switches),
-        sum(|r| r.mixed).to_string(),
-        share(|r| r.split, |r| r.mixed),
         share(|r| r.foreign, |r| r.learnt),
         format!("{:.2}", sum(|r| r.rounds) as f64 / (ROUNDS * sum(|r| r.turns).max(1)) as f64),
         sum(|r| r.merged).to_string(),
@@ -187,7 +178,7 @@ mod tests {
         let line = row("target", &records.each_ref());
         let start = "| target | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
         assert!(line.starts_with(start), "{line}");
-        let columns = |line: &str| line.matches('|').count();
+        let columns = |text: &str| text.matches('|').count();
         let header: Vec<usize> = HEADER.lines().map(columns).collect();
         assert_eq!(header, [columns(&line); 2]);
     }
@@ -195,11 +186,11 @@ mod tests {
     #[test]
     fn lines_of_another_version_are_refused() {
         let path = scratch("version");
-        for text in ["kind,seed\nshape,7\n", "version,kind\n6,shape\n"] {
+        for text in ["kind,seed\nshape,7\n", "version,kind\n7,shape\n"] {
             fs::write(&path, text).unwrap();
-            let refused = Results::open(Some(&path), &plan(None)).err().unwrap();
-            let message = refused.to_string();
-            assert!(message.contains("expected version 6"), "{message}");
+            let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
+            let message = rejected.to_string();
+            assert!(message.contains("expected version 7"), "{message}");
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
         }
         fs::remove_file(&path).unwrap();
@@ -209,19 +200,19 @@ mod tests {
     fn results_are_found_again() {
         let path = scratch("again");
         let results = Results::open(Some(&path), &plan(None)).unwrap();
-        assert_eq!(results.known(Kind::Shape, 7), None);
-        let record = Record::new(Kind::Shape, 7, &plan(None));
+        assert_eq!(results.known(WorldKind::Shape, 7), None);
+        let record = Record::new(WorldKind::Shape, 7, &plan(None));
         results.add(&record).unwrap();
         let again = Results::open(Some(&path), &plan(None)).unwrap();
-        assert_eq!(again.known(Kind::Shape, 7), Some(&record));
-        assert_eq!(again.known(Kind::Shape, 8), None);
+        assert_eq!(again.known(WorldKind::Shape, 7), Some(&record));
+        assert_eq!(again.known(WorldKind::Shape, 8), None);
         again.add(&Record { seed: 8, ..record }).unwrap();
         let found = |visits| Results::open(Some(&path), &plan(visits)).unwrap().known.len();
         assert_eq!([found(None), found(Some(100))], [2, 0]);
-        let text = fs::read_to_string(&path).unwrap().replace("\n6,", "\n5,");
+        let text = fs::read_to_string(&path).unwrap().replace("\n7,", "\n5,");
         fs::write(&path, text).unwrap();
-        let refused = Results::open(Some(&path), &plan(None)).err().unwrap();
-        assert!(refused.to_string().contains("it holds version 5"));
+        let rejected = Results::open(Some(&path), &plan(None)).err().unwrap();
+        assert!(rejected.to_string().contains("it holds version 5"));
         fs::remove_file(&path).unwrap();
     }
 }

@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use worlds::Kind;
+use worlds::WorldKind;
 
 use crate::Plan;
 use crate::record::Record;
@@ -70,7 +70,7 @@ fn judge(outcome: &Outcome) -> Vec<Judged> {
 }
 
 /// Counts the outcome of one world.
-pub fn record(kind: Kind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
+pub fn record(kind: WorldKind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
     let judged = judge(outcome);
     let served = Served::of(outcome);
     let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
@@ -93,8 +93,6 @@ pub fn record(kind: Kind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
         right: count(&|(turn, right, _)| turn.is_known && *right),
         switches: count(&|(turn, _, new)| turn.is_known && *new),
         noticed: count(&|(turn, right, new)| turn.is_known && *new && *right),
-        mixed: count(&|(turn, _, _)| turn.is_cut.is_some()),
-        split: count(&|(turn, _, _)| turn.is_cut == Some(true)),
         learnt: learnt.len(),
         foreign: foreign.count(),
         merged: outcome.merged(),
@@ -115,7 +113,6 @@ mod tests {
             policy,
             rounds: 4,
             is_known: true,
-            is_cut: None,
             last: 0,
             learnt: [Some(group), Some(group), None, None],
         };
@@ -137,7 +134,7 @@ mod tests {
         assert_eq!(right(&late), [true, true, false, true, true]);
         assert_eq!(judge(&late).iter().filter(|judged| judged.2).count(), 1);
         let plan = Plan { visits: None, stay: 12..=40 };
-        let record = record(Kind::Shape, 7, &plan, &late);
+        let record = record(WorldKind::Shape, 7, &plan, &late);
         assert_eq!([record.exact, record.known, record.right], [1, 5, 4]);
         assert_eq!([record.switches, record.noticed], [1, 0]);
         assert_eq!([record.learnt, record.foreign], [10, 2]);

@@ -1,19 +1,23 @@
-//! Trial of one world: a stream of visits, and a learner without networks that assigns them. Its
-//! policies are stand-ins: scripted experts whose skill grows with the turns that they are trained
-//! on.
+//! Trial of one world: a stream of visits, and a learner without networks. Its policies are
+//! stand-ins: scripted experts whose skill grows with the iterations that they are trained in.
 
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
-use cluster::Decision;
-use evidence::{
-    Account, Accountant, Course, EvidenceError, Finding, Look, Recogniser, RecogniserSettings,
-    Situation,
+use learner::{
+    CheckpointExtent, CommonSettings, GroupingSettings, Handover, Iteration, Learner,
+    NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
 };
 use rand::seq::SliceRandom;
-use rand::{Rng, RngExt, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{Observations, Transition, VectorEnv};
-use worlds::{Stream, Visit, World};
+use rl::{
+    Actor, AlgorithmState, BoxedEnvError, Decisions, EnvSpec, ExportPolicy, ExportedPolicy,
+    FeatureExtractor, MeasureActivity, Observations, OnPolicyActor, PolicyOutput, RlError,
+    RolloutBuffer, Transition, UnitActivity, ValueFunction, VectorEnv,
+};
+use serde::{Deserialize, Serialize};
+use worlds::{TaskStream, Visit, World};
 
 use crate::{Answer, Plan};
 
@@ -24,7 +28,7 @@ pub const HORIZON: usize = 20;
 /// Number of visits of each group, unless the plan sets the number of all visits.
 const VISITS: usize = 2;
 
-/// Outcome of one turn of the learner.
+/// Outcome of one iteration of the learner.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn {
     /// Group of the last round that was trained on.
@@ -33,9 +37,6 @@ pub struct Turn {
     pub rounds: usize,
     /// `true` if the group was met in an earlier visit.
     pub is_known: bool,
-    /// `true` if the first rollout was cut at the round in which its group changed; `None` if the
-    /// group did not change.
-    pub is_cut: Option<bool>,
     /// Number of the last round that was trained on.
     pub last: usize,
     /// Group of each round that was trained on.
@@ -52,14 +53,14 @@ pub struct Outcome {
     pub heirs: Vec<Option<usize>>,
     /// Time of the decisions of the slowest turn.
     pub slowest: Duration,
-    /// Size of the recogniser's state as text (bytes).
+    /// Size of a checkpoint of the learner (bytes).
     pub state: usize,
 }
 
 impl Outcome {
     /// Returns the policy that a policy was merged into in the end, or itself.
     pub fn now(&self, policy: usize) -> usize {
-        let heir = |&policy: &usize| self.heirs.get(policy).copied().flatten();
+        let heir = |&index: &usize| self.heirs.get(index).copied().flatten();
         let heirs = std::iter::successors(Some(policy), heir);
         heirs.last().unwrap_or(policy)
     }
@@ -75,24 +76,73 @@ impl Outcome {
     }
 }
 
+/// Stream of a world that the policies can see behind the pictures.
+#[derive(Clone, Debug)]
+struct Shared(Arc<Mutex<Bed>>);
+
+#[derive(Debug)]
+struct Bed {
+    stream: TaskStream,
+    /// First round that was trained on last, and the group of each round.
+    learnt: (usize, [Option<usize>; ROUNDS]),
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Bed> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl PartialEq for Shared {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl Bed {
+    fn group_at(&self, round: usize) -> usize {
+        let group = self.stream.group_in_round(round);
+        self.stream.world().first_equal_group(group)
+    }
+}
+
+/// Environments of a learner that shares the stream with its policies.
+struct Environments {
+    spec: EnvSpec,
+    bed: Shared,
+}
+
+impl VectorEnv for Environments {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        Some(HORIZON)
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
+        self.bed.lock().stream.reset(out)
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
+        self.bed.lock().stream.step(actions, out)
+    }
+}
+
 /// State of a stream in one world, with its learner.
 pub struct Trial {
-    stream: Stream,
     rounds: usize,
-    recogniser: Recogniser,
-    accountant: Accountant,
-    policies: Vec<StandIn>,
-    current: usize,
-    rng: ChaCha8Rng,
-    now: Observations,
-    deciding: Duration,
+    env: Environments,
+    learner: PolicyCollection<StandIns>,
     outcome: Outcome,
 }
 
 impl Trial {
     /// Draws the visits of a world, and starts its stream.
     pub fn of(world: World, plan: &Plan) -> Answer<Self> {
-        let mut rng = ChaCha8Rng::seed_from_u64(world.seed ^ 0xdeca);
+        let seed = world.seed ^ 0xdeca;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let number = plan.visits.unwrap_or(VISITS * world.groups.len());
         let mut visits = Vec::new();
         while visits.len() < number {
@@ -106,244 +156,165 @@ impl Trial {
         }
         visits.truncate(number);
         let rounds = visits.iter().map(|visit| visit.rounds).sum();
-        let mut stream = Stream::new(world, visits, ENVS)?.with_horizon(HORIZON);
+        let distinct = world.num_distinct_groups();
+        let stream = TaskStream::new(world, visits, ENVS)?.with_horizon(HORIZON);
         let spec = stream.spec().clone();
-        let mut now = Observations::new(&spec);
-        stream.reset(&mut now)?;
-        let settings = RecogniserSettings::default();
+        let bed = Shared(Arc::new(Mutex::new(Bed { stream, learnt: (0, [None; ROUNDS]) })));
+        let settings = StandIns { seed, bed: Some(bed.clone()) };
         Ok(Self {
-            stream,
             rounds,
-            recogniser: Recogniser::new(settings)?,
-            accountant: Accountant::new(spec.image, &spec.vector, &spec.action, settings.filters)?,
-            policies: vec![StandIn::default()],
-            current: 0,
-            rng,
-            now,
-            deciding: Duration::ZERO,
-            outcome: Outcome::default(),
+            learner: PolicyCollection::new(settings, &spec)?,
+            env: Environments { spec, bed },
+            outcome: Outcome { distinct, ..Outcome::default() },
         })
     }
 
     /// Runs the stream to its end.
     pub fn run(mut self) -> Answer<Outcome> {
-        let mut met: Vec<Option<usize>> = vec![None; self.stream.world().groups.len()];
-        while self.stream.rounds() < self.rounds {
+        let groups = self.env.bed.lock().stream.world().groups.len();
+        let mut met: Vec<Option<usize>> = vec![None; groups];
+        while self.round() < self.rounds {
             let turn = self.turn()?;
             let since = *met[turn.group].get_or_insert(turn.last);
-            self.outcome.turns.push(Turn {
-                is_known: has_returned((since..=turn.last).map(|round| self.group_at(round))),
-                ..turn
-            });
+            let bed = self.env.bed.lock();
+            let is_known = has_returned((since..=turn.last).map(|round| bed.group_at(round)));
+            self.outcome.turns.push(Turn { is_known, ..turn });
         }
-        let state = self.recogniser.state(serde_json::value::Serializer);
-        Ok(Outcome {
-            distinct: self.stream.world().distinct(),
-            policies: self.policies.len(),
-            heirs: self.recogniser.heirs(),
-            state: state.map_or(0, |state| state.to_string().len()),
-            ..self.outcome
-        })
+        let state =
+            self.learner.to_checkpoint_bytes("trial".as_ref(), CheckpointExtent::Everything, "")?;
+        let policies = self.learner.policy_count();
+        Ok(Outcome { policies, state: state.len(), ..self.outcome })
     }
 
-    fn group_at(&self, round: usize) -> usize {
-        let group = self.stream.group_at(round);
-        self.stream.world().representative(group)
+    fn round(&self) -> usize {
+        self.env.bed.lock().stream.num_rounds_ended()
     }
 
-    /// Takes one turn of the learner: rollouts, assignment, update, and a search for duplicates.
+    /// Takes one iteration of the learner.
     fn turn(&mut self) -> Answer<Turn> {
-        let begins = self.stream.rounds();
-        self.deciding = Duration::ZERO;
-        let mut accounts = self.roll_out(ROUNDS)?;
-        let mut cut = None;
-        let mut last = None;
-        if self.recogniser.policies() > 0 {
-            let mut finding = self.ask(|recogniser, current, rng| {
-                recogniser.assign(&accounts, current, Look::First, rng)
-            })?;
-            cut = finding.cut;
-            if finding.decision == Decision::Undecided {
-                let first = accounts;
-                accounts = self.roll_out(ROUNDS)?;
-                let both = [first, accounts.clone()].concat();
-                finding = self.ask(|recogniser, current, rng| {
-                    recogniser.assign(&both, current, Look::Second, rng)
-                })?;
-                cut = finding.cut.or(cut);
-            }
-            (accounts, last) = self.follow(finding, accounts)?;
-        }
-        let learnt = self.learn(&accounts)?;
-        // before rounds in which a possible duplicate acts, since nothing is trained on them
-        let ends = self.stream.rounds();
-        let policy = self.current;
-        if let Some(finding) = last {
-            self.look_for_twin(&finding)?;
-        }
-        self.outcome.slowest = self.outcome.slowest.max(self.deciding);
-        let changed =
-            (begins + 1..begins + ROUNDS).find(|&r| self.group_at(r) != self.group_at(r - 1));
-        let cut = cut.map(|cut| cut / (ENVS * HORIZON));
+        let begins = self.round();
+        let iteration = self.learner.learn(&mut self.env)?;
+        let Iteration { policy, merged_into, seconds, .. } = iteration;
+        self.outcome.heirs = merged_into;
+        let deciding = Duration::from_secs_f64(seconds.assignment);
+        self.outcome.slowest = self.outcome.slowest.max(deciding);
+        let (first, learnt) = self.env.bed.lock().learnt;
+        let rounds = learnt.iter().flatten().count();
         Ok(Turn {
             group: learnt.iter().flatten().last().copied().unwrap_or(0),
             policy,
-            rounds: self.stream.rounds() - begins,
+            rounds: self.round() - begins,
             is_known: false,
-            is_cut: changed.map(|changed| cut == Some(changed)),
-            last: ends - 1 - (ROUNDS - learnt.iter().flatten().count()),
+            last: first + rounds.saturating_sub(1),
             learnt,
         })
     }
-
-    /// Trains the current policy on its last rollout, and returns the groups of the rounds that
-    /// were trained on.
-    fn learn(&mut self, accounts: &[Account]) -> Answer<[Option<usize>; ROUNDS]> {
-        let clock = Instant::now();
-        let end = self.recogniser.learn(self.current, accounts, &mut self.rng)?;
-        self.deciding += clock.elapsed();
-        let ends = self.stream.rounds();
-        let learnt = std::array::from_fn(|index| {
-            let round = ends + index - ROUNDS;
-            let is_own = end.is_none_or(|end| round * ENVS * HORIZON < end);
-            is_own.then(|| self.group_at(round))
-        });
-        let of = |group| learnt.iter().flatten().filter(|&&g| g == group).count();
-        if let Some(&most) = learnt.iter().flatten().max_by_key(|&&group| of(group)) {
-            self.policies[self.current].learn(most);
-        }
-        Ok(learnt)
-    }
-
-    /// Calls the recogniser, and adds the time to that of the turn's decisions.
-    fn ask(
-        &mut self,
-        question: impl FnOnce(&Recogniser, usize, &mut ChaCha8Rng) -> Result<Finding, EvidenceError>,
-    ) -> Answer<Finding> {
-        let clock = Instant::now();
-        let finding = question(&self.recogniser, self.current, &mut self.rng)?;
-        self.deciding += clock.elapsed();
-        Ok(finding)
-    }
-
-    /// Lets a policy act that may serve the same group as the current one, and merges the two if it
-    /// does.
-    fn look_for_twin(&mut self, finding: &Finding) -> Answer<()> {
-        let policy = self.current;
-        let Some(twin) = self.recogniser.twin(policy, &finding.accepted()) else {
-            return Ok(());
-        };
-        self.current = twin;
-        let heard = self.roll_out(1)?;
-        let is_twin = self.recogniser.compare(policy, twin, &heard, &mut self.rng)?;
-        self.current = policy;
-        if is_twin {
-            let again = self.roll_out(1)?;
-            let merge = self.recogniser.merge(policy, twin, &heard, &again, &mut self.rng)?;
-            self.current = merge.map_or(policy, |merge| merge.kept);
-        }
-        Ok(())
-    }
-
-    /// Lets proposed policies act until one is accepted or all are refused. Returns the accounts of
-    /// the last rollout, and the finding about it.
-    fn follow(
-        &mut self,
-        mut finding: Finding,
-        mut accounts: Vec<Account>,
-    ) -> Answer<(Vec<Account>, Option<Finding>)> {
-        while finding.decision != Decision::Existing(self.current) {
-            let Decision::Existing(policy) = finding.decision else {
-                self.current = self.policies.len();
-                self.policies.push(StandIn::default());
-                return Ok((self.roll_out(ROUNDS)?, None));
-            };
-            self.current = policy;
-            let refused = finding.refused.clone();
-            if finding.is_contested {
-                let heard = self.roll_out(1)?;
-                finding = self.review(&heard, &refused, finding.is_unproven)?;
-                if finding.decision != Decision::Existing(policy) {
-                    continue;
-                }
-            }
-            accounts = self.roll_out(ROUNDS)?;
-            finding = self.review(&accounts, &refused, finding.is_unproven)?;
-        }
-        Ok((accounts, Some(finding)))
-    }
-
-    fn review(
-        &mut self,
-        accounts: &[Account],
-        refused: &[usize],
-        is_unproven: bool,
-    ) -> Answer<Finding> {
-        self.ask(|recogniser, collector, rng| {
-            let situation = Situation { collector, refused, is_unproven };
-            recogniser.review(accounts, situation, rng)
-        })
-    }
-
-    /// Lets the current policy act for some rounds.
-    fn roll_out(&mut self, rounds: usize) -> Answer<Vec<Account>> {
-        let mut accounts = Vec::new();
-        for _ in 0..rounds {
-            let courses = self.round()?;
-            accounts.extend(self.accountant.accounts(&courses)?);
-        }
-        Ok(accounts)
-    }
-
-    fn round(&mut self) -> Answer<Vec<Course>> {
-        let spec = self.stream.spec().clone();
-        let began = self.stream.rounds() * ENVS * HORIZON;
-        let images = self.now.images.chunks(spec.image_len());
-        let course = |image: &[u8]| Course {
-            began,
-            image: image.to_vec(),
-            is_whole: true,
-            ..Course::default()
-        };
-        let mut courses: Vec<Course> = images.map(course).collect();
-        let mut transition = Transition::new(&spec);
-        for _ in 0..HORIZON {
-            let actor = &self.policies[self.current];
-            let mut actions = Vec::with_capacity(2 * ENVS);
-            for env in 0..ENVS {
-                actions.extend(actor.act(&self.stream, env, &mut self.rng));
-            }
-            self.stream.step(&actions, &mut transition)?;
-            for (env, course) in courses.iter_mut().enumerate() {
-                let own = 2 * env..2 * env + 2;
-                course.vectors.extend(&self.now.vectors[own.clone()]);
-                course.actions.extend(&actions[own]);
-                course.rewards.push(transition.rewards[env]);
-            }
-            self.now.clone_from(&transition.observations);
-        }
-        Ok(courses)
-    }
 }
 
-/// Number of turns after which a policy's skill is 1 - 1/e.
-const TURNS: f32 = 3.0;
+/// Number of iterations after which a policy's skill is 1 - 1/e.
+const ITERATIONS: f32 = 3.0;
 /// Half-width of the uniform exploration noise of a skilled policy.
 const EXPLORATION: f32 = 0.3;
-/// Number of the latest turns that determine a policy's skill.
+/// Number of the latest iterations that determine a policy's skill.
 const MEMORY: usize = 8;
 
+/// Settings of a learner whose policies are stand-ins.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StandIns {
+    seed: u64,
+    #[serde(skip)]
+    bed: Option<Shared>,
+}
+
 /// Stand-in for a policy. It acts for the group that it was trained on most of late, and its skill
-/// grows with the number of these turns.
+/// grows with the number of these iterations.
 #[derive(Clone, Debug, Default)]
 pub struct StandIn {
     learnt: Vec<usize>,
+    bed: Option<Shared>,
+}
+
+/// Training of a [`StandIn`].
+pub struct Lessons(Option<Shared>);
+
+impl PolicyCollectionSettings for StandIns {
+    type Training = Lessons;
+
+    fn common(&self) -> CommonSettings {
+        CommonSettings {
+            grouping: GroupingSettings::default(),
+            first_frames: 1,
+            rollout_steps: ENVS * ROUNDS * HORIZON,
+            buffer_episodes: Some(100),
+            handover: Handover::CollectAgain,
+            new_policy: NewPolicyInit::Random,
+            seed: self.seed,
+        }
+    }
+
+    fn new_policy(&self, _: &EnvSpec, _: u64) -> Result<StandIn, RlError> {
+        Ok(StandIn { learnt: Vec::new(), bed: self.bed.clone() })
+    }
+
+    fn policy_with_params(&self, spec: &EnvSpec, _: Vec<f32>) -> Result<StandIn, RlError> {
+        self.new_policy(spec, 0)
+    }
+
+    fn params(_: &StandIn) -> &[f32] {
+        &[]
+    }
+
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
+        RolloutBuffer::new(spec, steps)
+    }
+
+    fn new_training(&self, _: &EnvSpec, _: &StandIn) -> Result<Lessons, RlError> {
+        Ok(Lessons(self.bed.clone()))
+    }
+}
+
+impl Training for Lessons {
+    type Policy = StandIn;
+    type Rollout = RolloutBuffer;
+
+    fn adapt_rollout(_: &mut StandIn, _: &mut RolloutBuffer) -> Result<(), RlError> {
+        Ok(())
+    }
+
+    fn learn(
+        &mut self,
+        policy: &mut StandIn,
+        rollout: &mut RolloutBuffer,
+        _: &mut ChaCha8Rng,
+    ) -> Result<Vec<(String, f64)>, RlError> {
+        let Some(bed) = &self.0 else {
+            return Ok(Vec::new());
+        };
+        let mut bed = bed.lock();
+        let first = bed.stream.num_rounds_ended() - ROUNDS;
+        let kept = rollout.steps_per_env() / HORIZON;
+        let learnt =
+            std::array::from_fn(|index| (index < kept).then(|| bed.group_at(first + index)));
+        bed.learnt = (first, learnt);
+        policy.learn(&learnt);
+        Ok(Vec::new())
+    }
+
+    fn algorithm_state(&self) -> AlgorithmState<'_> {
+        AlgorithmState::default()
+    }
+
+    fn restore_algorithm(&mut self, _: &AlgorithmState<'_>) -> Result<(), RlError> {
+        Ok(())
+    }
 }
 
 impl StandIn {
-    /// Trains one turn on tasks of `group`.
-    pub fn learn(&mut self, group: usize) {
-        self.learnt.push(group);
+    /// Trains on rounds of these groups.
+    fn learn(&mut self, groups: &[Option<usize>]) {
+        let of = |group| groups.iter().flatten().filter(|&&g| g == group).count();
+        let most = groups.iter().flatten().copied().max_by_key(|&group| of(group));
+        self.learnt.extend(most);
         if self.learnt.len() > MEMORY {
             self.learnt.remove(0);
         }
@@ -351,18 +322,98 @@ impl StandIn {
 
     /// Returns the group that the policy acts for, and its skill in [0, 1).
     fn skill(&self) -> Option<(usize, f32)> {
-        let turns = |group| self.learnt.iter().filter(|&&learnt| learnt == group).count();
-        let most = self.learnt.iter().copied().max_by_key(|&group| turns(group))?;
-        Some((most, 1.0 - (-(turns(most) as f32) / TURNS).exp()))
+        let iterations = |group| self.learnt.iter().filter(|&&learnt| learnt == group).count();
+        let most = self.learnt.iter().copied().max_by_key(|&group| iterations(group))?;
+        Some((most, 1.0 - (-(iterations(most) as f32) / ITERATIONS).exp()))
     }
 
-    /// Returns an action in environment `env`: that of the expert, mixed with noise by skill.
-    pub fn act<R: Rng>(&self, stream: &Stream, env: usize, rng: &mut R) -> [f32; 2] {
-        let (group, skill) = self.skill().unwrap_or((0, 0.0));
-        stream.expert(env, group).map(|action| {
-            let noise: f32 = rng.random_range(-1.0..1.0);
-            skill * (action + EXPLORATION * noise) + (1.0 - skill) * noise
-        })
+    /// Writes the actions `[N, 2]` of an expert, mixed with noise in [-1, 1] by skill.
+    fn mix(&self, noise: impl Iterator<Item = f32>, out: &mut [f32]) {
+        let Some(bed) = &self.bed else {
+            return;
+        };
+        let (bed, (group, skill)) = (bed.lock(), self.skill().unwrap_or((0, 0.0)));
+        let expert = (0..ENVS).flat_map(|env| bed.stream.expert_action(env, group));
+        for ((out, action), noise) in out.iter_mut().zip(expert).zip(noise) {
+            *out = skill * (action + EXPLORATION * noise) + (1.0 - skill) * noise;
+        }
+    }
+}
+
+impl Actor for StandIn {
+    type Memory = ();
+
+    fn new_memory(&self, _: usize) {}
+
+    fn act(
+        &mut self,
+        _: &Observations,
+        (): &mut (),
+        rng: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        self.mix(std::iter::repeat_with(|| rng.random_range(-1.0..1.0)), out);
+        Ok(())
+    }
+
+    fn mean_actions(
+        &mut self,
+        _: &Observations,
+        (): &mut (),
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        self.mix(std::iter::repeat(0.0), out);
+        Ok(())
+    }
+}
+
+impl ValueFunction for StandIn {
+    fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        out.fill(0.0);
+        Ok(())
+    }
+}
+
+impl OnPolicyActor for StandIn {
+    fn decide(
+        &mut self,
+        _: &Observations,
+        (): &mut (),
+        noise: &[f32],
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        // the logistic function is within 0.01 of a normal variable's distribution, so that the
+        // noise becomes uniform
+        let uniform = noise.iter().map(|z| 2.0 / (1.0 + (-1.702 * z).exp()) - 1.0);
+        self.mix(uniform, &mut out.actions);
+        Ok(())
+    }
+}
+
+impl FeatureExtractor for StandIn {
+    fn feature_dim(&self) -> usize {
+        1
+    }
+
+    fn features(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        out.fill(0.0);
+        Ok(())
+    }
+}
+
+impl MeasureActivity for StandIn {
+    fn unit_activity(&self, _: &Observations, (): &()) -> Result<UnitActivity, RlError> {
+        Ok(UnitActivity::default())
+    }
+}
+
+impl ExportPolicy for StandIn {
+    fn export(&self) -> Result<ExportedPolicy, RlError> {
+        Err(RlError::NotExportable { part: "a stand-in" })
+    }
+
+    fn reference_output(&mut self, _: &Observations) -> Result<PolicyOutput, RlError> {
+        Err(RlError::NotExportable { part: "a stand-in" })
     }
 }
 
@@ -375,19 +426,19 @@ fn has_returned(mut groups: impl Iterator<Item = usize>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use worlds::Kind;
+    use worlds::WorldKind;
 
-    /// Rounds in which possible duplicates act after the turn's update are not trained on.
+    /// Rounds in which possible duplicates act after the update are not trained on.
     #[test]
     fn a_turn_is_dated_by_what_it_learnt() {
         let plan = Plan { visits: Some(6), stay: 8..=12 };
-        let mut trial = Trial::of(World::draw(Kind::Target, 1000), &plan).unwrap();
+        let mut trial = Trial::of(World::random(WorldKind::Target, 1000), &plan).unwrap();
         let mut heard = 0;
-        while trial.stream.rounds() < trial.rounds {
+        while trial.round() < trial.rounds {
             let turn = trial.turn().unwrap();
-            assert_eq!(trial.group_at(turn.last), turn.group);
+            assert_eq!(trial.env.bed.lock().group_at(turn.last), turn.group);
             let dropped = ROUNDS - turn.learnt.iter().flatten().count();
-            heard += trial.stream.rounds() - 1 - dropped - turn.last;
+            heard += trial.round() - 1 - dropped - turn.last;
         }
         assert!(heard > 0, "no policy was heard");
     }

@@ -252,9 +252,9 @@ impl Basis {
     fn shift(&mut self, node: u32, amount: f64) {
         let mut stack = std::mem::take(&mut self.stack);
         stack.push(node);
-        while let Some(node) = stack.pop() {
-            self.price[node as usize] += amount;
-            let mut child = self.first_child[node as usize];
+        while let Some(next) = stack.pop() {
+            self.price[next as usize] += amount;
+            let mut child = self.first_child[next as usize];
             while child != NONE {
                 stack.push(child);
                 child = self.next[child as usize];

@@ -11,7 +11,7 @@ pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 /// Largest `gap + violation` of a certificate, as a fraction of the plan's cost in magnitude. See
 /// [`certify`] for what negative costs and given weights are held to where that cost is close to
 /// zero.
-pub const COST_TOLERANCE: f64 = 1e-9;
+pub const MAX_RELATIVE_GAP: f64 = 1e-9;
 
 /// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
 const MAX_POTENTIAL: f64 = 1e300;
@@ -44,7 +44,7 @@ pub(crate) struct Scratch {
 ///
 /// With potentials far larger than the cost of the plan, these checks alone would prove nothing. So
 /// `gap + violation`, by which the plan's cost may exceed the optimum, must not exceed
-/// [`COST_TOLERANCE`] times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`]
+/// [`MAX_RELATIVE_GAP`] times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`]
 /// times another number if that is more: those with negative costs, which may cancel, to the plan's
 /// cost less the least `c_ij`, and those with given weights, whose sums round, to the smallest
 /// positive `c_ij` that carries mass.
@@ -53,9 +53,9 @@ pub(crate) struct Scratch {
 /// potentials would otherwise vanish in them.
 ///
 /// # Errors
-/// Errors of [`transport`](crate::transport()) about weights and costs, and the first fact that does
-/// not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN anywhere is a
-/// failure, never a pass.
+/// Errors of [`transport`](crate::transport()) about weights and costs, and the first fact that
+/// does not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN anywhere
+/// is a failure, never a pass.
 pub fn certify(
     cost: &[f64],
     sources: Weights,
@@ -153,10 +153,10 @@ fn check_reduced_costs(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Re
     // with larger potentials, slacks may overflow to NaN, which a minimum ignores
     let moderate = u.iter().chain(v).all(|p| p.abs() <= MAX_POTENTIAL);
     let mut least = 0.0_f64;
-    for (source_index, (row, u)) in cost.chunks_exact(v.len()).zip(u).enumerate() {
-        let slack = least_slack(row, v, *u);
+    for (source_index, (row, potential)) in cost.chunks_exact(v.len()).zip(u).enumerate() {
+        let slack = least_slack(row, v, *potential);
         if !(moderate && slack >= -tolerance) {
-            refuse(source_index, row, v, *u, tolerance)?;
+            refuse(source_index, row, v, *potential, tolerance)?;
         }
         least = least.min(slack);
     }
@@ -186,12 +186,12 @@ fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
     let lower = |a: f64, b: f64| if b < a { b } else { a };
     let mut lanes = [f64::INFINITY; 8];
     let ((costs, cost_rest), (vs, v_rest)) = (row.as_chunks::<8>(), v.as_chunks::<8>());
-    for (c, v) in costs.iter().zip(vs) {
+    for (c, sinks) in costs.iter().zip(vs) {
         for k in 0..8 {
-            lanes[k] = lower(lanes[k], slack(c[k], v[k], u));
+            lanes[k] = lower(lanes[k], slack(c[k], sinks[k], u));
         }
     }
-    let rest = cost_rest.iter().zip(v_rest).map(|(c, v)| slack(*c, *v, u));
+    let rest = cost_rest.iter().zip(v_rest).map(|(c, sink)| slack(*c, *sink, u));
     lanes.into_iter().chain(rest).fold(f64::INFINITY, lower)
 }
 
@@ -306,7 +306,7 @@ fn check_precision(
     excess: f64,
     last_bit: f64,
 ) -> Result<()> {
-    let relative = COST_TOLERANCE * plan.cost.abs() + last_bit;
+    let relative = MAX_RELATIVE_GAP * plan.cost.abs() + last_bit;
     if at_least(relative, excess) {
         return Ok(());
     }

@@ -93,15 +93,15 @@ fn least_lane<const N: usize>(mut lanes: [f64; N]) -> f64 {
 fn minimum(rows: &[f64], prices: &[f64], own: &[f64]) -> f64 {
     let mut lanes = [f64::INFINITY; LANES];
     let (price_blocks, price_rest) = prices.as_chunks::<LANES>();
-    for (row, &own) in rows.chunks_exact(prices.len()).zip(own) {
+    for (row, &own_price) in rows.chunks_exact(prices.len()).zip(own) {
         let (blocks, rest) = row.as_chunks::<LANES>();
         for (c, p) in blocks.iter().zip(price_blocks) {
             for k in 0..LANES {
-                lanes[k] = lower(lanes[k], c[k] + p[k] - own);
+                lanes[k] = lower(lanes[k], c[k] + p[k] - own_price);
             }
         }
         for (lane, (c, p)) in lanes.iter_mut().zip(rest.iter().zip(price_rest)) {
-            *lane = lower(*lane, c + p - own);
+            *lane = lower(*lane, c + p - own_price);
         }
     }
     least_lane(lanes)

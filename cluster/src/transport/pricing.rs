@@ -73,8 +73,8 @@ impl Pricing {
     fn next_dense(&mut self, cost: &[f64], basis: &Basis) -> Option<Entering> {
         let (own, prices) = (basis.source_prices(), basis.sink_prices());
         // whole rows, so that a block is one stretch of memory
-        let block = BLOCK * (cost.len() as f64).sqrt();
-        let rows = (block as usize / prices.len()).max(1);
+        let block_size = BLOCK * (cost.len() as f64).sqrt();
+        let rows = (block_size as usize / prices.len()).max(1);
         let mut priced = 0;
         while priced < own.len() {
             let (first, last) = (self.source, (self.source + rows).min(own.len()));
@@ -164,8 +164,8 @@ impl Pricing {
         self.ranking.select_nth_unstable_by(self.short - 1, |a, b| a.0.total_cmp(&b.0));
         let list = source * self.short..(source + 1) * self.short;
         let listed = self.costs[list.clone()].iter_mut().zip(&mut self.sinks[list]);
-        for ((cost, sink), (_, chosen)) in listed.zip(&self.ranking) {
-            (*cost, *sink) = (row[*chosen as usize], *chosen);
+        for ((listed_cost, sink), (_, chosen)) in listed.zip(&self.ranking) {
+            (*listed_cost, *sink) = (row[*chosen as usize], *chosen);
         }
     }
 }

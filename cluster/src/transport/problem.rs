@@ -7,15 +7,17 @@ use crate::error::{ClusterError, Result};
 /// overflow.
 pub const MAX_COST: f64 = 1e100;
 
-/// Largest accepted deviation of the sum of given weights from one.
-const SUM_TOLERANCE: f64 = 1e-9;
+/// Largest accepted deviation of the sum of given weights from one. Rounding to `f32` moves the sum
+/// by at most 6e-8, and a softmax computed in `f32` adds more, the more points it has: 1e-6 is
+/// enough for a thousand.
+const SUM_TOLERANCE: f64 = 1e-6;
 
 /// Weights of one side of a transport problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weights<'a> {
     /// Equal weights of a number of points.
     Uniform(usize),
-    /// One weight for each point: at least 0, of sum one within 1e-9, and scaled to a sum of one.
+    /// One weight for each point: at least 0, of sum one within 1e-6, and divided by their sum.
     Given(&'a [f64]),
 }
 
@@ -49,8 +51,7 @@ impl Weights<'_> {
 }
 
 pub(super) fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<()> {
-    check_weights("sources", sources)?;
-    check_weights("sinks", sinks)?;
+    check_weights([("sources", sources), ("sinks", sinks)])?;
     check_shape(cost, sources.len(), sinks.len())?;
     check_nodes(sources.len(), sinks.len())?;
     check_costs(cost)
@@ -89,31 +90,36 @@ fn check_costs(cost: &[f64]) -> Result<()> {
     })
 }
 
-/// Checks that one side has weights, all finite and at least 0, of sum one.
-fn check_weights(side: &'static str, weights: Weights) -> Result<()> {
-    positive(side, weights.len())?;
-    let Weights::Given(given) = weights else {
-        return Ok(());
-    };
-    if let Some(index) = given.iter().position(|w| !w.is_finite() || *w < 0.0) {
-        let value = given[index];
-        return Err(ClusterError::Weight { side, index, value });
+/// Checks that two named sides have weights, all finite and at least 0, of sum one.
+fn check_weights(sides: [(&'static str, Weights); 2]) -> Result<()> {
+    for (side, weights) in sides {
+        positive(side, weights.len())?;
+        let Weights::Given(given) = weights else {
+            continue;
+        };
+        if let Some(index) = given.iter().position(|w| !w.is_finite() || *w < 0.0) {
+            let value = given[index];
+            return Err(ClusterError::Weight { side, index, value });
+        }
     }
-    let sum = weights.sum();
-    if (sum - 1.0).abs() <= SUM_TOLERANCE {
+    let [(first, a), (second, b)] = sides;
+    let sums = [a.sum(), b.sum()];
+    if sums.iter().all(|sum| (sum - 1.0).abs() <= SUM_TOLERANCE) {
         Ok(())
     } else {
-        Err(ClusterError::WeightSum { side, sum })
+        Err(ClusterError::WeightSums { sides: [first, second], sums, tolerance: SUM_TOLERANCE })
     }
 }
 
-/// Checks the weights of a cloud of `points` points.
-pub(crate) fn check_weights_of(side: &'static str, weights: Weights, points: usize) -> Result<()> {
-    check_weights(side, weights)?;
-    match weights.len() {
-        len if len == points => Ok(()),
-        weights => Err(ClusterError::WeightCount { side, points, weights }),
+/// Checks the weights of two clouds, `x` of `n` points and `y` of `m`.
+pub(crate) fn check_weights_of(a: Weights, n: usize, b: Weights, m: usize) -> Result<()> {
+    check_weights([("x", a), ("y", b)])?;
+    for (side, weights, points) in [("x", a.len(), n), ("y", b.len(), m)] {
+        if weights != points {
+            return Err(ClusterError::WeightCount { side, points, weights });
+        }
     }
+    Ok(())
 }
 
 /// Mass that goes from one source to one sink.

@@ -27,7 +27,7 @@ const PIVOTS_PER_NODE: usize = 1000;
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a
 /// cost that is not finite or exceeds [`MAX_COST`](crate::MAX_COST), and an answer that the
 /// certificate refuses: [`ClusterError::Imprecise`] where rounding leaves more than
-/// [`COST_TOLERANCE`](crate::COST_TOLERANCE) of the cost open.
+/// [`MAX_RELATIVE_GAP`](crate::MAX_RELATIVE_GAP) of the cost open.
 ///
 /// ```
 /// use cluster::{Weights, transport};

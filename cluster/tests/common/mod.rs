@@ -3,9 +3,7 @@
 // each test file uses its part
 #![allow(dead_code)]
 
-use cluster::{
-    Assigner, AssignerSettings, Calibrated, ClusterError, Rule, TransportPlan, Weights, transport,
-};
+use cluster::{ClusterError, TransportPlan, Weights, transport};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -32,16 +30,6 @@ pub fn random_weights(seed: u64, len: usize) -> Vec<f64> {
     let weights: Vec<f64> = (0..len).map(|_| rng.random_range(0.0..1.0)).collect();
     let sum: f64 = weights.iter().sum();
     weights.iter().map(|w| w / sum).collect()
-}
-
-/// Makes an assigner of the calibrated rule.
-pub fn calibrated(settings: Calibrated) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings { rule: Rule::Calibrated(settings) })
-}
-
-/// Makes an assigner of the paper's rule.
-pub fn fixed(threshold: f64) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings { rule: Rule::Fixed { threshold } })
 }
 
 /// Solves a problem with equal weights.

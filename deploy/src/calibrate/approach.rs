@@ -7,7 +7,7 @@ use robots::{Command, Pose, RobotState};
 
 use crate::DeployError;
 
-use crate::controller::TICK;
+use crate::controller::COMMAND_PERIOD;
 use crate::rig::{Rig, newest_picture};
 
 /// Proportional gain (1/s) from the remaining way to the speed of the hand. Low enough to be stable
@@ -30,7 +30,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// # Errors
 /// [`DeployError::Robot`], [`DeployError::Rig`], [`DeployError::PoseNotReached`]; the arm may be
 /// moving.
-pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), DeployError> {
+pub fn move_hand_to(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), DeployError> {
     let limits = arm.settings().control.limits;
     let until = rig.now() + LONGEST;
     loop {
@@ -41,15 +41,21 @@ pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), Deplo
             return Ok(rig.stop()?);
         }
         if rig.now() > until {
-            return Err(DeployError::PoseNotReached { left: 1e3 * place, turn: turn.to_degrees() });
+            return Err(DeployError::PoseNotReached {
+                remaining_mm: 1e3 * place,
+                remaining_deg: turn.to_degrees(),
+            });
         }
         // the fingers keep their opening
-        rig.command(&Command { twist: limits.towards(way, RATE), closing: state.closing })?;
-        wait(rig, TICK)?;
+        rig.command(&Command {
+            twist: limits.twist_towards(way, RATE),
+            gripper_closure: state.gripper_closure,
+        })?;
+        wait(rig, COMMAND_PERIOD)?;
     }
 }
 
-/// Hand at rest.
+/// State of a hand that has come to rest.
 #[derive(Clone, Debug)]
 pub struct RestingHand {
     /// Time since which the hand rests.
@@ -75,10 +81,10 @@ pub fn capture_at_rest(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<RestingHand,
             return Ok(RestingHand { since, state });
         }
         if rig.now() > since + PATIENCE {
-            let (age, most) = (rig.now() - taken, PATIENCE);
-            return Err(DeployError::StalePicture { age, most });
+            let (age, max_age) = (rig.now() - taken, PATIENCE);
+            return Err(DeployError::StalePicture { age, max_age });
         }
-        wait(rig, TICK)?;
+        wait(rig, COMMAND_PERIOD)?;
     }
 }
 

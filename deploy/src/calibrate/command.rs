@@ -8,17 +8,21 @@ use clap::Args;
 use envs::Camera;
 use envs::embodiments::Arm;
 use glam::DVec3;
-use inpainting::{Ball, Calibration, Focal, HandEye, Offset, Uncertainty};
+use inpainting::{
+    BallOffset, Calibration, CalibrationBall, FocalLengthEstimate, HandEyeCalibration,
+    HandEyeSettings, Uncertainty,
+};
 use serde_json::{Value, json};
 
 use crate::{DeployError, plausibility};
 use experiments::RunError;
-use experiments::cli::say;
-use learner::disk::{LocalDisk, try_out};
+use experiments::cli::print_escaped;
+use learner::disk::{LocalDisk, check_writable};
 
+use super::camera_file::read_camera_intrinsics;
 use super::file::CalibrationFile;
-use super::measure::{CalibrateSettings, Calibrated, calibrate};
-use super::poses::poses;
+use super::measure::{CalibrateSettings, CalibrationResult, calibrate};
+use super::poses::calibration_poses;
 use crate::faults::Fault;
 use crate::options::{RigOptions, RobotKind};
 use crate::rig::{Rig, Trial};
@@ -37,11 +41,22 @@ pub struct CalibrateOptions {
     pub out: PathBuf,
     /// Position of the ball's centre in the frame of the hand's link (mm), as 129.9,-0.1,-170.2
     /// (default: it is estimated, too).
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    pub offset: Option<Triple>,
+    #[arg(long = "offset", value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub ball_offset_mm: Option<Triple>,
+    /// Accuracy of the ball's position by the arm's joints (mm, one standard deviation). A pose
+    /// that is off by more than four times as much is left out.
+    #[arg(long, value_name = "MM", default_value_t = 2.5)]
+    pub arm_accuracy: f64,
+    /// YAML file of OpenCV or ROS (`camera_info`) with the camera's intrinsics and lens, in place
+    /// of the rig's own.
+    #[arg(long = "camera", value_name = "FILE")]
+    pub camera_file: Option<PathBuf>,
+    /// Estimate the focal lengths, too, starting from those that are given.
+    #[arg(long)]
+    pub estimate_focal: bool,
     /// Colour of the ball in the picture: red, green and blue, each 0 to 255.
-    #[arg(long, value_name = "R,G,B", default_value = "255,0,255")]
-    pub color: Triple,
+    #[arg(long = "color", value_name = "R,G,B", default_value = "255,0,255")]
+    pub ball_color: Triple,
     /// Print the result as one JSON object, in the last line.
     #[arg(long)]
     pub json: bool,
@@ -60,7 +75,7 @@ impl FromStr for Triple {
         let finite = numbers.iter().all(|number| number.is_finite());
         match (<[f64; 3]>::try_from(numbers), finite) {
             (Ok(numbers), true) => Ok(Self(numbers)),
-            _ => Err(RunError::Setting {
+            _ => Err(RunError::InvalidSetting {
                 name: "three numbers",
                 value: text.to_owned(),
                 expected: "numbers as 1,2.5,-3",
@@ -79,55 +94,66 @@ impl CalibrateOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
         let settings = self.simulation()?;
         let RobotKind::KinovaSim = self.rig.robot;
-        let mut rig = SimulatedRig::with_ball(settings, Camera::default())?;
+        let mut rig = SimulatedRig::carrying_ball(settings, Camera::default())?;
         let arm = rig.arm().clone();
-        let calibrated = self.run_on(&mut rig, &arm, out)?;
+        let calibrated = self.calibrate_on(&mut rig, &arm, out)?;
         if self.json {
             return Ok(());
         }
-        let [place, angle] = apart(&calibrated.found.calibration, &rig.truth());
+        let [place, angle] =
+            distance_mm_and_angle_deg(&calibrated.estimate.calibration, &rig.true_calibration());
         let simulated = format!(
             "the simulated camera is in truth {place:.1} mm and {angle:.2} degrees from that"
         );
-        Ok(say(out, &simulated)?)
+        Ok(print_escaped(out, &simulated)?)
     }
 
-    /// Calibrates the camera of your own rig; `arm` is the model of its robot. Options of faults
-    /// are ignored.
+    /// Calibrates the camera of your own rig; `arm` is the model of its robot. `--faults` has no
+    /// effect.
     ///
     /// # Errors
-    /// As [`CalibrateOptions::run`].
+    /// As [`CalibrateOptions::run`], and `--fault`, which only a simulated rig can set.
     pub fn run_on(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
-    ) -> Result<Calibrated, DeployError> {
-        let settings = self.settings()?;
+    ) -> Result<CalibrationResult, DeployError> {
+        self.rig.reject_faults([])?;
+        self.calibrate_on(rig, arm, out)
+    }
+
+    pub(super) fn calibrate_on(
+        &self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<CalibrationResult, DeployError> {
+        let settings = self.settings(&rig.calibration())?;
         // the arm moves for minutes, so check first that the file can be written
-        try_out(&LocalDisk, &self.out)?;
+        check_writable(&LocalDisk, &self.out)?;
         let trial = Trial::on_empty_table(self.rig.seed);
-        let calibrated = calibrate(rig, arm, &settings, &poses(arm), &trial)?;
-        let refusal = refusal(&calibrated.found.calibration, rig);
+        let calibrated = calibrate(rig, arm, &settings, &calibration_poses(arm), &trial)?;
+        let refusal = refusal(&calibrated.estimate.calibration, rig);
         let result = if self.json {
-            object(&calibrated, refusal.as_deref()).to_string()
+            object(&calibrated, self.estimate_focal, refusal.as_deref()).to_string()
         } else {
-            text(&calibrated, refusal.as_deref())
+            text(&calibrated, self.estimate_focal, refusal.as_deref())
         };
-        say(out, &result)?;
-        CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
+        print_escaped(out, &result)?;
+        CalibrationFile::write(&calibrated.estimate.calibration, &self.out)?;
         Ok(calibrated)
     }
 
     /// Returns the settings of the simulated rig.
     ///
     /// # Errors
-    /// [`RunError::Setting`] for a fault of the mask, which a calibration does not use.
+    /// [`RunError::InvalidSetting`] for a fault of the mask, which a calibration does not use.
     fn simulation(&self) -> Result<SimulationSettings, DeployError> {
-        if self.rig.fault.iter().any(|of| of.fault == Fault::MaskGrowth) {
-            return Err(RunError::Setting {
+        if self.rig.fault_amounts.iter().any(|of| of.fault == Fault::MaskMargin) {
+            return Err(RunError::InvalidSetting {
                 name: "fault",
-                value: Fault::MaskGrowth.name().to_owned(),
+                value: Fault::MaskMargin.name().to_owned(),
                 expected: "a fault of the camera or the arm: a calibration makes no mask",
             }
             .into());
@@ -135,39 +161,59 @@ impl CalibrateOptions {
         Ok(self.rig.settings()?.simulation)
     }
 
-    fn settings(&self) -> Result<CalibrateSettings, DeployError> {
-        let levels = self.color.0;
+    /// Returns the settings for a rig whose own calibration is `known`.
+    fn settings(&self, known: &Calibration) -> Result<CalibrateSettings, DeployError> {
+        let levels = self.ball_color.0;
         let is_level = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
         if !levels.iter().all(is_level) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "color",
                 value: format!("{levels:?}"),
                 expected: "three whole levels of 0 to 255",
             }
             .into());
         }
+        let camera = self.camera_file.as_deref().map(|path| {
+            let (intrinsics, distortion) = read_camera_intrinsics(path)?;
+            let [size, expected] = [intrinsics, known.intrinsics].map(|of| (of.width, of.height));
+            if size != expected {
+                let problem = format!(
+                    "it is of pictures of {} x {} pixels, but the rig's are {} x {}",
+                    size.0, size.1, expected.0, expected.1
+                );
+                return Err(RunError::damaged_file(path, problem));
+            }
+            let checked = Calibration { intrinsics, distortion, ..*known };
+            checked.check().map_err(|error| RunError::cannot_read(path, error))?;
+            Ok((intrinsics, distortion))
+        });
         // millimetres on the command line, metres inside
-        let offset = self.offset.map(|Triple(place)| DVec3::from_array(place) / 1e3);
+        let offset = self.ball_offset_mm.map(|Triple(place)| DVec3::from_array(place) / 1e3);
         Ok(CalibrateSettings {
-            ball: Ball { color: levels.map(|level| level as u8) },
-            offset: offset.map_or(Offset::Unknown, Offset::Known),
+            ball: CalibrationBall { color: levels.map(|level| level as u8) },
+            hand_eye: HandEyeSettings {
+                arm_position_sd: self.arm_accuracy / 1e3,
+                estimate_focal_length: self.estimate_focal,
+                ..offset.map_or(BallOffset::Unknown, BallOffset::Known).into()
+            },
+            lens: camera.transpose()?,
         })
     }
 }
 
 /// Returns the reason for which `covers deploy` would reject the calibration on this rig, if any.
 fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
-    match plausibility::check(found, &rig.standing_calibration()) {
-        Err(DeployError::OtherCamera { what, value, expected }) => {
-            Some(format!("its {what} is {value}, expected {expected}"))
+    match plausibility::check_plausibility(found, &rig.trial_independent_calibration()) {
+        Err(DeployError::ImplausibleCalibration { part, value, expected }) => {
+            Some(format!("its {part} is {value}, expected {expected}"))
         }
         _ => None,
     }
 }
 
 /// Returns the distance between two cameras (mm) and the angle between them (degrees).
-pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
-    let [place, angle] = plausibility::apart(one, other);
+pub(crate) fn distance_mm_and_angle_deg(one: &Calibration, other: &Calibration) -> [f64; 2] {
+    let [place, angle] = plausibility::distance_m_and_angle_deg(one, other);
     [1e3 * place, angle]
 }
 
@@ -186,57 +232,58 @@ fn degrees(angle: DVec3) -> [f64; 3] {
 
 fn uncertainty(of: &Uncertainty) -> Value {
     json!({
-        "position_mm": millimetres(of.position),
-        "angle_degrees": degrees(of.angle),
-        "offset_mm": millimetres(of.offset),
+        "position_mm": millimetres(of.position_sd),
+        "angle_degrees": degrees(of.angle_sd),
+        "offset_mm": millimetres(of.ball_offset_sd),
     })
 }
 
 /// Returns the result as a JSON object.
-fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
-    let found = &calibrated.found;
-    let [moved, turned] = apart(&found.calibration, &calibrated.before);
+fn object(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>) -> Value {
+    let found = &calibrated.estimate;
+    let [moved, turned] = distance_mm_and_angle_deg(&found.calibration, &calibrated.previous);
     let residuals = found.residuals.iter().map(|of| {
-        let on_table = of.on_table.map(|metres| 1e3 * metres);
-        json!({"pose": of.pose, "pixels": of.pixels, "mm_on_table": on_table})
+        let on_table = of.table_distance_m.map(|metres| 1e3 * metres);
+        json!({"pose": of.pose_number, "pixels": of.distance_px, "mm_on_table": on_table})
     });
     json!({
         "calibration": CalibrationFile::from(&found.calibration),
-        "ball_in_hand_mm": millimetres(found.offset),
-        "rms_pixels": found.rms(),
-        "rms_mm_on_table": found.rms_on_table().map(|place| 1e3 * place),
+        "ball_in_hand_mm": millimetres(found.ball_offset),
+        "rms_pixels": found.rms_px(),
+        "rms_mm_on_table": found.rms_on_table_m().map(|place| 1e3 * place),
         "residuals": residuals.collect::<Vec<_>>(),
         "sigma": uncertainty(&found.uncertainty),
-        "sigma_of_a_pixel": uncertainty(&found.dilution),
-        "focal_by_the_poses": found.focal.map(|focal| json!({
-            "ratio": focal.ratio,
-            "sigma": focal.sigma,
+        "sigma_of_a_pixel": uncertainty(&found.uncertainty_per_pixel),
+        "focal_by_the_poses": found.focal_length.map(|focal| json!({
+            "ratio": focal.ratio_to_given,
+            "sigma": focal.ratio_sd,
         })),
+        "focal_estimated": estimated,
         "moved_mm": moved,
         "turned_degrees": turned,
-        "left_out": calibrated.left_out,
+        "left_out": calibrated.skipped_poses,
         "refused_by_deploy": refusal,
     })
 }
 
 /// Formats the result as text.
-fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
-    let Calibrated { before, found, left_out } = calibrated;
-    let mut lines: Vec<String> = left_out
+fn text(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>) -> String {
+    let CalibrationResult { previous, estimate: found, skipped_poses } = calibrated;
+    let mut lines: Vec<String> = skipped_poses
         .iter()
-        .map(|left| format!("pose {} was left out: {}", left.pose, left.why))
+        .map(|left| format!("pose {} was left out: {}", left.pose_number, left.reason))
         .collect();
     lines.push(residuals(found));
     lines.extend(estimates(found));
-    lines.push(focal(found.focal));
+    lines.push(focal(found.focal_length, estimated));
     // small residuals do not show poses that determine the camera badly; this does
-    let sensitivity = &found.dilution;
+    let sensitivity = &found.uncertainty_per_pixel;
     lines.push(format!(
         "a pixel of noise would leave {:.1} mm and {:.2} degrees",
-        1e3 * sensitivity.position.length(),
-        sensitivity.angle.length().to_degrees()
+        1e3 * sensitivity.position_sd.length(),
+        sensitivity.angle_sd.length().to_degrees()
     ));
-    let [place, angle] = apart(&found.calibration, before);
+    let [place, angle] = distance_mm_and_angle_deg(&found.calibration, previous);
     lines.push(format!("it was taken to be {place:.1} mm and {angle:.2} degrees from there"));
     lines.extend(refusal.map(|why| {
         format!(
@@ -248,49 +295,54 @@ fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
 }
 
 /// Returns the line on the residuals: their root mean square and the largest one.
-fn residuals(found: &HandEye) -> String {
-    let worst = found.worst().map_or_else(String::new, |worst| {
-        let (pose, pixels, table) = (worst.pose, worst.pixels, in_millimetres(worst.on_table));
+fn residuals(found: &HandEyeCalibration) -> String {
+    let worst = found.largest_residual().map_or_else(String::new, |worst| {
+        let (pose, pixels, table) =
+            (worst.pose_number, worst.distance_px, in_millimetres(worst.table_distance_m));
         format!("; at most {pixels:.2}, {table}, in pose {pose}")
     });
     format!(
         "{} poses; the ball is {:.2} pixels off (rms), {} on the table{worst}",
         found.residuals.len(),
-        found.rms(),
-        in_millimetres(found.rms_on_table())
+        found.rms_px(),
+        in_millimetres(found.rms_on_table_m())
     )
 }
 
 /// Returns the lines on the estimates with their standard deviations: the camera's position and
 /// orientation, and the ball's position in the hand if it was estimated.
-fn estimates(found: &HandEye) -> Vec<String> {
+fn estimates(found: &HandEyeCalibration) -> Vec<String> {
     let position = |name: &str, values: DVec3, sigma: DVec3| {
         let values = millimetres(values).map(|value| format!("{value:.1}")).join(", ");
         let sigma = millimetres(sigma).map(|value| format!("{value:.2}")).join(", ");
         format!("{name} at {values} mm, give or take {sigma}")
     };
     let sigma = &found.uncertainty;
-    let [right, down, forwards] = degrees(sigma.angle);
+    let [right, down, forwards] = degrees(sigma.angle_sd);
     let mut lines = vec![
-        position("camera", found.calibration.position(), sigma.position),
+        position("camera", found.calibration.position(), sigma.position_sd),
         format!(
             "turned as the file says, give or take {right:.3}, {down:.3}, {forwards:.3} degrees \
              about its axes right, down and forwards"
         ),
     ];
     // an offset that was given has no uncertainty
-    if sigma.offset != DVec3::ZERO {
-        lines.push(position("ball in the hand", found.offset, sigma.offset));
+    if sigma.ball_offset_sd != DVec3::ZERO {
+        lines.push(position("ball in the hand", found.ball_offset, sigma.ball_offset_sd));
     }
     lines
 }
 
-/// Returns the line on the focal lengths, which the calibration does not change.
-fn focal(found: Option<Focal>) -> String {
+/// Returns the line on the focal lengths.
+fn focal(found: Option<FocalLengthEstimate>, estimated: bool) -> String {
     match found {
-        Some(Focal { ratio, sigma }) => format!(
-            "that holds for the focal lengths that were given; the poses alone would put them \
-             {:.1} % {}, give or take {:.1}",
+        Some(FocalLengthEstimate { ratio_to_given: ratio, ratio_sd: sigma }) => format!(
+            "{} {:.1} % {}, give or take {:.1}",
+            if estimated {
+                "the focal lengths were estimated:"
+            } else {
+                "that holds for the focal lengths that were given; the poses alone would put them"
+            },
             1e2 * (ratio - 1.0).abs(),
             if ratio < 1.0 { "lower" } else { "higher" },
             1e2 * sigma

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use envs::embodiments::Arm;
-use envs::{Camera, HAND_START};
+use envs::{Camera, HAND_TARGET_START};
 use glam::{DQuat, DVec3};
 use inpainting::Calibration;
-use rl::BoxError;
-use robots::{Command, ControlError, Pose, Robot, RobotState};
+use rl::BoxedEnvError;
+use robots::{Command, ControlError, Pose, Robot, RobotState, TipMiss};
 
-use crate::rig::{Rig, SetUp, Trial, Verdict};
+use crate::rig::{Rig, SetUp, TaskVerdict, Trial};
 use crate::{SimulatedRig, SimulationSettings};
 
 /// Rig with an arm without dynamics over a grey table.
@@ -24,12 +24,15 @@ pub struct FakeRig {
 
 impl FakeRig {
     pub fn new(arm: &Arm) -> Self {
-        let joints = arm.settings().ready.clone();
+        let joints = arm.settings().ready_joint_positions.clone();
         Self {
             state: RobotState {
-                tip: Pose { position: HAND_START, rotation: arm.chain().tip(&joints).rotation },
+                tip: Pose {
+                    position: HAND_TARGET_START,
+                    rotation: arm.chain().tip_pose(&joints).rotation,
+                },
                 joints,
-                closing: 0.0,
+                gripper_closure: 0.0,
             },
             time: Duration::ZERO,
             spin: 0.0,
@@ -52,13 +55,9 @@ impl Robot for FakeRig {
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         let tip = &mut self.state.tip;
         if command.twist.linear.z > 0.0 && tip.position.z > 0.24 {
-            return Err(ControlError::OutOfReach {
-                target: tip.position,
-                reached: tip.position,
-                distance: 0.1,
-                angle: 0.0,
-                joint: None,
-            });
+            let [target, reached] = [tip.position; 2];
+            let miss = TipMiss { target, reached, distance: 0.1, angle: 0.0, joint: None };
+            return Err(ControlError::CannotFollow { miss });
         }
         tip.position += 0.025 * command.twist.linear;
         self.turn(0.025 * command.twist.angular);
@@ -71,30 +70,34 @@ impl Robot for FakeRig {
 }
 
 impl Rig for FakeRig {
-    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
-        Ok(SetUp { background: vec![100; 3 * 640 * 480], parked: self.state.clone(), goal: None })
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxedEnvError> {
+        Ok(SetUp {
+            background: vec![100; 3 * 640 * 480],
+            parked_state: self.state.clone(),
+            goal: None,
+        })
     }
 
     fn calibration(&self) -> Calibration {
-        let rig = SimulatedRig::new(SimulationSettings::OFF, Camera::default());
-        rig.unwrap().truth()
+        let rig = SimulatedRig::new(SimulationSettings::NO_FAULTS, Camera::default());
+        rig.unwrap().true_calibration()
     }
 
     fn now(&self) -> Duration {
         self.time
     }
 
-    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
         self.time += time;
         self.turn(self.spin * time.as_secs_f64() * DVec3::Z);
         Ok(())
     }
 
-    fn picture(&mut self, _: &mut [u8]) -> Result<Duration, BoxError> {
+    fn picture(&mut self, _: &mut [u8]) -> Result<Duration, BoxedEnvError> {
         Ok(self.time + self.ahead)
     }
 
-    fn verdict(&mut self) -> Result<Verdict, BoxError> {
-        Ok(Verdict::default())
+    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
+        Ok(TaskVerdict::default())
     }
 }

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::DeployError;
 use experiments::RunError;
-use learner::disk::{LocalDisk, replace};
-use learner::overrides::{parse, read};
+use learner::disk::{LocalDisk, write_atomically};
+use learner::overrides::{parse_json, read_json};
 
 /// Maximum coordinate of a camera's position (metres); a larger one must be in millimetres.
 const FARTHEST: f64 = 100.0;
 
 /// Contents of `calibration.json`. Lengths are in metres; all else is in pixels or has no unit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationFile {
     /// Width and height of pictures (pixels).
@@ -24,8 +24,9 @@ pub struct CalibrationFile {
     pub focal: [f64; 2],
     /// Column and row of the optical axis (pixels).
     pub centre: [f64; 2],
-    /// Coefficients k1 and k2 of the radial distortion.
-    pub radial: [f64; 2],
+    /// Coefficients of the radial distortion: k1 and k2, k1 to k3, or k1 to k6 of OpenCV's rational
+    /// model.
+    pub radial: Vec<f64>,
     /// Coefficients p1 and p2 of the tangential distortion.
     pub tangential: [f64; 2],
     /// Position of the camera (metres, world).
@@ -40,8 +41,8 @@ impl CalibrationFile {
     /// # Errors
     /// [`RunError::Read`] with the file and the reason.
     pub fn read(path: &Path) -> Result<Calibration, RunError> {
-        let file: Self = read(path)?;
-        file.calibration().map_err(|error| RunError::read(path, error))
+        let file: Self = read_json(path)?;
+        file.calibration().map_err(|error| RunError::cannot_read(path, error))
     }
 
     /// Reads a calibration from JSON.
@@ -49,10 +50,10 @@ impl CalibrationFile {
     /// # Errors
     /// [`NotJson`](learner::LearnerError::NotJson),
     /// [`UnknownSetting`](learner::LearnerError::UnknownSetting),
-    /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::Setting`] for a position
-    /// in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
+    /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::InvalidSetting`] for a
+    /// position in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
     pub fn parse(text: &str) -> Result<Calibration, DeployError> {
-        let file: Self = parse(text)?;
+        let file: Self = parse_json(text)?;
         file.calibration()
     }
 
@@ -62,24 +63,38 @@ impl CalibrationFile {
     /// [`RunError::Write`].
     pub fn write(calibration: &Calibration, path: &Path) -> Result<(), DeployError> {
         let text = serde_json::to_string_pretty(&Self::from(calibration));
-        let text = text.map_err(|error| RunError::write(path, error))? + "\n";
-        Ok(replace(&LocalDisk, path, text.as_bytes())?)
+        let text = text.map_err(|error| RunError::cannot_write(path, error))? + "\n";
+        Ok(write_atomically(&LocalDisk, path, text.as_bytes())?)
     }
 
     fn calibration(self) -> Result<Calibration, DeployError> {
         if self.position.iter().any(|place| place.abs() > FARTHEST) {
-            return Err(RunError::Setting {
+            return Err(RunError::InvalidSetting {
                 name: "position",
                 value: format!("{:?}", self.position),
                 expected: "metres, each at most 100",
             }
             .into());
         }
+        let mut radial = [0.0; 6];
+        let given = radial.get_mut(..self.radial.len());
+        let given = given.filter(|given| matches!(given.len(), 2 | 3 | 6));
+        let given = given.ok_or_else(|| RunError::InvalidSetting {
+            name: "radial",
+            value: format!("{:?}", self.radial),
+            expected: "2, 3 or 6 numbers: k1 and k2, k1 to k3, or k1 to k6",
+        })?;
+        given.copy_from_slice(&self.radial);
         let [width, height] = self.size;
         let rotation = DMat3::from_cols_array_2d(&self.rotation).transpose();
         let calibration = Calibration {
-            intrinsics: Intrinsics { width, height, focal: self.focal, centre: self.centre },
-            distortion: Distortion { radial: self.radial, tangential: self.tangential },
+            intrinsics: Intrinsics {
+                width,
+                height,
+                focal_lengths: self.focal,
+                principal_point: self.centre,
+            },
+            distortion: Distortion { radial, tangential: self.tangential },
             extrinsics: Extrinsics {
                 rotation,
                 translation: -(rotation * glam::DVec3::from_array(self.position)),
@@ -96,9 +111,12 @@ impl From<&Calibration> for CalibrationFile {
         let rows = calibration.extrinsics.rotation.transpose();
         Self {
             size: [inside.width, inside.height],
-            focal: inside.focal,
-            centre: inside.centre,
-            radial: calibration.distortion.radial,
+            focal: inside.focal_lengths,
+            centre: inside.principal_point,
+            radial: match calibration.distortion.radial {
+                [k1, k2, 0.0, 0.0, 0.0, 0.0] => vec![k1, k2],
+                all => all.to_vec(),
+            },
             tangential: calibration.distortion.tangential,
             position: calibration.position().to_array(),
             rotation: rows.to_cols_array_2d(),
@@ -114,7 +132,7 @@ mod tests {
         let rotation = DMat3::from_rotation_x(3.1) * DMat3::from_rotation_z(0.4);
         Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion { radial: [0.01, -0.02], tangential: [0.001, 0.0] },
+            distortion: Distortion::brown_conrady([0.01, -0.02], [0.001, 0.0]),
             extrinsics: Extrinsics { rotation, translation: glam::DVec3::new(0.1, -0.2, 1.4) },
         }
     }
@@ -149,6 +167,11 @@ mod tests {
     fn files_that_are_no_camera_say_why() {
         let text = serde_json::to_string(&CalibrationFile::from(&camera())).unwrap();
         CalibrationFile::parse(&text).unwrap();
+        for radial in ["-0.1,0.02,-0.01", "9.0,-20.0,4.0,9.1,-20.0,4.1"] {
+            let more = text.replacen("0.01,-0.02", radial, 1);
+            let again = CalibrationFile::from(&CalibrationFile::parse(&more).unwrap());
+            assert!(serde_json::to_string(&again).unwrap().contains(radial), "{again:?}");
+        }
         for (part, other, says) in [
             ("\"size\"", "\"sise\"", "did you mean `size`"),
             ("[640,480]", "[640]", "size"),
@@ -156,6 +179,7 @@ mod tests {
             ("[615.0,615.0]", "[615.0,-1]", "focal length"),
             ("[615.0,615.0]", "[615.0,1e999]", "no JSON"),
             ("0.01,", "3.0,", "distortion"),
+            ("0.01,", "0.0,0.0,0.01,", "k1 to k6"),
             ("n\":[[", "n\":[[3.0,0.0,0.0],[", "rotation"),
             ("n\":[[", "n\":[[9", "rotation"),
             ("}", "", "JSON"),

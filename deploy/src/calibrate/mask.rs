@@ -1,7 +1,7 @@
 //! Check of the arm's mask, which follows from forward kinematics, against pictures of the arm.
 
 use envs::embodiments::Arm;
-use inpainting::MIN_POSES;
+use inpainting::MIN_CALIBRATION_POSES;
 use robots::Pose;
 use serde::Serialize;
 
@@ -9,11 +9,11 @@ use crate::DeployError;
 use experiments::sheet::Picture;
 
 use super::approach::RestingHand;
-use super::measure::{SkippedPose, concerns_one_pose, visit};
-use super::overlay::overlay;
+use super::measure::{SkippedPose, capture_in_pose, concerns_one_pose};
+use super::overlay::mask_overlay;
 use crate::deployment::Deployment;
-use crate::observer::Observer;
-use crate::rig::{Rig, Trial, then_stop};
+use crate::observer::RigPerception;
+use crate::rig::{Rig, Trial, stop_after};
 
 /// Minimum difference (levels of 255) from the empty table of a pixel that shows the arm: four
 /// standard deviations of the noise of the difference of two pictures.
@@ -23,27 +23,31 @@ const MAJORITY: usize = 5;
 
 /// Comparison of mask and arm in one pose, by pixels of the policy's view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct MaskRow {
+pub struct MaskComparison {
     /// Number of the pose, counted from 1.
-    pub pose: usize,
+    #[serde(rename = "pose")]
+    pub pose_number: usize,
     /// Intersection over union of mask and arm.
-    pub overlap: f64,
+    #[serde(rename = "overlap")]
+    pub iou: f64,
     /// Share of the arm that the mask does not cover.
-    pub outside: f64,
+    #[serde(rename = "outside")]
+    pub uncovered_share: f64,
     /// Share of the mask that covers the table instead of the arm.
-    pub spare: f64,
+    #[serde(rename = "spare")]
+    pub excess_share: f64,
 }
 
 /// Comparison of mask and arm in several poses.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaskCheck {
-    /// Results, one for each pose.
-    pub rows: Vec<MaskRow>,
+    /// Comparisons of mask and arm, one for each pose.
+    pub comparisons: Vec<MaskComparison>,
     /// Pictures with mask and arm in colours: green for both, red for the arm alone, blue for the
     /// mask alone.
-    pub pictures: Vec<Picture>,
-    /// Poses that were skipped.
-    pub left_out: Vec<SkippedPose>,
+    pub overlays: Vec<Picture>,
+    /// Poses of the mask check that were skipped, with the reasons.
+    pub skipped_poses: Vec<SkippedPose>,
 }
 
 /// Sets the table up; returns the perception of the rig and a picture of the empty table.
@@ -52,7 +56,7 @@ fn set_up_observer(
     rig: &mut dyn Rig,
     arm: &Arm,
     trial: &Trial,
-) -> Result<(Observer, Vec<u8>), DeployError> {
+) -> Result<(RigPerception, Vec<u8>), DeployError> {
     let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
     let start = rig.state()?;
     let observer = deployment.observer(rig, arm, &set_up, start)?;
@@ -61,18 +65,18 @@ fn set_up_observer(
 
 impl MaskCheck {
     /// Maximum share of the arm outside of the mask in any pose.
-    pub const LARGEST_OUTSIDE: f64 = 0.02;
-    /// Minimum mean overlap; below it the mask hides far more than the arm.
-    pub const LEAST_OVERLAP: f64 = 0.5;
+    pub const MAX_UNCOVERED_SHARE: f64 = 0.02;
+    /// Minimum mean intersection over union; below it the mask hides far more than the arm.
+    pub const MIN_MEAN_IOU: f64 = 0.5;
     /// Minimum number of poses for a verdict.
-    pub const MIN_POSES: usize = MIN_POSES;
+    pub const MIN_POSES: usize = MIN_CALIBRATION_POSES;
 
     /// Moves the arm to `poses` over the table of `trial`, which should be empty, and compares the
     /// mask that `deployment` would use with the pictures. The robot is stopped at the end and
     /// before any error is returned.
     ///
     /// # Errors
-    /// [`DeployError::OtherCamera`], before the arm moves; [`DeployError::Rig`],
+    /// [`DeployError::ImplausibleCalibration`], before the arm moves; [`DeployError::Rig`],
     /// [`DeployError::Robot`], [`DeployError::StalePicture`], [`DeployError::CameraClockAhead`];
     /// errors of the perception.
     pub fn measure(
@@ -83,13 +87,13 @@ impl MaskCheck {
         trial: &Trial,
     ) -> Result<Self, DeployError> {
         deployment.check_calibration(rig)?;
-        let size = deployment.camera().size;
+        let size = deployment.training_camera().size;
         let started = set_up_observer(deployment, rig, arm, trial);
         let measured = started.and_then(|(observer, background)| {
             let seen = vec![0; 3 * size * size];
             Self::visit_all(rig, arm, poses, observer, background, seen)
         });
-        then_stop(rig, measured)
+        stop_after(rig, measured)
     }
 
     /// Visits all poses. `picture` and `seen` are buffers for the pictures of camera and policy.
@@ -97,28 +101,28 @@ impl MaskCheck {
         rig: &mut dyn Rig,
         arm: &Arm,
         poses: &[Pose],
-        mut observer: Observer,
+        mut observer: RigPerception,
         mut picture: Vec<u8>,
         mut seen: Vec<u8>,
     ) -> Result<Self, DeployError> {
         let mut check = Self::default();
         for (number, target) in poses.iter().enumerate() {
             let pose = number + 1;
-            match visit(rig, arm, target, &mut picture) {
+            match capture_in_pose(rig, arm, target, &mut picture) {
                 Ok(RestingHand { since, state }) => {
                     // pictures come late: the next one may be of any time since the hand came to
                     // rest
-                    observer.record(since, state.clone());
-                    observer.record(rig.now(), state);
-                    observer.shoot(rig)?;
-                    observer.paint(arm, &mut seen)?;
+                    observer.record_state(since, state.clone());
+                    observer.record_state(rig.now(), state);
+                    observer.fetch_picture(rig)?;
+                    observer.write_without_arm(arm, &mut seen)?;
                     check.add(pose, &observer);
                 }
                 Err(error) if concerns_one_pose(&error) => {
                     // the arm may still be on its way
                     rig.stop()?;
-                    let why = error.to_string();
-                    check.left_out.push(SkippedPose { pose, why });
+                    let reason = error.to_string();
+                    check.skipped_poses.push(SkippedPose { pose_number: pose, reason });
                 }
                 Err(error) => return Err(error),
             }
@@ -127,61 +131,66 @@ impl MaskCheck {
     }
 
     /// Compares the last picture's mask with the pixels that differ from the empty table.
-    fn add(&mut self, pose: usize, observer: &Observer) {
+    fn add(&mut self, pose: usize, observer: &RigPerception) {
         let perception = observer.perception();
-        let width = perception.view().intrinsics.width;
+        let width = perception.rectified_camera().intrinsics.width;
         let arm = smoothed(
-            &perception.difference().map(|levels| levels >= DIFFERENT).collect::<Vec<_>>(),
+            &perception
+                .difference_from_background()
+                .map(|levels| levels >= DIFFERENT)
+                .collect::<Vec<_>>(),
             width,
         );
-        self.rows.push(row(pose, perception.mask(), &arm));
-        self.pictures.push(overlay(perception, &arm));
+        self.comparisons.push(row(pose, perception.arm_mask(), &arm));
+        self.overlays.push(mask_overlay(perception, &arm));
     }
 
-    /// Returns the mean overlap.
-    pub fn overlap(&self) -> f64 {
-        let overlaps = self.rows.iter().map(|row| row.overlap);
-        overlaps.sum::<f64>() / self.rows.len().max(1) as f64
+    /// Returns the mean intersection over union of mask and arm over all poses, in `[0, 1]`; 0
+    /// without poses.
+    pub fn mean_iou(&self) -> f64 {
+        let overlaps = self.comparisons.iter().map(|row| row.iou);
+        overlaps.sum::<f64>() / self.comparisons.len().max(1) as f64
     }
 
     /// Returns `true` if the mask was checked in enough poses, leaves at most 2 % of the arm
     /// uncovered in each, and has a mean overlap of at least 0.5.
-    pub fn holds(&self) -> bool {
-        self.rows.len() >= Self::MIN_POSES && self.fits()
+    pub fn passes(&self) -> bool {
+        self.comparisons.len() >= Self::MIN_POSES && self.passes_in_visited_poses()
     }
 
     /// Returns `true` if the mask fits in the poses that were visited, however few.
-    pub(super) fn fits(&self) -> bool {
-        let hidden = |row: &MaskRow| row.outside <= Self::LARGEST_OUTSIDE;
-        self.rows.iter().all(hidden) && self.overlap() >= Self::LEAST_OVERLAP
+    pub(super) fn passes_in_visited_poses(&self) -> bool {
+        let hidden = |row: &MaskComparison| row.uncovered_share <= Self::MAX_UNCOVERED_SHARE;
+        self.comparisons.iter().all(hidden) && self.mean_iou() >= Self::MIN_MEAN_IOU
     }
 }
 
-/// Majority filter over 3 x 3 pixels: removes single pixels, which are noise, and fills small holes.
+/// Majority filter over 3 x 3 pixels: removes single pixels, which are noise, and fills small
+/// holes.
 fn smoothed(differs: &[bool], width: usize) -> Vec<bool> {
     let height = differs.len() / width;
     let around = |place: usize, count: usize| place.saturating_sub(1)..(place + 2).min(count);
     let says = |index: usize| {
         let (row, column) = (index / width, index % width);
         let rows = around(row, height);
-        let pixels = rows.flat_map(|row| around(column, width).map(move |c| row * width + c));
+        let pixels = rows.flat_map(|r| around(column, width).map(move |c| r * width + c));
         pixels.filter(|&pixel| differs[pixel]).count() >= MAJORITY
     };
     (0..differs.len()).map(says).collect()
 }
 
-fn row(pose: usize, mask: &[bool], arm: &[bool]) -> MaskRow {
+fn row(pose: usize, mask: &[bool], arm: &[bool]) -> MaskComparison {
     let count = |holds: fn(bool, bool) -> bool| {
         let pairs = mask.iter().zip(arm);
-        pairs.filter(|(mask, arm)| holds(**mask, **arm)).count() as f64
+        pairs.filter(|(masked, shown)| holds(**masked, **shown)).count() as f64
     };
     // a share of no pixels is 0
     let share = |part: f64, all: f64| part / all.max(1.0);
-    MaskRow {
-        pose,
-        overlap: share(count(|mask, arm| mask && arm), count(|mask, arm| mask || arm)),
-        outside: share(count(|mask, arm| arm && !mask), count(|_, arm| arm)),
-        spare: share(count(|mask, arm| mask && !arm), count(|mask, _| mask)),
+    MaskComparison {
+        pose_number: pose,
+        iou: share(count(|m, a| m && a), count(|m, a| m || a)),
+        uncovered_share: share(count(|m, a| a && !m), count(|_, a| a)),
+        excess_share: share(count(|m, a| m && !a), count(|m, _| m)),
     }
 }
 
@@ -194,19 +203,24 @@ mod tests {
         let mask = [true, true, true, false, false, false];
         let arm = [true, true, false, true, false, false];
         let row = row(3, &mask, &arm);
-        assert_eq!((row.pose, row.overlap), (3, 0.5));
-        assert!((row.outside - 1.0 / 3.0).abs() < 1e-12);
-        assert!((row.spare - 1.0 / 3.0).abs() < 1e-12);
+        assert_eq!((row.pose_number, row.iou), (3, 0.5));
+        assert!((row.uncovered_share - 1.0 / 3.0).abs() < 1e-12);
+        assert!((row.excess_share - 1.0 / 3.0).abs() < 1e-12);
         let nothing = super::row(1, &[false; 4], &[false; 4]);
-        assert_eq!((nothing.overlap, nothing.outside, nothing.spare), (0.0, 0.0, 0.0));
+        assert_eq!((nothing.iou, nothing.uncovered_share, nothing.excess_share), (0.0, 0.0, 0.0));
     }
 
     #[test]
     fn a_check_holds_where_no_pose_shows_the_arm() {
-        let row = |outside, overlap| MaskRow { pose: 1, overlap, outside, spare: 0.3 };
-        let holds = |rows: &[MaskRow]| {
-            let rows = rows.to_vec();
-            MaskCheck { rows, ..MaskCheck::default() }.holds()
+        let row = |uncovered_share, iou| MaskComparison {
+            pose_number: 1,
+            iou,
+            uncovered_share,
+            excess_share: 0.3,
+        };
+        let holds = |rows: &[MaskComparison]| {
+            let comparisons = rows.to_vec();
+            MaskCheck { comparisons, ..MaskCheck::default() }.passes()
         };
         let mut rows = vec![row(0.0, 0.6); MaskCheck::MIN_POSES];
         rows[3] = row(0.02, 0.4);

@@ -9,13 +9,13 @@ use serde_json::{Value, json};
 
 use crate::DeployError;
 use experiments::RunError;
-use experiments::cli::say;
-use learner::disk::{LocalDisk, replace, try_out};
+use experiments::cli::print_escaped;
+use learner::disk::{LocalDisk, check_writable, write_atomically};
 
 use super::mask::MaskCheck;
-use super::poses::poses;
+use super::poses::calibration_poses;
 use crate::deployment::Deployment;
-use crate::options::{RobotKind, SiteOptions};
+use crate::options::{RobotKind, RunAndRigOptions};
 use crate::rig::{Rig, Trial};
 use crate::settings::VisionSettings;
 use crate::simulated::SimulatedRig;
@@ -24,10 +24,10 @@ use crate::simulated::SimulatedRig;
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers check mask assets/pretrained-robot \
                         --calibration calibration.json --pictures masks")]
-pub struct MaskOptions {
+pub struct CheckMaskOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub site: SiteOptions,
+    pub run_and_rig: RunAndRigOptions,
     /// Folder for a picture (PNG) of each pose: green for mask and arm, red for the arm alone, blue
     /// for the mask alone.
     #[arg(long, value_name = "DIR")]
@@ -37,32 +37,32 @@ pub struct MaskOptions {
     pub json: bool,
 }
 
-impl MaskOptions {
+impl CheckMaskOptions {
     /// Runs the check and prints a row for each pose to `out`. Returns `true` if the mask holds.
     ///
     /// # Errors
     /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, DeployError> {
-        let settings = self.site.rig.settings()?;
-        let deployment = self.site.deployment(settings.vision)?;
-        let RobotKind::KinovaSim = self.site.rig.robot;
-        let mut rig = SimulatedRig::new(settings.simulation, *deployment.camera())?;
+        let settings = self.run_and_rig.rig.settings()?;
+        let deployment = self.run_and_rig.deployment(settings.vision)?;
+        let RobotKind::KinovaSim = self.run_and_rig.rig.robot;
+        let mut rig = SimulatedRig::new(settings.simulation, *deployment.training_camera())?;
         let arm = rig.arm().clone();
         self.check(&deployment, &mut rig, &arm, out)
     }
 
-    /// Runs the check on your own rig; `arm` is the model of its robot. Options of faults are
-    /// ignored.
+    /// Runs the check on your own rig; `arm` is the model of its robot. `--faults` has no effect.
     ///
     /// # Errors
-    /// As [`MaskOptions::run`].
+    /// As [`CheckMaskOptions::run`], and `--fault`, which only a simulated rig can set.
     pub fn run_on(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, DeployError> {
-        let deployment = self.site.deployment(VisionSettings::default())?;
+        self.run_and_rig.rig.reject_faults([])?;
+        let deployment = self.run_and_rig.deployment(VisionSettings::default())?;
         self.check(&deployment, rig, arm, out)
     }
 
@@ -75,20 +75,24 @@ impl MaskOptions {
     ) -> Result<bool, DeployError> {
         // the arm moves for minutes, so check first that the files can be written
         self.pictures.as_deref().map_or(Ok(()), prepare)?;
-        let trial = Trial::on_empty_table(self.site.rig.seed);
-        let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial)?;
-        say(out, &if self.json { object(&check).to_string() } else { table(&check) })?;
+        let trial = Trial::on_empty_table(self.run_and_rig.rig.seed);
+        let check = MaskCheck::measure(deployment, rig, arm, &calibration_poses(arm), &trial);
+        let check = self.run_and_rig.camera.name_file_in_error(check)?;
+        print_escaped(
+            out,
+            &if self.json { mask_check_json(&check).to_string() } else { table(&check) },
+        )?;
         if let Some(folder) = &self.pictures {
             write(&check, folder)?;
         }
-        Ok(check.holds())
+        Ok(check.passes())
     }
 }
 
 /// Creates the folder if there is none, and checks that it can be written to.
 fn prepare(folder: &Path) -> Result<(), DeployError> {
-    std::fs::create_dir_all(folder).map_err(|error| RunError::write(folder, error))?;
-    Ok(try_out(&LocalDisk, &picture(folder, 1))?)
+    std::fs::create_dir_all(folder).map_err(|error| RunError::cannot_write(folder, error))?;
+    Ok(check_writable(&LocalDisk, &picture(folder, 1))?)
 }
 
 /// Returns the path of a pose's picture.
@@ -97,46 +101,48 @@ fn picture(folder: &Path, pose: usize) -> PathBuf {
 }
 
 fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
-    for (row, drawn) in check.rows.iter().zip(&check.pictures) {
-        let path = picture(folder, row.pose);
-        let png = drawn.to_png().map_err(|error| RunError::write(&path, error))?;
-        replace(&LocalDisk, &path, &png)?;
+    for (row, drawn) in check.comparisons.iter().zip(&check.overlays) {
+        let path = picture(folder, row.pose_number);
+        let png = drawn.to_png().map_err(|error| RunError::cannot_write(&path, error))?;
+        write_atomically(&LocalDisk, &path, &png)?;
     }
     Ok(())
 }
 
 /// Returns the result as a JSON object.
-pub(super) fn object(check: &MaskCheck) -> Value {
+pub(super) fn mask_check_json(check: &MaskCheck) -> Value {
     json!({
-        "rows": check.rows,
-        "left_out": check.left_out,
-        "overlap": check.overlap(),
-        "holds": check.holds(),
+        "rows": check.comparisons,
+        "left_out": check.skipped_poses,
+        "overlap": check.mean_iou(),
+        "holds": check.passes(),
     })
 }
 
 fn table(check: &MaskCheck) -> String {
     let mut lines = vec!["pose  overlap  arm outside  mask over table".to_owned()];
-    lines.extend(check.rows.iter().map(|row| {
+    lines.extend(check.comparisons.iter().map(|row| {
         format!(
             "{:>4}  {:>7.2}  {:>9.1} %  {:>13.1} %",
-            row.pose,
-            row.overlap,
-            100.0 * row.outside,
-            100.0 * row.spare
+            row.pose_number,
+            row.iou,
+            100.0 * row.uncovered_share,
+            100.0 * row.excess_share
         )
     }));
-    let left_out = check.left_out.iter();
-    lines.extend(left_out.map(|left| format!("pose {} was left out: {}", left.pose, left.why)));
-    let verdict = if check.holds() { "holds" } else { "DOES NOT HOLD" };
+    let left_out = check.skipped_poses.iter();
+    lines.extend(
+        left_out.map(|left| format!("pose {} was left out: {}", left.pose_number, left.reason)),
+    );
+    let verdict = if check.passes() { "holds" } else { "DOES NOT HOLD" };
     lines.push(format!(
         "the mask {}: at most {:.0} % of the arm may be outside in any pose, the mean overlap, \
          {:.2}, must be at least {}, and the poses seen, {}, at least {}",
         verdict,
-        100.0 * MaskCheck::LARGEST_OUTSIDE,
-        check.overlap(),
-        MaskCheck::LEAST_OVERLAP,
-        check.rows.len(),
+        100.0 * MaskCheck::MAX_UNCOVERED_SHARE,
+        check.mean_iou(),
+        MaskCheck::MIN_MEAN_IOU,
+        check.comparisons.len(),
         MaskCheck::MIN_POSES
     ));
     lines.join("\n")

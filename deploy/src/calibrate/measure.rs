@@ -1,79 +1,101 @@
 //! Measurement of a calibration: the arm carries a ball from pose to pose in view of the camera.
 
 use envs::embodiments::Arm;
-use inpainting::{Ball, BallSighting, Calibration, HandEye, InpaintingError, MIN_POSES, Offset};
+use inpainting::{
+    BallSighting, Calibration, CalibrationBall, Distortion, HandEyeCalibration, HandEyeSettings,
+    InpaintingError, Intrinsics, MIN_CALIBRATION_POSES, Residual,
+};
 use robots::{ControlError, Pose};
 use serde::Serialize;
 
 use crate::DeployError;
 
-use super::approach::{RestingHand, approach, capture_at_rest};
-use crate::rig::{Rig, Trial, then_stop};
+use super::approach::{RestingHand, capture_at_rest, move_hand_to};
+use crate::rig::{Rig, Trial, stop_after};
 
-/// Settings of a calibration: the ball that the arm carries.
+/// Settings of a calibration: the ball that the arm carries, and what is known of arm and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrateSettings {
     /// Ball that the arm carries.
-    pub ball: Ball,
-    /// Position of the ball in the frame of the hand, if it is known.
-    pub offset: Offset,
+    pub ball: CalibrationBall,
+    /// Settings of the fit: the ball's position in the hand, if it is known, the arm's accuracy,
+    /// and `true` to estimate the focal lengths.
+    pub hand_eye: HandEyeSettings,
+    /// Intrinsics and distortion of the camera; `None` to use those of the rig's own calibration.
+    pub lens: Option<(Intrinsics, Distortion)>,
 }
 
-/// Pose that was skipped.
+/// Pose of the hand that was skipped, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SkippedPose {
     /// Number of the pose, counted from 1.
-    pub pose: usize,
+    #[serde(rename = "pose")]
+    pub pose_number: usize,
     /// Reason for which the pose was skipped.
-    pub why: String,
+    #[serde(rename = "why")]
+    pub reason: String,
 }
 
-/// Result of a calibration.
+/// Result of a camera calibration with the ball.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Calibrated {
+pub struct CalibrationResult {
     /// Calibration that the rig had before.
-    pub before: Calibration,
+    pub previous: Calibration,
     /// Calibration that was found, with its uncertainty.
-    pub found: HandEye,
-    /// Poses that were skipped.
-    pub left_out: Vec<SkippedPose>,
+    pub estimate: HandEyeCalibration,
+    /// Poses of the calibration that were skipped, and those that the others contradict.
+    pub skipped_poses: Vec<SkippedPose>,
 }
 
 /// Calibrates the camera: the arm carries its ball to `poses` over the table of `trial`, which
 /// should be empty. The robot is stopped at the end and before any error is returned.
 ///
 /// Poses that the arm cannot reach, in which its hand does not come to rest, or in which the ball
-/// is not seen are skipped.
+/// is not seen are skipped. So are poses that the others contradict, as long as ten remain.
 ///
 /// # Errors
-/// [`DeployError::FewSightings`]; [`DeployError::Rig`], [`DeployError::Robot`],
-/// [`DeployError::StalePicture`], [`DeployError::CameraClockAhead`]; as [`HandEye::solve`].
+/// [`DeployError::TooFewSightings`]; [`DeployError::Rig`], [`DeployError::Robot`],
+/// [`DeployError::StalePicture`], [`DeployError::CameraClockAhead`]; as
+/// [`HandEyeCalibration::solve`].
 pub fn calibrate(
     rig: &mut dyn Rig,
     arm: &Arm,
     settings: &CalibrateSettings,
     poses: &[Pose],
     trial: &Trial,
-) -> Result<Calibrated, DeployError> {
+) -> Result<CalibrationResult, DeployError> {
+    settings.hand_eye.check()?;
     let seen = carry(rig, arm, settings, poses, trial);
-    let (sightings, left_out) = then_stop(rig, seen)?;
-    // without a skipped pose, too few poses were given, which `HandEye::solve` reports
-    if let Some(first) = left_out.first()
-        && sightings.len() < MIN_POSES
+    let (sightings, mut skipped_poses) = stop_after(rig, seen)?;
+    // without a skipped pose, too few poses were given, which `HandEyeCalibration::solve` reports
+    if let Some(first) = skipped_poses.first()
+        && sightings.len() < MIN_CALIBRATION_POSES
     {
-        return Err(DeployError::FewSightings {
-            got: sightings.len(),
-            needed: MIN_POSES,
-            pose: first.pose,
-            why: first.why.clone(),
+        return Err(DeployError::TooFewSightings {
+            sightings: sightings.len(),
+            needed: MIN_CALIBRATION_POSES,
+            skipped_pose: first.pose_number,
+            reason: first.reason.clone(),
         });
     }
-    let before = rig.calibration();
-    Ok(Calibrated {
-        before,
-        found: HandEye::solve(&before, settings.offset, &sightings)?,
-        left_out,
-    })
+    let previous = rig.calibration();
+    let start = settings.lens.map_or(previous, |(intrinsics, distortion)| Calibration {
+        intrinsics,
+        distortion,
+        ..previous
+    });
+    let estimate = HandEyeCalibration::solve(&start, settings.hand_eye, &sightings)?;
+    skipped_poses.extend(estimate.outliers.iter().map(
+        |&Residual { pose_number: pose, distance_px: pixels, .. }| SkippedPose {
+            pose_number: pose,
+            reason: if pixels.is_finite() {
+                format!("the ball is seen {pixels:.1} pixels from where the other poses predict it")
+            } else {
+                "the other poses predict the ball out of the camera's sight".to_owned()
+            },
+        },
+    ));
+    Ok(CalibrationResult { previous, estimate, skipped_poses })
 }
 
 /// Visits all poses; returns the places of the ball and the poses that were skipped.
@@ -88,49 +110,51 @@ fn carry(
     // the empty table is not needed: its memory takes the pictures
     let mut picture = set_up.background;
     let width = rig.calibration().intrinsics.width;
-    let (mut sightings, mut left_out) = (Vec::new(), Vec::new());
+    let (mut sightings, mut skipped_poses) = (Vec::new(), Vec::new());
     for (number, target) in poses.iter().enumerate() {
         let pose = number + 1;
-        let found = visit(rig, arm, target, &mut picture)
-            .and_then(|standing| Ok((standing.state, settings.ball.find(&picture, width)?)));
+        let found = capture_in_pose(rig, arm, target, &mut picture)
+            .and_then(|standing| Ok((standing.state, settings.ball.find_centre(&picture, width)?)));
         match found {
             Ok((state, pixel)) => sightings.push(BallSighting {
-                pose,
-                position: state.tip.position,
-                rotation: state.tip.rotation,
-                pixel,
+                pose_number: pose,
+                hand_position: state.tip.position,
+                hand_rotation: state.tip.rotation,
+                ball_pixel: pixel,
             }),
             Err(error) if concerns_one_pose(&error) => {
                 // the arm may still be on its way
                 rig.stop()?;
-                let why = error.to_string();
-                left_out.push(SkippedPose { pose, why });
+                let reason = error.to_string();
+                skipped_poses.push(SkippedPose { pose_number: pose, reason });
             }
             Err(error) => return Err(error),
         }
     }
-    Ok((sightings, left_out))
+    Ok((sightings, skipped_poses))
 }
 
 /// Moves the hand to a pose and takes a picture of it at rest.
-pub(super) fn visit(
+pub(super) fn capture_in_pose(
     rig: &mut dyn Rig,
     arm: &Arm,
     target: &Pose,
     picture: &mut [u8],
 ) -> Result<RestingHand, DeployError> {
-    approach(rig, arm, target)?;
+    move_hand_to(rig, arm, target)?;
     capture_at_rest(rig, picture)
 }
 
 /// Returns `true` if an error concerns one pose alone, so that another pose may work.
 pub(super) fn concerns_one_pose(error: &DeployError) -> bool {
-    use InpaintingError::{NoBall, NoDisc, SeveralBalls};
+    use InpaintingError::{BallPartlyHidden, NoBall, SeveralBalls};
     matches!(
         error,
-        DeployError::Robot(ControlError::OutOfReach { .. })
+        DeployError::Robot(ControlError::CannotFollow { .. })
             | DeployError::PoseNotReached { .. }
             | DeployError::HandNotAtRest
-            | DeployError::Inpainting(NoBall { .. } | NoDisc { .. } | SeveralBalls { .. })
+            | DeployError::Inpainting(
+                NoBall { .. } | BallPartlyHidden { .. } | SeveralBalls { .. }
+            )
     )
 }

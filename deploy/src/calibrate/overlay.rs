@@ -12,12 +12,12 @@ const COLOURS: [[u8; 3]; 3] = [[0, 200, 0], [255, 0, 0], [40, 90, 255]];
 const LAID: u32 = 110;
 
 /// Returns the last picture of `perception` with its mask and `arm`, the pixels that show the arm.
-pub(super) fn overlay(perception: &Perception, arm: &[bool]) -> Picture {
-    let inside = perception.view().intrinsics;
+pub(super) fn mask_overlay(perception: &Perception, arm: &[bool]) -> Picture {
+    let inside = perception.rectified_camera().intrinsics;
     let [width, height] = [inside.width, inside.height].map(|side| side * ENLARGE);
-    let pixels = perception.rectified().chunks_exact(3);
+    let pixels = perception.rectified_frame().chunks_exact(3);
     let coloured: Vec<[u8; 3]> = pixels
-        .zip(perception.mask().iter().zip(arm))
+        .zip(perception.arm_mask().iter().zip(arm))
         .map(|(rgb, (&mask, &arm))| coloured([rgb[0], rgb[1], rgb[2]], mask, arm))
         .collect();
     let enlarged = (0..width * height).map(|index| {
@@ -50,9 +50,9 @@ mod tests {
         assert_eq!(coloured(grey, false, false), grey);
         let [red, _, blue] = coloured(grey, false, true);
         assert!(red > 150 && blue < 60);
-        let [red, _, blue] = coloured(grey, true, false);
-        assert!(red < 80 && blue > 150);
-        let [red, green, _] = coloured(grey, true, true);
-        assert!(red < 60 && green > 130);
+        let [other_red, _, other_blue] = coloured(grey, true, false);
+        assert!(other_red < 80 && other_blue > 150);
+        let [both_red, green, _] = coloured(grey, true, true);
+        assert!(both_red < 60 && green > 130);
     }
 }

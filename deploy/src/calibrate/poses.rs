@@ -27,8 +27,8 @@ const POSES: [([f64; 3], [f64; 3]); 14] = [
 ];
 
 /// Returns the poses of the hand of `arm` for a calibration, in order.
-pub fn poses(arm: &Arm) -> Vec<Pose> {
-    let working = arm.chain().tip(&arm.settings().ready).rotation;
+pub fn calibration_poses(arm: &Arm) -> Vec<Pose> {
+    let working = arm.chain().tip_pose(&arm.settings().ready_joint_positions).rotation;
     let pose = |(place, turn): &([f64; 3], [f64; 3])| {
         let turn = PI / 180.0 * DVec3::from_array(*turn);
         Pose {
@@ -49,9 +49,9 @@ mod tests {
     #[test]
     fn a_gen3_reaches_every_pose() {
         let arm = KinovaGen3.arm().unwrap();
-        let mut joints = arm.settings().ready.clone();
-        for pose in poses(&arm) {
-            joints = arm.chain().solve(&pose, &joints).unwrap();
+        let mut joints = arm.settings().ready_joint_positions.clone();
+        for pose in calibration_poses(&arm) {
+            joints = arm.chain().solve_ik(&pose, &joints).unwrap();
         }
     }
 }

@@ -1,18 +1,19 @@
 //! Tests of errors: options that are rejected before the arm moves, and failures of a calibration.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use clap::Parser;
 use envs::embodiments::{Arm, KinovaGen3};
-use inpainting::{Ball, Offset};
+use inpainting::{BallOffset, CalibrationBall};
 
 use super::command::CalibrateOptions;
 use super::fake_rig::FakeRig;
-use super::mask::{MaskCheck, MaskRow};
-use super::mask_command::{MaskOptions, object};
+use super::file::CalibrationFile;
+use super::mask::{MaskCheck, MaskComparison};
+use super::mask_command::{CheckMaskOptions, mask_check_json};
 use super::measure::{CalibrateSettings, SkippedPose, calibrate};
-use crate::rig::Trial;
+use crate::rig::{Rig, Trial};
 use crate::{DeployError, DeployOptions};
 use experiments::RunError;
 
@@ -32,8 +33,11 @@ fn options(arguments: &[&str]) -> CalibrateOptions {
 
 /// Returns the error of a calibration with a spoilt rig.
 fn spoilt(spoil: fn(&mut FakeRig)) -> DeployError {
-    let settings =
-        CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
+    let settings = CalibrateSettings {
+        ball: CalibrationBall { color: [255, 0, 255] },
+        hand_eye: BallOffset::Unknown.into(),
+        lens: None,
+    };
     let mut rig = FakeRig::new(&arm());
     spoil(&mut rig);
     let there = [rig.state.tip];
@@ -52,10 +56,10 @@ fn a_camera_whose_clock_is_ahead_calibrates_nothing() {
 #[test]
 fn a_hand_that_turns_does_not_stand() {
     let error = spoilt(|rig| rig.spin = 0.02);
-    let DeployError::FewSightings { pose: 1, why, .. } = error else {
+    let DeployError::TooFewSightings { skipped_pose: 1, reason, .. } = error else {
         panic!("{error}");
     };
-    assert!(why.contains("come to rest"), "{why}");
+    assert!(reason.contains("come to rest"), "{reason}");
 }
 
 #[test]
@@ -71,18 +75,37 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
         assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
         assert!(still(&rig));
     }
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        options: MaskOptions,
-    }
-    let (run, folder) = (root.join("../assets/pretrained-robot"), root.join("Cargo.toml/masks"));
-    let line = [PathBuf::from("mask"), run, PathBuf::from("--pictures"), folder];
-    let mask = Line::try_parse_from(line).unwrap().options;
+    let mask = mask_options(&["--pictures", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml/m")]);
     let mut rig = FakeRig::new(&arm());
     let error = mask.run_on(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
     assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
     assert!(still(&rig));
+}
+
+/// Parses options of `covers check mask` with the policies of this repository.
+fn mask_options(arguments: &[&str]) -> CheckMaskOptions {
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        options: CheckMaskOptions,
+    }
+    let run = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretrained-robot");
+    Line::try_parse_from([&["mask", run], arguments].concat()).unwrap().options
+}
+
+#[test]
+fn a_rig_of_your_own_takes_no_simulated_fault() {
+    let (mut rig, arm, mut out) = (FakeRig::new(&arm()), arm(), Vec::new());
+    let fault = ["--fault", "position-error=30"];
+    let calibration = options(&[&["--out", "no/such/c.json"], &fault[..]].concat());
+    let refused = [
+        calibration.run_on(&mut rig, &arm, &mut out).err(),
+        mask_options(&fault).run_on(&mut rig, &arm, &mut out).err(),
+    ];
+    for error in refused {
+        let message = error.unwrap().to_string();
+        assert!(message.contains("position-error") && message.contains("simulated rigs alone"));
+    }
 }
 
 #[test]
@@ -96,6 +119,41 @@ fn options_that_would_be_ignored_are_refused() {
         let message = options.run(&mut Vec::new()).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
     }
+}
+
+/// Checks that files of cameras that do not fit the rig are named, and settings out of range.
+#[test]
+fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
+    let folder = std::env::temp_dir().join(format!("covers-cameras-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let [json, yaml] = ["far.json", "camera.yaml"].map(|name| folder.join(name));
+    let mut rig = FakeRig::new(&arm());
+    let mut too_far = rig.calibration();
+    too_far.extrinsics.translation.z = 99.9;
+    CalibrationFile::write(&too_far, &json).unwrap();
+    let text = "image_width: 1280\nimage_height: 720\ncamera_matrix: [900, 0, 640, 0, 900, 360, 0, \
+                0, 1]\ndistortion_coefficients: [0, 0, 0, 0]\n";
+    std::fs::write(&yaml, text).unwrap();
+    let [out, camera, far] =
+        [folder.join("out.json"), yaml, json].map(|path| path.display().to_string());
+    let mask = mask_options(&["--calibration", &far]);
+    let calibrate = options(&["--out", &out, "--camera", &camera]);
+    let inexact = options(&["--out", &out, "--arm-accuracy", "0"]);
+    let errors = [
+        mask.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+        calibrate.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+        inexact.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+    ];
+    std::fs::remove_dir_all(&folder).unwrap();
+    let expected = [
+        ["far.json", "99.9"],
+        ["camera.yaml", "1280 x 720 pixels, but the rig's are 640 x 480"],
+        ["accuracy of the arm", "--arm-accuracy"],
+    ];
+    for (error, words) in errors.iter().zip(expected) {
+        assert!(words.iter().all(|word| error.to_string().contains(word)), "{error}");
+    }
+    assert!(rig.time.is_zero());
 }
 
 #[derive(Parser)]
@@ -146,11 +204,16 @@ fn sweeps_that_do_not_fit_are_refused() {
 #[test]
 fn a_mask_seen_in_too_few_poses_tells_what_was_left_out() {
     let check = MaskCheck {
-        rows: vec![MaskRow { pose: 1, overlap: 0.7, outside: 0.0, spare: 0.3 }],
-        left_out: vec![SkippedPose { pose: 2, why: "it is far".to_owned() }],
+        comparisons: vec![MaskComparison {
+            pose_number: 1,
+            iou: 0.7,
+            uncovered_share: 0.0,
+            excess_share: 0.3,
+        }],
+        skipped_poses: vec![SkippedPose { pose_number: 2, reason: "it is far".to_owned() }],
         ..MaskCheck::default()
     };
-    let object = object(&check);
+    let object = mask_check_json(&check);
     assert_eq!(object["holds"], false);
     assert_eq!(object["rows"].as_array().unwrap().len(), 1);
     assert_eq!(object["left_out"][0]["why"], "it is far");

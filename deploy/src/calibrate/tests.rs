@@ -3,36 +3,51 @@
 use std::path::Path;
 use std::time::Duration;
 
-use envs::{Camera, HAND_START};
+use envs::{Camera, HAND_TARGET_START};
 use glam::{DMat3, DVec3};
-use inpainting::{Ball, Calibration, Extrinsics, Offset};
-use rl::BoxError;
+use inpainting::{BallOffset, Calibration, CalibrationBall, Extrinsics, HandEyeSettings};
+use rl::BoxedEnvError;
 use robots::{Command, ControlError, Pose, Robot, RobotState};
 
-use super::command::{CalibrateOptions, Triple, apart};
+use super::calibration_poses;
+use super::command::{CalibrateOptions, Triple, distance_mm_and_angle_deg};
 use super::fake_rig::FakeRig;
 use super::file::CalibrationFile;
 use super::mask::MaskCheck;
 use super::measure::{CalibrateSettings, calibrate};
-use super::poses;
 use crate::faults::FaultAmount;
-use crate::rig::{Rig, SetUp, Trial, Verdict};
+use crate::rig::{Rig, SetUp, TaskVerdict, Trial};
 use crate::{
-    DeployError, Deployment, Faults, RigOptions, RobotKind, SimulatedRig, SimulationSettings,
+    DeployError, Deployment, FaultLevel, RigOptions, RobotKind, SimulatedRig, SimulationSettings,
     VisionSettings,
 };
 use experiments::RunFolder;
 
-const SETTINGS: CalibrateSettings =
-    CalibrateSettings { ball: Ball { color: [255, 0, 255] }, offset: Offset::Unknown };
+const SETTINGS: CalibrateSettings = CalibrateSettings {
+    ball: CalibrationBall { color: [255, 0, 255] },
+    hand_eye: HandEyeSettings {
+        ball_offset: BallOffset::Unknown,
+        arm_position_sd: 0.0025,
+        estimate_focal_length: false,
+    },
+    lens: None,
+};
 
 /// Returns options that write a file of this name.
 fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
     CalibrateOptions {
-        rig: RigOptions { robot: RobotKind::KinovaSim, seed: 1000, faults: Faults::Nominal, fault },
+        rig: RigOptions {
+            robot: RobotKind::KinovaSim,
+            seed: 1000,
+            faults: FaultLevel::Nominal,
+            fault_amounts: fault,
+        },
         out: std::env::temp_dir().join(name),
-        offset: None,
-        color: Triple([255.0, 0.0, 255.0]),
+        ball_offset_mm: None,
+        arm_accuracy: 2.5,
+        camera_file: None,
+        estimate_focal: false,
+        ball_color: Triple([255.0, 0.0, 255.0]),
         json,
     }
 }
@@ -44,20 +59,20 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
     let options = options(&name, faults.to_vec(), true);
     let settings = options.rig.settings().unwrap().simulation;
-    let mut rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
-    let (arm, truth) = (rig.arm().clone(), rig.truth());
+    let mut rig = SimulatedRig::carrying_ball(settings, Camera::default()).unwrap();
+    let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     let mut out = Vec::new();
-    let calibrated = options.run_on(&mut rig, &arm, &mut out).unwrap();
+    let calibrated = options.calibrate_on(&mut rig, &arm, &mut out).unwrap();
     let read = CalibrationFile::read(&options.out);
     std::fs::remove_file(&options.out).unwrap();
-    let [place, angle] = apart(&calibrated.before, &truth);
+    let [place, angle] = distance_mm_and_angle_deg(&calibrated.previous, &truth);
     assert!((place - 30.0).abs() < 1e-6 && (angle - 3.0).abs() < 1e-6);
-    let [place, angle] = apart(&read.unwrap(), &truth);
-    assert!(place < 3.0 && angle < 0.1, "{place} mm, {angle} degrees");
+    let [place_left, angle_left] = distance_mm_and_angle_deg(&read.unwrap(), &truth);
+    assert!(place_left < 3.0 && angle_left < 0.1, "{place_left} mm, {angle_left} degrees");
     let told: serde_json::Value = serde_json::from_slice(&out).unwrap();
     assert!(told["rms_pixels"].as_f64().unwrap() < 0.2, "{told}");
     let residuals = told["residuals"].as_array().unwrap().len();
-    assert_eq!((calibrated.left_out.len(), residuals), (0, 14));
+    assert_eq!((calibrated.skipped_poses.len(), residuals), (0, 14));
     assert!(told["refused_by_deploy"].is_null(), "{told}");
 }
 
@@ -79,12 +94,12 @@ impl Robot for Misplaced {
 }
 
 impl Rig for Misplaced {
-    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError> {
+    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxedEnvError> {
         self.0.set_up(trial)
     }
 
     fn calibration(&self) -> Calibration {
-        let known = self.0.truth();
+        let known = self.0.true_calibration();
         let Extrinsics { rotation, translation } = known.extrinsics;
         let translation = translation - rotation * DVec3::new(0.2, 0.0, 0.0);
         Calibration { extrinsics: Extrinsics { rotation, translation }, ..known }
@@ -94,15 +109,15 @@ impl Rig for Misplaced {
         self.0.now()
     }
 
-    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
         self.0.wait(time)
     }
 
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError> {
         self.0.picture(rgb)
     }
 
-    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
         self.0.verdict()
     }
 }
@@ -112,13 +127,14 @@ fn a_file_that_deploy_will_refuse_is_told() {
     let name = format!("covers-refused-{}.json", std::process::id());
     let options = options(&name, Vec::new(), false);
     let settings = options.rig.settings().unwrap().simulation;
-    let rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
+    let rig = SimulatedRig::carrying_ball(settings, Camera::default()).unwrap();
     let arm = rig.arm().clone();
     let mut out = Vec::new();
     let calibrated = options.run_on(&mut Misplaced(rig), &arm, &mut out);
     std::fs::remove_file(&options.out).unwrap();
     let calibrated = calibrated.unwrap();
-    let [place, _] = apart(&calibrated.before, &calibrated.found.calibration);
+    let [place, _] =
+        distance_mm_and_angle_deg(&calibrated.previous, &calibrated.estimate.calibration);
     assert!(place > 190.0, "{place}");
     let told = String::from_utf8(out).unwrap();
     let last = told.lines().last().unwrap();
@@ -130,27 +146,27 @@ fn a_file_that_deploy_will_refuse_is_told() {
 fn deployment(calibration: Calibration) -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
     let vision = VisionSettings { calibration: Some(calibration), ..VisionSettings::default() };
-    Deployment::load(&RunFolder::open(&folder), vision).unwrap()
+    Deployment::load(&RunFolder::from_path(&folder), vision).unwrap()
 }
 
 /// A mask by the true camera holds, and one by a camera that is 30 mm and 3 degrees off does not.
 #[test]
 fn masks_are_held_to_the_picture() {
-    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL, Camera::default()).unwrap();
-    let (arm, truth) = (rig.arm().clone(), rig.truth());
+    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, Camera::default()).unwrap();
+    let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     let rotation = DMat3::from_rotation_x(3_f64.to_radians()) * truth.extrinsics.rotation;
     let position = truth.position() + 0.03 * DVec3::X;
     let wrong = Calibration {
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
-    let (first, trial) = (&poses(&arm)[..1], Trial::on_empty_table(1000));
+    let (first, trial) = (&calibration_poses(&arm)[..1], Trial::on_empty_table(1000));
     for (camera, holds) in [(truth, true), (wrong, false)] {
         let deployment = deployment(camera);
         let check = MaskCheck::measure(&deployment, &mut rig, &arm, first, &trial).unwrap();
-        assert_eq!((check.rows.len(), check.pictures.len()), (1, 1));
-        assert_eq!(check.fits(), holds, "{:?}", check.rows);
-        assert!(!check.holds(), "one pose is too few");
+        assert_eq!((check.comparisons.len(), check.overlays.len()), (1, 1));
+        assert_eq!(check.passes_in_visited_poses(), holds, "{:?}", check.comparisons);
+        assert!(!check.passes(), "one pose is too few");
     }
 }
 
@@ -158,18 +174,18 @@ fn masks_are_held_to_the_picture() {
 #[test]
 fn masks_do_not_lag_behind_late_pictures() {
     let checks = [0.0, 0.4].map(|latency| {
-        let mut settings = SimulationSettings::OFF;
-        settings.imperfections.latency = latency;
+        let mut settings = SimulationSettings::NO_FAULTS;
+        settings.camera_imperfections.latency = latency;
         let mut rig = SimulatedRig::new(settings, Camera::default()).unwrap();
-        let (arm, deployment) = (rig.arm().clone(), deployment(rig.truth()));
-        let (two, trial) = (&poses(&arm)[..2], Trial::on_empty_table(1000));
+        let (arm, deployment) = (rig.arm().clone(), deployment(rig.true_calibration()));
+        let (two, trial) = (&calibration_poses(&arm)[..2], Trial::on_empty_table(1000));
         MaskCheck::measure(&deployment, &mut rig, &arm, two, &trial).unwrap()
     });
-    let [at_once, late] = checks.map(|check| check.rows[1]);
+    let [at_once, late] = checks.map(|check| check.comparisons[1]);
     for (one, other) in [
-        (at_once.overlap, late.overlap),
-        (at_once.outside, late.outside),
-        (at_once.spare, late.spare),
+        (at_once.iou, late.iou),
+        (at_once.uncovered_share, late.uncovered_share),
+        (at_once.excess_share, late.excess_share),
     ] {
         assert!((one - other).abs() < 0.01, "{at_once:?} {late:?}");
     }
@@ -181,14 +197,17 @@ fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
     let arm = envs::embodiments::KinovaGen3.arm().unwrap();
     let mut rig = FakeRig::new(&arm);
     let tip = rig.state.tip;
-    let high = Pose { position: HAND_START + 0.1 * DVec3::Z, ..tip };
+    let high = Pose { position: HAND_TARGET_START + 0.1 * DVec3::Z, ..tip };
     let trial = Trial::on_empty_table(0);
     for (poses, says) in
-        [(vec![tip, high], "no ball of the colour"), (vec![high, tip], "cannot reach")]
+        [(vec![tip, high], "no ball of the colour"), (vec![high, tip], "cannot follow")]
     {
         let failed = calibrate(&mut rig, &arm, &SETTINGS, &poses, &trial);
         let error = failed.unwrap_err();
-        assert!(matches!(error, DeployError::FewSightings { got: 0, pose: 1, .. }));
+        assert!(matches!(
+            error,
+            DeployError::TooFewSightings { sightings: 0, skipped_pose: 1, .. }
+        ));
         let message = error.to_string();
         assert!(message.contains("at least 10") && message.contains(says), "{message}");
     }

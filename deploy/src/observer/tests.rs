@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use envs::{
-    Camera, Control, Embodiment, ExtraView, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
-    TaskVariant,
+    Camera, Control, Embodiment, ExtraView, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    TaskGroup, TaskVariant,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +18,7 @@ use experiments::RunFolder;
 /// Trial of a button whose cap stands beside the hand's start.
 const TRIAL: Trial = Trial {
     variant: TaskVariant { group: TaskGroup::BUTTON_PRESS, element: D2::FlipX },
-    number: 1,
+    index: 1,
     seed: 1000,
 };
 
@@ -26,8 +26,8 @@ const TRIAL: Trial = Trial {
 fn deployment() -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained");
     let deployment =
-        Deployment::load(&RunFolder::open(&folder), VisionSettings::default()).unwrap();
-    assert_eq!(deployment.camera().beside, ExtraView::CloseUp);
+        Deployment::load(&RunFolder::from_path(&folder), VisionSettings::default()).unwrap();
+    assert_eq!(deployment.training_camera().extra_views, ExtraView::CloseUp);
     deployment
 }
 
@@ -36,22 +36,22 @@ fn learnt(camera: Camera) -> [Vec<u8>; 2] {
     let TaskVariant { group, element } = TRIAL.variant;
     let scene = Arc::new(Scene::new(group, Embodiment::HAND, camera).unwrap());
     let mut rng = ChaCha8Rng::seed_from_u64(TRIAL.seed);
-    rng.set_stream(TRIAL.number as u64);
-    let placement = scene.place(&mut rng);
+    rng.set_stream(TRIAL.index as u64);
+    let placement = scene.draw_placement(&mut rng);
     let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
     table.reset_to(element, placement).unwrap();
-    let mut seen = vec![0; camera.size * camera.size * RGB];
+    let mut seen = vec![0; camera.size * camera.size * RGB_CHANNELS];
     let mut renderer = SceneRenderer::new(scene).unwrap();
     renderer.render(&mut table, &mut seen).unwrap();
-    parts(|image| renderer.compose(&table, &seen, &[], image), camera)
+    parts(|image| renderer.compose_observation(&table, &seen, &[], image), camera)
 }
 
 /// Splits the image of an observation into its two pictures.
 fn parts(compose: impl FnOnce(&mut [u8]), camera: Camera) -> [Vec<u8>; 2] {
-    let mut image = vec![0; camera.size * camera.size * 2 * RGB];
+    let mut image = vec![0; camera.size * camera.size * 2 * RGB_CHANNELS];
     compose(&mut image);
-    [0, RGB].map(|start| {
-        let pixels = image.chunks(2 * RGB).map(|pixel| &pixel[start..][..RGB]);
+    [0, RGB_CHANNELS].map(|start| {
+        let pixels = image.chunks(2 * RGB_CHANNELS).map(|pixel| &pixel[start..][..RGB_CHANNELS]);
         pixels.flatten().copied().collect()
     })
 }
@@ -65,20 +65,20 @@ fn difference(a: &[u8], b: &[u8]) -> f64 {
 #[test]
 fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
     let deployment = deployment();
-    let camera = *deployment.camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
+    let camera = *deployment.training_camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::NO_FAULTS, camera).unwrap();
     let arm = rig.arm().clone();
     let set_up = rig.set_up(&TRIAL).unwrap();
     let start = rig.state().unwrap();
     let mut observer = deployment.observer(&rig, &arm, &set_up, start).unwrap();
-    observer.shoot(&mut rig).unwrap();
-    let mut seen = vec![0; camera.size * camera.size * RGB];
-    observer.paint(&arm, &mut seen).unwrap();
-    let seen = parts(|image| observer.compose(&seen, &[], image), camera);
+    observer.fetch_picture(&mut rig).unwrap();
+    let mut seen = vec![0; camera.size * camera.size * RGB_CHANNELS];
+    observer.write_without_arm(&arm, &mut seen).unwrap();
+    let seen = parts(|image| observer.compose_observation(&seen, &[], image), camera);
     for (on_robot, learnt) in seen.iter().zip(learnt(camera)) {
         let off = difference(on_robot, &learnt);
         for element in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
-            let mirrored = element.transform_image(&learnt, camera.size, camera.size, RGB);
+            let mirrored = element.transform_image(&learnt, camera.size, camera.size, RGB_CHANNELS);
             let wrong = difference(on_robot, &mirrored);
             assert!(off < 4.0 && 2.0 * off < wrong, "{off} {wrong} {element}");
         }
@@ -88,11 +88,12 @@ fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
 #[test]
 fn a_trial_with_close_ups_is_filmed_as_any_other() {
     let mut deployment = deployment();
-    let mut rig = SimulatedRig::new(SimulationSettings::OFF, *deployment.camera()).unwrap();
+    let mut rig =
+        SimulatedRig::new(SimulationSettings::NO_FAULTS, *deployment.training_camera()).unwrap();
     let arm = rig.arm().clone();
     let mut strip = FilmStrip::default();
-    let played = deployment.trial(&mut rig, &arm, &TRIAL, Some(&mut strip));
-    assert!(played.unwrap().refused == 0);
-    let picture = strip.picture();
+    let played = deployment.run_trial(&mut rig, &arm, &TRIAL, Some(&mut strip));
+    assert!(played.unwrap().refused_commands == 0);
+    let picture = strip.to_picture();
     assert_eq!((picture.width, picture.height), (11 * 196 + 4, 3 * 148 + 4));
 }

@@ -2,7 +2,7 @@
 
 use envs::{ARM_GEOM_GROUP, Camera, TableTop};
 use glam::{DMat3, DVec3};
-use inpainting::{Extrinsics, Intrinsics, Link, Mark, PinholeCamera};
+use inpainting::{ArmLink, Extrinsics, GripperMark, Intrinsics, PinholeCamera};
 use mujoco::{Data, GeomId, Model, Shape};
 
 /// Returns the camera above the table.
@@ -13,8 +13,8 @@ pub fn pinhole(camera: &Camera) -> PinholeCamera {
         intrinsics: Intrinsics {
             width: camera.size,
             height: camera.size,
-            focal: [focal; 2],
-            centre: [middle; 2],
+            focal_lengths: [focal; 2],
+            principal_point: [middle; 2],
         },
         extrinsics: Extrinsics {
             rotation: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
@@ -24,12 +24,12 @@ pub fn pinhole(camera: &Camera) -> PinholeCamera {
 }
 
 /// Returns the mark that learners see over the gripper.
-pub fn mark(camera: &Camera) -> Mark {
-    Mark {
-        radius: camera.mark.radius,
-        hole: camera.mark.hole,
+pub fn mark(camera: &Camera) -> GripperMark {
+    GripperMark {
+        outer_radius: camera.mark.radius,
+        hole_radius: camera.mark.hole,
         color: camera.mark.color,
-        depth: camera.height,
+        reference_depth: camera.height,
     }
 }
 
@@ -38,7 +38,7 @@ pub fn mark(camera: &Camera) -> Mark {
 #[derive(Clone, Debug)]
 pub struct Arm {
     bones: Vec<Bone>,
-    links: Vec<Link>,
+    links: Vec<ArmLink>,
 }
 
 /// Axis of a capsule in its geom's frame: its middle, its direction and its half length (metres).
@@ -68,7 +68,7 @@ impl Arm {
             })?;
             for (bone, radius) in around(geom, shape) {
                 let joints = [2 * bones.len(), 2 * bones.len() + 1];
-                links.push(Link { joints, radius });
+                links.push(ArmLink { end_joints: joints, radius });
                 bones.push(bone);
             }
         }
@@ -76,7 +76,7 @@ impl Arm {
     }
 
     /// Returns the links, by index into [`Arm::joints`].
-    pub fn links(&self) -> &[Link] {
+    pub fn links(&self) -> &[ArmLink] {
         &self.links
     }
 

@@ -9,7 +9,7 @@ use std::io::BufWriter;
 use std::sync::Arc;
 
 use arm::Arm;
-use envs::{Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use envs::{Camera, Control, Embodiment, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup};
 use inpainting::{ColorCorrection, Inpainter, InpainterSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -46,12 +46,12 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
     let arm = Arm::new(&scene.model)?;
     let settings = InpainterSettings {
         camera: arm::pinhole(&camera),
-        links: arm.links().to_vec(),
-        correction: ColorCorrection::MeanAndDeviation,
-        mark: arm::mark(&camera),
+        arm_links: arm.links().to_vec(),
+        colour_correction: ColorCorrection::MeanAndDeviation,
+        gripper_mark: arm::mark(&camera),
     };
-    let mut picture = vec![0; SIZE * SIZE * RGB];
-    SceneRenderer::of_table(Arc::clone(&scene))?.render(&mut table, &mut picture)?;
+    let mut picture = vec![0; SIZE * SIZE * RGB_CHANNELS];
+    SceneRenderer::without_arm(Arc::clone(&scene))?.render(&mut table, &mut picture)?;
     let mut inpainter = Inpainter::new(settings, &picture)?;
     let mut with_arm = SceneRenderer::with_arm(scene)?;
 
@@ -59,10 +59,10 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
     for decision in 0..COLUMNS * EVERY {
         with_arm.render(&mut table, &mut picture)?;
         let mut result = picture.clone();
-        inpainter.inpaint(&picture, &arm.joints(&table), table.hand(), &mut result)?;
+        inpainter.inpaint(&picture, &arm.joints(&table), table.hand_position(), &mut result)?;
         if decision % EVERY == 0 {
-            let mask = inpainter.mask().iter();
-            let mask = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; RGB]);
+            let mask = inpainter.arm_mask().iter();
+            let mask = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; RGB_CHANNELS]);
             for (row, shown) in rows.iter_mut().zip([picture.clone(), mask.collect(), result]) {
                 row.push(shown);
             }
@@ -75,7 +75,7 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
 
 /// Puts pictures side by side, row below row.
 fn strip(rows: &Rows) -> Vec<u8> {
-    let line = SIZE * RGB;
+    let line = SIZE * RGB_CHANNELS;
     let lines = rows.iter().flat_map(|pictures| {
         (0..SIZE).flat_map(move |y| pictures.iter().flat_map(move |p| &p[y * line..][..line]))
     });

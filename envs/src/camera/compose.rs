@@ -2,58 +2,59 @@
 
 use glam::DVec3;
 
-use super::{Camera, ExtraView, RGB};
+use super::{Camera, ExtraView, RGB_CHANNELS};
 
 /// Pictures that an observation's image is composed of.
 #[derive(Clone, Copy, Debug)]
-pub struct Pictures<'a> {
+pub struct ObservationPictures<'a> {
     /// Current picture with the gripper's mark `[size, size, 3]`.
-    pub now: &'a [u8],
+    pub current: &'a [u8],
     /// First picture of the episode `[size, size, 3]`.
     pub first: &'a [u8],
     /// Rendered picture before downsampling and without the mark `[drawn_size, drawn_size, 3]`.
-    pub drawn: &'a [u8],
+    pub rendered: &'a [u8],
     /// Position of the hand (metres).
     pub hand: DVec3,
 }
 
 /// Grey levels of a close-up beyond the picture's border, near the middle of the input range of
 /// networks.
-const BEYOND: [u8; RGB] = [128; RGB];
+const BEYOND: [u8; RGB_CHANNELS] = [128; RGB_CHANNELS];
 
 impl Camera {
     /// Returns the side of a rendered picture in pixels.
-    pub fn drawn_size(&self) -> usize {
+    pub fn rendered_size(&self) -> usize {
         self.size * self.oversampling
     }
 
-    /// Returns the camera with pictures of another size, no oversampling and no close-ups.
+    /// Returns the camera with pictures of `size` pixels a side, no oversampling and no close-ups.
     pub fn with_size(self, size: usize) -> Self {
-        Self { size, oversampling: 1, beside: ExtraView::First, ..self }
+        Self { size, oversampling: 1, extra_views: ExtraView::First, ..self }
     }
 
-    /// Downsamples the rendered picture `drawn` `[drawn_size, drawn_size, 3]` to `rgb` `[size,
-    /// size, 3]`. Means are rounded, halves up.
-    pub fn shrink(&self, drawn: &[u8], rgb: &mut [u8]) {
+    /// Downsamples the rendered picture `rendered` `[rendered_size, rendered_size, 3]` to `rgb`
+    /// `[size, size, 3]`. Means are rounded, halves up.
+    pub fn downsample(&self, rendered: &[u8], rgb: &mut [u8]) {
         let factor = self.oversampling;
         if factor == 1 {
-            rgb.copy_from_slice(drawn);
+            rgb.copy_from_slice(rendered);
             return;
         }
-        let line = self.drawn_size() * RGB;
+        let line = self.rendered_size() * RGB_CHANNELS;
         let pixels = (factor * factor) as u32;
-        let bands = drawn.chunks_exact(line * factor);
-        for (band, out) in bands.zip(rgb.chunks_exact_mut(self.size * RGB)) {
-            for (column, out) in out.chunks_exact_mut(RGB).enumerate() {
+        let bands = rendered.chunks_exact(line * factor);
+        for (band, out) in bands.zip(rgb.chunks_exact_mut(self.size * RGB_CHANNELS)) {
+            for (column, pixel) in out.chunks_exact_mut(RGB_CHANNELS).enumerate() {
                 // half a divisor, so that the integer division rounds
-                let mut sums = [pixels / 2; RGB];
+                let mut sums = [pixels / 2; RGB_CHANNELS];
                 for row in band.chunks_exact(line) {
-                    let block = &row[column * factor * RGB..][..factor * RGB];
-                    for pixel in block.chunks_exact(RGB) {
-                        (0..RGB).for_each(|channel| sums[channel] += u32::from(pixel[channel]));
+                    let block = &row[column * factor * RGB_CHANNELS..][..factor * RGB_CHANNELS];
+                    for color in block.chunks_exact(RGB_CHANNELS) {
+                        (0..RGB_CHANNELS)
+                            .for_each(|channel| sums[channel] += u32::from(color[channel]));
                     }
                 }
-                out.copy_from_slice(&sums.map(|sum| (sum / pixels) as u8));
+                pixel.copy_from_slice(&sums.map(|sum| (sum / pixels) as u8));
             }
         }
     }
@@ -63,21 +64,23 @@ impl Camera {
     ///
     /// # Panics
     /// If the image or a picture that is used has the wrong length.
-    pub fn compose<'a>(&self, pictures: &Pictures<'a>, image: &mut [u8]) {
-        let (pixels, channels) = (self.size * self.size, self.beside.channels());
+    pub fn compose_observation<'a>(&self, pictures: &ObservationPictures<'a>, image: &mut [u8]) {
+        let (pixels, channels) = (self.size * self.size, self.extra_views.num_channels());
         assert_eq!(image.len(), pixels * channels, "bytes of an image");
         let whole = |picture: &'a [u8]| {
-            assert_eq!(picture.len(), pixels * RGB, "bytes of a picture");
-            picture.chunks_exact(RGB)
+            assert_eq!(picture.len(), pixels * RGB_CHANNELS, "bytes of a picture");
+            picture.chunks_exact(RGB_CHANNELS)
         };
-        let close_up = || self.close_up(pictures.drawn, pictures.hand);
-        write_channels(image, channels, 0, whole(pictures.now));
-        match self.beside {
-            ExtraView::First => write_channels(image, channels, RGB, whole(pictures.first)),
-            ExtraView::CloseUp => write_channels(image, channels, RGB, close_up()),
+        let close_up = || self.close_up(pictures.rendered, pictures.hand);
+        write_channels(image, channels, 0, whole(pictures.current));
+        match self.extra_views {
+            ExtraView::First => {
+                write_channels(image, channels, RGB_CHANNELS, whole(pictures.first))
+            }
+            ExtraView::CloseUp => write_channels(image, channels, RGB_CHANNELS, close_up()),
             ExtraView::FirstAndCloseUp => {
-                write_channels(image, channels, RGB, whole(pictures.first));
-                write_channels(image, channels, 2 * RGB, close_up());
+                write_channels(image, channels, RGB_CHANNELS, whole(pictures.first));
+                write_channels(image, channels, 2 * RGB_CHANNELS, close_up());
             }
         }
     }
@@ -87,7 +90,7 @@ impl Camera {
     /// a mirrored picture of a mirrored hand gives the mirrored part exactly.
     fn close_up<'a>(&self, drawn: &'a [u8], hand: DVec3) -> impl Iterator<Item = &'a [u8]> {
         let [right, up] = self.project(DVec3::new(hand.x, hand.y, 0.0));
-        let (side, size) = (self.drawn_size() as i64, self.size as i64);
+        let (side, size) = (self.rendered_size() as i64, self.size as i64);
         // halves are rounded away from zero on either side, as exact mirror images need
         let start = [-up, right].map(|offset| {
             let pixels = offset * self.oversampling as f64;
@@ -100,7 +103,7 @@ impl Camera {
             let row = inside(start[0].saturating_add(row));
             let column = inside(start[1].saturating_add(column));
             let place = row.zip(column).map(|(row, column)| row * side as usize + column);
-            place.map_or(&BEYOND[..], |place| &drawn[place * RGB..][..RGB])
+            place.map_or(&BEYOND[..], |place| &drawn[place * RGB_CHANNELS..][..RGB_CHANNELS])
         })
     }
 }
@@ -113,7 +116,7 @@ fn write_channels<'a>(
     pixels: impl Iterator<Item = &'a [u8]>,
 ) {
     for (out, pixel) in image.chunks_exact_mut(channels).zip(pixels) {
-        out[place..][..RGB].copy_from_slice(pixel);
+        out[place..][..RGB_CHANNELS].copy_from_slice(pixel);
     }
 }
 
@@ -124,8 +127,8 @@ mod tests {
     use symmetry::D2;
 
     use super::*;
-    use crate::camera::OVERSAMPLING;
-    use crate::layout::map;
+    use crate::camera::OVERSAMPLING_RANGE;
+    use crate::layout::map_point;
 
     const SIZE: usize = 4;
 
@@ -135,13 +138,13 @@ mod tests {
 
     /// A picture without a symmetry.
     fn drawn(camera: &Camera) -> Vec<u8> {
-        let length = camera.drawn_size() * camera.drawn_size() * RGB;
+        let length = camera.rendered_size() * camera.rendered_size() * RGB_CHANNELS;
         (0..length).map(|i| (i * 37 % 251) as u8).collect()
     }
 
     fn mirrored(rgb: &[u8], element: D2) -> Vec<u8> {
-        let side = (rgb.len() / RGB).isqrt();
-        element.transform_image(rgb, side, side, RGB)
+        let side = (rgb.len() / RGB_CHANNELS).isqrt();
+        element.transform_image(rgb, side, side, RGB_CHANNELS)
     }
 
     fn cut(camera: &Camera, drawn: &[u8], hand: DVec3) -> Vec<u8> {
@@ -153,13 +156,13 @@ mod tests {
     fn a_picture_is_shrunk_to_the_means_of_its_squares() {
         let camera = camera(3);
         let drawn = drawn(&camera);
-        let mut rgb = vec![0; SIZE * SIZE * RGB];
-        camera.shrink(&drawn, &mut rgb);
+        let mut rgb = vec![0; SIZE * SIZE * RGB_CHANNELS];
+        camera.downsample(&drawn, &mut rgb);
         for (index, &level) in rgb.iter().enumerate() {
-            let (row, column) = (index / (SIZE * RGB), index / RGB % SIZE);
+            let (row, column) = (index / (SIZE * RGB_CHANNELS), index / RGB_CHANNELS % SIZE);
             let sum = (0..9).map(|i| {
                 let (row, column) = (3 * row + i / 3, 3 * column + i % 3);
-                f64::from(drawn[(row * 3 * SIZE + column) * RGB + index % RGB])
+                f64::from(drawn[(row * 3 * SIZE + column) * RGB_CHANNELS + index % RGB_CHANNELS])
             });
             assert_eq!(f64::from(level), (sum.sum::<f64>() / 9.0).round(), "{index}");
         }
@@ -175,14 +178,14 @@ mod tests {
         let expected = |row: usize, column: usize| {
             let inside = column + 2 + 2 < 8;
             if inside {
-                &drawn[((row + 2 - 1) * 8 + column + 2 + 2) * RGB..][..RGB]
+                &drawn[((row + 2 - 1) * 8 + column + 2 + 2) * RGB_CHANNELS..][..RGB_CHANNELS]
             } else {
                 &BEYOND[..]
             }
         };
         let rgb = cut(&camera, &drawn, hand);
-        for (pixel, rgb) in rgb.chunks_exact(RGB).enumerate() {
-            assert_eq!(rgb, expected(pixel / SIZE, pixel % SIZE), "{pixel}");
+        for (pixel, color) in rgb.chunks_exact(RGB_CHANNELS).enumerate() {
+            assert_eq!(color, expected(pixel / SIZE, pixel % SIZE), "{pixel}");
         }
     }
 
@@ -191,9 +194,13 @@ mod tests {
     fn a_picture_that_is_shown_must_be_whole() {
         let camera = camera(1);
         let drawn = drawn(&camera);
-        let pictures =
-            Pictures { now: &drawn, first: &drawn[1..], drawn: &drawn, hand: DVec3::ZERO };
-        camera.compose(&pictures, &mut [0; SIZE * SIZE * 2 * RGB]);
+        let pictures = ObservationPictures {
+            current: &drawn,
+            first: &drawn[1..],
+            rendered: &drawn,
+            hand: DVec3::ZERO,
+        };
+        camera.compose_observation(&pictures, &mut [0; SIZE * SIZE * 2 * RGB_CHANNELS]);
     }
 
     #[test]
@@ -209,16 +216,16 @@ mod tests {
     fn both_pictures_of_a_mirrored_table_are_mirrored_to_the_bit() {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         for element in (0..50).flat_map(|_| D2::ALL) {
-            let camera = camera(rng.random_range(OVERSAMPLING));
+            let camera = camera(rng.random_range(OVERSAMPLING_RANGE));
             let drawn = drawn(&camera);
             let moved = mirrored(&drawn, element);
             let hand = DVec3::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5), 0.1);
             let close = cut(&camera, &drawn, hand);
-            let there = cut(&camera, &moved, map(element, hand));
+            let there = cut(&camera, &moved, map_point(element, hand));
             assert_eq!(mirrored(&close, element), there, "{element:?} {hand}");
             let [shrunk, moved] = [drawn, moved].map(|drawn| {
-                let mut rgb = vec![0; SIZE * SIZE * RGB];
-                camera.shrink(&drawn, &mut rgb);
+                let mut rgb = vec![0; SIZE * SIZE * RGB_CHANNELS];
+                camera.downsample(&drawn, &mut rgb);
                 rgb
             });
             assert_eq!(mirrored(&shrunk, element), moved, "{element:?}");

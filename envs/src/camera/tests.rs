@@ -40,7 +40,7 @@ fn settings_travel_as_text() {
         background: [0.1, 0.2, 0.3],
         mark: Mark { hole: 0.01, ..Mark::default() },
         oversampling: 3,
-        beside: ExtraView::CloseUp,
+        extra_views: ExtraView::CloseUp,
         ..Camera::default()
     };
     let text = serde_json::to_string(&camera).unwrap();
@@ -48,7 +48,7 @@ fn settings_travel_as_text() {
     let before = text.replace(r#","beside":"close_up""#, "").replace(r#""oversampling":3,"#, "");
     let before = serde_json::from_str::<Camera>(&before).unwrap();
     let expected = (1, ExtraView::First);
-    assert_eq!((before.oversampling, before.beside), expected);
+    assert_eq!((before.oversampling, before.extra_views), expected);
     let unknown = text.replace("height", "hight");
     let message = serde_json::from_str::<Camera>(&unknown).unwrap_err();
     assert!(message.to_string().contains("hight"), "{message}");

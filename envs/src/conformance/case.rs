@@ -10,7 +10,7 @@ use symmetry::D2;
 use crate::control::Control;
 use crate::error::EnvError;
 use crate::scene::Scene;
-use crate::tabletop::{ACTION_DIM, Step, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_DIM};
 
 /// Outcome of a rule: `None`, or a description of the violation.
 pub(super) type RuleResult = Result<Option<String>, EnvError>;
@@ -42,8 +42,8 @@ impl Case {
         table.reset(self.element, &mut ChaCha8Rng::seed_from_u64(seed))
     }
 
-    pub(super) fn decisions(&self) -> usize {
-        self.scene.layout.control().decisions()
+    pub(super) fn decisions_per_episode(&self) -> usize {
+        self.scene.layout.control().decisions_per_episode()
     }
 
     /// Returns the control of the layout with one decision in each control step.
@@ -113,7 +113,8 @@ pub(super) fn run(
     decisions: usize,
 ) -> Result<Vec<Bits>, EnvError> {
     let decide = |_| {
-        let Step { reward, success, success_at_end, truncated } = table.step(&actions.next())?;
+        let StepResult { reward, success, success_at_end, truncated } =
+            table.step(&actions.next())?;
         let vector = table.observe()?.map(f32::to_bits);
         Ok((vector, reward.to_bits(), [success, success_at_end, truncated]))
     };

@@ -16,7 +16,7 @@ use crate::tabletop::TableTop;
 /// Smallest share of episodes that a scripted expert must solve.
 const SUCCESS_RATE: f64 = 0.98;
 
-/// Variant that a row of measurements belongs to.
+/// Variant that a row of measurements belongs to: embodiment, task group and element of D2.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct VariantName {
     /// Name of the embodiment.
@@ -46,10 +46,10 @@ impl fmt::Display for VariantName {
 /// Results of the scripted expert on one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExpertRow {
-    /// Variant that was tested.
+    /// Variant on which the expert was tested.
     #[serde(flatten)]
     pub variant: VariantName,
-    /// Number of episodes, one for each seed.
+    /// Number of episodes that the expert played, one for each seed.
     pub episodes: u64,
     /// Number of episodes in which the success condition held at any control step.
     pub successes: u64,
@@ -63,18 +63,19 @@ impl ExpertRow {
         self.successes as f64 / self.episodes as f64
     }
 
-    /// Returns `true` if at least 98 % of the episodes succeeded.
+    /// Returns `true` if at least 98 % of the expert's episodes succeeded.
     pub fn passes(&self) -> bool {
         self.success_rate() >= SUCCESS_RATE
     }
 }
 
-/// Runs the scripted expert of the variant `element` on the placements of the seeds `0..seeds`.
+/// Runs the scripted expert of the variant `element` for one episode on the placement of each seed
+/// in `0..seeds`.
 ///
 /// # Errors
-/// [`EnvError::Setting`] for zero seeds or control settings out of range,
+/// [`EnvError::InvalidSetting`] for zero seeds or control settings out of range,
 /// [`EnvError::NoSuchVariant`], or MuJoCo's error.
-pub fn experts(
+pub fn measure_expert(
     scene: &Arc<Scene>,
     element: D2,
     control: Control,

@@ -10,34 +10,34 @@ use crate::embodiment::Embodiment;
 use crate::error::EnvError;
 use crate::layout::Layout;
 use crate::scene::Scene;
-use crate::tabletop::{ACTION_DIM, Step, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_DIM};
 use crate::task::{StepReward, TaskGroup};
 
 use super::case::{Case, RandomActions, RuleResult, run, unless};
-use super::experts::experts;
+use super::experts::measure_expert;
 use super::scene_rules;
-use super::symmetry::symmetry;
+use super::symmetry::measure_symmetry;
 
-/// Violation of a rule by a task group.
+/// Violation of a conformance rule by a task group, or a check that failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum Flaw {
-    /// Violated rule.
+pub enum ConformanceError {
+    /// Conformance rule that the task group violates in one case.
     #[error("{case}: {rule}: {finding}")]
-    Broken {
-        /// Variant, embodiment and layout.
+    RuleViolated {
+        /// Variant, embodiment and layout in which the rule is violated.
         case: String,
-        /// Description of the rule.
+        /// Description of the violated rule.
         rule: &'static str,
         /// Description of the violation.
         finding: String,
     },
     /// Scene that cannot be made, or environment that failed during a check.
     #[error("{case}: {source}")]
-    Failed {
-        /// Variant (or group), embodiment and layout.
+    CheckFailed {
+        /// Variant (or task group), embodiment and layout of the failed check.
         case: String,
-        /// Underlying error.
+        /// Error that ended the check.
         source: EnvError,
     },
 }
@@ -66,8 +66,8 @@ const OF_VARIANTS: [Rule; 6] = [
 const OF_MIRRORED_VARIANTS: [Rule; 2] =
     [("the expert solves it", solution), ("it mirrors its canonical twin", mirror)];
 
-/// Checks `group` against every rule: all variants, standard embodiments and layouts. Takes some
-/// seconds.
+/// Checks `group` against every conformance rule: all variants, standard embodiments and layouts.
+/// Takes some seconds.
 ///
 /// The scene compiles without a warning and everything in it has a name. In every control step
 /// observations, rewards, their terms and the expert's commands are finite and in range. Only the
@@ -78,23 +78,25 @@ const OF_MIRRORED_VARIANTS: [Rule; 2] =
 /// far as its embodiment does.
 ///
 /// # Errors
-/// The first [`Flaw`].
-pub fn check(group: TaskGroup) -> Result<(), Flaw> {
+/// The first [`ConformanceError`].
+pub fn check(group: TaskGroup) -> Result<(), ConformanceError> {
     for layout in Layout::ALL {
-        if layout == Layout::MetaWorld && group.task().meta_world().is_none() {
+        if layout == Layout::MetaWorld && group.task().meta_world_spec().is_none() {
             continue;
         }
         for embodiment in Embodiment::STANDARD {
-            let scene = Scene::in_layout(layout, group, embodiment, Camera::default()).map_err(
-                |source| Flaw::Failed { case: format!("{group}, {embodiment}, {layout}"), source },
-            )?;
+            let scene = Scene::new_in_layout(layout, group, embodiment, Camera::default())
+                .map_err(|source| ConformanceError::CheckFailed {
+                    case: format!("{group}, {embodiment}, {layout}"),
+                    source,
+                })?;
             check_scene(&Arc::new(scene))?;
         }
     }
     Ok(())
 }
 
-fn check_scene(scene: &Arc<Scene>) -> Result<(), Flaw> {
+fn check_scene(scene: &Arc<Scene>) -> Result<(), ConformanceError> {
     for (index, &element) in scene.layout.elements().iter().enumerate() {
         let scene = Arc::clone(scene);
         let case = Case { scene, element };
@@ -110,12 +112,12 @@ fn check_scene(scene: &Arc<Scene>) -> Result<(), Flaw> {
     Ok(())
 }
 
-fn ask(case: &Case, rules: &[Rule]) -> Result<(), Flaw> {
+fn ask(case: &Case, rules: &[Rule]) -> Result<(), ConformanceError> {
     for &(rule, finding) in rules {
-        let finding =
-            finding(case).map_err(|source| Flaw::Failed { case: case.to_string(), source })?;
+        let finding = finding(case)
+            .map_err(|source| ConformanceError::CheckFailed { case: case.to_string(), source })?;
         if let Some(finding) = finding {
-            return Err(Flaw::Broken { case: case.to_string(), rule, finding });
+            return Err(ConformanceError::RuleViolated { case: case.to_string(), rule, finding });
         }
     }
     Ok(())
@@ -159,7 +161,7 @@ fn in_range(
     Ok(unless(ended, || "the episode goes on after the horizon".to_owned()))
 }
 
-fn step_in_range(step: &Step, last: bool) -> bool {
+fn step_in_range(step: &StepResult, last: bool) -> bool {
     (0.0..=1.0).contains(&step.reward)
         && step.success >= step.success_at_end
         && step.truncated == last
@@ -167,10 +169,10 @@ fn step_in_range(step: &Step, last: bool) -> bool {
 
 fn reward_in_range(reward: &StepReward) -> bool {
     (0.0..=10.0).contains(&reward.reward)
-        && (0.0..=1.0).contains(&reward.approach)
-        && (0.0..=1.0).contains(&reward.in_place)
-        && reward.remaining.is_finite()
-        && reward.remaining >= 0.0
+        && (0.0..=1.0).contains(&reward.approach_reward)
+        && (0.0..=1.0).contains(&reward.in_place_reward)
+        && reward.goal_distance.is_finite()
+        && reward.goal_distance >= 0.0
 }
 
 fn vector_in_range(vector: &[f32; VECTOR_DIM]) -> bool {
@@ -222,7 +224,7 @@ fn variation(case: &Case) -> RuleResult {
     for seed in 0..2 {
         let mut table = case.started(seed)?;
         let mut actions = case.random_actions(seed);
-        for _ in 0..case.decisions() / 2 {
+        for _ in 0..case.decisions_per_episode() / 2 {
             for (i, value) in table.observe()?.into_iter().enumerate() {
                 low[i] = low[i].min(value);
                 high[i] = high[i].max(value);
@@ -259,7 +261,7 @@ fn continuation(case: &Case) -> RuleResult {
 
 fn idleness(case: &Case) -> RuleResult {
     let mut table = case.started(3)?;
-    for decision in 0..case.decisions() {
+    for decision in 0..case.decisions_per_episode() {
         if table.step(&[0.0; ACTION_DIM])?.success {
             return Ok(Some(format!("success in decision {decision}")));
         }
@@ -268,7 +270,7 @@ fn idleness(case: &Case) -> RuleResult {
 }
 
 fn solution(case: &Case) -> RuleResult {
-    let row = experts(&case.scene, case.element, Control::default(), 2)?;
+    let row = measure_expert(&case.scene, case.element, Control::default(), 2)?;
     Ok(unless(row.passes(), || format!("{row:?}")))
 }
 
@@ -276,6 +278,6 @@ fn mirror(case: &Case) -> RuleResult {
     if case.element == D2::Identity {
         return Ok(None); // its own twin
     }
-    let row = symmetry(&case.scene, case.element, 1)?;
+    let row = measure_symmetry(&case.scene, case.element, 1)?;
     Ok(unless(row.passes(), || format!("{row:?}")))
 }

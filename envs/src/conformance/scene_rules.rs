@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use glam::DVec3;
 
 use super::case::{Case, RuleResult, run, unless};
-use crate::camera::RGB;
+use crate::camera::RGB_CHANNELS;
 use crate::error::EnvError;
 use crate::renderer::SceneRenderer;
 use crate::tabletop::TableTop;
@@ -26,7 +26,7 @@ const PLACEMENTS: usize = 100;
 
 pub(super) fn names(case: &Case) -> RuleResult {
     let model = &case.scene.model;
-    let (unnamed, warning) = (model.unnamed(), model.warning());
+    let (unnamed, warning) = (model.unnamed_objects(), model.compile_warning());
     let holds = unnamed.is_empty() && warning.is_none();
     let found = || format!("without a name: {unnamed:?}; MuJoCo warns: {warning:?}");
     Ok(unless(holds, found))
@@ -40,11 +40,11 @@ pub(super) fn moving_pictures(case: &Case) -> RuleResult {
 /// Checks that pictures show the object that the expert moves. No mark is drawn, because it would
 /// show that the gripper moves.
 fn moving_object(case: &Case) -> RuleResult {
-    let mut renderer = SceneRenderer::of_table(Arc::clone(&case.scene))?;
+    let mut renderer = SceneRenderer::without_arm(Arc::clone(&case.scene))?;
     let mut table = case.started(1)?;
     let before = picture(&mut renderer, &mut table)?;
     let start = table.measurement()?.object;
-    let (mut unseen, last) = (None, case.decisions());
+    let (mut unseen, last) = (None, case.decisions_per_episode());
     for decision in 1..=last {
         let action = table.expert_action()?;
         table.step(&action)?;
@@ -76,7 +76,8 @@ fn moving_mark(case: &Case) -> RuleResult {
 /// objects that pictures do not show.
 pub(super) fn distinct_variants(case: &Case) -> RuleResult {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let placements: Vec<Placement> = (0..PLACEMENTS).map(|_| case.scene.place(&mut rng)).collect();
+    let placements: Vec<Placement> =
+        (0..PLACEMENTS).map(|_| case.scene.draw_placement(&mut rng)).collect();
     let placement = placements[0];
     let elements = case.scene.layout.elements();
     if elements.len() > 1 && !off_centre(&placements) {
@@ -109,7 +110,7 @@ fn off_centre(placements: &[Placement]) -> bool {
 
 fn picture(renderer: &mut SceneRenderer, table: &mut TableTop) -> Result<Vec<u8>, EnvError> {
     let size = table.scene().camera.size;
-    let mut rgb = vec![0; size * size * RGB];
+    let mut rgb = vec![0; size * size * RGB_CHANNELS];
     renderer.render(table, &mut rgb)?;
     Ok(rgb)
 }

@@ -8,7 +8,7 @@ use serde::Serialize;
 use symmetry::D2;
 
 use super::experts::{VariantName, check_seeds, episode};
-use crate::camera::RGB;
+use crate::camera::RGB_CHANNELS;
 use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::EnvError;
 use crate::renderer::SceneRenderer;
@@ -29,7 +29,7 @@ const HELD: usize = 5;
 /// Deviation of a variant from the mirror image of its canonical twin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SymmetryRow {
-    /// Variant that was compared.
+    /// Variant that was compared with its canonical twin.
     #[serde(flatten)]
     pub variant: VariantName,
     /// `true` if the embodiment is exactly symmetric.
@@ -43,11 +43,11 @@ pub struct SymmetryRow {
     pub contact_deviation: f64,
     /// Largest difference between the rewards of a decision, open loop.
     pub reward_deviation: f64,
-    /// Number of pictures compared, one per decision, open loop.
+    /// Number of pictures compared between variant and twin, one per decision, open loop.
     pub frames: usize,
-    /// Number of pictures that were not exact mirror images.
+    /// Number of compared pictures that were not exact mirror images.
     pub frames_differing: usize,
-    /// Number of differing pixels in the worst picture.
+    /// Number of differing pixels in the picture that differs most.
     pub pixels_differing: usize,
     /// Expert's mean return on the variant divided by that on the canonical twin, closed loop.
     pub return_ratio: f64,
@@ -73,9 +73,13 @@ impl SymmetryRow {
 /// random ones. Closed loop, each has its own expert.
 ///
 /// # Errors
-/// [`EnvError::Setting`] for zero seeds, [`EnvError::NoSuchVariant`], or an error of MuJoCo or
-/// OpenGL.
-pub fn symmetry(scene: &Arc<Scene>, element: D2, seeds: u64) -> Result<SymmetryRow, EnvError> {
+/// [`EnvError::InvalidSetting`] for zero seeds, [`EnvError::NoSuchVariant`], or an error of MuJoCo
+/// or OpenGL.
+pub fn measure_symmetry(
+    scene: &Arc<Scene>,
+    element: D2,
+    seeds: u64,
+) -> Result<SymmetryRow, EnvError> {
     check_seeds(seeds)?;
     let mut twins = Twins::new(Arc::clone(scene), element, element)?;
     twins.compare(seeds)?;
@@ -106,7 +110,7 @@ enum Driver {
 impl Twins {
     fn new(scene: Arc<Scene>, element: D2, of_actions: D2) -> Result<Self, EnvError> {
         let control = scene.layout.control();
-        let pixels = scene.camera.size * scene.camera.size * RGB;
+        let pixels = scene.camera.size * scene.camera.size * RGB_CHANNELS;
         let row = SymmetryRow {
             variant: VariantName::new(&scene, element),
             exact: scene.embodiment.mirrors_exactly(),
@@ -134,7 +138,7 @@ impl Twins {
         let mut returns = [0.0; 2];
         for seed in 0..seeds {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let placement = self.canonical.scene().place(&mut rng);
+            let placement = self.canonical.scene().draw_placement(&mut rng);
             for driver in [Driver::Expert, Driver::Random] {
                 self.open_loop(placement, driver, &mut rng)?;
             }
@@ -161,7 +165,7 @@ impl Twins {
     ) -> Result<(), EnvError> {
         self.reset(placement)?;
         let mut action = [0.0; ACTION_DIM];
-        for decision in 0..self.canonical.control().decisions() {
+        for decision in 0..self.canonical.control().decisions_per_episode() {
             match driver {
                 Driver::Expert => action = self.canonical.expert_action()?,
                 Driver::Random if decision % HELD == 0 => {
@@ -180,7 +184,7 @@ impl Twins {
             std::array::from_fn(|i| action[i] * f32::from(ACTION_IRREPS[i].sign(self.of_actions)));
         let here = self.canonical.step(action)?;
         let there = self.variant.step(&mirrored)?;
-        self.touched |= self.canonical.touched() || self.variant.touched();
+        self.touched |= self.canonical.had_contact() || self.variant.had_contact();
         let deviation = deviation(&self.canonical.measurement()?, &self.variant.measurement()?);
         let worst = if self.touched {
             &mut self.row.contact_deviation
@@ -199,8 +203,8 @@ impl Twins {
         self.renderer.render(&mut self.canonical, here)?;
         self.renderer.render(&mut self.variant, there)?;
         // pixels are permuted without interpolation, so exact equality is the right test
-        let mirrored = self.element.transform_image(here, size, size, RGB);
-        let pixels = mirrored.chunks(RGB).zip(there.chunks(RGB));
+        let mirrored = self.element.transform_image(here, size, size, RGB_CHANNELS);
+        let pixels = mirrored.chunks(RGB_CHANNELS).zip(there.chunks(RGB_CHANNELS));
         let differing = pixels.filter(|(a, b)| a != b).count();
         self.row.frames += 1;
         self.row.frames_differing += usize::from(differing > 0);

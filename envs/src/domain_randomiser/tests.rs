@@ -10,11 +10,11 @@ const SIZE: usize = 48;
 /// Returns a picture without any symmetry, `[SIZE, SIZE, 3]`.
 fn picture() -> Vec<u8> {
     let level = |index: usize| ((index * index / 97 + 5 * index) % 256) as u8;
-    (0..SIZE * SIZE * RGB).map(level).collect()
+    (0..SIZE * SIZE * RGB_CHANNELS).map(level).collect()
 }
 
 fn grey(level: u8) -> Vec<u8> {
-    vec![level; SIZE * SIZE * RGB]
+    vec![level; SIZE * SIZE * RGB_CHANNELS]
 }
 
 /// Returns a camera that draws no mark.
@@ -31,7 +31,7 @@ fn randomiser(amounts: Randomisation) -> DomainRandomiser {
 /// Returns a picture as a camera in this state shows it.
 fn shown(randomiser: &mut DomainRandomiser, state: &mut CameraState, picture: &[u8]) -> Vec<u8> {
     let mut rgb = picture.to_vec();
-    randomiser.disturb(state, DVec3::new(0.1, -0.05, 0.2), &mut rgb);
+    randomiser.add_camera_errors(state, DVec3::new(0.1, -0.05, 0.2), &mut rgb);
     rgb
 }
 
@@ -39,7 +39,7 @@ fn shown(randomiser: &mut DomainRandomiser, state: &mut CameraState, picture: &[
 fn episodes(amounts: Randomisation, picture: &[u8], count: usize) -> Vec<Vec<u8>> {
     let (mut randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
     let episode = |_| {
-        randomiser.begin(&mut state);
+        randomiser.begin_episode(&mut state);
         shown(&mut randomiser, &mut state, picture)
     };
     (0..count).map(episode).collect()
@@ -62,29 +62,29 @@ fn amounts_of_zero_leave_the_bytes_and_draw_the_mark() {
     let (mut randomiser, mut state) =
         (DomainRandomiser::new(OFF, marked), CameraState::new(1000, 0));
     let mut rgb = picture();
-    randomiser.begin(&mut state);
-    randomiser.disturb(&mut state, hand, &mut rgb);
+    randomiser.begin_episode(&mut state);
+    randomiser.add_camera_errors(&mut state, hand, &mut rgb);
     assert_eq!(rgb, expected);
     assert_ne!(rgb, picture());
 }
 
 #[test]
 fn noise_has_the_mean_and_the_spread_that_were_asked_for() {
-    for noise in [2.0, 6.0] {
-        let levels = episodes(Randomisation { noise, ..OFF }, &grey(128), 20).concat();
+    for noise_sd in [2.0, 6.0] {
+        let levels = episodes(Randomisation { noise_sd, ..OFF }, &grey(128), 20).concat();
         let (mean, deviation) = moments(levels.iter().copied().map(f64::from));
         assert!((mean - 128.0).abs() < 0.05, "{mean}");
         // rounding to levels adds a variance of 1/12
-        let expected = (noise * noise + 1.0 / 12.0).sqrt();
-        assert!((deviation - expected).abs() < 0.02 * noise, "{deviation}");
+        let expected = (noise_sd * noise_sd + 1.0 / 12.0).sqrt();
+        assert!((deviation - expected).abs() < 0.02 * noise_sd, "{deviation}");
     }
 }
 
 #[test]
 fn noise_is_another_in_every_picture_of_an_episode() {
-    let amounts = Randomisation { noise: 3.0, ..OFF };
+    let amounts = Randomisation { noise_sd: 3.0, ..OFF };
     let (mut randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
-    randomiser.begin(&mut state);
+    randomiser.begin_episode(&mut state);
     let [one, other] = [(); 2].map(|()| shown(&mut randomiser, &mut state, &picture()));
     assert_ne!(one, other);
 }
@@ -96,20 +96,20 @@ fn a_camera_that_is_moved_by_a_pixel_shows_the_picture_moved_by_one() {
     state.view = Homography::new(&camera(), DVec3::new(pixel, 0.0, 0.0), DVec3::ZERO);
     let (before, after) = (picture(), shown(&mut randomiser(OFF), &mut state, &picture()));
     for row in 0..SIZE {
-        let line = row * SIZE * RGB..(row + 1) * SIZE * RGB;
+        let line = row * SIZE * RGB_CHANNELS..(row + 1) * SIZE * RGB_CHANNELS;
         let (before, after) = (&before[line.clone()], &after[line]);
-        assert_eq!(after[..(SIZE - 1) * RGB], before[RGB..]);
-        assert_eq!(after[(SIZE - 1) * RGB..], before[(SIZE - 1) * RGB..]);
+        assert_eq!(after[..(SIZE - 1) * RGB_CHANNELS], before[RGB_CHANNELS..]);
+        assert_eq!(after[(SIZE - 1) * RGB_CHANNELS..], before[(SIZE - 1) * RGB_CHANNELS..]);
     }
 }
 
 #[test]
 fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
-    let amounts = Randomisation { noise: 0.0, patches: 0, ..Randomisation::NOMINAL };
+    let amounts = Randomisation { noise_sd: 0.0, max_patches: 0, ..Randomisation::NOMINAL };
     let (mut randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
     let mut before = picture();
     for _ in 0..5 {
-        randomiser.begin(&mut state);
+        randomiser.begin_episode(&mut state);
         let [one, other] = [(); 2].map(|()| shown(&mut randomiser, &mut state, &picture()));
         assert_eq!(one, other);
         assert_ne!(one, before);
@@ -119,25 +119,25 @@ fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
 
 #[test]
 fn exposure_and_balance_spread_as_they_should() {
-    let amounts = Randomisation { exposure: 20.0, balance: 6.0, ..OFF };
+    let amounts = Randomisation { exposure_sd: 20.0, white_balance_sd: 6.0, ..OFF };
     let (randomiser, mut state) = (randomiser(amounts), CameraState::new(1000, 0));
     let light = |gain: f32| GAMMA * f64::from(gain).ln();
-    let drawn: Vec<[f64; RGB]> = (0..20_000)
+    let drawn: Vec<[f64; RGB_CHANNELS]> = (0..20_000)
         .map(|_| {
-            randomiser.begin(&mut state);
+            randomiser.begin_episode(&mut state);
             state.gains.map(light)
         })
         .collect();
     let (mean, deviation) = moments(drawn.iter().map(|of| of[1]));
     assert!(mean.abs() < 0.005 && (deviation - 0.2).abs() < 0.004, "{mean} {deviation}");
     for other in [0, 2] {
-        let (mean, deviation) = moments(drawn.iter().map(|of| of[other] - of[1]));
-        assert!(mean.abs() < 0.002, "{mean}");
-        assert!((deviation - 0.06).abs() < 0.002, "{deviation}");
+        let (ratio_mean, ratio_deviation) = moments(drawn.iter().map(|of| of[other] - of[1]));
+        assert!(ratio_mean.abs() < 0.002, "{ratio_mean}");
+        assert!((ratio_deviation - 0.06).abs() < 0.002, "{ratio_deviation}");
     }
     state.gains = [0.5, 1.0, 9.0];
     let dim = shown(&mut self::randomiser(OFF), &mut state, &grey(100));
-    assert_eq!(dim[..RGB], [50, 100, 255]);
+    assert_eq!(dim[..RGB_CHANNELS], [50, 100, 255]);
 }
 
 #[test]
@@ -186,7 +186,8 @@ fn blur_is_as_wide_as_it_should_be() {
 
 #[test]
 fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side() {
-    let amounts = Randomisation { patches: 3, patch_radius: 30.0, patch_color: 20.0, ..OFF };
+    let amounts =
+        Randomisation { max_patches: 3, max_patch_radius_mm: 30.0, patch_color_sd: 20.0, ..OFF };
     let pictures = episodes(amounts, &grey(128), 2000);
     let touched = |picture: &&Vec<u8>| picture.iter().any(|&level| level != 128);
     let share = pictures.iter().filter(touched).count() as f64 / 2000.0;
@@ -197,9 +198,9 @@ fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side()
     let (mean, _) = moments(off.clone());
     assert!(mean.abs() < 0.02, "{mean}");
     let (mut sum, mut total) = ([0.0; 2], 0.0);
-    for (index, off) in off.enumerate().filter(|(_, off)| *off != 0.0) {
-        let (row, column) = (index / RGB / SIZE % SIZE, index / RGB % SIZE);
-        let weight = off.abs();
+    for (index, difference) in off.enumerate().filter(|(_, off)| *off != 0.0) {
+        let (row, column) = (index / RGB_CHANNELS / SIZE % SIZE, index / RGB_CHANNELS % SIZE);
+        let weight = difference.abs();
         let x = column as f64 + 0.5 - SIZE as f64 / 2.0;
         let y = SIZE as f64 / 2.0 - row as f64 - 0.5;
         sum = [sum[0] + weight * x, sum[1] + weight * y];
@@ -217,9 +218,9 @@ fn mirrored(element: D2, picture: &[u8]) -> Vec<u8> {
         let (row, column) = (index / SIZE, index % SIZE);
         let row = if element.flips_y() { SIZE - 1 - row } else { row };
         let column = if element.flips_x() { SIZE - 1 - column } else { column };
-        (row * SIZE + column) * RGB
+        (row * SIZE + column) * RGB_CHANNELS
     };
-    let pixels = (0..SIZE * SIZE).flat_map(|index| &picture[place(index)..][..RGB]);
+    let pixels = (0..SIZE * SIZE).flat_map(|index| &picture[place(index)..][..RGB_CHANNELS]);
     pixels.copied().collect()
 }
 
@@ -250,12 +251,13 @@ fn a_mirrored_camera_shows_a_mirrored_table_in_a_mirrored_picture() {
 #[test]
 fn numbers_have_mean_0_and_variance_1_and_are_drawn_apart() {
     let rng = &mut ChaCha8Rng::seed_from_u64(1000);
-    let drawn: Vec<[f64; RGB]> = (0..100_000).map(|_| normals(rng).map(f64::from)).collect();
-    for channel in 0..RGB {
+    let drawn: Vec<[f64; RGB_CHANNELS]> =
+        (0..100_000).map(|_| normals(rng).map(f64::from)).collect();
+    for channel in 0..RGB_CHANNELS {
         let (mean, deviation) = moments(drawn.iter().map(|of| of[channel]));
         assert!(mean.abs() < 0.01, "{mean}");
         assert!((deviation - 1.0).abs() < 0.01, "{deviation}");
-        let next = (channel + 1) % RGB;
+        let next = (channel + 1) % RGB_CHANNELS;
         let (shared, _) = moments(drawn.iter().map(|of| of[channel] * of[next]));
         assert!(shared.abs() < 0.01, "{shared}");
     }

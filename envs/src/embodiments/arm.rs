@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use robots::{
-    Addition, Capsule, CartesianControl, Chain, ControlSettings, Description, Drive as JointDrive,
-    MjcfSettings, Motion, Pose, RobotState, Servo,
+    Capsule, CartesianControl, Chain, ControlSettings, JointMotion, LinkAddition, MjcfSettings,
+    Pose, PositionSource as JointDrive, RobotDescription, RobotState, Servo,
 };
 
 use crate::actuation::{Actuation, JointPositions, ServoController, ServoSettings};
@@ -32,29 +32,31 @@ const MJCF: &str = r#"<mujocoinclude>
   <include file="robot.xml"/>
 </mujocoinclude>"#;
 
-/// Settings of an [`Arm`].
+/// Settings from which an [`Arm`] is built.
 #[derive(Clone, Debug)]
 pub struct ArmSettings {
     /// Name of the embodiment.
     pub name: String,
-    /// Robot, with its base where it stands in the scene (origin: centre of the table).
-    pub robot: Description,
-    /// Name of the link that is the hand.
-    pub hand: String,
+    /// Description of the robot, with its base where it stands in the scene (origin: centre of the
+    /// table).
+    pub robot: RobotDescription,
+    /// Name of the robot's link that is the hand.
+    pub hand_link: String,
     /// Joint positions between base and hand (radians, metres) with the hand in the orientation
     /// that it keeps, near the arm's working configurations.
-    pub ready: Vec<f64>,
-    /// Gripper.
+    pub ready_joint_positions: Vec<f64>,
+    /// Gripper of the arm.
     pub gripper: Gripper,
-    /// Limits and inverse kinematics of the hand's motion; [`ControlSettings::horizon`] is ignored.
+    /// Limits and inverse kinematics of the hand's motion; [`ControlSettings::lookahead_s`] is
+    /// ignored.
     pub control: ControlSettings,
-    /// Servos of all joints.
+    /// Servos of all joints that follow no other, those of the gripper included.
     pub servo: Servo,
     /// Largest distance of the hand's target from the hand (metres). The target waits for an arm
     /// that is slow or blocked.
-    pub lead: f64,
+    pub max_target_lead: f64,
     /// Additional bodies on its links, for instance a ball for calibrating a camera.
-    pub additions: Vec<Addition>,
+    pub additions: Vec<LinkAddition>,
 }
 
 /// Gripper of an arm.
@@ -63,23 +65,23 @@ pub struct Gripper {
     /// Name of the link that holds the gripper. Shapes of this link and of its descendants collide
     /// with objects; those of the arm do not.
     pub link: String,
-    /// Right and left finger.
+    /// Right and left finger of the gripper.
     pub fingers: [Finger; 2],
     /// Name of the joint that closes the fingers from one end of its range to the other, at its own
     /// speed. `None` for fingers that do not move.
     pub joint: Option<String>,
 }
 
-/// Reference points of a finger.
+/// Reference points of a gripper's finger.
 #[derive(Clone, Debug)]
 pub struct Finger {
-    /// Name of the link.
+    /// Name of the finger's link in the URDF.
     pub link: String,
     /// Point that tasks treat as the claw, in the link's frame (metres). Open claws are 0.1 m apart
     /// for tasks; wider counts as open, narrower as closing.
-    pub claw: DVec3,
+    pub claw_point: DVec3,
     /// Fingertip in the link's frame (metres).
-    pub tip: DVec3,
+    pub tip_point: DVec3,
 }
 
 /// Arm of a URDF, without a weld: inverse kinematics convert the motion of the hand's target to
@@ -93,19 +95,24 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Builds the arm.
+    /// Builds an arm from its settings.
     ///
     /// # Errors
     /// [`EnvError::Robot`] for links that the robot does not have, [`EnvError::Control`] for
-    /// control settings out of range, [`EnvError::Setting`] for the rest.
+    /// control settings out of range, [`EnvError::InvalidSetting`] for the rest.
     pub fn new(settings: ArmSettings) -> Result<Self, EnvError> {
-        let (robot, ready) = (&settings.robot, &settings.ready);
-        let chain = Chain::new(robot, &settings.hand)?;
+        let (robot, ready) = (&settings.robot, &settings.ready_joint_positions);
+        let chain = Chain::new(robot, &settings.hand_link)?;
         let fits = ready.len() == chain.joints().len();
         let expected = "one position for each joint between base and hand";
-        require(fits, "ready", &format!("{ready:?}"), expected)?;
-        let positive = settings.lead > 0.0 && settings.lead.is_finite();
-        require(positive, "lead", &settings.lead, "a positive length in metres")?;
+        require(fits, "ready_joint_positions", &format!("{ready:?}"), expected)?;
+        let positive = settings.max_target_lead > 0.0 && settings.max_target_lead.is_finite();
+        require(
+            positive,
+            "max_target_lead",
+            &settings.max_target_lead,
+            "a positive length in metres",
+        )?;
         // built only to check the settings; `actuation` builds the one that is used
         CartesianControl::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
@@ -116,25 +123,26 @@ impl Arm {
         })
     }
 
-    /// Returns the robot.
-    pub fn robot(&self) -> &Description {
+    /// Returns the description of the arm's robot.
+    pub fn robot(&self) -> &RobotDescription {
         &self.settings.robot
     }
 
-    /// Returns the joints between the base and the hand.
+    /// Returns the kinematic chain of the joints between the base and the hand.
     pub fn chain(&self) -> &Chain {
         &self.chain
     }
 
-    /// Returns the settings.
+    /// Returns the settings that the arm was built from.
     pub fn settings(&self) -> &ArmSettings {
         &self.settings
     }
 
     /// Returns the pairs of links that touch at rest and therefore never collide
-    /// ([`robots::Mjcf::excluded`]). In a scene only the gripper collides, and not with itself.
-    pub fn excluded(&self) -> &[[String; 2]] {
-        &self.mjcf.excluded
+    /// ([`robots::Mjcf::excluded_pairs`]). In a scene only the gripper collides, and not with
+    /// itself.
+    pub fn excluded_link_pairs(&self) -> &[[String; 2]] {
+        &self.mjcf.excluded_pairs
     }
 
     /// Returns capsules that enclose the whole arm in `state`, in the world frame. Their order and
@@ -154,11 +162,11 @@ impl Arm {
     /// If the state has another number of joints.
     pub fn aperture(&self, state: &RobotState) -> f64 {
         let robot = self.robot();
-        let poses = robot.poses(&self.positions(state));
+        let poses = robot.link_poses(&self.positions(state));
         let claw = |finger: &Finger| {
             let mut links = robot.links().iter().zip(&poses);
             let found = links.find(|(link, _)| link.name == finger.link);
-            found.map(|(_, pose)| pose.point(finger.claw))
+            found.map(|(_, pose)| pose.transform_point(finger.claw_point))
         };
         match self.settings.gripper.fingers.each_ref().map(claw) {
             [Some(right), Some(left)] => (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0),
@@ -168,16 +176,16 @@ impl Arm {
     }
 
     /// Returns the time in which the fingers close (seconds); `None` for fingers that do not move.
-    pub fn closing_time(&self) -> Option<f64> {
+    pub fn closing_seconds(&self) -> Option<f64> {
         let (_, motion) = self.robot().free_joints().nth(self.finger?)?;
         let [low, high] = motion.range?;
-        Some((high - low) / motion.speed?)
+        Some((high - low) / motion.max_speed?)
     }
 
     /// Returns the open positions of the finger joint and of the joints that mimic it.
     fn open_fingers(&self) -> impl Iterator<Item = (String, f64)> {
         let robot = self.robot();
-        let mut positions = vec![0.0; robot.dofs()];
+        let mut positions = vec![0.0; robot.num_dofs()];
         if let Some((dof, [open, _])) = self.finger_range() {
             positions[dof] = open;
         }
@@ -202,25 +210,25 @@ impl Arm {
     fn positions(&self, state: &RobotState) -> Vec<f64> {
         let robot = self.robot();
         assert_eq!(state.joints.len(), self.chain.joints().len(), "joints of a state");
-        let mut positions = vec![0.0; robot.dofs()];
+        let mut positions = vec![0.0; robot.num_dofs()];
         for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
-            positions[joint.dof] = *position;
+            positions[joint.dof_index] = *position;
         }
         if let Some((dof, [open, closed])) = self.finger_range() {
-            positions[dof] = open + state.closing * (closed - open);
+            positions[dof] = open + state.gripper_closure * (closed - open);
         }
         positions
     }
 }
 
 /// Returns the index of the finger joint, which must be a free joint with a range and a speed.
-fn finger(robot: &Description, joint: Option<&str>) -> Result<Option<usize>, EnvError> {
+fn finger(robot: &RobotDescription, joint: Option<&str>) -> Result<Option<usize>, EnvError> {
     let Some(name) = joint else {
         return Ok(None);
     };
-    let is_limited = |motion: &Motion| motion.range.is_some() && motion.speed.is_some();
+    let is_limited = |motion: &JointMotion| motion.range.is_some() && motion.max_speed.is_some();
     let found =
-        robot.free_joints().position(|(joint, motion)| joint.name == name && is_limited(motion));
+        robot.free_joints().position(|(free, motion)| free.name == name && is_limited(motion));
     let expected = "a joint of the robot that has limits, also of velocity, and follows no other";
     require(found.is_some(), "gripper.joint", &name, expected)?;
     Ok(found)
@@ -228,21 +236,24 @@ fn finger(robot: &Description, joint: Option<&str>) -> Result<Option<usize>, Env
 
 fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
     let fingers = settings.gripper.fingers.iter().zip(["right", "left"]);
-    let finger = |(finger, side): (&Finger, &str)| Addition {
+    let finger = |(finger, side): (&Finger, &str)| LinkAddition {
         link: finger.link.clone(),
         mjcf: format!(
             "<body name=\"{side}_claw\" pos=\"{}\"/>\n<site name=\"{side}_tip\" pos=\"{}\"/>\n",
-            numbers(finger.claw),
-            numbers(finger.tip)
+            numbers(finger.claw_point),
+            numbers(finger.tip_point)
         ),
     };
-    let hand = Addition { link: settings.hand.clone(), mjcf: "<body name=\"hand\"/>\n".to_owned() };
+    let hand = LinkAddition {
+        link: settings.hand_link.clone(),
+        mjcf: "<body name=\"hand\"/>\n".to_owned(),
+    };
     // the class of a link applies to its descendants, so the gripper's replaces the arm's there
     let root = settings.robot.links()[0].name.clone();
     let classes = [(root, "arm"), (settings.gripper.link.clone(), "robot_gripper")];
     MjcfSettings {
         servo: Some(settings.servo),
-        classes: classes.map(|(link, class)| (link, class.to_owned())).to_vec(),
+        link_classes: classes.map(|(link, class)| (link, class.to_owned())).to_vec(),
         additions: fingers
             .map(finger)
             .chain([hand])
@@ -265,33 +276,34 @@ impl EmbodimentSpec for Arm {
         let robot = (ROBOT, self.mjcf.text.clone().into());
         Ok(EmbodimentParts {
             mjcf: MJCF.into(),
-            included: files.into_iter().chain([robot]).collect(),
+            included_files: files.into_iter().chain([robot]).collect(),
         })
     }
 
     fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
-        let ready = &self.settings.ready;
-        let target = Pose { position: hand_target, rotation: self.chain.tip(ready).rotation };
-        let solved = self.chain.solve(&target, ready)?;
+        let ready = &self.settings.ready_joint_positions;
+        let target = Pose { position: hand_target, rotation: self.chain.tip_pose(ready).rotation };
+        let solved = self.chain.solve_ik(&target, ready)?;
         let joints = self.chain.joints().iter();
         let arm = joints.map(|joint| joint.name.clone()).zip(solved);
         Ok(arm.chain(self.open_fingers()).collect())
     }
 
     fn actuation(&self) -> Result<Actuation, EnvError> {
-        let ArmSettings { robot, ready, servo, lead, .. } = &self.settings;
+        let ArmSettings { robot, ready_joint_positions: ready, servo, max_target_lead, .. } =
+            &self.settings;
         let control = ControlSettings {
-            // no horizon, so that a target out of reach is no error: the arm stops where its reach
-            // ends
-            horizon: 0.0,
+            // no look-ahead, so that a target out of reach is no error: the arm stops where its
+            // reach ends
+            lookahead_s: 0.0,
             ..self.settings.control
         };
         let servos = ServoSettings {
             arm: robot.clone(),
             servo: *servo,
-            rotation: self.chain.tip(ready).rotation,
+            hand_rotation: self.chain.tip_pose(ready).rotation,
             finger: self.finger,
-            lead: *lead,
+            max_target_lead: *max_target_lead,
             limits: control.limits,
         };
         let control = CartesianControl::new(self.chain.clone(), ready, control)?;

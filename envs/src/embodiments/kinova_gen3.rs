@@ -40,36 +40,44 @@ const LEAD: f64 = 0.034;
 const ACCELERATION: f64 = 2.0;
 
 impl KinovaGen3 {
-    /// Builds the arm of this embodiment.
+    /// Builds the arm of this embodiment: the Kinova Gen3 with its gripper and control.
     ///
     /// # Errors
     /// None in practice: the crate's tests build it.
     pub fn arm(&self) -> Result<Arm, EnvError> {
         let finger = |link: &str, outwards: f64| Finger {
             link: link.to_owned(),
-            claw: DVec3::new(outwards * CLAW, 0.0, 0.0),
-            tip: DVec3::new(0.0, 0.0, TIP),
+            claw_point: DVec3::new(outwards * CLAW, 0.0, 0.0),
+            tip_point: DVec3::new(0.0, 0.0, TIP),
         };
         let [pan, shoulder, turn, elbow, forearm, wrist, roll] = gen3::WORK;
         Arm::new(ArmSettings {
             name: self.name().to_owned(),
             robot: gen3::description()?
-                .placed(Pose::from_xyz_rpy(BASE, [0.0, 0.0, FRAC_PI_2]))?
-                .narrowed(FINGER, [OPEN, CLOSED])?,
-            hand: "tool_link".to_owned(),
+                .with_base_pose(Pose::from_xyz_rpy(BASE, [0.0, 0.0, FRAC_PI_2]))?
+                .with_joint_range(FINGER, [OPEN, CLOSED])?,
+            hand_link: "tool_link".to_owned(),
             // a quarter turn, so that the fingers open along y
-            ready: vec![pan, shoulder, turn, elbow, forearm, wrist, roll - FRAC_PI_2],
+            ready_joint_positions: vec![
+                pan,
+                shoulder,
+                turn,
+                elbow,
+                forearm,
+                wrist,
+                roll - FRAC_PI_2,
+            ],
             gripper: Gripper {
                 link: "gripper_link".to_owned(),
                 fingers: [finger("finger_r_link", -1.0), finger("finger_l_link", 1.0)],
                 joint: Some(FINGER.to_owned()),
             },
             control: ControlSettings {
-                limits: TwistLimits { acceleration: ACCELERATION, ..TwistLimits::default() },
+                limits: TwistLimits { max_acceleration: ACCELERATION, ..TwistLimits::default() },
                 ..ControlSettings::default()
             },
             servo: Servo::default(),
-            lead: LEAD,
+            max_target_lead: LEAD,
             additions: Vec::new(),
         })
     }

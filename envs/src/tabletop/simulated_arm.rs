@@ -6,7 +6,7 @@ use std::sync::Arc;
 use robots::{Command, ControlError, Robot, RobotState};
 use symmetry::D2;
 
-use crate::actuation::{Actuation, ServoController, control_seconds};
+use crate::actuation::{Actuation, ServoController, control_step_seconds};
 use crate::control::Control;
 use crate::error::{EnvError, require};
 use crate::scene::Scene;
@@ -40,10 +40,11 @@ enum Order {
 
 impl SimulatedArm {
     /// Creates the arm of `scene`, whose commands take effect after `latency` (seconds, rounded to
-    /// control steps of 12.5 ms). Call [`SimulatedArm::start`] next.
+    /// control steps of 12.5 ms). Call [`SimulatedArm::start_episode`] next.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for a latency outside 0 to 1 s, and for an embodiment without servos.
+    /// [`EnvError::InvalidSetting`] for a latency outside 0 to 1 s, and for an embodiment without
+    /// servos.
     pub fn new(scene: Arc<Scene>, latency: f64) -> Result<Self, EnvError> {
         let in_range = (0.0..=MAX_LATENCY).contains(&latency);
         require(in_range, "latency", &latency, "0 to 1 s")?;
@@ -52,7 +53,7 @@ impl SimulatedArm {
         let expected = "an arm with servos, for instance kinova_gen3";
         require(driven, "embodiment", &embodiment, expected)?;
         let table = TableTop::new(scene, Control::default())?;
-        let delay = (latency / control_seconds(&table.data)).round() as usize;
+        let delay = (latency / control_step_seconds(&table.data)).round() as usize;
         Ok(Self { table, delay, steps: 0, sent: VecDeque::new(), fault: None })
     }
 
@@ -60,8 +61,8 @@ impl SimulatedArm {
     /// in the canonical frame.
     ///
     /// # Errors
-    /// Those of [`TableTop::reset_to`].
-    pub fn start(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
+    /// Errors of [`TableTop::reset_to`].
+    pub fn start_episode(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
         self.sent.clear();
         self.fault = None;
         self.table.reset_to(element, placement)
@@ -85,7 +86,7 @@ impl SimulatedArm {
         Ok(now)
     }
 
-    /// Returns the environment, for reading.
+    /// Returns the environment in which the arm is simulated, for reading.
     pub fn table(&self) -> &TableTop {
         &self.table
     }

@@ -5,12 +5,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
-use crate::reward::{hamacher, long_tail};
+use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
 };
 
-/// Button task.
+/// Task of pressing a button into its box.
 #[derive(Clone, Copy, Debug)]
 pub struct ButtonPress;
 
@@ -37,24 +37,24 @@ impl Task for ButtonPress {
         "button-press"
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, BOX_Y), BOX_Z);
         Placement { object, goal: object + HOLE }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
-        let remaining = (start.placement.goal.y - now.object.y).abs();
+        let goal_distance = (start.placement.goal.y - now.object.y).abs();
         let distance = now.object.distance(now.tcp);
         // as in Meta-World, the margin is the cap's present distance from the fingertips' start
-        let near = long_tail(distance, NEAR, now.object.distance(start.measured.tcp));
-        let pressed = long_tail(remaining, PRESSED, TRAVEL);
+        let near = long_tail_reward(distance, NEAR, now.object.distance(start.measurement.tcp));
+        let pressed = long_tail_reward(goal_distance, PRESSED, TRAVEL);
         let touching = if distance <= NEAR { 1.0 } else { 0.0 };
         StepReward {
-            approach: near,
-            in_place: pressed,
-            remaining,
-            reward: 2.0 * hamacher(now.aperture, near) + 8.0 * pressed * touching,
-            success: remaining <= SUCCESS,
+            approach_reward: near,
+            in_place_reward: pressed,
+            goal_distance,
+            reward: 2.0 * hamacher_product(now.aperture, near) + 8.0 * pressed * touching,
+            success: goal_distance <= SUCCESS,
         }
     }
 
@@ -71,11 +71,11 @@ impl Task for ButtonPress {
         ExpertCommand { hand, finger: 0.0 }
     }
 
-    fn parts(&self) -> Parts<'_> {
+    fn parts(&self) -> TaskParts<'_> {
         scene(part!("button_press.xml").1, "button", CAP)
     }
 
-    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         Some(MetaWorldSpec {
             hand_target: META_WORLD_HAND_START,
             ..spec("button-press", place_meta_world)

@@ -5,12 +5,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
-use crate::reward::{gaussian, hamacher, long_tail};
+use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
 };
 
-/// Drawer task.
+/// Task of pushing a drawer shut.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawerClose;
 
@@ -33,26 +33,26 @@ impl Task for DrawerClose {
         "drawer-close"
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(uniform(rng, CANONICAL_X), CASE_Y, 0.0);
         Placement { object, goal: object + CLOSED }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-        let EpisodeStart { placement, measured, .. } = start;
-        let remaining = now.object.distance(placement.goal);
-        let at_start = measured.object.distance(placement.goal);
-        let shut = long_tail(remaining, BOUND, (at_start - BOUND).abs());
-        let margin = (measured.object.distance(measured.tcp) - TOUCHING).abs();
-        let reached = gaussian(now.object.distance(now.tcp), TOUCHING, margin);
-        let success = remaining <= SUCCESS;
-        let pushing = hamacher(reached, finger.clamp(0.0, 1.0));
+        let EpisodeStart { placement, measurement, .. } = start;
+        let goal_distance = now.object.distance(placement.goal);
+        let at_start = measurement.object.distance(placement.goal);
+        let shut = long_tail_reward(goal_distance, BOUND, (at_start - BOUND).abs());
+        let margin = (measurement.object.distance(measurement.tcp) - TOUCHING).abs();
+        let reached = gaussian_reward(now.object.distance(now.tcp), TOUCHING, margin);
+        let success = goal_distance <= SUCCESS;
+        let pushing = hamacher_product(reached, finger.clamp(0.0, 1.0));
         StepReward {
-            approach: pushing,
-            in_place: shut,
-            remaining,
+            approach_reward: pushing,
+            in_place_reward: shut,
+            goal_distance,
             // the full reward at success, although the distance never vanishes
-            reward: if success { 10.0 } else { 10.0 * hamacher(pushing, shut) },
+            reward: if success { 10.0 } else { 10.0 * hamacher_product(pushing, shut) },
             success,
         }
     }
@@ -75,14 +75,14 @@ impl Task for DrawerClose {
         ExpertCommand { hand, finger: 1.0 }
     }
 
-    fn parts(&self) -> Parts<'_> {
-        Parts {
+    fn parts(&self) -> TaskParts<'_> {
+        TaskParts {
             start_joints: &[("slide", OPEN)],
             ..scene(part!("drawer_close.xml").1, "drawer", HANDLE)
         }
     }
 
-    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         Some(spec("drawer-close", place_meta_world))
     }
 }

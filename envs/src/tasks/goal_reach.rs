@@ -6,12 +6,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, META_WORLD_X, spec, uniform};
 use crate::mjcf::part;
-use crate::reward::long_tail;
+use crate::reward::long_tail_reward;
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
 };
 
-/// Reach task; its scene is the bare table.
+/// Task of moving the fingertips to a goal; its scene is the bare table.
 #[derive(Clone, Copy, Debug)]
 pub struct GoalReach;
 
@@ -34,7 +34,7 @@ impl Task for GoalReach {
         "goal-reach"
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let goal =
             DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), uniform(rng, GOAL_Z));
         Placement { object: goal, goal }
@@ -44,12 +44,12 @@ impl Task for GoalReach {
         let goal = start.placement.goal;
         let distance = now.tcp.distance(goal);
         let margin = start.hand_target.distance(goal);
-        let in_place = long_tail(distance, RADIUS, margin);
+        let in_place_reward = long_tail_reward(distance, RADIUS, margin);
         StepReward {
-            approach: 1.0,
-            in_place,
-            remaining: distance,
-            reward: 10.0 * in_place,
+            approach_reward: 1.0,
+            in_place_reward,
+            goal_distance: distance,
+            reward: 10.0 * in_place_reward,
             success: distance <= RADIUS,
         }
     }
@@ -58,13 +58,13 @@ impl Task for GoalReach {
         ExpertCommand { hand: placement.goal + (now.hand - now.tcp), finger: 0.0 }
     }
 
-    fn parts(&self) -> Parts<'_> {
-        Parts { goal_observable: true, ..Parts::default() }
+    fn parts(&self) -> TaskParts<'_> {
+        TaskParts { goal_observable: true, ..TaskParts::default() }
     }
 
-    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         Some(MetaWorldSpec {
-            addition: Some(part!("decoy.xml" in "metaworld").1),
+            extra_mjcf: Some(part!("decoy.xml" in "metaworld").1),
             ..spec("reach", place_meta_world)
         })
     }

@@ -5,12 +5,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
-use crate::reward::{hamacher, long_tail};
+use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Parts, Placement, StepReward, Task,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
 };
 
-/// Plate task.
+/// Task of sliding a plate (puck) into a goal cage.
 #[derive(Clone, Copy, Debug)]
 pub struct PlateSlide;
 
@@ -33,7 +33,7 @@ impl Task for PlateSlide {
         "plate-slide"
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         Placement {
             object: PUCK_START,
             goal: DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), 0.0),
@@ -42,20 +42,24 @@ impl Task for PlateSlide {
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
         let goal = start.placement.goal;
-        let remaining = now.object.distance(goal);
+        let goal_distance = now.object.distance(goal);
         let margin = START_ON_TABLE.distance(goal);
-        let placed = long_tail(remaining, BOUND, margin);
-        let touching = long_tail(
+        let placed = long_tail_reward(goal_distance, BOUND, margin);
+        let touching = long_tail_reward(
             now.tcp.distance(now.object),
             BOUND,
-            start.measured.tcp.distance(START_ON_TABLE),
+            start.measurement.tcp.distance(START_ON_TABLE),
         );
         StepReward {
-            approach: touching,
-            in_place: placed,
-            remaining,
-            reward: if remaining < BOUND { 10.0 } else { 8.0 * hamacher(touching, placed) },
-            success: remaining <= SUCCESS,
+            approach_reward: touching,
+            in_place_reward: placed,
+            goal_distance,
+            reward: if goal_distance < BOUND {
+                10.0
+            } else {
+                8.0 * hamacher_product(touching, placed)
+            },
+            success: goal_distance <= SUCCESS,
         }
     }
 
@@ -77,11 +81,11 @@ impl Task for PlateSlide {
         ExpertCommand { hand, finger: -1.0 }
     }
 
-    fn parts(&self) -> Parts<'_> {
+    fn parts(&self) -> TaskParts<'_> {
         scene(part!("plate_slide.xml").1, "puck", DVec3::ZERO)
     }
 
-    fn meta_world(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         Some(spec("plate-slide", place_meta_world))
     }
 }

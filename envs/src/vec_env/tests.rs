@@ -3,7 +3,7 @@
 mod commands;
 
 use super::*;
-use crate::batch::Batch;
+use crate::batch::StepBuffers;
 use crate::embodiment::Embodiment;
 use crate::messages::Fault;
 use crate::renderer::SceneRenderer;
@@ -27,7 +27,7 @@ struct Seen {
 
 struct Rig {
     env: VecEnv,
-    batch: Batch,
+    batch: StepBuffers,
 }
 
 impl Rig {
@@ -37,12 +37,12 @@ impl Rig {
         settings.control.horizon = 10 * DECISIONS;
         Self {
             env: VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap(),
-            batch: Batch::new(&settings),
+            batch: StepBuffers::new(&settings),
         }
     }
 
     fn reset(&mut self) -> Vec<String> {
-        texts(self.env.reset(self.batch.observations()).unwrap())
+        texts(self.env.reset(self.batch.observations_mut()).unwrap())
     }
 
     /// Returns row `env` of an observation.
@@ -55,7 +55,7 @@ impl Rig {
     }
 
     fn observation(&mut self, env: usize) -> (Vec<u8>, Vec<f32>) {
-        Self::row(&self.batch.observations(), env)
+        Self::row(&self.batch.observations_mut(), env)
     }
 
     /// Takes the same action everywhere, and returns the rows and the failures.
@@ -65,8 +65,8 @@ impl Rig {
 
     fn try_step(&mut self) -> Result<(Vec<Seen>, Vec<String>), EnvError> {
         let actions = [0.5; N * ACTION_DIM];
-        let failures = texts(self.env.step(&actions, self.batch.step())?);
-        let out = self.batch.step();
+        let failures = texts(self.env.step(&actions, self.batch.step_mut())?);
+        let out = self.batch.step_mut();
         let seen = |env| Seen {
             observation: Self::row(&out.observations, env),
             last: out.truncated[env].then(|| Self::row(&out.final_observations, env)),
@@ -80,13 +80,13 @@ impl Rig {
     fn inject(&mut self, fault: Fault) {
         let owner = |worker: &&mut Worker| worker.envs.contains(&BROKEN);
         let worker = self.env.workers.iter_mut().find(owner).unwrap();
-        worker.send(Command::Inject(BROKEN - worker.envs.start, fault));
+        worker.send(WorkerCommand::Inject(BROKEN - worker.envs.start, fault));
         worker.receive().result.unwrap();
     }
 }
 
-fn texts(failures: &[Failure]) -> Vec<String> {
-    let text = |failure: &Failure| format!("{}: {}", failure.env, failure.error);
+fn texts(failures: &[EnvFailure]) -> Vec<String> {
+    let text = |failure: &EnvFailure| format!("{}: {}", failure.env, failure.error);
     failures.iter().map(text).collect()
 }
 
@@ -164,7 +164,7 @@ fn an_environment_that_cannot_restart_fails_in_every_step() {
 #[test]
 fn a_seed_that_a_lost_worker_did_not_take_is_not_the_settings() {
     let mut rig = Rig::new(2);
-    rig.env.workers[0].send(Command::Inject(N, |_, _| {}));
+    rig.env.workers[0].send(WorkerCommand::Inject(N, |_, _| {}));
     let lost = rig.env.workers[0].receive().result.unwrap_err();
     assert!(matches!(lost, EnvError::WorkerLost { .. }), "{lost}");
     let seed = rig.env.settings().seed;
@@ -211,20 +211,20 @@ fn in_another_process_every_call_is_refused_and_a_drop_joins_no_thread() {
         rig.env.process = elsewhere;
         let mut actions = [0.0; N * ACTION_DIM];
         let commands = [EnvCommand::Reset; N];
-        let reset = rig.env.reset(rig.batch.observations()).map(|_| ());
-        let step = rig.env.step(&actions, rig.batch.step()).map(|_| ());
-        let advance = rig.env.advance(&actions, &commands, rig.batch.step());
+        let reset = rig.env.reset(rig.batch.observations_mut()).map(|_| ());
+        let step = rig.env.step(&actions, rig.batch.step_mut()).map(|_| ());
+        let advance = rig.env.execute_commands(&actions, &commands, rig.batch.step_mut());
         for refused in [
             reset,
             step,
             advance.map(|_| ()),
             rig.env.expert_actions(&mut actions),
             rig.env.reseed(1),
-            rig.env.prepare(&[TaskGroup::DRAWER_CLOSE]),
-            rig.env.set_tasks(TaskGroup::DRAWER_CLOSE, &D2::ALL),
+            rig.env.prepare_task_groups(&[TaskGroup::DRAWER_CLOSE]),
+            rig.env.set_task_group(TaskGroup::DRAWER_CLOSE, &D2::ALL),
         ] {
             let error = refused.unwrap_err();
-            let EnvError::OtherProcess { made_in, process } = error else {
+            let EnvError::UsedAfterFork { made_in, process } = error else {
                 panic!("{error}");
             };
             assert_eq!((made_in, process), (elsewhere, here));
@@ -232,10 +232,10 @@ fn in_another_process_every_call_is_refused_and_a_drop_joins_no_thread() {
         drop(rig);
         assert!(scene.strong_count() > 0, "the workers go on");
         // in its own process the same drop ends them
-        let mut rig = Rig::new(threads);
-        rig.reset();
-        let scene = Arc::downgrade(&rig.env.scenes[&TaskGroup::DRAWER_CLOSE]);
-        drop(rig);
-        assert_eq!(scene.strong_count(), 0);
+        let mut last_rig = Rig::new(threads);
+        last_rig.reset();
+        let last_scene = Arc::downgrade(&last_rig.env.scenes[&TaskGroup::DRAWER_CLOSE]);
+        drop(last_rig);
+        assert_eq!(last_scene.strong_count(), 0);
     }
 }

@@ -2,7 +2,9 @@
 
 pub mod spoilt;
 
-use envs::{EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, reward};
+use envs::{
+    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskParts, reward,
+};
 use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -43,25 +45,25 @@ impl Task for PushBlock {
         &self.name
     }
 
-    fn parts(&self) -> Parts<'_> {
-        Parts { mjcf: Some(&self.scene), object_body: Some("block"), ..Parts::default() }
+    fn parts(&self) -> TaskParts<'_> {
+        TaskParts { mjcf: Some(&self.scene), object_body: Some("block"), ..TaskParts::default() }
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(rng.random_range(0.08..0.18), 0.06, 0.045);
         Placement { object, goal: object + WAY * DVec3::Y }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _finger: f64) -> StepReward {
-        let remaining = (start.placement.goal.y - now.object.y).abs();
-        let approach = reward::long_tail(now.tcp.distance(now.object), 0.06, 0.2);
-        let in_place = reward::long_tail(remaining, SUCCESS, WAY);
+        let goal_distance = (start.placement.goal.y - now.object.y).abs();
+        let approach_reward = reward::long_tail_reward(now.tcp.distance(now.object), 0.06, 0.2);
+        let in_place_reward = reward::long_tail_reward(goal_distance, SUCCESS, WAY);
         StepReward {
-            approach,
-            in_place,
-            remaining,
-            reward: 10.0 * reward::hamacher(approach, in_place),
-            success: remaining <= SUCCESS,
+            approach_reward,
+            in_place_reward,
+            goal_distance,
+            reward: 10.0 * reward::hamacher_product(approach_reward, in_place_reward),
+            success: goal_distance <= SUCCESS,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Correct task with one thing changed.
 
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
+    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -12,7 +12,7 @@ pub type Reward = fn(&mut StepReward, &EpisodeStart, &Measurement, f64);
 /// Functions that change what the correct task returns.
 pub struct Spoilt {
     pub task: PushBlock,
-    pub parts: fn(&mut Parts<'_>),
+    pub parts: fn(&mut TaskParts<'_>),
     pub place: fn(&mut Placement),
     pub reward: Reward,
     pub expert: fn(&mut ExpertCommand, &Measurement),
@@ -32,7 +32,7 @@ impl Default for Spoilt {
 
 impl Spoilt {
     pub fn group(self) -> TaskGroup {
-        TaskGroup::of(Box::leak(Box::new(self)))
+        TaskGroup::from_task(Box::leak(Box::new(self)))
     }
 }
 
@@ -41,14 +41,14 @@ impl Task for Spoilt {
         self.task.name()
     }
 
-    fn parts(&self) -> Parts<'_> {
+    fn parts(&self) -> TaskParts<'_> {
         let mut parts = self.task.parts();
         (self.parts)(&mut parts);
         parts
     }
 
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let mut placement = self.task.place(rng);
+    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let mut placement = self.task.draw_placement(rng);
         (self.place)(&mut placement);
         placement
     }

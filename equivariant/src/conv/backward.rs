@@ -2,16 +2,16 @@
 
 use std::ops::Range;
 
-use crate::conv::gradient_loader::{Buffers, Loader};
-use crate::conv::maps::{Arena, Cursor, Input, MapsMut};
-use crate::conv::operands::Backward;
+use crate::conv::gradient_loader::{GradientBuffers, GradientLoader};
+use crate::conv::maps::{Arena, ConvInput, FeatureMapsMut, PixelCursor};
+use crate::conv::operands::ConvBackward;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::gather::OrbitBlock;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::Lines;
-use crate::simd::patches::Patches;
-use crate::simd::tiles::{input, weights};
+use crate::simd::lines::FoldedLines;
+use crate::simd::patches::PatchGeometry;
+use crate::simd::tiles::{add_weight_gradient, fold_gradients};
 
 /// Number of output pixels of a panel of the backward pass.
 const ROWS: usize = 48;
@@ -22,57 +22,63 @@ const TILE: usize = 6;
 
 /// Returns the number of values of scratch; `staged` is `true` if the input is staged already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
-    let (patches, width) = (&conv.patches, conv.weights.width());
+    let (patches, width) = (&conv.patches, conv.weights.blocks_per_pixel());
     // an input of channels is staged here, and so is the gradient with respect to it
-    let images = if staged { 0 } else { 2 * conv.images_together(samples) };
-    let of_lines = |lines: &Lines| lines.staged() + lines.columns() * width * LANES;
-    let line = patches.lines().map_or(0, of_lines);
-    Buffers::<f32>::scratch_len(conv) + images * patches.staged() + line
+    let images = if staged { 0 } else { 2 * conv.num_images_staged_together(samples) };
+    let of_lines =
+        |lines: &FoldedLines| lines.staged_len() + lines.columns_per_window() * width * LANES;
+    let line = patches.folded_lines().map_or(0, of_lines);
+    GradientBuffers::<f32>::scratch_len(conv) + images * patches.staged_len() + line
 }
 
-impl<'a, T: Real> Backward<'a, T> {
+impl<'a, T: Real> ConvBackward<'a, T> {
     /// Runs the pass over panels of folded patches, for groups of `G` lanes.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut arena = Arena::new(std::mem::take(&mut self.scratch));
         let products = Products::<T, L, G>::new(lanes, &self, &mut arena);
-        let mut buffers = Buffers::new(&mut self, &mut arena, ROWS);
-        let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
+        let mut buffers = GradientBuffers::new(&mut self, &mut arena, ROWS);
+        let loader = GradientLoader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         // images that are not staged yet are staged here, a few at a time
         let (together, own, own_gradient) = match self.x {
-            Input::Channels(_) | Input::Bytes(_) => {
-                let together = conv.images_together(self.samples);
-                let len = patches.staged() * together;
-                (together, arena.flat_zeros(len), arena.take_flat(len))
+            ConvInput::Channels(_) | ConvInput::Bytes(_) => {
+                let together = conv.num_images_staged_together(self.samples);
+                let len = patches.staged_len() * together;
+                (together, arena.take_zeroed_values(len), arena.take_values(len))
             }
-            Input::Staged(_) => (self.samples.max(1), Default::default(), Default::default()),
+            ConvInput::Staged(_) => (self.samples.max(1), Default::default(), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
             let staged = self.x.stage(lanes, patches, first..first + images, own);
             let gradient = match &mut self.dx {
                 None => None,
-                Some(MapsMut::Channels(_)) => Some(&mut *own_gradient),
-                Some(MapsMut::Staged(_, dx)) => Some(&mut **dx),
+                Some(FeatureMapsMut::Channels(_)) => Some(&mut *own_gradient),
+                Some(FeatureMapsMut::Staged(_, dx)) => Some(&mut **dx),
             };
             let panels = Panels { lanes, conv, staged, images: first..first + images };
             panels.run(&loader, &products, &mut buffers, gradient);
-            if let Some(MapsMut::Channels(dx)) = &mut self.dx {
-                unstage(patches, own_gradient, &mut dx[first * patches.image().len()..], images);
+            if let Some(FeatureMapsMut::Channels(dx)) = &mut self.dx {
+                unstage(
+                    patches,
+                    own_gradient,
+                    &mut dx[first * patches.image_shape().len()..],
+                    images,
+                );
             }
         }
-        buffers.finish::<G>(conv);
+        buffers.add_to_param_gradients::<G>(conv);
     }
 }
 
 /// Writes staged images as channels.
 #[inline(always)]
-fn unstage<T: Real>(patches: &Patches, staged: &[T], dx: &mut [T], images: usize) {
-    let staged = staged.chunks_exact(patches.staged());
-    let dx = dx.chunks_exact_mut(patches.image().len());
-    for (staged, dx) in staged.zip(dx).take(images) {
-        patches.unstage(staged, dx);
+fn unstage<T: Real>(patches: &PatchGeometry, staged: &[T], dx: &mut [T], images: usize) {
+    let staged = staged.chunks_exact(patches.staged_len());
+    let dx = dx.chunks_exact_mut(patches.image_shape().len());
+    for (staged_image, image_gradient) in staged.zip(dx).take(images) {
+        patches.unstage(staged_image, image_gradient);
     }
 }
 
@@ -90,25 +96,25 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
     #[inline(always)]
     fn run<const G: usize>(
         &self,
-        loader: &Loader<T, L, G>,
+        loader: &GradientLoader<T, L, G>,
         products: &Products<T, L, G>,
-        buffers: &mut Buffers<T>,
+        buffers: &mut GradientBuffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
-        let (patches, pixels) = (&self.conv.patches, loader.pixels);
+        let (patches, pixels) = (&self.conv.patches, loader.pixels_per_image);
         if let Some(gradient) = gradient.as_deref_mut() {
             gradient.fill(T::ZERO);
         }
-        let mut cursor = Cursor::new(pixels);
+        let mut cursor = PixelCursor::new(pixels);
         let end = self.images.end * pixels;
         for row in (self.images.start * pixels..end).step_by(ROWS) {
             let count = ROWS.min(end - row);
             let mut windows = [0; ROWS];
             for window in &mut windows[..count] {
-                *window = cursor.at(patches.windows(), patches.staged());
+                *window = cursor.staged_index(patches.window_starts(), patches.staged_len());
                 cursor.advance();
             }
-            loader.run(row, count, buffers);
+            loader.load_pixels(row, count, buffers);
             self.gather(&windows[..count], products, buffers, gradient.as_deref_mut());
         }
     }
@@ -119,14 +125,14 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
         &self,
         windows: &[usize],
         products: &Products<T, L, G>,
-        buffers: &mut Buffers<T>,
+        buffers: &mut GradientBuffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
         let (conv, patches) = (self.conv, &self.conv.patches);
-        for c in 0..patches.blocks() {
+        for c in 0..patches.blocks_per_pixel() {
             // Each orbit reads the same block of channels, which then comes from the first-level
             // cache.
-            for orbit in 0..patches.orbits() {
+            for orbit in 0..patches.num_orbits() {
                 let rows = Gathered { conv, orbit, c, windows };
                 let panel = &mut buffers.panel[..rows.folds() * windows.len()];
                 let step = windows.len();
@@ -154,7 +160,7 @@ impl Gathered<'_> {
     #[inline(always)]
     pub fn folds(&self) -> usize {
         let patches = &self.conv.patches;
-        patches.folded_of(self.orbit).len() / patches.blocks()
+        patches.orbit_blocks(self.orbit).len() / patches.blocks_per_pixel()
     }
 }
 
@@ -167,39 +173,46 @@ struct Products<'a, T, L, const G: usize> {
 
 impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
     #[inline(always)]
-    fn new(lanes: L, pass: &Backward<'a, T>, arena: &mut Arena<'a, T>) -> Self {
+    fn new(lanes: L, pass: &ConvBackward<'a, T>, arena: &mut Arena<'a, T>) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
-        let w = arena.take(layout.blocks());
+        let w = arena.take_blocks(layout.num_packed_blocks());
         if pass.dx.is_some() {
-            let packed = layout.packed(pass.params, arena, true);
-            layout.transpose::<T, G>(&conv.patches, packed, w);
+            let packed = layout.packed_weights(pass.params, arena, true);
+            layout.transpose_packed::<T, G>(&conv.patches, packed, w);
         }
         Products { lanes, w }
     }
 
     /// Adds the contribution of some rows to the weight gradient; `panel` is `[fold][row]`.
     #[inline(always)]
-    fn weights(&self, of: &Gathered, buffers: &mut Buffers<T>) {
-        let (patches, width) = (&of.conv.patches, of.conv.weights.width());
+    fn weights(&self, of: &Gathered, buffers: &mut GradientBuffers<T>) {
+        let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel());
         let rows = of.windows.len();
         let per_block = LANES / G * width;
         let panel = &buffers.panel[..of.folds() * rows];
         let dy = &buffers.dy[..width * rows];
-        let first = patches.folded_of(of.orbit).start + of.c;
+        let first = patches.orbit_blocks(of.orbit).start + of.c;
         let dw = &mut buffers.dw[first * per_block..];
-        weights::<T, L, G>(self.lanes, panel, dy, rows, dw, patches.blocks() * per_block);
+        add_weight_gradient::<T, L, G>(
+            self.lanes,
+            panel,
+            dy,
+            rows,
+            dw,
+            patches.blocks_per_pixel() * per_block,
+        );
     }
 
     /// Adds the contribution of some rows to the gradient of the staged input.
     #[inline(always)]
-    fn input(&self, of: &Gathered, buffers: &mut Buffers<T>, gradient: &mut [T]) {
-        let (patches, width) = (&of.conv.patches, of.conv.weights.width());
+    fn input(&self, of: &Gathered, buffers: &mut GradientBuffers<T>, gradient: &mut [T]) {
+        let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel());
         let (folds, per_block) = (of.folds(), LANES / G * width);
         let dy = &buffers.dy[..width * of.windows.len()];
-        let w = &self.w[patches.folded_of(of.orbit).start * per_block..];
+        let w = &self.w[patches.orbit_blocks(of.orbit).start * per_block..];
         let w = &w[of.c * folds * per_block..][..folds * per_block];
         // orbits of D2 have 1, 2 or 4 taps, so these are all sizes of the product
-        match (patches.replicated(), folds) {
+        match (patches.is_replicated(), folds) {
             (true, _) => of.replicated::<T, L, G>(self.lanes, w, dy, gradient),
             (false, 1) => of.input::<T, L, G, 1>(self.lanes, w, dy, gradient),
             (false, 2) => of.input::<T, L, G, 2>(self.lanes, w, dy, gradient),
@@ -242,7 +255,7 @@ impl Gathered<'_> {
         dy: &[Block<T>],
         gradient: &mut [T],
     ) {
-        let folds = input::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
+        let folds = fold_gradients::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
         let windows = &self.windows[row..];
         let patches = &self.conv.patches;
         patches.scatter::<T, L, R, N>(lanes, self.orbit, folds, gradient, windows, self.c);
@@ -258,7 +271,7 @@ impl Gathered<'_> {
     ) {
         let patches = &self.conv.patches;
         for (row, &window) in self.windows.iter().enumerate() {
-            let [[fold]] = input::<T, L, G, 1, 1>(lanes, dy, self.windows.len(), row, w);
+            let [[fold]] = fold_gradients::<T, L, G, 1, 1>(lanes, dy, self.windows.len(), row, w);
             patches.scatter_replicated(lanes, self.orbit, fold, gradient, window + self.c * LANES);
         }
     }

@@ -7,19 +7,19 @@
 
 use std::ops::Range;
 
-use crate::conv::dispatch::{self, Dispatch};
-use crate::conv::maps::{Arena, Input, Maps, MapsMut};
-use crate::conv::operands::{Backward, Forward, Output};
-use crate::conv::pool::{Pool, PoolBackward, PoolForward};
+use crate::conv::dispatch::{self, ConvPasses};
+use crate::conv::maps::{Arena, ConvInput, FeatureMaps, FeatureMapsMut};
+use crate::conv::operands::{ConvBackward, ConvForward, ConvOutput};
+use crate::conv::pool::{FusedMaxPool, PoolBackward, PoolForward};
 use crate::conv::r2_conv::R2Conv;
 use crate::scratch::BackwardPass;
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
-use crate::window::Kernel;
+use crate::window::SlidingWindow;
 
 /// Sequence of convolutions, each optionally followed by a ReLU and then by a max-pooling.
 #[derive(Clone, Debug)]
-pub(crate) struct Chain {
+pub(crate) struct FusedChain {
     links: Vec<Link>,
 }
 
@@ -28,14 +28,14 @@ pub(crate) struct Chain {
 struct Link {
     conv: R2Conv,
     rectified: bool,
-    pool: Option<Pool>,
+    pool: Option<FusedMaxPool>,
     params: Range<usize>,
 }
 
-impl Chain {
+impl FusedChain {
     /// Creates a chain of one convolution.
-    pub fn new(conv: &R2Conv) -> Chain {
-        let mut chain = Chain { links: Vec::new() };
+    pub fn new(conv: &R2Conv) -> FusedChain {
+        let mut chain = FusedChain { links: Vec::new() };
         chain.push(conv);
         chain
     }
@@ -53,7 +53,7 @@ impl Chain {
     /// Appends a convolution and returns `true`, or returns `false` if it cannot be fused. Trivial
     /// channels cannot: their staged layout differs from the layout in which outputs are written.
     pub fn fuse_conv(&mut self, conv: &R2Conv) -> bool {
-        let fits = !conv.patches.replicated();
+        let fits = !conv.patches.is_replicated();
         if fits {
             self.push(conv);
         }
@@ -68,18 +68,18 @@ impl Chain {
     }
 
     /// Appends a max-pooling and returns `true`, or returns `false` if the last convolution is
-    /// pooled or the windows do not qualify (see [`Pool::after`]).
-    pub fn fuse_max_pool(&mut self, kernel: Kernel) -> bool {
+    /// pooled or the windows do not qualify (see [`FusedMaxPool::after_conv`]).
+    pub fn fuse_max_pool(&mut self, kernel: SlidingWindow) -> bool {
         let last = self.last_mut();
         if last.pool.is_some() {
             return false;
         }
-        last.pool = Pool::after(&last.conv, kernel);
+        last.pool = FusedMaxPool::after_conv(&last.conv, kernel);
         last.pool.is_some()
     }
 
     pub fn in_shape(&self) -> Shape {
-        self.links[0].conv.image()
+        self.links[0].conv.image_shape()
     }
 
     pub fn out_shape(&self) -> Shape {
@@ -91,15 +91,15 @@ impl Chain {
     }
 
     /// Iterates over the output shapes of the convolutions, in order.
-    pub fn outs(&self) -> impl Iterator<Item = Shape> {
+    pub fn out_shapes(&self) -> impl Iterator<Item = Shape> {
         self.links.iter().map(Link::out)
     }
 
-    /// Returns the number of values of scratch for both passes.
+    /// Returns the number of values of scratch memory that both passes of `samples` samples need.
     pub fn scratch_len(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         let passes = links.map(|(i, link)| {
-            let pool = link.pool.as_ref().map_or(0, Pool::scratch_len);
+            let pool = link.pool.as_ref().map_or(0, FusedMaxPool::scratch_len);
             dispatch::scratch_len(&link.conv, samples, i > 0).max(pool)
         });
         // saved values, two buffers for gradients between links, and working space that links share
@@ -129,7 +129,7 @@ impl Chain {
     fn staged(&self, i: usize, samples: usize) -> usize {
         match i {
             0 => 0,
-            _ => samples * self.links[i].conv.patches.staged(),
+            _ => samples * self.links[i].conv.patches.staged_len(),
         }
     }
 
@@ -141,42 +141,42 @@ impl Chain {
     }
 
     /// Writes the output of the chain for `samples` samples, which are not staged.
-    pub fn forward<T: Dispatch>(
+    pub fn forward<T: ConvPasses>(
         &self,
         params: &[T],
         samples: usize,
-        x: Input<T>,
+        x: ConvInput<T>,
         y: &mut [T],
         scratch: &mut [T],
     ) {
         let mut arena = Arena::new(scratch);
-        let mut saved = Arena::new(arena.take_flat(self.saved_len(samples)));
-        let scratch = arena.rest();
+        let mut saved = Arena::new(arena.take_values(self.saved_len(samples)));
+        let rest = arena.rest();
         let mut input = x;
         for (i, pair) in self.links.windows(2).enumerate() {
             let own = pair[0].take_saved(samples, &mut saved);
-            let staged = saved.take_flat(self.staged(i + 1, samples));
+            let staged = saved.take_values(self.staged(i + 1, samples));
             let patches = &pair[1].conv.patches;
-            let images = staged.chunks_exact_mut(patches.staged());
+            let images = staged.chunks_exact_mut(patches.staged_len());
             // the convolution writes the pixels only, and the scratch may hold other values in the
             // padding
             images.for_each(|image| patches.clear_border(image));
-            let y = MapsMut::Staged(patches, staged);
-            pair[0].forward(params, samples, input, y, own, scratch);
-            input = Input::Staged(staged);
+            let target = FeatureMapsMut::Staged(patches, staged);
+            pair[0].forward(params, samples, input, target, own, rest);
+            input = ConvInput::Staged(staged);
         }
         let own = self.last().take_saved(samples, &mut saved);
-        let y = MapsMut::Channels(y);
-        self.last().forward(params, samples, input, y, own, scratch);
+        let y = FeatureMapsMut::Channels(y);
+        self.last().forward(params, samples, input, y, own, rest);
     }
 
     /// Adds the gradients with respect to the parameters and writes those with respect to the input
     /// `x`, which replaces the input of the pass.
-    pub fn backward<T: Dispatch>(&self, samples: usize, x: Input<T>, pass: BackwardPass<T>) {
+    pub fn backward<T: ConvPasses>(&self, samples: usize, x: ConvInput<T>, pass: BackwardPass<T>) {
         let mut arena = Arena::new(pass.scratch);
-        let mut saved = &*arena.take_flat(self.saved_len(samples));
-        let mut output_gradient = arena.take_flat(self.largest(samples));
-        let mut input_gradient = arena.take_flat(self.largest(samples));
+        let mut saved = &*arena.take_values(self.saved_len(samples));
+        let mut output_gradient = arena.take_values(self.largest(samples));
+        let mut input_gradient = arena.take_values(self.largest(samples));
         let scratch = arena.rest();
         let mut dx = pass.dx;
         for (i, link) in self.links.iter().enumerate().rev() {
@@ -185,23 +185,33 @@ impl Chain {
             let masks = take_back(&mut saved, link.masks(samples));
             let staged = take_back(&mut saved, self.staged(i, samples));
             let mut dy = match self.links.get(i + 1) {
-                None => Maps::Channels(pass.dy),
-                Some(next) => Maps::Staged(&next.conv.patches, output_gradient),
+                None => FeatureMaps::Channels(pass.dy),
+                Some(next) => FeatureMaps::Staged(&next.conv.patches, output_gradient),
             };
             if let Some(pool) = &link.pool {
-                let dx = &mut input_gradient[..pooled.len()];
-                T::pool_backward(PoolBackward { pool, samples, x: pooled, dy, dx, scratch });
+                let pool_gradient = &mut input_gradient[..pooled.len()];
+                T::max_pool_backward(PoolBackward {
+                    pool,
+                    samples,
+                    x: pooled,
+                    dy,
+                    dx: pool_gradient,
+                    scratch,
+                });
                 std::mem::swap(&mut output_gradient, &mut input_gradient);
-                dy = Maps::Staged(&pool.patches, output_gradient);
+                dy = FeatureMaps::Staged(&pool.patches, output_gradient);
             }
             let (x, dx) = match i {
-                0 => (x, dx.take().map(MapsMut::Channels)),
+                0 => (x, dx.take().map(FeatureMapsMut::Channels)),
                 _ => {
-                    let dx = &mut input_gradient[..staged.len()];
-                    (Input::Staged(staged), Some(MapsMut::Staged(patches, dx)))
+                    let staged_gradient = &mut input_gradient[..staged.len()];
+                    (
+                        ConvInput::Staged(staged),
+                        Some(FeatureMapsMut::Staged(patches, staged_gradient)),
+                    )
                 }
             };
-            T::backward(Backward {
+            T::backward(ConvBackward {
                 conv: &link.conv,
                 samples,
                 params: &pass.params[link.params.clone()],
@@ -226,54 +236,54 @@ struct Saved<'a, T> {
 
 impl Link {
     fn out(&self) -> Shape {
-        self.pool.as_ref().map_or(self.conv.out, |pool| pool.out)
+        self.pool.as_ref().map_or(self.conv.out_shape, |pool| pool.out_shape)
     }
 
     /// Splits off the buffers of this link.
-    fn take_saved<'a, T: Dispatch>(
+    fn take_saved<'a, T: ConvPasses>(
         &self,
         samples: usize,
         saved: &mut Arena<'a, T>,
     ) -> Saved<'a, T> {
         Saved {
-            masks: saved.take_flat(self.masks(samples)),
-            pooled: saved.take_flat(self.pooled(samples)),
+            masks: saved.take_values(self.masks(samples)),
+            pooled: saved.take_values(self.pooled(samples)),
         }
     }
 
-    fn forward<T: Dispatch>(
+    fn forward<T: ConvPasses>(
         &self,
         params: &[T],
         samples: usize,
-        x: Input<T>,
-        y: MapsMut<T>,
+        x: ConvInput<T>,
+        y: FeatureMapsMut<T>,
         saved: Saved<T>,
         scratch: &mut [T],
     ) {
         let Some(pool) = &self.pool else {
             return self.convolve(params, samples, x, y, saved.masks, scratch);
         };
-        let before = MapsMut::Staged(&pool.patches, &mut *saved.pooled);
+        let before = FeatureMapsMut::Staged(&pool.patches, &mut *saved.pooled);
         self.convolve(params, samples, x, before, saved.masks, scratch);
-        T::pool_forward(PoolForward { pool, samples, x: saved.pooled, y, scratch });
+        T::max_pool_forward(PoolForward { pool, samples, x: saved.pooled, y, scratch });
     }
 
-    fn convolve<T: Dispatch>(
+    fn convolve<T: ConvPasses>(
         &self,
         params: &[T],
         samples: usize,
-        x: Input<T>,
-        y: MapsMut<T>,
+        x: ConvInput<T>,
+        y: FeatureMapsMut<T>,
         masks: &mut [T],
         scratch: &mut [T],
     ) {
-        let pass = Forward {
+        let pass = ConvForward {
             conv: &self.conv,
             samples,
             params: &params[self.params.clone()],
             x,
-            to: Output {
-                lines: 0..self.conv.out.height,
+            output: ConvOutput {
+                lines: 0..self.conv.out_shape.height,
                 y,
                 masks: self.rectified.then_some(masks),
             },
@@ -284,13 +294,13 @@ impl Link {
 
     /// Returns the length of the maps before the pooling; 0 without one.
     fn pooled(&self, samples: usize) -> usize {
-        self.pool.as_ref().map_or(0, |pool| samples * pool.patches.staged())
+        self.pool.as_ref().map_or(0, |pool| samples * pool.patches.staged_len())
     }
 
     /// Returns the length of the masks of the ReLU, in whole blocks; 0 without one.
     fn masks(&self, samples: usize) -> usize {
-        let rows = samples * self.conv.out.pixels();
-        let masks = rows * self.conv.weights.width();
+        let rows = samples * self.conv.out_shape.num_pixels();
+        let masks = rows * self.conv.weights.blocks_per_pixel();
         if self.rectified { masks.next_multiple_of(LANES) } else { 0 }
     }
 }
@@ -308,15 +318,15 @@ mod tests {
 
     /// Creates a convolution of a 6 x 8 map to this type.
     fn conv(to: FieldType) -> R2Conv {
-        let from = to.group().trivial(3);
-        R2Conv::new(from, to, Kernel::new(3, 1, 1), [6, 8]).unwrap()
+        let from = to.group().trivial_type(3);
+        R2Conv::new(from, to, SlidingWindow::new(3, 1, 1), [6, 8]).unwrap()
     }
 
     /// Returns `true` if a pooling of a rectified convolution to this type is fused.
     fn pools(to: FieldType, [size, stride, padding]: [usize; 3]) -> bool {
-        let mut chain = Chain::new(&conv(to));
+        let mut chain = FusedChain::new(&conv(to));
         assert!(chain.fuse_relu() && !chain.fuse_relu());
-        let pooled = chain.fuse_max_pool(Kernel::new(size, stride, padding));
+        let pooled = chain.fuse_max_pool(SlidingWindow::new(size, stride, padding));
         assert!(!(pooled && chain.fuse_relu()), "a ReLU behind a pooling");
         pooled
     }
@@ -324,14 +334,14 @@ mod tests {
     #[test]
     fn poolings_whose_windows_tile_the_map_are_fused() {
         for group in Group::ALL {
-            assert!(pools(group.regular(3), [2, 2, 0]));
-            assert!(pools(group.regular(3), [1, 1, 0]));
+            assert!(pools(group.regular_type(3), [2, 2, 0]));
+            assert!(pools(group.regular_type(3), [1, 1, 0]));
         }
         let overlapping = [3, 1, 1];
         let beyond_the_map = [4, 4, 0];
         for pool in [overlapping, beyond_the_map, [2, 1, 0], [5, 5, 0]] {
-            assert!(!pools(Group::C1.regular(3), pool), "{pool:?}");
+            assert!(!pools(Group::C1.regular_type(3), pool), "{pool:?}");
         }
-        assert!(!pools(Group::D2.trivial(3), [2, 2, 0]));
+        assert!(!pools(Group::D2.trivial_type(3), [2, 2, 0]));
     }
 }

@@ -1,13 +1,13 @@
 //! Choice of kernel, instruction set and number of threads for the passes of a convolution.
 
 use crate::chunks::in_one_of_many_chunks;
-use crate::conv::operands::{Backward, Forward};
+use crate::conv::operands::{ConvBackward, ConvForward};
 use crate::conv::pool::{PoolBackward, PoolForward};
 use crate::conv::r2_conv::R2Conv;
 use crate::conv::{backward, forward};
 use crate::real::Real;
 use crate::simd::lanes::{LANES, Lanes, Portable, WithLanes, run_f32};
-use crate::steerable::hadamard::with_order;
+use crate::steerable::hadamard::with_const_order;
 
 /// Number of multiplications from which a second thread pays for one image, although waking it
 /// takes microseconds.
@@ -15,56 +15,56 @@ const MIN_PRODUCTS_TO_SPLIT: usize = 1 << 18;
 
 /// Precisions for which passes are compiled. The trait is implemented for two types rather than
 /// generically, so that passes are compiled once and with this crate's settings.
-pub trait Dispatch: Real {
-    /// Runs a forward pass.
-    fn forward(pass: Forward<Self>);
+pub trait ConvPasses: Real {
+    /// Runs the forward pass of a convolution in this precision.
+    fn forward(pass: ConvForward<Self>);
 
-    /// Runs a backward pass.
-    fn backward(pass: Backward<Self>);
+    /// Runs the backward pass of a convolution in this precision.
+    fn backward(pass: ConvBackward<Self>);
 
-    /// Runs the forward pass of a pooling.
-    fn pool_forward(pass: PoolForward<Self>);
+    /// Runs the forward pass of a max-pooling in this precision.
+    fn max_pool_forward(pass: PoolForward<Self>);
 
-    /// Runs the backward pass of a pooling.
-    fn pool_backward(pass: PoolBackward<Self>);
+    /// Runs the backward pass of a max-pooling in this precision.
+    fn max_pool_backward(pass: PoolBackward<Self>);
 }
 
-impl Dispatch for f32 {
-    fn forward(pass: Forward<f32>) {
-        let widest = pass.conv.widest;
+impl ConvPasses for f32 {
+    fn forward(pass: ConvForward<f32>) {
+        let widest = pass.conv.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn backward(pass: Backward<f32>) {
-        let widest = pass.conv.widest;
+    fn backward(pass: ConvBackward<f32>) {
+        let widest = pass.conv.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn pool_forward(pass: PoolForward<f32>) {
-        let widest = pass.pool.widest;
+    fn max_pool_forward(pass: PoolForward<f32>) {
+        let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn pool_backward(pass: PoolBackward<f32>) {
-        let widest = pass.pool.widest;
+    fn max_pool_backward(pass: PoolBackward<f32>) {
+        let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
 }
 
-impl Dispatch for f64 {
-    fn forward(pass: Forward<f64>) {
+impl ConvPasses for f64 {
+    fn forward(pass: ConvForward<f64>) {
         pass.run(Portable);
     }
 
-    fn backward(pass: Backward<f64>) {
+    fn backward(pass: ConvBackward<f64>) {
         pass.run(Portable);
     }
 
-    fn pool_forward(pass: PoolForward<f64>) {
+    fn max_pool_forward(pass: PoolForward<f64>) {
         pass.run(Portable);
     }
 
-    fn pool_backward(pass: PoolBackward<f64>) {
+    fn max_pool_backward(pass: PoolBackward<f64>) {
         pass.run(Portable);
     }
 }
@@ -76,13 +76,15 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize 
     forward.max(backward::scratch_len(conv, samples, staged))
 }
 
-impl<T: Dispatch> Forward<'_, T> {
+impl<T: ConvPasses> ConvForward<'_, T> {
     /// Runs the pass, in two halves for a large single image if the current rayon pool may have a
     /// free thread. The bits are the same either way.
     pub(crate) fn run_on_threads(self) {
-        let products = self.conv.out.pixels() * self.conv.weights.blocks() * LANES;
-        let worth =
-            self.samples == 1 && self.conv.out.height > 1 && products >= MIN_PRODUCTS_TO_SPLIT;
+        let products =
+            self.conv.out_shape.num_pixels() * self.conv.weights.num_packed_blocks() * LANES;
+        let worth = self.samples == 1
+            && self.conv.out_shape.height > 1
+            && products >= MIN_PRODUCTS_TO_SPLIT;
         // outside a pool rayon::join would move work to the global pool, which the caller did not
         // choose
         let threads = match rayon::current_thread_index() {
@@ -90,7 +92,7 @@ impl<T: Dispatch> Forward<'_, T> {
             _ => 1,
         };
         if worth && threads > 1 {
-            let (above, below) = self.halves();
+            let (above, below) = self.split_in_half();
             rayon::join(|| T::forward(above), || T::forward(below));
         } else {
             T::forward(self);
@@ -98,24 +100,24 @@ impl<T: Dispatch> Forward<'_, T> {
     }
 }
 
-impl<T: Real> WithLanes<T> for Forward<'_, T> {
+impl<T: Real> WithLanes<T> for ConvForward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        if let Some(lines) = self.conv.patches.lines() {
+        if let Some(lines) = self.conv.patches.folded_lines() {
             return self.run_lines(lanes, lines);
         }
-        with_order!(G = self.conv.weights.order(), self.run_panels::<L, G>(lanes));
+        with_const_order!(G = self.conv.weights.group_order(), self.run_panels::<L, G>(lanes));
     }
 }
 
-impl<T: Real> WithLanes<T> for Backward<'_, T> {
+impl<T: Real> WithLanes<T> for ConvBackward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         // lines give gradients of parameters only; a gradient with respect to the input needs
         // panels
-        if let (Some(lines), None) = (self.conv.patches.lines(), &self.dx) {
+        if let (Some(lines), None) = (self.conv.patches.folded_lines(), &self.dx) {
             return self.run_lines(lanes, lines);
         }
-        with_order!(G = self.conv.weights.order(), self.run_panels::<L, G>(lanes));
+        with_const_order!(G = self.conv.weights.group_order(), self.run_panels::<L, G>(lanes));
     }
 }

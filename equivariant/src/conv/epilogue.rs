@@ -1,12 +1,12 @@
 //! Bias, ReLU and output layout for the sums of output pixels.
 
-use crate::conv::maps::{Arena, MapsMut};
-use crate::conv::operands::Output;
+use crate::conv::maps::{Arena, FeatureMapsMut};
+use crate::conv::operands::ConvOutput;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, Lanes, unscaled_hadamard};
-use crate::simd::tiles::ROWS;
+use crate::simd::tiles::PANEL_ROWS;
 
 /// Last step of a forward pass: adds the bias, applies the ReLU if there are masks and writes the
 /// output.
@@ -19,7 +19,7 @@ pub(crate) struct Epilogue<'a, T, L, const G: usize> {
     bias: &'a [Block<T>],
     /// Buffer for the pixels of one call.
     own: &'a mut [Block<T>],
-    to: Output<'a, T>,
+    to: ConvOutput<'a, T>,
     /// Index of the first output pixel.
     start: usize,
     /// Blocks of a staged image before that pixel.
@@ -33,53 +33,53 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
         conv: &R2Conv,
         params: &[T],
         arena: &mut Arena<'a, T>,
-        to: Output<'a, T>,
+        to: ConvOutput<'a, T>,
     ) -> Self {
-        let width = conv.weights.width();
-        let start = to.lines.start * conv.out.width;
+        let width = conv.weights.blocks_per_pixel();
+        let start = to.lines.start * conv.out_shape.width;
         let skipped = match &to.y {
-            MapsMut::Channels(_) => 0,
-            MapsMut::Staged(patches, _) => patches.before(start),
+            FeatureMapsMut::Channels(_) => 0,
+            FeatureMapsMut::Staged(patches, _) => patches.blocks_before_pixel(start),
         };
         // only trivial channels have a bias, and theirs is the first lane of each group
-        let biases = &params[conv.blocks.bias()];
-        let bias = arena.zeros(width);
+        let biases = &params[conv.blocks.bias_range()];
+        let bias = arena.take_zeroed_blocks(width);
         for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
             group[0] = b;
         }
         Epilogue {
             lanes,
             width,
-            interleaver: Interleaver::new(conv.out.fields),
-            channels: conv.out.fields.dim(),
-            regular: conv.out.fields.regular_fields().is_some(),
+            interleaver: Interleaver::new(conv.out_shape.fields),
+            channels: conv.out_shape.fields.dim(),
+            regular: conv.out_shape.fields.num_regular_fields().is_some(),
             bias,
-            own: arena.take(ROWS * width),
+            own: arena.take_blocks(PANEL_ROWS * width),
             to,
             start,
             skipped,
         }
     }
 
-    /// Writes `count` output pixels from pixel `first` on; at most [`ROWS`] of them.
+    /// Writes `count` output pixels from pixel `first` on; at most [`PANEL_ROWS`] of them.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
-        let mut places = [0; ROWS];
+        let mut places = [0; PANEL_ROWS];
         let (to, scale) = match &mut self.to.y {
-            MapsMut::Channels(_) => {
+            FeatureMapsMut::Channels(_) => {
                 for (r, place) in places.iter_mut().enumerate() {
                     *place = r * width;
                 }
                 (&mut *self.own, 1.0)
             }
-            MapsMut::Staged(patches, y) => {
+            FeatureMapsMut::Staged(patches, y) => {
                 let places = &mut places[..count];
-                patches.places(self.start + first, places);
+                patches.write_pixel_blocks(self.start + first, places);
                 for place in places {
                     *place -= self.skipped;
                 }
-                (y.as_chunks_mut().0, patches.scale())
+                (y.as_chunks_mut().0, patches.staging_scale())
             }
         };
         let sums = PixelSums {
@@ -102,11 +102,15 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
     /// staged.
     #[inline(always)]
     fn write_channels(&mut self, first: usize, count: usize) {
-        if let MapsMut::Channels(y) = &mut self.to.y {
+        if let FeatureMapsMut::Channels(y) = &mut self.to.y {
             let pixels = y[first * self.channels..].chunks_exact_mut(self.channels);
             let own = self.own.chunks_exact(self.width);
-            for (own, y) in own.take(count).zip(pixels) {
-                self.interleaver.deinterleave::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
+            for (own_row, pixel) in own.take(count).zip(pixels) {
+                self.interleaver.deinterleave::<T, G>(
+                    T::from_f64(1.0),
+                    own_row.as_flattened(),
+                    pixel,
+                );
             }
         }
     }
@@ -146,7 +150,7 @@ impl<T: Real, L: Lanes<T>> PixelSums<'_, T, L> {
             let bias = lanes.load(bias);
             for (r, place) in self.places.iter().enumerate() {
                 let v = lanes.add(lanes.load(&self.sums[r * width + c]), bias);
-                let (v, bits) = lanes.rectify(unscaled_hadamard::<T, L, G>(lanes, v));
+                let (v, bits) = lanes.relu_with_mask(unscaled_hadamard::<T, L, G>(lanes, v));
                 masks[r * width + c] = T::from_mask(bits);
                 let v = lanes.mul(unscaled_hadamard::<T, L, G>(lanes, v), scale);
                 lanes.store(&mut to[place + c], v);

@@ -1,97 +1,108 @@
 //! Convolutions of trivial channels under D2: first layers, with large images and few channels.
 //!
-//! They read lines folded along y (see [`Lines`]) in place, without panels of patches. Columns t
-//! and k - 1 - t of a window share their weights up to the signs of the lanes. So one sum, a, goes
-//! over the columns of the left half and one, b, over those of the right half; a + b and a - b are
-//! the two parities along x. The middle column of an odd window is added last. A mirrored image
-//! swaps a and b, so the symmetry stays exact.
+//! They read lines folded along y (see [`FoldedLines`]) in place, without panels of patches.
+//! Columns t and k - 1 - t of a window share their weights up to the signs of the lanes. So one
+//! sum, a, goes over the columns of the left half and one, b, over those of the right half; a + b
+//! and a - b are the two parities along x. The middle column of an odd window is added last. A
+//! mirrored image swaps a and b, so the symmetry stays exact.
 
 use std::ops::Range;
 
 use crate::conv::epilogue::Epilogue;
-use crate::conv::gradient_loader::{Buffers, Loader, MAX_ROWS};
-use crate::conv::line::{Line, TILE};
-use crate::conv::maps::{Arena, Input};
-use crate::conv::operands::{Backward, Forward};
+use crate::conv::gradient_loader::{GradientBuffers, GradientLoader, MAX_GRADIENT_ROWS};
+use crate::conv::line::{LINE_TILE_PIXELS, LineKernel};
+use crate::conv::maps::{Arena, ConvInput};
+use crate::conv::operands::{ConvBackward, ConvForward};
 use crate::real::Real;
-use crate::simd::gather::narrow;
+use crate::simd::gather::block_to_precision;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::{G, Lines, Pixel};
-use crate::simd::patches::Patches;
+use crate::simd::lines::{FoldedLines, LANES_PER_GROUP, Pixel};
+use crate::simd::patches::PatchGeometry;
 
-impl<T: Real> Forward<'_, T> {
+impl<T: Real> ConvForward<'_, T> {
     /// Runs the pass on lines that are folded for one line of output pixels at a time.
     #[inline(always)]
-    pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &Lines) {
+    pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &FoldedLines) {
         match self.x {
-            Input::Channels(x) => self.run_pixels(lanes, lines, x),
-            Input::Bytes(x) => self.run_pixels(lanes, lines, x),
-            Input::Staged(_) => unreachable!("a chain stages no trivial channels"),
+            ConvInput::Channels(x) => self.run_pixels(lanes, lines, x),
+            ConvInput::Bytes(x) => self.run_pixels(lanes, lines, x),
+            ConvInput::Staged(_) => unreachable!("a chain stages no trivial channels"),
         }
     }
 
     #[inline(always)]
-    fn run_pixels<L: Lanes<T>, P: Pixel<T>>(self, lanes: L, lines: &Lines, x: &[P]) {
+    fn run_pixels<L: Lanes<T>, P: Pixel<T>>(self, lanes: L, lines: &FoldedLines, x: &[P]) {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
         let mut arena = Arena::new(self.scratch);
-        let w = arena.take(weights.blocks());
+        let w = arena.take_blocks(weights.num_packed_blocks());
         weights.pack(self.params, w);
         scale(lanes, patches, w);
-        let of_output = self.to.lines.clone();
-        let mut epilogue = Epilogue::<T, L, G>::new(lanes, conv, self.params, &mut arena, self.to);
-        let sums = arena.take(TILE * weights.width());
-        let own = arena.flat_zeros(lines.staged());
-        let line = Line::new(lanes, patches, weights.width());
-        let len = patches.image().len();
+        let of_output = self.output.lines.clone();
+        let mut epilogue = Epilogue::<T, L, LANES_PER_GROUP>::new(
+            lanes,
+            conv,
+            self.params,
+            &mut arena,
+            self.output,
+        );
+        let sums = arena.take_blocks(LINE_TILE_PIXELS * weights.blocks_per_pixel());
+        let own = arena.take_zeroed_values(lines.staged_len());
+        let line = LineKernel::new(lanes, patches, weights.blocks_per_pixel());
+        let len = patches.image_shape().len();
         for (i, (image, oy)) in lines_of(self.samples, of_output).enumerate() {
             let x = &x[image * len..][..len];
             lines.fold(lanes, x, oy..oy + 1, own);
-            for first in (0..conv.out.width).step_by(TILE) {
-                let rows = TILE.min(conv.out.width - first);
-                line.forward(&own[line.start(lines, first)..], w, sums, rows);
-                epilogue.run(sums, i * conv.out.width + first, rows);
+            for first in (0..conv.out_shape.width).step_by(LINE_TILE_PIXELS) {
+                let rows = LINE_TILE_PIXELS.min(conv.out_shape.width - first);
+                line.forward(&own[line.window_start(lines, first)..], w, sums, rows);
+                epilogue.run(sums, i * conv.out_shape.width + first, rows);
             }
         }
     }
 }
 
-impl<T: Real> Backward<'_, T> {
+impl<T: Real> ConvBackward<'_, T> {
     /// Runs the pass for the parameters only, on lines that are folded for one line of output at a
     /// time.
     #[inline(always)]
-    pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &Lines) {
+    pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &FoldedLines) {
         match self.x {
-            Input::Channels(x) => self.run_pixels(lanes, lines, x),
-            Input::Bytes(x) => self.run_pixels(lanes, lines, x),
-            Input::Staged(_) => unreachable!("a chain stages no trivial channels"),
+            ConvInput::Channels(x) => self.run_pixels(lanes, lines, x),
+            ConvInput::Bytes(x) => self.run_pixels(lanes, lines, x),
+            ConvInput::Staged(_) => unreachable!("a chain stages no trivial channels"),
         }
     }
 
     #[inline(always)]
-    fn run_pixels<L: Lanes<T>, P: Pixel<T>>(mut self, lanes: L, lines: &Lines, x: &[P]) {
+    fn run_pixels<L: Lanes<T>, P: Pixel<T>>(mut self, lanes: L, lines: &FoldedLines, x: &[P]) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut arena = Arena::new(std::mem::take(&mut self.scratch));
-        let mut buffers = Buffers::new(&mut self, &mut arena, MAX_ROWS);
-        let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
-        let width = conv.weights.width();
-        let columns = arena.zeros(lines.columns() * width);
-        let own = arena.flat_zeros(lines.staged());
-        let line = Line::new(lanes, patches, width);
-        let len = patches.image().len();
-        for (image, oy) in lines_of(self.samples, 0..conv.out.height) {
+        let mut buffers = GradientBuffers::new(&mut self, &mut arena, MAX_GRADIENT_ROWS);
+        let loader = GradientLoader::<T, L, LANES_PER_GROUP>::new(lanes, conv, self.dy, self.masks);
+        let width = conv.weights.blocks_per_pixel();
+        let columns = arena.take_zeroed_blocks(lines.columns_per_window() * width);
+        let own = arena.take_zeroed_values(lines.staged_len());
+        let line = LineKernel::new(lanes, patches, width);
+        let len = patches.image_shape().len();
+        for (image, oy) in lines_of(self.samples, 0..conv.out_shape.height) {
             let x = &x[image * len..][..len];
             lines.fold(lanes, x, oy..oy + 1, own);
-            for first in (0..conv.out.width).step_by(MAX_ROWS) {
-                let count = MAX_ROWS.min(conv.out.width - first);
-                let row = (image * conv.out.height + oy) * conv.out.width + first;
-                loader.run(row, count, &mut buffers);
+            for first in (0..conv.out_shape.width).step_by(MAX_GRADIENT_ROWS) {
+                let count = MAX_GRADIENT_ROWS.min(conv.out_shape.width - first);
+                let row = (image * conv.out_shape.height + oy) * conv.out_shape.width + first;
+                loader.load_pixels(row, count, &mut buffers);
                 let dy = &buffers.dy[..count * width];
-                line.weights(lines, &own[line.start(lines, first)..], dy, columns);
+                line.add_column_gradients(
+                    lines,
+                    &own[line.window_start(lines, first)..],
+                    dy,
+                    columns,
+                );
             }
         }
         // gradients are summed for every column first and folded once at the end
-        line.fold(lines, columns, buffers.dw);
-        buffers.finish::<G>(conv);
+        line.fold_column_gradients(lines, columns, buffers.dw);
+        buffers.add_to_param_gradients::<LANES_PER_GROUP>(conv);
     }
 }
 
@@ -102,13 +113,14 @@ fn lines_of(samples: usize, lines: Range<usize>) -> impl Iterator<Item = (usize,
 
 /// Multiplies the weights by the coefficients of the folds, which the folded lines leave out.
 #[inline(always)]
-fn scale<T: Real, L: Lanes<T>>(lanes: L, patches: &Patches, w: &mut [Block<T>]) {
-    let per_group = w.len() / (patches.folded() * LANES / G);
+fn scale<T: Real, L: Lanes<T>>(lanes: L, patches: &PatchGeometry, w: &mut [Block<T>]) {
+    let per_group = w.len() / (patches.blocks_per_folded_patch() * LANES / LANES_PER_GROUP);
     for orbit in &patches.orbits {
-        let groups = orbit.first * LANES / G..(orbit.first + patches.blocks()) * LANES / G;
-        let c = lanes.load(&narrow(&orbit.coefficients[0]));
-        for w in &mut w[groups.start * per_group..groups.end * per_group] {
-            lanes.store(w, lanes.mul(lanes.load(w), c));
+        let groups = orbit.first_block * LANES / LANES_PER_GROUP
+            ..(orbit.first_block + patches.blocks_per_pixel()) * LANES / LANES_PER_GROUP;
+        let c = lanes.load(&block_to_precision(&orbit.coefficients[0]));
+        for block in &mut w[groups.start * per_group..groups.end * per_group] {
+            lanes.store(block, lanes.mul(lanes.load(block), c));
         }
     }
 }

@@ -1,56 +1,62 @@
 //! Forward pass of a convolution over panels of folded patches.
 
 use crate::conv::epilogue::Epilogue;
-use crate::conv::maps::{Arena, Cursor, Input};
-use crate::conv::operands::Forward;
+use crate::conv::maps::{Arena, ConvInput, PixelCursor};
+use crate::conv::operands::ConvForward;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::gather::OrbitBlock;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::Lines;
-use crate::simd::patches::Patches;
-use crate::simd::tiles::{ROWS, forward};
+use crate::simd::lines::FoldedLines;
+use crate::simd::patches::PatchGeometry;
+use crate::simd::tiles::{PANEL_ROWS, panel_product};
 
 /// Maximum number of rows of a pass that reads parameters in place. With more rows it pays to copy
 /// the parameters to aligned memory first.
-const MAX_ROWS_IN_PLACE: usize = 2 * ROWS;
+const MAX_ROWS_IN_PLACE: usize = 2 * PANEL_ROWS;
 
 /// Returns the number of values of scratch, also for two halves of a single image; `staged` is
 /// `true` if the input is staged already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
-    let per_row = patches.folded() + weights.width();
-    let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
-    let line = patches.lines().map_or(0, Lines::staged);
-    let with = |images| rest * LANES + images * patches.staged() + line;
+    let per_row = patches.blocks_per_folded_patch() + weights.blocks_per_pixel();
+    let rest = weights.num_packed_blocks()
+        + (PANEL_ROWS + 1) * weights.blocks_per_pixel()
+        + PANEL_ROWS * per_row;
+    let line = patches.folded_lines().map_or(0, FoldedLines::staged_len);
+    let with = |images| rest * LANES + images * patches.staged_len() + line;
     // two halves of a single image run at the same time, each on its half of the scratch
-    if staged { 2 * with(0) } else { with(conv.images_together(samples)).max(2 * with(1)) }
+    if staged {
+        2 * with(0)
+    } else {
+        with(conv.num_images_staged_together(samples)).max(2 * with(1))
+    }
 }
 
-impl<'a, T: Real> Forward<'a, T> {
+impl<'a, T: Real> ConvForward<'a, T> {
     /// Runs the pass over panels of folded patches, for groups of `G` lanes.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
         let mut arena = Arena::new(self.scratch);
-        let (width, lines) = (conv.out.width, &self.to.lines);
-        let windows = &patches.windows()[lines.start * width..lines.end * width];
+        let (width, lines) = (conv.out_shape.width, &self.output.lines);
+        let windows = &patches.window_starts()[lines.start * width..lines.end * width];
         let few = self.samples * windows.len() <= MAX_ROWS_IN_PLACE;
         let mut panels = Panels::<T, L, G> {
             lanes,
             patches,
             windows,
-            w: weights.packed(self.params, &mut arena, few),
-            panel: arena.take(ROWS * patches.folded()),
-            epilogue: Epilogue::new(lanes, conv, self.params, &mut arena, self.to),
-            sums: arena.take(ROWS * weights.width()),
+            w: weights.packed_weights(self.params, &mut arena, few),
+            panel: arena.take_blocks(PANEL_ROWS * patches.blocks_per_folded_patch()),
+            epilogue: Epilogue::new(lanes, conv, self.params, &mut arena, self.output),
+            sums: arena.take_blocks(PANEL_ROWS * weights.blocks_per_pixel()),
         };
         let (together, own) = match self.x {
-            Input::Channels(_) | Input::Bytes(_) => {
-                let together = conv.images_together(self.samples);
-                (together, arena.flat_zeros(patches.staged() * together))
+            ConvInput::Channels(_) | ConvInput::Bytes(_) => {
+                let together = conv.num_images_staged_together(self.samples);
+                (together, arena.take_zeroed_values(patches.staged_len() * together))
             }
-            Input::Staged(_) => (self.samples.max(1), Default::default()),
+            ConvInput::Staged(_) => (self.samples.max(1), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
@@ -63,14 +69,14 @@ impl<'a, T: Real> Forward<'a, T> {
 /// Products of panels of folded patches with the weights.
 struct Panels<'a, T, L, const G: usize> {
     lanes: L,
-    patches: &'a Patches,
+    patches: &'a PatchGeometry,
     /// Start of the window of every output pixel in a staged image.
     windows: &'a [usize],
     w: &'a [Block<T>],
-    /// Folds of [`ROWS`] windows, `[block][row]`.
+    /// Folds of [`PANEL_ROWS`] windows, `[block][row]`.
     panel: &'a mut [Block<T>],
     epilogue: Epilogue<'a, T, L, G>,
-    /// Sums of [`ROWS`] output pixels.
+    /// Sums of [`PANEL_ROWS`] output pixels.
     sums: &'a mut [Block<T>],
 }
 
@@ -80,14 +86,14 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
     fn run(&mut self, staged: &[T], first: usize, images: usize) {
         let pixels = self.windows.len();
         let rows = images * pixels;
-        let mut cursor = Cursor::new(pixels);
-        for row in (0..rows).step_by(ROWS) {
-            let count = ROWS.min(rows - row);
-            let mut windows = [0; ROWS];
+        let mut cursor = PixelCursor::new(pixels);
+        for row in (0..rows).step_by(PANEL_ROWS) {
+            let count = PANEL_ROWS.min(rows - row);
+            let mut windows = [0; PANEL_ROWS];
             for (r, window) in windows.iter_mut().enumerate() {
                 // pads an incomplete panel with copies of its last row, so that tiles have a fixed
                 // size
-                *window = cursor.at(self.windows, self.patches.staged());
+                *window = cursor.staged_index(self.windows, self.patches.staged_len());
                 if r + 1 < count {
                     cursor.advance();
                 }
@@ -95,22 +101,22 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
             cursor.advance();
             self.gather(staged, &windows);
             let panel = self.panel.as_chunks().0;
-            forward::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
+            panel_product::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
             self.epilogue.run(self.sums, first * pixels + row, count);
         }
     }
 
-    /// Folds the pixels of [`ROWS`] windows.
+    /// Folds the pixels of [`PANEL_ROWS`] windows.
     #[inline(always)]
     fn gather(&mut self, staged: &[T], windows: &[usize]) {
         let patches = self.patches;
-        let step = patches.blocks() * ROWS;
-        for c in 0..patches.blocks() {
+        let step = patches.blocks_per_pixel() * PANEL_ROWS;
+        for c in 0..patches.blocks_per_pixel() {
             // Each orbit reads the same block of channels, which then comes from the first-level
             // cache.
-            for orbit in 0..patches.orbits() {
-                let first = patches.folded_of(orbit).start + c;
-                let panel = &mut self.panel[first * ROWS..];
+            for orbit in 0..patches.num_orbits() {
+                let first = patches.orbit_blocks(orbit).start + c;
+                let panel = &mut self.panel[first * PANEL_ROWS..];
                 let fold = OrbitBlock { orbit, block: c };
                 patches.gather(self.lanes, fold, staged, windows, panel, step);
             }

@@ -1,17 +1,17 @@
 //! Panels of the output gradient for the backward pass.
 
-use crate::conv::maps::{Arena, Maps};
-use crate::conv::operands::Backward;
+use crate::conv::maps::{Arena, FeatureMaps};
+use crate::conv::operands::ConvBackward;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, LANES, Lanes, unscaled_hadamard};
 
 /// Maximum number of output pixels that a backward pass handles at a time.
-pub(crate) const MAX_ROWS: usize = 64;
+pub(crate) const MAX_GRADIENT_ROWS: usize = 64;
 
 /// Buffers of a backward pass.
-pub(crate) struct Buffers<'a, T> {
+pub(crate) struct GradientBuffers<'a, T> {
     /// Gradient of the packed weights.
     pub dw: &'a mut [Block<T>],
     /// Gradient of the parameters; `None` if they are packed already and `dw` is their gradient.
@@ -26,44 +26,44 @@ pub(crate) struct Buffers<'a, T> {
     pub panel: &'a mut [Block<T>],
 }
 
-impl<'a, T: Real> Buffers<'a, T> {
-    /// Returns the length of the buffers for up to [`MAX_ROWS`] rows, in values.
+impl<'a, T: Real> GradientBuffers<'a, T> {
+    /// Returns the length of the buffers for up to [`MAX_GRADIENT_ROWS`] rows, in values.
     pub fn scratch_len(conv: &R2Conv) -> usize {
         let weights = &conv.weights;
-        let panels = 4 * MAX_ROWS + 2 * MAX_ROWS * weights.width();
-        (3 * weights.blocks() + weights.width() + panels) * LANES
+        let panels = 4 * MAX_GRADIENT_ROWS + 2 * MAX_GRADIENT_ROWS * weights.blocks_per_pixel();
+        (3 * weights.num_packed_blocks() + weights.blocks_per_pixel() + panels) * LANES
     }
 
     /// Splits off the buffers for `rows` rows and takes the gradient of the parameters out of the
     /// pass.
     #[inline(always)]
-    pub fn new(pass: &mut Backward<'a, T>, arena: &mut Arena<'a, T>, rows: usize) -> Self {
+    pub fn new(pass: &mut ConvBackward<'a, T>, arena: &mut Arena<'a, T>, rows: usize) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
-        let width = layout.width();
+        let width = layout.blocks_per_pixel();
         let dparams = std::mem::take(&mut pass.dparams);
-        let (dweights, dbiases) = dparams.split_at_mut(conv.blocks.bias().start);
+        let (dweights, dbiases) = dparams.split_at_mut(conv.blocks.bias_range().start);
         // parameters in packed order need no second buffer: their gradient is summed in place
-        let (dw, dweights) = if layout.in_place() {
-            (&mut dweights.as_chunks_mut().0[..layout.blocks()], None)
+        let (dw, dweights) = if layout.is_packed_already() {
+            (&mut dweights.as_chunks_mut().0[..layout.num_packed_blocks()], None)
         } else {
-            (arena.zeros(layout.blocks()), Some(dweights))
+            (arena.take_zeroed_blocks(layout.num_packed_blocks()), Some(dweights))
         };
-        Buffers {
+        GradientBuffers {
             dw,
             dweights,
-            dbias: arena.zeros(width),
+            dbias: arena.take_zeroed_blocks(width),
             dbiases,
-            pixels: arena.zeros(rows * width),
-            dy: arena.take(rows * width),
+            pixels: arena.take_zeroed_blocks(rows * width),
+            dy: arena.take_blocks(rows * width),
             // an orbit has at most 4 taps and hence 4 folds
-            panel: arena.take(rows * 4),
+            panel: arena.take_blocks(rows * 4),
         }
     }
 
     /// Adds the gradients of the weights and of the bias to those of the parameters.
-    pub fn finish<const G: usize>(self, conv: &R2Conv) {
+    pub fn add_to_param_gradients<const G: usize>(self, conv: &R2Conv) {
         if let Some(dweights) = self.dweights {
-            conv.weights.add_unpacked(self.dw, dweights);
+            conv.weights.add_unpacked_gradient(self.dw, dweights);
         }
         let dbias = self.dbias.as_flattened().chunks_exact(G);
         for (d, group) in self.dbiases.iter_mut().zip(dbias) {
@@ -73,46 +73,46 @@ impl<'a, T: Real> Buffers<'a, T> {
 }
 
 /// Loader of panels of the output gradient.
-pub(crate) struct Loader<'a, T, L, const G: usize> {
+pub(crate) struct GradientLoader<'a, T, L, const G: usize> {
     lanes: L,
-    dy: Maps<'a, T>,
+    dy: FeatureMaps<'a, T>,
     masks: Option<&'a [T]>,
     interleaver: Interleaver,
     width: usize,
-    /// Output pixels of an image.
-    pub pixels: usize,
+    /// Number of output pixels of an image.
+    pub pixels_per_image: usize,
     channels: usize,
     regular: bool,
 }
 
-impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
-    pub fn new(lanes: L, conv: &R2Conv, dy: Maps<'a, T>, masks: Option<&'a [T]>) -> Self {
-        Loader {
+impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
+    pub fn new(lanes: L, conv: &R2Conv, dy: FeatureMaps<'a, T>, masks: Option<&'a [T]>) -> Self {
+        GradientLoader {
             lanes,
             dy,
             masks,
-            interleaver: Interleaver::new(conv.out.fields),
-            width: conv.weights.width(),
-            pixels: conv.out.pixels(),
-            channels: conv.out.fields.dim(),
-            regular: conv.out.fields.regular_fields().is_some(),
+            interleaver: Interleaver::new(conv.out_shape.fields),
+            width: conv.weights.blocks_per_pixel(),
+            pixels_per_image: conv.out_shape.num_pixels(),
+            channels: conv.out_shape.fields.dim(),
+            regular: conv.out_shape.fields.num_regular_fields().is_some(),
         }
     }
 
     /// Loads `count` pixels into a panel, back through the ReLU if there is one, and adds them to
     /// the bias gradient.
     #[inline(always)]
-    pub fn run(&self, first: usize, count: usize, buffers: &mut Buffers<T>) {
-        let mut places = [0; MAX_ROWS];
+    pub fn load_pixels(&self, first: usize, count: usize, buffers: &mut GradientBuffers<T>) {
+        let mut places = [0; MAX_GRADIENT_ROWS];
         let places = &mut places[..count];
         let (from, scale) = match self.dy {
-            Maps::Channels(dy) => {
+            FeatureMaps::Channels(dy) => {
                 self.load_channels(&dy[first * self.channels..], buffers.pixels, places);
                 (&*buffers.pixels, 1.0)
             }
-            Maps::Staged(patches, dy) => {
-                patches.places(first, places);
-                (dy.as_chunks().0, patches.scale())
+            FeatureMaps::Staged(patches, dy) => {
+                patches.write_pixel_blocks(first, places);
+                (dy.as_chunks().0, patches.staging_scale())
             }
         };
         let pixels = PixelGradients { lanes: self.lanes, from, places, dbias: buffers.dbias };
@@ -129,9 +129,10 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
     fn load_channels(&self, dy: &[T], pixels: &mut [Block<T>], places: &mut [usize]) {
         let channels = dy.chunks_exact(self.channels);
         let pixels = pixels.chunks_exact_mut(self.width);
-        for (r, ((place, to), dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate() {
+        for (r, ((place, to), pixel_dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate()
+        {
             *place = r * self.width;
-            self.interleaver.interleave::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
+            self.interleaver.interleave::<T, G>(T::from_f64(1.0), pixel_dy, to.as_flattened_mut());
         }
     }
 }
@@ -173,7 +174,7 @@ impl<T: Real, L: Lanes<T>> PixelGradients<'_, T, L> {
             let panel = &mut panel[c * rows..][..rows];
             for (r, (to, place)) in panel.iter_mut().zip(self.places).enumerate() {
                 let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&self.from[place + c]));
-                let v = lanes.keep(v, masks[r * width + c].to_mask());
+                let v = lanes.keep_masked(v, masks[r * width + c].to_mask());
                 let v = lanes.mul(unscaled_hadamard::<T, L, G>(lanes, v), scale);
                 sum = lanes.add(sum, v);
                 lanes.store(to, v);

@@ -3,24 +3,24 @@
 use symmetry::D2;
 
 use crate::real::Real;
-use crate::simd::gather::narrow;
-use crate::simd::interleave::head;
+use crate::simd::gather::block_to_precision;
+use crate::simd::interleave::first_n;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::{Columns, G, Lines};
-use crate::simd::patches::{Orbit, Patches};
-use crate::simd::tiles::load_all;
-use crate::window::Kernel;
+use crate::simd::lines::{FoldedLines, LANES_PER_GROUP, LineGradient};
+use crate::simd::patches::{PatchGeometry, TapOrbit};
+use crate::simd::tiles::load_blocks;
+use crate::window::SlidingWindow;
 
 /// Output pixels of a tile of the forward pass.
-pub(crate) const TILE: usize = 8;
+pub(crate) const LINE_TILE_PIXELS: usize = 8;
 /// Columns under the windows of a tile with stride 2: neighbouring windows share two of their four.
-const COLUMNS: usize = 2 * TILE + 2;
+const COLUMNS: usize = 2 * LINE_TILE_PIXELS + 2;
 
 /// Kernel for one line of output pixels.
 #[derive(Clone, Copy)]
-pub(crate) struct Line<'a, T: Real, L: Lanes<T>> {
+pub(crate) struct LineKernel<'a, T: Real, L: Lanes<T>> {
     lanes: L,
-    patches: &'a Patches,
+    patches: &'a PatchGeometry,
     channels: usize,
     /// Number of blocks of an output pixel.
     width: usize,
@@ -32,30 +32,30 @@ pub(crate) struct Line<'a, T: Real, L: Lanes<T>> {
     halves: bool,
 }
 
-impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
+impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
     #[inline(always)]
-    pub fn new(lanes: L, patches: &'a Patches, width: usize) -> Self {
-        let fields = patches.image().fields;
+    pub fn new(lanes: L, patches: &'a PatchGeometry, width: usize) -> Self {
+        let fields = patches.image_shape().fields;
         let irreps = fields.group().irreps();
         let mut signs = [T::ZERO; LANES];
         for (lane, sign) in signs.iter_mut().enumerate() {
             *sign = T::from_f64(irreps[lane % irreps.len()].sign(D2::FlipX).into());
         }
-        let Kernel { size, stride, .. } = patches.kernel();
-        Line {
+        let SlidingWindow { size, stride, .. } = patches.window();
+        LineKernel {
             lanes,
             patches,
             channels: fields.dim(),
             halves: size == 4 && stride == 2,
             width,
-            step: stride * fields.dim() * G,
+            step: stride * fields.dim() * LANES_PER_GROUP,
             signs: lanes.load(&signs),
         }
     }
 
     /// Returns the start of the window of an output pixel.
-    pub fn start(&self, lines: &Lines, ox: usize) -> usize {
-        lines.shift() + ox * self.step
+    pub fn window_start(&self, lines: &FoldedLines, ox: usize) -> usize {
+        lines.alignment_shift() + ox * self.step
     }
 
     /// Writes the sums `[pixel][block]` of the first `rows` pixels of a tile.
@@ -84,9 +84,15 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         while first < self.width {
             first += match (L::REGISTERS, rows, self.width - first) {
                 // three sets of R x V sums have to fit into the registers
-                (32.., TILE, 2..) => self.pixels::<HALVING, 4, 2>(x, w, first, rows, sums),
-                (32.., TILE, _) => self.pixels::<HALVING, TILE, 1>(x, w, first, rows, sums),
-                (8..32, TILE, _) => self.pixels::<HALVING, 2, 1>(x, w, first, rows, sums),
+                (32.., LINE_TILE_PIXELS, 2..) => {
+                    self.pixels::<HALVING, 4, 2>(x, w, first, rows, sums)
+                }
+                (32.., LINE_TILE_PIXELS, _) => {
+                    self.pixels::<HALVING, LINE_TILE_PIXELS, 1>(x, w, first, rows, sums)
+                }
+                (8..32, LINE_TILE_PIXELS, _) => {
+                    self.pixels::<HALVING, 2, 1>(x, w, first, rows, sums)
+                }
                 _ => self.pixels::<HALVING, 1, 1>(x, w, first, rows, sums),
             };
         }
@@ -126,15 +132,20 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         let mut a = [[lanes.splat(T::ZERO); V]; R];
         let (mut b, mut middle) = (a, a);
         for orbit in &self.patches.orbits {
-            let w = &w[orbit.first * (LANES / G) * self.width..][..self.channels * self.width];
-            let left = self.columns::<R>(x, row, orbit.taps[0]);
-            match orbit.taps.get(1) {
+            let w = &w[orbit.first_block * (LANES / LANES_PER_GROUP) * self.width..]
+                [..self.channels * self.width];
+            let left = self.columns::<R>(x, row, orbit.tap_offsets[0]);
+            match orbit.tap_offsets.get(1) {
                 Some(&tap) => {
                     let right = self.columns::<R>(x, row, tap);
                     for c in 0..self.channels {
-                        let w: [L::V; V] = load_all(lanes, head(&w[c * self.width + first..]));
+                        let w: [L::V; V] =
+                            load_blocks(lanes, first_n(&w[c * self.width + first..]));
                         for r in 0..R {
-                            let (left, right) = (lanes.quad(&left[r][c]), lanes.quad(&right[r][c]));
+                            let (left, right) = (
+                                lanes.broadcast_quad(&left[r][c]),
+                                lanes.broadcast_quad(&right[r][c]),
+                            );
                             for v in 0..V {
                                 a[r][v] = lanes.mul_add(left, w[v], a[r][v]);
                                 b[r][v] = lanes.mul_add(right, w[v], b[r][v]);
@@ -144,11 +155,12 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                 }
                 None => {
                     for c in 0..self.channels {
-                        let w: [L::V; V] = load_all(lanes, head(&w[c * self.width + first..]));
+                        let w: [L::V; V] =
+                            load_blocks(lanes, first_n(&w[c * self.width + first..]));
                         for r in 0..R {
-                            let x = lanes.quad(&left[r][c]);
+                            let input = lanes.broadcast_quad(&left[r][c]);
                             for v in 0..V {
-                                middle[r][v] = lanes.mul_add(x, w[v], middle[r][v]);
+                                middle[r][v] = lanes.mul_add(input, w[v], middle[r][v]);
                             }
                         }
                     }
@@ -173,25 +185,33 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         let mut b = a;
         // a line has two orbits: the outer columns of a window and the inner ones
         for [outer, inner] in self.patches.orbits.as_chunks().0 {
-            let of = |orbit: &Orbit| &w[orbit.first * (LANES / G) * self.width + first..];
+            let of = |orbit: &TapOrbit| {
+                &w[orbit.first_block * (LANES / LANES_PER_GROUP) * self.width + first..]
+            };
             let (outer_w, inner_w) = (of(outer), of(inner));
-            let x: &[[T; G]] = x[row * self.step + outer.taps[0]..].as_chunks().0;
-            let mut columns: [&[[T; G]]; COLUMNS] = [&[]; COLUMNS];
+            let x: &[[T; LANES_PER_GROUP]] =
+                x[row * self.step + outer.tap_offsets[0]..].as_chunks().0;
+            let mut columns: [&[[T; LANES_PER_GROUP]]; COLUMNS] = [&[]; COLUMNS];
             for (i, column) in columns[..2 * R + 2].iter_mut().enumerate() {
                 *column = &x[i * self.channels..][..self.channels];
             }
             for c in 0..self.channels {
-                let outer: [L::V; V] = load_all(lanes, head(&outer_w[c * self.width..]));
-                let inner: [L::V; V] = load_all(lanes, head(&inner_w[c * self.width..]));
-                let mut left = [lanes.quad(&columns[0][c]), lanes.quad(&columns[1][c])];
+                let outer_weights: [L::V; V] =
+                    load_blocks(lanes, first_n(&outer_w[c * self.width..]));
+                let inner_weights: [L::V; V] =
+                    load_blocks(lanes, first_n(&inner_w[c * self.width..]));
+                let mut left =
+                    [lanes.broadcast_quad(&columns[0][c]), lanes.broadcast_quad(&columns[1][c])];
                 for r in 0..R {
-                    let right =
-                        [lanes.quad(&columns[2 * r + 2][c]), lanes.quad(&columns[2 * r + 3][c])];
+                    let right = [
+                        lanes.broadcast_quad(&columns[2 * r + 2][c]),
+                        lanes.broadcast_quad(&columns[2 * r + 3][c]),
+                    ];
                     for v in 0..V {
-                        a[r][v] = lanes.mul_add(left[0], outer[v], a[r][v]);
-                        b[r][v] = lanes.mul_add(right[1], outer[v], b[r][v]);
-                        a[r][v] = lanes.mul_add(left[1], inner[v], a[r][v]);
-                        b[r][v] = lanes.mul_add(right[0], inner[v], b[r][v]);
+                        a[r][v] = lanes.mul_add(left[0], outer_weights[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[1], outer_weights[v], b[r][v]);
+                        a[r][v] = lanes.mul_add(left[1], inner_weights[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[0], inner_weights[v], b[r][v]);
                     }
                     left = right;
                 }
@@ -225,8 +245,13 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
 
     /// Returns the channels that R neighbouring windows read at a tap.
     #[inline(always)]
-    fn columns<'x, const R: usize>(&self, x: &'x [T], row: usize, tap: usize) -> [&'x [[T; G]]; R] {
-        let mut columns: [&[[T; G]]; R] = [&[]; R];
+    fn columns<'x, const R: usize>(
+        &self,
+        x: &'x [T],
+        row: usize,
+        tap: usize,
+    ) -> [&'x [[T; LANES_PER_GROUP]]; R] {
+        let mut columns: [&[[T; LANES_PER_GROUP]]; R] = [&[]; R];
         for (r, column) in columns.iter_mut().enumerate() {
             let at = (row + r) * self.step + tap;
             *column = &x[at..].as_chunks().0[..self.channels];
@@ -237,20 +262,32 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
     /// Adds x^T dy of neighbouring pixels, for each column of the lines separately: dy
     /// `[block][pixel]`, dw `[column][block]`.
     #[inline(always)]
-    pub fn weights(&self, lines: &Lines, x: &[T], dy: &[Block<T>], dw: &mut [Block<T>]) {
-        let columns = lines.columns() / lines.each();
-        for i in 0..lines.each() {
-            let x = &x[lines.offset(i)..];
+    pub fn add_column_gradients(
+        &self,
+        lines: &FoldedLines,
+        x: &[T],
+        dy: &[Block<T>],
+        dw: &mut [Block<T>],
+    ) {
+        let columns = lines.columns_per_window() / lines.lines_per_window();
+        for i in 0..lines.lines_per_window() {
+            let x = &x[lines.line_offset(i)..];
             let dw = &mut dw[i * columns * self.width..][..columns * self.width];
             let mut first = 0;
             while first < self.width {
-                let tile =
-                    Columns { lanes: self.lanes, width: self.width, step: self.step, x, dy, first };
+                let tile = LineGradient {
+                    lanes: self.lanes,
+                    width: self.width,
+                    step: self.step,
+                    x,
+                    dy,
+                    first,
+                };
                 first += match (L::REGISTERS, self.width - first) {
-                    (32.., 2..) => tile.all::<6, 2>(columns, dw),
-                    (32.., _) => tile.all::<12, 1>(columns, dw),
-                    (8..32, _) => tile.all::<6, 1>(columns, dw),
-                    _ => tile.all::<4, 1>(columns, dw),
+                    (32.., 2..) => tile.add_all_columns::<6, 2>(columns, dw),
+                    (32.., _) => tile.add_all_columns::<12, 1>(columns, dw),
+                    (8..32, _) => tile.add_all_columns::<6, 1>(columns, dw),
+                    _ => tile.add_all_columns::<4, 1>(columns, dw),
                 };
             }
         }
@@ -258,13 +295,18 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
 
     /// Adds the gradients of both halves of the windows to the weights that they share.
     #[inline(always)]
-    pub fn fold(&self, lines: &Lines, columns: &[Block<T>], dw: &mut [Block<T>]) {
+    pub fn fold_column_gradients(
+        &self,
+        lines: &FoldedLines,
+        columns: &[Block<T>],
+        dw: &mut [Block<T>],
+    ) {
         let lanes = self.lanes;
         let len = self.channels * self.width;
         for orbit in &self.patches.orbits {
-            let dw = &mut dw[orbit.first * (LANES / G) * self.width..][..len];
+            let dw = &mut dw[orbit.first_block * (LANES / LANES_PER_GROUP) * self.width..][..len];
             for (x, coefficients) in halves(lines, orbit).zip(&orbit.coefficients) {
-                let c = lanes.load(&narrow(coefficients));
+                let c = lanes.load(&block_to_precision(coefficients));
                 for (d, part) in dw.iter_mut().zip(&columns[x * len..][..len]) {
                     lanes.store(d, lanes.mul_add(lanes.load(part), c, lanes.load(d)));
                 }
@@ -274,8 +316,8 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
 }
 
 /// Returns the two columns of the lines that belong to an orbit, or its only one.
-fn halves(lines: &Lines, orbit: &Orbit) -> impl Iterator<Item = usize> {
-    let [y, x] = orbit.start;
-    let k = lines.size();
-    [y * k + x, y * k + k - 1 - x].into_iter().take(orbit.taps.len())
+fn halves(lines: &FoldedLines, orbit: &TapOrbit) -> impl Iterator<Item = usize> {
+    let [y, x] = orbit.first_tap;
+    let k = lines.kernel_size();
+    [y * k + x, y * k + k - 1 - x].into_iter().take(orbit.tap_offsets.len())
 }

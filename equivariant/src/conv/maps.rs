@@ -4,15 +4,15 @@ use std::ops::Range;
 
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::patches::Patches;
+use crate::simd::patches::PatchGeometry;
 
 /// Input of a convolution.
 #[derive(Clone, Copy)]
-pub(crate) enum Input<'a, T> {
+pub(crate) enum ConvInput<'a, T> {
     /// Numbers `[N, H, W, C]` with irrep-major channels.
     Channels(&'a [T]),
     /// Images `[N, H, W, C]` of trivial channels as bytes, which stand for their
-    /// [`pixel_value`](crate::pixel_value)s.
+    /// [`pixel_byte_to_float`](crate::pixel_byte_to_float)s.
     Bytes(&'a [u8]),
     /// Images staged for this convolution.
     Staged(&'a [T]),
@@ -20,78 +20,82 @@ pub(crate) enum Input<'a, T> {
 
 /// Feature maps to read.
 #[derive(Clone, Copy)]
-pub(crate) enum Maps<'a, T> {
+pub(crate) enum FeatureMaps<'a, T> {
     /// Numbers `[N, H, W, C]` with irrep-major channels.
     Channels(&'a [T]),
     /// Images staged for the convolution with these patches.
-    Staged(&'a Patches, &'a [T]),
+    Staged(&'a PatchGeometry, &'a [T]),
 }
 
 /// Feature maps to write.
-pub(crate) enum MapsMut<'a, T> {
+pub(crate) enum FeatureMapsMut<'a, T> {
     Channels(&'a mut [T]),
-    Staged(&'a Patches, &'a mut [T]),
+    Staged(&'a PatchGeometry, &'a mut [T]),
 }
 
-impl<T: Real> Input<'_, T> {
+impl<T: Real> ConvInput<'_, T> {
     /// Returns the staged form of some of the images; `own` is the buffer for images that are not
     /// staged yet.
     #[inline(always)]
     pub fn stage<'b, L: Lanes<T>>(
         &'b self,
         lanes: L,
-        patches: &Patches,
+        patches: &PatchGeometry,
         images: Range<usize>,
         own: &'b mut [T],
     ) -> &'b [T] {
-        let (staged, len) = (patches.staged(), patches.image().len());
+        let (staged, len) = (patches.staged_len(), patches.image_shape().len());
         match self {
-            Input::Channels(x) => {
+            ConvInput::Channels(x) => {
                 for (i, image) in images.enumerate() {
                     let x = &x[image * len..][..len];
                     patches.stage(lanes, x, &mut own[i * staged..][..staged]);
                 }
                 own
             }
-            Input::Bytes(x) => {
+            ConvInput::Bytes(x) => {
                 for (i, image) in images.enumerate() {
                     let x = &x[image * len..][..len];
                     patches.stage_bytes(x, &mut own[i * staged..][..staged]);
                 }
                 own
             }
-            Input::Staged(x) => &x[images.start * staged..images.end * staged],
+            ConvInput::Staged(x) => &x[images.start * staged..images.end * staged],
         }
     }
 }
 
-impl<'a, T: Real> MapsMut<'a, T> {
+impl<'a, T: Real> FeatureMapsMut<'a, T> {
     /// Splits the maps of a single image before `pixel`, which must be the first of a line;
     /// `channels` is the number of channels.
-    pub fn split(self, pixel: usize, channels: usize) -> (MapsMut<'a, T>, MapsMut<'a, T>) {
+    pub fn split(
+        self,
+        pixel: usize,
+        channels: usize,
+    ) -> (FeatureMapsMut<'a, T>, FeatureMapsMut<'a, T>) {
         match self {
-            MapsMut::Channels(y) => {
+            FeatureMapsMut::Channels(y) => {
                 let (above, below) = y.split_at_mut(pixel * channels);
-                (MapsMut::Channels(above), MapsMut::Channels(below))
+                (FeatureMapsMut::Channels(above), FeatureMapsMut::Channels(below))
             }
-            MapsMut::Staged(patches, y) => {
-                let (above, below) = y.split_at_mut(patches.before(pixel) * LANES);
-                (MapsMut::Staged(patches, above), MapsMut::Staged(patches, below))
+            FeatureMapsMut::Staged(patches, y) => {
+                let (above, below) = y.split_at_mut(patches.blocks_before_pixel(pixel) * LANES);
+                (FeatureMapsMut::Staged(patches, above), FeatureMapsMut::Staged(patches, below))
             }
         }
     }
 }
 
 /// Counter of pixels over several images.
-pub(crate) struct Cursor {
+pub(crate) struct PixelCursor {
     pub image: usize,
     pub pixel: usize,
     pixels: usize,
 }
 
-impl Cursor {
-    pub fn new(pixels: usize) -> Cursor {
-        Cursor { image: 0, pixel: 0, pixels }
+impl PixelCursor {
+    pub fn new(pixels: usize) -> PixelCursor {
+        PixelCursor { image: 0, pixel: 0, pixels }
     }
 
     #[inline(always)]
@@ -105,7 +109,7 @@ impl Cursor {
 
     /// Returns the index of the pixel in staged images.
     #[inline(always)]
-    pub fn at(&self, offsets: &[usize], staged: usize) -> usize {
+    pub fn staged_index(&self, offsets: &[usize], staged: usize) -> usize {
         self.image * staged + offsets[self.pixel]
     }
 }
@@ -121,30 +125,30 @@ impl<'a, T: Real> Arena<'a, T> {
         Arena { rest: scratch.as_chunks_mut().0 }
     }
 
-    /// Splits off `len` values, a multiple of a block.
-    pub fn take_flat(&mut self, len: usize) -> &'a mut [T] {
-        self.take(len / LANES).as_flattened_mut()
+    /// Splits `len` values, a multiple of a block, off the arena.
+    pub fn take_values(&mut self, len: usize) -> &'a mut [T] {
+        self.take_blocks(len / LANES).as_flattened_mut()
     }
 
-    pub fn take(&mut self, blocks: usize) -> &'a mut [Block<T>] {
+    pub fn take_blocks(&mut self, blocks: usize) -> &'a mut [Block<T>] {
         let (front, rest) = std::mem::take(&mut self.rest).split_at_mut(blocks);
         self.rest = rest;
         front
     }
 
-    /// Splits off blocks and fills them with zeros.
-    pub fn zeros(&mut self, blocks: usize) -> &'a mut [Block<T>] {
-        let front = self.take(blocks);
+    /// Splits `blocks` blocks off the arena and fills them with zeros.
+    pub fn take_zeroed_blocks(&mut self, blocks: usize) -> &'a mut [Block<T>] {
+        let front = self.take_blocks(blocks);
         front.as_flattened_mut().fill(T::ZERO);
         front
     }
 
-    /// Splits off `len` values, a multiple of a block, and fills them with zeros.
-    pub fn flat_zeros(&mut self, len: usize) -> &'a mut [T] {
-        self.zeros(len / LANES).as_flattened_mut()
+    /// Splits `len` values, a multiple of a block, off the arena and fills them with zeros.
+    pub fn take_zeroed_values(&mut self, len: usize) -> &'a mut [T] {
+        self.take_zeroed_blocks(len / LANES).as_flattened_mut()
     }
 
-    /// Returns the remaining values.
+    /// Returns the values of the arena that have not been taken.
     pub fn rest(self) -> &'a mut [T] {
         self.rest.as_flattened_mut()
     }

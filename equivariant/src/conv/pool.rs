@@ -4,92 +4,92 @@
 //! the staged image of the next one. Fields are transformed to the regular basis in registers; no
 //! map is converted to irrep-major channels.
 
-use crate::conv::maps::{Arena, Maps, MapsMut};
+use crate::conv::maps::{Arena, FeatureMaps, FeatureMapsMut};
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, InstructionSet, LANES, Lanes, WithLanes, unscaled_hadamard};
-use crate::simd::patches::Patches;
-use crate::steerable::hadamard::with_order;
-use crate::steerable::taps::Taps;
-use crate::window::Kernel;
+use crate::simd::patches::PatchGeometry;
+use crate::steerable::hadamard::with_const_order;
+use crate::steerable::taps::TapBasis;
+use crate::window::SlidingWindow;
 
 /// Maximum number of pixels of a window.
 const MAX_WINDOW_PIXELS: usize = 16;
 
 /// Max-pooling of regular fields whose windows tile the image.
 #[derive(Clone, Debug)]
-pub(crate) struct Pool {
+pub(crate) struct FusedMaxPool {
     /// Layout of the maps before the pooling: without padding or folds.
-    pub patches: Patches,
-    pub out: Shape,
+    pub patches: PatchGeometry,
+    pub out_shape: Shape,
     /// Index of the first pixel of every window, in blocks of a staged image.
     windows: Vec<usize>,
     /// Distances of the pixels of a window from its first, in blocks.
     taps: Vec<usize>,
-    pub widest: InstructionSet,
+    pub widest_instruction_set: InstructionSet,
 }
 
-impl Pool {
+impl FusedMaxPool {
     /// Creates the pooling of a convolution's output. Returns `None` if the windows overlap, leave
     /// pixels out or are too large, or if the channels are not regular fields.
-    pub fn after(conv: &R2Conv, kernel: Kernel) -> Option<Pool> {
-        let image = conv.out;
+    pub fn after_conv(conv: &R2Conv, kernel: SlidingWindow) -> Option<FusedMaxPool> {
+        let image = conv.out_shape;
         let size = kernel.size;
         let tiles = [image.height, image.width].map(|side| side / size);
         let whole = tiles.map(|count| count * size) == [image.height, image.width];
-        let apart = kernel == Kernel::new(size, size, 0) && size * size <= MAX_WINDOW_PIXELS;
-        image.fields.regular_fields()?;
+        let apart = kernel == SlidingWindow::new(size, size, 0) && size * size <= MAX_WINDOW_PIXELS;
+        image.fields.num_regular_fields()?;
         if !(whole && apart) {
             return None;
         }
         // a window of one pixel gives the staged layout without padding and without folds
-        let pixel = Kernel::new(1, 1, 0);
+        let pixel = SlidingWindow::new(1, 1, 0);
         let size_of = [image.height, image.width];
-        let patches = Patches::new(&Taps::new(image.fields, 1), image, pixel, size_of);
-        let at = |y: usize, x: usize| patches.pixels()[y * image.width + x] / LANES;
+        let patches = PatchGeometry::new(&TapBasis::new(image.fields, 1), image, pixel, size_of);
+        let at = |y: usize, x: usize| patches.pixel_starts()[y * image.width + x] / LANES;
         let grid = |[height, width]: [usize; 2], step: usize| -> Vec<usize> {
             let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
             lines.map(|(y, x)| at(y * step, x * step)).collect()
         };
-        Some(Pool {
+        Some(FusedMaxPool {
             windows: grid(tiles, size),
             taps: grid([size, size], 1),
-            out: Shape::image(tiles[0], tiles[1], image.fields),
-            widest: conv.widest,
+            out_shape: Shape::image(tiles[0], tiles[1], image.fields),
+            widest_instruction_set: conv.widest_instruction_set,
             patches,
         })
     }
 
     /// Returns the number of values of scratch: the blocks of a pixel.
     pub fn scratch_len(&self) -> usize {
-        self.patches.blocks() * LANES
+        self.patches.blocks_per_pixel() * LANES
     }
 
     /// Returns the factor between values of two layouts after two unscaled transforms.
     fn scale(&self, from: f64, to: f64) -> f64 {
-        to / from / self.out.fields.group().order() as f64
+        to / from / self.out_shape.fields.group().order() as f64
     }
 }
 
 /// Operands of the forward pass of a pooling.
 pub struct PoolForward<'a, T> {
-    pub(crate) pool: &'a Pool,
+    pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
     /// Input in the layout of the pooling.
     pub(crate) x: &'a [T],
-    pub(crate) y: MapsMut<'a, T>,
+    pub(crate) y: FeatureMapsMut<'a, T>,
     pub(crate) scratch: &'a mut [T],
 }
 
 /// Operands of the backward pass of a pooling.
 pub struct PoolBackward<'a, T> {
-    pub(crate) pool: &'a Pool,
+    pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
     /// Input of the pooling.
     pub(crate) x: &'a [T],
-    pub(crate) dy: Maps<'a, T>,
+    pub(crate) dy: FeatureMaps<'a, T>,
     /// Gradient with respect to the input, in the layout of the pooling; overwritten.
     pub(crate) dx: &'a mut [T],
     pub(crate) scratch: &'a mut [T],
@@ -98,32 +98,35 @@ pub struct PoolBackward<'a, T> {
 impl<T: Real> WithLanes<T> for PoolForward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        with_order!(G = self.pool.out.fields.group().order(), self.run_groups::<L, G>(lanes));
+        with_const_order!(
+            G = self.pool.out_shape.fields.group().order(),
+            self.run_groups::<L, G>(lanes)
+        );
     }
 }
 
 impl<T: Real> PoolForward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
-        let (pool, own) = (self.pool, self.pool.patches.scale());
-        let (blocks, channels) = (pool.patches.blocks(), pool.out.fields.dim());
-        let room = Arena::new(self.scratch).take(blocks);
-        let interleaver = Interleaver::new(pool.out.fields);
+        let (pool, own) = (self.pool, self.pool.patches.staging_scale());
+        let (blocks, channels) = (pool.patches.blocks_per_pixel(), pool.out_shape.fields.dim());
+        let room = Arena::new(self.scratch).take_blocks(blocks);
+        let interleaver = Interleaver::new(pool.out_shape.fields);
         let images = self.x.as_chunks().0;
-        let images = images.chunks_exact(pool.patches.staged() / LANES);
+        let images = images.chunks_exact(pool.patches.staged_len() / LANES);
         for (n, x) in images.take(self.samples).enumerate() {
             for (i, &window) in pool.windows.iter().enumerate() {
                 match &mut self.y {
-                    MapsMut::Channels(y) => {
+                    FeatureMapsMut::Channels(y) => {
                         maxima::<T, L, G>(lanes, pool, &x[window..], pool.scale(own, 1.0), room);
                         let pixel = n * pool.windows.len() + i;
                         let y = &mut y[pixel * channels..][..channels];
                         interleaver.deinterleave::<T, G>(T::from_f64(1.0), room.as_flattened(), y);
                     }
-                    MapsMut::Staged(patches, y) => {
-                        let at = n * patches.staged() + patches.pixels()[i];
+                    FeatureMapsMut::Staged(patches, y) => {
+                        let at = n * patches.staged_len() + patches.pixel_starts()[i];
                         let y = &mut y[at..][..blocks * LANES];
-                        let scale = pool.scale(own, patches.scale());
+                        let scale = pool.scale(own, patches.staging_scale());
                         maxima::<T, L, G>(lanes, pool, &x[window..], scale, y.as_chunks_mut().0);
                     }
                 }
@@ -136,40 +139,43 @@ impl<T: Real> PoolForward<'_, T> {
 #[inline(always)]
 fn maxima<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
-    pool: &Pool,
+    pool: &FusedMaxPool,
     x: &[Block<T>],
     scale: f64,
     y: &mut [Block<T>],
 ) {
     let scale = lanes.splat(T::from_f64(scale));
-    for (c, y) in y.iter_mut().enumerate() {
+    for (c, out) in y.iter_mut().enumerate() {
         let mut best = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[c]));
         for tap in &pool.taps[1..] {
             let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[tap + c]));
-            best = lanes.larger(best, v).0;
+            best = lanes.max_with_mask(best, v).0;
         }
         let best = unscaled_hadamard::<T, L, G>(lanes, best);
-        lanes.store(y, lanes.mul(best, scale));
+        lanes.store(out, lanes.mul(best, scale));
     }
 }
 
 impl<T: Real> WithLanes<T> for PoolBackward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        with_order!(G = self.pool.out.fields.group().order(), self.run_groups::<L, G>(lanes));
+        with_const_order!(
+            G = self.pool.out_shape.fields.group().order(),
+            self.run_groups::<L, G>(lanes)
+        );
     }
 }
 
 impl<T: Real> PoolBackward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
-        let (pool, own) = (self.pool, self.pool.patches.scale());
-        let (blocks, channels) = (pool.patches.blocks(), pool.out.fields.dim());
+        let (pool, own) = (self.pool, self.pool.patches.staging_scale());
+        let (blocks, channels) = (pool.patches.blocks_per_pixel(), pool.out_shape.fields.dim());
         // zeros, because lanes without a channel are never written below
-        let room = Arena::new(self.scratch).zeros(blocks);
+        let room = Arena::new(self.scratch).take_zeroed_blocks(blocks);
         let one = T::from_f64(1.0);
-        let interleaver = Interleaver::new(pool.out.fields);
-        let staged = pool.patches.staged() / LANES;
+        let interleaver = Interleaver::new(pool.out_shape.fields);
+        let staged = pool.patches.staged_len() / LANES;
         let images = self.x.as_chunks().0.chunks_exact(staged);
         let gradients = self.dx.as_chunks_mut().0.chunks_exact_mut(staged);
         for (n, (x, dx)) in images.zip(gradients).take(self.samples).enumerate() {
@@ -177,16 +183,16 @@ impl<T: Real> PoolBackward<'_, T> {
                 // staged values are scaled, so their gradient is that of the values divided by the
                 // scale
                 let (dy, scale) = match self.dy {
-                    Maps::Channels(dy) => {
+                    FeatureMaps::Channels(dy) => {
                         let pixel = n * pool.windows.len() + i;
                         let dy = &dy[pixel * channels..][..channels];
                         interleaver.interleave::<T, G>(one, dy, room.as_flattened_mut());
                         (&*room, pool.scale(own, 1.0))
                     }
-                    Maps::Staged(patches, dy) => {
-                        let at = n * patches.staged() + patches.pixels()[i];
+                    FeatureMaps::Staged(patches, dy) => {
+                        let at = n * patches.staged_len() + patches.pixel_starts()[i];
                         let dy = &dy[at..][..blocks * LANES];
-                        (dy.as_chunks().0, pool.scale(own, patches.scale()))
+                        (dy.as_chunks().0, pool.scale(own, patches.staging_scale()))
                     }
                 };
                 let (x, dx) = (&x[window..], &mut dx[window..]);
@@ -201,29 +207,29 @@ impl<T: Real> PoolBackward<'_, T> {
 #[inline(always)]
 fn route<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
-    pool: &Pool,
+    pool: &FusedMaxPool,
     x: &[Block<T>],
     dy: &[Block<T>],
     scale: f64,
     dx: &mut [Block<T>],
 ) {
     let scale = lanes.splat(T::from_f64(scale));
-    for (c, dy) in dy.iter().enumerate() {
+    for (c, gradient) in dy.iter().enumerate() {
         let mut won = [0; MAX_WINDOW_PIXELS];
         // the first pixel holds the maximum until a larger one is found
         won[0] = u16::MAX;
         let mut best = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[c]));
         for (i, tap) in pool.taps.iter().enumerate().skip(1) {
             let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[tap + c]));
-            (best, won[i]) = lanes.larger(best, v);
+            (best, won[i]) = lanes.max_with_mask(best, v);
             // a later, larger value takes the win from all earlier ones
             for earlier in 0..i {
                 won[earlier] &= !won[i];
             }
         }
-        let dy = unscaled_hadamard::<T, L, G>(lanes, lanes.load(dy));
-        for (&tap, &won) in pool.taps.iter().zip(&won) {
-            let d = unscaled_hadamard::<T, L, G>(lanes, lanes.keep(dy, won));
+        let gradient = unscaled_hadamard::<T, L, G>(lanes, lanes.load(gradient));
+        for (&tap, &selected) in pool.taps.iter().zip(&won) {
+            let d = unscaled_hadamard::<T, L, G>(lanes, lanes.keep_masked(gradient, selected));
             lanes.store(&mut dx[tap + c], lanes.mul(d, scale));
         }
     }

@@ -2,16 +2,16 @@
 
 use symmetry::{FieldType, Irrep};
 
-use crate::conv::weights::Weights;
+use crate::conv::weights::WeightLayout;
 use crate::error::LayerError;
-use crate::shape::{Shape, product};
+use crate::shape::{Shape, checked_product};
 use crate::simd::lanes::InstructionSet;
-use crate::simd::patches::Patches;
-use crate::steerable::blocks::Blocks;
-use crate::steerable::dense::Dense;
-use crate::steerable::taps::Taps;
-use crate::steerable::windows::Windows;
-use crate::window::Kernel;
+use crate::simd::patches::PatchGeometry;
+use crate::steerable::blocks::IrrepBlocks;
+use crate::steerable::dense::OrdinaryConv;
+use crate::steerable::taps::TapBasis;
+use crate::steerable::windows::WindowGrid;
+use crate::window::SlidingWindow;
 
 /// Maximum number of output pixels of images that are staged together; a larger one is alone.
 const STAGED_OUTPUT_PIXELS: usize = 64;
@@ -24,18 +24,18 @@ const STAGED_OUTPUT_PIXELS: usize = 64;
 /// is one product of its folded columns with a matrix of parameters `[out multiplicity of b,
 /// columns]`. The parameters of all irreps are interleaved in the order in which the kernels read
 /// them, `[folded tap and input channel, output field, irrep]`, and the bias follows;
-/// [`dense`](R2Conv::dense) maps them to an ordinary kernel. The parameters span every steerable
-/// kernel on the grid. Types of C1 give an ordinary convolution whose parameters are the kernel
-/// `[size, size, C_in, C_out]`.
+/// [`as_ordinary_conv`](R2Conv::as_ordinary_conv) maps them to an ordinary kernel. The parameters
+/// span every steerable kernel on the grid. Types of C1 give an ordinary convolution whose
+/// parameters are the kernel `[size, size, C_in, C_out]`.
 #[derive(Clone, Debug)]
 pub struct R2Conv {
-    pub(crate) taps: Taps,
-    pub(crate) patches: Patches,
-    pub(crate) blocks: Blocks,
-    pub(crate) weights: Weights,
-    pub(crate) out: Shape,
-    /// Widest instruction set for single precision, if the processor has it.
-    pub(crate) widest: InstructionSet,
+    pub(crate) taps: TapBasis,
+    pub(crate) patches: PatchGeometry,
+    pub(crate) blocks: IrrepBlocks,
+    pub(crate) weights: WeightLayout,
+    pub(crate) out_shape: Shape,
+    /// Widest instruction set for single precision, if the CPU has it.
+    pub(crate) widest_instruction_set: InstructionSet,
 }
 
 impl R2Conv {
@@ -43,34 +43,34 @@ impl R2Conv {
     ///
     /// # Errors
     /// When the groups of the types differ, a map is empty, the windows do not sit symmetrically
-    /// (see [`Kernel`]) or none fits.
+    /// (see [`SlidingWindow`]) or none fits.
     pub fn new(
         in_type: FieldType,
         out_type: FieldType,
-        kernel: Kernel,
+        kernel: SlidingWindow,
         size: [usize; 2],
     ) -> Result<R2Conv, LayerError> {
         let layer = "R2Conv";
         let image = Shape::image(size[0], size[1], in_type);
         LayerError::check_groups(layer, in_type, out_type)?;
-        let windows = Windows::new(layer, out_type.group(), kernel, size)?;
+        let windows = WindowGrid::new(layer, out_type.group(), kernel, size)?;
         let out = windows.out_shape(out_type);
         LayerError::check_map(layer, image, kernel.padding)?;
         LayerError::check_map(layer, out, 0)?;
         // `dense` builds this kernel, so its size must be within the limit as well
         let dense = [kernel.size, kernel.size, image.fields.dim(), out_type.dim()];
-        product(dense).ok_or(LayerError::TooLarge { layer, what: "a kernel" })?;
-        let taps = Taps::new(image.fields, kernel.size);
-        let patches = Patches::new(&taps, image, kernel, windows.out_size);
-        let blocks = Blocks::new(Irrep::ALL.map(|b| taps.cols(b)), out_type);
+        checked_product(dense).ok_or(LayerError::TooManyValues { layer, what: "a kernel" })?;
+        let taps = TapBasis::new(image.fields, kernel.size);
+        let patches = PatchGeometry::new(&taps, image, kernel, windows.out_size);
+        let blocks = IrrepBlocks::new(Irrep::ALL.map(|b| taps.num_columns(b)), out_type);
         Ok(R2Conv {
-            weights: Weights::new(&taps, &patches, &blocks, out_type),
+            weights: WeightLayout::new(&taps, &patches, &blocks, out_type),
             taps,
             patches,
             blocks,
-            out,
-            // an upper bound: `run_f32` falls back to what the processor has
-            widest: InstructionSet::Avx512,
+            out_shape: out,
+            // an upper bound: `run_f32` falls back to what the CPU has
+            widest_instruction_set: InstructionSet::Avx512,
         })
     }
 
@@ -78,43 +78,43 @@ impl R2Conv {
     ///
     /// # Errors
     /// When the groups of the types differ or the map is not square.
-    pub fn flatten(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
+    pub fn whole_map(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
         let Shape { height, width, .. } = shape;
         if height != width {
-            return Err(LayerError::NotSquare { layer: "R2Conv::flatten", height, width });
+            return Err(LayerError::NotSquare { layer: "R2Conv::whole_map", height, width });
         }
-        let kernel = Kernel::new(height, 1, 0);
+        let kernel = SlidingWindow::new(height, 1, 0);
         R2Conv::new(shape.fields, out_type, kernel, [height, width])
     }
 
     /// Limits the layer to instruction sets up to `widest`, for comparisons. AVX2 and AVX-512 give
     /// the same bits; portable code gives others and always runs double precision.
-    pub fn at_most(mut self, widest: InstructionSet) -> R2Conv {
-        self.widest = widest;
+    pub fn limit_instruction_set(mut self, widest: InstructionSet) -> R2Conv {
+        self.widest_instruction_set = widest;
         self
     }
 
     /// Returns the layer as an ordinary convolution.
-    pub fn dense(&self) -> Dense<'_> {
-        Dense {
-            name: "R2Conv",
+    pub fn as_ordinary_conv(&self) -> OrdinaryConv<'_> {
+        OrdinaryConv {
+            layer_name: "R2Conv",
             taps: self.taps.clone(),
             blocks: &self.blocks,
-            places: Some(self.weights.places()),
-            window: self.patches.kernel(),
-            in_shape: self.image(),
-            out_shape: self.out,
+            param_indices: Some(self.weights.param_indices()),
+            window: self.patches.window(),
+            in_shape: self.image_shape(),
+            out_shape: self.out_shape,
         }
     }
 
     /// Returns the shape of one input sample.
-    pub(crate) fn image(&self) -> Shape {
-        self.patches.image()
+    pub(crate) fn image_shape(&self) -> Shape {
+        self.patches.image_shape()
     }
 
     /// Returns the number of samples that are staged together.
-    pub(crate) fn images_together(&self, samples: usize) -> usize {
-        let images = STAGED_OUTPUT_PIXELS / self.out.pixels();
+    pub(crate) fn num_images_staged_together(&self, samples: usize) -> usize {
+        let images = STAGED_OUTPUT_PIXELS / self.out_shape.num_pixels();
         images.clamp(1, samples.max(1))
     }
 }

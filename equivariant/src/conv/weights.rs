@@ -8,16 +8,16 @@ use symmetry::{FieldType, Irrep};
 use crate::conv::maps::Arena;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES};
-use crate::simd::patches::Patches;
-use crate::steerable::blocks::Blocks;
-use crate::steerable::taps::Taps;
+use crate::simd::patches::PatchGeometry;
+use crate::steerable::blocks::IrrepBlocks;
+use crate::steerable::taps::TapBasis;
 
 /// Layout of the weights among the parameters: `[group of a folded patch][output field][irrep]`.
 ///
 /// The packed layout of the kernels differs from it only by lanes and groups without a weight. If
 /// all fields are regular and fill whole blocks there are none, and packing is a copy.
 #[derive(Clone, Debug)]
-pub(crate) struct Weights {
+pub(crate) struct WeightLayout {
     order: usize,
     /// Number of groups of a folded patch.
     groups: usize,
@@ -36,65 +36,77 @@ struct Run {
     packed: Range<usize>,
 }
 
-impl Weights {
-    pub fn new(taps: &Taps, patches: &Patches, blocks: &Blocks, out: FieldType) -> Weights {
+impl WeightLayout {
+    pub fn new(
+        taps: &TapBasis,
+        patches: &PatchGeometry,
+        blocks: &IrrepBlocks,
+        out: FieldType,
+    ) -> WeightLayout {
         let irreps = out.group().irreps();
         let fields = irreps.iter().map(|&b| out.multiplicity(b)).max();
-        let groups = patches.folded() * LANES / irreps.len();
+        let groups = patches.blocks_per_folded_patch() * LANES / irreps.len();
         let width = (fields.unwrap_or(0) * irreps.len()).div_ceil(LANES);
         let mut entries = vec![GAP; groups * width * LANES];
         // lane b of a group computes output irrep b, from the fold whose parity leads to b
         for (lane, &b) in irreps.iter().enumerate() {
-            for (i, function) in taps.functions().iter().enumerate() {
-                let group = patches.first_group(function.parity, function.parts[0].0);
-                let input = taps.input(b, function.parity);
-                let first = blocks.weights(b).start + taps.column(b, i);
+            for (i, function) in taps.basis_functions().iter().enumerate() {
+                let group =
+                    patches.first_lane_group(function.parity, function.tap_coefficients[0].0);
+                let input = taps.input_irrep(b, function.parity);
+                let first = blocks.weight_range(b).start + taps.first_column(b, i);
                 for output in 0..out.multiplicity(b) {
                     for channel in 0..taps.in_type().multiplicity(input) {
                         let to = (group + channel) * width * LANES + output * irreps.len() + lane;
-                        entries[to] = first + output * blocks.cols(b) + channel;
+                        entries[to] = first + output * blocks.num_inputs(b) + channel;
                     }
                 }
             }
         }
-        let mut places = vec![0; blocks.weights(Irrep::XY).end];
+        let mut places = vec![0; blocks.weight_range(Irrep::XY).end];
         let runs = runs(&entries, &mut places);
-        Weights { order: irreps.len(), groups, width, runs: runs.into(), places: places.into() }
+        WeightLayout {
+            order: irreps.len(),
+            groups,
+            width,
+            runs: runs.into(),
+            places: places.into(),
+        }
     }
 
     /// Returns the index of the parameter of every entry of the blocks of the linear map, `[out,
     /// columns]` for each irrep in turn.
-    pub fn places(&self) -> &[usize] {
+    pub fn param_indices(&self) -> &[usize] {
         &self.places
     }
 
     /// Returns the number of blocks of an output pixel.
-    pub fn width(&self) -> usize {
+    pub fn blocks_per_pixel(&self) -> usize {
         self.width
     }
 
     /// Returns the number of blocks of the packed weights.
-    pub fn blocks(&self) -> usize {
+    pub fn num_packed_blocks(&self) -> usize {
         self.groups * self.width
     }
 
     /// Returns `true` if the parameters are in packed order already, without gaps.
-    pub fn in_place(&self) -> bool {
-        let all = 0..self.blocks() * LANES;
+    pub fn is_packed_already(&self) -> bool {
+        let all = 0..self.num_packed_blocks() * LANES;
         matches!(&self.runs[..], [run] if run.params == all && run.packed == all)
     }
 
     /// Returns the packed weights: the parameters themselves if they can be read in place.
-    pub fn packed<'a, T: Real>(
+    pub fn packed_weights<'a, T: Real>(
         &self,
         params: &'a [T],
         arena: &mut Arena<'a, T>,
         may_read_in_place: bool,
     ) -> &'a [Block<T>] {
-        if may_read_in_place && self.in_place() {
-            return &params.as_chunks().0[..self.blocks()];
+        if may_read_in_place && self.is_packed_already() {
+            return &params.as_chunks().0[..self.num_packed_blocks()];
         }
-        let packed = arena.take(self.blocks());
+        let packed = arena.take_blocks(self.num_packed_blocks());
         self.pack(params, packed);
         packed
     }
@@ -113,7 +125,7 @@ impl Weights {
     }
 
     /// Adds gradients of the packed weights to those of the parameters.
-    pub fn add_unpacked<T: Real>(&self, packed: &[Block<T>], dparams: &mut [T]) {
+    pub fn add_unpacked_gradient<T: Real>(&self, packed: &[Block<T>], dparams: &mut [T]) {
         let packed = packed.as_flattened();
         for run in self.runs.iter() {
             let dparams = &mut dparams[run.params.clone()];
@@ -127,25 +139,26 @@ impl Weights {
     ///
     /// The lanes of a block are (input field, output irrep).
     #[inline(always)]
-    pub fn transpose<T: Real, const G: usize>(
+    pub fn transpose_packed<T: Real, const G: usize>(
         &self,
-        patches: &Patches,
+        patches: &PatchGeometry,
         packed: &[Block<T>],
         transposed: &mut [Block<T>],
     ) {
         let per_block = LANES / G;
         let fields = self.width * per_block;
         let packed = packed.as_flattened().as_chunks::<G>().0;
-        for orbit in 0..patches.orbits() {
-            let range = patches.folded_of(orbit);
-            let folds = range.len() / patches.blocks().max(1);
+        for orbit in 0..patches.num_orbits() {
+            let range = patches.orbit_blocks(orbit);
+            let folds = range.len() / patches.blocks_per_pixel().max(1);
             let mut to = transposed[range.start * fields..range.end * fields].iter_mut();
-            for c in 0..patches.blocks() {
+            for c in 0..patches.blocks_per_pixel() {
                 for field in 0..fields {
                     for (fold, block) in (0..folds).zip(&mut to) {
-                        let group = (range.start + fold * patches.blocks() + c) * per_block;
-                        for (q, to) in block.as_chunks_mut::<G>().0.iter_mut().enumerate() {
-                            *to = packed[(group + q) * fields + field];
+                        let group =
+                            (range.start + fold * patches.blocks_per_pixel() + c) * per_block;
+                        for (q, value) in block.as_chunks_mut::<G>().0.iter_mut().enumerate() {
+                            *value = packed[(group + q) * fields + field];
                         }
                     }
                 }
@@ -153,8 +166,8 @@ impl Weights {
         }
     }
 
-    /// Returns the order of the group.
-    pub fn order(&self) -> usize {
+    /// Returns the order of the symmetry group, the number of its elements.
+    pub fn group_order(&self) -> usize {
         self.order
     }
 }

@@ -2,16 +2,16 @@
 
 use std::fmt;
 
-/// Kind of hardware behind an adapter.
+/// Kind of hardware behind a GPU adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum AdapterKind {
     /// GPU with its own memory.
     Discrete,
-    /// GPU that shares the processor's memory.
+    /// GPU that shares the CPU's memory.
     Integrated,
     /// GPU of a virtual machine.
     Virtual,
-    /// Software driver on the processor, for tests.
+    /// Software driver on the CPU, for tests.
     Software,
     /// Unknown kind of hardware.
     Other,
@@ -36,49 +36,55 @@ impl fmt::Display for AdapterKind {
     }
 }
 
-/// Description of an adapter by its driver.
+/// Description of a GPU adapter by its driver.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Adapter {
-    /// Name of the hardware, such as `NVIDIA H100 80GB HBM3`.
+    /// Name of the adapter's hardware, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
-    /// Kind of hardware.
+    /// Kind of the adapter's hardware.
     pub kind: AdapterKind,
     /// Programming interface that reaches the adapter, such as `vulkan`.
     pub backend: String,
-    /// Name and version of the driver.
+    /// Name and version of the adapter's driver.
     pub driver: String,
-    /// Maximum bytes of a buffer that one kernel can access.
-    pub binding_bytes: u64,
-    /// Maximum bytes of a buffer.
-    pub buffer_bytes: u64,
-    /// Maximum bytes of shared memory of a workgroup.
-    pub shared_bytes: u32,
+    /// Maximum size in bytes of a buffer that one kernel can access.
+    pub max_binding_bytes: u64,
+    /// Maximum size in bytes of a buffer on the adapter.
+    pub max_buffer_bytes: u64,
+    /// Maximum size in bytes of the memory that the threads of a workgroup share.
+    pub max_shared_bytes: u32,
     /// Maximum number of threads of a workgroup.
-    pub group_threads: u32,
+    pub max_workgroup_threads: u32,
     /// Minimum and maximum number of threads of a subgroup, which run in lockstep. No kernel relies
     /// on their number.
-    pub subgroup: [u32; 2],
+    pub subgroup_sizes: [u32; 2],
 }
 
 impl fmt::Display for Adapter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [binding, buffer] = [self.binding_bytes, self.buffer_bytes].map(|bytes| bytes >> 20);
+        let [binding, buffer] =
+            [self.max_binding_bytes, self.max_buffer_bytes].map(|bytes| bytes >> 20);
         write!(
             f,
             "{} ({}, {}, {}; {binding} MiB a binding, {buffer} MiB a buffer, {} B shared by {} \
              threads)",
-            self.name, self.kind, self.backend, self.driver, self.shared_bytes, self.group_threads
+            self.name,
+            self.kind,
+            self.backend,
+            self.driver,
+            self.max_shared_bytes,
+            self.max_workgroup_threads
         )
     }
 }
 
 /// Returns the adapters that can run networks, real GPUs first; empty if no driver is installed.
-pub fn adapters() -> Vec<Adapter> {
-    raw_adapters().iter().map(describe).collect()
+pub fn available_adapters() -> Vec<Adapter> {
+    wgpu_adapters().iter().map(describe_adapter).collect()
 }
 
-/// Returns wgpu's handles of the [`adapters`], in the same order.
-pub(crate) fn raw_adapters() -> Vec<wgpu::Adapter> {
+/// Returns wgpu's handles of the [`available_adapters`], in the same order.
+pub(crate) fn wgpu_adapters() -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN;
     let instance = wgpu::Instance::new(descriptor);
@@ -88,18 +94,18 @@ pub(crate) fn raw_adapters() -> Vec<wgpu::Adapter> {
 }
 
 /// Converts wgpu's information about an adapter.
-pub(crate) fn describe(adapter: &wgpu::Adapter) -> Adapter {
+pub(crate) fn describe_adapter(adapter: &wgpu::Adapter) -> Adapter {
     let (info, limits) = (adapter.get_info(), adapter.limits());
     Adapter {
         kind: kind(info.device_type),
         backend: info.backend.to_string(),
         driver: format!("{} {}", info.driver, info.driver_info),
         name: info.name,
-        binding_bytes: limits.max_storage_buffer_binding_size,
-        buffer_bytes: limits.max_buffer_size,
-        shared_bytes: limits.max_compute_workgroup_storage_size,
-        group_threads: limits.max_compute_invocations_per_workgroup,
-        subgroup: [info.subgroup_min_size, info.subgroup_max_size],
+        max_binding_bytes: limits.max_storage_buffer_binding_size,
+        max_buffer_bytes: limits.max_buffer_size,
+        max_shared_bytes: limits.max_compute_workgroup_storage_size,
+        max_workgroup_threads: limits.max_compute_invocations_per_workgroup,
+        subgroup_sizes: [info.subgroup_min_size, info.subgroup_max_size],
     }
 }
 

@@ -2,7 +2,7 @@
 
 use symmetry::FieldType;
 
-use crate::gpu::step::{Slot, Step};
+use crate::gpu::step::{BufferSlot, KernelStep};
 
 /// WGSL accessors of a field's numbers, for groups of order 1, 2 and 4.
 const LANES: [&[&str]; 3] = [&[""], &[".x", ".y"], &[".x", ".y", ".z", ".w"]];
@@ -10,103 +10,104 @@ const LANES: [&[&str]; 3] = [&[""], &[".x", ".y"], &[".x", ".y", ".z", ".w"]];
 /// Layout of fields among the channels of a pixel: number a of field f is channel `starts[a] + f`
 /// if f is below `counts[a]`, and zero otherwise.
 #[derive(Clone, Debug)]
-pub(crate) struct Channels {
+pub(crate) struct ChannelLayout {
     /// Number of channels of a pixel.
     dim: usize,
     starts: Vec<usize>,
     counts: Vec<usize>,
 }
 
-impl Channels {
+impl ChannelLayout {
     /// Creates the layout of a type: fields with a number for each irrep of its group. Irreps with
     /// fewer channels than others are padded with zeros.
-    pub fn of(fields: FieldType) -> Channels {
+    pub fn for_type(fields: FieldType) -> ChannelLayout {
         let irreps = fields.group().irreps();
-        Channels {
+        ChannelLayout {
             dim: fields.dim(),
-            starts: irreps.iter().map(|&a| fields.range(a).start).collect(),
+            starts: irreps.iter().map(|&a| fields.channel_range(a).start).collect(),
             counts: irreps.iter().map(|&a| fields.multiplicity(a)).collect(),
         }
     }
 
     /// Creates the layout of `dim` fields of one number.
-    pub fn single(dim: usize) -> Channels {
-        Channels::regular(1, dim)
+    pub fn single_channel_fields(dim: usize) -> ChannelLayout {
+        ChannelLayout::regular_fields(1, dim)
     }
 
     /// Creates the layout of `fields` fields of `order` numbers.
-    pub fn regular(order: usize, fields: usize) -> Channels {
-        Channels {
+    pub fn regular_fields(order: usize, fields: usize) -> ChannelLayout {
+        ChannelLayout {
             dim: order * fields,
             starts: (0..order).map(|a| a * fields).collect(),
             counts: vec![fields; order],
         }
     }
 
-    /// Moves the fields into pixels of `dim` channels, where number a starts at `starts[a]`.
-    pub fn within(mut self, dim: usize, starts: Vec<usize>) -> Channels {
+    /// Moves the fields into pixels of `dim` channels, where number a of all fields lies together,
+    /// from channel `starts[a]` on.
+    pub fn moved_to(mut self, dim: usize, starts: Vec<usize>) -> ChannelLayout {
         self.dim = dim;
         self.starts = starts;
         self
     }
 
     /// Returns the layout of the fields as the first ones of the direct sum `sum`.
-    pub fn at_start_of(&self, sum: &Channels) -> Channels {
-        self.clone().within(sum.dim, sum.starts.clone())
+    pub fn first_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
+        self.clone().moved_to(sum.dim, sum.starts.clone())
     }
 
     /// Returns the layout of the fields as the last ones of the direct sum `sum`.
-    pub fn at_end_of(&self, sum: &Channels) -> Channels {
+    pub fn last_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
         let ends = sum.starts.iter().zip(&sum.counts).map(|(start, count)| start + count);
         let starts = ends.zip(&self.counts).map(|(end, count)| end - count);
-        self.clone().within(sum.dim, starts.collect())
+        self.clone().moved_to(sum.dim, starts.collect())
     }
 
     /// Returns the number of fields, some of which may lack numbers.
-    pub fn fields(&self) -> usize {
+    pub fn num_fields(&self) -> usize {
         self.counts.iter().copied().max().unwrap_or(0)
     }
 
     /// Returns the number of numbers of a field.
-    pub fn order(&self) -> usize {
+    pub fn numbers_per_field(&self) -> usize {
         self.counts.len()
     }
 
     /// Adds an input map with the function `load_NAME(pixel, field)`.
-    pub fn read(&self, step: Step, name: &str, slot: Slot) -> Step {
-        let step = step.read(name, "f32", slot);
-        self.loader(step, name, name)
+    pub fn add_input_map(&self, step: KernelStep, name: &str, slot: BufferSlot) -> KernelStep {
+        let step = step.add_input_buffer(name, "f32", slot);
+        self.add_load_function(step, name, name)
     }
 
     /// Adds the function `load_NAME(pixel, field)` for a buffer that the kernel has already.
-    pub fn loader(&self, step: Step, buffer: &str, name: &str) -> Step {
+    pub fn add_load_function(&self, step: KernelStep, buffer: &str, name: &str) -> KernelStep {
         let body = self.each(|lane, at| format!("v{lane} = {buffer}[{at}];"));
         let head = format!("fn load_{name}(pixel: u32, field: u32) -> Field {{ var v = Field();");
-        step.text(&format!("{head} {body} return v; }}"))
+        step.add_wgsl(&format!("{head} {body} return v; }}"))
     }
 
     /// Adds an output map with the function `store_NAME(pixel, field, v)`.
-    pub fn write(&self, step: Step, name: &str, slot: Slot) -> Step {
-        let step = step.write(name, "f32", slot);
+    pub fn add_output_map(&self, step: KernelStep, name: &str, slot: BufferSlot) -> KernelStep {
+        let step = step.add_output_buffer(name, "f32", slot);
         self.add_store_function(step, name, name)
     }
 
     /// Adds the function `store_NAME(pixel, field, v)` for a buffer that the kernel has already.
-    pub fn add_store_function(&self, step: Step, buffer: &str, name: &str) -> Step {
+    pub fn add_store_function(&self, step: KernelStep, buffer: &str, name: &str) -> KernelStep {
         let body = self.each(|lane, at| format!("{buffer}[{at}] = v{lane};"));
         let head = format!("fn store_{name}(pixel: u32, field: u32, v: Field) {{");
-        step.text(&format!("{head} {body} }}"))
+        step.add_wgsl(&format!("{head} {body} }}"))
     }
 
     /// Joins one statement for each number of a field.
     fn each(&self, statement: impl Fn(&str, String) -> String) -> String {
         // orders 1, 2 and 4 are entries 0, 1 and 2
-        let lanes = LANES[self.order().ilog2() as usize].iter().zip(&self.starts);
+        let lanes = LANES[self.numbers_per_field().ilog2() as usize].iter().zip(&self.starts);
         let lanes = lanes.zip(&self.counts).filter(|(_, count)| **count > 0);
         let statements = lanes.map(|((lane, start), &count)| {
             let at = format!("pixel * {}u + {start}u + field", self.dim);
             // irreps with fewer channels than others have no number for the last fields
-            if count < self.fields() {
+            if count < self.num_fields() {
                 format!("if field < {count}u {{ {} }} ", statement(lane, at))
             } else {
                 statement(lane, at) + " "

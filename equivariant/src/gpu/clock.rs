@@ -7,18 +7,18 @@ use crate::gpu::error::GpuError;
 const BYTES: u64 = 8;
 
 /// Timestamps before and after each kernel of a sequence.
-pub(crate) struct Clock {
+pub(crate) struct KernelTimer {
     queries: wgpu::QuerySet,
     count: u32,
 }
 
-impl Clock {
-    /// Creates a clock for `kernels` kernels; [`GpuError::Failed`] if the adapter has no
+impl KernelTimer {
+    /// Creates a timer of `kernels` kernels; [`GpuError::CommandFailed`] if the adapter has no
     /// timestamps.
-    pub fn new(device: &Device, kernels: usize) -> Result<Clock, GpuError> {
+    pub fn new(device: &Device, kernels: usize) -> Result<KernelTimer, GpuError> {
         let features = device.device.features();
         if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
-            return Err(device.failed("the adapter has no timestamps"));
+            return Err(device.command_failed("the adapter has no timestamps"));
         }
         let count = 2 * kernels as u32;
         let queries = device.device.create_query_set(&wgpu::QuerySetDescriptor {
@@ -26,11 +26,11 @@ impl Clock {
             ty: wgpu::QueryType::Timestamp,
             count,
         });
-        Ok(Clock { queries, count })
+        Ok(KernelTimer { queries, count })
     }
 
     /// Returns the descriptor of a pass that runs one kernel and writes its timestamps.
-    pub fn pass(&self, kernel: usize) -> wgpu::ComputePassDescriptor<'_> {
+    pub fn timed_pass(&self, kernel: usize) -> wgpu::ComputePassDescriptor<'_> {
         let first = 2 * kernel as u32;
         wgpu::ComputePassDescriptor {
             label: None,
@@ -43,7 +43,7 @@ impl Clock {
     }
 
     /// Submits the recorded commands and returns the seconds of each kernel.
-    pub fn read(
+    pub fn submit_and_read_seconds(
         self,
         device: &Device,
         mut encoder: wgpu::CommandEncoder,
@@ -55,13 +55,13 @@ impl Clock {
             usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         });
-        let staged = device.staging(size);
+        let staged = device.allocate_staging(size);
         encoder.resolve_query_set(&self.queries, 0..self.count, &resolved, 0);
         encoder.copy_buffer_to_buffer(&resolved, 0, &staged, 0, size);
         device.queue.submit([encoder.finish()]);
         staged.map_async(wgpu::MapMode::Read, .., |_| ());
-        device.wait()?;
-        let ticks: Vec<u64> = device.mapped(&staged)?;
+        device.wait_for_commands()?;
+        let ticks: Vec<u64> = device.read_mapped(&staged)?;
         let seconds = f64::from(device.queue.get_timestamp_period()) * 1e-9;
         let kernels = ticks.as_chunks::<2>().0.iter();
         // timestamps out of order count as zero seconds instead of overflowing

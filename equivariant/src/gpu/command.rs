@@ -2,28 +2,28 @@
 
 use std::collections::hash_map::Entry;
 
-use crate::gpu::device::{Device, locked};
-use crate::gpu::step::Step;
+use crate::gpu::device::{Device, lock_even_if_poisoned};
+use crate::gpu::step::KernelStep;
 
 /// Number of workgroups in one line of a dispatch; below the limit of 65,535 that every adapter
 /// has.
 const GROUPS_OF_A_LINE: usize = 32_768;
 
 /// Compiled step with its buffers.
-pub(crate) struct Command {
+pub(crate) struct CompiledKernel {
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
-    step: Step,
+    step: KernelStep,
 }
 
-impl Command {
-    /// Compiles a step; `buffers` are all buffers of its plan.
+impl CompiledKernel {
+    /// Compiles a step of a plan; `buffers` are all buffers of the plan.
     pub fn new(
         device: &Device,
-        step: &Step,
+        step: &KernelStep,
         uniform: &wgpu::Buffer,
         buffers: &[wgpu::Buffer],
-    ) -> Command {
+    ) -> CompiledKernel {
         let layout = layout(&device.device, step);
         let own = step.buffers.iter().map(|(slot, _)| &buffers[slot.0]);
         let entries = std::iter::once(uniform).chain(own).enumerate();
@@ -37,7 +37,7 @@ impl Command {
             layout: &layout,
             entries: &entries,
         };
-        Command {
+        CompiledKernel {
             bindings: device.device.create_bind_group(&bindings),
             pipeline: pipeline(device, step, &layout),
             step: step.clone(),
@@ -49,9 +49,9 @@ impl Command {
         self.step.label
     }
 
-    /// Records a dispatch for `samples` samples.
+    /// Records a dispatch of the kernel for `samples` samples.
     pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
-        let groups = self.step.work.count(samples);
+        let groups = self.step.workgroups.num_workgroups(samples);
         // larger dispatches fill a plane, because every dimension has a limit
         let line = groups.min(GROUPS_OF_A_LINE);
         if line == 0 {
@@ -63,7 +63,7 @@ impl Command {
     }
 }
 
-fn layout(device: &wgpu::Device, step: &Step) -> wgpu::BindGroupLayout {
+fn layout(device: &wgpu::Device, step: &KernelStep) -> wgpu::BindGroupLayout {
     let storage = step.buffers.iter().map(|&(_, written)| {
         let read_only = !written;
         wgpu::BufferBindingType::Storage { read_only }
@@ -83,9 +83,13 @@ fn layout(device: &wgpu::Device, step: &Step) -> wgpu::BindGroupLayout {
 }
 
 /// Returns the compiled kernel of a step; kernels with equal text are compiled once.
-fn pipeline(device: &Device, step: &Step, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
-    let mut pipelines = locked(&device.pipelines);
-    let known = pipelines.entry(step.source(device.subgroups()));
+fn pipeline(
+    device: &Device,
+    step: &KernelStep,
+    layout: &wgpu::BindGroupLayout,
+) -> wgpu::ComputePipeline {
+    let mut pipelines = lock_even_if_poisoned(&device.pipelines);
+    let known = pipelines.entry(step.wgsl_source(device.uses_subgroups()));
     match known {
         Entry::Occupied(known) => known.get().clone(),
         Entry::Vacant(place) => {

@@ -4,10 +4,10 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::gpu::adapter::{Adapter, describe, raw_adapters};
+use crate::gpu::adapter::{Adapter, describe_adapter, wgpu_adapters};
 use crate::gpu::error::GpuError;
 
-/// Opened adapter. Clones share one device.
+/// Opened GPU adapter, on which networks run. Clones share one device.
 #[derive(Clone)]
 pub struct Device {
     adapter: Adapter,
@@ -28,15 +28,18 @@ type Fault = Arc<Mutex<Option<GpuError>>>;
 
 impl Device {
     /// Opens the first adapter whose name contains `name`, ignoring case. Without a name it opens
-    /// the first of [`adapters`](crate::gpu::adapters), which is real hardware if there is any.
+    /// the first of [`available_adapters`](crate::gpu::available_adapters), which is real hardware
+    /// if there is any.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] and [`GpuError::NoDevice`].
     pub fn open(name: Option<&str>) -> Result<Device, GpuError> {
-        let found = raw_adapters();
-        let names: Vec<String> = found.iter().map(|adapter| describe(adapter).name).collect();
+        let found = wgpu_adapters();
+        let names: Vec<String> =
+            found.iter().map(|adapter| describe_adapter(adapter).name).collect();
         let wanted = name.unwrap_or_default().to_lowercase();
-        let index = names.iter().position(|name| name.to_lowercase().contains(&wanted));
+        let index =
+            names.iter().position(|adapter_name| adapter_name.to_lowercase().contains(&wanted));
         let adapter = index.map(|index| &found[index]).ok_or_else(|| GpuError::NoAdapter {
             wanted: name.map_or("at all".to_owned(), |name| format!("named `{name}`")),
             found: names,
@@ -45,7 +48,7 @@ impl Device {
     }
 
     fn request(adapter: &wgpu::Adapter) -> Result<Device, GpuError> {
-        let described = describe(adapter);
+        let described = describe_adapter(adapter);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("covers"),
             required_features: adapter.features() & OPTIONAL,
@@ -69,14 +72,14 @@ impl Device {
         })
     }
 
-    /// Returns the adapter's description.
+    /// Returns the description of the opened adapter.
     pub fn adapter(&self) -> &Adapter {
         &self.adapter
     }
 
     /// Returns `true` if newly compiled kernels use subgroup operations; they do if the adapter has
     /// them.
-    pub fn subgroups(&self) -> bool {
+    pub fn uses_subgroups(&self) -> bool {
         self.subgroups
     }
 
@@ -88,57 +91,57 @@ impl Device {
     }
 
     /// Destroys the device, like a driver reset: every later operation fails with
-    /// [`GpuError::Lost`].
+    /// [`GpuError::DeviceLost`].
     pub fn close(&self) {
         self.device.destroy();
         let reason = "it was closed".to_owned();
         let adapter = self.adapter.name.clone();
-        note(&self.fault, GpuError::Lost { adapter, reason });
+        note(&self.fault, GpuError::DeviceLost { adapter, reason });
     }
 
     /// Returns and clears the first error since the last check. A lost device stays lost.
-    pub(crate) fn check(&self) -> Result<(), GpuError> {
-        let mut fault = locked(&self.fault);
+    pub(crate) fn take_error(&self) -> Result<(), GpuError> {
+        let mut fault = lock_even_if_poisoned(&self.fault);
         let error = match &*fault {
-            Some(lost @ GpuError::Lost { .. }) => Some(lost.clone()),
+            Some(lost @ GpuError::DeviceLost { .. }) => Some(lost.clone()),
             _ => fault.take(),
         };
         error.map_or(Ok(()), Err)
     }
 
     /// Allocates a buffer of `size` bytes for kernels, filled with zeros.
-    pub(crate) fn buffer(&self, size: u64) -> wgpu::Buffer {
+    pub(crate) fn allocate_storage(&self, size: u64) -> wgpu::Buffer {
         let copied = wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
         self.allocate("values", size, wgpu::BufferUsages::STORAGE | copied)
     }
 
     /// Allocates a buffer of `size` bytes that all threads read.
-    pub(crate) fn uniform(&self, size: u64) -> wgpu::Buffer {
+    pub(crate) fn allocate_uniform(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
         self.allocate("batch", size, usage)
     }
 
-    /// Allocates a buffer of `size` bytes that the processor reads.
-    pub(crate) fn staging(&self, size: u64) -> wgpu::Buffer {
+    /// Allocates a buffer of `size` bytes that the CPU reads.
+    pub(crate) fn allocate_staging(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         self.allocate("staging", size, usage)
     }
 
     /// Waits for all submitted commands.
-    pub(crate) fn wait(&self) -> Result<(), GpuError> {
+    pub(crate) fn wait_for_commands(&self) -> Result<(), GpuError> {
         let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
-        // a lost device must be reported as `Lost`, not as a failed poll
-        self.check()?;
-        waited.map_err(|error| self.failed(error))?;
+        // a lost device must be reported as `DeviceLost`, not as a failed poll
+        self.take_error()?;
+        waited.map_err(|error| self.command_failed(error))?;
         Ok(())
     }
 
     /// Returns the contents of a mapped buffer.
-    pub(crate) fn mapped<T: bytemuck::Pod>(
+    pub(crate) fn read_mapped<T: bytemuck::Pod>(
         &self,
         staged: &wgpu::Buffer,
     ) -> Result<Vec<T>, GpuError> {
-        let view = staged.get_mapped_range(..).map_err(|error| self.failed(error))?;
+        let view = staged.get_mapped_range(..).map_err(|error| self.command_failed(error))?;
         Ok(bytemuck::pod_collect_to_vec(&view))
     }
 
@@ -151,8 +154,8 @@ impl Device {
         })
     }
 
-    pub(crate) fn failed(&self, error: impl fmt::Display) -> GpuError {
-        GpuError::Failed { adapter: self.adapter.name.clone(), reason: error.to_string() }
+    pub(crate) fn command_failed(&self, error: impl fmt::Display) -> GpuError {
+        GpuError::CommandFailed { adapter: self.adapter.name.clone(), reason: error.to_string() }
     }
 }
 
@@ -170,31 +173,31 @@ impl fmt::Debug for Device {
 }
 
 /// Records errors of a device. Without these callbacks wgpu panics.
-fn watch(device: &wgpu::Device, adapter: &str) -> Fault {
+fn watch(device: &wgpu::Device, name: &str) -> Fault {
     let fault = Fault::default();
     let (lost, failed) = (fault.clone(), fault.clone());
-    let (of_lost, of_failed) = (adapter.to_owned(), adapter.to_owned());
+    let (of_lost, of_failed) = (name.to_owned(), name.to_owned());
     device.set_device_lost_callback(move |_, reason| {
         let adapter = of_lost.clone();
-        note(&lost, GpuError::Lost { adapter, reason });
+        note(&lost, GpuError::DeviceLost { adapter, reason });
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
         let (adapter, reason) = (of_failed.clone(), error.to_string());
-        note(&failed, GpuError::Failed { adapter, reason });
+        note(&failed, GpuError::CommandFailed { adapter, reason });
     }));
     fault
 }
 
 /// Keeps the first error, since later ones follow from it; the loss of the device replaces it.
 fn note(fault: &Fault, error: GpuError) {
-    let mut fault = locked(fault);
-    let known = matches!(&*fault, Some(GpuError::Lost { .. }));
-    if fault.is_none() || (!known && matches!(error, GpuError::Lost { .. })) {
+    let mut fault = lock_even_if_poisoned(fault);
+    let known = matches!(&*fault, Some(GpuError::DeviceLost { .. }));
+    if fault.is_none() || (!known && matches!(error, GpuError::DeviceLost { .. })) {
         *fault = Some(error);
     }
 }
 
 /// Locks a mutex, also a poisoned one: no code under these locks leaves a value half written.
-pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock_even_if_poisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

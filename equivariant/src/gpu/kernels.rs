@@ -14,42 +14,44 @@ mod window;
 use crate::gpu::error::GpuError;
 use crate::gpu::plan::{Plan, Tensor};
 use crate::layers::Concat;
-use crate::layers::layer::{Layer, LayerKind, leaves};
+use crate::layers::layer::{Layer, LayerKind, flatten_layers};
 use crate::shape::Shape;
-use crate::steerable::hadamard::permuted;
+use crate::steerable::hadamard::permuted_field_order_and_count;
 
 impl Plan {
-    /// Adds a layer, or the layers of a chain, and returns the output. A ReLU after a layer with
-    /// weights is fused into that layer's kernels.
+    /// Adds a layer, or the layers of a chain, to the plan and returns the output. A ReLU after a
+    /// layer with weights is fused into that layer's kernels.
     ///
     /// # Errors
-    /// [`GpuError::Layer`] for a layer without kernels: [`Sum`](crate::Sum),
+    /// [`GpuError::UnsupportedLayer`] for a layer without kernels: [`BranchSum`](crate::BranchSum),
     /// [`Restrict`](crate::Restrict) and layers of other crates.
-    pub fn layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
-        let mut leaves = leaves(layer).into_iter().peekable();
+    pub fn add_layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
+        let mut leaves = flatten_layers(layer).into_iter().peekable();
         let mut x = x;
-        while let Some(layer) = leaves.next() {
-            let y = self.tensor(layer.out_shape());
-            let rectified = layer.kind().dense().is_some()
+        while let Some(leaf) = leaves.next() {
+            let y = self.add_tensor(leaf.out_shape());
+            let rectified = leaf.kind().as_ordinary_conv().is_some()
                 && leaves.next_if(|next| rectifies(*next, y.shape)).is_some();
-            add(self, layer, &x, &y, rectified)?;
+            add(self, leaf, &x, &y, rectified)?;
             x = y;
         }
         Ok(x)
     }
 
-    /// Adds the direct sum of two maps and returns it.
-    pub fn concat(&mut self, concat: &Concat, inputs: [Tensor; 2]) -> Tensor {
-        let y = self.tensor(concat.out_shape());
+    /// Adds the direct sum of two maps to the plan and returns it.
+    pub fn add_concat(&mut self, concat: &Concat, inputs: [Tensor; 2]) -> Tensor {
+        let y = self.add_tensor(concat.out_shape());
         joins::concat(self, &inputs, &y);
         y
     }
 
-    /// Duplicates a map for two consumers. Each has its own gradient, and the backward pass adds
-    /// them.
-    pub fn fork(&mut self, x: Tensor) -> [Tensor; 2] {
-        let readers = [(); 2]
-            .map(|()| Tensor { gradient: x.gradient.map(|_| self.buffer(0, x.shape.len())), ..x });
+    /// Duplicates a map of the plan for two consumers. Each has its own gradient, and the backward
+    /// pass adds them.
+    pub fn add_fork(&mut self, x: Tensor) -> [Tensor; 2] {
+        let readers = [(); 2].map(|()| Tensor {
+            gradient: x.gradient.map(|_| self.add_buffer(0, x.shape.len())),
+            ..x
+        });
         joins::fork(self, &x, &readers);
         readers
     }
@@ -58,8 +60,8 @@ impl Plan {
 /// Returns `true` for a ReLU on fields as large as the group, the only ones that kernels with
 /// weights can rectify.
 fn rectifies(layer: &dyn Layer<f32>, shape: Shape) -> bool {
-    let whole =
-        permuted(shape.fields).is_some_and(|(order, _)| order == shape.fields.group().order());
+    let whole = permuted_field_order_and_count(shape.fields)
+        .is_some_and(|(order, _)| order == shape.fields.group().order());
     whole && matches!(layer.kind(), LayerKind::Relu)
 }
 
@@ -72,7 +74,7 @@ fn add(
     rectified: bool,
 ) -> Result<(), GpuError> {
     match layer.kind() {
-        LayerKind::R2Conv(conv) => linear::add(plan, &conv.dense(), x, y, rectified),
+        LayerKind::R2Conv(conv) => linear::add(plan, &conv.as_ordinary_conv(), x, y, rectified),
         LayerKind::Linear(dense) => linear::add(plan, &dense, x, y, rectified),
         LayerKind::Relu => pointwise::relu(plan, x, y),
         LayerKind::GroupMaxPool => pointwise::group_max_pool(plan, x, y),
@@ -82,7 +84,7 @@ fn add(
         LayerKind::FieldNorm(statistics) => field_norm::add(plan, statistics, x, y),
         LayerKind::SpatialSoftArgmax { temperature } => soft_argmax::add(plan, temperature, x, y),
         LayerKind::Sequential(_) | LayerKind::Other => {
-            return Err(GpuError::Layer { layer: layer.to_string() });
+            return Err(GpuError::UnsupportedLayer { layer: layer.to_string() });
         }
     }
     Ok(())

@@ -6,10 +6,10 @@ use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
 use crate::gpu::plan::{Plan, Tensor};
 use crate::gpu::program::{Batch, Passes, Program};
-use crate::gpu::step::Slot;
+use crate::gpu::step::BufferSlot;
 use crate::layers::layer::Layer;
 
-/// Layer on a device, with memory for the passes of a batch. It computes the same as
+/// Layer on a GPU, with memory for the passes of a batch. It computes the same as
 /// [`Layer::forward`] and [`Layer::backward`], up to rounding.
 pub struct Network {
     program: Program,
@@ -19,12 +19,12 @@ pub struct Network {
     x: Tensor,
     y: Tensor,
     /// Gradients with respect to input and output.
-    gradients: [Slot; 2],
+    gradients: [BufferSlot; 2],
     /// Number of samples of the last forward pass.
     last_samples: usize,
 }
 
-/// Result of a backward pass.
+/// Gradients of a network on a GPU, from one backward pass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gradients {
     /// Gradient with respect to the input, `[N, H, W, C]`.
@@ -37,9 +37,9 @@ impl Network {
     /// Compiles the kernels of a layer and allocates memory for batches of up to `samples` samples.
     ///
     /// # Errors
-    /// [`GpuError::Layer`] for a layer of another crate, [`GpuError::Limit`] before anything is
-    /// allocated when the batch is too large for the adapter, [`GpuError::Lost`] and
-    /// [`GpuError::Failed`].
+    /// [`GpuError::UnsupportedLayer`] for a layer of another crate, [`GpuError::BufferTooLarge`]
+    /// before anything is allocated when the batch is too large for the adapter,
+    /// [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`].
     ///
     /// # Panics
     /// When `samples` is 0.
@@ -50,8 +50,8 @@ impl Network {
     ) -> Result<Network, GpuError> {
         assert!(samples > 0, "{layer}: got 0 samples, expected at least 1");
         let mut plan = Plan::new();
-        let x = plan.tensor(layer.in_shape());
-        let y = plan.layer(layer, x)?;
+        let x = plan.add_tensor(layer.in_shape());
+        let y = plan.add_layer(layer, x)?;
         let [Some(dx), Some(dy)] = [x.gradient, y.gradient] else {
             unreachable!("both ends have gradients")
         };
@@ -66,9 +66,9 @@ impl Network {
         })
     }
 
-    /// Returns the maximum number of samples of a batch.
-    pub fn samples(&self) -> usize {
-        self.program.samples()
+    /// Returns the maximum number of samples of a batch that the network has memory for.
+    pub fn max_samples(&self) -> usize {
+        self.program.max_samples()
     }
 
     /// Returns the number of parameters of the layer.
@@ -76,31 +76,32 @@ impl Network {
         self.plan.num_params()
     }
 
-    /// Returns the numbers of kernels of a forward and of a backward pass.
-    pub fn dispatches(&self) -> [usize; 2] {
-        self.plan.dispatches()
+    /// Returns the number of kernels of a forward pass and of a backward pass.
+    pub fn num_kernels(&self) -> [usize; 2] {
+        self.plan.num_kernels()
     }
 
-    /// Sets the parameters, in the order of the layer.
+    /// Copies these parameters, in the order of the layer, to the GPU.
     ///
     /// # Panics
     /// When there are more or fewer than the layer's.
     pub fn set_params(&mut self, params: &[f32]) {
         self.check_len("params", params.len(), self.num_params());
-        self.program.write(self.plan.params(), &self.plan.placed(params));
+        self.program
+            .write_floats(self.plan.params_buffer(), &self.plan.params_to_device_order(params));
     }
 
     /// Runs the layer on N samples `[N, H, W, C]` and returns its output.
     ///
     /// # Errors
-    /// [`GpuError::Lost`] and [`GpuError::Failed`].
+    /// [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`].
     ///
     /// # Panics
     /// When `x` is empty, is not whole samples, or has more samples than
-    /// [`samples`](Network::samples).
+    /// [`max_samples`](Network::max_samples).
     pub fn forward(&mut self, x: &[f32]) -> Result<Vec<f32>, GpuError> {
         let each = self.x.shape.len();
-        let (got, most) = (x.len(), self.samples());
+        let (got, most) = (x.len(), self.max_samples());
         assert!(
             got > 0 && got.is_multiple_of(each) && got / each <= most,
             "{}: got x of {got} values, expected a multiple of {each} above 0 and at most {most} \
@@ -108,29 +109,29 @@ impl Network {
             self.name
         );
         self.last_samples = got / each;
-        self.program.write(self.x.values, x);
+        self.program.write_floats(self.x.values, x);
         self.submit(Passes::Forward);
         let len = self.last_samples * self.y.shape.len();
-        let [y] = self.program.read([(self.y.values, len)])?;
+        let [y] = self.program.read_floats([(self.y.values, len)])?;
         Ok(y)
     }
 
-    /// Returns the gradients for `dy`, the gradient with respect to the last output.
+    /// Returns the gradients of the layer for `dy`, the gradient with respect to the last output.
     ///
     /// # Errors
-    /// [`GpuError::Lost`] and [`GpuError::Failed`].
+    /// [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`].
     ///
     /// # Panics
     /// When `dy` does not hold as many samples as the last forward pass had.
     pub fn backward(&mut self, dy: &[f32]) -> Result<Gradients, GpuError> {
         self.check_len("dy", dy.len(), self.last_samples * self.y.shape.len());
         let [into, out_of] = self.gradients;
-        self.program.write(out_of, dy);
+        self.program.write_floats(out_of, dy);
         self.submit(Passes::Backward);
         let input = (into, self.last_samples * self.x.shape.len());
-        let params = (self.plan.gradient(), self.plan.device_params());
-        let [input, params] = self.program.read([input, params])?;
-        let params = self.plan.unplaced(&params);
+        let params = (self.plan.params_gradient_buffer(), self.plan.num_device_params());
+        let [input, params] = self.program.read_floats([input, params])?;
+        let params = self.plan.params_from_device_order(&params);
         Ok(Gradients { input, params })
     }
 

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use crate::gpu::adapter::Adapter;
 use crate::gpu::error::GpuError;
-use crate::gpu::step::{Slot, Step};
+use crate::gpu::step::{BufferSlot, KernelStep};
 use crate::shape::Shape;
 
 /// Alignment of a layer's parameters, in numbers, as WGSL vectors need it.
@@ -12,67 +12,68 @@ const ALIGNMENT: usize = 4;
 /// Bytes of a number.
 const WORD: usize = 4;
 
-/// Length of a buffer in numbers of 4 bytes: `fixed` plus `each` for every sample.
+/// Length of a buffer in numbers of 4 bytes: `fixed_len` plus `len_per_sample` for every sample.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Extent {
-    pub fixed: usize,
-    pub each: usize,
+pub(crate) struct BufferLength {
+    pub fixed_len: usize,
+    pub len_per_sample: usize,
 }
 
-impl Extent {
+impl BufferLength {
     /// Returns the number of bytes for `samples` samples.
     pub fn bytes(self, samples: usize) -> u64 {
-        let of_samples = (self.each as u64).saturating_mul(samples as u64);
-        let words = of_samples.saturating_add(self.fixed as u64);
+        let of_samples = (self.len_per_sample as u64).saturating_mul(samples as u64);
+        let words = of_samples.saturating_add(self.fixed_len as u64);
         // buffers of no bytes cannot be bound; saturation makes overflows exceed every limit
         words.max(ALIGNMENT as u64).saturating_mul(WORD as u64)
     }
 }
 
-/// Map of the batch with its gradient.
+/// Feature map of a batch on a GPU, with its gradient.
 #[derive(Clone, Copy, Debug)]
 pub struct Tensor {
-    /// Shape of a sample.
+    /// Shape of one sample of the tensor.
     pub shape: Shape,
-    /// Values, `[N, H, W, C]`.
-    pub values: Slot,
-    /// Gradient, `[N, H, W, C]`; `None` if it is not needed.
-    pub gradient: Option<Slot>,
+    /// Buffer of the map's values, `[N, H, W, C]`.
+    pub values: BufferSlot,
+    /// Buffer of the gradient with respect to the map, `[N, H, W, C]`; `None` if it is not needed.
+    pub gradient: Option<BufferSlot>,
 }
 
 /// Working buffers that layers use one after another: no layer relies on another's contents.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Shared {
+pub(crate) enum SharedBuffer {
     /// Gradient with respect to folded patches.
-    Folded,
+    FoldedGradient,
     /// Partial gradients with respect to parameters.
-    Partial,
+    PartialGradients,
 }
 
 /// Buffers and kernels of networks that run together, for a [`Program`](crate::gpu::Program).
 ///
 /// Layers are added one after the other. Parameters are stored in the order of the kernels, with
-/// zeros where a WGSL vector has no parameter; [`placed`](Plan::placed) converts parameters of the
-/// processor to this order and [`unplaced`](Plan::unplaced) converts them back.
+/// zeros where a WGSL vector has no parameter;
+/// [`params_to_device_order`](Plan::params_to_device_order) converts parameters of the CPU to this
+/// order and [`params_from_device_order`](Plan::params_from_device_order) converts them back.
 #[derive(Debug)]
 pub struct Plan {
-    extents: Vec<Extent>,
-    tables: Vec<(Slot, Vec<u32>)>,
-    forward: Vec<Step>,
+    extents: Vec<BufferLength>,
+    tables: Vec<(BufferSlot, Vec<u32>)>,
+    forward: Vec<KernelStep>,
     /// Steps of each layer, in the order of the forward pass.
-    backward: Vec<Vec<Step>>,
-    last: Vec<Step>,
+    backward: Vec<Vec<KernelStep>>,
+    last: Vec<KernelStep>,
     places: Vec<u32>,
 }
 
 /// Buffer of all parameters.
-const PARAMS: Slot = Slot(0);
+const PARAMS: BufferSlot = BufferSlot(0);
 /// Buffer of the gradient with respect to all parameters.
-const GRADIENT: Slot = Slot(1);
-/// Buffer of [`Shared::Folded`].
-const FOLDED: Slot = Slot(2);
-/// Buffer of [`Shared::Partial`].
-const PARTIAL: Slot = Slot(3);
+const GRADIENT: BufferSlot = BufferSlot(1);
+/// Buffer of [`SharedBuffer::FoldedGradient`].
+const FOLDED: BufferSlot = BufferSlot(2);
+/// Buffer of [`SharedBuffer::PartialGradients`].
+const PARTIAL: BufferSlot = BufferSlot(3);
 
 impl Default for Plan {
     fn default() -> Plan {
@@ -81,10 +82,10 @@ impl Default for Plan {
 }
 
 impl Plan {
-    /// Creates an empty plan.
+    /// Creates a plan without kernels and buffers.
     pub fn new() -> Plan {
         Plan {
-            extents: vec![Extent::default(); 4],
+            extents: vec![BufferLength::default(); 4],
             tables: Vec::new(),
             forward: Vec::new(),
             backward: Vec::new(),
@@ -94,12 +95,12 @@ impl Plan {
     }
 
     /// Returns the buffer of all parameters, in the order of the kernels.
-    pub fn params(&self) -> Slot {
+    pub fn params_buffer(&self) -> BufferSlot {
         PARAMS
     }
 
     /// Returns the buffer of the gradient with respect to all parameters.
-    pub fn gradient(&self) -> Slot {
+    pub fn params_gradient_buffer(&self) -> BufferSlot {
         GRADIENT
     }
 
@@ -108,97 +109,99 @@ impl Plan {
         self.places.len()
     }
 
-    /// Returns the numbers of kernels of the forward pass, and of the backward pass with later
+    /// Returns the number of kernels of the forward pass, and of the backward pass with later
     /// steps.
-    pub fn dispatches(&self) -> [usize; 2] {
-        [self.forward.len(), self.backward().count()]
+    pub fn num_kernels(&self) -> [usize; 2] {
+        [self.forward.len(), self.backward_steps().count()]
     }
 
-    /// Returns the number of parameters on the device, with padding.
-    pub fn device_params(&self) -> usize {
-        self.extents[PARAMS.0].fixed
+    /// Returns the number of parameters on the GPU, with padding.
+    pub fn num_device_params(&self) -> usize {
+        self.extents[PARAMS.0].fixed_len
     }
 
-    /// Converts parameters to the order of the kernels.
+    /// Converts parameters from the order of the layers to the order of the kernels.
     ///
     /// # Panics
     /// When there are more or fewer than [`num_params`](Plan::num_params).
-    pub fn placed(&self, params: &[f32]) -> Vec<f32> {
+    pub fn params_to_device_order(&self, params: &[f32]) -> Vec<f32> {
         let (got, expected) = (params.len(), self.num_params());
         assert!(got == expected, "got {got} parameters, expected {expected}");
-        let mut placed = vec![0.0; self.device_params()];
+        let mut placed = vec![0.0; self.num_device_params()];
         for (&place, &param) in self.places.iter().zip(params) {
             placed[place as usize] = param;
         }
         placed
     }
 
-    /// Converts parameters from the order of the kernels, the reverse of [`placed`](Plan::placed).
+    /// Converts parameters from the order of the kernels to the order of the layers, the reverse of
+    /// [`params_to_device_order`](Plan::params_to_device_order).
     ///
     /// # Panics
-    /// When there are fewer than [`device_params`](Plan::device_params).
-    pub fn unplaced(&self, placed: &[f32]) -> Vec<f32> {
+    /// When there are fewer than [`num_device_params`](Plan::num_device_params).
+    pub fn params_from_device_order(&self, placed: &[f32]) -> Vec<f32> {
         self.places.iter().map(|&place| placed[place as usize]).collect()
     }
 
-    /// Adds a buffer of `fixed` numbers of 4 bytes, and `each` for every sample.
-    pub fn buffer(&mut self, fixed: usize, each: usize) -> Slot {
-        self.extents.push(Extent { fixed, each });
-        Slot(self.extents.len() - 1)
+    /// Adds a buffer of `fixed` numbers of 4 bytes, and `each` more for every sample, to the plan.
+    pub fn add_buffer(&mut self, fixed: usize, each: usize) -> BufferSlot {
+        self.extents.push(BufferLength { fixed_len: fixed, len_per_sample: each });
+        BufferSlot(self.extents.len() - 1)
     }
 
-    /// Adds a buffer of constants.
-    pub fn table(&mut self, words: Vec<u32>) -> Slot {
-        let slot = self.buffer(words.len(), 0);
+    /// Adds a buffer of the constants `words` to the plan.
+    pub fn add_constant_table(&mut self, words: Vec<u32>) -> BufferSlot {
+        let slot = self.add_buffer(words.len(), 0);
         self.tables.push((slot, words));
         slot
     }
 
-    /// Adds a map without a gradient.
-    pub fn input(&mut self, shape: Shape) -> Tensor {
-        Tensor { shape, values: self.buffer(0, shape.len()), gradient: None }
+    /// Adds a map without a gradient to the plan, as an input.
+    pub fn add_input(&mut self, shape: Shape) -> Tensor {
+        Tensor { shape, values: self.add_buffer(0, shape.len()), gradient: None }
     }
 
-    /// Adds a map with its gradient.
-    pub fn tensor(&mut self, shape: Shape) -> Tensor {
-        Tensor { gradient: Some(self.buffer(0, shape.len())), ..self.input(shape) }
+    /// Adds a map with its gradient to the plan.
+    pub fn add_tensor(&mut self, shape: Shape) -> Tensor {
+        Tensor { gradient: Some(self.add_buffer(0, shape.len())), ..self.add_input(shape) }
     }
 
-    /// Reserves `len` parameters on the device, where the layer's parameters have the positions
+    /// Reserves `len` parameters on the GPU, where the layer's parameters have the positions
     /// `places`, and returns the index of the first.
-    pub fn reserve(&mut self, len: usize, places: impl IntoIterator<Item = usize>) -> usize {
-        let start = self.device_params().next_multiple_of(ALIGNMENT);
+    pub fn reserve_params(&mut self, len: usize, places: impl IntoIterator<Item = usize>) -> usize {
+        let start = self.num_device_params().next_multiple_of(ALIGNMENT);
         for slot in [PARAMS, GRADIENT] {
-            self.extents[slot.0].fixed = start + len;
+            self.extents[slot.0].fixed_len = start + len;
         }
         self.places.extend(places.into_iter().map(|place| (start + place) as u32));
         start
     }
 
-    /// Adds the steps of a layer. Its backward steps run before those of all layers added earlier.
-    pub fn push(&mut self, forward: Vec<Step>, backward: Vec<Step>) {
+    /// Adds the kernels of a layer's forward pass and of its backward pass to the plan. Its
+    /// backward steps run before those of all layers added earlier.
+    pub fn add_kernels(&mut self, forward: Vec<KernelStep>, backward: Vec<KernelStep>) {
         self.forward.extend(forward);
         self.backward.push(backward);
     }
 
-    /// Adds a step after the backward pass.
-    pub fn push_last(&mut self, step: Step) {
+    /// Adds a kernel that runs after the backward pass to the plan.
+    pub fn add_final_kernel(&mut self, step: KernelStep) {
         self.last.push(step);
     }
 
-    /// Drops the backward pass, later steps, and the buffers that only they use, such as gradients.
-    /// Call it after all layers were added.
+    /// Drops the backward pass, later kernels, and the buffers that only they use, such as
+    /// gradients. Call it after all layers were added.
     #[must_use]
     pub fn forward_only(mut self) -> Plan {
         self.backward.clear();
         self.last.clear();
         let buffers = self.forward.iter().flat_map(|step| &step.buffers);
-        let mut used: HashSet<Slot> = buffers.map(|&(slot, _)| slot).collect();
+        let mut used: HashSet<BufferSlot> = buffers.map(|&(slot, _)| slot).collect();
         // parameters are written from outside, whether or not a step reads them
         used.insert(PARAMS);
         for (slot, extent) in self.extents.iter_mut().enumerate() {
-            if !used.contains(&Slot(slot)) {
-                *extent = Extent::default();
+            if !used.contains(&BufferSlot(slot)) {
+                *extent = BufferLength::default();
             }
         }
         self.tables.retain(|(slot, _)| used.contains(slot));
@@ -206,51 +209,57 @@ impl Plan {
     }
 
     /// Returns a shared buffer after enlarging it to this length.
-    pub(crate) fn shared(&mut self, which: Shared, fixed: usize, each: usize) -> Slot {
+    pub(crate) fn shared_buffer(
+        &mut self,
+        which: SharedBuffer,
+        fixed: usize,
+        each: usize,
+    ) -> BufferSlot {
         let slot = match which {
-            Shared::Folded => FOLDED,
-            Shared::Partial => PARTIAL,
+            SharedBuffer::FoldedGradient => FOLDED,
+            SharedBuffer::PartialGradients => PARTIAL,
         };
         let extent = &mut self.extents[slot.0];
-        extent.fixed = extent.fixed.max(fixed);
-        extent.each = extent.each.max(each);
+        extent.fixed_len = extent.fixed_len.max(fixed);
+        extent.len_per_sample = extent.len_per_sample.max(each);
         slot
     }
 
     /// Returns the lengths of all buffers, by slot.
-    pub(crate) fn extents(&self) -> &[Extent] {
+    pub(crate) fn buffer_lengths(&self) -> &[BufferLength] {
         &self.extents
     }
 
     /// Returns the buffers of constants with their contents.
-    pub(crate) fn tables(&self) -> &[(Slot, Vec<u32>)] {
+    pub(crate) fn constant_tables(&self) -> &[(BufferSlot, Vec<u32>)] {
         &self.tables
     }
 
     /// Iterates over the steps of the forward pass, in order.
-    pub(crate) fn forward(&self) -> impl Iterator<Item = &Step> {
+    pub(crate) fn forward_steps(&self) -> impl Iterator<Item = &KernelStep> {
         self.forward.iter()
     }
 
     /// Iterates over the steps of the backward pass and later ones, in order.
-    pub(crate) fn backward(&self) -> impl Iterator<Item = &Step> {
+    pub(crate) fn backward_steps(&self) -> impl Iterator<Item = &KernelStep> {
         self.backward.iter().rev().flatten().chain(&self.last)
     }
 
-    /// Returns [`GpuError::Limit`] if an adapter cannot hold the buffers for `samples` samples.
-    pub(crate) fn check(&self, adapter: &Adapter, samples: usize) -> Result<(), GpuError> {
+    /// Returns [`GpuError::BufferTooLarge`] if an adapter cannot hold the buffers for `samples`
+    /// samples.
+    pub(crate) fn check_limits(&self, adapter: &Adapter, samples: usize) -> Result<(), GpuError> {
         let largest = self.extents.iter().map(|extent| extent.bytes(samples)).max().unwrap_or(0);
-        let refused = |what, limit| GpuError::Limit {
+        let refused = |what, limit| GpuError::BufferTooLarge {
             adapter: adapter.name.clone(),
             what,
             needed: largest,
             limit,
         };
-        if largest > adapter.binding_bytes {
-            return Err(refused("bytes of a buffer in one binding", adapter.binding_bytes));
+        if largest > adapter.max_binding_bytes {
+            return Err(refused("bytes of a buffer in one binding", adapter.max_binding_bytes));
         }
-        if largest > adapter.buffer_bytes {
-            return Err(refused("bytes of a buffer", adapter.buffer_bytes));
+        if largest > adapter.max_buffer_bytes {
+            return Err(refused("bytes of a buffer", adapter.max_buffer_bytes));
         }
         Ok(())
     }
@@ -262,28 +271,29 @@ mod tests {
 
     use super::*;
     use crate::layers::R2Conv;
-    use crate::layers::layer::Signature;
-    use crate::window::Kernel;
+    use crate::layers::layer::LayerSignature;
+    use crate::window::SlidingWindow;
 
     #[test]
     fn a_forward_plan_has_no_gradients() {
-        let [from, to] = [3, 2].map(|fields| Group::D2.regular(fields));
-        let conv = R2Conv::new(from, to, Kernel::new(4, 2, 1), [8, 8]).unwrap();
+        let [from, to] = [3, 2].map(|fields| Group::D2.regular_type(fields));
+        let conv = R2Conv::new(from, to, SlidingWindow::new(4, 2, 1), [8, 8]).unwrap();
         let mut plan = Plan::new();
-        let x = plan.tensor(conv.in_shape());
-        let y = plan.layer(&conv, x).unwrap();
-        let ([forward, backward], params) = (plan.dispatches(), plan.device_params());
+        let x = plan.add_tensor(conv.in_shape());
+        let y = plan.add_layer(&conv, x).unwrap();
+        let ([forward, backward], params) = (plan.num_kernels(), plan.num_device_params());
         assert!(forward > 0 && backward > 0);
-        let words = |plan: &Plan, slot: Slot| {
-            let Extent { fixed, each } = plan.extents()[slot.0];
+        let words = |planned: &Plan, slot: BufferSlot| {
+            let BufferLength { fixed_len: fixed, len_per_sample: each } =
+                planned.buffer_lengths()[slot.0];
             fixed + each
         };
         let [dx, dy] = [x, y].map(|map| map.gradient.unwrap());
         let gradients = [dx, dy, GRADIENT, PARTIAL, FOLDED];
         assert!(gradients.iter().all(|&slot| words(&plan, slot) > 0));
         let plan = plan.forward_only();
-        assert_eq!(plan.dispatches(), [forward, 0]);
-        assert_eq!(plan.device_params(), params);
+        assert_eq!(plan.num_kernels(), [forward, 0]);
+        assert_eq!(plan.num_device_params(), params);
         assert_eq!(gradients.map(|slot| words(&plan, slot)), [0; 5]);
         let values = [x.values, y.values, PARAMS];
         assert!(values.iter().all(|&slot| words(&plan, slot) > 0));

@@ -1,47 +1,47 @@
 //! Plans on a device: compiled kernels and allocated buffers.
 
-use crate::gpu::clock::Clock;
-use crate::gpu::command::Command;
+use crate::gpu::clock::KernelTimer;
+use crate::gpu::command::CompiledKernel;
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
-use crate::gpu::plan::{Extent, Plan};
-use crate::gpu::step::Slot;
+use crate::gpu::plan::{BufferLength, Plan};
+use crate::gpu::step::BufferSlot;
 
 /// Bytes of a [`Batch`] in the layout of the kernels.
 const BATCH_BYTES: u64 = 32;
 
-/// Batch, as all kernels of a pass see it.
+/// Description of a batch, which all kernels of a pass can read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Batch {
-    /// Number of samples.
+    /// Number of samples in the batch.
     pub samples: usize,
-    /// Index of the first sample in the order that the program draws from.
+    /// Index of the batch's first sample in the order that the program draws from.
     pub start: usize,
     /// Index of the batch in the sequence of batches.
     pub index: usize,
-    /// Further numbers, such as learning rates.
-    pub numbers: [f32; 4],
+    /// Further numbers that the kernels read, such as learning rates.
+    pub extra_numbers: [f32; 4],
 }
 
-/// Selection of passes to run.
+/// Selection of the passes that a program runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passes {
     /// Forward pass only.
     Forward,
-    /// Backward pass and later steps.
+    /// Backward pass and later steps of the plan.
     Backward,
-    /// Forward pass, backward pass and later steps.
+    /// Forward pass, backward pass and later steps of the plan.
     All,
 }
 
-/// Plan on a device, with memory for batches of up to some number of samples.
+/// Plan compiled for a GPU, with memory for batches of up to some number of samples.
 pub struct Program {
     device: Device,
     samples: usize,
     uniform: wgpu::Buffer,
     buffers: Vec<wgpu::Buffer>,
-    forward: Vec<Command>,
-    backward: Vec<Command>,
+    forward: Vec<CompiledKernel>,
+    backward: Vec<CompiledKernel>,
 }
 
 impl Program {
@@ -49,61 +49,61 @@ impl Program {
     /// constants.
     ///
     /// # Errors
-    /// [`GpuError::Limit`] before anything is allocated when the batch is too large for the
-    /// adapter, [`GpuError::Lost`] and [`GpuError::Failed`].
+    /// [`GpuError::BufferTooLarge`] before anything is allocated when the batch is too large for
+    /// the adapter, [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`].
     pub fn new(device: &Device, plan: &Plan, samples: usize) -> Result<Program, GpuError> {
-        plan.check(device.adapter(), samples)?;
-        let buffer = |extent: &Extent| device.buffer(extent.bytes(samples));
-        let buffers: Vec<wgpu::Buffer> = plan.extents().iter().map(buffer).collect();
-        let uniform = device.uniform(BATCH_BYTES);
-        let command = |step| Command::new(device, step, &uniform, &buffers);
+        plan.check_limits(device.adapter(), samples)?;
+        let buffer = |extent: &BufferLength| device.allocate_storage(extent.bytes(samples));
+        let buffers: Vec<wgpu::Buffer> = plan.buffer_lengths().iter().map(buffer).collect();
+        let uniform = device.allocate_uniform(BATCH_BYTES);
+        let command = |step| CompiledKernel::new(device, step, &uniform, &buffers);
         let program = Program {
             device: device.clone(),
             samples,
-            forward: plan.forward().map(command).collect(),
-            backward: plan.backward().map(command).collect(),
+            forward: plan.forward_steps().map(command).collect(),
+            backward: plan.backward_steps().map(command).collect(),
             uniform,
             buffers,
         };
-        for (slot, words) in plan.tables() {
+        for (slot, words) in plan.constant_tables() {
             program.write_words(*slot, words);
         }
-        device.check()?;
+        device.take_error()?;
         Ok(program)
     }
 
-    /// Returns the device.
+    /// Returns the device that the program runs on.
     pub fn device(&self) -> &Device {
         &self.device
     }
 
-    /// Returns the maximum number of samples of a batch.
-    pub fn samples(&self) -> usize {
+    /// Returns the maximum number of samples of a batch that the program has memory for.
+    pub fn max_samples(&self) -> usize {
         self.samples
     }
 
-    /// Writes numbers to the front of a buffer, before commands submitted later.
+    /// Writes numbers to the front of a GPU buffer, before commands submitted later.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
-    pub fn write(&self, slot: Slot, numbers: &[f32]) {
+    pub fn write_floats(&self, slot: BufferSlot, numbers: &[f32]) {
         self.write_bytes(slot, bytemuck::cast_slice(numbers));
     }
 
-    /// Writes integers to the front of a buffer, before commands submitted later.
+    /// Writes integers to the front of a GPU buffer, before commands submitted later.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
-    pub fn write_words(&self, slot: Slot, words: &[u32]) {
+    pub fn write_words(&self, slot: BufferSlot, words: &[u32]) {
         self.write_bytes(slot, bytemuck::cast_slice(words));
     }
 
-    /// Writes bytes to the front of a buffer, before commands submitted later: four to a word, the
-    /// first one lowest. The last word is padded with zeros.
+    /// Writes bytes to the front of a GPU buffer, before commands submitted later: four to a word,
+    /// the first one lowest. The last word is padded with zeros.
     ///
     /// # Panics
     /// When there are more bytes than the buffer holds.
-    pub fn write_bytes(&self, slot: Slot, bytes: &[u8]) {
+    pub fn write_bytes(&self, slot: BufferSlot, bytes: &[u8]) {
         let buffer = &self.buffers[slot.0];
         let (got, most) = (bytes.len() as u64, buffer.size());
         assert!(got <= most, "got {got} bytes for a buffer, expected at most {most}");
@@ -119,7 +119,7 @@ impl Program {
     }
 
     /// Submits passes over a batch in one command buffer. They run after earlier submissions;
-    /// [`read`](Program::read) waits for them.
+    /// [`read_floats`](Program::read_floats) waits for them.
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
@@ -134,30 +134,30 @@ impl Program {
         self.device.queue.submit([encoder.finish()]);
     }
 
-    /// Waits for all submitted commands and reads the first numbers of some buffers.
+    /// Waits for all submitted commands and reads the first numbers of some GPU buffers.
     ///
     /// # Errors
-    /// [`GpuError::Lost`] and [`GpuError::Failed`], also for earlier errors.
-    pub fn read<const N: usize>(
+    /// [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`], also for earlier errors.
+    pub fn read_floats<const N: usize>(
         &self,
-        fronts: [(Slot, usize); N],
+        fronts: [(BufferSlot, usize); N],
     ) -> Result<[Vec<f32>; N], GpuError> {
         let mut encoder = self.encoder();
         let staged = fronts.map(|(slot, numbers)| {
             let size = 4 * numbers as u64;
-            let staged = self.device.staging(size);
+            let staged = self.device.allocate_staging(size);
             encoder.copy_buffer_to_buffer(&self.buffers[slot.0], 0, &staged, 0, size);
             staged
         });
         self.device.queue.submit([encoder.finish()]);
-        for staged in &staged {
-            // `mapped` reports a failed mapping below
-            staged.map_async(wgpu::MapMode::Read, .., |_| ());
+        for buffer in &staged {
+            // `read_mapped` reports a failed mapping below
+            buffer.map_async(wgpu::MapMode::Read, .., |_| ());
         }
-        self.device.wait()?;
+        self.device.wait_for_commands()?;
         let mut read = [const { Vec::new() }; N];
-        for (read, staged) in read.iter_mut().zip(&staged) {
-            *read = self.device.mapped(staged)?;
+        for (numbers, buffer) in read.iter_mut().zip(&staged) {
+            *numbers = self.device.read_mapped(buffer)?;
         }
         Ok(read)
     }
@@ -167,12 +167,12 @@ impl Program {
     /// time of [`submit`](Program::submit).
     ///
     /// # Errors
-    /// [`GpuError::Failed`] if the adapter has no timestamps, and the errors of
-    /// [`read`](Program::read).
+    /// [`GpuError::CommandFailed`] if the adapter has no timestamps, and the errors of
+    /// [`read_floats`](Program::read_floats).
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
-    pub fn kernel_times(
+    pub fn kernel_seconds(
         &self,
         passes: Passes,
         batch: Batch,
@@ -184,18 +184,18 @@ impl Program {
             self.samples
         );
         self.write_batch(batch);
-        let commands: Vec<&Command> = self.commands(passes).collect();
-        let clock = Clock::new(&self.device, commands.len())?;
+        let commands: Vec<&CompiledKernel> = self.commands(passes).collect();
+        let clock = KernelTimer::new(&self.device, commands.len())?;
         let mut encoder = self.encoder();
         for (index, command) in commands.iter().enumerate() {
-            let mut pass = encoder.begin_compute_pass(&clock.pass(index));
+            let mut pass = encoder.begin_compute_pass(&clock.timed_pass(index));
             command.record(batch.samples, &mut pass);
         }
-        let seconds = clock.read(&self.device, encoder)?;
+        let seconds = clock.submit_and_read_seconds(&self.device, encoder)?;
         Ok(commands.iter().map(|c| c.label()).zip(seconds).collect())
     }
 
-    fn commands(&self, passes: Passes) -> impl Iterator<Item = &Command> {
+    fn commands(&self, passes: Passes) -> impl Iterator<Item = &CompiledKernel> {
         let (forward, backward) = match passes {
             Passes::Forward => (&self.forward[..], &[][..]),
             Passes::Backward => (&[][..], &self.backward[..]),
@@ -205,7 +205,7 @@ impl Program {
     }
 
     fn write_batch(&self, batch: Batch) {
-        let [a, b, c, d] = batch.numbers.map(f32::to_bits);
+        let [a, b, c, d] = batch.extra_numbers.map(f32::to_bits);
         let [samples, start, index] = [batch.samples, batch.start, batch.index].map(|n| n as u32);
         // the layout of `Batch` in common.wgsl, where a vec4 is aligned to 16 bytes
         let words = [samples, start, index, 0, a, b, c, d];

@@ -2,12 +2,12 @@
 
 /// Index of a buffer of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Slot(pub(crate) usize);
+pub struct BufferSlot(pub(crate) usize);
 
 /// Number of workgroups of a kernel as a function of the number of samples N: `times` for each tile
 /// of `each` N + `fixed` units.
 #[derive(Clone, Copy, Debug)]
-pub struct Work {
+pub struct WorkgroupCount {
     each: usize,
     fixed: usize,
     tile: usize,
@@ -15,66 +15,68 @@ pub struct Work {
 }
 
 /// Threads of a workgroup, equal to `THREADS` in `common.wgsl`.
-pub(crate) const THREADS: usize = 64;
+pub(crate) const WORKGROUP_THREADS: usize = 64;
 
-impl Work {
-    /// Creates work of `each` threads for every sample.
-    pub fn threads(each: usize) -> Work {
-        Work { each, fixed: 0, tile: THREADS, times: 1 }
+impl WorkgroupCount {
+    /// Returns the workgroups of a kernel with `each` threads for every sample.
+    pub fn threads_per_sample(each: usize) -> WorkgroupCount {
+        WorkgroupCount { each, fixed: 0, tile: WORKGROUP_THREADS, times: 1 }
     }
 
-    /// Creates work of `fixed` threads, independent of the number of samples.
-    pub fn fixed_threads(fixed: usize) -> Work {
-        Work { each: 0, fixed, tile: THREADS, times: 1 }
+    /// Returns the workgroups of a kernel with `fixed` threads, independent of the number of
+    /// samples.
+    pub fn fixed_threads(fixed: usize) -> WorkgroupCount {
+        WorkgroupCount { each: 0, fixed, tile: WORKGROUP_THREADS, times: 1 }
     }
 
-    /// Creates work of `each` workgroups for every sample.
-    pub fn groups(each: usize) -> Work {
-        Work { each, fixed: 0, tile: 1, times: 1 }
+    /// Returns the workgroups of a kernel with `each` workgroups for every sample.
+    pub fn workgroups_per_sample(each: usize) -> WorkgroupCount {
+        WorkgroupCount { each, fixed: 0, tile: 1, times: 1 }
     }
 
-    /// Creates work of `fixed` workgroups, independent of the number of samples.
-    pub fn fixed_groups(fixed: usize) -> Work {
-        Work { each: 0, fixed, tile: 1, times: 1 }
+    /// Returns the workgroups of a kernel with `fixed` workgroups, independent of the number of
+    /// samples.
+    pub fn fixed_workgroups(fixed: usize) -> WorkgroupCount {
+        WorkgroupCount { each: 0, fixed, tile: 1, times: 1 }
     }
 
-    /// Creates work of `times` workgroups for each tile of rows.
-    pub(crate) fn tiles(rows: Rows, tile: usize, times: usize) -> Work {
+    /// Returns `times` workgroups for each tile of rows.
+    pub(crate) fn per_tile_of_rows(rows: RowCount, tile: usize, times: usize) -> WorkgroupCount {
         let (each, fixed) = match rows {
-            Rows::Each(each) => (each, 0),
-            Rows::Fixed(fixed) => (0, fixed),
+            RowCount::PerSample(each) => (each, 0),
+            RowCount::Fixed(fixed) => (0, fixed),
         };
-        Work { each, fixed, tile, times }
+        WorkgroupCount { each, fixed, tile, times }
     }
 
     /// Returns the number of workgroups for `samples` samples.
-    pub(crate) fn count(self, samples: usize) -> usize {
+    pub(crate) fn num_workgroups(self, samples: usize) -> usize {
         (self.each * samples + self.fixed).div_ceil(self.tile) * self.times
     }
 }
 
 /// Number of rows, for each sample or for the whole batch.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Rows {
-    Each(usize),
+pub(crate) enum RowCount {
+    PerSample(usize),
     Fixed(usize),
 }
 
-impl Rows {
+impl RowCount {
     /// Returns the number of rows as a WGSL expression.
-    pub fn expression(self) -> String {
+    pub fn wgsl_expression(self) -> String {
         match self {
-            Rows::Each(each) => format!("batch.samples * {each}u"),
-            Rows::Fixed(fixed) => format!("{fixed}u"),
+            RowCount::PerSample(each) => format!("batch.samples * {each}u"),
+            RowCount::Fixed(fixed) => format!("{fixed}u"),
         }
     }
 }
 
 /// Operation that combines the values of the threads of a workgroup.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Combine {
+pub(crate) enum ReductionOp {
     Sum,
-    Largest,
+    Max,
 }
 
 /// WGSL function that combines values of type `element`.
@@ -82,7 +84,7 @@ pub(crate) enum Combine {
 struct Reduction {
     name: &'static str,
     element: &'static str,
-    combine: Combine,
+    combine: ReductionOp,
 }
 
 impl Reduction {
@@ -93,8 +95,8 @@ impl Reduction {
             include_str!("wgsl/reduce.wgsl")
         };
         let (combined, of_subgroup) = match self.combine {
-            Combine::Sum => ("a + b", "subgroupAdd"),
-            Combine::Largest => ("max(a, b)", "subgroupMax"),
+            ReductionOp::Sum => ("a + b", "subgroupAdd"),
+            ReductionOp::Max => ("max(a, b)", "subgroupMax"),
         };
         text.replace("NAME", self.name)
             .replace("TYPE", self.element)
@@ -103,80 +105,80 @@ impl Reduction {
     }
 }
 
-/// Dispatch of a kernel: its text, its buffers in the order of their bindings, and its size.
+/// Dispatch of a GPU kernel: its text, its buffers in the order of their bindings, and its size.
 #[derive(Clone, Debug)]
-pub struct Step {
+pub struct KernelStep {
     pub(crate) label: &'static str,
     source: String,
     reductions: Vec<Reduction>,
     /// Buffers, each with `true` if the kernel writes it.
-    pub(crate) buffers: Vec<(Slot, bool)>,
-    pub(crate) work: Work,
+    pub(crate) buffers: Vec<(BufferSlot, bool)>,
+    pub(crate) workgroups: WorkgroupCount,
 }
 
-impl Step {
-    /// Creates a kernel on fields of order 1, 2 or 4.
+impl KernelStep {
+    /// Creates a kernel without buffers, on fields of order 1, 2 or 4.
     ///
     /// Its text begins with `wgsl/common.wgsl`, which declares the batch and derives indices from a
     /// thread's `Place`, and with `wgsl/group_1.wgsl`, `group_2.wgsl` or `group_4.wgsl`, which has
     /// the arithmetic of a field. A kernel's `main` takes a `Place` (`wgsl/place.wgsl`), whose
     /// `thread` is the index of the thread in its workgroup.
-    pub fn new(label: &'static str, order: usize, work: Work) -> Step {
+    pub fn new(label: &'static str, order: usize, work: WorkgroupCount) -> KernelStep {
         let group = match order {
             1 => include_str!("wgsl/group_1.wgsl"),
             2 => include_str!("wgsl/group_2.wgsl"),
             _ => include_str!("wgsl/group_4.wgsl"),
         };
-        Step {
+        KernelStep {
             label,
             source: [include_str!("wgsl/common.wgsl"), group].concat(),
             reductions: Vec::new(),
             buffers: Vec::new(),
-            work,
+            workgroups: work,
         }
     }
 
-    /// Adds WGSL text.
-    pub fn text(mut self, text: &str) -> Step {
+    /// Adds WGSL text to the kernel's source.
+    pub fn add_wgsl(mut self, text: &str) -> KernelStep {
         self.source.push_str(text);
         self.source.push('\n');
         self
     }
 
-    /// Adds constants of type u32.
-    pub fn constants<const N: usize>(self, constants: [(&str, usize); N]) -> Step {
+    /// Adds named constants of type u32 to the kernel's source.
+    pub fn add_u32_constants<const N: usize>(self, constants: [(&str, usize); N]) -> KernelStep {
         constants
             .into_iter()
-            .fold(self, |step, (name, value)| step.text(&format!("const {name} = {value}u;")))
+            .fold(self, |step, (name, value)| step.add_wgsl(&format!("const {name} = {value}u;")))
     }
 
     /// Adds a constant of type f32: the nearest finite value.
-    pub fn number(self, name: &str, value: f64) -> Step {
+    pub fn add_f32_constant(self, name: &str, value: f64) -> KernelStep {
         let value = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX));
         // Debug prints the shortest decimal that reads back as the same value, with a point or an
         // exponent
-        self.text(&format!("const {name}: f32 = {:?};", value as f32))
+        self.add_wgsl(&format!("const {name}: f32 = {:?};", value as f32))
     }
 
     /// Adds `summed(value, place)`, the sum over the threads of a workgroup, where `place` is the
     /// argument of `main`. All threads of the workgroup must call it.
-    pub fn sums(self) -> Step {
-        self.reduction("summed", "f32", Combine::Sum)
+    pub fn add_workgroup_sum(self) -> KernelStep {
+        self.add_workgroup_reduction("summed", "f32", ReductionOp::Sum)
     }
 
     /// Adds `name(value, place)`, which combines the values of the threads of a workgroup.
-    pub(crate) fn reduction(
+    pub(crate) fn add_workgroup_reduction(
         mut self,
         name: &'static str,
         element: &'static str,
-        combine: Combine,
-    ) -> Step {
+        combine: ReductionOp,
+    ) -> KernelStep {
         self.reductions.push(Reduction { name, element, combine });
         self
     }
 
     /// Returns the complete text of the kernel, with or without subgroup operations.
-    pub(crate) fn source(&self, subgroups: bool) -> String {
+    pub(crate) fn wgsl_source(&self, subgroups: bool) -> String {
         // kernels without reductions need no subgroup extension
         let subgroups = subgroups && !self.reductions.is_empty();
         let place = if subgroups {
@@ -191,22 +193,22 @@ impl Step {
         source
     }
 
-    /// Adds an input buffer as an array of `element`.
-    pub fn read(self, name: &str, element: &str, slot: Slot) -> Step {
+    /// Adds an input buffer to the kernel as an array of `element`.
+    pub fn add_input_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelStep {
         self.buffer(name, element, slot, false)
     }
 
-    /// Adds an output buffer as an array of `element`.
-    pub fn write(self, name: &str, element: &str, slot: Slot) -> Step {
+    /// Adds an output buffer to the kernel as an array of `element`.
+    pub fn add_output_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelStep {
         self.buffer(name, element, slot, true)
     }
 
-    fn buffer(mut self, name: &str, element: &str, slot: Slot, written: bool) -> Step {
+    fn buffer(mut self, name: &str, element: &str, slot: BufferSlot, written: bool) -> KernelStep {
         let access = if written { "read_write" } else { "read" };
         self.buffers.push((slot, written));
         // binding 0 is the batch, so the first buffer has binding 1
         let binding = self.buffers.len();
-        self.text(&format!(
+        self.add_wgsl(&format!(
             "@group(0) @binding({binding}) var<storage, {access}> {name}: array<{element}>;"
         ))
     }
@@ -218,9 +220,9 @@ mod tests {
 
     #[test]
     fn only_kernels_that_combine_values_have_operations_on_subgroups() {
-        let step = || Step::new("some", 4, Work::fixed_groups(1));
-        let has = |step: Step, subgroups| step.source(subgroups).contains("subgroup");
-        assert!(has(step().sums(), true) && !has(step().sums(), false));
+        let step = || KernelStep::new("some", 4, WorkgroupCount::fixed_workgroups(1));
+        let has = |made: KernelStep, subgroups| made.wgsl_source(subgroups).contains("subgroup");
+        assert!(has(step().add_workgroup_sum(), true) && !has(step().add_workgroup_sum(), false));
         assert!(!has(step(), true) && !has(step(), false));
     }
 }

@@ -5,27 +5,28 @@ use std::fmt;
 use symmetry::{FieldType, Group};
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{LayerKind, LayerSignature, Parameterless, Scalar};
 use crate::shape::Shape;
-use crate::steerable::windows::Windows;
-use crate::window::Kernel;
+use crate::steerable::windows::WindowGrid;
+use crate::window::SlidingWindow;
 
-/// Average over a window, channel by channel, for any type; padding counts as zeros.
+/// Layer that averages over a window, channel by channel, for any field type; padding counts as
+/// zeros.
 #[derive(Clone, Copy, Debug)]
 pub struct AveragePool {
     shape: Shape,
-    windows: Windows,
+    windows: WindowGrid,
 }
 
 impl AveragePool {
-    /// Creates the pooling of maps of this shape.
+    /// Creates the average pooling of maps of this shape.
     ///
     /// # Errors
-    /// When the map is empty, the windows do not sit symmetrically (see [`Kernel`]), none fits, or
-    /// the padding exceeds half a window.
-    pub fn new(shape: Shape, kernel: Kernel) -> Result<AveragePool, LayerError> {
-        let windows = Windows::of_pooling("AveragePool", shape, kernel)?;
+    /// When the map is empty, the windows do not sit symmetrically (see [`SlidingWindow`]), none
+    /// fits, or the padding exceeds half a window.
+    pub fn new(shape: Shape, kernel: SlidingWindow) -> Result<AveragePool, LayerError> {
+        let windows = WindowGrid::for_pooling("AveragePool", shape, kernel)?;
         Ok(AveragePool { shape, windows })
     }
 
@@ -35,7 +36,7 @@ impl AveragePool {
     }
 }
 
-impl Signature for AveragePool {
+impl LayerSignature for AveragePool {
     fn in_shape(&self) -> Shape {
         self.shape
     }
@@ -53,11 +54,11 @@ impl Parameterless for AveragePool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         y.fill(T::ZERO);
-        for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
-            for (i, y) in y.chunks_exact_mut(dim).enumerate() {
-                for pixel in self.windows.pixels(i) {
-                    for (y, &x) in y.iter_mut().zip(&x[pixel * dim..]) {
-                        *y += x * weight;
+        for (map, pooled) in self.shape.samples(x).zip(self.out_shape().samples_mut(y)) {
+            for (i, out) in pooled.chunks_exact_mut(dim).enumerate() {
+                for pixel in self.windows.pixels_in_window(i) {
+                    for (sum, &value) in out.iter_mut().zip(&map[pixel * dim..]) {
+                        *sum += value * weight;
                     }
                 }
             }
@@ -67,11 +68,11 @@ impl Parameterless for AveragePool {
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         dx.fill(T::ZERO);
-        for (dy, dx) in self.out_shape().each(dy).zip(self.shape.each_mut(dx)) {
-            for (i, dy) in dy.chunks_exact(dim).enumerate() {
-                for pixel in self.windows.pixels(i) {
-                    for (dx, &dy) in dx[pixel * dim..].iter_mut().zip(dy) {
-                        *dx += dy * weight;
+        for (pooled, map) in self.out_shape().samples(dy).zip(self.shape.samples_mut(dx)) {
+            for (i, gradient) in pooled.chunks_exact(dim).enumerate() {
+                for pixel in self.windows.pixels_in_window(i) {
+                    for (sum, &value) in map[pixel * dim..].iter_mut().zip(gradient) {
+                        *sum += value * weight;
                     }
                 }
             }
@@ -81,19 +82,19 @@ impl Parameterless for AveragePool {
 
 impl fmt::Display for AveragePool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.windows.write_pooling(f, "AveragePool", self.shape.fields)
+        self.windows.fmt_pooling(f, "AveragePool", self.shape.fields)
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = Shape::image(4, 6, FieldType::new(group, [2, 1, 3, 0]));
-    let regular = Shape::image(3, 4, group.regular(2));
-    let halving = AveragePool::new(mixed, Kernel::new(2, 2, 0))?;
-    let same = AveragePool::new(regular, Kernel::new(3, 1, 1))?;
+    let regular = Shape::image(3, 4, group.regular_type(2));
+    let halving = AveragePool::new(mixed, SlidingWindow::new(2, 2, 0))?;
+    let same = AveragePool::new(regular, SlidingWindow::new(3, 1, 1))?;
     Ok(vec![
-        Example::rounded("average-pool 2x2/2", halving),
-        Example::rounded("average-pool 3x3", same),
+        TestLayer::approximately_equivariant("average-pool 2x2/2", halving),
+        TestLayer::approximately_equivariant("average-pool 3x3", same),
     ])
 }
 
@@ -105,18 +106,18 @@ mod tests {
 
     #[test]
     fn padding_counts_as_zeros() {
-        let kernel = Kernel::new(2, 1, 1);
-        let pool = AveragePool::new(Shape::image(1, 2, Group::D2.trivial(1)), kernel).unwrap();
+        let kernel = SlidingWindow::new(2, 1, 1);
+        let pool = AveragePool::new(Shape::image(1, 2, Group::D2.trivial_type(1)), kernel).unwrap();
         assert_eq!((pool.out_shape().height, pool.out_shape().width), (2, 3));
         let mut y = [f64::NAN; 6];
-        pool.forward(&[], &[4.0, 8.0], &mut y, &mut pool.scratch(1));
+        pool.forward(&[], &[4.0, 8.0], &mut y, &mut pool.allocate_scratch(1));
         assert_eq!(y, [1.0, 3.0, 2.0, 1.0, 3.0, 2.0]);
     }
 
     #[test]
     fn a_window_that_breaks_the_symmetry_is_refused_by_name() {
-        let kernel = Kernel::new(2, 2, 0);
-        let shape = Shape::image(4, 5, Group::D1x.regular(1));
+        let kernel = SlidingWindow::new(2, 2, 0);
+        let shape = Shape::image(4, 5, Group::D1x.regular_type(1));
         let message = AveragePool::new(shape, kernel).unwrap_err().to_string();
         assert!(message.starts_with("AveragePool: D1x flips the width"), "{message}");
         assert!(message.contains("(5 + 2 * 0 - 2) mod 2 = 1"), "{message}");

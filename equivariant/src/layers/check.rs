@@ -5,28 +5,34 @@ use rand::Rng;
 use crate::layers::layer::{Layer, LayerKind, Scalar};
 use crate::real::fill_normal;
 use crate::shape::Shape;
-use crate::steerable::hadamard::{permuted, transform_pixels};
+use crate::steerable::hadamard::{hadamard_transform_pixels, permuted_field_order_and_count};
 
 /// Layer on which the tests of all layers run.
-pub struct Example<T> {
+pub struct TestLayer<T> {
     /// Name, unique among the examples of a group.
     pub name: &'static str,
     /// `true` for a layer without parameters that only permutes, compares, scales and adds single
     /// values: its equivariance error is zero in any precision.
-    pub exact: bool,
+    pub is_exactly_equivariant: bool,
     /// Layer to test.
     pub layer: Box<dyn Layer<T>>,
 }
 
-impl<T: Scalar> Example<T> {
+impl<T: Scalar> TestLayer<T> {
     /// Creates an example whose equivariance error is zero.
-    pub(crate) fn exact(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
-        Example { name, exact: true, layer: Box::new(layer) }
+    pub(crate) fn exactly_equivariant(
+        name: &'static str,
+        layer: impl Layer<T> + 'static,
+    ) -> TestLayer<T> {
+        TestLayer { name, is_exactly_equivariant: true, layer: Box::new(layer) }
     }
 
     /// Creates an example whose equivariance error is at the level of rounding.
-    pub(crate) fn rounded(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
-        Example { exact: false, ..Example::exact(name, layer) }
+    pub(crate) fn approximately_equivariant(
+        name: &'static str,
+        layer: impl Layer<T> + 'static,
+    ) -> TestLayer<T> {
+        TestLayer { is_exactly_equivariant: false, ..TestLayer::exactly_equivariant(name, layer) }
     }
 }
 
@@ -39,7 +45,7 @@ impl<T: Scalar> Example<T> {
 ///
 /// # Panics
 /// When the output's group is no subgroup of the input's, or `trials` is 0.
-pub fn equivariance_error_of<T: Scalar>(
+pub fn equivariance_error_of_fn<T: Scalar>(
     in_shape: Shape,
     out_shape: Shape,
     mut f: impl FnMut(&[T], &mut [T]),
@@ -65,23 +71,23 @@ pub fn equivariance_error_of<T: Scalar>(
         fill_normal(rng, 1.0, &mut x);
         f(&x, &mut y);
         for &g in group.elements() {
-            f(&in_shape.act(g, &x), &mut y_of_gx);
-            worst = worst.max(relative_error(&y_of_gx, &out_shape.act(g, &y)));
+            f(&in_shape.transform_sample(g, &x), &mut y_of_gx);
+            worst = worst.max(relative_error(&y_of_gx, &out_shape.transform_sample(g, &y)));
         }
     }
     worst
 }
 
-/// Returns the [`equivariance_error_of`] a layer.
+/// Returns the [`equivariance_error_of_fn`] a layer.
 pub fn equivariance_error<T: Scalar>(
     layer: &dyn Layer<T>,
     params: &[T],
     trials: usize,
     rng: &mut dyn Rng,
 ) -> f64 {
-    let mut scratch = layer.scratch(1);
+    let mut scratch = layer.allocate_scratch(1);
     let f = |x: &[T], y: &mut [T]| layer.forward(params, x, y, &mut scratch);
-    equivariance_error_of(layer.in_shape(), layer.out_shape(), f, trials, rng)
+    equivariance_error_of_fn(layer.in_shape(), layer.out_shape(), f, trials, rng)
 }
 
 /// Returns the largest difference over the largest expected value; infinity if one is not finite.
@@ -104,14 +110,18 @@ fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
 /// Sums the absolute outputs of every unit over the samples `x` `[N, H, W, C]`.
 ///
 /// Returns a list for each ReLU of a chain, in order, except for those inside a
-/// [`Sum`](crate::Sum). A unit is a channel of a ReLU in the basis in which it is pointwise: |G| of
-/// them for a regular field. Sums are over samples and pixels. The layers of the chain run one by
-/// one, so nothing is fused and every map is allocated: the function is meant for occasional
-/// diagnostics.
+/// [`BranchSum`](crate::BranchSum). A unit is a channel of a ReLU in the basis in which it is
+/// pointwise: |G| of them for a regular field. Sums are over samples and pixels. The layers of the
+/// chain run one by one, so nothing is fused and every map is allocated: the function is meant for
+/// occasional diagnostics.
 ///
 /// # Panics
 /// When a slice has a length other than the layer's shapes imply.
-pub fn unit_sums<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<Vec<f64>> {
+pub fn absolute_activation_sums<T: Scalar>(
+    layer: &dyn Layer<T>,
+    params: &[T],
+    x: &[T],
+) -> Vec<Vec<f64>> {
     let mut sums = Vec::new();
     walk(layer, params, x, &mut sums);
     sums
@@ -132,10 +142,10 @@ fn walk<T: Scalar>(
         return y;
     };
     let mut rest = params;
-    layers.iter().fold(x.to_vec(), |x, layer| {
-        let (own, others) = rest.split_at(layer.num_params());
+    layers.iter().fold(x.to_vec(), |x, child| {
+        let (own, others) = rest.split_at(child.num_params());
         rest = others;
-        walk(layer.as_ref(), own, &x, sums)
+        walk(child.as_ref(), own, &x, sums)
     })
 }
 
@@ -143,15 +153,15 @@ fn walk<T: Scalar>(
 fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
     let mut y = vec![T::ZERO; samples * layer.out_shape().len()];
-    layer.forward(params, x, &mut y, &mut layer.scratch(samples));
+    layer.forward(params, x, &mut y, &mut layer.allocate_scratch(samples));
     y
 }
 
 /// Returns the sums of each channel of maps in the basis that the group permutes.
 fn sums_of<T: Scalar>(layer: &dyn Layer<T>, mut maps: Vec<T>) -> Vec<f64> {
     let fields = layer.out_shape().fields;
-    if let Some((order, n)) = permuted(fields) {
-        transform_pixels(order, n, &mut maps);
+    if let Some((order, n)) = permuted_field_order_and_count(fields) {
+        hadamard_transform_pixels(order, n, &mut maps);
     }
     let mut sums = vec![0.0; fields.dim()];
     for pixel in maps.chunks_exact(fields.dim()) {

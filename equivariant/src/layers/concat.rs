@@ -21,7 +21,7 @@ pub struct Concat {
 }
 
 impl Concat {
-    /// Creates the sum of maps of these shapes.
+    /// Creates the direct sum of maps of these shapes.
     ///
     /// # Errors
     /// When heights, widths or groups differ, a map is empty, or the sum is too large.
@@ -29,7 +29,11 @@ impl Concat {
         LayerError::check_groups("Concat", first.fields, second.fields)?;
         let sizes = [first, second].map(|shape| [shape.height, shape.width]);
         if sizes[0] != sizes[1] {
-            return Err(LayerError::Sizes { layer: "Concat", first: sizes[0], second: sizes[1] });
+            return Err(LayerError::DifferentMapSizes {
+                layer: "Concat",
+                first: sizes[0],
+                second: sizes[1],
+            });
         }
         LayerError::check_map("Concat", first, 0)?;
         LayerError::check_map("Concat", second, 0)?;
@@ -40,17 +44,18 @@ impl Concat {
         Ok(Concat { first, second, sum })
     }
 
-    /// Returns the shapes of the inputs.
+    /// Returns the shapes of the two maps.
     pub fn in_shapes(&self) -> [Shape; 2] {
         [self.first, self.second]
     }
 
-    /// Returns the shape of the sum.
+    /// Returns the shape of the direct sum.
     pub fn out_shape(&self) -> Shape {
         self.sum
     }
 
-    /// Writes the sum of N samples of both maps into `y`.
+    /// Writes the direct sum of both maps, which concatenates their channels, for N samples into
+    /// `y`.
     ///
     /// # Panics
     /// When the lengths of the slices do not agree.
@@ -62,7 +67,7 @@ impl Concat {
         }
     }
 
-    /// Splits a sum, or the gradient in it, into the two maps.
+    /// Splits a direct sum, or the gradient with respect to it, into the two maps.
     ///
     /// # Panics
     /// When the lengths of the slices do not agree.
@@ -79,7 +84,7 @@ impl Concat {
     fn pieces(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
         let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
         let dims = fields.map(|fields| fields.dim());
-        let ranges = Irrep::ALL.map(|irrep| fields.map(|fields| fields.range(irrep)));
+        let ranges = Irrep::ALL.map(|irrep| fields.map(|fields| fields.channel_range(irrep)));
         let pixels = 0..len / self.sum.fields.dim();
         pixels.flat_map(move |pixel| {
             ranges.clone().map(|ranges| {
@@ -105,11 +110,11 @@ impl Concat {
         );
         let samples = got / each;
         let names = ["first", "second"].into_iter().zip(inputs);
-        for ((name, got), shape) in names.zip(self.in_shapes()) {
+        for ((name, len), shape) in names.zip(self.in_shapes()) {
             let expected = samples * shape.len();
             assert!(
-                got == expected,
-                "{self}: got {name} of {got} values, expected {expected} to match {sum}"
+                len == expected,
+                "{self}: got {name} of {len} values, expected {expected} to match {sum}"
             );
         }
     }
@@ -143,7 +148,7 @@ mod tests {
 
     #[test]
     fn maps_that_do_not_fit_are_refused_with_both() {
-        let shape = |height, group: Group| Shape::image(height, 3, group.regular(1));
+        let shape = |height, group: Group| Shape::image(height, 3, group.regular_type(1));
         let refused = |a, b| Concat::new(a, b).unwrap_err().to_string();
         let sizes = refused(shape(2, Group::D2), shape(3, Group::D2));
         assert!(sizes.contains("got maps of 2 x 3 and 3 x 3 pixels"), "{sizes}");

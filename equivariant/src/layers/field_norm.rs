@@ -9,14 +9,14 @@ use rand::Rng;
 use symmetry::{FieldType, Group, Irrep};
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{Layer, LayerKind, Scalar, Signature, Statistics};
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{Layer, LayerKind, LayerSignature, NormStatistics, Scalar};
 use crate::scratch::BackwardPass;
 use crate::shape::Shape;
 
 /// Constant added to every variance against division by zero, the default of PyTorch's
 /// normalisations.
-pub(crate) const EPSILON: f64 = 1e-5;
+pub(crate) const VARIANCE_EPSILON: f64 = 1e-5;
 /// Number of fields that are processed together, so that their sums live on the stack.
 const BLOCK: usize = 8;
 
@@ -37,7 +37,7 @@ pub struct FieldNorm {
     /// Number of channels of a field; the channels of field f are f, f + fields, f + 2 fields ...
     order: usize,
     fields: usize,
-    statistics: Statistics,
+    statistics: NormStatistics,
 }
 
 /// Shift and scale that normalise a field's coefficients.
@@ -68,19 +68,19 @@ impl<T: Scalar> Standard<T> {
 
 /// Returns the reciprocal of the standard deviation.
 fn inverse(variance: f64) -> f64 {
-    (variance + EPSILON).sqrt().recip()
+    (variance + VARIANCE_EPSILON).sqrt().recip()
 }
 
 impl FieldNorm {
-    /// Creates the normalisation of maps of this shape.
+    /// Creates the normalisation of the fields of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, or fixed statistics are not one mean and one variance of at least 0
     /// per field. The mean and the reciprocal of the standard deviation must be usable in single
     /// precision. A field of an odd irrep must have mean 0: another would not be equivariant.
-    pub fn new(shape: Shape, statistics: Statistics) -> Result<FieldNorm, LayerError> {
+    pub fn new(shape: Shape, statistics: NormStatistics) -> Result<FieldNorm, LayerError> {
         LayerError::check_map("FieldNorm", shape, 0)?;
-        let (order, fields) = match shape.fields.regular_fields() {
+        let (order, fields) = match shape.fields.num_regular_fields() {
             Some(fields) => (shape.fields.group().order(), fields),
             None => (1, shape.fields.dim()),
         };
@@ -90,7 +90,7 @@ impl FieldNorm {
     }
 
     fn check_statistics(&self) -> Result<(), LayerError> {
-        let Statistics::Fixed(moments) = &self.statistics else {
+        let NormStatistics::Fixed(moments) = &self.statistics else {
             return Ok(());
         };
         let mut of_fields = moments.iter().enumerate();
@@ -102,7 +102,7 @@ impl FieldNorm {
         if moments.len() == self.fields && usable {
             return Ok(());
         }
-        Err(LayerError::Setting {
+        Err(LayerError::InvalidSetting {
             layer: "FieldNorm",
             setting: "fixed statistics",
             got: format!("{moments:?}"),
@@ -112,11 +112,11 @@ impl FieldNorm {
     }
 
     /// Returns `[mean, variance]` of every field over all samples of `x`, in the units of
-    /// [`Statistics::Fixed`].
+    /// [`NormStatistics::Fixed`].
     ///
     /// # Panics
     /// When `x` is empty or is not whole samples.
-    pub fn moments<T: Scalar>(&self, x: &[T]) -> Vec<[f64; 2]> {
+    pub fn means_and_variances<T: Scalar>(&self, x: &[T]) -> Vec<[f64; 2]> {
         let (got, each) = (x.len(), self.shape.len());
         assert!(
             got > 0 && got.is_multiple_of(each),
@@ -171,7 +171,7 @@ impl FieldNorm {
     /// Returns the shift and scale of the fields of a block.
     fn standards<T: Scalar>(&self, x: &[T], first: usize) -> [Standard<T>; BLOCK] {
         let moments = match &self.statistics {
-            Statistics::Fixed(moments) => {
+            NormStatistics::Fixed(moments) => {
                 from_fn(|j| moments.get(first + j).copied().unwrap_or_default())
             }
             _ => self.measure(x, first),
@@ -185,7 +185,7 @@ impl FieldNorm {
     /// Returns the number of consecutive values that share statistics.
     fn statistics_len(&self, len: usize) -> usize {
         match self.statistics {
-            Statistics::Sample => self.shape.len(),
+            NormStatistics::PerSample => self.shape.len(),
             _ => len.max(1),
         }
     }
@@ -195,13 +195,13 @@ impl FieldNorm {
         let (gains, biases) = params.split_at(self.fields);
         let standards = self.standards(x, first);
         let dim = self.shape.fields.dim();
-        for (x, y) in self.pixels(x).zip(y.chunks_exact_mut(dim)) {
+        for (pixel, out) in self.pixels(x).zip(y.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
-                let values = x[channels.clone()].iter().zip(&mut y[channels]);
-                for (j, (&x, y)) in values.enumerate() {
-                    *y = gains[first + j] * standards[j].apply(a, x);
+                let values = pixel[channels.clone()].iter().zip(&mut out[channels]);
+                for (j, (&value, normalised)) in values.enumerate() {
+                    *normalised = gains[first + j] * standards[j].apply(a, value);
                     if a == 0 && self.centred(first + j) {
-                        *y += biases[first + j];
+                        *normalised += biases[first + j];
                     }
                 }
             }
@@ -219,10 +219,10 @@ impl FieldNorm {
         let mut sums = [[0.0; 2]; BLOCK];
         for (x, dy) in self.pixels(values.x).zip(self.pixels(values.dy)) {
             for (a, channels) in self.channels(first) {
-                let values = x[channels.clone()].iter().zip(&dy[channels]);
-                for (j, (&x, &dy)) in values.enumerate() {
-                    sums[j][0] += (standards[j].apply(a, x) * dy).to_f64();
-                    sums[j][1] += if a == 0 { dy.to_f64() } else { 0.0 };
+                let pairs = x[channels.clone()].iter().zip(&dy[channels]);
+                for (j, (&value, &gradient)) in pairs.enumerate() {
+                    sums[j][0] += (standards[j].apply(a, value) * gradient).to_f64();
+                    sums[j][1] += if a == 0 { gradient.to_f64() } else { 0.0 };
                 }
             }
         }
@@ -261,7 +261,7 @@ impl FieldNorm {
         x: &[T],
         sums: [[f64; 2]; BLOCK],
     ) -> [[T; 2]; BLOCK] {
-        if matches!(self.statistics, Statistics::Fixed(_)) {
+        if matches!(self.statistics, NormStatistics::Fixed(_)) {
             return [[T::ZERO; 2]; BLOCK];
         }
         let pixels = self.pixels(x).len() as f64;
@@ -284,21 +284,23 @@ impl FieldNorm {
     ) {
         let dim = self.shape.fields.dim();
         let inputs = self.pixels(values.x).zip(self.pixels(values.dy));
-        for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(dim)) {
+        for ((x, dy), gradient) in inputs.zip(dx.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
-                let values = x[channels.clone()].iter().zip(&dy[channels.clone()]);
-                for (j, ((&x, &dy), dx)) in values.zip(&mut dx[channels]).enumerate() {
+                let pairs = x[channels.clone()].iter().zip(&dy[channels.clone()]);
+                for (j, ((&value, &upstream), entry)) in
+                    pairs.zip(&mut gradient[channels]).enumerate()
+                {
                     let [scaled, shifted] = means[j];
-                    let rest = dy - standards[j].apply(a, x) * scaled;
+                    let rest = upstream - standards[j].apply(a, value) * scaled;
                     let rest = if a == 0 { rest - shifted } else { rest };
-                    *dx = params[first + j] * standards[j].inverse * rest;
+                    *entry = params[first + j] * standards[j].inverse * rest;
                 }
             }
         }
     }
 }
 
-impl Signature for FieldNorm {
+impl LayerSignature for FieldNorm {
     fn in_shape(&self) -> Shape {
         self.shape
     }
@@ -318,7 +320,7 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     }
 
     /// Sets the gains to `gain`, which draws nothing, and the biases to zero.
-    fn draw(&self, _rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+    fn draw_params(&self, _rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         let (gains, biases) = params.split_at_mut(self.fields);
         gains.fill(T::from_f64(gain));
         biases.fill(T::ZERO);
@@ -326,9 +328,9 @@ impl<T: Scalar> Layer<T> for FieldNorm {
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let group = self.statistics_len(x.len());
-        for (x, y) in x.chunks(group).zip(y.chunks_mut(group)) {
+        for (inputs, outputs) in x.chunks(group).zip(y.chunks_mut(group)) {
             for first in (0..self.fields).step_by(BLOCK) {
-                self.normalise(params, first, x, y);
+                self.normalise(params, first, inputs, outputs);
             }
         }
     }
@@ -351,38 +353,41 @@ impl<T: Scalar> Layer<T> for FieldNorm {
 impl fmt::Display for FieldNorm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let statistics = match self.statistics {
-            Statistics::Sample => "statistics of each sample",
-            Statistics::Batch => "statistics of the batch",
-            Statistics::Fixed(_) => "fixed statistics",
+            NormStatistics::PerSample => "statistics of each sample",
+            NormStatistics::Batch => "statistics of the batch",
+            NormStatistics::Fixed(_) => "fixed statistics",
         };
         let (shape, fields) = (self.shape, self.fields);
         write!(f, "FieldNorm({shape}, {fields} fields, {statistics})")?;
         match &self.statistics {
-            Statistics::Fixed(moments) => write!(f, " {moments:?}"),
+            NormStatistics::Fixed(moments) => write!(f, " {moments:?}"),
             _ => Ok(()),
         }
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let norm = |fields, statistics| FieldNorm::new(Shape::image(3, 2, fields), statistics);
-    let regular = |n| group.regular(n);
-    let fixed = Statistics::Fixed(vec![[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]]);
+    let regular = |n| group.regular_type(n);
+    let fixed = NormStatistics::Fixed(vec![[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]]);
     let mixed = FieldType::new(group, [2, 1, 3, 0]);
     // only trivial channels have a mean; under C1 all channels are trivial
     let trivial = mixed.multiplicity(Irrep::Trivial);
     let mean = |f| if f < trivial { 0.7 } else { 0.0 };
     // the mixed type is regular under one of the flips
-    let fields = mixed.regular_fields().unwrap_or(mixed.dim());
+    let fields = mixed.num_regular_fields().unwrap_or(mixed.dim());
     let moments = (0..fields).map(|f| [mean(f), 0.5 + f as f64]);
-    let fixed_mixed = norm(mixed, Statistics::Fixed(moments.collect()))?;
-    let samples = norm(regular(3), Statistics::Sample)?;
+    let fixed_mixed = norm(mixed, NormStatistics::Fixed(moments.collect()))?;
+    let samples = norm(regular(3), NormStatistics::PerSample)?;
     Ok(vec![
-        Example::rounded("norm of a batch", norm(regular(9), Statistics::Batch)?),
-        Example::rounded("norm of samples", samples),
-        Example::rounded("norm of mixed", norm(mixed, Statistics::Batch)?),
-        Example::rounded("fixed norm", norm(regular(3), fixed)?),
-        Example::rounded("fixed norm of mixed", fixed_mixed),
+        TestLayer::approximately_equivariant(
+            "norm of a batch",
+            norm(regular(9), NormStatistics::Batch)?,
+        ),
+        TestLayer::approximately_equivariant("norm of samples", samples),
+        TestLayer::approximately_equivariant("norm of mixed", norm(mixed, NormStatistics::Batch)?),
+        TestLayer::approximately_equivariant("fixed norm", norm(regular(3), fixed)?),
+        TestLayer::approximately_equivariant("fixed norm of mixed", fixed_mixed),
     ])
 }

@@ -6,11 +6,13 @@ use std::fmt;
 use symmetry::Group;
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
-use crate::real::exceeds;
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{LayerKind, LayerSignature, Parameterless, Scalar};
+use crate::real::exceeds_or_is_nan;
 use crate::shape::Shape;
-use crate::steerable::hadamard::{parts, parts_mut, transform, with_order};
+use crate::steerable::hadamard::{
+    split_by_irrep, split_by_irrep_mut, walsh_hadamard, with_const_order,
+};
 
 /// Shape of maps of regular fields, with the number of fields.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +25,7 @@ impl RegularMaps {
     /// Checks that the type consists of regular fields.
     fn new(layer: &'static str, shape: Shape) -> Result<RegularMaps, LayerError> {
         LayerError::check_map(layer, shape, 0)?;
-        let fields = shape.fields.regular_fields().ok_or(LayerError::Type {
+        let fields = shape.fields.num_regular_fields().ok_or(LayerError::InvalidFieldType {
             layer,
             got: shape.fields,
             expected: "regular fields only",
@@ -33,7 +35,7 @@ impl RegularMaps {
 
     /// Returns the shape of maps with a trivial channel for each field.
     fn pooled(&self) -> Shape {
-        let fields = self.shape.fields.group().trivial(self.fields);
+        let fields = self.shape.fields.group().trivial_type(self.fields);
         Shape { fields, ..self.shape }
     }
 }
@@ -42,7 +44,7 @@ impl RegularMaps {
 macro_rules! pooled_over_the_group {
     ($Pool:ident) => {
         impl $Pool {
-            /// Creates the pooling of maps of this shape.
+            /// Creates the group pooling of maps of this shape.
             ///
             /// # Errors
             /// When the map is empty or its type is not regular fields only.
@@ -51,7 +53,7 @@ macro_rules! pooled_over_the_group {
             }
         }
 
-        impl Signature for $Pool {
+        impl LayerSignature for $Pool {
             fn in_shape(&self) -> Shape {
                 self.0.shape
             }
@@ -69,7 +71,7 @@ macro_rules! pooled_over_the_group {
     };
 }
 
-/// Maximum over the group of every regular field.
+/// Layer that takes the maximum over the group of every regular field.
 ///
 /// Maps n regular fields to n trivial channels: the largest value in the regular basis. On ties the
 /// gradient goes to the first group element.
@@ -85,21 +87,21 @@ impl Parameterless for GroupMaxPool {
 
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let order = self.0.shape.fields.group().order();
-        with_order!(G = order, forward::<T, G>(self.0.fields, x, y));
+        with_const_order!(G = order, forward::<T, G>(self.0.fields, x, y));
     }
 
     fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let order = self.0.shape.fields.group().order();
-        with_order!(G = order, backward::<T, G>(self.0.fields, x, dy, dx));
+        with_const_order!(G = order, backward::<T, G>(self.0.fields, x, dy, dx));
     }
 }
 
 /// Writes the maximum of each of the n fields of every pixel.
 fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
-    for (x, y) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
-        let x = parts::<T, G>(x, n);
+    for (pixel, out) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
+        let pixel = split_by_irrep::<T, G>(pixel, n);
         for f in 0..n {
-            y[f] = first_maximum(transform::<T, G>(from_fn(|a| x[a][f]))).1;
+            out[f] = first_maximum(walsh_hadamard::<T, G>(from_fn(|a| pixel[a][f]))).1;
         }
     }
 }
@@ -107,16 +109,16 @@ fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
 /// Writes the gradient of each field into the element that holds its maximum.
 fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
     let inputs = x.chunks_exact(G * n).zip(dy.chunks_exact(n));
-    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(G * n)) {
-        let x = parts::<T, G>(x, n);
-        let dx = parts_mut::<T, G>(dx, n);
+    for ((pixel, upstream), gradient) in inputs.zip(dx.chunks_exact_mut(G * n)) {
+        let pixel = split_by_irrep::<T, G>(pixel, n);
+        let gradient = split_by_irrep_mut::<T, G>(gradient, n);
         for f in 0..n {
-            let (g, _) = first_maximum(transform::<T, G>(from_fn(|a| x[a][f])));
+            let (g, _) = first_maximum(walsh_hadamard::<T, G>(from_fn(|a| pixel[a][f])));
             let mut values = [T::ZERO; G];
-            values[g] = dy[f];
-            let values = transform(values);
+            values[g] = upstream[f];
+            let values = walsh_hadamard(values);
             for a in 0..G {
-                dx[a][f] = values[a];
+                gradient[a][f] = values[a];
             }
         }
     }
@@ -126,14 +128,14 @@ fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]
 fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     let mut best = (0, values[0]);
     for (g, &value) in values.iter().enumerate().skip(1) {
-        if exceeds(value, best.1) {
+        if exceeds_or_is_nan(value, best.1) {
             best = (g, value);
         }
     }
     best
 }
 
-/// Mean over the group of every regular field.
+/// Layer that takes the mean over the group of every regular field.
 ///
 /// Maps n regular fields to n trivial channels. The mean of a field's values is its trivial
 /// coefficient over the square root of the group's order; the other coefficients do not matter, so
@@ -159,9 +161,9 @@ impl Parameterless for GroupMeanPool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
         let ys = y.chunks_exact_mut(self.0.fields);
-        for (x, y) in x.chunks_exact(dim).zip(ys) {
-            for (y, &x) in y.iter_mut().zip(x) {
-                *y = x * scale;
+        for (pixel, out) in x.chunks_exact(dim).zip(ys) {
+            for (pooled, &value) in out.iter_mut().zip(pixel) {
+                *pooled = value * scale;
             }
         }
     }
@@ -169,22 +171,22 @@ impl Parameterless for GroupMeanPool {
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
         let dys = dy.chunks_exact(self.0.fields);
-        for (dx, dy) in dx.chunks_exact_mut(dim).zip(dys) {
-            let (trivial, rest) = dx.split_at_mut(dy.len());
-            for (dx, &dy) in trivial.iter_mut().zip(dy) {
-                *dx = dy * scale;
+        for (gradient, upstream) in dx.chunks_exact_mut(dim).zip(dys) {
+            let (trivial, rest) = gradient.split_at_mut(upstream.len());
+            for (entry, &value) in trivial.iter_mut().zip(upstream) {
+                *entry = value * scale;
             }
             rest.fill(T::ZERO);
         }
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
-    let shape = Shape::image(2, 3, group.regular(4));
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+    let shape = Shape::image(2, 3, group.regular_type(4));
     Ok(vec![
-        Example::exact("group max-pool", GroupMaxPool::new(shape)?),
-        Example::exact("group mean-pool", GroupMeanPool::new(shape)?),
+        TestLayer::exactly_equivariant("group max-pool", GroupMaxPool::new(shape)?),
+        TestLayer::exactly_equivariant("group mean-pool", GroupMeanPool::new(shape)?),
     ])
 }
 
@@ -192,7 +194,7 @@ pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, Layer
 mod tests {
     use super::*;
     use crate::layers::layer::Layer;
-    use crate::steerable::hadamard::hadamard;
+    use crate::steerable::hadamard::hadamard_transform;
 
     #[test]
     fn ties_go_to_the_first_element() {
@@ -210,20 +212,20 @@ mod tests {
 
     #[test]
     fn the_largest_value_of_the_regular_basis_comes_out() {
-        let pool = GroupMaxPool::new(Shape::vector(Group::D2.regular(1))).unwrap();
-        let x: [f64; 4] = transform([1.0, -2.0, 3.0, -4.0]);
+        let pool = GroupMaxPool::new(Shape::vector(Group::D2.regular_type(1))).unwrap();
+        let x: [f64; 4] = walsh_hadamard([1.0, -2.0, 3.0, -4.0]);
         let mut y = [0.0];
-        let mut scratch = pool.scratch(1);
+        let mut scratch = pool.allocate_scratch(1);
         pool.forward(&[], &x, &mut y, &mut scratch);
         assert_eq!(y, [3.0]);
         let mut dx = [0.0; 4];
         pool.backward(&[], &x, &y, &[2.0], Some(&mut dx), &mut [], &mut scratch);
-        assert_eq!(transform(dx), [0.0, 0.0, 2.0, 0.0]);
+        assert_eq!(walsh_hadamard(dx), [0.0, 0.0, 2.0, 0.0]);
     }
 
     #[test]
     fn trivial_channels_are_refused() {
-        let shape = Shape::vector(Group::D2.trivial(4));
+        let shape = Shape::vector(Group::D2.trivial_type(4));
         let message = GroupMaxPool::new(shape).unwrap_err().to_string();
         assert!(message.contains("got the type `4 1`, expected regular"), "{message}");
     }
@@ -231,20 +233,20 @@ mod tests {
     #[test]
     fn the_mean_is_that_of_the_regular_basis() {
         for group in Group::ALL {
-            let pool = GroupMeanPool::new(Shape::vector(group.regular(1))).unwrap();
+            let pool = GroupMeanPool::new(Shape::vector(group.regular_type(1))).unwrap();
             let values = [1.0, -2.0, 3.0, -8.0];
             let mut x = values[..group.order()].to_vec();
             let mean = x.iter().sum::<f64>() / x.len() as f64;
-            hadamard(group, &mut x);
+            hadamard_transform(group, &mut x);
             let mut y = [0.0];
-            pool.forward(&[], &x, &mut y, &mut pool.scratch(1));
+            pool.forward(&[], &x, &mut y, &mut pool.allocate_scratch(1));
             assert!((y[0] - mean).abs() < 1e-15, "{group}");
         }
     }
 
     #[test]
     fn trivial_channels_of_a_larger_group_are_refused() {
-        let shape = Shape::vector(Group::C2.trivial(4));
+        let shape = Shape::vector(Group::C2.trivial_type(4));
         let message = GroupMeanPool::new(shape).unwrap_err().to_string();
         assert!(message.contains("got the type `C2: 4 1`"), "{message}");
     }

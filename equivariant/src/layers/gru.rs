@@ -7,10 +7,10 @@ use rand::Rng;
 use symmetry::FieldType;
 
 use crate::error::LayerError;
-use crate::layers::layer::{Layer, Scalar, Signature};
+use crate::layers::layer::{Layer, LayerSignature, Scalar};
 use crate::layers::linear::Linear;
 use crate::scratch::Scratch;
-use crate::steerable::hadamard::hadamard;
+use crate::steerable::hadamard::hadamard_transform;
 
 /// Gain of the weights: 1, because no ReLU follows that would halve the second moment.
 const GAIN: f64 = 1.0;
@@ -44,8 +44,8 @@ pub struct Gru {
 }
 
 impl Gru {
-    /// Creates a unit for vectors of `in_type` with a state of `fields` regular fields of its
-    /// group.
+    /// Creates a unit for vectors of the field type `in_type`, with a state of `fields` regular
+    /// fields of its group.
     ///
     /// # Errors
     /// When a type has no channels, or the gates have more than a field type can have.
@@ -53,25 +53,25 @@ impl Gru {
         let group = in_type.group();
         let channels = fields.saturating_mul(3 * group.order());
         LayerError::check_channels("Gru", channels)?;
-        let gates = group.regular(3 * fields);
+        let gates = group.regular_type(3 * fields);
         Ok(Gru {
             fields,
             input: Linear::new(in_type, gates)?,
-            hidden: Linear::new(group.regular(fields), gates)?,
+            hidden: Linear::new(group.regular_type(fields), gates)?,
         })
     }
 
-    /// Returns the type of the input vectors.
+    /// Returns the field type of the input vectors.
     pub fn in_type(&self) -> FieldType {
         self.input.in_shape().fields
     }
 
-    /// Returns the type of the state.
+    /// Returns the field type of the state, which is the output.
     pub fn out_type(&self) -> FieldType {
         self.hidden.in_shape().fields
     }
 
-    /// Returns the number of parameters.
+    /// Returns the number of parameters of the unit.
     pub fn num_params(&self) -> usize {
         self.input.num_params() + self.hidden.num_params()
     }
@@ -83,18 +83,18 @@ impl Gru {
     pub fn init<T: Scalar>(&self, rng: &mut dyn Rng, params: &mut [T]) {
         self.check("params", params.len(), self.num_params());
         let (input, hidden) = params.split_at_mut(self.input.num_params());
-        self.input.init_scaled(rng, GAIN, input);
-        self.hidden.init_scaled(rng, GAIN, hidden);
+        self.input.init_with_gain(rng, GAIN, input);
+        self.hidden.init_with_gain(rng, GAIN, hidden);
     }
 
     /// Allocates memory for up to `samples` sequences of up to `steps` steps.
-    pub fn pass<T: Scalar>(&self, steps: usize, samples: usize) -> GruPass<T> {
+    pub fn new_workspace<T: Scalar>(&self, steps: usize, samples: usize) -> GruWorkspace<T> {
         let dims = [self.in_type().dim(), self.width()];
-        GruPass::new(dims, [steps, samples], self.input.scratch(steps * samples))
+        GruWorkspace::new(dims, [steps, samples], self.input.allocate_scratch(steps * samples))
     }
 
     /// Runs the sequences `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end;
-    /// [`GruPass::out`] then returns the last states.
+    /// [`GruWorkspace::last_states`] then returns the last states.
     ///
     /// Earlier rows of a sample are ignored but must be finite. An empty sequence leaves the state
     /// at zero.
@@ -107,13 +107,13 @@ impl Gru {
         params: &[T],
         x: &[T],
         lengths: &[usize],
-        pass: &mut GruPass<T>,
+        pass: &mut GruWorkspace<T>,
     ) {
         let (samples, row) = (lengths.len(), lengths.len() * self.in_type().dim());
         let steps = x.len().checked_div(row).unwrap_or(0);
         self.check("x", x.len(), steps * row);
         let reads: Vec<usize> = (0..steps * samples).collect();
-        self.forward_shared(params, x, &reads, lengths, pass);
+        self.forward_shared_inputs(params, x, &reads, lengths, pass);
     }
 
     /// Runs sequences that share input rows, as [`Gru::forward`] runs separate ones.
@@ -124,13 +124,13 @@ impl Gru {
     ///
     /// # Panics
     /// As [`Gru::forward`], and when a step reads a row that `x` does not have.
-    pub fn forward_shared<T: Scalar>(
+    pub fn forward_shared_inputs<T: Scalar>(
         &self,
         params: &[T],
         x: &[T],
         reads: &[usize],
         lengths: &[usize],
-        pass: &mut GruPass<T>,
+        pass: &mut GruWorkspace<T>,
     ) {
         self.begin(params, x.len(), reads, lengths, pass);
         let [steps, samples] = pass.sizes;
@@ -165,7 +165,7 @@ impl Gru {
         d_out: &[T],
         dx: Option<&mut [T]>,
         dparams: &mut [T],
-        pass: &mut GruPass<T>,
+        pass: &mut GruWorkspace<T>,
     ) {
         self.check_pass(pass);
         assert!(
@@ -198,7 +198,7 @@ impl Gru {
     /// Transforms rows of `parts` states between the regular basis and the irrep basis.
     fn change_basis<T: Scalar>(&self, parts: usize, rows: &mut [T]) {
         for row in rows.chunks_exact_mut(parts * self.width()) {
-            hadamard(self.out_type().group(), row);
+            hadamard_transform(self.out_type().group(), row);
         }
     }
 
@@ -209,7 +209,7 @@ impl Gru {
         x: usize,
         reads: &[usize],
         lengths: &[usize],
-        pass: &mut GruPass<T>,
+        pass: &mut GruWorkspace<T>,
     ) {
         let (samples, rows) = (lengths.len(), x / self.in_type().dim());
         let steps = reads.len().checked_div(samples).unwrap_or(0);
@@ -236,7 +236,7 @@ impl Gru {
     }
 
     /// Runs one step of all samples.
-    fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruPass<T>) {
+    fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruWorkspace<T>) {
         let width = self.width();
         let rows = pass.rows(step);
         let (before, after) = pass.states[rows.start..].split_at_mut(rows.len());
@@ -248,14 +248,14 @@ impl Gru {
         let gates = pass.gates[3 * rows.start..3 * rows.end].chunks_exact_mut(3 * width);
         let candidates = pass.candidates[rows.clone()].chunks_exact_mut(width);
         let parts = gates.zip(from_state.chunks_exact(3 * width)).zip(candidates);
-        for (((after, before), ((gates, from_state), candidate)), &begin) in
+        for (((next_state, state), ((gate_rows, state_rows), candidate)), &begin) in
             samples.zip(parts).zip(&pass.begins)
         {
             if step < begin {
                 // the sequence has not begun: its state is still the initial one
-                after.fill(T::ZERO);
+                next_state.fill(T::ZERO);
             } else {
-                self.cell(gates, from_state, candidate, before, after);
+                self.cell(gate_rows, state_rows, candidate, state, next_state);
             }
         }
         let next = rows.end..rows.end + rows.len();
@@ -298,7 +298,7 @@ impl Gru {
         hidden: &[T],
         step: usize,
         d_hidden: &mut [T],
-        pass: &mut GruPass<T>,
+        pass: &mut GruWorkspace<T>,
     ) {
         let width = self.width();
         let rows = pass.rows(step);
@@ -364,7 +364,7 @@ impl Gru {
     }
 
     /// Panics if the pass belongs to a unit of other sizes.
-    fn check_pass<T>(&self, pass: &GruPass<T>) {
+    fn check_pass<T>(&self, pass: &GruWorkspace<T>) {
         let own = [self.in_type().dim(), self.width()];
         assert!(
             pass.dims == own,
@@ -399,7 +399,7 @@ impl fmt::Display for Gru {
 /// Memory of a [`Gru`] for a limited number of sequences: values that the forward pass saves for
 /// the backward pass.
 #[derive(Clone, Debug)]
-pub struct GruPass<T> {
+pub struct GruWorkspace<T> {
     /// Channels of the input and of the state.
     pub(super) dims: [usize; 2],
     /// Maximum number of steps and of samples.
@@ -431,7 +431,7 @@ pub struct GruPass<T> {
     pub(super) scratch: Scratch<T>,
 }
 
-impl<T: Scalar> GruPass<T> {
+impl<T: Scalar> GruWorkspace<T> {
     /// Allocates memory for `room` `[steps, samples]` of a unit with `dims` channels of input and
     /// state, and with the scratch of its input matrix.
     pub(super) fn new(dims: [usize; 2], room: [usize; 2], scratch: Scratch<T>) -> Self {
@@ -457,7 +457,7 @@ impl<T: Scalar> GruPass<T> {
     }
 
     /// Returns the states `[N, H]` after the last step of the last forward pass.
-    pub fn out(&self) -> &[T] {
+    pub fn last_states(&self) -> &[T] {
         &self.coefficients[self.rows(self.sizes[0])]
     }
 

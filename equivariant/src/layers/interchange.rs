@@ -6,17 +6,17 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use thiserror::Error;
 
-use crate::layers::layer::{Layer, leaves};
+use crate::layers::layer::{Layer, flatten_layers};
 
 /// Key of the only metadata entry. Several entries would have no fixed order; with one, equal
 /// networks give equal bytes.
 const METADATA: &str = "covers-equivariant 1";
 
-/// Reason why a network was not saved or loaded.
+/// Reason why the parameters of a network were not saved or loaded.
 #[derive(Debug, Error)]
 #[non_exhaustive]
-pub enum InterchangeError {
-    /// A file that cannot be read or written.
+pub enum SafetensorsError {
+    /// File that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
         /// Path of the file.
@@ -24,7 +24,7 @@ pub enum InterchangeError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A file that is not in the safetensors format.
+    /// File that is not in the safetensors format.
     #[error("{}: not a safetensors file: {source}", path.display())]
     Format {
         /// Path of the file.
@@ -32,18 +32,18 @@ pub enum InterchangeError {
         /// Error of the format's parser.
         source: SafeTensorError,
     },
-    /// A file that was not written by [`save`].
+    /// File that was not written by [`save_safetensors`].
     #[error("{}: got no metadata `{METADATA}`, expected a file that this crate saved", path.display())]
     Metadata {
         /// Path of the file.
         path: PathBuf,
     },
-    /// A file that holds another network.
+    /// File that holds another network.
     #[error("{}: layer {index} is `{got}` in the file and `{expected}` in the network", path.display())]
     Layer {
         /// Path of the file.
         path: PathBuf,
-        /// Position among the layers, including those of nested chains.
+        /// Position of the layer, from 0, in the sequence that lists those of nested chains too.
         index: usize,
         /// Description of the layer in the file, or `nothing`.
         got: String,
@@ -55,11 +55,11 @@ pub enum InterchangeError {
     Tensor {
         /// Path of the file.
         path: PathBuf,
-        /// Name of the tensor.
+        /// Name of the tensor in the file.
         name: String,
-        /// Type and shape in the file, or `nothing`.
+        /// Type and shape of the tensor in the file, or `nothing`.
         got: String,
-        /// Shape that the layer requires.
+        /// Shape of the tensor that the layer requires.
         expected: [usize; 1],
     },
 }
@@ -67,25 +67,25 @@ pub enum InterchangeError {
 /// Saves a layer or a chain of layers with its parameters.
 ///
 /// Layers are numbered in order, including those of nested chains. Layer `i` with parameters has
-/// the tensor `i.params`, which [`load`] reads. For other libraries there are `i.kernel` `[C_out,
-/// C_in, size, size]` and `i.bias` `[C_out]`, an ordinary convolution in the regular basis
-/// ([`Dense::regular_kernel`](crate::Dense::regular_kernel)). The metadata `covers-equivariant 1`
-/// holds one line for each layer: its description.
+/// the tensor `i.params`, which [`load_safetensors`] reads. For other libraries there are
+/// `i.kernel` `[C_out, C_in, size, size]` and `i.bias` `[C_out]`, an ordinary convolution in the
+/// regular basis ([`OrdinaryConv::regular_kernel`](crate::OrdinaryConv::regular_kernel)). The
+/// metadata `covers-equivariant 1` holds one line for each layer: its description.
 ///
 /// # Errors
 /// When the file cannot be written.
 ///
 /// # Panics
 /// When `params` does not hold the layer's parameters.
-pub fn save(
+pub fn save_safetensors(
     path: impl AsRef<Path>,
     layer: &dyn Layer<f32>,
     params: &[f32],
-) -> Result<(), InterchangeError> {
+) -> Result<(), SafetensorsError> {
     let path = path.as_ref();
     let (got, expected) = (params.len(), layer.num_params());
     assert!(got == expected, "got {got} parameters, expected {expected}");
-    let layers = leaves(layer);
+    let layers = flatten_layers(layer);
     let tensors = tensors(&layers, params);
     let views = tensors.iter().map(|(name, shape, bytes)| {
         TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (name, view))
@@ -98,26 +98,29 @@ pub fn save(
     std::fs::write(path, bytes).map_err(|source| io_error(path, source))
 }
 
-/// Loads the parameters of a layer or a chain of layers that [`save`] wrote.
+/// Loads the parameters of a layer or a chain of layers that [`save_safetensors`] wrote.
 ///
 /// # Errors
 /// When the file cannot be read, or holds other layers than `layer`. Layers are compared by their
 /// descriptions: kind, types, window, and all other settings.
-pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, InterchangeError> {
+pub fn load_safetensors(
+    path: impl AsRef<Path>,
+    layer: &dyn Layer<f32>,
+) -> Result<Vec<f32>, SafetensorsError> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(|source| io_error(path, source))?;
     let (_, header) =
         SafeTensors::read_metadata(&bytes).map_err(|source| format_error(path, source))?;
     let entry = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
-    let lines = entry.ok_or_else(|| InterchangeError::Metadata { path: path.to_owned() })?;
-    let layers = leaves(layer);
+    let lines = entry.ok_or_else(|| SafetensorsError::Metadata { path: path.to_owned() })?;
+    let layers = flatten_layers(layer);
     // descriptions first, so that the error names the layer that differs rather than a tensor
     compare(path, lines, &layers)?;
     let file = SafeTensors::deserialize(&bytes).map_err(|source| format_error(path, source))?;
     let mut params = Vec::with_capacity(layer.num_params());
-    for (i, layer) in layers.iter().enumerate() {
-        if layer.num_params() > 0 {
-            params.extend(read(path, &file, format!("{i}.params"), layer.num_params())?);
+    for (i, part) in layers.iter().enumerate() {
+        if part.num_params() > 0 {
+            params.extend(read(path, &file, format!("{i}.params"), part.num_params())?);
         }
     }
     Ok(params)
@@ -146,7 +149,7 @@ fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
             continue;
         }
         push(format!("{i}.params"), &[own.len()], own);
-        if let Some(dense) = layer.kind().dense() {
+        if let Some(dense) = layer.kind().as_ordinary_conv() {
             let (kernel, bias) = (dense.regular_kernel(own), dense.regular_bias(own));
             push(format!("{i}.kernel"), &dense.kernel_shape(), &kernel);
             push(format!("{i}.bias"), &[bias.len()], &bias);
@@ -156,7 +159,7 @@ fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
 }
 
 /// Returns an error if the file's layers differ from those of the network.
-fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), InterchangeError> {
+fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), SafetensorsError> {
     let mut got = lines.lines();
     let mut expected = layers.iter().map(|layer| layer.to_string());
     for index in 0.. {
@@ -164,7 +167,7 @@ fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), I
             (None, None) => break,
             (Some(got), Some(expected)) if got == expected => {}
             (got, expected) => {
-                return Err(InterchangeError::Layer {
+                return Err(SafetensorsError::Layer {
                     path: path.to_owned(),
                     index,
                     got: got.unwrap_or("nothing").to_owned(),
@@ -182,7 +185,7 @@ fn read(
     file: &SafeTensors,
     name: String,
     len: usize,
-) -> Result<Vec<f32>, InterchangeError> {
+) -> Result<Vec<f32>, SafetensorsError> {
     let found = file.tensor(&name).ok();
     let fits = |t: &TensorView| t.dtype() == Dtype::F32 && t.shape() == [len];
     match found {
@@ -190,7 +193,7 @@ fn read(
             let (values, _) = tensor.data().as_chunks();
             Ok(values.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect())
         }
-        found => Err(InterchangeError::Tensor {
+        found => Err(SafetensorsError::Tensor {
             path: path.to_owned(),
             name,
             got: found.map_or_else(
@@ -202,12 +205,12 @@ fn read(
     }
 }
 
-fn io_error(path: &Path, source: std::io::Error) -> InterchangeError {
+fn io_error(path: &Path, source: std::io::Error) -> SafetensorsError {
     let path = path.to_owned();
-    InterchangeError::Io { path, source }
+    SafetensorsError::Io { path, source }
 }
 
-fn format_error(path: &Path, source: SafeTensorError) -> InterchangeError {
+fn format_error(path: &Path, source: SafeTensorError) -> SafetensorsError {
     let path = path.to_owned();
-    InterchangeError::Format { path, source }
+    SafetensorsError::Format { path, source }
 }

@@ -6,19 +6,19 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use rand::Rng;
 
-use crate::conv::dispatch::Dispatch;
+use crate::conv::dispatch::ConvPasses;
 use crate::conv::r2_conv::R2Conv;
-use crate::scratch::{BackwardPass, Filled, Scratch};
+use crate::scratch::{BackwardPass, Scratch, ScratchOrigin};
 use crate::shape::{MAX_VALUES, Shape};
-use crate::steerable::dense::Dense;
-use crate::window::Kernel;
+use crate::steerable::dense::OrdinaryConv;
+use crate::window::SlidingWindow;
 
 /// Gain of weights that are followed by a ReLU, which halves the second moment.
 const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
 
 /// Precision of a layer: `f32` for training, `f64` for gradient checks. Arithmetic is in
 /// [`Real`](crate::Real).
-pub trait Scalar: Dispatch {}
+pub trait Scalar: ConvPasses {}
 
 impl Scalar for f32 {}
 impl Scalar for f64 {}
@@ -27,19 +27,19 @@ impl Scalar for f64 {}
 ///
 /// The provided methods suit a layer without parameters or scratch. `Display` must print every
 /// setting of a layer, since files of networks are compared by it.
-pub trait Signature: fmt::Display + Send + Sync {
+pub trait LayerSignature: fmt::Display + Send + Sync {
     /// Returns the shape of one input sample.
     fn in_shape(&self) -> Shape;
 
     /// Returns the shape of one output sample.
     fn out_shape(&self) -> Shape;
 
-    /// Returns the number of parameters.
+    /// Returns the number of parameters of the layer.
     fn num_params(&self) -> usize {
         0
     }
 
-    /// Returns the number of values of scratch that the passes of this many samples need.
+    /// Returns the number of values of scratch memory that the passes of this many samples need.
     fn scratch_len(&self, _samples: usize) -> usize {
         0
     }
@@ -60,32 +60,34 @@ pub trait Signature: fmt::Display + Send + Sync {
     }
 }
 
-/// Equivariant map between feature maps that owns no weights.
+/// Layer of an equivariant network: a map between feature maps. It stores no parameters; each call
+/// gets them as a slice.
 ///
 /// Slices hold N samples one after the other, `[N, H, W, C]`; N is the length of `x` over
 /// `in_shape().len()`. Callers use [`forward`](Layer::forward), [`backward`](Layer::backward) and
 /// [`init`](Layer::init), which panic with the name of a slice whose length does not match the
-/// shapes. A new layer implements `run_forward`, `run_backward` and, if it has parameters, `draw`,
-/// and relies on those lengths.
-pub trait Layer<T: Scalar>: Signature {
-    /// Writes f(x) into `y`. The contents of `scratch` on entry do not matter.
+/// shapes. A new layer implements `run_forward`, `run_backward` and, if it has parameters,
+/// `draw_params`, and relies on those lengths.
+pub trait Layer<T: Scalar>: LayerSignature {
+    /// Writes the output f(x) of the layer for N samples into `y`. The contents of `scratch` on
+    /// entry do not matter.
     ///
     /// # Panics
     /// When a slice has a wrong length, or the scratch is for fewer samples.
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut Scratch<T>) {
-        let samples = samples(self, "x", x.len());
+        let samples = count_samples(self, "x", x.len());
         check_forward(self, samples, [params.len(), y.len()]);
         // marked as filled afterwards only, so a scratch is never used after a pass that panicked
-        self.run_forward(params, x, y, empty(self, samples, scratch));
-        fill(self, samples, scratch);
+        self.run_forward(params, x, y, take_unfilled_scratch(self, samples, scratch));
+        mark_scratch_filled(self, samples, scratch);
     }
 
     /// Adds the gradient with respect to the parameters to `dparams` and writes the gradient with
     /// respect to the input into `dx`, if given.
     ///
     /// `x` and `y` are those of the forward pass and `dy` is the gradient with respect to `y`. If
-    /// the layer [keeps its scratch](Signature::keeps_scratch), `scratch` must be unchanged since
-    /// `forward` of the same samples, or a clone of it.
+    /// the layer [keeps its scratch](LayerSignature::keeps_scratch), `scratch` must be unchanged
+    /// since `forward` of the same samples, or a clone of it.
     ///
     /// # Panics
     /// When a slice has a wrong length, or the scratch is for fewer samples. If the layer keeps its
@@ -104,7 +106,7 @@ pub trait Layer<T: Scalar>: Signature {
         dparams: &mut [T],
         scratch: &mut Scratch<T>,
     ) {
-        let samples = samples(self, "x", x.len());
+        let samples = count_samples(self, "x", x.len());
         let dx_len = dx.as_ref().map_or(x.len(), |dx| dx.len());
         let lens = [params.len(), y.len(), dy.len(), dparams.len()];
         check_backward(self, samples, lens);
@@ -116,7 +118,7 @@ pub trait Layer<T: Scalar>: Signature {
             dy,
             dx,
             dparams,
-            scratch: filled(self, samples, scratch),
+            scratch: take_filled_scratch(self, samples, scratch),
         });
     }
 
@@ -124,9 +126,9 @@ pub trait Layer<T: Scalar>: Signature {
     /// sqrt(2) (He et al., "Delving deep into rectifiers", ICCV 2015, equation 10).
     ///
     /// # Panics
-    /// As [`init_scaled`](Layer::init_scaled).
+    /// As [`init_with_gain`](Layer::init_with_gain).
     fn init(&self, rng: &mut dyn Rng, params: &mut [T]) {
-        self.init_scaled(rng, RELU_GAIN, params);
+        self.init_with_gain(rng, RELU_GAIN, params);
     }
 
     /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero; equal
@@ -147,21 +149,21 @@ pub trait Layer<T: Scalar>: Signature {
     ///
     /// # Panics
     /// When `params` does not hold the layer's parameters.
-    fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+    fn init_with_gain(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         check(self, [("params", params.len(), self.num_params())]);
-        self.draw(rng, gain, params);
+        self.draw_params(rng, gain, params);
     }
 
-    /// Allocates memory for the passes of up to this many samples.
+    /// Allocates scratch memory for the passes of up to this many samples.
     ///
     /// # Panics
     /// For more than 2^31 samples.
-    fn scratch(&self, samples: usize) -> Scratch<T> {
+    fn allocate_scratch(&self, samples: usize) -> Scratch<T> {
         assert!(
             samples <= MAX_VALUES,
             "{self}: got {samples} samples, expected at most {MAX_VALUES}"
         );
-        Scratch::filled(self.scratch_len(samples), T::ZERO)
+        Scratch::filled_with(self.scratch_len(samples), T::ZERO)
     }
 
     /// Returns the kind of layer, for code that fuses, exports or runs layers elsewhere. Layers
@@ -170,11 +172,11 @@ pub trait Layer<T: Scalar>: Signature {
         LayerKind::Other
     }
 
-    /// Implements [`init_scaled`](Layer::init_scaled), with a slice of the right length.
-    fn draw(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
+    /// Implements [`init_with_gain`](Layer::init_with_gain), with a slice of the right length.
+    fn draw_params(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
 
     /// Implements [`forward`](Layer::forward), with slices of the right lengths; `scratch` has
-    /// [`scratch_len`](Signature::scratch_len) values.
+    /// [`scratch_len`](LayerSignature::scratch_len) values.
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]);
 
     /// Implements [`backward`](Layer::backward), with slices of the right lengths.
@@ -184,22 +186,22 @@ pub trait Layer<T: Scalar>: Signature {
 /// Kind of a layer, with the settings that its shapes do not show.
 #[non_exhaustive]
 pub enum LayerKind<'a, T: Scalar> {
-    /// Convolution.
+    /// Convolution that commutes with the symmetry group.
     R2Conv(&'a R2Conv),
     /// Linear map of vectors.
-    Linear(Box<Dense<'a>>),
+    Linear(Box<OrdinaryConv<'a>>),
     /// ReLU in the basis that the group permutes.
     Relu,
     /// Maximum over a window, in the basis that the group permutes.
-    MaxPool(Kernel),
+    MaxPool(SlidingWindow),
     /// Average over a window.
-    AveragePool(Kernel),
+    AveragePool(SlidingWindow),
     /// Maximum over the group of every regular field.
     GroupMaxPool,
     /// Mean over the group of every regular field.
     GroupMeanPool,
-    /// Normalisation of fields.
-    FieldNorm(&'a Statistics),
+    /// Normalisation of every field with these statistics, then a scale and a shift.
+    FieldNorm(&'a NormStatistics),
     /// Expected positions of the maxima of fields.
     SpatialSoftArgmax {
         /// Divisor of the values before the softmax.
@@ -213,10 +215,10 @@ pub enum LayerKind<'a, T: Scalar> {
 
 impl<'a, T: Scalar> LayerKind<'a, T> {
     /// Returns the layer as an ordinary convolution, if it is linear and has weights.
-    pub fn dense(&self) -> Option<Dense<'a>> {
+    pub fn as_ordinary_conv(&self) -> Option<OrdinaryConv<'a>> {
         match self {
-            LayerKind::R2Conv(conv) => Some(conv.dense()),
-            LayerKind::Linear(dense) => Some(Dense::clone(dense)),
+            LayerKind::R2Conv(conv) => Some(conv.as_ordinary_conv()),
+            LayerKind::Linear(dense) => Some(OrdinaryConv::clone(dense)),
             _ => None,
         }
     }
@@ -224,23 +226,23 @@ impl<'a, T: Scalar> LayerKind<'a, T> {
 
 /// Source of mean and variance of a [`FieldNorm`](crate::FieldNorm).
 #[derive(Clone, Debug, PartialEq)]
-pub enum Statistics {
+pub enum NormStatistics {
     /// Statistics of each sample separately, in training and inference alike (Ulyanov et al.,
     /// "Instance normalization", 2016).
-    Sample,
+    PerSample,
     /// Statistics of all samples of one call of `forward` (Ioffe and Szegedy, "Batch
     /// normalization", ICML 2015). In a minibatch that runs in chunks these are the samples of a
     /// chunk: ghost batch normalisation (Hoffer et al., NeurIPS 2017, section 4). Chunks are fixed,
     /// so the result does not depend on threads.
     Batch,
     /// Fixed `[mean, variance]` per field, such as
-    /// [`FieldNorm::moments`](crate::FieldNorm::moments) of training data, for inference after
-    /// training with `Batch`.
+    /// [`FieldNorm::means_and_variances`](crate::FieldNorm::means_and_variances) of training data,
+    /// for inference after training with `Batch`.
     Fixed(Vec<[f64; 2]>),
 }
 
 /// Layer without parameters; implements [`Layer`] in both precisions.
-pub(crate) trait Parameterless: Signature {
+pub(crate) trait Parameterless: LayerSignature {
     /// Returns the layer's [`kind`](Layer::kind).
     fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
         LayerKind::Other
@@ -270,17 +272,21 @@ impl<T: Scalar, L: Parameterless> Layer<T> for L {
 }
 
 /// Returns the layers of a chain, including those of nested chains; for any other layer, the layer.
-pub(crate) fn leaves<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
+pub(crate) fn flatten_layers<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
     match layer.kind() {
         LayerKind::Sequential(layers) => {
-            layers.iter().flat_map(|layer| leaves(layer.as_ref())).collect()
+            layers.iter().flat_map(|child| flatten_layers(child.as_ref())).collect()
         }
         _ => vec![layer],
     }
 }
 
 /// Returns the number of samples in an input of this name and length.
-pub(crate) fn samples(layer: &(impl Signature + ?Sized), input: &str, len: usize) -> usize {
+pub(crate) fn count_samples(
+    layer: &(impl LayerSignature + ?Sized),
+    input: &str,
+    len: usize,
+) -> usize {
     let each = layer.in_shape().len();
     assert!(
         len.is_multiple_of(each),
@@ -291,7 +297,7 @@ pub(crate) fn samples(layer: &(impl Signature + ?Sized), input: &str, len: usize
 
 /// Panics if a slice `(name, length, expected length)` does not have its expected length.
 fn check<const N: usize>(
-    layer: &(impl Signature + ?Sized),
+    layer: &(impl LayerSignature + ?Sized),
     slices: [(&'static str, usize, usize); N],
 ) {
     for (slice, got, expected) in slices {
@@ -304,7 +310,7 @@ fn check<const N: usize>(
 
 /// Panics if the parameters or the output have wrong lengths.
 pub(crate) fn check_forward(
-    layer: &(impl Signature + ?Sized),
+    layer: &(impl LayerSignature + ?Sized),
     samples: usize,
     [params, y]: [usize; 2],
 ) {
@@ -315,7 +321,7 @@ pub(crate) fn check_forward(
 
 /// Panics if the parameters, the output or their gradients have wrong lengths.
 pub(crate) fn check_backward(
-    layer: &(impl Signature + ?Sized),
+    layer: &(impl LayerSignature + ?Sized),
     samples: usize,
     [params, y, dy, dparams]: [usize; 4],
 ) {
@@ -326,52 +332,52 @@ pub(crate) fn check_backward(
 }
 
 /// Returns the part of the scratch for a forward pass and marks the scratch as unfilled.
-pub(crate) fn empty<'a, T: Scalar>(
-    layer: &(impl Signature + ?Sized),
+pub(crate) fn take_unfilled_scratch<'a, T: Scalar>(
+    layer: &(impl LayerSignature + ?Sized),
     samples: usize,
     scratch: &'a mut Scratch<T>,
 ) -> &'a mut [T] {
-    scratch.filled = Filled::default();
+    scratch.origin = ScratchOrigin::default();
     front(layer, samples, scratch)
 }
 
 /// Records that a forward pass of this layer filled the scratch, if the layer keeps it.
-pub(crate) fn fill<T: Scalar>(
-    layer: &(impl Signature + ?Sized),
+pub(crate) fn mark_scratch_filled<T: Scalar>(
+    layer: &(impl LayerSignature + ?Sized),
     samples: usize,
     scratch: &mut Scratch<T>,
 ) {
     if layer.keeps_scratch() {
-        scratch.filled = Filled { samples, key: layer.scratch_key() };
+        scratch.origin = ScratchOrigin { samples, layer_key: layer.scratch_key() };
     }
 }
 
 /// Returns the part of the scratch for a backward pass, after checking that a forward pass filled
 /// it if the layer keeps it.
-pub(crate) fn filled<'a, T: Scalar>(
-    layer: &(impl Signature + ?Sized),
+pub(crate) fn take_filled_scratch<'a, T: Scalar>(
+    layer: &(impl LayerSignature + ?Sized),
     samples: usize,
     scratch: &'a mut Scratch<T>,
 ) -> &'a mut [T] {
     if layer.keeps_scratch() {
-        check_filled(layer, samples, scratch.filled);
+        check_filled(layer, samples, scratch.origin);
     } else {
         // this pass may overwrite values that another layer saved here
-        scratch.filled = Filled::default();
+        scratch.origin = ScratchOrigin::default();
     }
     front(layer, samples, scratch)
 }
 
 /// Panics unless `forward` of this layer filled the scratch for these samples.
-fn check_filled(layer: &(impl Signature + ?Sized), samples: usize, filled: Filled) {
+fn check_filled(layer: &(impl LayerSignature + ?Sized), samples: usize, origin: ScratchOrigin) {
     assert!(
-        filled.samples == samples,
+        origin.samples == samples,
         "{layer}: got a scratch that forward left for {} samples, expected one for the \
          {samples} of x",
-        filled.samples
+        origin.samples
     );
     assert!(
-        filled.key == layer.scratch_key(),
+        origin.layer_key == layer.scratch_key(),
         "{layer}: got a scratch that forward of another layer left, expected one of this layer"
     );
 }
@@ -385,7 +391,7 @@ pub(crate) fn hash_of(layer: impl Hash) -> u64 {
 
 /// Returns the part of a scratch that this many samples use.
 fn front<'a, T: Scalar>(
-    layer: &(impl Signature + ?Sized),
+    layer: &(impl LayerSignature + ?Sized),
     samples: usize,
     scratch: &'a mut Scratch<T>,
 ) -> &'a mut [T] {
@@ -394,5 +400,5 @@ fn front<'a, T: Scalar>(
         got >= expected,
         "{layer}: got a scratch of {got} values, expected at least {expected} for {samples} samples"
     );
-    scratch.front(expected)
+    scratch.first_values(expected)
 }

@@ -6,16 +6,16 @@ use rand::Rng;
 use symmetry::{FieldType, Group, Irrep};
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{Layer, LayerKind, Scalar, Signature};
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{Layer, LayerKind, LayerSignature, Scalar};
 use crate::scratch::BackwardPass;
-use crate::shape::{Shape, product};
-use crate::steerable::blocks::{Blocks, Columns, ColumnsMut};
-use crate::steerable::dense::Dense;
-use crate::steerable::taps::Taps;
-use crate::window::Kernel;
+use crate::shape::{Shape, checked_product};
+use crate::steerable::blocks::{IrrepBlocks, IrrepChannels, IrrepChannelsMut};
+use crate::steerable::dense::OrdinaryConv;
+use crate::steerable::taps::TapBasis;
+use crate::window::SlidingWindow;
 
-/// Linear map of vectors, with a bias on the trivial irrep.
+/// Layer that maps vectors linearly, with a bias on the trivial irrep.
 ///
 /// By Schur's lemma it mixes channels of the same irrep only: y_b = W_b x_b. The parameters are W_b
 /// `[out multiplicity of b, in multiplicity of b]` in irrep order, then the bias.
@@ -23,11 +23,12 @@ use crate::window::Kernel;
 pub struct Linear {
     in_type: FieldType,
     out_type: FieldType,
-    blocks: Blocks,
+    blocks: IrrepBlocks,
 }
 
 impl Linear {
-    /// Creates the map between two types; an output irrep that the input lacks is zero.
+    /// Creates the linear map between two field types; an output irrep that the input lacks is
+    /// zero.
     ///
     /// # Errors
     /// When the groups of the types differ, or one of them has no channels.
@@ -36,36 +37,36 @@ impl Linear {
         LayerError::check_groups(layer, in_type, out_type)?;
         LayerError::check_map(layer, Shape::vector(in_type), 0)?;
         LayerError::check_map(layer, Shape::vector(out_type), 0)?;
-        let weights = product([in_type.dim(), out_type.dim()]);
-        weights.ok_or(LayerError::TooLarge { layer, what: "a matrix" })?;
+        let weights = checked_product([in_type.dim(), out_type.dim()]);
+        weights.ok_or(LayerError::TooManyValues { layer, what: "a matrix" })?;
         let cols = Irrep::ALL.map(|b| in_type.multiplicity(b));
-        Ok(Linear { in_type, out_type, blocks: Blocks::new(cols, out_type) })
+        Ok(Linear { in_type, out_type, blocks: IrrepBlocks::new(cols, out_type) })
     }
 
     /// Returns the layer as an ordinary convolution of one tap.
-    pub fn dense(&self) -> Dense<'_> {
-        Dense {
-            name: "Linear",
-            taps: Taps::new(self.in_type, 1),
+    pub fn as_ordinary_conv(&self) -> OrdinaryConv<'_> {
+        OrdinaryConv {
+            layer_name: "Linear",
+            taps: TapBasis::new(self.in_type, 1),
             blocks: &self.blocks,
-            places: None,
-            window: Kernel::new(1, 1, 0),
+            param_indices: None,
+            window: SlidingWindow::new(1, 1, 0),
             in_shape: Shape::vector(self.in_type),
             out_shape: Shape::vector(self.out_type),
         }
     }
 
     /// Returns the channels of an irrep as columns of the input.
-    fn channels<'a, T>(&self, b: Irrep, x: &'a [T]) -> Columns<'a, T> {
-        Columns {
+    fn channels<'a, T>(&self, b: Irrep, x: &'a [T]) -> IrrepChannels<'a, T> {
+        IrrepChannels {
             // a slice of no samples is shorter than the start of an irrep
-            data: x.get(self.in_type.range(b).start..).unwrap_or_default(),
+            data: x.get(self.in_type.channel_range(b).start..).unwrap_or_default(),
             stride: self.in_type.dim(),
         }
     }
 }
 
-impl Signature for Linear {
+impl LayerSignature for Linear {
     fn in_shape(&self) -> Shape {
         Shape::vector(self.in_type)
     }
@@ -81,17 +82,17 @@ impl Signature for Linear {
 
 impl<T: Scalar> Layer<T> for Linear {
     fn kind(&self) -> LayerKind<'_, T> {
-        LayerKind::Linear(Box::new(self.dense()))
+        LayerKind::Linear(Box::new(self.as_ordinary_conv()))
     }
 
-    fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+    fn draw_params(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         self.blocks.init(rng, gain, params);
     }
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
         self.blocks.fill_bias(params, y);
         for b in Irrep::ALL {
-            self.blocks.forward(b, params, self.channels(b, x), y);
+            self.blocks.add_product(b, params, self.channels(b, x), y);
         }
     }
 
@@ -104,12 +105,12 @@ impl<T: Scalar> Layer<T> for Linear {
         }
         let Some(dx) = pass.dx else { return };
         for b in Irrep::ALL {
-            let start = self.in_type.range(b).start;
-            let channels = ColumnsMut {
+            let start = self.in_type.channel_range(b).start;
+            let channels = IrrepChannelsMut {
                 data: dx.get_mut(start..).unwrap_or_default(),
                 stride: self.in_type.dim(),
             };
-            self.blocks.input_gradient(b, params, dy, channels);
+            self.blocks.write_input_gradient(b, params, dy, channels);
         }
     }
 }
@@ -121,13 +122,16 @@ impl fmt::Display for Linear {
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = FieldType::new(group, [2, 1, 3, 0]);
     let lacking = FieldType::new(group, [1, 2, 0, 2]);
-    let from_mixed = Linear::new(mixed, group.regular(4))?;
+    let from_mixed = Linear::new(mixed, group.regular_type(4))?;
     Ok(vec![
-        Example::rounded("linear", Linear::new(group.regular(3), lacking)?),
-        Example::rounded("linear from mixed", from_mixed),
+        TestLayer::approximately_equivariant(
+            "linear",
+            Linear::new(group.regular_type(3), lacking)?,
+        ),
+        TestLayer::approximately_equivariant("linear from mixed", from_mixed),
     ])
 }

@@ -5,15 +5,15 @@ use std::fmt;
 use symmetry::Group;
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
-use crate::real::exceeds;
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{LayerKind, LayerSignature, Parameterless, Scalar};
+use crate::real::exceeds_or_is_nan;
 use crate::shape::Shape;
-use crate::steerable::hadamard::{permuted_fields, transform_pixels};
-use crate::steerable::windows::Windows;
-use crate::window::Kernel;
+use crate::steerable::hadamard::{hadamard_transform_pixels, require_permuted_fields};
+use crate::steerable::windows::WindowGrid;
+use crate::window::SlidingWindow;
 
-/// Maximum over a window, for every channel in the regular basis.
+/// Layer that takes the maximum over a window, for every channel in the regular basis.
 ///
 /// The group permutes pixels and the channels of the regular basis, so the map is exactly
 /// equivariant if the windows sit symmetrically. Padding is never the maximum. On ties the gradient
@@ -23,41 +23,41 @@ pub struct MaxPool {
     shape: Shape,
     order: usize,
     fields: usize,
-    windows: Windows,
+    windows: WindowGrid,
 }
 
 impl MaxPool {
-    /// Creates the pooling of maps of this shape.
+    /// Creates the max-pooling of maps of this shape.
     ///
     /// # Errors
     /// When the map is empty, its type is neither regular fields only nor trivial channels only,
-    /// the windows do not sit symmetrically (see [`Kernel`]), none fits, or the padding exceeds
-    /// half a window.
-    pub fn new(shape: Shape, kernel: Kernel) -> Result<MaxPool, LayerError> {
-        let (order, fields) = permuted_fields("MaxPool", shape)?;
+    /// the windows do not sit symmetrically (see [`SlidingWindow`]), none fits, or the padding
+    /// exceeds half a window.
+    pub fn new(shape: Shape, kernel: SlidingWindow) -> Result<MaxPool, LayerError> {
+        let (order, fields) = require_permuted_fields("MaxPool", shape)?;
         Ok(MaxPool {
             shape,
             order,
             fields,
-            windows: Windows::of_pooling("MaxPool", shape, kernel)?,
+            windows: WindowGrid::for_pooling("MaxPool", shape, kernel)?,
         })
     }
 
     /// Transforms pixels between the irrep basis and the regular basis.
     fn transform<T: Scalar>(&self, values: &mut [T]) {
-        transform_pixels(self.order, self.fields, values);
+        hadamard_transform_pixels(self.order, self.fields, values);
     }
 
     /// Writes the maxima of window `index` into `y` `[dim]`.
     fn maximum<T: Scalar>(&self, regular: &[T], index: usize, y: &mut [T]) {
         let dim = y.len();
-        let mut pixels = self.windows.pixels(index);
+        let mut pixels = self.windows.pixels_in_window(index);
         if let Some(first) = pixels.next() {
             y.copy_from_slice(&regular[first * dim..][..dim]);
         }
         for pixel in pixels {
-            for (y, &x) in y.iter_mut().zip(&regular[pixel * dim..]) {
-                *y = if exceeds(x, *y) { x } else { *y };
+            for (largest, &x) in y.iter_mut().zip(&regular[pixel * dim..]) {
+                *largest = if exceeds_or_is_nan(x, *largest) { x } else { *largest };
             }
         }
     }
@@ -66,7 +66,7 @@ impl MaxPool {
     /// `dy`.
     fn route<T: Scalar>(&self, regular: &[T], index: usize, y: &[T], dy: &mut [T], dx: &mut [T]) {
         let dim = y.len();
-        for pixel in self.windows.pixels(index) {
+        for pixel in self.windows.pixels_in_window(index) {
             let (x, dx) = (&regular[pixel * dim..][..dim], &mut dx[pixel * dim..][..dim]);
             for c in 0..dim {
                 // the winner takes dy and leaves zero for later pixels of equal value
@@ -78,7 +78,7 @@ impl MaxPool {
     }
 }
 
-impl Signature for MaxPool {
+impl LayerSignature for MaxPool {
     fn in_shape(&self) -> Shape {
         self.shape
     }
@@ -100,14 +100,14 @@ impl Parameterless for MaxPool {
 
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]) {
         let regular = &mut scratch[..self.shape.len()];
-        for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
-            regular.copy_from_slice(x);
+        for (map, pooled) in self.shape.samples(x).zip(self.out_shape().samples_mut(y)) {
+            regular.copy_from_slice(map);
             self.transform(regular);
-            let pixels = y.chunks_exact_mut(self.shape.fields.dim());
-            for (i, y) in pixels.enumerate() {
-                self.maximum(regular, i, y);
+            let pixels = pooled.chunks_exact_mut(self.shape.fields.dim());
+            for (i, out) in pixels.enumerate() {
+                self.maximum(regular, i, out);
             }
-            self.transform(y);
+            self.transform(pooled);
         }
     }
 
@@ -117,40 +117,40 @@ impl Parameterless for MaxPool {
         // the maxima are computed again: y was rounded by two transforms, and would not equal a
         // pixel
         let (y, gradient) = pixel[..2 * dim].split_at_mut(dim);
-        let inputs = self.shape.each(x).zip(self.out_shape().each(dy));
-        for ((x, dy), dx) in inputs.zip(self.shape.each_mut(dx)) {
-            regular.copy_from_slice(x);
+        let inputs = self.shape.samples(x).zip(self.out_shape().samples(dy));
+        for ((map, upstream), map_gradient) in inputs.zip(self.shape.samples_mut(dx)) {
+            regular.copy_from_slice(map);
             self.transform(regular);
-            dx.fill(T::ZERO);
-            for (i, dy) in dy.chunks_exact(dim).enumerate() {
+            map_gradient.fill(T::ZERO);
+            for (i, pixel_dy) in upstream.chunks_exact(dim).enumerate() {
                 self.maximum(regular, i, y);
-                gradient.copy_from_slice(dy);
+                gradient.copy_from_slice(pixel_dy);
                 self.transform(gradient);
-                self.route(regular, i, y, gradient, dx);
+                self.route(regular, i, y, gradient, map_gradient);
             }
-            self.transform(dx);
+            self.transform(map_gradient);
         }
     }
 }
 
 impl fmt::Display for MaxPool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.windows.write_pooling(f, "MaxPool", self.shape.fields)
+        self.windows.fmt_pooling(f, "MaxPool", self.shape.fields)
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let pool = |height, width, fields, [size, stride, padding]: [usize; 3]| {
-        let kernel = Kernel::new(size, stride, padding);
+        let kernel = SlidingWindow::new(size, stride, padding);
         MaxPool::new(Shape::image(height, width, fields), kernel)
     };
-    let regular = |n| group.regular(n);
-    let trivial = pool(4, 4, group.trivial(3), [2, 2, 0])?;
+    let regular = |n| group.regular_type(n);
+    let trivial = pool(4, 4, group.trivial_type(3), [2, 2, 0])?;
     Ok(vec![
-        Example::exact("max-pool 2x2/2", pool(4, 6, regular(3), [2, 2, 0])?),
-        Example::exact("max-pool 3x3/2", pool(5, 3, regular(2), [3, 2, 1])?),
-        Example::exact("trivial max-pool", trivial),
+        TestLayer::exactly_equivariant("max-pool 2x2/2", pool(4, 6, regular(3), [2, 2, 0])?),
+        TestLayer::exactly_equivariant("max-pool 3x3/2", pool(5, 3, regular(2), [3, 2, 1])?),
+        TestLayer::exactly_equivariant("trivial max-pool", trivial),
     ])
 }
 
@@ -162,16 +162,16 @@ mod tests {
     use symmetry::Group;
 
     fn halving(size: usize, fields: symmetry::FieldType) -> MaxPool {
-        let kernel = Kernel::new(2, 2, 0);
+        let kernel = SlidingWindow::new(2, 2, 0);
         MaxPool::new(Shape::image(size, size, fields), kernel).unwrap()
     }
 
     #[test]
     fn the_largest_pixel_of_each_channel_comes_out_and_takes_the_gradient() {
-        let pool = halving(2, Group::C1.trivial(2));
+        let pool = halving(2, Group::C1.trivial_type(2));
         let x = [1.0, 8.0, 4.0, 5.0, 3.0, 6.0, 4.0, 7.0];
         let (mut y, mut dx) = ([0.0; 2], [f64::NAN; 8]);
-        let mut scratch = Scratch::filled(12, f64::NAN);
+        let mut scratch = Scratch::filled_with(12, f64::NAN);
         pool.forward(&[], &x, &mut y, &mut scratch);
         assert_eq!(y, [4.0, 8.0]);
         let dy = [10.0, 20.0];
@@ -181,9 +181,9 @@ mod tests {
 
     #[test]
     fn padding_never_wins_and_not_a_number_always_does() {
-        let kernel = Kernel::new(3, 1, 1);
-        let pool = MaxPool::new(Shape::image(1, 3, Group::D2.trivial(1)), kernel).unwrap();
-        let (mut y, mut scratch) = ([0.0f64; 3], pool.scratch(1));
+        let kernel = SlidingWindow::new(3, 1, 1);
+        let pool = MaxPool::new(Shape::image(1, 3, Group::D2.trivial_type(1)), kernel).unwrap();
+        let (mut y, mut scratch) = ([0.0f64; 3], pool.allocate_scratch(1));
         pool.forward(&[], &[-3.0, -2.0, -5.0], &mut y, &mut scratch);
         assert_eq!(y, [-2.0, -2.0, -2.0]);
         pool.forward(&[], &[f64::NAN, -2.0, -5.0], &mut y, &mut scratch);
@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn odd_irreps_alone_are_refused() {
         let shape = Shape::image(2, 2, "1 x".parse().unwrap());
-        let kernel = Kernel::new(2, 2, 0);
+        let kernel = SlidingWindow::new(2, 2, 0);
         let message = MaxPool::new(shape, kernel).unwrap_err().to_string();
         assert!(message.starts_with("MaxPool: got the type `1 x`"), "{message}");
     }

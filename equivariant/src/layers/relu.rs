@@ -6,12 +6,14 @@ use std::fmt;
 use symmetry::Group;
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{LayerKind, LayerSignature, Parameterless, Scalar};
 use crate::shape::Shape;
-use crate::steerable::hadamard::{parts, parts_mut, permuted_fields, transform, with_order};
+use crate::steerable::hadamard::{
+    require_permuted_fields, split_by_irrep, split_by_irrep_mut, walsh_hadamard, with_const_order,
+};
 
-/// Pointwise max(0, .) in the regular basis.
+/// Layer that takes the pointwise max(0, .) in the regular basis.
 ///
 /// The group permutes the regular basis, so a pointwise map there is equivariant: Hadamard
 /// transform, ReLU, transform back, all orthonormal. On trivial channels it is the plain ReLU.
@@ -28,12 +30,12 @@ impl Relu {
     /// # Errors
     /// When the map is empty or its type is neither regular fields only nor trivial channels only.
     pub fn new(shape: Shape) -> Result<Relu, LayerError> {
-        let (order, fields) = permuted_fields("Relu", shape)?;
+        let (order, fields) = require_permuted_fields("Relu", shape)?;
         Ok(Relu { shape, order, fields })
     }
 }
 
-impl Signature for Relu {
+impl LayerSignature for Relu {
     fn in_shape(&self) -> Shape {
         self.shape
     }
@@ -49,11 +51,11 @@ impl Parameterless for Relu {
     }
 
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        with_order!(G = self.order, forward_fields::<T, G>(self.fields, x, y));
+        with_const_order!(G = self.order, forward_fields::<T, G>(self.fields, x, y));
     }
 
     fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
-        with_order!(G = self.order, backward_fields::<T, G>(self.fields, x, dy, dx));
+        with_const_order!(G = self.order, backward_fields::<T, G>(self.fields, x, dy, dx));
     }
 }
 
@@ -92,14 +94,14 @@ fn backward_fields<T: Scalar, const G: usize>(fields: usize, x: &[T], dy: &[T], 
 #[inline(always)]
 fn forward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
     let width = (G * n).max(1);
-    for (x, y) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)) {
-        let x = parts::<T, G>(x, n);
-        let y = parts_mut::<T, G>(y, n);
+    for (pixel, out) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)) {
+        let pixel = split_by_irrep::<T, G>(pixel, n);
+        let out = split_by_irrep_mut::<T, G>(out, n);
         for f in 0..n {
-            let values = transform::<T, G>(from_fn(|a| x[a][f])).map(|v| pass(v, v));
-            let values = transform(values);
+            let values = walsh_hadamard::<T, G>(from_fn(|a| pixel[a][f])).map(|v| pass(v, v));
+            let values = walsh_hadamard(values);
             for a in 0..G {
-                y[a][f] = values[a];
+                out[a][f] = values[a];
             }
         }
     }
@@ -109,28 +111,29 @@ fn forward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
 fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
     let width = (G * n).max(1);
     let inputs = x.chunks_exact(width).zip(dy.chunks_exact(width));
-    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(width)) {
-        let (x, dy) = (parts::<T, G>(x, n), parts::<T, G>(dy, n));
-        let dx = parts_mut::<T, G>(dx, n);
+    for ((pixel, upstream), gradient) in inputs.zip(dx.chunks_exact_mut(width)) {
+        let (pixel, upstream) =
+            (split_by_irrep::<T, G>(pixel, n), split_by_irrep::<T, G>(upstream, n));
+        let gradient = split_by_irrep_mut::<T, G>(gradient, n);
         for f in 0..n {
-            let gates = transform::<T, G>(from_fn(|a| x[a][f]));
-            let values = transform::<T, G>(from_fn(|a| dy[a][f]));
-            let values = transform::<T, G>(from_fn(|g| pass(gates[g], values[g])));
+            let gates = walsh_hadamard::<T, G>(from_fn(|a| pixel[a][f]));
+            let values = walsh_hadamard::<T, G>(from_fn(|a| upstream[a][f]));
+            let values = walsh_hadamard::<T, G>(from_fn(|g| pass(gates[g], values[g])));
             for a in 0..G {
-                dx[a][f] = values[a];
+                gradient[a][f] = values[a];
             }
         }
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let image = Shape::image;
-    let trivial = Shape::vector(group.trivial(5));
+    let trivial = Shape::vector(group.trivial_type(5));
     Ok(vec![
-        Example::exact("relu", Relu::new(image(3, 2, group.regular(3)))?),
-        Example::exact("relu of 8", Relu::new(image(3, 2, group.regular(8)))?),
-        Example::exact("trivial relu", Relu::new(trivial)?),
+        TestLayer::exactly_equivariant("relu", Relu::new(image(3, 2, group.regular_type(3)))?),
+        TestLayer::exactly_equivariant("relu of 8", Relu::new(image(3, 2, group.regular_type(8)))?),
+        TestLayer::exactly_equivariant("trivial relu", Relu::new(trivial)?),
     ])
 }
 
@@ -142,26 +145,26 @@ mod tests {
 
     #[test]
     fn one_field_is_rectified_in_the_regular_basis() {
-        let relu = Relu::new(Shape::vector(Group::D2.regular(1))).unwrap();
-        let x: [f64; 4] = transform([1.0, -2.0, 3.0, -4.0]);
+        let relu = Relu::new(Shape::vector(Group::D2.regular_type(1))).unwrap();
+        let x: [f64; 4] = walsh_hadamard([1.0, -2.0, 3.0, -4.0]);
         let mut y = [0.0; 4];
-        relu.forward(&[], &x, &mut y, &mut relu.scratch(1));
-        assert_eq!(transform(y), [1.0, 0.0, 3.0, 0.0]);
+        relu.forward(&[], &x, &mut y, &mut relu.allocate_scratch(1));
+        assert_eq!(walsh_hadamard(y), [1.0, 0.0, 3.0, 0.0]);
     }
 
     #[test]
     fn trivial_channels_are_rectified_as_they_are() {
-        let relu = Relu::new(Shape::vector(Group::D2.trivial(3))).unwrap();
+        let relu = Relu::new(Shape::vector(Group::D2.trivial_type(3))).unwrap();
         let mut y = [0.0; 3];
-        relu.forward(&[], &[-1.0, 0.0, 2.0], &mut y, &mut relu.scratch(1));
+        relu.forward(&[], &[-1.0, 0.0, 2.0], &mut y, &mut relu.allocate_scratch(1));
         assert_eq!(y, [0.0, 0.0, 2.0]);
     }
 
     #[test]
     fn not_a_number_stays_visible() {
-        let relu = Relu::new(Shape::vector(Group::D2.trivial(2))).unwrap();
+        let relu = Relu::new(Shape::vector(Group::D2.trivial_type(2))).unwrap();
         let mut y = [0.0f64; 2];
-        relu.forward(&[], &[f64::NAN, -1.0], &mut y, &mut relu.scratch(1));
+        relu.forward(&[], &[f64::NAN, -1.0], &mut y, &mut relu.allocate_scratch(1));
         assert!(y[0].is_nan() && y[1] == 0.0);
     }
 

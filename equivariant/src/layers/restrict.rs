@@ -6,11 +6,11 @@ use std::ops::Range;
 use symmetry::{D2, FieldType, Group, Irrep};
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{Parameterless, Scalar, Signature};
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{LayerSignature, Parameterless, Scalar};
 use crate::shape::Shape;
 
-/// Maps of a group seen as maps of a subgroup, like escnn's `RestrictionModule`.
+/// Layer that turns maps of a group into maps of a subgroup, like escnn's `RestrictionModule`.
 ///
 /// Later layers need to commute with the subgroup only. A regular field becomes |G| / |H| regular
 /// fields of the subgroup H, one for each of its cosets, with the same values in the regular basis:
@@ -33,21 +33,21 @@ struct Block {
 }
 
 impl Restrict {
-    /// Creates the restriction of maps of this shape to a group.
+    /// Creates the restriction of maps of this shape to the subgroup `group`.
     ///
     /// # Errors
     /// When the map is empty or the group is not a subgroup of that of its type.
     pub fn new(shape: Shape, group: Group) -> Result<Restrict, LayerError> {
         LayerError::check_map("Restrict", shape, 0)?;
         if !group.is_subgroup_of(shape.fields.group()) {
-            return Err(LayerError::Setting {
+            return Err(LayerError::InvalidSetting {
                 layer: "Restrict",
                 setting: "group",
                 got: group.to_string(),
                 expected: "a subgroup of that of the input",
             });
         }
-        let blocks = match shape.fields.regular_fields() {
+        let blocks = match shape.fields.num_regular_fields() {
             Some(fields) => of_regular_fields(shape.fields, fields, group),
             None => sorted(shape.fields, group),
         };
@@ -61,8 +61,8 @@ fn sources_of(
     group: Group,
     b: Irrep,
 ) -> impl Iterator<Item = (Irrep, Range<usize>)> {
-    let irreps = fields.group().irreps().iter().filter(move |&&a| group.restrict(a) == b);
-    irreps.map(move |&a| (a, fields.range(a)))
+    let irreps = fields.group().irreps().iter().filter(move |&&a| group.restrict_irrep(a) == b);
+    irreps.map(move |&a| (a, fields.channel_range(a)))
 }
 
 /// Returns the blocks that keep values and sort channels by the irreps of the subgroup.
@@ -87,7 +87,7 @@ fn of_regular_fields(fields: FieldType, n: usize, group: Group) -> Vec<Block> {
     let scale = (cosets.len() as f64).sqrt().recip();
     let mut blocks = Vec::new();
     for &b in group.irreps() {
-        let start = fields.restrict(group).range(b).start;
+        let start = fields.restrict(group).channel_range(b).start;
         for (coset, &t) in cosets.iter().enumerate() {
             blocks.extend(sources_of(fields, group, b).map(|(a, from)| Block {
                 to: start + coset * n,
@@ -107,7 +107,7 @@ fn cosets(group: Group, subgroup: Group) -> Vec<D2> {
     all.copied().filter(first).collect()
 }
 
-impl Signature for Restrict {
+impl LayerSignature for Restrict {
     fn in_shape(&self) -> Shape {
         self.shape
     }
@@ -122,9 +122,9 @@ impl Parameterless for Restrict {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         y.fill(T::ZERO);
-        for (x, y) in x.chunks_exact(dim).zip(y.chunks_exact_mut(dim)) {
+        for (pixel, out) in x.chunks_exact(dim).zip(y.chunks_exact_mut(dim)) {
             for Block { to, from, scale } in &self.blocks {
-                add(*scale, &x[from.clone()], &mut y[*to..]);
+                add(*scale, &pixel[from.clone()], &mut out[*to..]);
             }
         }
     }
@@ -133,9 +133,9 @@ impl Parameterless for Restrict {
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         dx.fill(T::ZERO);
-        for (dy, dx) in dy.chunks_exact(dim).zip(dx.chunks_exact_mut(dim)) {
+        for (upstream, gradient) in dy.chunks_exact(dim).zip(dx.chunks_exact_mut(dim)) {
             for Block { to, from, scale } in &self.blocks {
-                add(*scale, &dy[*to..], &mut dx[from.clone()]);
+                add(*scale, &upstream[*to..], &mut gradient[from.clone()]);
             }
         }
     }
@@ -144,8 +144,8 @@ impl Parameterless for Restrict {
 /// Adds `scale` times the values, as many as the shorter slice has.
 fn add<T: Scalar>(scale: f64, from: &[T], to: &mut [T]) {
     let scale = T::from_f64(scale);
-    for (to, &from) in to.iter_mut().zip(from) {
-        *to += scale * from;
+    for (sum, &value) in to.iter_mut().zip(from) {
+        *sum += scale * value;
     }
 }
 
@@ -155,18 +155,18 @@ impl fmt::Display for Restrict {
     }
 }
 
-/// Returns examples for the tests of all layers: restrictions to the next smaller groups.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+/// Returns layers for the tests of all layers: restrictions to the next smaller groups.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = Shape::image(3, 2, FieldType::new(group, [2, 1, 3, 0]));
-    let regular = Shape::image(2, 4, group.regular(3));
+    let regular = Shape::image(2, 4, group.regular_type(3));
     let sub = match group {
         Group::D2 => Group::D1y,
         _ => Group::C1,
     };
     Ok(vec![
-        Example::exact("restriction", Restrict::new(regular, sub)?),
-        Example::exact("restriction to C1", Restrict::new(regular, Group::C1)?),
-        Example::exact("restriction of mixed", Restrict::new(mixed, sub)?),
+        TestLayer::exactly_equivariant("restriction", Restrict::new(regular, sub)?),
+        TestLayer::exactly_equivariant("restriction to C1", Restrict::new(regular, Group::C1)?),
+        TestLayer::exactly_equivariant("restriction of mixed", Restrict::new(mixed, sub)?),
     ])
 }
 
@@ -175,11 +175,11 @@ mod tests {
     use super::*;
     use crate::layers::layer::Layer;
     use crate::layers::relu::Relu;
-    use crate::steerable::hadamard::hadamard;
+    use crate::steerable::hadamard::hadamard_transform;
 
     fn run(layer: &dyn Layer<f64>, x: &[f64]) -> Vec<f64> {
         let mut y = vec![f64::NAN; layer.out_shape().len()];
-        layer.forward(&[], x, &mut y, &mut layer.scratch(1));
+        layer.forward(&[], x, &mut y, &mut layer.allocate_scratch(1));
         y
     }
 
@@ -188,17 +188,17 @@ mod tests {
         let values = [0.3, -1.0, 2.0, 0.7];
         for group in Group::ALL {
             for sub in Group::ALL.into_iter().filter(|h| h.is_subgroup_of(group)) {
-                let restrict = Restrict::new(Shape::vector(group.regular(1)), sub).unwrap();
+                let restrict = Restrict::new(Shape::vector(group.regular_type(1)), sub).unwrap();
                 let mut x = values[..group.order()].to_vec();
-                hadamard(group, &mut x);
+                hadamard_transform(group, &mut x);
                 let mut y = run(&restrict, &x);
-                hadamard(sub, &mut y);
+                hadamard_transform(sub, &mut y);
                 let at = |g: D2| group.elements().iter().position(|&e| e == g).unwrap();
                 let cosets = cosets(group, sub);
                 let elements = sub.elements().iter();
                 let elements = elements.flat_map(|&h| cosets.iter().map(move |&t| h * t));
-                for (y, g) in y.into_iter().zip(elements) {
-                    assert!((y - values[at(g)]).abs() < 1e-15, "{group} to {sub}");
+                for (got, g) in y.into_iter().zip(elements) {
+                    assert!((got - values[at(g)]).abs() < 1e-15, "{group} to {sub}");
                 }
             }
         }
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn a_relu_may_come_before_or_behind() {
-        let shape = Shape::image(2, 2, Group::D2.regular(3));
+        let shape = Shape::image(2, 2, Group::D2.regular_type(3));
         let x: Vec<f64> = (0..shape.len()).map(|i| (i as f64).cos()).collect();
         let restrict = Restrict::new(shape, Group::C2).unwrap();
         let before = run(&restrict, &run(&Relu::new(shape).unwrap(), &x));
@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn only_subgroups_are_taken() {
-        let shape = Shape::vector(Group::D1x.regular(1));
+        let shape = Shape::vector(Group::D1x.regular_type(1));
         for group in [Group::D1y, Group::C2, Group::D2] {
             let message = Restrict::new(shape, group).unwrap_err().to_string();
             let expected = format!("Restrict: got the group {group}, expected a subgroup");

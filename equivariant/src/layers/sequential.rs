@@ -5,14 +5,16 @@ use std::ops::Range;
 
 use rand::Rng;
 
-use crate::conv::chain::Chain;
-use crate::conv::maps::Input;
+use crate::conv::chain::FusedChain;
+use crate::conv::maps::ConvInput;
 use crate::error::LayerError;
 use crate::layers::layer::{
-    Layer, LayerKind, Scalar, Signature, check_backward, check_forward, empty, fill, filled,
-    hash_of, samples,
+    Layer, LayerKind, LayerSignature, Scalar, check_backward, check_forward, count_samples,
+    hash_of, mark_scratch_filled, take_filled_scratch, take_unfilled_scratch,
 };
-use crate::scratch::{BackwardPass, Scratch, take_front, take_whole, whole};
+use crate::scratch::{
+    BackwardPass, Scratch, round_up_to_cache_line, take_front, take_front_padded,
+};
 use crate::shape::Shape;
 
 /// Chain of layers, itself a layer.
@@ -32,7 +34,7 @@ pub struct Sequential<T> {
 struct Stage {
     layers: Range<usize>,
     /// Fused form of the layers, if they begin with a convolution.
-    fused: Option<Chain>,
+    fused: Option<FusedChain>,
 }
 
 /// Groups layers into stages: a convolution takes all later layers that can be fused with it.
@@ -48,17 +50,17 @@ fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
             continue;
         }
         let fused = match kind {
-            LayerKind::R2Conv(conv) => Some(Chain::new(conv)),
+            LayerKind::R2Conv(conv) => Some(FusedChain::new(conv)),
             _ => None,
         };
-        let layers = i..i + 1;
-        stages.push(Stage { layers, fused });
+        let range = i..i + 1;
+        stages.push(Stage { layers: range, fused });
     }
     stages
 }
 
 /// Appends a layer to a chain if it can be fused with it; returns `true` if it was.
-fn extends<T: Scalar>(chain: &mut Chain, kind: &LayerKind<'_, T>) -> bool {
+fn extends<T: Scalar>(chain: &mut FusedChain, kind: &LayerKind<'_, T>) -> bool {
     match kind {
         LayerKind::R2Conv(conv) => chain.fuse_conv(conv),
         LayerKind::Relu => chain.fuse_relu(),
@@ -68,18 +70,18 @@ fn extends<T: Scalar>(chain: &mut Chain, kind: &LayerKind<'_, T>) -> bool {
 }
 
 impl<T: Scalar> Sequential<T> {
-    /// Creates a chain of layers.
+    /// Creates a chain of layers, in which each takes the output of the one before.
     ///
     /// # Errors
     /// When `layers` is empty, or neighbours disagree about the shape between them.
     pub fn new(layers: Vec<Box<dyn Layer<T>>>) -> Result<Sequential<T>, LayerError> {
         if layers.is_empty() {
-            return Err(LayerError::Empty);
+            return Err(LayerError::EmptySequence);
         }
         for (previous, pair) in layers.windows(2).enumerate() {
             let (gives, takes) = (pair[0].out_shape(), pair[1].in_shape());
             if gives != takes {
-                return Err(LayerError::Mismatch { index: previous + 1, takes, gives });
+                return Err(LayerError::ShapeMismatch { index: previous + 1, takes, gives });
             }
         }
         let mut end = 0;
@@ -97,13 +99,13 @@ impl<T: Scalar> Sequential<T> {
         })
     }
 
-    /// Returns the layers, in order.
+    /// Returns the layers of the chain, in order.
     pub fn layers(&self) -> &[Box<dyn Layer<T>>] {
         &self.layers
     }
 
     /// Returns the range of the parameters of layer `index` among those of the chain.
-    pub fn params_of(&self, index: usize) -> Range<usize> {
+    pub fn param_range(&self, index: usize) -> Range<usize> {
         self.params[index].clone()
     }
 
@@ -120,13 +122,13 @@ impl<T: Scalar> Sequential<T> {
     }
 
     /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with the same bits as on
-    /// their [`pixel_value`](crate::pixel_value)s.
+    /// their [`pixel_byte_to_float`](crate::pixel_byte_to_float)s.
     ///
     /// Bytes are converted where they are read, so the converted image is never stored.
     ///
     /// # Panics
     /// As `forward`, and when the first layer is no [`R2Conv`](crate::R2Conv) of trivial channels.
-    pub fn forward_bytes(
+    pub fn forward_from_bytes(
         &self,
         params: &[T],
         pictures: &[u8],
@@ -134,19 +136,19 @@ impl<T: Scalar> Sequential<T> {
         scratch: &mut Scratch<T>,
     ) {
         self.check_bytes();
-        let samples = samples(self, "pictures", pictures.len());
+        let samples = count_samples(self, "pictures", pictures.len());
         check_forward(self, samples, [params.len(), y.len()]);
-        let x = Input::Bytes(pictures);
-        self.run_from(params, samples, x, y, empty(self, samples, scratch));
-        fill(self, samples, scratch);
+        let x = ConvInput::Bytes(pictures);
+        self.run_from(params, samples, x, y, take_unfilled_scratch(self, samples, scratch));
+        mark_scratch_filled(self, samples, scratch);
     }
 
-    /// Runs the backward pass of [`forward_bytes`](Sequential::forward_bytes), with the same bits
-    /// as [`backward`](Layer::backward). Bytes have no gradient.
+    /// Runs the backward pass of [`forward_from_bytes`](Sequential::forward_from_bytes), with the
+    /// same bits as [`backward`](Layer::backward). Bytes have no gradient.
     ///
     /// # Panics
-    /// As `forward_bytes` and `backward`.
-    pub fn backward_bytes(
+    /// As `forward_from_bytes` and `backward`.
+    pub fn backward_from_bytes(
         &self,
         params: &[T],
         pictures: &[u8],
@@ -155,7 +157,7 @@ impl<T: Scalar> Sequential<T> {
         scratch: &mut Scratch<T>,
     ) {
         self.check_bytes();
-        let samples = samples(self, "pictures", pictures.len());
+        let samples = count_samples(self, "pictures", pictures.len());
         let lens = [params.len(), y.len(), dy.len(), dparams.len()];
         check_backward(self, samples, lens);
         let pass = BackwardPass {
@@ -165,9 +167,9 @@ impl<T: Scalar> Sequential<T> {
             dy,
             dx: None,
             dparams,
-            scratch: filled(self, samples, scratch),
+            scratch: take_filled_scratch(self, samples, scratch),
         };
-        self.run_back_to(samples, Input::Bytes(pictures), pass);
+        self.run_back_to(samples, ConvInput::Bytes(pictures), pass);
     }
 
     /// Panics unless the first layer is a convolution that reads bytes.
@@ -180,13 +182,20 @@ impl<T: Scalar> Sequential<T> {
     }
 
     /// Runs the stages one after the other; `x` is not staged.
-    fn run_from(&self, params: &[T], samples: usize, x: Input<T>, y: &mut [T], scratch: &mut [T]) {
+    fn run_from(
+        &self,
+        params: &[T],
+        samples: usize,
+        x: ConvInput<T>,
+        y: &mut [T],
+        scratch: &mut [T],
+    ) {
         let mut parts = self.parts(samples, scratch);
         let mut y = Some(y);
         let mut input = x;
         for (i, (layer, range)) in self.stages().enumerate() {
-            let scratch = if layer.keeps_scratch() {
-                take_whole(&mut parts.kept, layer.scratch_len(samples))
+            let layer_scratch = if layer.keeps_scratch() {
+                take_front_padded(&mut parts.kept, layer.scratch_len(samples))
             } else {
                 &mut parts.shared[..layer.scratch_len(samples)]
             };
@@ -194,20 +203,26 @@ impl<T: Scalar> Sequential<T> {
             // pass reads
             let output = match y.take_if(|_| i + 1 == self.stages.len()) {
                 Some(y) => y,
-                None => take_whole(&mut parts.activations, samples * layer.out_shape().len()),
+                None => {
+                    take_front_padded(&mut parts.activations, samples * layer.out_shape().len())
+                }
             };
             match (input, &self.stages[i].fused) {
-                (Input::Channels(x), _) => layer.run_forward(&params[range], x, output, scratch),
-                (x, Some(chain)) => chain.forward(&params[range], samples, x, output, scratch),
+                (ConvInput::Channels(channels), _) => {
+                    layer.run_forward(&params[range], channels, output, layer_scratch)
+                }
+                (entry, Some(chain)) => {
+                    chain.forward(&params[range], samples, entry, output, layer_scratch)
+                }
                 (_, None) => unreachable!("bytes are for chains"),
             }
-            input = Input::Channels(output);
+            input = ConvInput::Channels(output);
         }
     }
 
     /// Runs the backward passes of the stages in reverse order; `x` replaces `pass.x` if it holds
     /// bytes.
-    fn run_back_to(&self, samples: usize, x: Input<T>, pass: BackwardPass<T>) {
+    fn run_back_to(&self, samples: usize, x: ConvInput<T>, pass: BackwardPass<T>) {
         let mut parts = self.parts(samples, pass.scratch);
         let mut dx = pass.dx;
         let [mut output_gradient, mut input_gradient] = parts.gradients;
@@ -236,7 +251,7 @@ impl<T: Scalar> Sequential<T> {
                 },
             };
             match (i, x, &self.stages[i].fused) {
-                (0, Input::Bytes(_), Some(chain)) => chain.backward(samples, x, pass),
+                (0, ConvInput::Bytes(_), Some(chain)) => chain.backward(samples, x, pass),
                 _ => layer.run_backward(pass),
             }
             // the input gradient of this stage is the output gradient of the stage before it
@@ -260,11 +275,12 @@ impl<T: Scalar> Sequential<T> {
     /// Returns the lengths of the parts of the scratch of this many samples.
     fn sizes(&self, samples: usize) -> Sizes {
         let inner = self.stages().take(self.stages.len() - 1);
-        let activations = inner.map(|(layer, _)| whole(samples * layer.out_shape().len()));
+        let activations =
+            inner.map(|(layer, _)| round_up_to_cache_line(samples * layer.out_shape().len()));
         let scratch = |kept| {
             let layers = self.stages().map(|(layer, _)| layer);
             let chosen = layers.filter(move |layer| layer.keeps_scratch() == kept);
-            chosen.map(move |layer| whole(layer.scratch_len(samples)))
+            chosen.map(move |layer| round_up_to_cache_line(layer.scratch_len(samples)))
         };
         Sizes {
             activations: activations.clone().sum(),
@@ -295,7 +311,7 @@ struct Parts<'a, T> {
     shared: &'a mut [T],
 }
 
-impl<T: Scalar> Signature for Sequential<T> {
+impl<T: Scalar> LayerSignature for Sequential<T> {
     fn in_shape(&self) -> Shape {
         self.layers[0].in_shape()
     }
@@ -327,13 +343,13 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
         LayerKind::Sequential(&self.layers)
     }
 
-    fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+    fn draw_params(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         // layers without parameters, such as a ReLU at the end, do not use up the gain
         let scaled = self.layers.iter().rposition(|layer| layer.num_params() > 0);
         for (i, (layer, range)) in self.layers.iter().zip(&self.params).enumerate() {
             let params = &mut params[range.clone()];
             match scaled {
-                Some(last) if last == i => layer.init_scaled(rng, gain, params),
+                Some(last) if last == i => layer.init_with_gain(rng, gain, params),
                 _ => layer.init(rng, params),
             }
         }
@@ -341,30 +357,30 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
         let samples = x.len() / self.in_shape().len();
-        self.run_from(params, samples, Input::Channels(x), y, scratch);
+        self.run_from(params, samples, ConvInput::Channels(x), y, scratch);
     }
 
     fn run_backward(&self, pass: BackwardPass<T>) {
         let samples = pass.x.len() / self.in_shape().len();
-        self.run_back_to(samples, Input::Channels(pass.x), pass);
+        self.run_back_to(samples, ConvInput::Channels(pass.x), pass);
     }
 }
 
-impl Signature for Chain {
+impl LayerSignature for FusedChain {
     fn in_shape(&self) -> Shape {
-        Chain::in_shape(self)
+        FusedChain::in_shape(self)
     }
 
     fn out_shape(&self) -> Shape {
-        Chain::out_shape(self)
+        FusedChain::out_shape(self)
     }
 
     fn num_params(&self) -> usize {
-        Chain::num_params(self)
+        FusedChain::num_params(self)
     }
 
     fn scratch_len(&self, samples: usize) -> usize {
-        Chain::scratch_len(self, samples)
+        FusedChain::scratch_len(self, samples)
     }
 
     fn keeps_scratch(&self) -> bool {
@@ -372,34 +388,34 @@ impl Signature for Chain {
     }
 }
 
-impl<T: Scalar> Layer<T> for Chain {
+impl<T: Scalar> Layer<T> for FusedChain {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        let samples = x.len() / Signature::in_shape(self).len();
-        Chain::forward(self, params, samples, Input::Channels(x), y, scratch);
+        let samples = x.len() / LayerSignature::in_shape(self).len();
+        FusedChain::forward(self, params, samples, ConvInput::Channels(x), y, scratch);
     }
 
     fn run_backward(&self, pass: BackwardPass<T>) {
-        let samples = pass.x.len() / Signature::in_shape(self).len();
-        Chain::backward(self, samples, Input::Channels(pass.x), pass);
+        let samples = pass.x.len() / LayerSignature::in_shape(self).len();
+        FusedChain::backward(self, samples, ConvInput::Channels(pass.x), pass);
     }
 }
 
-impl fmt::Display for Chain {
+impl fmt::Display for FusedChain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shapes: Vec<String> = self.outs().map(|out| out.to_string()).collect();
+        let shapes: Vec<String> = self.out_shapes().map(|out| out.to_string()).collect();
         write!(f, "Chain({} -> {})", self.in_shape(), shapes.join(" -> "))
     }
 }
 
-/// Splits `len` values off the back and drops the padding that [`whole`] adds.
+/// Splits `len` values off the back and drops the padding that [`round_up_to_cache_line`] adds.
 fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
-    let (front, back) = rest.split_at(rest.len() - whole(len));
+    let (front, back) = rest.split_at(rest.len() - round_up_to_cache_line(len));
     *rest = front;
     &back[..len]
 }
 
 fn take_back_mut<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
-    let at = rest.len() - whole(len);
+    let at = rest.len() - round_up_to_cache_line(len);
     let (front, back) = std::mem::take(rest).split_at_mut(at);
     *rest = front;
     &mut back[..len]

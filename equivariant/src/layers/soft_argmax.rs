@@ -5,13 +5,13 @@ use std::fmt;
 use symmetry::{FieldType, Group, Irrep};
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature, hash_of};
-use crate::real::exceeds;
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{LayerKind, LayerSignature, Parameterless, Scalar, hash_of};
+use crate::real::exceeds_or_is_nan;
 use crate::shape::Shape;
-use crate::steerable::hadamard::{permuted_fields, transform_pixels};
+use crate::steerable::hadamard::{hadamard_transform_pixels, require_permuted_fields};
 
-/// Expected position of every map under the softmax over its pixels.
+/// Layer that computes the expected position of every map under the softmax over its pixels.
 ///
 /// Each channel in the regular basis is divided by the temperature and turned into a distribution
 /// over the pixels; its mean (x, y) is a keypoint (Levine et al., "End-to-end training of deep
@@ -31,20 +31,20 @@ pub struct SpatialSoftArgmax {
 }
 
 impl SpatialSoftArgmax {
-    /// Creates the layer for maps of this shape. 1 is the usual temperature; lower ones are closer
-    /// to the maximum.
+    /// Creates the layer for maps of this shape and a softmax of this temperature. 1 is the usual
+    /// temperature; lower ones are closer to the maximum.
     ///
     /// # Errors
     /// When the map is empty, its type is neither regular fields only nor trivial channels only, it
     /// has more than 2^23 channels, or the temperature or its reciprocal is not a positive, finite
     /// and normal number in single precision.
     pub fn new(shape: Shape, temperature: f64) -> Result<SpatialSoftArgmax, LayerError> {
-        let (order, fields) = permuted_fields("SpatialSoftArgmax", shape)?;
+        let (order, fields) = require_permuted_fields("SpatialSoftArgmax", shape)?;
         LayerError::check_channels("SpatialSoftArgmax", 2 * shape.fields.dim())?;
         // the passes use the reciprocal, in either precision
         let usable = [temperature as f32, temperature.recip() as f32];
         if !usable.iter().all(|t| t.is_normal() && *t > 0.0) {
-            return Err(LayerError::Setting {
+            return Err(LayerError::InvalidSetting {
                 layer: "SpatialSoftArgmax",
                 setting: "temperature",
                 got: temperature.to_string(),
@@ -59,7 +59,7 @@ impl SpatialSoftArgmax {
         let (group, n) = (self.shape.fields.group(), self.fields);
         match self.order {
             1 => FieldType::new(group, [0, n, n, 0]),
-            _ => group.regular(2 * n),
+            _ => group.regular_type(2 * n),
         }
     }
 
@@ -77,7 +77,7 @@ impl SpatialSoftArgmax {
         let (n, irrep) = (self.fields, [Irrep::X, Irrep::Y][coordinate]);
         let group = self.shape.fields.group();
         if self.order == 1 {
-            let range = self.out_type().range(group.restrict(irrep));
+            let range = self.out_type().channel_range(group.restrict_irrep(irrep));
             // under C1 and C2, x and y are the same irrep, and x comes first
             let place = if coordinate == 0 { range.start } else { range.end - n };
             return (place + channel, 1);
@@ -88,11 +88,11 @@ impl SpatialSoftArgmax {
     }
 
     fn transform_input<T: Scalar>(&self, values: &mut [T]) {
-        transform_pixels(self.order, self.fields, values);
+        hadamard_transform_pixels(self.order, self.fields, values);
     }
 
     fn transform_output<T: Scalar>(&self, values: &mut [T]) {
-        transform_pixels(self.order, 2 * self.fields, values);
+        hadamard_transform_pixels(self.order, 2 * self.fields, values);
     }
 
     /// Converts output fields `y` `[2 dim]` to x of every channel in the regular basis, then y;
@@ -151,12 +151,12 @@ impl SpatialSoftArgmax {
         let dim = self.shape.fields.dim();
         let inverse = T::from_f64(self.temperature.recip());
         let pixels = map.chunks_exact(dim).zip(dx.chunks_exact_mut(dim));
-        for (i, (p, dx)) in pixels.enumerate() {
+        for (i, (p, out)) in pixels.enumerate() {
             let [x, y] = self.position::<T>(i);
             for c in 0..dim {
                 let along_x = (x - means[c]) * gradients[c];
                 let along_y = (y - means[dim + c]) * gradients[dim + c];
-                dx[c] = p[c] * inverse * (along_x + along_y);
+                out[c] = p[c] * inverse * (along_x + along_y);
             }
         }
     }
@@ -167,12 +167,12 @@ fn largest<T: Scalar>(map: &[T], row: &mut [T]) {
     row.copy_from_slice(&map[..row.len()]);
     for pixel in map.chunks_exact(row.len()) {
         for (best, &v) in row.iter_mut().zip(pixel) {
-            *best = if exceeds(v, *best) { v } else { *best };
+            *best = if exceeds_or_is_nan(v, *best) { v } else { *best };
         }
     }
 }
 
-impl Signature for SpatialSoftArgmax {
+impl LayerSignature for SpatialSoftArgmax {
     fn in_shape(&self) -> Shape {
         self.shape
     }
@@ -204,17 +204,17 @@ impl Parameterless for SpatialSoftArgmax {
         let dim = self.shape.fields.dim();
         let (distributions, rows) = scratch.split_at_mut(x.len());
         distributions.copy_from_slice(x);
-        let maps = self.shape.each_mut(distributions);
-        for (map, y) in maps.zip(y.chunks_exact_mut(2 * dim)) {
+        let maps = self.shape.samples_mut(distributions);
+        for (map, keypoints) in maps.zip(y.chunks_exact_mut(2 * dim)) {
             self.transform_input(map);
             self.softmax(map, &mut rows[..dim]);
             let means = &mut rows[..2 * dim];
             self.means(map, means);
             for (i, &mean) in means.iter().enumerate() {
                 let (place, sign) = self.target(i % dim, i / dim);
-                y[place] = if sign < 0 { -mean } else { mean };
+                keypoints[place] = if sign < 0 { -mean } else { mean };
             }
-            self.transform_output(y);
+            self.transform_output(keypoints);
         }
     }
 
@@ -223,13 +223,15 @@ impl Parameterless for SpatialSoftArgmax {
         let (distributions, rows) = scratch.split_at_mut(dx.len());
         let (spare, rows) = rows.split_at_mut(2 * dim);
         let (means, gradients) = rows.split_at_mut(2 * dim);
-        let maps = self.shape.each(distributions);
+        let maps = self.shape.samples(distributions);
         let (ys, dys) = (y.chunks_exact(2 * dim), dy.chunks_exact(2 * dim));
-        for ((map, (y, dy)), dx) in maps.zip(ys.zip(dys)).zip(self.shape.each_mut(dx)) {
-            self.keypoints(y, spare, means);
-            self.keypoints(dy, spare, gradients);
-            self.gradient(map, means, gradients, dx);
-            self.transform_input(dx);
+        for ((map, (points, upstream)), gradient) in
+            maps.zip(ys.zip(dys)).zip(self.shape.samples_mut(dx))
+        {
+            self.keypoints(points, spare, means);
+            self.keypoints(upstream, spare, gradients);
+            self.gradient(map, means, gradients, gradient);
+            self.transform_input(gradient);
         }
     }
 }
@@ -241,14 +243,14 @@ impl fmt::Display for SpatialSoftArgmax {
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
-    let regular = Shape::image(4, 5, group.regular(3));
-    let trivial = Shape::image(3, 3, group.trivial(2));
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+    let regular = Shape::image(4, 5, group.regular_type(3));
+    let trivial = Shape::image(3, 3, group.trivial_type(2));
     let trivial = SpatialSoftArgmax::new(trivial, 1.0)?;
     Ok(vec![
-        Example::rounded("soft-argmax", SpatialSoftArgmax::new(regular, 0.5)?),
-        Example::rounded("trivial soft-argmax", trivial),
+        TestLayer::approximately_equivariant("soft-argmax", SpatialSoftArgmax::new(regular, 0.5)?),
+        TestLayer::approximately_equivariant("trivial soft-argmax", trivial),
     ])
 }
 
@@ -262,10 +264,10 @@ mod tests {
 
     fn keypoints(group: Group, size: [usize; 2], x: &[f64], temperature: f64) -> Vec<f64> {
         let channels = x.len() / (size[0] * size[1]);
-        let shape = Shape::image(size[0], size[1], group.trivial(channels));
+        let shape = Shape::image(size[0], size[1], group.trivial_type(channels));
         let layer = SpatialSoftArgmax::new(shape, temperature).unwrap();
         let mut y = vec![f64::NAN; 2 * channels];
-        let mut scratch = Scratch::filled(layer.scratch_len(1), f64::NAN);
+        let mut scratch = Scratch::filled_with(layer.scratch_len(1), f64::NAN);
         layer.forward(&[], x, &mut y, &mut scratch);
         y
     }
@@ -301,16 +303,16 @@ mod tests {
             layer.out_shape().fields
         };
         for group in Group::ALL {
-            assert_eq!(out(group.regular(3)), group.regular(6));
+            assert_eq!(out(group.regular_type(3)), group.regular_type(6));
         }
-        assert_eq!(out(Group::D2.trivial(3)).to_string(), "3 x + 3 y");
-        assert_eq!(out(Group::D1y.trivial(3)).to_string(), "D1y: 3 reg");
-        assert_eq!(out(Group::C2.trivial(3)).to_string(), "C2: 6 x");
+        assert_eq!(out(Group::D2.trivial_type(3)).to_string(), "3 x + 3 y");
+        assert_eq!(out(Group::D1y.trivial_type(3)).to_string(), "D1y: 3 reg");
+        assert_eq!(out(Group::C2.trivial_type(3)).to_string(), "C2: 6 x");
     }
 
     #[test]
     fn temperatures_that_give_what_is_not_finite_are_refused() {
-        let shape = Shape::image(2, 3, Group::D2.regular(1));
+        let shape = Shape::image(2, 3, Group::D2.regular_type(1));
         for temperature in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-39, 1e39, 1e300] {
             let error = SpatialSoftArgmax::new(shape, temperature).unwrap_err();
             let message = error.to_string();
@@ -321,11 +323,11 @@ mod tests {
 
     #[test]
     fn extreme_temperatures_give_finite_keypoints_and_gradients() {
-        let shape = Shape::image(2, 3, Group::D2.trivial(1));
+        let shape = Shape::image(2, 3, Group::D2.trivial_type(1));
         for temperature in [1e-37, 1e37] {
             let layer = SpatialSoftArgmax::new(shape, temperature).unwrap();
             let (mut y, mut dx) = ([0.0f32; 2], [0.0f32; 6]);
-            let mut scratch = layer.scratch(1);
+            let mut scratch = layer.allocate_scratch(1);
             let x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
             layer.forward(&[], &x, &mut y, &mut scratch);
             let dy = [1.0, 1.0];

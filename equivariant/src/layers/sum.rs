@@ -7,24 +7,24 @@ use rand::Rng;
 use symmetry::{FieldType, Group};
 
 use crate::error::LayerError;
-use crate::layers::check::Example;
-use crate::layers::layer::{Layer, Scalar, Signature, hash_of};
+use crate::layers::check::TestLayer;
+use crate::layers::layer::{Layer, LayerSignature, Scalar, hash_of};
 use crate::layers::linear::Linear;
 use crate::layers::max_pool::MaxPool;
 use crate::layers::r2_conv::R2Conv;
 use crate::layers::relu::Relu;
 use crate::layers::sequential::Sequential;
-use crate::scratch::{BackwardPass, take_whole, whole};
+use crate::scratch::{BackwardPass, round_up_to_cache_line, take_front_padded};
 use crate::shape::Shape;
-use crate::window::Kernel;
+use crate::window::SlidingWindow;
 
-/// Sum of several layers on one input: f(x) + g(x) + ..., or x + f(x).
+/// Layer that adds the outputs of several layers on one input: f(x) + g(x) + ..., or x + f(x).
 ///
 /// Its parameters are those of its branches in order. The residual connection x + f(x) is that of
 /// He et al., "Deep residual learning", CVPR 2016, equation 1. Initial weights of every branch have
 /// the gain over the square root of the number of terms, x included, so that the sum has the second
 /// moment of a single branch.
-pub struct Sum<T> {
+pub struct BranchSum<T> {
     branches: Vec<Box<dyn Layer<T>>>,
     params: Vec<Range<usize>>,
     /// `true` if the input itself is a term.
@@ -32,26 +32,30 @@ pub struct Sum<T> {
     scratch_key: u64,
 }
 
-impl<T: Scalar> Sum<T> {
-    /// Creates the sum of layers.
+impl<T: Scalar> BranchSum<T> {
+    /// Creates a layer whose output is the sum of the outputs of `branches`.
     ///
     /// # Errors
     /// When `branches` is empty, or they do not map the same shape to the same shape.
-    pub fn new(branches: Vec<Box<dyn Layer<T>>>) -> Result<Sum<T>, LayerError> {
-        Sum::of(branches, false)
+    pub fn new(branches: Vec<Box<dyn Layer<T>>>) -> Result<BranchSum<T>, LayerError> {
+        BranchSum::of(branches, false)
     }
 
-    /// Creates the sum of the input and a layer.
+    /// Creates a residual layer, the sum of its input and of the output of `branch`.
     ///
     /// # Errors
     /// When the layer's output has another shape than its input.
-    pub fn residual(branch: Box<dyn Layer<T>>) -> Result<Sum<T>, LayerError> {
-        Sum::of(vec![branch], true)
+    pub fn residual(branch: Box<dyn Layer<T>>) -> Result<BranchSum<T>, LayerError> {
+        BranchSum::of(vec![branch], true)
     }
 
-    fn of(branches: Vec<Box<dyn Layer<T>>>, residual: bool) -> Result<Sum<T>, LayerError> {
-        let refused =
-            |setting, got, expected| LayerError::Setting { layer: "Sum", setting, got, expected };
+    fn of(branches: Vec<Box<dyn Layer<T>>>, residual: bool) -> Result<BranchSum<T>, LayerError> {
+        let refused = |setting, got, expected| LayerError::InvalidSetting {
+            layer: "Sum",
+            setting,
+            got,
+            expected,
+        };
         let Some(first) = branches.first() else {
             return Err(refused("number of branches", "0".to_owned(), "at least 1"));
         };
@@ -74,7 +78,12 @@ impl<T: Scalar> Sum<T> {
         });
         let params = params.collect();
         let printed: Vec<String> = branches.iter().map(|branch| branch.to_string()).collect();
-        Ok(Sum { params, residual, scratch_key: hash_of(("Sum", residual, printed)), branches })
+        Ok(BranchSum {
+            params,
+            residual,
+            scratch_key: hash_of(("Sum", residual, printed)),
+            branches,
+        })
     }
 
     /// Iterates over the branches with the ranges of their parameters.
@@ -90,17 +99,17 @@ fn take_branch<'a, T: Scalar>(
     samples: usize,
     scratch: &mut &'a mut [T],
 ) -> (&'a mut [T], &'a mut [T]) {
-    let output = take_whole(scratch, samples * branch.out_shape().len());
-    (output, take_whole(scratch, branch.scratch_len(samples)))
+    let output = take_front_padded(scratch, samples * branch.out_shape().len());
+    (output, take_front_padded(scratch, branch.scratch_len(samples)))
 }
 
 fn add<T: Scalar>(to: &mut [T], terms: &[T]) {
-    for (to, &term) in to.iter_mut().zip(terms) {
-        *to += term;
+    for (sum, &term) in to.iter_mut().zip(terms) {
+        *sum += term;
     }
 }
 
-impl<T: Scalar> Signature for Sum<T> {
+impl<T: Scalar> LayerSignature for BranchSum<T> {
     fn in_shape(&self) -> Shape {
         self.branches[0].in_shape()
     }
@@ -115,8 +124,10 @@ impl<T: Scalar> Signature for Sum<T> {
 
     /// Returns the size of outputs and scratches of all branches, and of one gradient of the input.
     fn scratch_len(&self, samples: usize) -> usize {
-        let output = whole(samples * self.out_shape().len());
-        let lens = self.branches().map(|(branch, _)| output + whole(branch.scratch_len(samples)));
+        let output = round_up_to_cache_line(samples * self.out_shape().len());
+        let lens = self
+            .branches()
+            .map(|(branch, _)| output + round_up_to_cache_line(branch.scratch_len(samples)));
         lens.sum::<usize>() + samples * self.in_shape().len()
     }
 
@@ -129,12 +140,12 @@ impl<T: Scalar> Signature for Sum<T> {
     }
 }
 
-impl<T: Scalar> Layer<T> for Sum<T> {
-    fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+impl<T: Scalar> Layer<T> for BranchSum<T> {
+    fn draw_params(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         // second moments of independent terms add up
         let terms = self.branches.len() + usize::from(self.residual);
         for (branch, range) in self.branches() {
-            branch.init_scaled(rng, gain / (terms as f64).sqrt(), &mut params[range]);
+            branch.init_with_gain(rng, gain / (terms as f64).sqrt(), &mut params[range]);
         }
     }
 
@@ -183,7 +194,7 @@ impl<T: Scalar> Layer<T> for Sum<T> {
     }
 }
 
-impl<T: Scalar> fmt::Display for Sum<T> {
+impl<T: Scalar> fmt::Display for BranchSum<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let input = self.residual.then(|| "x".to_owned()).into_iter();
         let branches = self.branches.iter().map(|branch| branch.to_string());
@@ -192,16 +203,16 @@ impl<T: Scalar> fmt::Display for Sum<T> {
     }
 }
 
-impl<T: Scalar> fmt::Debug for Sum<T> {
+impl<T: Scalar> fmt::Debug for BranchSum<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{self}")
     }
 }
 
-/// Returns examples for the tests of all layers.
-pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
-    let shape = Shape::image(4, 3, group.regular(2));
-    let same = Kernel::new(3, 1, 1);
+/// Returns layers for the tests of all layers.
+pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+    let shape = Shape::image(4, 3, group.regular_type(2));
+    let same = SlidingWindow::new(3, 1, 1);
     let conv = || R2Conv::new(shape.fields, shape.fields, same, [4, 3]);
     let block = Sequential::new(vec![
         Box::new(conv()?) as Box<dyn Layer<T>>,
@@ -212,10 +223,22 @@ pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, Layer
     let [from, to] = [[2, 1, 3, 0], [1, 2, 0, 2]].map(|irreps| FieldType::new(group, irreps));
     let linear = || Linear::new(from, to).map(|linear| Box::new(linear) as Box<dyn Layer<T>>);
     Ok(vec![
-        Example::exact("sum", Sum::new(vec![Box::new(relu), Box::new(pool)])?),
-        Example::exact("residual relu", Sum::residual(Box::new(Relu::new(shape)?))?),
-        Example::rounded("residual block", Sum::residual(Box::new(block))?),
-        Example::rounded("sum of linear", Sum::new(vec![linear()?, linear()?])?),
+        TestLayer::exactly_equivariant(
+            "sum",
+            BranchSum::new(vec![Box::new(relu), Box::new(pool)])?,
+        ),
+        TestLayer::exactly_equivariant(
+            "residual relu",
+            BranchSum::residual(Box::new(Relu::new(shape)?))?,
+        ),
+        TestLayer::approximately_equivariant(
+            "residual block",
+            BranchSum::residual(Box::new(block))?,
+        ),
+        TestLayer::approximately_equivariant(
+            "sum of linear",
+            BranchSum::new(vec![linear()?, linear()?])?,
+        ),
     ])
 }
 
@@ -229,10 +252,10 @@ mod tests {
 
     #[test]
     fn terms_are_added_and_the_input_passes_its_gradient_on() {
-        let fields = Group::D2.trivial(2);
-        let sum = Sum::residual(relu(fields)).unwrap();
+        let fields = Group::D2.trivial_type(2);
+        let sum = BranchSum::residual(relu(fields)).unwrap();
         let (mut y, mut dx) = ([f64::NAN; 2], [f64::NAN; 2]);
-        let mut scratch = sum.scratch(1);
+        let mut scratch = sum.allocate_scratch(1);
         let x = [3.0, -4.0];
         sum.forward(&[], &x, &mut y, &mut scratch);
         assert_eq!(y, [6.0, -4.0]);
@@ -244,14 +267,14 @@ mod tests {
 
     #[test]
     fn branches_of_other_shapes_are_refused_by_name() {
-        let [one, two] = [1, 2].map(|n| Group::D2.trivial(n));
-        let message = Sum::new(vec![relu(one), relu(two)]).unwrap_err().to_string();
+        let [one, two] = [1, 2].map(|n| Group::D2.trivial_type(n));
+        let message = BranchSum::new(vec![relu(one), relu(two)]).unwrap_err().to_string();
         let expected = "Sum: got the branch Relu(1 x 1 x (2 1)), expected one between";
         assert!(message.starts_with(expected), "{message}");
         let widens = Box::new(Linear::new(one, two).unwrap());
-        let message = Sum::<f64>::residual(widens).unwrap_err().to_string();
-        assert!(message.contains("the shape of its input"), "{message}");
-        let message = Sum::<f64>::new(Vec::new()).unwrap_err().to_string();
-        assert!(message.starts_with("Sum: got the number of branches 0"));
+        let residual = BranchSum::<f64>::residual(widens).unwrap_err().to_string();
+        assert!(residual.contains("the shape of its input"), "{residual}");
+        let empty = BranchSum::<f64>::new(Vec::new()).unwrap_err().to_string();
+        assert!(empty.starts_with("Sum: got the number of branches 0"));
     }
 }

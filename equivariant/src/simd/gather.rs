@@ -1,9 +1,9 @@
 //! Fold of patches: the gather step of a convolution, and its transpose.
 
 use crate::real::Real;
-use crate::simd::interleave::{head, head_mut};
+use crate::simd::interleave::{first_n, first_n_mut};
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::patches::{Orbit, Patches};
+use crate::simd::patches::{PatchGeometry, TapOrbit};
 
 /// One orbit of taps in one block of channels.
 #[derive(Clone, Copy)]
@@ -12,7 +12,7 @@ pub(crate) struct OrbitBlock {
     pub block: usize,
 }
 
-impl Patches {
+impl PatchGeometry {
     /// Folds one orbit in one block of channels, for the windows that start at `windows`. There is
     /// a panel of rows for each fold, and `step` rows from one panel to the next.
     #[inline(always)]
@@ -26,25 +26,25 @@ impl Patches {
         step: usize,
     ) {
         let orbit = &self.orbits[fold.orbit];
-        if self.replicated() {
+        if self.is_replicated() {
             let staged = &staged[fold.block * LANES..];
             let panel = &mut panels[..windows.len()];
-            return match orbit.taps.len() {
+            return match orbit.tap_offsets.len() {
                 1 => gather_replicated::<T, L, 1>(lanes, orbit, staged, windows, panel),
                 // an orbit of D2 has up to four taps, of which the lines fold two pairs already
                 _ => gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
             };
         }
         let staged = &staged.as_chunks().0[fold.block..];
-        match orbit.taps.len() {
+        match orbit.tap_offsets.len() {
             1 => gather_orbit::<T, L, 1>(lanes, orbit, staged, windows, panels, step),
             2 => gather_orbit::<T, L, 2>(lanes, orbit, staged, windows, panels, step),
             _ => gather_orbit::<T, L, 4>(lanes, orbit, staged, windows, panels, step),
         }
     }
 
-    /// Adds folds to a block of the staged image, the transpose of [`gather`](Patches::gather), for
-    /// the windows that start at `windows`.
+    /// Adds folds to a block of the staged image, the transpose of
+    /// [`gather`](PatchGeometry::gather), for the windows that start at `windows`.
     #[inline(always)]
     pub fn scatter<T: Real, L: Lanes<T>, const R: usize, const N: usize>(
         &self,
@@ -59,15 +59,15 @@ impl Patches {
         let staged: &mut [Block<T>] = staged.as_chunks_mut().0;
         let scale = lanes.splat(T::from_f64(orbit.scale));
         let (taps, parities) = orbit.constants::<N>();
-        for (mut folds, window) in folds.into_iter().zip(windows) {
+        for (mut sums, window) in folds.into_iter().zip(windows) {
             for i in 0..N {
                 let parity = if N == 4 { i } else { parities[i] };
-                folds[i] = swap(lanes, folds[i], parity);
+                sums[i] = swap(lanes, sums[i], parity);
                 if N < 4 {
-                    folds[i] = lanes.mul(folds[i], scale);
+                    sums[i] = lanes.mul(sums[i], scale);
                 }
             }
-            let values = butterfly(lanes, folds);
+            let values = butterfly(lanes, sums);
             let window = &mut staged[window / LANES + c..][..=taps[N - 1]];
             for i in 0..N {
                 let block = &mut window[taps[i]];
@@ -87,9 +87,9 @@ impl Patches {
         at: usize,
     ) {
         let orbit = &self.orbits[orbit];
-        for (tap, coefficients) in orbit.taps.iter().zip(&orbit.coefficients) {
-            let block = head_mut(&mut staged[at + tap..]);
-            let c = lanes.load(&narrow(coefficients));
+        for (tap, coefficients) in orbit.tap_offsets.iter().zip(&orbit.coefficients) {
+            let block = first_n_mut(&mut staged[at + tap..]);
+            let c = lanes.load(&block_to_precision(coefficients));
             let sum = lanes.mul_add(fold, c, lanes.load(block));
             lanes.store(block, sum);
         }
@@ -100,7 +100,7 @@ impl Patches {
 #[inline(always)]
 fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
-    orbit: &Orbit,
+    orbit: &TapOrbit,
     staged: &[Block<T>],
     windows: &[usize],
     panels: &mut [Block<T>],
@@ -141,7 +141,7 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
 #[inline(always)]
 fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
-    orbit: &Orbit,
+    orbit: &TapOrbit,
     staged: &[T],
     windows: &[usize],
     panel: &mut [Block<T>],
@@ -151,29 +151,29 @@ fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     let mut signs = [lanes.splat(T::ZERO); N];
     let mut taps = [0; N];
     for i in 0..N {
-        taps[i] = orbit.taps[i];
+        taps[i] = orbit.tap_offsets[i];
         let signs_of_tap = orbit.coefficients[i].map(|c| if c == 0.0 { c } else { c.signum() });
-        signs[i] = lanes.load(&narrow(&signs_of_tap));
+        signs[i] = lanes.load(&block_to_precision(&signs_of_tap));
     }
-    let scale = lanes.load(&narrow(&orbit.coefficients[0].map(f64::abs)));
+    let scale = lanes.load(&block_to_precision(&orbit.coefficients[0].map(f64::abs)));
     for (block, &at) in panel.iter_mut().zip(windows) {
-        let mut sum = lanes.mul(lanes.load(head(&staged[at + taps[0]..])), signs[0]);
+        let mut sum = lanes.mul(lanes.load(first_n(&staged[at + taps[0]..])), signs[0]);
         for i in 1..N {
-            let x = lanes.load(head(&staged[at + taps[i]..]));
+            let x = lanes.load(first_n(&staged[at + taps[i]..]));
             sum = lanes.mul_add(x, signs[i], sum);
         }
         lanes.store(block, lanes.mul(sum, scale));
     }
 }
 
-impl Orbit {
+impl TapOrbit {
     /// Returns the offsets of the taps in a window, in blocks and ascending, and the parities of
     /// the folds.
     #[inline(always)]
     fn constants<const N: usize>(&self) -> ([usize; N], [usize; N]) {
         let (mut taps, mut parities) = ([0; N], [0; N]);
         for i in 0..N {
-            (taps[i], parities[i]) = (self.taps[i] / LANES, self.parities[i]);
+            (taps[i], parities[i]) = (self.tap_offsets[i] / LANES, self.parities[i]);
         }
         (taps, parities)
     }
@@ -181,7 +181,7 @@ impl Orbit {
 
 /// Converts a block to this precision.
 #[inline(always)]
-pub(crate) fn narrow<T: Real>(block: &Block<f64>) -> Block<T> {
+pub(crate) fn block_to_precision<T: Real>(block: &Block<f64>) -> Block<T> {
     let mut narrow = [T::ZERO; LANES];
     for (to, &from) in narrow.iter_mut().zip(block) {
         *to = T::from_f64(from);
@@ -194,9 +194,9 @@ pub(crate) fn narrow<T: Real>(block: &Block<f64>) -> Block<T> {
 fn swap<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
     match parity {
         0 => v,
-        1 => lanes.swap(v, 1),
-        2 => lanes.swap(v, 2),
-        _ => lanes.swap(v, 3),
+        1 => lanes.swap_lanes(v, 1),
+        2 => lanes.swap_lanes(v, 2),
+        _ => lanes.swap_lanes(v, 3),
     }
 }
 

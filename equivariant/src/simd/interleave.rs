@@ -17,10 +17,10 @@ impl Interleaver {
     pub fn new(fields: FieldType) -> Interleaver {
         let mut parts = [(0, 0); 4];
         for (part, &irrep) in parts.iter_mut().zip(fields.group().irreps()) {
-            let range = fields.range(irrep);
+            let range = fields.channel_range(irrep);
             *part = (range.start, range.len());
         }
-        Interleaver { regular: fields.regular_fields(), parts }
+        Interleaver { regular: fields.num_regular_fields(), parts }
     }
 
     /// Writes the scaled channels of a pixel into the groups; lanes without a channel stay
@@ -77,11 +77,11 @@ fn interleave_regular<T: Real, const G: usize, const N: usize>(
     channels: &[T],
     groups: &mut [[T; G]],
 ) {
-    for (i, groups) in groups[..n].as_chunks_mut::<N>().0.iter_mut().enumerate() {
+    for (i, block) in groups[..n].as_chunks_mut::<N>().0.iter_mut().enumerate() {
         for a in 0..G {
-            let part: &[T; N] = head(&channels[a * n + i * N..]);
+            let part: &[T; N] = first_n(&channels[a * n + i * N..]);
             for f in 0..N {
-                groups[f][a] = part[f] * scale;
+                block[f][a] = part[f] * scale;
             }
         }
     }
@@ -95,11 +95,11 @@ fn deinterleave_regular<T: Real, const G: usize, const N: usize>(
     groups: &[[T; G]],
     channels: &mut [T],
 ) {
-    for (i, groups) in groups[..n].as_chunks::<N>().0.iter().enumerate() {
+    for (i, block) in groups[..n].as_chunks::<N>().0.iter().enumerate() {
         for a in 0..G {
             let part = &mut channels[a * n + i * N..][..N];
             for f in 0..N {
-                part[f] = groups[f][a] * scale;
+                part[f] = block[f][a] * scale;
             }
         }
     }
@@ -107,7 +107,7 @@ fn deinterleave_regular<T: Real, const G: usize, const N: usize>(
 
 /// Returns the first N values.
 #[inline(always)]
-pub(crate) fn head<V, const N: usize>(values: &[V]) -> &[V; N] {
+pub(crate) fn first_n<V, const N: usize>(values: &[V]) -> &[V; N] {
     match values.first_chunk() {
         Some(head) => head,
         None => unreachable!("the operands have the sizes of the layer"),
@@ -116,7 +116,7 @@ pub(crate) fn head<V, const N: usize>(values: &[V]) -> &[V; N] {
 
 /// Returns the first N values mutably.
 #[inline(always)]
-pub(crate) fn head_mut<V, const N: usize>(values: &mut [V]) -> &mut [V; N] {
+pub(crate) fn first_n_mut<V, const N: usize>(values: &mut [V]) -> &mut [V; N] {
     match values.first_chunk_mut() {
         Some(head) => head,
         None => unreachable!("the operands have the sizes of the layer"),

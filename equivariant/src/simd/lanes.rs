@@ -1,12 +1,12 @@
-//! Vectors of sixteen numbers, on the instruction set of the processor.
+//! Vectors of sixteen numbers, on the instruction set of the CPU.
 
-use crate::real::{Real, exceeds};
+use crate::real::{Real, exceeds_or_is_nan};
 
 /// Instruction set of convolutions in single precision; variants are in ascending order of width.
-/// The default is the widest that the processor has.
+/// The default is the widest that the CPU has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum InstructionSet {
-    /// Instructions that every processor has.
+    /// Instructions that every CPU has.
     Portable,
     /// AVX2 and FMA, with vectors of 8 numbers.
     Avx2,
@@ -18,7 +18,7 @@ impl InstructionSet {
     /// All instruction sets in ascending order of width.
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
-    /// Returns `true` if this processor has the instruction set.
+    /// Returns `true` if this CPU has the instruction set.
     #[cfg(target_arch = "x86_64")]
     pub fn is_available(self) -> bool {
         match self {
@@ -28,7 +28,7 @@ impl InstructionSet {
         }
     }
 
-    /// Returns `true` if this processor has the instruction set.
+    /// Returns `true` if this CPU has the instruction set.
     #[cfg(not(target_arch = "x86_64"))]
     pub fn is_available(self) -> bool {
         self == Self::Portable
@@ -56,31 +56,31 @@ pub(crate) trait Lanes<T>: Copy {
     /// Loads a block.
     fn load(self, block: &Block<T>) -> Self::V;
     /// Converts sixteen bytes to numbers.
-    fn bytes(self, bytes: &[u8; LANES]) -> Self::V;
+    fn load_bytes(self, bytes: &[u8; LANES]) -> Self::V;
     /// Stores a block.
     fn store(self, block: &mut Block<T>, v: Self::V);
     /// Repeats a number in all lanes.
     fn splat(self, value: T) -> Self::V;
     /// Repeats group `i` of the block in all groups.
-    fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
+    fn broadcast_group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
     /// Repeats a group of four numbers.
-    fn quad(self, group: &[T; 4]) -> Self::V;
+    fn broadcast_quad(self, group: &[T; 4]) -> Self::V;
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
     /// Returns a b + c, with one rounding where the instruction set has fused operations.
     fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// Swaps lanes: lane i receives lane i xor `bits`, for `bits` in 0..4.
-    fn swap(self, v: Self::V, bits: usize) -> Self::V;
+    fn swap_lanes(self, v: Self::V, bits: usize) -> Self::V;
     /// Interleaves lanes 4 i to 4 i + 3 of two registers into the groups `[e, e, o, o]`.
-    fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
+    fn interleave_pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
     /// Zeroes lanes that are at most zero and returns the bit mask of the others, NaN among them.
-    fn rectify(self, v: Self::V) -> (Self::V, u16);
+    fn relu_with_mask(self, v: Self::V) -> (Self::V, u16);
     /// Zeroes lanes whose bit is not set.
-    fn keep(self, v: Self::V, bits: u16) -> Self::V;
+    fn keep_masked(self, v: Self::V, bits: u16) -> Self::V;
     /// Returns the larger number of each lane and the bit mask of the lanes that `v` wins: `best`
     /// wins ties, and NaN wins over every number.
-    fn larger(self, best: Self::V, v: Self::V) -> (Self::V, u16);
+    fn max_with_mask(self, best: Self::V, v: Self::V) -> (Self::V, u16);
 }
 
 /// Computation that is written once for all instruction sets.
@@ -89,7 +89,7 @@ pub(crate) trait WithLanes<T> {
     fn run<L: Lanes<T>>(self, lanes: L);
 }
 
-/// Runs a computation in single precision on the widest instruction set that the processor has, up
+/// Runs a computation in single precision on the widest instruction set that the CPU has, up
 /// to `widest`.
 pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
     #[cfg(target_arch = "x86_64")]
@@ -118,10 +118,10 @@ pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
 ) -> L::V {
     if G > 1 {
         // one multiplication by signs replaces separate sums and differences of lanes
-        v = lanes.mul_add(v, signs(lanes, 1), lanes.swap(v, 1));
+        v = lanes.mul_add(v, signs(lanes, 1), lanes.swap_lanes(v, 1));
     }
     if G > 2 {
-        v = lanes.mul_add(v, signs(lanes, 2), lanes.swap(v, 2));
+        v = lanes.mul_add(v, signs(lanes, 2), lanes.swap_lanes(v, 2));
     }
     v
 }
@@ -138,13 +138,13 @@ fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
     lanes.load(&signs)
 }
 
-/// Portable lanes: arrays, for every processor and both precisions.
+/// Portable lanes: arrays, for every CPU and both precisions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Portable;
 
 impl<T: Real> Lanes<T> for Portable {
     type V = Block<T>;
-    // sixteen registers of four numbers, as every x86-64 processor has
+    // sixteen registers of four numbers, as every x86-64 CPU has
     const REGISTERS: usize = 4;
 
     #[inline(always)]
@@ -153,7 +153,7 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn bytes(self, bytes: &[u8; LANES]) -> Block<T> {
+    fn load_bytes(self, bytes: &[u8; LANES]) -> Block<T> {
         std::array::from_fn(|lane| T::from_f64(f64::from(bytes[lane])))
     }
 
@@ -168,12 +168,12 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Block<T> {
+    fn broadcast_group<const G: usize>(self, block: &Block<T>, i: usize) -> Block<T> {
         std::array::from_fn(|lane| block[i * G + lane % G])
     }
 
     #[inline(always)]
-    fn quad(self, group: &[T; 4]) -> Block<T> {
+    fn broadcast_quad(self, group: &[T; 4]) -> Block<T> {
         std::array::from_fn(|lane| group[lane % 4])
     }
 
@@ -198,18 +198,18 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn swap(self, v: Block<T>, bits: usize) -> Block<T> {
+    fn swap_lanes(self, v: Block<T>, bits: usize) -> Block<T> {
         std::array::from_fn(|lane| v[lane ^ bits])
     }
 
     #[inline(always)]
-    fn pair(self, e: Block<T>, o: Block<T>, i: usize) -> Block<T> {
+    fn interleave_pair(self, e: Block<T>, o: Block<T>, i: usize) -> Block<T> {
         let of = |lane: usize| if lane & 2 == 0 { &e } else { &o };
         std::array::from_fn(|lane| of(lane)[4 * i + lane / 4])
     }
 
     #[inline(always)]
-    fn rectify(self, v: Block<T>) -> (Block<T>, u16) {
+    fn relu_with_mask(self, v: Block<T>) -> (Block<T>, u16) {
         let dropped = v.map(|x| x <= T::ZERO);
         let bits = (0..LANES).map(|lane| u16::from(!dropped[lane]) << lane);
         let kept = |lane: usize| if dropped[lane] { T::ZERO } else { v[lane] };
@@ -217,14 +217,14 @@ impl<T: Real> Lanes<T> for Portable {
     }
 
     #[inline(always)]
-    fn keep(self, v: Block<T>, bits: u16) -> Block<T> {
+    fn keep_masked(self, v: Block<T>, bits: u16) -> Block<T> {
         let kept = |lane: usize| bits >> lane & 1 == 1;
         std::array::from_fn(|lane| if kept(lane) { v[lane] } else { T::ZERO })
     }
 
     #[inline(always)]
-    fn larger(self, best: Block<T>, v: Block<T>) -> (Block<T>, u16) {
-        let won = |lane: usize| exceeds(v[lane], best[lane]);
+    fn max_with_mask(self, best: Block<T>, v: Block<T>) -> (Block<T>, u16) {
+        let won = |lane: usize| exceeds_or_is_nan(v[lane], best[lane]);
         let bits = (0..LANES).map(|lane| u16::from(won(lane)) << lane).sum();
         let larger = |lane| if won(lane) { v[lane] } else { best[lane] };
         (std::array::from_fn(larger), bits)

@@ -10,12 +10,12 @@ use std::ops::Range;
 
 use crate::real::Real;
 use crate::shape::Shape;
-use crate::simd::interleave::{head, head_mut};
+use crate::simd::interleave::{first_n, first_n_mut};
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::window::Kernel;
+use crate::window::SlidingWindow;
 
 /// Number of lanes of a group: the order of D2.
-pub(crate) const G: usize = 4;
+pub(crate) const LANES_PER_GROUP: usize = 4;
 
 /// Fold of the rows of an image along y, for every line of output pixels.
 ///
@@ -23,43 +23,43 @@ pub(crate) const G: usize = 4;
 /// group e e o o. The fold along x later adds another such group or subtracts it. The middle row of
 /// an odd kernel is its own e, and its o is zero.
 #[derive(Clone, Debug)]
-pub(crate) struct Lines {
+pub(crate) struct FoldedLines {
     image: Shape,
     /// Channels of the image, cached because every line needs their number.
     channels: usize,
-    kernel: Kernel,
+    kernel: SlidingWindow,
     out_height: usize,
     /// Length of a line with its padding.
     len: usize,
 }
 
-impl Lines {
-    pub fn new(image: Shape, kernel: Kernel, out_height: usize, len: usize) -> Lines {
-        Lines { image, channels: image.fields.dim(), kernel, out_height, len }
+impl FoldedLines {
+    pub fn new(image: Shape, kernel: SlidingWindow, out_height: usize, len: usize) -> FoldedLines {
+        FoldedLines { image, channels: image.fields.dim(), kernel, out_height, len }
     }
 
     /// Returns the number of folded lines for one line of windows.
-    pub fn each(&self) -> usize {
+    pub fn lines_per_window(&self) -> usize {
         self.kernel.size.div_ceil(2)
     }
 
     /// Returns the side of the kernel in pixels.
-    pub fn size(&self) -> usize {
+    pub fn kernel_size(&self) -> usize {
         self.kernel.size
     }
 
     /// Returns the number of columns in a window, over its lines, taps and channels.
-    pub fn columns(&self) -> usize {
-        self.each() * self.size() * self.channels
+    pub fn columns_per_window(&self) -> usize {
+        self.lines_per_window() * self.kernel_size() * self.channels
     }
 
     /// Returns the length of the folded lines for one line of windows, in whole blocks.
-    pub fn staged(&self) -> usize {
-        (self.shift() + self.offset(self.each())).next_multiple_of(LANES)
+    pub fn staged_len(&self) -> usize {
+        (self.alignment_shift() + self.line_offset(self.lines_per_window())).next_multiple_of(LANES)
     }
 
     /// Returns the start of line `i`, relative to the first.
-    pub fn offset(&self, i: usize) -> usize {
+    pub fn line_offset(&self, i: usize) -> usize {
         i * self.len
     }
 
@@ -69,13 +69,13 @@ impl Lines {
     }
 
     /// Returns the number of folded lines of an image.
-    pub fn count(&self) -> usize {
-        self.out_height * self.each()
+    pub fn num_lines(&self) -> usize {
+        self.out_height * self.lines_per_window()
     }
 
     /// Returns the start of the folded lines for one line of windows, without the shift.
-    pub fn first(&self, oy: usize) -> usize {
-        self.offset(oy * self.each())
+    pub fn first_line_start(&self, oy: usize) -> usize {
+        self.line_offset(oy * self.lines_per_window())
     }
 
     /// Returns the length of a row of the image.
@@ -92,18 +92,18 @@ impl Lines {
     /// Returns the start of the part of a line that is not padding.
     fn start(&self, oy: usize, i: usize) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
-        self.shift() + self.first(oy) + self.offset(i) + padding
+        self.alignment_shift() + self.first_line_start(oy) + self.line_offset(i) + padding
     }
 
     /// Returns the shift that aligns the first pixel with a cache line: a store that straddles two
     /// of them takes twice the time.
-    pub fn shift(&self) -> usize {
+    pub fn alignment_shift(&self) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
         padding.next_multiple_of(LANES) - padding
     }
 
-    /// Folds the rows of one image for a band of lines of windows. Padding along x must be zero and
-    /// stays so.
+    /// Folds one image for a band of lines of windows: sums and differences of the rows of the taps
+    /// t and k - 1 - t (see [`FoldedLines`]). Padding along x must be zero and stays so.
     #[inline(always)]
     pub fn fold<T: Real, L: Lanes<T>, P: Pixel<T>>(
         &self,
@@ -114,7 +114,7 @@ impl Lines {
     ) {
         let len = self.row_len();
         for oy in band.clone() {
-            for i in 0..self.each() {
+            for i in 0..self.lines_per_window() {
                 let mirrored = self.kernel.size - 1 - i;
                 let line = &mut lines[self.start(oy - band.start, i)..][..4 * len];
                 let a = self.row(oy, i).map(|start| &image[start..][..len]);
@@ -131,12 +131,12 @@ impl Lines {
         }
     }
 
-    /// Writes the transpose of [`fold`](Lines::fold) to one image.
+    /// Writes the transpose of [`fold`](FoldedLines::fold) to one image.
     pub fn unfold<T: Real>(&self, lines: &[T], image: &mut [T]) {
         let len = self.row_len();
         image.fill(T::ZERO);
         for oy in 0..self.out_height {
-            for i in 0..self.each() {
+            for i in 0..self.lines_per_window() {
                 let mirrored = self.kernel.size - 1 - i;
                 let line = lines[self.start(oy, i)..][..4 * len].as_chunks::<4>().0;
                 // e = a + b and o = a - b: both gradients go to a, that of o negated to b
@@ -163,18 +163,18 @@ impl Lines {
 fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line: &mut [T]) {
     let whole = a.len() / LANES * LANES;
     for at in (0..whole).step_by(LANES) {
-        let (a, b) = (head(&a[at..]), head(&b[at..]));
-        let (a, b) = (P::numbers(lanes, a), P::numbers(lanes, b));
+        let (a, b) = (first_n(&a[at..]), first_n(&b[at..]));
+        let (a, b) = (P::to_lanes(lanes, a), P::to_lanes(lanes, b));
         let (e, o) = (lanes.add(a, b), lanes.sub(a, b));
         for quarter in 0..4 {
-            let block = head_mut(&mut line[4 * at + quarter * LANES..]);
-            lanes.store(block, lanes.pair(e, o, quarter));
+            let block = first_n_mut(&mut line[4 * at + quarter * LANES..]);
+            lanes.store(block, lanes.interleave_pair(e, o, quarter));
         }
     }
     let rest = line[4 * whole..].as_chunks_mut().0;
-    for ((group, a), b) in rest.iter_mut().zip(&a[whole..]).zip(&b[whole..]) {
-        let (a, b) = (a.number(), b.number());
-        *group = [a + b, a + b, a - b, a - b];
+    for ((group, left), right) in rest.iter_mut().zip(&a[whole..]).zip(&b[whole..]) {
+        let (left, right) = (left.to_number(), right.to_number());
+        *group = [left + right, left + right, left - right, left - right];
     }
 }
 
@@ -182,7 +182,7 @@ fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line
 #[inline(always)]
 fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T]) {
     for (group, x) in line.as_chunks_mut().0.iter_mut().zip(row) {
-        let x = x.number();
+        let x = x.to_number();
         let o = if odd { sign * x } else { T::ZERO };
         *group = [x, x, o, o];
     }
@@ -195,48 +195,48 @@ const BYTE_OFFSET: f64 = 0.5;
 
 /// Returns the number that a byte of an image stands for, in [-0.5, 0.5].
 #[inline(always)]
-pub fn pixel_value<T: Real>(byte: u8) -> T {
+pub fn pixel_byte_to_float<T: Real>(byte: u8) -> T {
     T::from_f64(f64::from(byte)) * T::from_f64(BYTE_SCALE) - T::from_f64(BYTE_OFFSET)
 }
 
 /// Value of an image: a number, or a byte.
 pub(crate) trait Pixel<T>: Copy {
     /// Converts the value to its number.
-    fn number(self) -> T;
+    fn to_number(self) -> T;
 
     /// Converts sixteen values to their numbers.
-    fn numbers<L: Lanes<T>>(lanes: L, pixels: &[Self; LANES]) -> L::V;
+    fn to_lanes<L: Lanes<T>>(lanes: L, pixels: &[Self; LANES]) -> L::V;
 }
 
 impl<T: Real> Pixel<T> for T {
     #[inline(always)]
-    fn number(self) -> T {
+    fn to_number(self) -> T {
         self
     }
 
     #[inline(always)]
-    fn numbers<L: Lanes<T>>(lanes: L, pixels: &[T; LANES]) -> L::V {
+    fn to_lanes<L: Lanes<T>>(lanes: L, pixels: &[T; LANES]) -> L::V {
         lanes.load(pixels)
     }
 }
 
-/// Conversion of bytes to their [`pixel_value`]s, with the same rounding one by one and sixteen at a
-/// time.
+/// Conversion of bytes to their [`pixel_byte_to_float`]s, with the same rounding one by one and
+/// sixteen at a time.
 impl<T: Real> Pixel<T> for u8 {
     #[inline(always)]
-    fn number(self) -> T {
-        pixel_value(self)
+    fn to_number(self) -> T {
+        pixel_byte_to_float(self)
     }
 
     #[inline(always)]
-    fn numbers<L: Lanes<T>>(lanes: L, pixels: &[u8; LANES]) -> L::V {
-        let unit = lanes.mul(lanes.bytes(pixels), lanes.splat(T::from_f64(BYTE_SCALE)));
+    fn to_lanes<L: Lanes<T>>(lanes: L, pixels: &[u8; LANES]) -> L::V {
+        let unit = lanes.mul(lanes.load_bytes(pixels), lanes.splat(T::from_f64(BYTE_SCALE)));
         lanes.sub(unit, lanes.splat(T::from_f64(BYTE_OFFSET)))
     }
 }
 
 /// Operands of the weight gradient of a line.
-pub(crate) struct Columns<'a, T, L> {
+pub(crate) struct LineGradient<'a, T, L> {
     pub lanes: L,
     /// Number of blocks of an output pixel.
     pub width: usize,
@@ -248,10 +248,10 @@ pub(crate) struct Columns<'a, T, L> {
     pub first: usize,
 }
 
-impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
+impl<T: Real, L: Lanes<T>> LineGradient<'_, T, L> {
     /// Adds V blocks of all columns, K columns at a time, and returns V.
     #[inline(always)]
-    pub fn all<const K: usize, const V: usize>(
+    pub fn add_all_columns<const K: usize, const V: usize>(
         &self,
         columns: usize,
         dw: &mut [Block<T>],
@@ -269,7 +269,7 @@ impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
     /// Adds V blocks of K columns.
     #[inline(always)]
     fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
-        let Columns { lanes, width, step, .. } = *self;
+        let LineGradient { lanes, width, step, .. } = *self;
         let rows = self.dy.len() / width;
         let mut dy = [&self.dy[..rows]; V];
         for v in 0..V {
@@ -277,11 +277,12 @@ impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
         }
         let mut sums = [[lanes.splat(T::ZERO); V]; K];
         for r in 0..rows {
-            let x: &[[T; G]; K] = head(self.x[r * step + column * G..].as_chunks().0);
+            let x: &[[T; LANES_PER_GROUP]; K] =
+                first_n(self.x[r * step + column * LANES_PER_GROUP..].as_chunks().0);
             for v in 0..V {
                 let d = lanes.load(&dy[v][r]);
                 for k in 0..K {
-                    sums[k][v] = lanes.mul_add(lanes.quad(&x[k]), d, sums[k][v]);
+                    sums[k][v] = lanes.mul_add(lanes.broadcast_quad(&x[k]), d, sums[k][v]);
                 }
             }
         }

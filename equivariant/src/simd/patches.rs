@@ -8,8 +8,8 @@
 //!
 //! Trivial channels would leave most lanes empty. They are staged as G copies, and the lanes of a
 //! folded group are the parities of one orbit, since parity b leads from the trivial irrep to irrep
-//! b. For D2 the copies are folded along y already (see [`Lines`]), since the windows of a line
-//! share that fold.
+//! b. For D2 the copies are folded along y already (see [`FoldedLines`]), since the windows of a
+//! line share that fold.
 
 use std::ops::Range;
 
@@ -19,16 +19,16 @@ use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::{Lines, Pixel};
-use crate::steerable::hadamard::with_order;
-use crate::steerable::taps::Taps;
-use crate::window::Kernel;
+use crate::simd::lines::{FoldedLines, Pixel};
+use crate::steerable::hadamard::with_const_order;
+use crate::steerable::taps::TapBasis;
+use crate::window::SlidingWindow;
 
 /// Geometry of staged images and of their folds.
 #[derive(Clone, Debug)]
-pub(crate) struct Patches {
+pub(crate) struct PatchGeometry {
     image: Shape,
-    kernel: Kernel,
+    kernel: SlidingWindow,
     /// Start of the window of every output pixel in a staged image.
     windows: Vec<usize>,
     /// Index of every pixel of the image in a staged image.
@@ -38,31 +38,36 @@ pub(crate) struct Patches {
     /// Number of blocks of a staged pixel, the last of which may be partly filled.
     blocks: usize,
     replicated: bool,
-    lines: Option<Lines>,
-    pub(crate) orbits: Vec<Orbit>,
+    lines: Option<FoldedLines>,
+    pub(crate) orbits: Vec<TapOrbit>,
     /// Number of blocks of a folded patch.
     folded: usize,
 }
 
 /// Taps {g t} of one orbit, folded together.
 #[derive(Clone, Debug)]
-pub(crate) struct Orbit {
+pub(crate) struct TapOrbit {
     /// First tap of the orbit.
-    pub start: [usize; 2],
+    pub first_tap: [usize; 2],
     /// Offsets of the taps in a window.
-    pub taps: Vec<usize>,
+    pub tap_offsets: Vec<usize>,
     /// Parities of the folds, as positions in the group's list of irreps.
     pub parities: Vec<usize>,
     /// Index of the first block of the folds in a patch.
-    pub first: usize,
+    pub first_block: usize,
     /// Factor that makes the fold orthonormal, if staged values are divided by sqrt(G).
     pub scale: f64,
     /// Coefficient of each tap in each lane, for replicated channels.
     pub coefficients: Vec<Block<f64>>,
 }
 
-impl Patches {
-    pub fn new(taps: &Taps, image: Shape, kernel: Kernel, out_size: [usize; 2]) -> Patches {
+impl PatchGeometry {
+    pub fn new(
+        taps: &TapBasis,
+        image: Shape,
+        kernel: SlidingWindow,
+        out_size: [usize; 2],
+    ) -> PatchGeometry {
         let group = image.fields.group();
         // a field has a lane for each irrep, so every irrep gets as many lanes as the most frequent
         // one
@@ -70,7 +75,7 @@ impl Patches {
         let fields = irreps.map(|&a| image.fields.multiplicity(a)).max();
         let lanes = fields.unwrap_or(0) * group.order();
         let blocks = lanes.div_ceil(LANES);
-        let mut patches = Patches {
+        let mut patches = PatchGeometry {
             image,
             kernel,
             windows: Vec::new(),
@@ -90,16 +95,18 @@ impl Patches {
         patches.windows = patches.offsets(out_size, kernel.stride, 0);
         if patches.replicated && group == Group::D2 {
             let line = patches.staged_width() * patches.pitch;
-            let lines = Lines::new(image, kernel, out_size[0], line);
+            let lines = FoldedLines::new(image, kernel, out_size[0], line);
             for (i, window) in patches.windows.iter_mut().enumerate() {
                 let (oy, ox) = (i / out_size[1].max(1), i % out_size[1].max(1));
-                *window = lines.shift() + lines.first(oy) + ox * kernel.stride * patches.pitch;
+                *window = lines.alignment_shift()
+                    + lines.first_line_start(oy)
+                    + ox * kernel.stride * patches.pitch;
             }
             patches.lines = Some(lines);
         }
         patches.pixels = patches.offsets([image.height, image.width], 1, kernel.padding);
-        for function in taps.functions() {
-            patches.add(taps, function.parts[0].0);
+        for function in taps.basis_functions() {
+            patches.add(taps, function.tap_coefficients[0].0);
         }
         patches
     }
@@ -112,30 +119,30 @@ impl Patches {
     }
 
     /// Adds the orbit that starts with this tap, unless it exists.
-    fn add(&mut self, taps: &Taps, start: [usize; 2]) {
-        if self.orbits.iter().any(|o| o.start == start) {
+    fn add(&mut self, taps: &TapBasis, start: [usize; 2]) {
+        if self.orbits.iter().any(|o| o.first_tap == start) {
             return;
         }
         let offset = |[y, x]: [usize; 2]| (y * self.staged_width() + x) * self.pitch;
         let group = self.image.fields.group();
-        let functions = taps.functions().iter().filter(|f| f.parts[0].0 == start);
+        let functions = taps.basis_functions().iter().filter(|f| f.tap_coefficients[0].0 == start);
         let functions: Vec<_> = functions.collect();
         let position = |p: Irrep| group.irreps().iter().position(|&a| a == p).unwrap_or(0);
         let parities: Vec<usize> = functions.iter().map(|f| position(f.parity)).collect();
-        let mut parts = functions[0].parts.clone();
+        let mut parts = functions[0].tap_coefficients.clone();
         // the rows of taps below the first are folded into the lines already
         parts.retain(|(tap, _)| self.lines.is_none() || tap[0] == start[0]);
-        let orbit_len = functions[0].parts.len();
+        let orbit_len = functions[0].tap_coefficients.len();
         let coefficients = (0..parts.len()).map(|tap| {
             std::array::from_fn(|lane| {
                 let of_lane = parities.iter().position(|&p| p == lane % group.order());
-                of_lane.map_or(0.0, |i| functions[i].parts[tap].1)
+                of_lane.map_or(0.0, |i| functions[i].tap_coefficients[tap].1)
             })
         });
-        let orbit = Orbit {
-            start,
-            taps: parts.iter().map(|part| offset(part.0)).collect(),
-            first: self.folded,
+        let orbit = TapOrbit {
+            first_tap: start,
+            tap_offsets: parts.iter().map(|part| offset(part.0)).collect(),
+            first_block: self.folded,
             scale: (group.order() as f64 / orbit_len as f64).sqrt(),
             coefficients: coefficients.collect(),
             parities,
@@ -144,51 +151,51 @@ impl Patches {
         self.orbits.push(orbit);
     }
 
-    pub fn image(&self) -> Shape {
+    pub fn image_shape(&self) -> Shape {
         self.image
     }
 
-    pub fn kernel(&self) -> Kernel {
+    pub fn window(&self) -> SlidingWindow {
         self.kernel
     }
 
     /// Returns the number of blocks of a staged pixel.
-    pub fn blocks(&self) -> usize {
+    pub fn blocks_per_pixel(&self) -> usize {
         self.blocks
     }
 
     /// Returns `true` if channels are trivial and staged as G copies.
-    pub fn replicated(&self) -> bool {
+    pub fn is_replicated(&self) -> bool {
         self.replicated
     }
 
     /// Returns the number of orbits of taps.
-    pub fn orbits(&self) -> usize {
+    pub fn num_orbits(&self) -> usize {
         self.orbits.len()
     }
 
     /// Returns the number of blocks of a folded patch.
-    pub fn folded(&self) -> usize {
+    pub fn blocks_per_folded_patch(&self) -> usize {
         self.folded
     }
 
     /// Returns the range of blocks of a folded patch that come from one orbit.
-    pub fn folded_of(&self, orbit: usize) -> Range<usize> {
-        let next = self.orbits.get(orbit + 1).map_or(self.folded, |o| o.first);
-        self.orbits[orbit].first..next
+    pub fn orbit_blocks(&self, orbit: usize) -> Range<usize> {
+        let next = self.orbits.get(orbit + 1).map_or(self.folded, |o| o.first_block);
+        self.orbits[orbit].first_block..next
     }
 
     /// Returns the first group of lanes of a folded patch that holds the channels of a function on
     /// the taps.
-    pub fn first_group(&self, parity: Irrep, start: [usize; 2]) -> usize {
+    pub fn first_lane_group(&self, parity: Irrep, start: [usize; 2]) -> usize {
         let group = self.image.fields.group();
         let per_block = LANES / group.order();
-        let Some(orbit) = self.orbits.iter().find(|o| o.start == start) else {
+        let Some(orbit) = self.orbits.iter().find(|o| o.first_tap == start) else {
             unreachable!("every function starts with the first tap of an orbit")
         };
         let fold = orbit.parities.iter().position(|&p| group.irreps()[p] == parity);
         let skipped = if self.replicated { 0 } else { fold.unwrap_or(0) };
-        (orbit.first + skipped * self.blocks) * per_block
+        (orbit.first_block + skipped * self.blocks) * per_block
     }
 
     /// Returns the width of a staged image in pixels, with padding.
@@ -197,43 +204,44 @@ impl Patches {
     }
 
     /// Returns the length of a staged image, including space to load a block at the last pixel.
-    pub fn staged(&self) -> usize {
+    pub fn staged_len(&self) -> usize {
         let line = self.staged_width() * self.pitch;
         let lines = match &self.lines {
-            Some(lines) => lines.count(),
+            Some(lines) => lines.num_lines(),
             None => self.image.height + 2 * self.kernel.padding,
         };
         let beyond = (self.blocks + 1) * LANES - self.pitch;
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Returns where every output pixel's window starts in an image that is staged with its padding.
-    pub fn windows(&self) -> &[usize] {
+    /// Returns the start of every output pixel's window in an image that is staged with its
+    /// padding.
+    pub fn window_starts(&self) -> &[usize] {
         &self.windows
     }
 
-    /// Returns where every pixel starts in an image that is staged with its padding.
-    pub fn pixels(&self) -> &[usize] {
+    /// Returns the start of every pixel in an image that is staged with its padding.
+    pub fn pixel_starts(&self) -> &[usize] {
         &self.pixels
     }
 
     /// Writes the positions of consecutive pixels in staged images, in blocks.
     #[inline(always)]
-    pub fn places(&self, first: usize, places: &mut [usize]) {
+    pub fn write_pixel_blocks(&self, first: usize, places: &mut [usize]) {
         let pixels = self.pixels.len();
-        let (mut start, mut pixel) = (first / pixels * self.staged(), first % pixels);
+        let (mut start, mut pixel) = (first / pixels * self.staged_len(), first % pixels);
         for place in places {
             *place = (start + self.pixels[pixel]) / LANES;
             pixel += 1;
             if pixel == pixels {
-                (start, pixel) = (start + self.staged(), 0);
+                (start, pixel) = (start + self.staged_len(), 0);
             }
         }
     }
 
     /// Returns the number of blocks of a staged image before a pixel; the padding above the first
     /// pixel belongs to it.
-    pub fn before(&self, pixel: usize) -> usize {
+    pub fn blocks_before_pixel(&self, pixel: usize) -> usize {
         match pixel {
             0 => 0,
             _ => self.pixels[pixel] / LANES,
@@ -242,7 +250,7 @@ impl Patches {
 
     /// Returns the factor of staged values, with which orbits of G taps need no other factor to be
     /// orthonormal.
-    pub fn scale(&self) -> f64 {
+    pub fn staging_scale(&self) -> f64 {
         (self.image.fields.group().order() as f64).sqrt().recip()
     }
 
@@ -258,7 +266,7 @@ impl Patches {
     }
 
     /// Returns the folded lines of trivial channels of D2; `None` for other types.
-    pub fn lines(&self) -> Option<&Lines> {
+    pub fn folded_lines(&self) -> Option<&FoldedLines> {
         self.lines.as_ref()
     }
 
@@ -269,7 +277,7 @@ impl Patches {
             return lines.fold(lanes, image, 0..lines.out_height(), staged);
         }
         let order = self.image.fields.group().order();
-        with_order!(G = order, self.stage_groups::<T, G>(image, staged));
+        with_const_order!(G = order, self.stage_groups::<T, G>(image, staged));
     }
 
     #[inline(always)]
@@ -278,7 +286,7 @@ impl Patches {
             return self.replicate::<T, _, G>(image, staged);
         }
         let channels = self.image.fields.dim();
-        let scale = T::from_f64(self.scale());
+        let scale = T::from_f64(self.staging_scale());
         let interleaver = Interleaver::new(self.image.fields);
         for (i, &to) in self.pixels.iter().enumerate() {
             let from = &image[i * channels..][..channels];
@@ -290,7 +298,7 @@ impl Patches {
     #[inline(always)]
     pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
         let order = self.image.fields.group().order();
-        with_order!(G = order, self.replicate::<T, _, G>(image, staged));
+        with_const_order!(G = order, self.replicate::<T, _, G>(image, staged));
     }
 
     /// Writes G copies of every channel.
@@ -300,25 +308,25 @@ impl Patches {
         for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixels) {
             let groups = staged[to..][..channels * G].as_chunks_mut().0;
             for (group, x) in groups.iter_mut().zip(pixel) {
-                *group = [x.number(); G];
+                *group = [x.to_number(); G];
             }
         }
     }
 
-    /// Writes the transpose of [`stage`](Patches::stage) to one image.
+    /// Writes the transpose of [`stage`](PatchGeometry::stage) to one image.
     #[inline(always)]
     pub fn unstage<T: Real>(&self, staged: &[T], image: &mut [T]) {
         if let Some(lines) = &self.lines {
             return lines.unfold(staged, image);
         }
         let order = self.image.fields.group().order();
-        with_order!(G = order, self.unstage_groups::<T, G>(staged, image));
+        with_const_order!(G = order, self.unstage_groups::<T, G>(staged, image));
     }
 
     #[inline(always)]
     fn unstage_groups<T: Real, const G: usize>(&self, staged: &[T], image: &mut [T]) {
         let channels = self.image.fields.dim();
-        let scale = T::from_f64(self.scale());
+        let scale = T::from_f64(self.staging_scale());
         let interleaver = Interleaver::new(self.image.fields);
         for (i, &from) in self.pixels.iter().enumerate() {
             let to = &mut image[i * channels..][..channels];

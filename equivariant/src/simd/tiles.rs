@@ -10,16 +10,16 @@
 )]
 
 use crate::real::Real;
-use crate::simd::interleave::head;
+use crate::simd::interleave::first_n;
 use crate::simd::lanes::{Block, LANES, Lanes};
 
 /// Rows of the panels of a forward pass: 12 rows of two blocks are 24 sums, which fit into 32
 /// registers.
-pub(crate) const ROWS: usize = 12;
+pub(crate) const PANEL_ROWS: usize = 12;
 
 /// Loads N blocks. A plain loop, because a closure would not be compiled for the instruction set.
 #[inline(always)]
-pub(crate) fn load_all<T: Real, L: Lanes<T>, const N: usize>(
+pub(crate) fn load_blocks<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
     blocks: &[Block<T>; N],
 ) -> [L::V; N] {
@@ -30,26 +30,28 @@ pub(crate) fn load_all<T: Real, L: Lanes<T>, const N: usize>(
     values
 }
 
-/// Writes y = x w for the first `rows` of [`ROWS`] rows; x is a panel `[block][row]`, w `[group of
-/// x][block of y]`, y `[row][block]`.
+/// Writes y = x w for the first `rows` of [`PANEL_ROWS`] rows; x is a panel `[block][row]`, w
+/// `[group of x][block of y]`, y `[row][block]`.
 #[inline(always)]
-pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
+pub(crate) fn panel_product<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
-    x: &[[Block<T>; ROWS]],
+    x: &[[Block<T>; PANEL_ROWS]],
     w: &[Block<T>],
     y: &mut [Block<T>],
     rows: usize,
 ) {
-    let width = y.len() / ROWS;
+    let width = y.len() / PANEL_ROWS;
     let mut first = 0;
     while first < width {
         let tile = Tile { w, width, first };
         // Weights come from the second-level cache, so a tile reads them once for all of its rows.
         first += match (L::REGISTERS, width - first) {
-            (32.., 2..) if rows == ROWS => {
-                forward_tiles::<T, L, G, ROWS, 2>(lanes, x, rows, tile, y)
+            (32.., 2..) if rows == PANEL_ROWS => {
+                forward_tiles::<T, L, G, PANEL_ROWS, 2>(lanes, x, rows, tile, y)
             }
-            (32.., _) if rows == ROWS => forward_tiles::<T, L, G, ROWS, 1>(lanes, x, rows, tile, y),
+            (32.., _) if rows == PANEL_ROWS => {
+                forward_tiles::<T, L, G, PANEL_ROWS, 1>(lanes, x, rows, tile, y)
+            }
             (32.., 2..) => forward_tiles::<T, L, G, 4, 2>(lanes, x, rows, tile, y),
             (8..32, _) => forward_tiles::<T, L, G, 6, 1>(lanes, x, rows, tile, y),
             (..8, 2..) => forward_tiles::<T, L, G, 2, 2>(lanes, x, rows, tile, y),
@@ -71,7 +73,7 @@ struct Tile<'a, T> {
 #[inline(always)]
 fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
     lanes: L,
-    x: &[[Block<T>; ROWS]],
+    x: &[[Block<T>; PANEL_ROWS]],
     rows: usize,
     tile: Tile<T>,
     y: &mut [Block<T>],
@@ -86,7 +88,7 @@ fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: 
 #[inline(always)]
 fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
     lanes: L,
-    x: &[[Block<T>; ROWS]],
+    x: &[[Block<T>; PANEL_ROWS]],
     row: usize,
     tile: Tile<T>,
     y: &mut [Block<T>],
@@ -94,24 +96,24 @@ fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: u
     let mut sums = [[lanes.splat(T::ZERO); V]; R];
     let groups = LANES / G;
     let mut ws = tile.w.chunks_exact(groups * tile.width);
-    for x in x {
+    for panel in x {
         let Some(w) = ws.next() else { break };
-        let x: &[Block<T>; R] = head(&x[row..]);
+        let panel: &[Block<T>; R] = first_n(&panel[row..]);
         for g in 0..groups {
-            let w: &[Block<T>; V] = head(&w[g * tile.width + tile.first..]);
-            let w = load_all(lanes, w);
+            let w: &[Block<T>; V] = first_n(&w[g * tile.width + tile.first..]);
+            let w = load_blocks(lanes, w);
             for r in 0..R {
-                let x = lanes.group::<G>(&x[r], g);
+                let panel = lanes.broadcast_group::<G>(&panel[r], g);
                 for v in 0..V {
-                    sums[r][v] = lanes.mul_add(x, w[v], sums[r][v]);
+                    sums[r][v] = lanes.mul_add(panel, w[v], sums[r][v]);
                 }
             }
         }
     }
-    for (r, sums) in sums.iter().enumerate() {
+    for (r, row_sums) in sums.iter().enumerate() {
         let y = &mut y[(row + r) * tile.width + tile.first..][..V];
-        for (y, &sum) in y.iter_mut().zip(sums) {
-            lanes.store(y, sum);
+        for (out, &sum) in y.iter_mut().zip(row_sums) {
+            lanes.store(out, sum);
         }
     }
 }
@@ -119,7 +121,7 @@ fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: u
 /// Adds x^T dy over all rows to dw; x and dy are panels `[block][row]`, dw is `[group of x][block
 /// of y]` with `step` blocks from one block of x to the next.
 #[inline(always)]
-pub(crate) fn weights<T: Real, L: Lanes<T>, const G: usize>(
+pub(crate) fn add_weight_gradient<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
     x: &[Block<T>],
     dy: &[Block<T>],
@@ -206,7 +208,7 @@ impl<T: Real> GradientTile<'_, T> {
             }
             for b in 0..B {
                 for k in 0..K {
-                    let x = lanes.group::<G>(&x[b][r], group + k);
+                    let x = lanes.broadcast_group::<G>(&x[b][r], group + k);
                     for v in 0..V {
                         sums[b][k][v] = lanes.mul_add(x, d[v], sums[b][k][v]);
                     }
@@ -228,7 +230,13 @@ impl<T: Real> GradientTile<'_, T> {
 /// Returns the gradient of N folds in R rows: sums over the groups of dy `[block][row]`, with w
 /// `[group of dy][N]`.
 #[inline(always)]
-pub(crate) fn input<T: Real, L: Lanes<T>, const G: usize, const R: usize, const N: usize>(
+pub(crate) fn fold_gradients<
+    T: Real,
+    L: Lanes<T>,
+    const G: usize,
+    const R: usize,
+    const N: usize,
+>(
     lanes: L,
     dy: &[Block<T>],
     rows: usize,
@@ -238,16 +246,16 @@ pub(crate) fn input<T: Real, L: Lanes<T>, const G: usize, const R: usize, const 
     let mut sums = [[lanes.splat(T::ZERO); N]; R];
     let groups = LANES / G;
     let mut ws = w.chunks_exact(groups * N);
-    for dy in dy.chunks_exact(rows) {
-        let Some(w) = ws.next() else { break };
-        let dy: &[Block<T>; R] = head(&dy[row..]);
+    for panel in dy.chunks_exact(rows) {
+        let Some(weights) = ws.next() else { break };
+        let panel: &[Block<T>; R] = first_n(&panel[row..]);
         // An iterator: indexing takes registers that the loop does not have.
-        for (g, w) in w.as_chunks::<N>().0.iter().enumerate() {
-            let w = load_all(lanes, w);
+        for (g, block) in weights.as_chunks::<N>().0.iter().enumerate() {
+            let block = load_blocks(lanes, block);
             for r in 0..R {
-                let d = lanes.group::<G>(&dy[r], g);
+                let d = lanes.broadcast_group::<G>(&panel[r], g);
                 for i in 0..N {
-                    sums[r][i] = lanes.mul_add(d, w[i], sums[r][i]);
+                    sums[r][i] = lanes.mul_add(d, block[i], sums[r][i]);
                 }
             }
         }

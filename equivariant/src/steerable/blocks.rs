@@ -5,7 +5,7 @@ use std::ops::Range;
 use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
-use crate::matrix::{Strided, StridedMut};
+use crate::matrix::{StridedMatrix, StridedMatrixMut};
 use crate::real::{Real, fill_normal};
 
 /// Parameter layout and products of an equivariant linear map.
@@ -14,54 +14,54 @@ use crate::real::{Real, fill_normal};
 /// The weights of b are `[out multiplicity of b, cols[b]]`, row-major. The blocks come in irrep
 /// order, then one bias per trivial output channel.
 #[derive(Clone, Debug)]
-pub(crate) struct Blocks {
+pub(crate) struct IrrepBlocks {
     cols: [usize; 4],
     out: FieldType,
 }
 
-impl Blocks {
-    pub fn new(cols: [usize; 4], out: FieldType) -> Blocks {
-        Blocks { cols, out }
+impl IrrepBlocks {
+    pub fn new(cols: [usize; 4], out: FieldType) -> IrrepBlocks {
+        IrrepBlocks { cols, out }
     }
 
     /// Returns the number of inputs of output irrep b.
-    pub fn cols(&self, b: Irrep) -> usize {
+    pub fn num_inputs(&self, b: Irrep) -> usize {
         self.cols[b.index()]
     }
 
     fn block_len(&self, b: Irrep) -> usize {
-        self.cols(b) * self.out.multiplicity(b)
+        self.num_inputs(b) * self.out.multiplicity(b)
     }
 
     /// Returns the range of the weights of a block among the parameters.
-    pub fn weights(&self, b: Irrep) -> Range<usize> {
+    pub fn weight_range(&self, b: Irrep) -> Range<usize> {
         let start = Irrep::ALL[..b.index()].iter().map(|&a| self.block_len(a)).sum();
         start..start + self.block_len(b)
     }
 
     /// Returns the range of the biases among the parameters.
-    pub fn bias(&self) -> Range<usize> {
-        let start = self.weights(Irrep::XY).end;
+    pub fn bias_range(&self) -> Range<usize> {
+        let start = self.weight_range(Irrep::XY).end;
         start..start + self.out.multiplicity(Irrep::Trivial)
     }
 
     pub fn num_params(&self) -> usize {
-        self.bias().end
+        self.bias_range().end
     }
 
     /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero.
     pub fn init<T: Real>(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         assert_eq!(params.len(), self.num_params(), "wrong number of parameters");
         for b in Irrep::ALL {
-            let std = gain / (self.cols(b).max(1) as f64).sqrt();
-            fill_normal(rng, std, &mut params[self.weights(b)]);
+            let std = gain / (self.num_inputs(b).max(1) as f64).sqrt();
+            fill_normal(rng, std, &mut params[self.weight_range(b)]);
         }
-        params[self.bias()].fill(T::ZERO);
+        params[self.bias_range()].fill(T::ZERO);
     }
 
     /// Writes the bias into the trivial channels of every row of `y` and zero into the others.
     pub fn fill_bias<T: Real>(&self, params: &[T], y: &mut [T]) {
-        let bias = &params[self.bias()];
+        let bias = &params[self.bias_range()];
         for row in y.chunks_exact_mut(self.out.dim().max(1)) {
             let (trivial, rest) = row.split_at_mut(bias.len());
             trivial.copy_from_slice(bias);
@@ -71,7 +71,7 @@ impl Blocks {
 
     /// Adds the sum of the trivial channels of `dy` to the gradient of the bias.
     pub fn add_bias_gradient<T: Real>(&self, dy: &[T], dparams: &mut [T]) {
-        let dbias = &mut dparams[self.bias()];
+        let dbias = &mut dparams[self.bias_range()];
         for row in dy.chunks_exact(self.out.dim().max(1)) {
             for (sum, &d) in dbias.iter_mut().zip(row) {
                 *sum += d;
@@ -81,42 +81,52 @@ impl Blocks {
 
     /// Adds x_b W_b^T to y_b, for y `[rows, dim]` and x `[rows, channels]` of a type with these
     /// inputs.
-    pub fn forward<T: Real>(&self, b: Irrep, params: &[T], x: Columns<T>, y: &mut [T]) {
+    pub fn add_product<T: Real>(&self, b: Irrep, params: &[T], x: IrrepChannels<T>, y: &mut [T]) {
         let Some([rows, k, n]) = self.sizes(b, y.len()) else {
             return;
         };
-        let y = StridedMut::new(&mut y[self.out.range(b).start..], [rows, n], self.out.dim());
-        let weight = Strided::new(&params[self.weights(b)], [n, k], k);
-        T::product(y, true, x.view([rows, k]), weight.transpose());
+        let y = StridedMatrixMut::new(
+            &mut y[self.out.channel_range(b).start..],
+            [rows, n],
+            self.out.dim(),
+        );
+        let weight = StridedMatrix::new(&params[self.weight_range(b)], [n, k], k);
+        T::matrix_product(y, true, x.view([rows, k]), weight.transpose());
     }
 
     /// Adds dy_b^T x_b to the weight gradient dW_b.
     pub fn add_weight_gradient<T: Real>(
         &self,
         b: Irrep,
-        x: Columns<T>,
+        x: IrrepChannels<T>,
         dy: &[T],
         dparams: &mut [T],
     ) {
         let Some([rows, k, n]) = self.sizes(b, dy.len()) else {
             return;
         };
-        let dweight = StridedMut::new(&mut dparams[self.weights(b)], [n, k], k);
+        let dweight = StridedMatrixMut::new(&mut dparams[self.weight_range(b)], [n, k], k);
         let dy = self.output(b, dy).view([rows, n]);
-        T::product(dweight, true, dy.transpose(), x.view([rows, k]));
+        T::matrix_product(dweight, true, dy.transpose(), x.view([rows, k]));
     }
 
     /// Writes dx_b = dy_b W_b; zero if the block has no outputs.
-    pub fn input_gradient<T: Real>(&self, b: Irrep, params: &[T], dy: &[T], dx: ColumnsMut<T>) {
-        let ColumnsMut { data, stride } = dx;
+    pub fn write_input_gradient<T: Real>(
+        &self,
+        b: Irrep,
+        params: &[T],
+        dy: &[T],
+        dx: IrrepChannelsMut<T>,
+    ) {
+        let IrrepChannelsMut { data, stride } = dx;
         if let Some([rows, k, n]) = self.sizes(b, dy.len()) {
-            let dx = StridedMut::new(data, [rows, k], stride);
-            let weight = Strided::new(&params[self.weights(b)], [n, k], k);
-            T::product(dx, false, self.output(b, dy).view([rows, n]), weight);
+            let target = StridedMatrixMut::new(data, [rows, k], stride);
+            let weight = StridedMatrix::new(&params[self.weight_range(b)], [n, k], k);
+            T::matrix_product(target, false, self.output(b, dy).view([rows, n]), weight);
         } else if self.out.multiplicity(b) == 0 {
             // inputs that no output uses have a gradient of zero
             for row in data.chunks_mut(stride) {
-                row[..self.cols(b)].fill(T::ZERO);
+                row[..self.num_inputs(b)].fill(T::ZERO);
             }
         }
     }
@@ -125,31 +135,31 @@ impl Blocks {
     /// them is 0.
     fn sizes(&self, b: Irrep, out_len: usize) -> Option<[usize; 3]> {
         let rows = out_len / self.out.dim();
-        let sizes = [rows, self.cols(b), self.out.multiplicity(b)];
+        let sizes = [rows, self.num_inputs(b), self.out.multiplicity(b)];
         (!sizes.contains(&0)).then_some(sizes)
     }
 
     /// Returns the channels of output irrep b as columns of `dy`.
-    fn output<'a, T>(&self, b: Irrep, dy: &'a [T]) -> Columns<'a, T> {
-        Columns { data: &dy[self.out.range(b).start..], stride: self.out.dim() }
+    fn output<'a, T>(&self, b: Irrep, dy: &'a [T]) -> IrrepChannels<'a, T> {
+        IrrepChannels { data: &dy[self.out.channel_range(b).start..], stride: self.out.dim() }
     }
 }
 
 /// Channels of an irrep in vectors of `stride` channels, starting at its first channel.
 #[derive(Clone, Copy)]
-pub(crate) struct Columns<'a, T> {
+pub(crate) struct IrrepChannels<'a, T> {
     pub data: &'a [T],
     pub stride: usize,
 }
 
 /// Channels of an irrep in vectors of `stride` channels, to be written.
-pub(crate) struct ColumnsMut<'a, T> {
+pub(crate) struct IrrepChannelsMut<'a, T> {
     pub data: &'a mut [T],
     pub stride: usize,
 }
 
-impl<'a, T> Columns<'a, T> {
-    fn view(self, size: [usize; 2]) -> Strided<'a, T> {
-        Strided::new(self.data, size, self.stride)
+impl<'a, T> IrrepChannels<'a, T> {
+    fn view(self, size: [usize; 2]) -> StridedMatrix<'a, T> {
+        StridedMatrix::new(self.data, size, self.stride)
     }
 }

@@ -4,47 +4,48 @@ use symmetry::{FieldType, Irrep};
 
 use crate::real::Real;
 use crate::shape::Shape;
-use crate::steerable::blocks::Blocks;
-use crate::steerable::hadamard::{permuted, transform_pixels};
-use crate::steerable::taps::Taps;
-use crate::window::Kernel;
+use crate::steerable::blocks::IrrepBlocks;
+use crate::steerable::hadamard::{hadamard_transform_pixels, permuted_field_order_and_count};
+use crate::steerable::taps::TapBasis;
+use crate::window::SlidingWindow;
 
 /// Ordinary convolution equal to a layer: a kernel `[C_out, C_in, size, size]` and a bias
 /// `[C_out]`.
 ///
-/// [`R2Conv::dense`](crate::R2Conv::dense) and [`Linear::dense`](crate::Linear::dense) create it; a
-/// linear layer is a convolution of one tap. Cross-correlation with the kernel, plus the bias,
-/// equals the layer. It is meant for checks, export and import; layers never build it.
+/// [`R2Conv::as_ordinary_conv`](crate::R2Conv::as_ordinary_conv) and
+/// [`Linear::as_ordinary_conv`](crate::Linear::as_ordinary_conv) create it; a linear layer is a
+/// convolution of one tap. Cross-correlation with the kernel, plus the bias, equals the layer. It
+/// is meant for checks, export and import; layers never build it.
 ///
 /// In the irrep basis the parameters are coefficients of an orthonormal basis of all steerable
-/// kernels, so [`project`](Dense::project) is both the inverse of [`kernel`](Dense::kernel) and the
-/// best approximation of a kernel that is not steerable.
+/// kernels, so [`project_kernel`](OrdinaryConv::project_kernel) is both the inverse of
+/// [`kernel`](OrdinaryConv::kernel) and the best approximation of a kernel that is not steerable.
 #[derive(Clone, Debug)]
-pub struct Dense<'a> {
-    pub(crate) name: &'static str,
-    pub(crate) taps: Taps,
-    pub(crate) blocks: &'a Blocks,
+pub struct OrdinaryConv<'a> {
+    pub(crate) layer_name: &'static str,
+    pub(crate) taps: TapBasis,
+    pub(crate) blocks: &'a IrrepBlocks,
     /// Index of the parameter of every entry of the blocks; `None` if the blocks are the
     /// parameters.
-    pub(crate) places: Option<&'a [usize]>,
-    pub(crate) window: Kernel,
+    pub(crate) param_indices: Option<&'a [usize]>,
+    pub(crate) window: SlidingWindow,
     pub(crate) in_shape: Shape,
     pub(crate) out_shape: Shape,
 }
 
-/// Steerable part of a dense kernel.
+/// Steerable kernel that is closest to a dense one, with the share of the dense one that is lost.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Projection<T> {
-    /// Parameters of the layer; the biases are zero.
+pub struct KernelProjection<T> {
+    /// Parameters of the layer with the closest kernel; the biases are zero.
     pub params: Vec<T>,
     /// Share that is not steerable, in [0, 1]: the Euclidean norm of the rest over that of the
     /// kernel.
-    pub residual: f64,
+    pub lost_share: f64,
 }
 
-impl Dense<'_> {
+impl OrdinaryConv<'_> {
     /// Returns the window of the convolution.
-    pub fn window(&self) -> Kernel {
+    pub fn window(&self) -> SlidingWindow {
         self.window
     }
 
@@ -60,7 +61,7 @@ impl Dense<'_> {
 
     /// Returns the shape of the kernel, `[C_out, C_in, size, size]`.
     pub fn kernel_shape(&self) -> [usize; 4] {
-        let size = self.taps.size();
+        let size = self.taps.kernel_size();
         [self.out_type().dim(), self.in_type().dim(), size, size]
     }
 
@@ -78,10 +79,10 @@ impl Dense<'_> {
     /// Returns the bias in the irrep basis: zero except for trivial channels.
     ///
     /// # Panics
-    /// As [`kernel`](Dense::kernel).
+    /// As [`kernel`](OrdinaryConv::kernel).
     pub fn bias<T: Real>(&self, params: &[T]) -> Vec<T> {
         self.check(params);
-        let mut bias = params[self.blocks.bias()].to_vec();
+        let mut bias = params[self.blocks.bias_range()].to_vec();
         bias.resize(self.out_type().dim(), T::ZERO);
         bias
     }
@@ -89,11 +90,12 @@ impl Dense<'_> {
     /// Returns the kernel in the regular basis, as libraries of expanded steerable kernels store
     /// it.
     ///
-    /// Regular fields are in the layout of [`hadamard`](crate::hadamard()), where a ReLU is
-    /// pointwise as in every other library. A side of another type stays in the irrep basis.
+    /// Regular fields are in the layout of [`hadamard_transform`](crate::hadamard_transform), where
+    /// a ReLU is pointwise as in every other library. A side of another type stays in the irrep
+    /// basis.
     ///
     /// # Panics
-    /// As [`kernel`](Dense::kernel).
+    /// As [`kernel`](OrdinaryConv::kernel).
     pub fn regular_kernel<T: Real>(&self, params: &[T]) -> Vec<T> {
         let mut kernel = self.kernel(params);
         self.change_basis(&mut kernel);
@@ -103,7 +105,7 @@ impl Dense<'_> {
     /// Returns the bias in the regular basis: equal for all elements of a field.
     ///
     /// # Panics
-    /// As [`kernel`](Dense::kernel).
+    /// As [`kernel`](OrdinaryConv::kernel).
     pub fn regular_bias<T: Real>(&self, params: &[T]) -> Vec<T> {
         let mut bias = self.bias(params);
         change_channels(self.out_type(), &mut bias, 1);
@@ -113,14 +115,14 @@ impl Dense<'_> {
     /// Returns the steerable kernel that is closest to a dense one in the irrep basis.
     ///
     /// # Panics
-    /// When `kernel` is not of the [`kernel_shape`](Dense::kernel_shape).
-    pub fn project<T: Real>(&self, kernel: &[T]) -> Projection<T> {
+    /// When `kernel` is not of the [`kernel_shape`](OrdinaryConv::kernel_shape).
+    pub fn project_kernel<T: Real>(&self, kernel: &[T]) -> KernelProjection<T> {
         let shape = self.kernel_shape();
         assert_eq!(
             kernel.len(),
             shape.iter().product::<usize>(),
             "{}: got a kernel of this many entries, expected {shape:?}",
-            self.name
+            self.layer_name
         );
         let mut params = vec![T::ZERO; self.blocks.num_params()];
         self.each_coefficient(|weight, tap, c| params[weight] += kernel[tap] * T::from_f64(c));
@@ -130,18 +132,18 @@ impl Dense<'_> {
         let pairs = kernel.iter().zip(&projected);
         let rest: f64 = pairs.map(|(a, b)| square(a.to_f64() - b.to_f64())).sum();
         // a kernel of zeros has a residual of 0 instead of 0 / 0
-        Projection { params, residual: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
+        KernelProjection { params, lost_share: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
     }
 
     /// Returns the steerable kernel that is closest to a dense one in the regular basis.
     ///
     /// # Panics
-    /// As [`project`](Dense::project).
-    pub fn project_regular<T: Real>(&self, kernel: &[T]) -> Projection<T> {
+    /// As [`project_kernel`](OrdinaryConv::project_kernel).
+    pub fn project_regular_kernel<T: Real>(&self, kernel: &[T]) -> KernelProjection<T> {
         // the change of basis is orthonormal and its own inverse
         let mut kernel = kernel.to_vec();
         self.change_basis(&mut kernel);
-        self.project(&kernel)
+        self.project_kernel(&kernel)
     }
 
     fn in_type(&self) -> FieldType {
@@ -155,7 +157,7 @@ impl Dense<'_> {
     fn check<T>(&self, params: &[T]) {
         let expected = self.blocks.num_params();
         let got = params.len();
-        assert!(got == expected, "{}: got {got} parameters, expected {expected}", self.name);
+        assert!(got == expected, "{}: got {got} parameters, expected {expected}", self.layer_name);
     }
 
     /// Calls `f(parameter, kernel entry, coefficient)` for every non-zero entry of the basis
@@ -163,14 +165,15 @@ impl Dense<'_> {
     fn each_coefficient(&self, mut f: impl FnMut(usize, usize, f64)) {
         let [_, in_dim, size, _] = self.kernel_shape();
         for b in Irrep::ALL {
-            let mut weights = self.blocks.weights(b);
-            for out in self.out_type().range(b) {
-                for function in self.taps.functions() {
-                    let channels = self.in_type().range(self.taps.input(b, function.parity));
+            let mut weights = self.blocks.weight_range(b);
+            for out in self.out_type().channel_range(b) {
+                for function in self.taps.basis_functions() {
+                    let channels =
+                        self.in_type().channel_range(self.taps.input_irrep(b, function.parity));
                     for (channel, weight) in channels.zip(&mut weights) {
-                        for &([row, col], c) in &function.parts {
+                        for &([row, col], c) in &function.tap_coefficients {
                             f(
-                                self.places.map_or(weight, |places| places[weight]),
+                                self.param_indices.map_or(weight, |places| places[weight]),
                                 ((out * in_dim + channel) * size + row) * size + col,
                                 c,
                             );
@@ -194,8 +197,8 @@ impl Dense<'_> {
 /// Transforms the first axis of `[dim, inner]` values, the channels, between the irrep basis and
 /// the regular basis.
 fn change_channels<T: Real>(fields: FieldType, values: &mut [T], inner: usize) {
-    if let Some((order, n)) = permuted(fields) {
+    if let Some((order, n)) = permuted_field_order_and_count(fields) {
         // the transform treats [order, n, inner] as one pixel of n * inner fields
-        transform_pixels(order, n * inner, values);
+        hadamard_transform_pixels(order, n * inner, values);
     }
 }

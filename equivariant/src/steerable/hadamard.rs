@@ -15,7 +15,7 @@ use crate::shape::Shape;
 /// 1/sqrt(G) sum_a a(g) in\[a\]. Flipping the signs of a group element on one side permutes the
 /// other side, with the same bits.
 #[inline(always)]
-pub(crate) fn transform<T: Real, const G: usize>(mut values: [T; G]) -> [T; G] {
+pub(crate) fn walsh_hadamard<T: Real, const G: usize>(mut values: [T; G]) -> [T; G] {
     let mut step = 1;
     while step < G {
         // G is a constant, so the compiler unrolls these loops into additions of registers
@@ -37,7 +37,7 @@ pub(crate) fn transform<T: Real, const G: usize>(mut values: [T; G]) -> [T; G] {
 ///
 /// # Panics
 /// When the number of channels is not a multiple of the group's order.
-pub fn hadamard<T: Real>(group: Group, channels: &mut [T]) {
+pub fn hadamard_transform<T: Real>(group: Group, channels: &mut [T]) {
     assert!(
         channels.len().is_multiple_of(group.order()),
         "got {} channels, expected a multiple of {}, the order of {group}",
@@ -45,28 +45,28 @@ pub fn hadamard<T: Real>(group: Group, channels: &mut [T]) {
         group.order()
     );
     let n = channels.len() / group.order();
-    transform_pixels(group.order(), n, channels);
+    hadamard_transform_pixels(group.order(), n, channels);
 }
 
 /// Returns the order and the number of fields of a type with a basis that the group permutes.
 ///
 /// Trivial channels are fields of order 1. The result is `None` for other types.
-pub(crate) fn permuted(fields: FieldType) -> Option<(usize, usize)> {
+pub(crate) fn permuted_field_order_and_count(fields: FieldType) -> Option<(usize, usize)> {
     if fields.is_trivial() {
         return Some((1, fields.dim()));
     }
-    let n = fields.regular_fields()?;
+    let n = fields.num_regular_fields()?;
     Some((fields.group().order(), n))
 }
 
 /// Returns the order and the number of fields of a map with a basis that the group permutes;
 /// rejects other types.
-pub(crate) fn permuted_fields(
+pub(crate) fn require_permuted_fields(
     layer: &'static str,
     shape: Shape,
 ) -> Result<(usize, usize), LayerError> {
     LayerError::check_map(layer, shape, 0)?;
-    permuted(shape.fields).ok_or(LayerError::Type {
+    permuted_field_order_and_count(shape.fields).ok_or(LayerError::InvalidFieldType {
         layer,
         got: shape.fields,
         expected: "regular fields only or trivial channels only",
@@ -74,7 +74,7 @@ pub(crate) fn permuted_fields(
 }
 
 /// Transforms n fields of this order in place at every pixel.
-pub(crate) fn transform_pixels<T: Real>(order: usize, n: usize, pixels: &mut [T]) {
+pub(crate) fn hadamard_transform_pixels<T: Real>(order: usize, n: usize, pixels: &mut [T]) {
     match order {
         1 => {}
         2 => transform_each::<T, 2>(n, pixels),
@@ -85,9 +85,9 @@ pub(crate) fn transform_pixels<T: Real>(order: usize, n: usize, pixels: &mut [T]
 #[expect(clippy::needless_range_loop, reason = "f indexes every part of a pixel")]
 fn transform_each<T: Real, const G: usize>(n: usize, pixels: &mut [T]) {
     for pixel in pixels.chunks_exact_mut((G * n).max(1)) {
-        let parts = parts_mut::<T, G>(pixel, n);
+        let parts = split_by_irrep_mut::<T, G>(pixel, n);
         for f in 0..n {
-            let values = transform::<T, G>(from_fn(|a| parts[a][f]));
+            let values = walsh_hadamard::<T, G>(from_fn(|a| parts[a][f]));
             for a in 0..G {
                 parts[a][f] = values[a];
             }
@@ -96,7 +96,7 @@ fn transform_each<T: Real, const G: usize>(n: usize, pixels: &mut [T]) {
 }
 
 /// Evaluates an expression in which `$order` is a constant with the value of `$value`: 1, 2 or 4.
-macro_rules! with_order {
+macro_rules! with_const_order {
     ($order:ident = $value:expr, $result:expr) => {
         match $value {
             1 => {
@@ -115,17 +115,20 @@ macro_rules! with_order {
     };
 }
 
-pub(crate) use with_order;
+pub(crate) use with_const_order;
 
 /// Splits the channels of one pixel by irrep.
 #[inline(always)]
-pub(crate) fn parts<T, const G: usize>(pixel: &[T], n: usize) -> [&[T]; G] {
+pub(crate) fn split_by_irrep<T, const G: usize>(pixel: &[T], n: usize) -> [&[T]; G] {
     from_fn(|a| &pixel[a * n..][..n])
 }
 
 /// Splits the channels of one pixel by irrep, mutably.
 #[inline(always)]
-pub(crate) fn parts_mut<T, const G: usize>(mut pixel: &mut [T], n: usize) -> [&mut [T]; G] {
+pub(crate) fn split_by_irrep_mut<T, const G: usize>(
+    mut pixel: &mut [T],
+    n: usize,
+) -> [&mut [T]; G] {
     from_fn(|_| {
         let (part, rest) = std::mem::take(&mut pixel).split_at_mut(n);
         pixel = rest;
@@ -143,11 +146,11 @@ mod tests {
         for group in Group::ALL {
             let order = group.order();
             let mut y = x[..order].to_vec();
-            hadamard(group, &mut y);
-            for (&g, y) in group.elements().iter().zip(y) {
+            hadamard_transform(group, &mut y);
+            for (&g, got) in group.elements().iter().zip(y) {
                 let terms = group.irreps().iter().zip(x);
-                let sum: f64 = terms.map(|(a, x)| f64::from(a.sign(g)) * x).sum();
-                assert!((y - sum / (order as f64).sqrt()).abs() < 1e-15);
+                let sum: f64 = terms.map(|(a, value)| f64::from(a.sign(g)) * value).sum();
+                assert!((got - sum / (order as f64).sqrt()).abs() < 1e-15);
             }
         }
     }
@@ -157,11 +160,11 @@ mod tests {
         for group in Group::ALL {
             let values: Vec<f32> = (0..group.order()).map(|i| (i as f32).cos()).collect();
             let mut regular = values.clone();
-            hadamard(group, &mut regular);
+            hadamard_transform(group, &mut regular);
             for &g in group.elements() {
                 let mut signed = values.clone();
-                group.regular(1).act(g, &mut signed);
-                hadamard(group, &mut signed);
+                group.regular_type(1).transform_channels(g, &mut signed);
+                hadamard_transform(group, &mut signed);
                 for (&h, value) in group.elements().iter().zip(signed) {
                     let source = group.elements().iter().position(|&e| e == g * h).unwrap();
                     assert_eq!(value, regular[source], "{group} {g} {h}");
@@ -174,15 +177,15 @@ mod tests {
     fn the_transform_of_fields_is_its_own_inverse() {
         let fields = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 9.0];
         let mut twice = fields;
-        hadamard(Group::D2, &mut twice);
+        hadamard_transform(Group::D2, &mut twice);
         assert_ne!(twice, fields);
-        hadamard(Group::D2, &mut twice);
+        hadamard_transform(Group::D2, &mut twice);
         assert_eq!(twice, fields);
     }
 
     #[test]
     #[should_panic(expected = "got 3 channels, expected a multiple of 2, the order of C2")]
     fn half_a_field_is_refused() {
-        hadamard(Group::C2, &mut [0.0; 3]);
+        hadamard_transform(Group::C2, &mut [0.0; 3]);
     }
 }

@@ -14,28 +14,28 @@ use symmetry::{FieldType, Group, Irrep};
 /// A function of parity p takes input irrep a to output irrep a p. The columns of output irrep
 /// b are therefore ordered by function and then by the channels of input irrep b p.
 #[derive(Clone, Debug)]
-pub(crate) struct Taps {
+pub(crate) struct TapBasis {
     in_type: FieldType,
     size: usize,
-    functions: Vec<FoldedTap>,
+    functions: Vec<TapFunction>,
 }
 
 /// Basis function on the taps.
 #[derive(Clone, Debug)]
-pub(crate) struct FoldedTap {
+pub(crate) struct TapFunction {
     /// Irrep by whose signs the group acts on the function.
     pub parity: Irrep,
     /// Taps `[row, column]` with coefficients; the first tap identifies the orbit.
-    pub parts: Vec<([usize; 2], f64)>,
+    pub tap_coefficients: Vec<([usize; 2], f64)>,
 }
 
-impl Taps {
-    pub fn new(in_type: FieldType, size: usize) -> Taps {
+impl TapBasis {
+    pub fn new(in_type: FieldType, size: usize) -> TapBasis {
         let group = in_type.group();
         let functions = group.irreps().iter().flat_map(|&parity| {
             (0..size * size).filter_map(move |t| folded(group, size, parity, [t / size, t % size]))
         });
-        Taps { in_type, size, functions: functions.collect() }
+        TapBasis { in_type, size, functions: functions.collect() }
     }
 
     pub fn in_type(&self) -> FieldType {
@@ -43,35 +43,39 @@ impl Taps {
     }
 
     /// Returns the side of the kernel in pixels.
-    pub fn size(&self) -> usize {
+    pub fn kernel_size(&self) -> usize {
         self.size
     }
 
     /// Returns the basis functions, ordered by parity and then by the first tap of their orbit.
-    pub fn functions(&self) -> &[FoldedTap] {
+    pub fn basis_functions(&self) -> &[TapFunction] {
         &self.functions
     }
 
     /// Returns the input irrep that a function of this parity maps to output irrep b.
-    pub fn input(&self, b: Irrep, parity: Irrep) -> Irrep {
-        self.in_type.group().restrict(b * parity)
+    pub fn input_irrep(&self, b: Irrep, parity: Irrep) -> Irrep {
+        self.in_type.group().restrict_irrep(b * parity)
     }
 
     /// Returns the first column, in the matrix of output irrep b, of the channels of a function.
-    pub fn column(&self, b: Irrep, function: usize) -> usize {
+    pub fn first_column(&self, b: Irrep, function: usize) -> usize {
         let before = self.functions[..function].iter();
-        before.map(|f| self.in_type.multiplicity(self.input(b, f.parity))).sum()
+        before.map(|f| self.in_type.multiplicity(self.input_irrep(b, f.parity))).sum()
     }
 
     /// Returns the number of columns of the matrix of output irrep b; 0 if the group lacks b.
-    pub fn cols(&self, b: Irrep) -> usize {
-        if self.in_type.group().restrict(b) == b { self.column(b, self.functions.len()) } else { 0 }
+    pub fn num_columns(&self, b: Irrep) -> usize {
+        if self.in_type.group().restrict_irrep(b) == b {
+            self.first_column(b, self.functions.len())
+        } else {
+            0
+        }
     }
 }
 
 /// Returns the function of this parity on the orbit of `tap`; `None` if it vanishes or `tap` is not
 /// the first of its orbit.
-fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<FoldedTap> {
+fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<TapFunction> {
     let mut sums = BTreeMap::new();
     for &g in group.elements() {
         let (row, col) = g.apply_pixel(tap[0], tap[1], size, size);
@@ -80,9 +84,9 @@ fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<F
     // taps that an element leaves in place may cancel, which makes the function zero
     let norm = sums.values().map(|s| s * s).sum::<f64>().sqrt();
     let first = sums.first_key_value().is_some_and(|(t, _)| *t == tap);
-    (first && norm > 0.0).then(|| FoldedTap {
+    (first && norm > 0.0).then(|| TapFunction {
         parity,
-        parts: sums.into_iter().map(|(t, s)| (t, s / norm)).collect(),
+        tap_coefficients: sums.into_iter().map(|(t, s)| (t, s / norm)).collect(),
     })
 }
 
@@ -90,9 +94,9 @@ fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<F
 mod tests {
     use super::*;
 
-    fn dense(function: &FoldedTap, size: usize) -> Vec<f64> {
+    fn dense(function: &TapFunction, size: usize) -> Vec<f64> {
         let mut values = vec![0.0; size * size];
-        for &([row, col], c) in &function.parts {
+        for &([row, col], c) in &function.tap_coefficients {
             values[row * size + col] = c;
         }
         values
@@ -102,9 +106,9 @@ mod tests {
     fn the_functions_are_an_orthonormal_basis() {
         for group in Group::ALL {
             for size in 1..6 {
-                let taps = Taps::new(group.trivial(1), size);
-                assert_eq!(taps.functions().len(), size * size, "{group}");
-                let rows: Vec<_> = taps.functions().iter().map(|f| dense(f, size)).collect();
+                let taps = TapBasis::new(group.trivial_type(1), size);
+                assert_eq!(taps.basis_functions().len(), size * size, "{group}");
+                let rows: Vec<_> = taps.basis_functions().iter().map(|f| dense(f, size)).collect();
                 for (i, a) in rows.iter().enumerate() {
                     for (j, b) in rows.iter().enumerate() {
                         let product: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
@@ -119,7 +123,7 @@ mod tests {
     #[test]
     fn every_function_has_the_signs_of_its_parity() {
         for group in Group::ALL {
-            for function in Taps::new(group.trivial(1), 3).functions() {
+            for function in TapBasis::new(group.trivial_type(1), 3).basis_functions() {
                 for &g in group.elements() {
                     let sign = f64::from(function.parity.sign(g));
                     let moved = g.transform_image(&dense(function, 3), 3, 3, 1);
@@ -132,11 +136,11 @@ mod tests {
 
     #[test]
     fn columns_are_ordered_by_parity_tap_and_channel() {
-        let taps = Taps::new(FieldType::new(Group::C2, [2, 3, 0, 0]), 3);
+        let taps = TapBasis::new(FieldType::new(Group::C2, [2, 3, 0, 0]), 3);
         // 5 even functions on 2 channels, then 4 odd ones on 3
-        assert_eq!(taps.cols(Irrep::Trivial), 22);
-        assert_eq!(taps.column(Irrep::Trivial, 6), 13);
-        assert_eq!(taps.cols(Irrep::X), 5 * 3 + 4 * 2);
-        assert_eq!(taps.cols(Irrep::Y), 0);
+        assert_eq!(taps.num_columns(Irrep::Trivial), 22);
+        assert_eq!(taps.first_column(Irrep::Trivial, 6), 13);
+        assert_eq!(taps.num_columns(Irrep::X), 5 * 3 + 4 * 2);
+        assert_eq!(taps.num_columns(Irrep::Y), 0);
     }
 }

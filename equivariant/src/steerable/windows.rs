@@ -6,44 +6,51 @@ use symmetry::{FieldType, Group};
 
 use crate::error::LayerError;
 use crate::shape::Shape;
-use crate::window::Kernel;
+use crate::window::SlidingWindow;
 
 /// Windows of a convolution or of a pooling layer.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Windows {
-    pub kernel: Kernel,
+pub(crate) struct WindowGrid {
+    pub kernel: SlidingWindow,
     in_size: [usize; 2],
     pub out_size: [usize; 2],
 }
 
-impl Windows {
+impl WindowGrid {
     /// Creates the windows on a `[height, width]` image. They must sit symmetrically on the axes
     /// that the group flips.
     pub fn new(
         layer: &'static str,
         group: Group,
-        kernel: Kernel,
+        kernel: SlidingWindow,
         in_size: [usize; 2],
-    ) -> Result<Windows, LayerError> {
+    ) -> Result<WindowGrid, LayerError> {
         let [height, width] = in_size;
-        let axes = [("height", height, group.flips_y()), ("width", width, group.flips_x())];
+        let axes = [
+            ("height", height, group.has_element_flipping_y()),
+            ("width", width, group.has_element_flipping_x()),
+        ];
         let [rows, columns] = axes.map(|(axis, size, flipped)| {
             along(layer, kernel, axis, size, flipped.then_some(group))
         });
-        Ok(Windows { kernel, in_size, out_size: [rows?, columns?] })
+        Ok(WindowGrid { kernel, in_size, out_size: [rows?, columns?] })
     }
 
     /// Creates the windows of a pooling, none of which may lie entirely in the padding.
-    pub fn of_pooling(
+    pub fn for_pooling(
         layer: &'static str,
         shape: Shape,
-        kernel: Kernel,
-    ) -> Result<Windows, LayerError> {
+        kernel: SlidingWindow,
+    ) -> Result<WindowGrid, LayerError> {
         LayerError::check_map(layer, shape, kernel.padding)?;
         let in_size = [shape.height, shape.width];
-        let windows = Windows::new(layer, shape.fields.group(), kernel, in_size)?;
+        let windows = WindowGrid::new(layer, shape.fields.group(), kernel, in_size)?;
         if kernel.padding > kernel.size / 2 {
-            return Err(LayerError::Padding { layer, padding: kernel.padding, size: kernel.size });
+            return Err(LayerError::PaddingTooLarge {
+                layer,
+                padding: kernel.padding,
+                size: kernel.size,
+            });
         }
         Ok(windows)
     }
@@ -55,7 +62,7 @@ impl Windows {
     }
 
     /// Writes the description of a pooling layer: name, shapes and window.
-    pub fn write_pooling(
+    pub fn fmt_pooling(
         &self,
         f: &mut fmt::Formatter<'_>,
         name: &str,
@@ -68,11 +75,11 @@ impl Windows {
 
     /// Iterates over the indices of the pixels in the window of output pixel `index`, row-major and
     /// without padding.
-    pub fn pixels(&self, index: usize) -> impl Iterator<Item = usize> + use<> {
+    pub fn pixels_in_window(&self, index: usize) -> impl Iterator<Item = usize> + use<> {
         let [_, out_width] = self.out_size;
         let [height, width] = self.in_size;
         let along = |at: usize, size: usize| {
-            let Kernel { size: window, stride, padding } = self.kernel;
+            let SlidingWindow { size: window, stride, padding } = self.kernel;
             let start = at * stride;
             start.saturating_sub(padding)..(start + window - padding).min(size)
         };
@@ -84,7 +91,7 @@ impl Windows {
 /// Returns the number of windows along an axis; `flipped` is the group if it flips the axis.
 fn along(
     layer: &'static str,
-    kernel: Kernel,
+    kernel: SlidingWindow,
     axis: &'static str,
     size: usize,
     flipped: Option<Group>,
@@ -94,12 +101,12 @@ fn along(
     let padded = padding.and_then(|padding| padding.checked_add(size));
     let room = padded.and_then(|padded| padded.checked_sub(kernel.size));
     let (Some(room), 1.., 1..) = (room, kernel.size, kernel.stride) else {
-        return Err(LayerError::Window { layer, axis, size, kernel });
+        return Err(LayerError::InvalidWindow { layer, axis, size, kernel });
     };
     let remainder = room % kernel.stride;
     match flipped {
         Some(group) if remainder != 0 => {
-            Err(LayerError::Inexact { layer, group, axis, size, kernel, remainder })
+            Err(LayerError::AsymmetricWindow { layer, group, axis, size, kernel, remainder })
         }
         _ => Ok(room / kernel.stride + 1),
     }
@@ -110,12 +117,13 @@ mod tests {
     use super::*;
 
     fn image(height: usize, width: usize) -> Shape {
-        Shape::image(height, width, Group::D2.trivial(1))
+        Shape::image(height, width, Group::D2.trivial_type(1))
     }
 
     fn windows(group: Group, window: [usize; 3], image: [usize; 2]) -> Result<[usize; 2], String> {
         let [size, stride, padding] = window;
-        let windows = Windows::new("R2Conv", group, Kernel::new(size, stride, padding), image);
+        let windows =
+            WindowGrid::new("R2Conv", group, SlidingWindow::new(size, stride, padding), image);
         windows.map(|windows| windows.out_size).map_err(|error| error.to_string())
     }
 
@@ -156,23 +164,25 @@ mod tests {
         let padding = usize::MAX / 2 + 1;
         let message = windows(Group::C1, [3, 1, padding], [5, 7]).unwrap_err();
         assert!(message.contains(&format!("padding {padding} on the height of 5")), "{message}");
-        let refused = Windows::of_pooling("MaxPool", image(5, 7), Kernel::new(3, 1, padding));
+        let refused =
+            WindowGrid::for_pooling("MaxPool", image(5, 7), SlidingWindow::new(3, 1, padding));
         assert!(refused.is_err());
     }
 
     #[test]
     fn windows_are_cut_at_the_border() {
-        let windows = Windows::new("MaxPool", Group::D2, Kernel::new(3, 2, 1), [3, 5]).unwrap();
+        let windows =
+            WindowGrid::new("MaxPool", Group::D2, SlidingWindow::new(3, 2, 1), [3, 5]).unwrap();
         assert_eq!(windows.out_size, [2, 3]);
-        let pixels = |index| windows.pixels(index).collect::<Vec<_>>();
+        let pixels = |index| windows.pixels_in_window(index).collect::<Vec<_>>();
         assert_eq!(pixels(0), [0, 1, 5, 6]);
         assert_eq!(pixels(4), [6, 7, 8, 11, 12, 13]);
     }
 
     #[test]
     fn pools_of_padding_alone_are_refused() {
-        let window = Kernel::new(2, 2, 2);
-        let error = Windows::of_pooling("MaxPool", image(4, 6), window).unwrap_err();
+        let window = SlidingWindow::new(2, 2, 2);
+        let error = WindowGrid::for_pooling("MaxPool", image(4, 6), window).unwrap_err();
         let expected = "MaxPool: got a padding of 2 for a window of 2, expected at most 2 / 2";
         assert_eq!(error.to_string(), expected);
     }

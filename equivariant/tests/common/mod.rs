@@ -4,8 +4,8 @@
 #![allow(clippy::unwrap_used, reason = "a helper of tests")]
 
 use equivariant::{
-    Concat, FieldType, Group, Kernel, Layer, LayerError, Linear, MaxPool, R2Conv, Relu, Scalar,
-    Scratch, Sequential, Shape, examples,
+    Concat, FieldType, Group, Layer, LayerError, Linear, MaxPool, R2Conv, Relu, Scalar, Scratch,
+    Sequential, Shape, SlidingWindow, sample_layers,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
@@ -20,7 +20,7 @@ pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
 
 /// Returns examples and chains of one group.
 pub fn layers_of<T: Scalar>(group: Group) -> Vec<(&'static str, Box<dyn Layer<T>>)> {
-    let single = examples(group).unwrap().into_iter();
+    let single = sample_layers(group).unwrap().into_iter();
     let mut layers: Vec<_> = single.map(|of| (of.name, of.layer)).collect();
     layers.push(("sequential", Box::new(network(group))));
     layers.push(("nested", Box::new(nested(group))));
@@ -31,11 +31,11 @@ pub fn layers_of<T: Scalar>(group: Group) -> Vec<(&'static str, Box<dyn Layer<T>
 /// Creates the sum of a map that lacks irreps and one of regular fields.
 pub fn concat(group: Group) -> Concat {
     let lacking = Shape::image(2, 3, FieldType::new(group, [1, 2, 0, 1]));
-    Concat::new(lacking, Shape::image(2, 3, group.regular(2))).unwrap()
+    Concat::new(lacking, Shape::image(2, 3, group.regular_type(2))).unwrap()
 }
 
-pub fn kernel([size, stride, padding]: [usize; 3]) -> Kernel {
-    Kernel::new(size, stride, padding)
+pub fn kernel([size, stride, padding]: [usize; 3]) -> SlidingWindow {
+    SlidingWindow::new(size, stride, padding)
 }
 
 pub fn boxed<T: Scalar, L: Layer<T> + 'static>(layer: Result<L, LayerError>) -> Box<dyn Layer<T>> {
@@ -53,10 +53,10 @@ pub fn conv<T: Scalar>(
 
 /// Creates a small encoder: images to vectors.
 pub fn network<T: Scalar>(group: Group) -> Sequential<T> {
-    let regular = |n| group.regular(n);
+    let regular = |n| group.regular_type(n);
     let relu = |size, n| boxed(Relu::new(Shape::image(size, size, regular(n))));
     let layers = vec![
-        conv(group.trivial(3), regular(2), [4, 2, 1], [8, 8]),
+        conv(group.trivial_type(3), regular(2), [4, 2, 1], [8, 8]),
         relu(4, 2),
         conv(regular(2), regular(4), [4, 2, 1], [4, 4]),
         relu(2, 4),
@@ -70,11 +70,11 @@ pub fn network<T: Scalar>(group: Group) -> Sequential<T> {
 /// Returns convolutions followed by poolings, over the largest windows that run fused, over three
 /// pixels and over one: of a rectified map, of one that is not, and one that ends a chain.
 pub fn pooled<T: Scalar>(group: Group) -> Vec<Box<dyn Layer<T>>> {
-    let regular = |n| group.regular(n);
+    let regular = |n| group.regular_type(n);
     let image = Shape::image;
     let pool = |shape, size| boxed(MaxPool::new(shape, kernel([size, size, 0])));
     vec![
-        conv(group.trivial(3), regular(3), [3, 1, 1], [12, 24]),
+        conv(group.trivial_type(3), regular(3), [3, 1, 1], [12, 24]),
         boxed(Relu::new(image(12, 24, regular(3)))),
         pool(image(12, 24, regular(3)), 4),
         conv(regular(3), regular(8), [3, 1, 1], [3, 6]),
@@ -91,7 +91,7 @@ fn hidden(group: Group) -> FieldType {
 
 /// Creates a chain whose layers are chains.
 fn nested<T: Scalar>(group: Group) -> Sequential<T> {
-    let regular = group.regular(3);
+    let regular = group.regular_type(3);
     let head = vec![
         boxed(Linear::new(hidden(group), regular)),
         boxed(Relu::new(Shape::vector(regular))),
@@ -107,9 +107,9 @@ pub fn rng(seed: u64) -> ChaCha8Rng {
 /// Draws normal numbers of unit variance, from the library's own initialisation.
 pub fn normal<T: Scalar>(len: usize, seed: u64) -> Vec<T> {
     let rows = len.max(1);
-    let source = Linear::new(Group::D2.trivial(1), Group::D2.trivial(rows)).unwrap();
+    let source = Linear::new(Group::D2.trivial_type(1), Group::D2.trivial_type(rows)).unwrap();
     let mut values = vec![T::ZERO; 2 * rows];
-    source.init_scaled(&mut rng(seed), 1.0, &mut values);
+    source.init_with_gain(&mut rng(seed), 1.0, &mut values);
     values.truncate(len);
     values
 }
@@ -122,7 +122,7 @@ pub fn params<T: Scalar>(layer: &dyn Layer<T>, seed: u64) -> Vec<T> {
 
 /// Creates memory for the passes, full of NaN: layers must not read what they did not write.
 pub fn scratch<T: Scalar>(layer: &(impl Layer<T> + ?Sized), samples: usize) -> Scratch<T> {
-    Scratch::filled(layer.scratch_len(samples), T::from_f64(f64::NAN))
+    Scratch::filled_with(layer.scratch_len(samples), T::from_f64(f64::NAN))
 }
 
 /// Creates an output of NaN: layers must write all of it and add to none.

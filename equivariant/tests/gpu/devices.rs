@@ -1,19 +1,19 @@
 //! Adapters, limits and lost devices.
 
-use equivariant::gpu::{Device, GpuError, Network, adapters};
-use equivariant::{BackwardPass, Group, Layer, Relu, Scalar, Shape, Signature};
+use equivariant::gpu::{Device, GpuError, Network, available_adapters};
+use equivariant::{BackwardPass, Group, Layer, LayerSignature, Relu, Scalar, Shape};
 
 fn relu() -> Relu {
-    Relu::new(Shape::image(16, 16, Group::D2.regular(8))).unwrap()
+    Relu::new(Shape::image(16, 16, Group::D2.regular_type(8))).unwrap()
 }
 
 #[test]
 fn adapters_are_listed_with_their_limits() {
-    let adapters = adapters();
+    let adapters = available_adapters();
     assert!(!adapters.is_empty(), "no Vulkan driver is installed");
     for adapter in &adapters {
         assert_eq!(adapter.backend, "vulkan");
-        assert!(adapter.binding_bytes >= 1 << 27 && adapter.group_threads >= 64);
+        assert!(adapter.max_binding_bytes >= 1 << 27 && adapter.max_workgroup_threads >= 64);
         let line = adapter.to_string();
         assert!(line.contains(&adapter.name) && line.contains("MiB a binding"), "{line}");
     }
@@ -26,18 +26,18 @@ fn an_adapter_that_is_not_there_is_refused_with_those_that_are() {
     let error = Device::open(Some("abacus")).unwrap_err();
     let message = error.to_string();
     assert!(message.contains("got no adapter named `abacus`"), "{message}");
-    assert!(message.contains(&adapters()[0].name), "{message}");
+    assert!(message.contains(&available_adapters()[0].name), "{message}");
 }
 
 #[test]
 fn a_batch_that_the_adapter_cannot_hold_is_refused() {
     let device = Device::open(None).unwrap();
-    let samples = device.adapter().binding_bytes as usize / (4 * relu().in_shape().len()) + 1;
+    let samples = device.adapter().max_binding_bytes as usize / (4 * relu().in_shape().len()) + 1;
     let error = Network::new(&device, &relu(), samples).unwrap_err();
     let bytes = (samples * 4 * relu().in_shape().len()) as u64;
     match error {
-        GpuError::Limit { needed, limit, .. } => {
-            assert_eq!((needed, limit), (bytes, device.adapter().binding_bytes));
+        GpuError::BufferTooLarge { needed, limit, .. } => {
+            assert_eq!((needed, limit), (bytes, device.adapter().max_binding_bytes));
         }
         other => unreachable!("{other}"),
     }
@@ -51,7 +51,7 @@ fn a_lost_device_is_an_error() {
     let x = vec![1.0; relu().in_shape().len()];
     network.forward(&x).unwrap();
     device.close();
-    let lost = |error| matches!(error, GpuError::Lost { .. });
+    let lost = |error| matches!(error, GpuError::DeviceLost { .. });
     assert!(lost(network.forward(&x).unwrap_err()));
     assert!(lost(network.backward(&x).unwrap_err()));
     assert!(lost(Network::new(&device, &relu(), 1).unwrap_err()));
@@ -69,9 +69,9 @@ impl std::fmt::Display for Foreign {
     }
 }
 
-impl Signature for Foreign {
+impl LayerSignature for Foreign {
     fn in_shape(&self) -> Shape {
-        Shape::vector(Group::D2.trivial(1))
+        Shape::vector(Group::D2.trivial_type(1))
     }
 
     fn out_shape(&self) -> Shape {
@@ -95,7 +95,7 @@ impl<T: Scalar> Layer<T> for Foreign {
 fn a_layer_of_another_crate_is_refused_by_name() {
     let device = Device::open(None).unwrap();
     let error = Network::new(&device, &Foreign, 1).unwrap_err();
-    assert_eq!(error, GpuError::Layer { layer: "Foreign".to_owned() });
+    assert_eq!(error, GpuError::UnsupportedLayer { layer: "Foreign".to_owned() });
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Networks on a GPU against the same networks on the processor. A software driver will do.
+//! Networks on a GPU against the same networks on the CPU. A software driver will do.
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 

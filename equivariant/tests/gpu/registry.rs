@@ -1,8 +1,8 @@
-//! Every layer on the device against the processor's.
+//! Every layer on the device against the CPU's.
 
 use equivariant::gpu::{Device, GpuError, Network};
 use equivariant::{
-    Group, Layer, LayerKind, Relu, Sequential, equivariance_error, equivariance_error_of,
+    Group, Layer, LayerKind, Relu, Sequential, equivariance_error, equivariance_error_of_fn,
 };
 
 use crate::common::{
@@ -11,7 +11,7 @@ use crate::common::{
 use crate::device;
 
 const SAMPLES: usize = 3;
-/// Tolerance relative to the processor's largest value.
+/// Tolerance relative to the CPU's largest value.
 const TOLERANCE: f64 = 1e-4;
 
 type Named = (String, Box<dyn Layer<f32>>);
@@ -39,7 +39,7 @@ fn layers_without_kernels_are_refused_by_name() {
         assert!(expected, "{name}");
         let error = Network::new(device(), layer.as_ref(), 1).unwrap_err();
         let layer = layer.to_string();
-        assert_eq!(error, GpuError::Layer { layer });
+        assert_eq!(error, GpuError::UnsupportedLayer { layer });
     }
 }
 
@@ -61,7 +61,7 @@ fn deviation(got: &[f32], expected: &[f32]) -> f64 {
 }
 
 #[test]
-fn outputs_and_gradients_are_those_of_the_processor() {
+fn outputs_and_gradients_are_those_of_the_cpu() {
     for (name, layer) in layers() {
         assert_alike(device(), &name, layer.as_ref());
     }
@@ -84,10 +84,10 @@ fn they_are_so_without_operations_on_subgroups() {
         differ |= with != assert_alike(&plain, &name, layer.as_ref());
     }
     // another order of sums shows that the operations run where the adapter has them
-    assert_eq!((differ, plain.subgroups()), (device().subgroups(), false));
+    assert_eq!((differ, plain.uses_subgroups()), (device().uses_subgroups(), false));
 }
 
-/// Compares outputs and gradients with the processor's and returns them.
+/// Compares outputs and gradients with the CPU's and returns them.
 fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32>; 3] {
     let params = params(layer, 1);
     let x = normal(SAMPLES * layer.in_shape().len(), 2);
@@ -98,10 +98,10 @@ fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32
     let error = deviation(&output, &y);
     assert!(error < TOLERANCE, "{name}: error {error} in the output");
     let gradients = network.backward(&dy).unwrap();
-    let error = deviation(&gradients.input, &dx);
-    assert!(error < TOLERANCE, "{name}: error {error} in the input");
-    let error = deviation(&gradients.params, &dparams);
-    assert!(error < TOLERANCE, "{name}: error {error} in the parameters");
+    let input_error = deviation(&gradients.input, &dx);
+    assert!(input_error < TOLERANCE, "{name}: error {input_error} in the input");
+    let param_error = deviation(&gradients.params, &dparams);
+    assert!(param_error < TOLERANCE, "{name}: error {param_error} in the parameters");
     [output, gradients.input, gradients.params]
 }
 
@@ -109,21 +109,21 @@ fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32
 fn equivariance_error_on(layer: &dyn Layer<f32>, params: &[f32]) -> f64 {
     let mut network = network(layer, params);
     let run = |x: &[f32], y: &mut [f32]| y.copy_from_slice(&network.forward(x).unwrap());
-    equivariance_error_of(layer.in_shape(), layer.out_shape(), run, 3, &mut rng(5))
+    equivariance_error_of_fn(layer.in_shape(), layer.out_shape(), run, 3, &mut rng(5))
 }
 
 #[test]
-fn all_layers_are_as_equivariant_as_on_the_processor() {
+fn all_layers_are_as_equivariant_as_on_the_cpu() {
     for (name, layer) in layers() {
         let layer = layer.as_ref();
         let params = params(layer, 1);
         let here = equivariance_error(layer, &params, 3, &mut rng(5));
         let there = equivariance_error_on(layer, &params);
-        // layers that are exact on the processor are exact here, except for sums over a map in
+        // layers that are exact on the CPU are exact here, except for sums over a map in
         // another order
         let exact = here == 0.0 && !combines(&name);
         let allowed = if exact { 0.0 } else { 1e-5 };
-        assert!(there <= allowed, "{name}: error {there}, and {here} on the processor");
+        assert!(there <= allowed, "{name}: error {there}, and {here} on the CPU");
     }
 }
 
@@ -132,8 +132,8 @@ fn all_layers_are_as_equivariant_as_on_the_processor() {
 fn convolutions_are_exactly_equivariant() {
     for group in Group::ALL {
         for (window, size) in [([4, 2, 1], 8), ([3, 2, 1], 7)] {
-            let regular = group.regular(3);
-            let first = conv(group.trivial(3), regular, window, [size; 2]);
+            let regular = group.regular_type(3);
+            let first = conv(group.trivial_type(3), regular, window, [size; 2]);
             let relu = boxed(Relu::new(first.out_shape()));
             let side = first.out_shape().height;
             let second = conv(regular, regular, [3, 1, 1], [side; 2]);
@@ -146,20 +146,20 @@ fn convolutions_are_exactly_equivariant() {
 
 #[test]
 fn a_relu_after_weights_takes_no_kernel_of_its_own() {
-    let first = conv(Group::D2.trivial(3), Group::D2.regular(2), [4, 2, 1], [8, 8]);
+    let first = conv(Group::D2.trivial_type(3), Group::D2.regular_type(2), [4, 2, 1], [8, 8]);
     let relu = boxed(Relu::new(first.out_shape()));
     let alone = Network::new(device(), relu.as_ref(), 1).unwrap();
-    assert_eq!(alone.dispatches(), [1, 1]);
+    assert_eq!(alone.num_kernels(), [1, 1]);
     let net = Sequential::new(vec![first, relu]).unwrap();
     // fold and product; the gradient of the weights and its sum; that of the patches and the unfold
     let fused = Network::new(device(), &net, 1).unwrap();
-    assert_eq!(fused.dispatches(), [2, 4]);
+    assert_eq!(fused.num_kernels(), [2, 4]);
 }
 
 #[test]
 fn a_wrong_parameter_and_a_wrong_gradient_are_seen() {
     let layer: Box<dyn Layer<f32>> =
-        conv(Group::D2.regular(2), Group::D2.regular(3), [3, 1, 1], [4, 4]);
+        conv(Group::D2.regular_type(2), Group::D2.regular_type(3), [3, 1, 1], [4, 4]);
     let params = params(layer.as_ref(), 1);
     let x = normal(layer.in_shape().len(), 2);
     let dy = normal(layer.out_shape().len(), 3);

@@ -2,7 +2,7 @@
 
 mod solver;
 
-use equivariant::{Dense, FieldType, Group, Kernel, Layer, Linear, R2Conv};
+use equivariant::{FieldType, Group, Layer, Linear, OrdinaryConv, R2Conv, SlidingWindow};
 use proptest::prelude::*;
 use solver::{Representation, kernel_space};
 
@@ -20,7 +20,7 @@ fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
 }
 
 /// Returns the kernels of the unit vectors among the weights.
-fn closed_form(dense: &Dense, weights: usize, regular: bool) -> Vec<Vec<f64>> {
+fn closed_form(dense: &OrdinaryConv, weights: usize, regular: bool) -> Vec<Vec<f64>> {
     let biases = dense.out_shape().fields.multiplicity(symmetry::Irrep::Trivial);
     let kernel = |i| {
         let mut unit = vec![0.0; weights + biases];
@@ -42,7 +42,7 @@ fn assert_equal_spans(closed: &[Vec<f64>], solved: &[Vec<f64>]) {
 }
 
 fn layer(in_type: FieldType, out_type: FieldType, size: usize) -> R2Conv {
-    R2Conv::new(in_type, out_type, Kernel::new(size, 1, 0), [size; 2]).unwrap()
+    R2Conv::new(in_type, out_type, SlidingWindow::new(size, 1, 0), [size; 2]).unwrap()
 }
 
 fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
@@ -53,7 +53,7 @@ fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
 /// Returns pairs of types of one group.
 fn types() -> impl Strategy<Value = [FieldType; 2]> {
     let group = proptest::sample::select(&Group::ALL);
-    let of_group = |(group, types): (_, [_; 2])| types.map(|of| FieldType::new(group, of));
+    let of_group = |(chosen, types): (_, [_; 2])| types.map(|of| FieldType::new(chosen, of));
     (group, [multiplicities(), multiplicities()]).prop_map(of_group)
 }
 
@@ -71,7 +71,7 @@ proptest! {
             &Representation::irreps(out_type),
             size,
         );
-        assert_equal_spans(&closed_form(&conv.dense(), num_weights(&conv), false), &solved);
+        assert_equal_spans(&closed_form(&conv.as_ordinary_conv(), num_weights(&conv), false), &solved);
     }
 }
 
@@ -79,10 +79,10 @@ proptest! {
 fn regular_kernels_span_the_space_of_permutation_representations() {
     for group in Group::ALL {
         for size in [2, 3] {
-            let conv = layer(group.regular(1), group.regular(1), size);
+            let conv = layer(group.regular_type(1), group.regular_type(1), size);
             let regular = Representation::regular(group, 1);
             let solved = kernel_space(&regular, &regular, size);
-            let closed = closed_form(&conv.dense(), num_weights(&conv), true);
+            let closed = closed_form(&conv.as_ordinary_conv(), num_weights(&conv), true);
             assert_equal_spans(&closed, &solved);
         }
     }
@@ -91,18 +91,18 @@ fn regular_kernels_span_the_space_of_permutation_representations() {
 #[test]
 fn linear_layers_span_the_equivariant_matrices() {
     for group in Group::ALL {
-        let (in_type, out_type) = (group.regular(2), FieldType::new(group, [2, 1, 0, 1]));
+        let (in_type, out_type) = (group.regular_type(2), FieldType::new(group, [2, 1, 0, 1]));
         let linear = Linear::new(in_type, out_type).unwrap();
         let solved =
             kernel_space(&Representation::irreps(in_type), &Representation::irreps(out_type), 1);
-        let closed = closed_form(&linear.dense(), num_weights(&linear), false);
+        let closed = closed_form(&linear.as_ordinary_conv(), num_weights(&linear), false);
         assert_equal_spans(&closed, &solved);
     }
 }
 
 #[test]
 fn a_kernel_that_is_not_steerable_lies_outside() {
-    let (fields, size) = (Group::D2.regular(1), 3);
+    let (fields, size) = (Group::D2.regular_type(1), 3);
     let rho = Representation::irreps(fields);
     let solved = kernel_space(&rho, &rho, size);
     assert!(outside(&normal(16 * 9, 1), &solved) > 0.5);
@@ -135,43 +135,43 @@ fn matrices_that_are_no_representation_are_refused() {
 fn projection_inverts_expansion_and_measures_the_rest() {
     for group in Group::ALL {
         let mixed = FieldType::new(group, [2, 1, 1, 0]);
-        let conv = layer(group.regular(2), mixed, 3);
-        let dense = conv.dense();
+        let conv = layer(group.regular_type(2), mixed, 3);
+        let dense = conv.as_ordinary_conv();
         let mut params = common::params::<f64>(&conv, 1);
         let weights = num_weights(&conv);
         params[weights..].fill(0.0);
         let steerable = dense.kernel(&params);
-        let back = dense.project(&steerable);
-        assert!(back.residual < 1e-14, "{group}");
+        let back = dense.project_kernel(&steerable);
+        assert!(back.lost_share < 1e-14, "{group}");
         for (a, b) in params.iter().zip(&back.params) {
             assert!((a - b).abs() < 1e-14);
         }
         // the norms of noise: the part that remains must be what the oracle finds
         let noise = normal::<f64>(steerable.len(), 2);
         let solved = kernel_space(
-            &Representation::irreps(group.regular(2)),
+            &Representation::irreps(group.regular_type(2)),
             &Representation::irreps(mixed),
             3,
         );
         let expected = outside(&noise, &solved);
-        assert!((dense.project(&noise).residual - expected).abs() < 1e-12);
+        assert!((dense.project_kernel(&noise).lost_share - expected).abs() < 1e-12);
     }
 }
 
 #[test]
 fn the_regular_basis_projects_to_the_same_parameters() {
     for group in Group::ALL {
-        let conv = layer(group.trivial(2), group.regular(2), 4);
+        let conv = layer(group.trivial_type(2), group.regular_type(2), 4);
         let params = common::params::<f64>(&conv, 3);
-        let kernel = conv.dense().regular_kernel(&params);
-        let back = conv.dense().project_regular(&kernel);
-        assert!(back.residual < 1e-14);
+        let kernel = conv.as_ordinary_conv().regular_kernel(&params);
+        let back = conv.as_ordinary_conv().project_regular_kernel(&kernel);
+        assert!(back.lost_share < 1e-14);
         let weights = num_weights(&conv);
         for (a, b) in params[..weights].iter().zip(&back.params) {
             assert!((a - b).abs() < 1e-14);
         }
         // in the regular basis, a bias is one number for all elements of a field
-        let bias = conv.dense().regular_bias(&params);
+        let bias = conv.as_ordinary_conv().regular_bias(&params);
         for f in 0..2 {
             let values: Vec<f64> = bias.iter().skip(f).step_by(2).copied().collect();
             assert!(values.iter().all(|v| (v - values[0]).abs() < 1e-15));

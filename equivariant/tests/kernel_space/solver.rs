@@ -1,6 +1,6 @@
 //! General solver of the kernel constraint, the oracle of the closed form.
 
-use equivariant::{FieldType, Group, hadamard};
+use equivariant::{FieldType, Group, hadamard_transform};
 use faer::Mat;
 use symmetry::D2;
 
@@ -38,9 +38,9 @@ impl Representation {
     }
 
     /// Creates the representation of regular fields in the regular basis, in the layout of
-    /// `hadamard`: permutations.
+    /// `hadamard_transform`: permutations.
     pub fn regular(group: Group, fields: usize) -> Representation {
-        Representation::from_action(group.regular(fields), |v| hadamard(group, v))
+        Representation::from_action(group.regular_type(fields), |v| hadamard_transform(group, v))
     }
 
     /// Returns the action of a type after a change of basis that is its own inverse.
@@ -52,10 +52,10 @@ impl Representation {
                 let mut v = vec![0.0; dim];
                 v[column] = 1.0;
                 change(&mut v);
-                fields.act(g, &mut v);
+                fields.transform_channels(g, &mut v);
                 change(&mut v);
-                for (row, v) in v.into_iter().enumerate() {
-                    matrix[row * dim + column] = v;
+                for (row, value) in v.into_iter().enumerate() {
+                    matrix[row * dim + column] = value;
                 }
             }
             matrix

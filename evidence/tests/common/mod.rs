@@ -2,27 +2,27 @@
 
 #![allow(dead_code, clippy::unwrap_used)]
 
-use evidence::{Account, Accountant, Course, Finding, Recogniser, RecogniserSettings};
+use evidence::{Account, Accountant, Course, Finding, Recogniser, RecogniserSettings, Situation};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::{D2, Irrep};
-use worlds::{Kind, Stream, Visit, World};
+use worlds::{TaskStream, Visit, World, WorldKind};
 
 pub const HORIZON: usize = 12;
 const AXES: [Irrep; 2] = [Irrep::X, Irrep::Y];
 
 /// Shows groups of a world for some rounds each.
-pub fn stream(kind: Kind, seed: u64, visits: &[(usize, usize)], envs: usize) -> Stream {
+pub fn stream(kind: WorldKind, seed: u64, visits: &[(usize, usize)], envs: usize) -> TaskStream {
     let visits = visits.iter().map(|&(group, rounds)| Visit { group, rounds });
-    let world = World::draw(kind, seed);
-    let stream = Stream::new(world, visits.collect(), envs).unwrap();
+    let world = World::random(kind, seed);
+    let stream = TaskStream::new(world, visits.collect(), envs).unwrap();
     stream.with_horizon(HORIZON)
 }
 
 /// The courses of `rounds` rounds, acted for the group `as_group`; without one, for the group that
 /// runs.
-pub fn courses(mut stream: Stream, rounds: usize, as_group: Option<usize>) -> Vec<Course> {
+pub fn courses(mut stream: TaskStream, rounds: usize, as_group: Option<usize>) -> Vec<Course> {
     let spec = stream.spec().clone();
     let mut now = Observations::new(&spec);
     stream.reset(&mut now).unwrap();
@@ -40,8 +40,8 @@ pub fn courses(mut stream: Stream, rounds: usize, as_group: Option<usize>) -> Ve
             })
             .collect();
         for _ in 0..HORIZON {
-            let group = as_group.unwrap_or(stream.group_at(stream.rounds()));
-            let actions = (0..spec.num_envs).flat_map(|env| stream.expert(env, group));
+            let group = as_group.unwrap_or(stream.group_in_round(stream.num_rounds_ended()));
+            let actions = (0..spec.num_envs).flat_map(|env| stream.expert_action(env, group));
             let actions: Vec<f32> = actions.collect();
             stream.step(&actions, &mut transition).unwrap();
             for (env, course) in courses.iter_mut().enumerate() {
@@ -56,7 +56,7 @@ pub fn courses(mut stream: Stream, rounds: usize, as_group: Option<usize>) -> Ve
     all
 }
 
-pub fn accounts(stream: Stream, rounds: usize, as_group: Option<usize>) -> Vec<Account> {
+pub fn accounts(stream: TaskStream, rounds: usize, as_group: Option<usize>) -> Vec<Account> {
     accounts_of(&courses(stream, rounds, as_group))
 }
 
@@ -66,7 +66,7 @@ pub fn accounts_of(courses: &[Course]) -> Vec<Account> {
     accountant.accounts(courses).unwrap()
 }
 
-pub fn mirrored(stream: Stream, g: D2) -> Stream {
+pub fn mirrored(stream: TaskStream, g: D2) -> TaskStream {
     stream.with_variant(g)
 }
 
@@ -79,9 +79,21 @@ pub fn rng() -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(0)
 }
 
+/// What a recogniser says of a rollout that it may leave undecided. It does not remember the
+/// rollout.
+pub fn look(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
+    recogniser.clone().assign(seen, Situation::of(collector), &mut rng()).unwrap()
+}
+
+/// What a recogniser says of a rollout that it must decide. It does not remember the rollout.
+pub fn settle(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
+    let situation = Situation { can_wait: false, ..Situation::of(collector) };
+    recogniser.clone().assign(seen, situation, &mut rng()).unwrap()
+}
+
 /// A recogniser of the groups 0, 1, ... of a world, each known from two rollouts of its own policy;
 /// the first of them earned nothing.
-pub fn knowing(kind: Kind, seed: u64, groups: usize) -> Recogniser {
+pub fn knowing(kind: WorldKind, seed: u64, groups: usize) -> Recogniser {
     let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
     for group in 0..groups {
         let mut learnt = accounts(stream(kind, seed, &[(group, 8)], 5), 8, None);
@@ -95,7 +107,7 @@ pub fn knowing(kind: Kind, seed: u64, groups: usize) -> Recogniser {
 }
 
 /// 20 episodes of a group that come later than what the recogniser learnt from.
-pub fn rollout(kind: Kind, seed: u64, group: usize, as_group: usize) -> Vec<Account> {
+pub fn rollout(kind: WorldKind, seed: u64, group: usize, as_group: usize) -> Vec<Account> {
     let all = accounts(stream(kind, seed, &[(group, 12)], 5), 12, Some(as_group));
     all[40..].to_vec()
 }

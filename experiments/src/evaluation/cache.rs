@@ -5,31 +5,31 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use envs::TaskVariant;
 
-use learner::{Learner, Performance};
+use learner::{Learner, PolicyEvaluation};
 
 /// Episodes of one policy: a variant, episodes in each environment, and the policy's index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Key {
+pub(super) struct CacheKey {
     pub variant: TaskVariant,
-    pub rounds: usize,
+    pub episodes_per_env: usize,
     pub policy: usize,
 }
 
 /// Latest result for each key, with the fingerprint of the parameters that gave it. Evaluations
 /// play the same episodes every time, so equal parameters give equal results, to the bit.
 #[derive(Debug, Default)]
-pub(super) struct EvaluationCache(HashMap<Key, (u64, Performance)>);
+pub(super) struct EvaluationCache(HashMap<CacheKey, (u64, PolicyEvaluation)>);
 
 impl EvaluationCache {
     /// Returns the result of `play`, from the cache if the policy's parameters are unchanged.
     /// Policies whose learner exposes no parameters are always played.
     pub fn get_or_play<E>(
         &mut self,
-        key: Key,
+        key: CacheKey,
         learner: &mut dyn Learner,
-        play: impl FnOnce(&mut dyn Learner) -> Result<Performance, E>,
-    ) -> Result<Performance, E> {
-        let Some(parameters) = learner.parameters(key.policy).map(fingerprint) else {
+        play: impl FnOnce(&mut dyn Learner) -> Result<PolicyEvaluation, E>,
+    ) -> Result<PolicyEvaluation, E> {
+        let Some(parameters) = learner.policy_parameters(key.policy).map(fingerprint) else {
             return play(learner);
         };
         if let Some((cached, performance)) = self.0.get(&key)

@@ -8,38 +8,41 @@ use serde::Serialize;
 /// Threshold of dormancy: a unit is dormant if its mean output is at most this share of its
 /// layer's mean. Sokar et al. use this value for their figures ("The dormant neuron phenomenon in
 /// deep reinforcement learning", ICML 2023, section 3).
-pub const TAU: f64 = 0.025;
+pub const DORMANCY_THRESHOLD: f64 = 0.025;
 
 /// Dormant units of one policy's network, over the observations of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Dormancy {
+pub struct DormantUnits {
     /// Index of the policy.
     pub policy: usize,
-    /// Rectified units of the network.
-    pub units: usize,
-    /// Units whose mean output is at most [`TAU`] times the mean of their layer.
-    pub dormant: usize,
+    /// Number of rectified units (ReLU) of the policy's network.
+    #[serde(rename = "units")]
+    pub unit_count: usize,
+    /// Number of dormant units: those whose mean output is at most [`DORMANCY_THRESHOLD`] times the
+    /// mean of their layer.
+    #[serde(rename = "dormant")]
+    pub dormant_count: usize,
 }
 
 /// Outputs of the units of each policy, by the policies' indices.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Activities(BTreeMap<usize, UnitActivity>);
+pub(super) struct UnitActivities(BTreeMap<usize, UnitActivity>);
 
-impl Activities {
+impl UnitActivities {
     /// Adds the outputs of a policy's units in one variant.
     pub fn add(&mut self, policy: usize, activity: &UnitActivity) {
         self.0.entry(policy).or_default().add(activity);
     }
 
     /// Counts the dormant units of each policy; networks without rectified units are left out.
-    pub fn dormancies(&self) -> Vec<Dormancy> {
+    pub fn dormant_units(&self) -> Vec<DormantUnits> {
         self.0
             .iter()
-            .filter(|(_, activity)| activity.units() > 0)
-            .map(|(&policy, activity)| Dormancy {
+            .filter(|(_, activity)| activity.num_units() > 0)
+            .map(|(&policy, activity)| DormantUnits {
                 policy,
-                units: activity.units(),
-                dormant: activity.dormant(TAU),
+                unit_count: activity.num_units(),
+                dormant_count: activity.num_dormant_units(DORMANCY_THRESHOLD),
             })
             .collect()
     }

@@ -13,25 +13,29 @@ use learner::Learner;
 
 use super::Evaluator;
 
-/// Numbers of episodes that are shown: the learner is asked once for each of them.
+/// Numbers of episodes whose first frames the learner is shown when it is asked for a policy. With
+/// each number it is asked
+/// [`EvaluationPlan::recognition_repeats`](crate::EvaluationPlan::recognition_repeats) times.
 pub const EPISODES_SHOWN: [usize; 3] = [1, 4, 20];
 
 /// Random stream of the seeds of the shown episodes, next to that of the learner's draws.
 const EPISODES: u64 = u64::MAX - 1;
 
-/// Count of one answer of a learner.
+/// Count of one answer of a learner that was asked for the policy of a shown variant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Recognition {
-    /// Shown task group.
+    /// Task group whose episodes were shown.
     pub group: TaskGroup,
     /// Symmetry element of the shown variant.
     pub element: D2,
-    /// Episodes shown each time.
-    pub episodes: usize,
+    /// Number of episodes shown each time the learner was asked.
+    #[serde(rename = "episodes")]
+    pub episodes_shown: usize,
     /// Index of the policy that the learner named; `None` if no policy fitted.
     pub policy: Option<usize>,
     /// Number of times that the learner gave this answer.
-    pub times: usize,
+    #[serde(rename = "times")]
+    pub count: usize,
 }
 
 impl Evaluator {
@@ -41,7 +45,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// Errors of the environments or the learner.
-    pub fn recognition(
+    pub fn test_recognition(
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
@@ -59,15 +63,15 @@ impl Evaluator {
                 let seed: u64 = seeds.random();
                 self.stream.reseed(seed)?;
                 let rng = &mut super::recognition_rng(seed);
-                let answer = learner.recognise(&mut self.stream, Some(episodes), rng)?;
+                let answer = learner.recognise_policy(&mut self.stream, Some(episodes), rng)?;
                 *answers.entry(answer.named()).or_default() += 1;
             }
             found.extend(answers.into_iter().map(|(policy, times)| Recognition {
                 group,
                 element,
-                episodes,
+                episodes_shown: episodes,
                 policy,
-                times,
+                count: times,
             }));
         }
         Ok(found)

@@ -6,7 +6,7 @@ use rl::{Observations, Transition, VectorEnv};
 
 use super::*;
 use crate::presets::{Budget, Method};
-use learner::{Extent, Iteration, LearnerError, Recognised};
+use learner::{CheckpointExtent, Iteration, LearnerError, Recognised};
 
 /// Learner that takes the same action at every step, and records first observations of episodes.
 #[derive(Default)]
@@ -30,7 +30,7 @@ impl Spy {
         env.reset(&mut begun).unwrap();
         self.seen.push(begun);
         let mut transition = Transition::new(&spec);
-        let actions = vec![self.action; spec.num_envs * spec.action.len()];
+        let actions = vec![self.action; spec.num_envs * spec.action_irreps.len()];
         for _ in 1..rounds {
             for _ in 0..env.horizon().unwrap() {
                 env.step(&actions, &mut transition).unwrap();
@@ -45,7 +45,7 @@ impl Learner for Spy {
         panic!("evaluations teach nothing")
     }
 
-    fn recognise(
+    fn recognise_policy(
         &mut self,
         env: &mut dyn VectorEnv,
         _: Option<usize>,
@@ -56,36 +56,41 @@ impl Learner for Spy {
         Ok(Recognised { policy: 0, fits: true })
     }
 
-    fn perform(
+    fn evaluate_policy(
         &mut self,
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<Performance, LearnerError> {
+    ) -> Result<PolicyEvaluation, LearnerError> {
         self.watch(env, rounds);
         self.played.push(index);
         // policy 1 alone succeeds
-        let episode = rl::Episode {
+        let episode = rl::EpisodeStats {
             env: 0,
             length: 1,
             total_reward: index as f64,
             success: index == 1,
             success_at_end: false,
         };
-        let mut performance = Performance::default();
+        let mut performance = PolicyEvaluation::default();
         performance.stats.episodes.push(episode);
         Ok(performance)
     }
 
-    fn parameters(&self, _: usize) -> Option<&[f32]> {
+    fn policy_parameters(&self, _: usize) -> Option<&[f32]> {
         self.parameters.as_deref()
     }
 
-    fn policies(&self) -> usize {
+    fn policy_count(&self) -> usize {
         1
     }
 
-    fn encode(&self, _: &Path, _: Extent, _: &str) -> Result<Vec<u8>, LearnerError> {
+    fn to_checkpoint_bytes(
+        &self,
+        _: &Path,
+        _: CheckpointExtent,
+        _: &str,
+    ) -> Result<Vec<u8>, LearnerError> {
         Ok(Vec::new())
     }
 }
@@ -100,14 +105,14 @@ fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
     run.evaluation.seed = seeds[1];
     let tasks = TaskRegistry::standard();
     let labels = Labels::default();
-    let mut evaluator = Evaluator::of(&run.with_threads(1), &tasks, labels).unwrap();
+    let mut evaluator = Evaluator::of_run(&run.with_threads(1), &tasks, labels).unwrap();
     let [variant, ..] = evaluator.variants()[..] else { panic!() };
     let none = OwnPolicies::default();
     for rounds in [1, 2] {
-        let findings = &mut Findings::default();
-        evaluator.variant(&mut spy, variant, &none, rounds, findings).unwrap();
+        let findings = &mut EvaluationResults::default();
+        evaluator.score_variant(&mut spy, variant, &none, rounds, findings).unwrap();
     }
-    evaluator.recognition(&mut spy, variant, 1).unwrap();
+    evaluator.test_recognition(&mut spy, variant, 1).unwrap();
     spy.seen
 }
 
@@ -149,13 +154,13 @@ fn what_the_learner_draws_is_not_what_places_the_episodes() {
 fn a_policy_that_has_not_changed_is_not_played_again() {
     let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
     let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
-    let mut evaluator = Evaluator::of(&run, &tasks, labels).unwrap();
+    let mut evaluator = Evaluator::of_run(&run, &tasks, labels).unwrap();
     let [first, second, ..] = evaluator.variants()[..] else { panic!() };
     let mut spy = Spy::default();
     let mut plays = |parameters: Option<Vec<f32>>, variant, rounds| {
         (spy.parameters, spy.seen) = (parameters, Vec::new());
-        let (findings, none) = (&mut Findings::default(), OwnPolicies::default());
-        evaluator.variant(&mut spy, variant, &none, rounds, findings).unwrap();
+        let (findings, none) = (&mut EvaluationResults::default(), OwnPolicies::default());
+        evaluator.score_variant(&mut spy, variant, &none, rounds, findings).unwrap();
         assert_eq!(findings.scores.len(), 1);
         // the look before it is another one
         spy.seen.len() - 1
@@ -178,27 +183,27 @@ fn a_policy_that_has_not_changed_is_not_played_again() {
 fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
     let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
     let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
-    let mut evaluator = Evaluator::of(&run, &tasks, labels).unwrap();
+    let mut evaluator = Evaluator::of_run(&run, &tasks, labels).unwrap();
     let variant = evaluator.variants()[0];
     let group = variant.group.name().to_owned();
     let mut score = |own: Option<usize>| {
         let own = own.map(|own| (group.clone(), own)).into_iter().collect();
-        let (mut spy, findings) = (Spy::default(), &mut Findings::default());
-        evaluator.variant(&mut spy, variant, &own, 1, findings).unwrap();
+        let (mut spy, findings) = (Spy::default(), &mut EvaluationResults::default());
+        evaluator.score_variant(&mut spy, variant, &own, 1, findings).unwrap();
         assert!(spy.seen.iter().all(|seen| *seen == spy.seen[0]));
         (findings.scores.remove(0), spy.played)
     };
     let (untrained, played) = score(None);
-    assert_eq!((untrained.own, played), (None, vec![0]));
-    let (right, played) = score(Some(0));
-    assert_eq!(played, [0], "nothing is played twice");
-    let own = right.own.unwrap();
+    assert_eq!((untrained.own_policy_score, played), (None, vec![0]));
+    let (right, played_once) = score(Some(0));
+    assert_eq!(played_once, [0], "nothing is played twice");
+    let own = right.own_policy_score.unwrap();
     assert_eq!((own.policy, own.success, own.reward), (0, 0.0, 0.0));
-    let (wrong, played) = score(Some(1));
-    assert_eq!(played, [0, 1]);
-    let own = wrong.own.unwrap();
+    let (wrong, played_both) = score(Some(1));
+    assert_eq!(played_both, [0, 1]);
+    let other_own = wrong.own_policy_score.unwrap();
     assert!(wrong.is_mismatch() && !right.is_mismatch());
     assert_eq!((wrong.policy, wrong.success), (0, 0.0));
-    assert_eq!((own.policy, own.success, own.success_at_end), (1, 1.0, 0.0));
-    assert!(own.reward > 0.0);
+    assert_eq!((other_own.policy, other_own.success, other_own.success_at_end), (1, 1.0, 0.0));
+    assert!(other_own.reward > 0.0);
 }

@@ -25,16 +25,16 @@ fn every_preset_is_a_run_that_can_be_finished() {
 fn all_budgets_but_that_of_the_table_show_close_ups() {
     for budget in Budget::value_variants() {
         let camera = budget.experiment(Method::Covers).envs.camera;
-        let table = *budget == Budget::Table;
+        let table = *budget == Budget::TableProtocol;
         assert_eq!(camera == Camera::default(), table, "{budget:?}");
-        assert_eq!(camera.beside == ExtraView::CloseUp, !table);
+        assert_eq!(camera.extra_views == ExtraView::CloseUp, !table);
     }
     for method in [Method::Clear, Method::ThreeRl, Method::CoversRandomised] {
         let camera = Budget::Full.experiment(method).envs.camera;
         assert_eq!(camera, Camera::default(), "{method:?}");
     }
     let paper = |budget: Budget| budget.experiment(Method::Paper).envs;
-    assert_eq!(paper(Budget::Table), paper(Budget::Full));
+    assert_eq!(paper(Budget::TableProtocol), paper(Budget::Full));
     assert_eq!(paper(Budget::Full).camera.size, PAPER_PICTURES);
 }
 
@@ -42,21 +42,24 @@ fn all_budgets_but_that_of_the_table_show_close_ups() {
 /// variant".
 #[test]
 fn the_budget_of_the_table_is_the_same_for_all_methods() {
-    let of = |method| Budget::Table.experiment(method);
+    let of = |method| Budget::TableProtocol.experiment(method);
     let covers = of(Method::Covers);
     for method in Method::ALL {
         let run = of(method);
         assert_eq!(run.schedule, covers.schedule, "{method:?}");
         assert_eq!(run.evaluation, covers.evaluation, "{method:?}");
         let evaluation = run.evaluation;
-        assert_eq!(evaluation.rounds * run.envs.num_envs, 100, "{method:?}");
-        assert!(evaluation.visit_rounds > 0 && evaluation.visit_rounds < evaluation.rounds);
+        assert_eq!(evaluation.episodes_per_env * run.envs.num_envs, 100, "{method:?}");
+        assert!(
+            evaluation.visit_episodes_per_env > 0
+                && evaluation.visit_episodes_per_env < evaluation.episodes_per_env
+        );
     }
     let decisions = |budget: Budget| {
         let schedule = budget.experiment(Method::Covers).schedule;
         schedule.total_decisions()
     };
-    assert_eq!(decisions(Budget::Table), 204_000);
+    assert_eq!(decisions(Budget::TableProtocol), 204_000);
     assert_eq!(decisions(Budget::Full), 159_000);
     assert_eq!(decisions(Budget::Short), 100_000);
     assert_eq!(decisions(Budget::ZeroShot), 174_000);
@@ -69,14 +72,14 @@ fn settings_tell_the_method_and_settings_of_ones_own_are_none() {
             let mut run = budget.experiment(method).with_seed(7).with_threads(3);
             run.schedule.cycles += 1;
             run.checkpoints.keep = 7;
-            assert_eq!(Method::of(&run), Some(method));
+            assert_eq!(Method::of_run(&run), Some(method));
             let other = run.clone().with_embodiment(envs::Embodiment::HAND);
-            assert_eq!(Method::of(&other), None);
+            assert_eq!(Method::of_run(&other), None);
             match &mut run.learner {
                 LearnerSettings::Covers(settings) => settings.ppo.gamma = 0.5,
                 LearnerSettings::OffPolicy(settings) => settings.sac.gamma = 0.5,
             }
-            assert_eq!(Method::of(&run), None);
+            assert_eq!(Method::of_run(&run), None);
         }
     }
 }
@@ -84,8 +87,8 @@ fn settings_tell_the_method_and_settings_of_ones_own_are_none() {
 #[test]
 fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
     let parameters = |method: Method| {
-        let experiment = Budget::Table.experiment(method);
-        let spec = crate::stream::Stream::spec_of(&experiment.envs);
+        let experiment = Budget::TableProtocol.experiment(method);
+        let spec = crate::stream::Stream::env_spec(&experiment.envs);
         let network = &method.covers().network;
         let network = rl::ActorCritic::<f32>::new(network, &spec).unwrap();
         network.num_params() as f64
@@ -102,7 +105,7 @@ fn randomised_pictures_without_close_ups_are_all_that_a_preset_changes() {
         let mut run = budget.experiment(Method::CoversRandomised);
         assert_eq!(run.envs.randomisation, Some(Randomisation::NOMINAL));
         let covers = budget.experiment(Method::Covers);
-        run.envs = run.envs.clean();
+        run.envs = run.envs.without_randomisation();
         run.envs.camera = covers.envs.camera;
         assert_eq!(run, covers);
     }
@@ -134,7 +137,7 @@ fn methods_of_covers_differ_in_networks_groupings_and_symmetries_alone() {
 
 #[test]
 fn settings_of_all_methods_survive_a_file() {
-    for settings in Method::ALL.map(Method::learner) {
+    for settings in Method::ALL.map(Method::learner_settings) {
         let text = serde_json::to_string(&settings).unwrap();
         let read: LearnerSettings = serde_json::from_str(&text).unwrap();
         assert_eq!(read, settings);

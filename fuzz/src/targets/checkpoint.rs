@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use covers::{Covers, Extent, Labels, Learner, LearnerSettings, OffPolicy};
+use covers::{CheckpointExtent, Covers, Labels, Learner, LearnerSettings, OffPolicy};
 use rl::{EnvSpec, VectorEnv};
 use serde_json::Value;
 
@@ -30,9 +30,9 @@ fn read(input: &[u8]) -> Option<Reading> {
     let (spec, labels) = (clock().spec().clone(), Labels::default());
     in_file("checkpoint", &file, |path| {
         measured(|| {
-            accepted(settings.load(path, &spec, &labels))
-                | accepted(settings.resume(path, &spec, &labels))
-                | others.is_some_and(|settings| by_its_own_settings(&settings, path, &spec))
+            accepted(settings.load_for_acting(path, &spec, &labels))
+                | accepted(settings.load_for_training(path, &spec, &labels))
+                | others.is_some_and(|small| by_its_own_settings(&small, path, &spec))
         })
     })
 }
@@ -66,15 +66,15 @@ fn checkpoints() -> Vec<Vec<u8>> {
 
 /// Returns files of a learner before its first rollout, after two, and packed.
 fn seeds_of((kind, settings): (usize, &LearnerSettings)) -> Option<Vec<Vec<u8>>> {
-    let mut learner = settings.start(clock().spec(), &Labels::default()).ok()?;
-    let save = |learner: &dyn Learner, extent| {
-        let bytes = learner.encode(Path::new("seed"), extent, "{}").ok()?;
+    let mut learner = settings.new_learner(clock().spec(), &Labels::default()).ok()?;
+    let save = |any: &dyn Learner, extent| {
+        let bytes = any.to_checkpoint_bytes(Path::new("seed"), extent, "{}").ok()?;
         seed(kind, &bytes)
     };
-    let before = save(&*learner, Extent::Everything)?;
+    let before = save(&*learner, CheckpointExtent::Everything)?;
     taught(&mut *learner)?;
-    let after = save(&*learner, Extent::Everything)?;
-    let packed = save(&*learner, Extent::Policies { episodes: 4 })?;
+    let after = save(&*learner, CheckpointExtent::Everything)?;
+    let packed = save(&*learner, CheckpointExtent::Policies { episodes_per_policy: 4 })?;
     Some(vec![before, after, packed])
 }
 

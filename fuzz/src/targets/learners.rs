@@ -1,12 +1,12 @@
 //! Smallest learners of every kind and grouping, and tiny environments for them.
 
 use covers::{
-    CoversSettings, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicy,
+    CoversSettings, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicyInit,
     OffPolicySettings,
 };
 use rl::{
-    BoxError, ContextSettings, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome,
-    PpoSettings, SacSettings, Transition, VectorEnv,
+    BoxedEnvError, ContextSettings, CriticSettings, EncoderSettings, EnvSpec, NetworkSettings,
+    Observations, PpoSettings, SacSettings, StepOutcome, Transition, VectorEnv,
 };
 use symmetry::Irrep;
 
@@ -22,10 +22,6 @@ pub fn learners() -> Vec<LearnerSettings> {
 
 const THRESHOLD: GroupingSettings = GroupingSettings::Threshold { threshold: 0.0 };
 
-fn calibrated() -> GroupingSettings {
-    grouping(r#"{"calibrated": {"min_episodes": 4}}"#)
-}
-
 fn evidence() -> GroupingSettings {
     grouping(r#"{"evidence": {"filters": 1, "memory": 4}}"#)
 }
@@ -34,22 +30,21 @@ fn grouping(text: &str) -> GroupingSettings {
     serde_json::from_str(text).unwrap_or(GroupingSettings::Single)
 }
 
-fn of_covers() -> [CoversSettings; 5] {
+fn of_covers() -> [CoversSettings; 4] {
     let grouped = |grouping| CoversSettings { grouping, ..covers() };
     [
         grouped(GroupingSettings::Oracle),
         grouped(GroupingSettings::Single),
-        grouped(calibrated()),
         CoversSettings {
             handover: Handover::Reuse,
-            new_policy: NewPolicy::Copy,
+            new_policy: NewPolicyInit::Copy,
             ..grouped(THRESHOLD)
         },
         grouped(evidence()),
     ]
 }
 
-fn with_replays() -> [OffPolicySettings; 4] {
+fn with_replays() -> [OffPolicySettings; 3] {
     let grouped = |grouping| OffPolicySettings { grouping, ..off_policy() };
     [
         grouped(GroupingSettings::Single),
@@ -57,19 +52,18 @@ fn with_replays() -> [OffPolicySettings; 4] {
             context: Some(ContextSettings { size: 4, length: 2 }),
             ..grouped(THRESHOLD)
         },
-        OffPolicySettings { still_channels: 0, ..grouped(calibrated()) },
-        grouped(evidence()),
+        OffPolicySettings { still_channels: 0, ..grouped(evidence()) },
     ]
 }
 
 fn network() -> NetworkSettings {
-    NetworkSettings { encoder: Encoder::Strided { fields: vec![1; 3] }, ..small_network() }
+    NetworkSettings { encoder: EncoderSettings::Strided { fields: vec![1; 3] }, ..small_network() }
 }
 
 /// Returns settings by which a buffer keeps two frames of each of four episodes.
 fn covers() -> CoversSettings {
     CoversSettings {
-        network: NetworkSettings { critic: Critic::Pooled { width: 1 }, ..network() },
+        network: NetworkSettings { critic: CriticSettings::Pooled { width: 1 }, ..network() },
         ppo: PpoSettings { epochs: 1, ..PpoSettings::default() },
         first_frames: 2,
         rollout_steps: 8,
@@ -108,8 +102,12 @@ pub struct Clock {
 
 /// Creates two environments.
 pub fn clock() -> Clock {
-    let spec =
-        EnvSpec { num_envs: 2, image: [8, 8, 2], vector: vec![Irrep::X], action: vec![Irrep::X] };
+    let spec = EnvSpec {
+        num_envs: 2,
+        image_shape: [8, 8, 2],
+        vector_irreps: vec![Irrep::X],
+        action_irreps: vec![Irrep::X],
+    };
     Clock { spec, now: 0 }
 }
 
@@ -127,19 +125,19 @@ impl VectorEnv for Clock {
         &self.spec
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.observe(out);
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         *out = Transition::new(&self.spec);
         self.now += 1;
         self.observe(&mut out.observations);
         self.observe(&mut out.final_observations);
         out.rewards.copy_from_slice(actions);
         let ended = self.now.is_multiple_of(2);
-        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(ended)];
+        let outcome = [StepOutcome::Running, StepOutcome::Truncated][usize::from(ended)];
         out.outcomes.fill(outcome);
         Ok(())
     }

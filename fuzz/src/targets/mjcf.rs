@@ -9,7 +9,7 @@ use super::{Reading, Target, accepted, measured};
 
 pub const MJCF: Target = Target::new(
     "mjcf",
-    |input| read(input, |files| accepted(Model::check_files(NAMES[0], files))),
+    |input| read(input, |files| accepted(Model::check_file_references(NAMES[0], files))),
     seeds,
 )
 .holding(32, 1 << 10)

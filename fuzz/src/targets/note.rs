@@ -37,18 +37,18 @@ fn read(input: &[u8]) -> Option<Reading> {
     let file = sealed(&envelope, &arrays.to_string(), &[&[0; 4], input].concat())?;
     let named = |error| panic!("{}: {error}", checkpoint.display());
     std::fs::write(&checkpoint, file).unwrap_or_else(named);
-    let reading = measured(|| accepted(RunFolder::open(run).experiment()));
+    let reading = measured(|| accepted(RunFolder::from_path(run).read_experiment()));
     std::fs::remove_file(&checkpoint).unwrap_or_else(named);
     reading
 }
 
 fn notes() -> Vec<Vec<u8>> {
     let ledger = RunStats {
-        opened_for: vec![Some("goal-reach".to_owned()), None],
+        created_for_group: vec![Some("goal-reach".to_owned()), None],
         rollouts: 2,
         decisions: 240,
-        spanning_switch: 1,
-        right: 1,
+        switch_rollouts: 1,
+        correct_assignments: 1,
         ..RunStats::default()
     };
     let metrics = "rollout,group\n0,goal-reach\n1,goal-reach\n";

@@ -3,7 +3,7 @@
 use std::path::{Component, Path};
 
 use allocation_counter::opt_out;
-use covers::sweep::Plan;
+use covers::sweep::SweepPlan;
 
 use super::{Reading, Target, accepted, measured, texts};
 
@@ -15,7 +15,7 @@ const JOBS: usize = 2;
 fn read(input: &[u8]) -> Option<Reading> {
     let text = str::from_utf8(input).ok()?;
     measured(|| {
-        let plan = Plan::parse(text);
+        let plan = SweepPlan::parse(text);
         if let Ok(plan) = &plan {
             opt_out(|| list(plan));
         }
@@ -25,16 +25,16 @@ fn read(input: &[u8]) -> Option<Reading> {
 
 /// Asserts that a plan survives a round trip through text, and that the folders of its jobs lie in
 /// the requested folder.
-fn list(plan: &Plan) {
+fn list(plan: &SweepPlan) {
     let text = serde_json::to_string(plan).unwrap_or_default();
-    assert_eq!(Plan::parse(&text).ok().as_ref(), Some(plan), "{text}");
+    assert_eq!(SweepPlan::parse(&text).ok().as_ref(), Some(plan), "{text}");
     if plan.methods.len() * plan.seeds.len() > JOBS {
         return;
     }
-    let jobs = plan.listed();
+    let jobs = plan.jobs_unchecked();
     for job in jobs.iter().flatten() {
-        let parts: Vec<Component> = Path::new(&job.name).components().collect();
-        assert!(matches!(parts[..], [Component::Normal(_)]), "{:?}", job.name);
+        let parts: Vec<Component> = Path::new(&job.folder_name).components().collect();
+        assert!(matches!(parts[..], [Component::Normal(_)]), "{:?}", job.folder_name);
     }
     accepted(jobs);
 }

@@ -2,16 +2,16 @@
 //! not a failure.
 
 use covers::{Experiment, LearnerSettings};
-use rl::{ContextSettings, Critic, Encoder, NetworkSettings};
+use rl::{ContextSettings, CriticSettings, EncoderSettings, NetworkSettings};
 
 /// Returns the smallest network for images of 16 x 16 pixels or multiples.
 pub fn small_network() -> NetworkSettings {
     NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![1; 4] },
+        encoder: EncoderSettings::Strided { fields: vec![1; 4] },
         top_fields: 1,
         vector_fields: 1,
         actor_fields: 1,
-        critic: Critic::Joint { fields: 1 },
+        critic: CriticSettings::Joint { fields: 1 },
         ..NetworkSettings::default()
     }
 }
@@ -42,7 +42,8 @@ fn has_small_context(learner: &LearnerSettings) -> bool {
 }
 
 fn is_small_network(network: &NetworkSettings) -> bool {
-    let (Critic::Pooled { width: critic } | Critic::Joint { fields: critic }) = network.critic;
+    let (CriticSettings::Pooled { width: critic } | CriticSettings::Joint { fields: critic }) =
+        network.critic;
     let inputs = [network.top_fields, network.vector_fields];
     let heads = [network.actor_fields, critic];
     let widths = widths(&network.encoder).into_iter();
@@ -50,11 +51,11 @@ fn is_small_network(network: &NetworkSettings) -> bool {
     widths.all(|width| width <= 8)
 }
 
-fn widths(encoder: &Encoder) -> Vec<usize> {
+fn widths(encoder: &EncoderSettings) -> Vec<usize> {
     match encoder {
-        Encoder::Strided { fields } => fields.clone(),
-        Encoder::Pooled { fields, inner, .. } => [&fields[..], &inner[..]].concat(),
-        Encoder::Keypoints { fields, maps, .. } => [&fields[..], &[*maps]].concat(),
-        Encoder::Blind => Vec::new(),
+        EncoderSettings::Strided { fields } => fields.clone(),
+        EncoderSettings::Pooled { fields, inner, .. } => [&fields[..], &inner[..]].concat(),
+        EncoderSettings::Keypoints { fields, maps, .. } => [&fields[..], &[*maps]].concat(),
+        EncoderSettings::Blind => Vec::new(),
     }
 }

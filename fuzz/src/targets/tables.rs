@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use covers::experiments::timings::{Timings, first_rows};
+use covers::experiments::timings::{TimingSums, first_rows};
 use covers::presets::{Budget, Method};
 use covers::report::Report;
 use covers::{CoversError, RunData, RunFolder};
@@ -57,7 +57,7 @@ fn read(input: &[u8]) -> Option<Reading> {
 fn go_on(table: &[u8]) {
     let kept = first_rows(table, 2);
     assert_eq!(first_rows(kept.as_bytes(), 2), kept);
-    let known = Timings::read(kept.as_bytes());
+    let known = TimingSums::of_table(kept.as_bytes());
     let rate = known.decisions_per_second();
     assert!(rate.is_none_or(|rate| !rate.is_nan()));
 }

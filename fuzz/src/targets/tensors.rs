@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use equivariant::{Layer, Linear, Relu, Sequential, Shape, Signature};
+use equivariant::{Layer, LayerSignature, Linear, Relu, Sequential, Shape};
 use serde_json::Value;
 use symmetry::Group;
 
@@ -53,7 +53,7 @@ pub fn parts(file: &[u8]) -> Option<(String, String, Vec<u8>)> {
 }
 
 fn network() -> Option<Sequential<f32>> {
-    let (from, to) = (Group::D2.trivial(2), Group::D2.regular(1));
+    let (from, to) = (Group::D2.trivial_type(2), Group::D2.regular_type(1));
     let layers: [Box<dyn Layer<f32>>; 3] = [
         Box::new(Linear::new(from, to).ok()?),
         Box::new(Relu::new(Shape::vector(to)).ok()?),
@@ -65,7 +65,7 @@ fn network() -> Option<Sequential<f32>> {
 fn read_network(path: &Path) -> Option<Reading> {
     let network = network()?;
     measured(|| {
-        let params = equivariant::load(path, &network);
+        let params = equivariant::load_safetensors(path, &network);
         if let Ok(params) = &params {
             assert_eq!(params.len(), network.num_params());
         }
@@ -77,7 +77,7 @@ fn networks() -> Vec<Vec<u8>> {
     let saved = network().and_then(|network| {
         let params = vec![0.5; network.num_params()];
         in_file("network-seed", &[], |path| {
-            equivariant::save(path, &network, &params).ok()?;
+            equivariant::save_safetensors(path, &network, &params).ok()?;
             std::fs::read(path).ok()
         })
     });

@@ -73,7 +73,7 @@ fn check(experiment: &Experiment) {
     let text = serde_json::to_string(experiment).unwrap_or_default();
     let again = serde_json::from_str::<Experiment>(&text);
     assert_eq!(again.ok().as_ref(), Some(experiment), "{text}");
-    let visits = experiment.schedule.visits(1, &mut ChaCha8Rng::seed_from_u64(0));
+    let visits = experiment.schedule.draw_visits(1, &mut ChaCha8Rng::seed_from_u64(0));
     let decisions: usize = visits.iter().map(|visit| visit.decisions).sum();
     assert_eq!(decisions, experiment.schedule.total_decisions());
 }
@@ -171,7 +171,7 @@ fn check_names(command: Option<Command>) {
     };
     let mut preset = TrainOptions { config: None, ..options.clone() };
     // the target OVERRIDES tests these
-    preset.run.changes.set.clear();
+    preset.run_options.settings.overrides.clear();
     let Ok(experiment) = preset.experiment() else {
         return;
     };

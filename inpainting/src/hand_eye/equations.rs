@@ -13,13 +13,13 @@ const MAX_INFLATION: f64 = 1e12;
 
 /// Normal equations: matrix and right-hand side. Only the first `free` unknowns take part.
 #[derive(Clone, Debug)]
-pub(super) struct Equations {
+pub(super) struct NormalEquations {
     matrix: Matrix,
     right: Vector,
     free: usize,
 }
 
-impl Equations {
+impl NormalEquations {
     /// Creates an empty system for the first `free` unknowns; the others are held at 0.
     pub fn new(free: usize) -> Self {
         Self { matrix: [[0.0; UNKNOWNS]; UNKNOWNS], right: [0.0; UNKNOWNS], free }
@@ -75,9 +75,9 @@ impl Equations {
     /// if an unknown occurs in no equation.
     fn scale(&self) -> Option<Vector> {
         let mut scale = [0.0; UNKNOWNS];
-        for (i, scale) in scale.iter_mut().enumerate().take(self.free) {
-            *scale = self.matrix[i][i].sqrt().recip();
-            if !scale.is_finite() {
+        for (i, factor) in scale.iter_mut().enumerate().take(self.free) {
+            *factor = self.matrix[i][i].sqrt().recip();
+            if !factor.is_finite() {
                 return None;
             }
         }
@@ -137,14 +137,14 @@ mod tests {
     fn consistent_equations_are_solved_and_held_unknowns_stay_zero() {
         let known: Vector = std::array::from_fn(|i| i as f64 - 3.5);
         for free in [6, 9, 10] {
-            let mut equations = Equations::new(free);
+            let mut equations = NormalEquations::new(free);
             for row in rows() {
                 equations.add(&row, dot(&row, &known, free));
             }
             let solved = equations.solve(0.0).unwrap();
-            for (i, (solved, known)) in solved.into_iter().zip(known).enumerate() {
-                let expected = if i < free { known } else { 0.0 };
-                assert!((solved - expected).abs() < 1e-9, "{free} {i}: {solved}");
+            for (i, (value, wanted)) in solved.into_iter().zip(known).enumerate() {
+                let expected = if i < free { wanted } else { 0.0 };
+                assert!((value - expected).abs() < 1e-9, "{free} {i}: {value}");
             }
         }
     }
@@ -152,7 +152,7 @@ mod tests {
     /// The i-th variance is component i of the solution for the i-th unit vector.
     #[test]
     fn variances_are_the_inverse_of_the_matrix() {
-        let mut equations = Equations::new(6);
+        let mut equations = NormalEquations::new(6);
         for row in rows() {
             equations.add(&row, 0.0);
         }
@@ -170,13 +170,13 @@ mod tests {
 
     #[test]
     fn unknowns_that_no_equation_tells_apart_are_refused() {
-        let mut equations = Equations::new(6);
+        let mut equations = NormalEquations::new(6);
         for mut row in rows() {
             row[1] = 2.0 * row[0];
             equations.add(&row, 1.0);
         }
         assert_eq!(equations.variances(), None);
-        assert_eq!(Equations::new(6).solve(1.0), None);
+        assert_eq!(NormalEquations::new(6).solve(1.0), None);
         assert!(equations.solve(1e-3).is_some(), "damping decides");
     }
 }

@@ -5,10 +5,10 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::calibration::Calibration;
-use crate::camera::Extrinsics;
-use crate::error::InpaintingError;
+use crate::camera::{Extrinsics, VALID_COORDINATES, has_valid_coordinates};
+use crate::error::{InpaintingError, require_that};
 
-use super::equations::{Equations, UNKNOWNS, Vector};
+use super::equations::{NormalEquations, UNKNOWNS, Vector};
 
 /// Returns the camera rotated by `quarters` quarter turns about its optical axis.
 pub(super) fn rotated(calibration: &Calibration, quarters: usize) -> Calibration {
@@ -24,9 +24,7 @@ pub(super) fn rotated(calibration: &Calibration, quarters: usize) -> Calibration
 #[derive(Clone, Debug)]
 pub(super) struct Fit<'a> {
     calibration: Calibration,
-    offset: Offset,
-    /// `true` if the focal length is solved for.
-    free_focal: bool,
+    settings: HandEyeSettings,
     /// Estimate of the offset; the given one if it is known.
     guess: DVec3,
     sightings: &'a [BallSighting],
@@ -36,46 +34,46 @@ pub(super) struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
-    /// Starts an estimate, an unknown offset at zero. `None` if a ball would be out of sight.
+    /// Starts an estimate, an unknown offset at zero and the focal lengths as given. `None` if a
+    /// ball would be out of sight.
     pub fn new(
         calibration: Calibration,
-        offset: Offset,
+        settings: HandEyeSettings,
         sightings: &'a [BallSighting],
     ) -> Option<Self> {
-        let guess = match offset {
-            Offset::Known(offset) => offset,
-            Offset::Unknown => DVec3::ZERO,
+        let guess = match settings.ball_offset {
+            BallOffset::Known(offset) => offset,
+            BallOffset::Unknown => DVec3::ZERO,
         };
-        Self::at(calibration, offset, guess, false, sightings)
+        let settings = HandEyeSettings { estimate_focal_length: false, ..settings };
+        Self::at(calibration, settings, guess, sightings)
     }
 
     /// Computes the residuals of an estimate. `None` if a ball would be out of sight.
     fn at(
         calibration: Calibration,
-        offset: Offset,
+        settings: HandEyeSettings,
         guess: DVec3,
-        free_focal: bool,
         sightings: &'a [BallSighting],
     ) -> Option<Self> {
         let residual = |sighting: &BallSighting| {
-            let ball = sighting.position + sighting.rotation * guess;
-            let [column, row] = calibration.pixel(ball - calibration.position())?;
-            Some([sighting.pixel[0] - column, sighting.pixel[1] - row])
+            let ball = sighting.hand_position + sighting.hand_rotation * guess;
+            let [column, row] = calibration.project_direction(ball - calibration.position())?;
+            Some([sighting.ball_pixel[0] - column, sighting.ball_pixel[1] - row])
         };
         let residuals = sightings.iter().map(residual).collect::<Option<Vec<_>>>()?;
         let cost: f64 = residuals.iter().flatten().map(|part| part * part).sum();
-        cost.is_finite().then_some(Self {
-            calibration,
-            offset,
-            free_focal,
-            guess,
-            sightings,
-            residuals,
-            cost,
-        })
+        let fit = Self { calibration, settings, guess, sightings, residuals, cost };
+        cost.is_finite().then_some(fit)
     }
 
-    /// Returns the camera.
+    /// Returns the estimate with the residuals of other sightings. `None` if one of their balls
+    /// would be out of sight.
+    pub fn with_sightings<'b>(&self, sightings: &'b [BallSighting]) -> Option<Fit<'b>> {
+        Fit::at(self.calibration, self.settings, self.guess, sightings)
+    }
+
+    /// Returns the camera that was fitted.
     pub fn calibration(&self) -> Calibration {
         self.calibration
     }
@@ -85,44 +83,62 @@ impl<'a> Fit<'a> {
         self.guess
     }
 
+    /// Returns the settings.
+    pub fn settings(&self) -> &HandEyeSettings {
+        &self.settings
+    }
+
+    /// Returns the sightings.
+    pub fn sightings(&self) -> &'a [BallSighting] {
+        self.sightings
+    }
+
     /// Returns the sum of the squared residuals (square pixels).
-    pub fn cost(&self) -> f64 {
+    pub fn sum_of_squares(&self) -> f64 {
         self.cost
     }
 
     /// Returns a copy with the current offset held.
     pub fn with_known_offset(&self) -> Self {
-        Self { offset: Offset::Known(self.guess), ..self.clone() }
+        let offset = BallOffset::Known(self.guess);
+        Self { settings: HandEyeSettings { ball_offset: offset, ..self.settings }, ..self.clone() }
     }
 
-    /// Returns a copy with the focal length among the unknowns.
-    pub fn with_free_focal(&self) -> Self {
-        Self { free_focal: true, ..self.clone() }
+    /// Returns a copy with the focal length among the unknowns, or held.
+    pub fn with_free_focal(&self, estimate_focal: bool) -> Self {
+        Self {
+            settings: HandEyeSettings { estimate_focal_length: estimate_focal, ..self.settings },
+            ..self.clone()
+        }
     }
 
     /// Returns the index of the focal length among the unknowns: after the camera's rotation and
     /// position, and the offset if it is unknown.
     pub fn focal_index(&self) -> usize {
-        match self.offset {
-            Offset::Known(_) => 6,
-            Offset::Unknown => 9,
+        match self.settings.ball_offset {
+            BallOffset::Known(_) => 6,
+            BallOffset::Unknown => 9,
         }
     }
 
     /// Returns the number of unknowns.
     fn free(&self) -> usize {
-        self.focal_index() + usize::from(self.free_focal)
+        self.focal_index() + usize::from(self.settings.estimate_focal_length)
+    }
+
+    /// Returns the number of equations beyond those that the unknowns take.
+    pub fn degrees_of_freedom(&self) -> f64 {
+        (2 * self.residuals.len() - self.free()) as f64
     }
 
     /// Returns the standard deviation (pixels) of the observations, estimated from the residuals.
-    pub fn noise(&self) -> f64 {
-        let degrees_of_freedom = 2 * self.residuals.len() - self.free();
-        (self.cost / degrees_of_freedom as f64).sqrt()
+    pub fn noise_sd(&self) -> f64 {
+        (self.cost / self.degrees_of_freedom()).sqrt()
     }
 
     /// Returns the normal equations of a Gauss-Newton step.
-    pub fn equations(&self) -> Equations {
-        let mut equations = Equations::new(self.free());
+    pub fn normal_equations(&self) -> NormalEquations {
+        let mut equations = NormalEquations::new(self.free());
         let seen = self.sightings.iter().zip(&self.residuals);
         let rows = seen.flat_map(|(sighting, residual)| {
             self.rows(sighting, *residual).into_iter().zip(*residual)
@@ -135,29 +151,29 @@ impl<'a> Fit<'a> {
     /// unknown is its logarithm.
     fn rows(&self, sighting: &BallSighting, residual: [f64; 2]) -> [Vector; 2] {
         let Extrinsics { rotation, translation } = self.calibration.extrinsics;
-        let ball = sighting.position + sighting.rotation * self.guess;
+        let ball = sighting.hand_position + sighting.hand_rotation * self.guess;
         let seen = rotation * ball + translation;
         let gradients = self.calibration.pixel_gradients(seen);
-        let centre = self.calibration.intrinsics.centre;
+        let centre = self.calibration.intrinsics.principal_point;
         [0, 1].map(|axis| {
             let gradient = gradients[axis];
             let in_world = rotation.transpose() * gradient;
             let [turn, position, offset] =
-                [seen.cross(gradient), -in_world, sighting.rotation.conjugate() * in_world];
+                [seen.cross(gradient), -in_world, sighting.hand_rotation.conjugate() * in_world];
             let parts = [turn, position, offset].map(|part| part.to_array());
             let mut row = [0.0; UNKNOWNS];
             row[..9].copy_from_slice(parts.as_flattened());
-            if self.free_focal {
+            if self.settings.estimate_focal_length {
                 // the expected pixel relative to the principal point, which scales with the focal
                 // length
-                row[self.focal_index()] = sighting.pixel[axis] - residual[axis] - centre[axis];
+                row[self.focal_index()] = sighting.ball_pixel[axis] - residual[axis] - centre[axis];
             }
             row
         })
     }
 
     /// Returns the estimate after a step. `None` if a ball would then be out of sight.
-    pub fn after(&self, step: &Vector) -> Option<Self> {
+    pub fn after_step(&self, step: &Vector) -> Option<Self> {
         let turn = DQuat::from_scaled_axis(DVec3::from_slice(&step[..3]));
         let old = DQuat::from_mat3(&self.calibration.extrinsics.rotation);
         let rotation = DMat3::from_quat((turn * old).normalize());
@@ -166,29 +182,30 @@ impl<'a> Fit<'a> {
             extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..self.calibration
         };
-        if self.free_focal {
+        if self.settings.estimate_focal_length {
             let growth = step[self.focal_index()].exp();
-            calibration.intrinsics.focal = calibration.intrinsics.focal.map(|f| growth * f);
+            calibration.intrinsics.focal_lengths =
+                calibration.intrinsics.focal_lengths.map(|f| growth * f);
         }
-        let guess = match self.offset {
-            Offset::Known(offset) => offset,
-            Offset::Unknown => self.guess + DVec3::from_slice(&step[6..9]),
+        let guess = match self.settings.ball_offset {
+            BallOffset::Known(offset) => offset,
+            BallOffset::Unknown => self.guess + DVec3::from_slice(&step[6..9]),
         };
-        Self::at(calibration, self.offset, guess, self.free_focal, self.sightings)
+        Self::at(calibration, self.settings, guess, self.sightings)
     }
 
     /// Returns the residuals of all poses.
     pub fn residuals(&self) -> Vec<Residual> {
         let pairs = self.sightings.iter().zip(&self.residuals);
         let residual = |(sighting, [right, down]): (&BallSighting, &[f64; 2])| {
-            let [column, row] = sighting.pixel;
+            let [column, row] = sighting.ball_pixel;
             let expected = [column - right, row - down];
-            let points = [sighting.pixel, expected].map(|pixel| self.on_table(pixel));
+            let points = [sighting.ball_pixel, expected].map(|pixel| self.on_table(pixel));
             Residual {
-                pose: sighting.pose,
-                pixels: right.hypot(*down),
-                on_table: match points {
-                    [Some(seen), Some(expected)] => Some(seen.distance(expected)),
+                pose_number: sighting.pose_number,
+                distance_px: right.hypot(*down),
+                table_distance_m: match points {
+                    [Some(seen), Some(wanted)] => Some(seen.distance(wanted)),
                     _ => None,
                 },
             }
@@ -199,45 +216,94 @@ impl<'a> Fit<'a> {
     /// Returns the point at which the line of sight of a pixel meets the plane z = 0. `None` if it
     /// does not.
     fn on_table(&self, pixel: [f64; 2]) -> Option<DVec3> {
-        let (eye, ray) = (self.calibration.position(), self.calibration.direction(pixel)?);
+        let (eye, ray) = (self.calibration.position(), self.calibration.direction_of_pixel(pixel)?);
         let part = -eye.z / ray.z;
         (part.is_finite() && part > 0.0).then(|| eye + part * ray)
     }
 
-    /// Rejects residuals of more than [`MAX_RESIDUAL`].
-    pub fn check_misfit(&self) -> Result<(), InpaintingError> {
-        let residuals = self.residuals();
-        let worst = residuals.iter().max_by(|a, b| a.pixels.total_cmp(&b.pixels));
-        match worst {
-            Some(worst) if worst.pixels > MAX_RESIDUAL => Err(InpaintingError::Misfit {
-                pose: worst.pose,
-                pixels: worst.pixels,
-                limit: MAX_RESIDUAL,
-            }),
-            _ => Ok(()),
+    /// Returns the largest residual (pixels) that counts as noise, for the ball of a pose: what the
+    /// arm's accuracy and the ball's outline explain.
+    fn limit(&self, sighting: &BallSighting) -> f64 {
+        let ball = sighting.hand_position + sighting.hand_rotation * self.guess;
+        let depth = self.calibration.without_distortion().world_to_camera(ball).z;
+        let of_arm =
+            self.calibration.intrinsics.focal_lengths[0] * self.settings.arm_position_sd / depth;
+        LIMIT_SIGMAS * of_arm.hypot(OUTLINE_SD)
+    }
+
+    /// Returns all residuals with their limits (pixels).
+    pub fn limited_residuals(&self) -> impl Iterator<Item = (Residual, f64)> {
+        let limits = self.sightings.iter().map(|sighting| self.limit(sighting));
+        self.residuals().into_iter().zip(limits)
+    }
+
+    /// Returns `true` if no residual is beyond its limit.
+    pub fn is_within_limits(&self) -> bool {
+        self.limited_residuals().all(|(residual, limit)| residual.distance_px <= limit)
+    }
+}
+
+/// Largest residual that counts as noise, in standard deviations.
+pub(super) const LIMIT_SIGMAS: f64 = 4.0;
+/// Standard deviation (pixels) of the middle of a ball that is found by its outline.
+pub(super) const OUTLINE_SD: f64 = 0.2;
+
+/// Settings of [`HandEyeCalibration::solve`](super::HandEyeCalibration::solve).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HandEyeSettings {
+    /// Position of the ball in the hand's frame.
+    pub ball_offset: BallOffset,
+    /// Standard deviation (metres) of the ball's position by the arm's joints. Residuals of four of
+    /// these, projected into the picture, count as noise.
+    pub arm_position_sd: f64,
+    /// `true` to estimate the focal lengths, too. Their ratio is kept.
+    pub estimate_focal_length: bool,
+}
+
+impl HandEyeSettings {
+    /// Rejects an offset or an accuracy out of range, before an arm moves in vain.
+    ///
+    /// # Errors
+    /// [`InpaintingError::InvalidValue`].
+    pub fn check(&self) -> Result<(), InpaintingError> {
+        let accuracy = self.arm_position_sd;
+        let expected = "at most 0.1 metres and at least 1e-6 (`--arm-accuracy` is in millimetres)";
+        require_that((1e-6..=0.1).contains(&accuracy), "accuracy of the arm", &accuracy, expected)?;
+        match self.ball_offset {
+            BallOffset::Known(offset) => require_that(
+                has_valid_coordinates(offset),
+                "offset of the ball",
+                &offset,
+                VALID_COORDINATES,
+            ),
+            BallOffset::Unknown => Ok(()),
         }
     }
 }
 
-/// Largest residual of a pose (pixels) that counts as noise: 10 mm on a table 1.5 m away.
-pub const MAX_RESIDUAL: f64 = 4.0;
+impl From<BallOffset> for HandEyeSettings {
+    /// Returns the settings for an arm that is accurate to 2.5 mm and for given focal lengths.
+    fn from(ball_offset: BallOffset) -> Self {
+        Self { ball_offset, arm_position_sd: 0.0025, estimate_focal_length: false }
+    }
+}
 
 /// Observation of the ball in one pose of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BallSighting {
     /// Number of the pose, for messages.
-    pub pose: usize,
+    pub pose_number: usize,
     /// Position of the hand by its joints (metres, world).
-    pub position: DVec3,
+    pub hand_position: DVec3,
     /// Rotation from the hand's axes to the world's.
-    pub rotation: DQuat,
+    pub hand_rotation: DQuat,
     /// Column and row of the ball (pixels; the middle of the first one is at 0.5).
-    pub pixel: [f64; 2],
+    pub ball_pixel: [f64; 2],
 }
 
 /// Position of the ball in the hand's frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Offset {
+pub enum BallOffset {
     /// Given offset.
     Known(DVec3),
     /// Offset that is solved for, which requires poses in which the hand turns about two axes.
@@ -247,11 +313,11 @@ pub enum Offset {
 /// Distance of the ball of a pose from its expected position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// Number of the pose.
-    pub pose: usize,
-    /// Distance in the picture (pixels).
-    pub pixels: f64,
+    /// Index of the hand's pose.
+    pub pose_number: usize,
+    /// Distance between seen and expected ball in the picture (pixels).
+    pub distance_px: f64,
     /// Distance on the table, the plane z = 0, between the two lines of sight (metres); `None` if
     /// one of them does not meet it.
-    pub on_table: Option<f64>,
+    pub table_distance_m: Option<f64>,
 }

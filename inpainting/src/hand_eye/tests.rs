@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::camera::{Extrinsics, Intrinsics};
 use crate::distortion::Distortion;
-use crate::sensor::normal;
+use crate::sensor::standard_normal;
 
 /// Returns a camera at a position, turned from looking straight down.
 fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {
@@ -39,10 +39,12 @@ fn hands(count: usize) -> Vec<(DVec3, DQuat)> {
 
 fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> Vec<BallSighting> {
     let sighting = |(pose, &(position, rotation)): (usize, &(DVec3, DQuat))| BallSighting {
-        pose,
-        position,
-        rotation,
-        pixel: camera.pixel(position + rotation * offset - camera.position()).unwrap(),
+        pose_number: pose,
+        hand_position: position,
+        hand_rotation: rotation,
+        ball_pixel: camera
+            .project_direction(position + rotation * offset - camera.position())
+            .unwrap(),
     };
     hands.iter().enumerate().map(sighting).collect()
 }
@@ -71,18 +73,18 @@ proptest! {
         offset in vector(0.15),
         known in prop::bool::ANY,
     ) {
-        let lens = Distortion { radial: [radial, -radial], tangential: [tangential; 2] };
+        let lens = Distortion::brown_conrady([radial, -radial], [tangential; 2]);
         let place = place + 1.6 * DVec3::Z;
         let truth = camera(place, turn, lens);
         let start = rotated(&camera(place + off, turn + twist, lens), quarters);
         let seen = sightings(&truth, offset, &hands(12));
-        let offset_given = if known { Offset::Known(offset) } else { Offset::Unknown };
-        let found = HandEye::solve(&start, offset_given, &seen).unwrap();
+        let offset_given = if known { BallOffset::Known(offset) } else { BallOffset::Unknown };
+        let found = HandEyeCalibration::solve(&start, offset_given, &seen).unwrap();
         let [position, angle] = apart(&found.calibration, &truth);
         prop_assert!(position.length() < 1e-6, "{position}");
         prop_assert!(angle.length() < 1e-6, "{angle}");
-        prop_assert!(found.offset.distance(offset) < 1e-6, "{}", found.offset);
-        prop_assert!(found.rms() < 1e-4, "{}", found.rms());
+        prop_assert!(found.ball_offset.distance(offset) < 1e-6, "{}", found.ball_offset);
+        prop_assert!(found.rms_px() < 1e-4, "{}", found.rms_px());
         found.calibration.check().unwrap();
     }
 }
@@ -96,16 +98,17 @@ fn errors_are_as_large_as_the_uncertainty_says() {
     let exact = sightings(&truth, OFFSET, &hands(15));
     let mut rng = ChaCha8Rng::seed_from_u64(1000);
     let mut all_alarms = 0;
-    for (offset, free) in [(Offset::Known(OFFSET), 6.0), (Offset::Unknown, 9.0)] {
+    for (offset, free) in [(BallOffset::Known(OFFSET), 6.0), (BallOffset::Unknown, 9.0)] {
         let (mut squares, mut alarms) = ([DVec3::ZERO; 3], 0);
         for _ in 0..TRIALS {
             let mut seen = exact.clone();
             for sighting in &mut seen {
-                sighting.pixel = sighting.pixel.map(|p| p + noise * f64::from(normal(&mut rng)));
+                sighting.ball_pixel =
+                    sighting.ball_pixel.map(|p| p + noise * f64::from(standard_normal(&mut rng)));
             }
-            let found = match HandEye::solve(&truth, offset, &seen) {
+            let found = match HandEyeCalibration::solve(&truth, offset, &seen) {
                 Ok(found) => found,
-                Err(InpaintingError::WrongFocal { .. }) => {
+                Err(InpaintingError::WrongFocalLength { .. }) => {
                     alarms += 1;
                     continue;
                 }
@@ -113,8 +116,9 @@ fn errors_are_as_large_as_the_uncertainty_says() {
             };
             let [position, angle] = apart(&found.calibration, &truth);
             let of = found.uncertainty;
-            let offset = (found.offset - OFFSET) / of.offset.max(DVec3::splat(1e-300));
-            let ratios = [position / of.position, angle / of.angle, offset];
+            let offset_ratio =
+                (found.ball_offset - OFFSET) / of.ball_offset_sd.max(DVec3::splat(1e-300));
+            let ratios = [position / of.position_sd, angle / of.angle_sd, offset_ratio];
             for (sum, ratio) in squares.iter_mut().zip(ratios) {
                 *sum += ratio * ratio;
             }
@@ -160,27 +164,33 @@ fn calibration_poses() -> Vec<(DVec3, DQuat)> {
 
 /// Counts the draws, of 20 with a noise of 0.1 pixels, in which a focal length with a relative
 /// error is rejected.
-fn refused(part: f64, offset: Offset) -> usize {
+fn refused(part: f64, offset: BallOffset) -> usize {
     let truth = plain();
     let mut start = truth;
-    start.intrinsics.focal = start.intrinsics.focal.map(|focal| (1.0 + part) * focal);
+    start.intrinsics.focal_lengths =
+        start.intrinsics.focal_lengths.map(|focal| (1.0 + part) * focal);
     let exact = sightings(&truth, BALL, &calibration_poses());
     let draws = (0..20).filter(|&seed| {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut seen = exact.clone();
         for sighting in &mut seen {
-            sighting.pixel = sighting.pixel.map(|p| p + 0.1 * f64::from(normal(&mut rng)));
+            sighting.ball_pixel =
+                sighting.ball_pixel.map(|p| p + 0.1 * f64::from(standard_normal(&mut rng)));
         }
-        match HandEye::solve(&start, offset, &seen) {
+        match HandEyeCalibration::solve(&start, offset, &seen) {
             Ok(found) => {
-                let Focal { ratio, sigma } = found.focal.unwrap();
+                let FocalLengthEstimate { ratio_to_given: ratio, ratio_sd: sigma } =
+                    found.focal_length.unwrap();
                 let off = (1.0 + part) * ratio - 1.0;
                 assert!(off.abs() < 4.0 * sigma, "{ratio} {sigma}");
                 false
             }
-            Err(InpaintingError::WrongFocal { given, fitted, sigma }) => {
-                let off = fitted[0] - truth.intrinsics.focal[0];
-                assert!(given == start.intrinsics.focal && off.abs() < 4.0 * sigma, "{fitted:?}");
+            Err(InpaintingError::WrongFocalLength { given, fitted, sigma }) => {
+                let off = fitted[0] - truth.intrinsics.focal_lengths[0];
+                assert!(
+                    given == start.intrinsics.focal_lengths && off.abs() < 4.0 * sigma,
+                    "{fitted:?}"
+                );
                 true
             }
             Err(other) => panic!("{other}"),
@@ -195,7 +205,7 @@ const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 /// Wrong focal lengths would leave the camera centimetres off, with residuals that look like noise.
 #[test]
 fn focal_lengths_that_the_poses_contradict_are_refused() {
-    for offset in [Offset::Known(BALL), Offset::Unknown] {
+    for offset in [BallOffset::Known(BALL), BallOffset::Unknown] {
         assert_eq!(refused(0.0, offset), 0, "{offset:?}");
         for part in [-0.03, 0.03] {
             assert_eq!(refused(part, offset), 20, "{offset:?} {part}");
@@ -206,17 +216,17 @@ fn focal_lengths_that_the_poses_contradict_are_refused() {
 #[test]
 fn residuals_are_told_in_pixels_and_on_the_table() {
     let mut seen = sightings(&plain(), OFFSET, &hands(200));
-    seen[7].pixel[0] += 3.0;
-    let found = HandEye::solve(&plain(), Offset::Known(OFFSET), &seen).unwrap();
-    let worst = found.worst().unwrap();
-    assert_eq!(worst.pose, 7);
-    assert!((worst.pixels - 3.0).abs() < 0.1, "{worst:?}");
+    seen[7].ball_pixel[0] += 0.6;
+    let found = HandEyeCalibration::solve(&plain(), BallOffset::Known(OFFSET), &seen).unwrap();
+    let worst = found.largest_residual().unwrap();
+    assert_eq!(worst.pose_number, 7);
+    assert!((worst.distance_px - 0.6).abs() < 0.02, "{worst:?}");
     // a pixel is 1.5 m / 615 on the table
-    let expected = worst.pixels * 1.5 / 615.0;
-    let on_table = worst.on_table.unwrap();
+    let expected = worst.distance_px * 1.5 / 615.0;
+    let on_table = worst.table_distance_m.unwrap();
     assert!((on_table / expected - 1.0).abs() < 0.05, "{worst:?}");
-    let (pixels, table) = (found.rms(), found.rms_on_table().unwrap());
-    assert!(pixels > 0.1 && pixels < 0.3);
+    let (pixels, table) = (found.rms_px(), found.rms_on_table_m().unwrap());
+    assert!(pixels > 0.02 && pixels < 0.06);
     assert!((table / pixels * 615.0 / 1.5 - 1.0).abs() < 0.05);
 }
 
@@ -229,39 +239,173 @@ fn lines_of_sight_that_miss_the_table_are_left_out_of_its_mean() {
         ..plain()
     };
     let mut seen = sightings(&level, OFFSET, &hands(40));
-    seen[7].pixel[0] += 1.0;
-    let found = HandEye::solve(&level, Offset::Known(OFFSET), &seen).unwrap();
-    let meet = found.residuals.iter().filter(|of| of.on_table.is_some());
+    seen[7].ball_pixel[0] += 1.0;
+    let found = HandEyeCalibration::solve(&level, BallOffset::Known(OFFSET), &seen).unwrap();
+    let meet = found.residuals.iter().filter(|of| of.table_distance_m.is_some());
     let meet = meet.count();
     assert!(meet > 0 && meet < 40, "{meet}");
-    assert!(found.rms_on_table().is_some_and(f64::is_finite));
-    let finite = |of: &Residual| of.on_table.is_none_or(f64::is_finite);
+    assert!(found.rms_on_table_m().is_some_and(f64::is_finite));
+    let finite = |of: &Residual| of.table_distance_m.is_none_or(f64::is_finite);
     assert!(found.residuals.iter().all(finite));
 }
 
-fn refusal(start: &Calibration, offset: Offset, seen: &[BallSighting]) -> String {
-    HandEye::solve(start, offset, seen).unwrap_err().to_string()
+fn refusal(start: &Calibration, offset: BallOffset, seen: &[BallSighting]) -> String {
+    HandEyeCalibration::solve(start, offset, seen).unwrap_err().to_string()
 }
 
 #[test]
 fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
-    let (known, exact) = (Offset::Known(OFFSET), sightings(&plain(), OFFSET, &hands(12)));
+    let (known, exact) = (BallOffset::Known(OFFSET), sightings(&plain(), OFFSET, &hands(12)));
     let message = refusal(&plain(), known, &exact[..9]);
     assert!(message.contains("9 poses, expected at least 10"), "{message}");
-    let mut seen = exact.clone();
-    seen[5].pixel[1] += 40.0;
-    let message = refusal(&plain(), known, &seen);
-    assert!(message.contains("pose 5") && message.contains("at most 4"), "{message}");
+    let mut seen = exact[..10].to_vec();
+    seen[5].ball_pixel[1] += 40.0;
+    let outlier_message = refusal(&plain(), known, &seen);
+    assert!(
+        outlier_message.contains("pose 5") && outlier_message.contains("at most 4.1"),
+        "{outlier_message}"
+    );
     let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, Distortion::NONE);
-    let message = refusal(&away, known, &exact);
-    assert!(message.contains("pose 0"), "{message}");
+    let away_message = refusal(&away, known, &exact);
+    assert!(away_message.contains("pose 0"), "{away_message}");
+}
+
+/// Returns sightings with noise in pixels, and in the position of the hand (metres).
+fn noisy(exact: &[BallSighting], pixels: f64, metres: f64, seed: u64) -> Vec<BallSighting> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut draw = |sigma: f64| sigma * f64::from(standard_normal(&mut rng));
+    let mut seen = exact.to_vec();
+    for sighting in &mut seen {
+        sighting.ball_pixel = sighting.ball_pixel.map(|p| p + draw(pixels));
+        sighting.hand_position += DVec3::new(draw(metres), draw(metres), draw(metres));
+    }
+    seen
+}
+
+#[test]
+fn poses_that_the_others_contradict_are_left_out_while_ten_are_left() {
+    let exact = sightings(&plain(), BALL, &calibration_poses());
+    for offset in [BallOffset::Known(BALL), BallOffset::Unknown] {
+        for seed in 0..20 {
+            for bad in [&[][..], &[(3, 8.0)], &[(0, 10.0), (12, -40.0)], &[(1, 9.0), (6, 300.0)]] {
+                let mut seen = noisy(&exact, 0.3, 0.0, seed);
+                for &(pose, pixels) in bad {
+                    seen[pose].ball_pixel[0] += pixels;
+                }
+                let found = HandEyeCalibration::solve(&plain(), offset, &seen).unwrap();
+                let mut left_out: Vec<_> = found.outliers.iter().map(|of| of.pose_number).collect();
+                left_out.sort_unstable();
+                assert!(left_out.iter().eq(bad.iter().map(|(pose, _)| pose)), "{left_out:?}");
+                assert!(
+                    found.outliers.iter().all(|of| of.distance_px > 5.0),
+                    "{:?}",
+                    found.outliers
+                );
+                let [position, _] = apart(&found.calibration, &plain());
+                let sigmas = position / found.uncertainty.position_sd;
+                assert!(sigmas.abs().max_element() < 6.0, "{sigmas}");
+            }
+        }
+        let mut seen = exact.clone();
+        (0..5).for_each(|pose| seen[pose].ball_pixel[pose % 2] += 60.0);
+        let message = refusal(&plain(), offset, &seen);
+        assert!(message.contains("expected at most"), "{message}");
+    }
+}
+
+/// Wrong units or axes make all poses contradict each other, and no single one is to blame.
+#[test]
+fn poses_that_contradict_each_other_name_the_offset_and_units() {
+    let exact = sightings(&plain(), BALL, &calibration_poses());
+    type Spoil = fn(&mut BallSighting);
+    let spoils: [(Spoil, BallOffset, &str); 4] = [
+        // given in metres where millimetres were expected, and along other axes
+        (|_| {}, BallOffset::Known(1e-3 * BALL), "130.0, 170.0] mm in the hand"),
+        (|_| {}, BallOffset::Known(-BALL), "130.0, 170.0] mm in the hand"),
+        (|s| s.ball_pixel.swap(0, 1), BallOffset::Unknown, "columns and rows"),
+        (
+            |s| s.hand_rotation = s.hand_rotation.conjugate(),
+            BallOffset::Known(BALL),
+            "axes of the hand",
+        ),
+    ];
+    for (spoil, offset, says) in spoils {
+        let mut seen = exact.clone();
+        seen.iter_mut().for_each(spoil);
+        let message = refusal(&plain(), offset, &seen);
+        for words in [says, "whichever one is left out", "`--offset`", "millimetres"] {
+            assert!(message.contains(words), "{words}: {message}");
+        }
+    }
+}
+
+/// The bound of residuals follows the focal length and the accuracy of the arm.
+#[test]
+fn cheap_arms_and_fine_cameras_are_calibrated() {
+    let mut fine = plain();
+    fine.intrinsics = Intrinsics {
+        width: 3840,
+        height: 2160,
+        focal_lengths: [2800.0; 2],
+        principal_point: [1910.0, 1085.0],
+    };
+    for (camera, noise, arm_accuracy, solved) in [
+        (plain(), 0.001, 0.0025, 20),
+        (fine, 0.001, 0.0025, 20),
+        (plain(), 0.005, 0.005, 20),
+        (fine, 0.005, 0.005, 20),
+        (plain(), 0.02, 0.0025, 0),
+        (fine, 0.02, 0.0025, 0),
+    ] {
+        let exact = sightings(&camera, BALL, &calibration_poses());
+        let found = (0..20).filter(|&seed| {
+            let settings =
+                HandEyeSettings { arm_position_sd: arm_accuracy, ..BallOffset::Known(BALL).into() };
+            let seen = noisy(&exact, 0.1, noise, seed);
+            HandEyeCalibration::solve(&camera, settings, &seen).is_ok_and(|found| {
+                let [position, _] = apart(&found.calibration, &camera);
+                assert!((position / found.uncertainty.position_sd).abs().max_element() < 6.0);
+                found.outliers.is_empty()
+            })
+        });
+        assert_eq!(found.count(), solved, "{noise} {arm_accuracy}");
+    }
+    for accuracy in [0.0, -1.0, f64::NAN, 2.5] {
+        let settings = HandEyeSettings { arm_position_sd: accuracy, ..BallOffset::Unknown.into() };
+        let message = HandEyeCalibration::solve(&plain(), settings, &[]).unwrap_err().to_string();
+        assert!(message.contains("accuracy of the arm"), "{message}");
+    }
+}
+
+#[test]
+fn focal_lengths_are_estimated_on_request() {
+    let exact = sightings(&plain(), BALL, &calibration_poses());
+    let mut start = plain();
+    start.intrinsics.focal_lengths = start.intrinsics.focal_lengths.map(|focal| 1.1 * focal);
+    for offset in [BallOffset::Known(BALL), BallOffset::Unknown] {
+        let settings = HandEyeSettings { estimate_focal_length: true, ..offset.into() };
+        for seed in 0..20 {
+            let found = HandEyeCalibration::solve(&start, settings, &noisy(&exact, 0.1, 0.0, seed))
+                .unwrap();
+            let FocalLengthEstimate { ratio_to_given: ratio, ratio_sd: sigma } =
+                found.focal_length.unwrap();
+            assert!((1.1 * ratio - 1.0).abs() < 5.0 * sigma && sigma < 0.01, "{ratio} {sigma}");
+            let off = found.calibration.intrinsics.focal_lengths[1]
+                / start.intrinsics.focal_lengths[1]
+                / ratio
+                - 1.0;
+            assert!(off.abs() < 1e-9, "{off}");
+            let [position, _] = apart(&found.calibration, &plain());
+            assert!((position / found.uncertainty.position_sd).abs().max_element() < 5.0);
+        }
+    }
 }
 
 /// Poses on a line do not determine the rotation about it; a hand that does not turn, or turns
 /// about one axis, does not determine the offset.
 #[test]
 fn poses_that_do_not_tell_the_camera_are_refused() {
-    let known = Offset::Known(OFFSET);
+    let known = BallOffset::Known(OFFSET);
     let line = |index: usize| (0.04 * index as f64 * DVec3::new(1.0, 0.3, 0.2), DQuat::IDENTITY);
     let line: Vec<_> = (0..12).map(line).collect();
     let message = refusal(&plain(), known, &sightings(&plain(), OFFSET, &line));
@@ -270,18 +414,21 @@ fn poses_that_do_not_tell_the_camera_are_refused() {
         let turning = |(i, (place, _))| (place, DQuat::from_scaled_axis(0.1 * i as f64 * axis));
         let still: Vec<_> = hands(12).into_iter().enumerate().map(turning).collect();
         let seen = sightings(&plain(), OFFSET, &still);
-        let message = refusal(&plain(), Offset::Unknown, &seen);
-        assert!(message.contains("turn it about two axes"), "{message}");
-        HandEye::solve(&plain(), known, &seen).unwrap();
+        let axis_message = refusal(&plain(), BallOffset::Unknown, &seen);
+        assert!(axis_message.contains("turn it about two axes"), "{axis_message}");
+        HandEyeCalibration::solve(&plain(), known, &seen).unwrap();
     }
     // a plane determines the camera, less well
     let flat = |(place, turn): (DVec3, DQuat)| (DVec3 { z: 0.1, ..place }, turn);
     let flat: Vec<_> = hands(12).into_iter().map(flat).collect();
     let in_plane = |(place, _): &(DVec3, DQuat)| (*place, DQuat::IDENTITY);
     let flat: Vec<_> = flat.iter().map(in_plane).collect();
-    let spread = HandEye::solve(&plain(), known, &sightings(&plain(), OFFSET, &hands(12)));
-    let flat = HandEye::solve(&plain(), known, &sightings(&plain(), OFFSET, &flat)).unwrap();
-    let [flat, spread] = [flat, spread.unwrap()].map(|found| found.dilution.angle.length());
+    let spread =
+        HandEyeCalibration::solve(&plain(), known, &sightings(&plain(), OFFSET, &hands(12)));
+    let flat =
+        HandEyeCalibration::solve(&plain(), known, &sightings(&plain(), OFFSET, &flat)).unwrap();
+    let [flat, spread] =
+        [flat, spread.unwrap()].map(|found| found.uncertainty_per_pixel.angle_sd.length());
     assert!(flat > 1.5 * spread, "{flat} {spread}");
 }
 
@@ -290,20 +437,20 @@ fn numbers_out_of_range_are_refused() {
     let exact = sightings(&plain(), OFFSET, &hands(12));
     type Spoil = fn(&mut BallSighting);
     let spoils: [(Spoil, &str); 4] = [
-        (|s| s.position.y = f64::NAN, "position of the hand"),
-        (|s| s.position.y = 1e200, "position of the hand"),
-        (|s| s.rotation.w = 3.0, "rotation of the hand"),
-        (|s| s.pixel[1] = f64::INFINITY, "pixel of the ball"),
+        (|s| s.hand_position.y = f64::NAN, "position of the hand"),
+        (|s| s.hand_position.y = 1e200, "position of the hand"),
+        (|s| s.hand_rotation.w = 3.0, "rotation of the hand"),
+        (|s| s.ball_pixel[1] = f64::INFINITY, "pixel of the ball"),
     ];
     for (spoil, says) in spoils {
         let mut seen = exact.clone();
         spoil(&mut seen[3]);
-        let message = refusal(&plain(), Offset::Unknown, &seen);
+        let message = refusal(&plain(), BallOffset::Unknown, &seen);
         assert!(message.contains(says) && message.contains("pose 3"), "{message}");
     }
-    let far = Offset::Known(DVec3::splat(1e200));
+    let far = BallOffset::Known(DVec3::splat(1e200));
     assert!(refusal(&plain(), far, &exact).contains("offset of the ball"));
     let mut blind = plain();
-    blind.intrinsics.focal[0] = 0.0;
-    assert!(refusal(&blind, Offset::Unknown, &exact).contains("focal length"));
+    blind.intrinsics.focal_lengths[0] = 0.0;
+    assert!(refusal(&blind, BallOffset::Unknown, &exact).contains("focal length"));
 }

@@ -5,10 +5,10 @@ use glam::DVec3;
 use crate::calibration::Calibration;
 use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::color::ColorCorrection;
-use crate::error::{InpaintingError, require, require_length};
+use crate::error::{InpaintingError, require_nonnegative_metres, require_that};
 use crate::inpainter::InpainterSettings;
-use crate::links::Link;
-use crate::mark::Mark;
+use crate::links::ArmLink;
+use crate::mark::GripperMark;
 
 /// Maximum oversampling.
 const MAX_OVERSAMPLING: usize = 15;
@@ -21,50 +21,50 @@ pub struct PerceptionSettings {
     /// Calibration of the real camera.
     pub calibration: Calibration,
     /// Camera of the policy's observations. It looks straight down on the table, the plane z = 0.
-    pub policy: PinholeCamera,
+    pub policy_camera: PinholeCamera,
     /// Number of in-painting pixels along each side of a pixel of the policy: odd, at most 15.
     pub oversampling: usize,
-    /// Links of the arm.
-    pub links: Vec<Link>,
+    /// Links of the arm to paint out.
+    pub arm_links: Vec<ArmLink>,
     /// Margin (metres) by which the mask exceeds the links, for errors of calibration, joint
     /// positions and timing.
-    pub growth: f64,
+    pub mask_margin_m: f64,
     /// Colour correction to the policy's picture of the table.
-    pub correction: ColorCorrection,
+    pub colour_correction: ColorCorrection,
     /// Mark over the gripper, as in the policy's training.
-    pub mark: Mark,
+    pub gripper_mark: GripperMark,
 }
 
 impl PerceptionSettings {
     pub(super) fn check(&self) -> Result<(), InpaintingError> {
         self.calibration.check()?;
-        self.policy.check()?;
-        self.mark.check()?;
+        self.policy_camera.check()?;
+        self.gripper_mark.check()?;
         // the median of an odd number of values is one of them
         let odd = self.oversampling % 2 == 1 && self.oversampling <= MAX_OVERSAMPLING;
-        require(odd, "oversampling", &self.oversampling, "an odd number, 15 at most")?;
-        require_length("growth", self.growth)?;
-        let down = self.policy.extrinsics.rotation.transpose().z_axis;
+        require_that(odd, "oversampling", &self.oversampling, "an odd number, 15 at most")?;
+        require_nonnegative_metres("mask_margin_m", self.mask_margin_m)?;
+        let down = self.policy_camera.extrinsics.rotation.transpose().z_axis;
         let straight = down.abs_diff_eq(DVec3::NEG_Z, AXIS_TOLERANCE);
-        require(straight, "policy's view", &down, "straight down, [0, 0, -1]")?;
+        require_that(straight, "policy's view", &down, "straight down, [0, 0, -1]")?;
         for (name, camera) in [
-            ("height of the policy's camera", &self.policy.extrinsics),
+            ("height of the policy's camera", &self.policy_camera.extrinsics),
             ("height of the camera", &self.calibration.extrinsics),
         ] {
             let height = camera.position().z;
-            require(height > 0.0, name, &height, "a positive number of metres")?;
+            require_that(height > 0.0, name, &height, "a positive number of metres")?;
         }
         Ok(())
     }
 
     /// Returns a camera at the real one's position that looks straight down and shows each point of
     /// the table where the policy's camera shows it.
-    pub(super) fn view(&self) -> Result<PinholeCamera, InpaintingError> {
-        let Extrinsics { rotation, .. } = self.policy.extrinsics;
-        let (from, to) = (self.policy.extrinsics.position(), self.calibration.position());
-        let inside = self.policy.intrinsics;
+    pub(super) fn rectified_camera(&self) -> Result<PinholeCamera, InpaintingError> {
+        let Extrinsics { rotation, .. } = self.policy_camera.extrinsics;
+        let (from, to) = (self.policy_camera.extrinsics.position(), self.calibration.position());
+        let inside = self.policy_camera.intrinsics;
         let finer = self.oversampling as f64;
-        let scale = inside.focal.map(|focal| finer * focal / from.z);
+        let scale = inside.focal_lengths.map(|focal| finer * focal / from.z);
         // shifts the principal point so that the table does not move in the picture
         let away = (rotation * (from - to)).to_array();
         let size = [inside.width, inside.height].map(|side| side.checked_mul(self.oversampling));
@@ -73,8 +73,9 @@ impl PerceptionSettings {
             intrinsics: Intrinsics {
                 width,
                 height,
-                focal: scale.map(|scale| scale * to.z),
-                centre: [0, 1].map(|axis| finer * inside.centre[axis] - scale[axis] * away[axis]),
+                focal_lengths: scale.map(|scale| scale * to.z),
+                principal_point: [0, 1]
+                    .map(|axis| finer * inside.principal_point[axis] - scale[axis] * away[axis]),
             },
             extrinsics: Extrinsics { rotation, translation: -(rotation * to) },
         };
@@ -83,21 +84,23 @@ impl PerceptionSettings {
     }
 
     /// Returns the settings of the in-painter for the rectified pictures of `camera`.
-    pub(super) fn inpainter(&self, camera: PinholeCamera) -> InpainterSettings {
-        let links =
-            self.links.iter().map(|link| Link { radius: link.radius + self.growth, ..*link });
+    pub(super) fn inpainter_settings(&self, camera: PinholeCamera) -> InpainterSettings {
+        let links = self
+            .arm_links
+            .iter()
+            .map(|link| ArmLink { radius: link.radius + self.mask_margin_m, ..*link });
         InpainterSettings {
             camera,
-            links: links.collect(),
-            correction: self.correction,
+            arm_links: links.collect(),
+            colour_correction: self.colour_correction,
             // drawn last, in the policy's own pixels
-            mark: Mark { radius: 0.0, hole: 0.0, ..self.mark },
+            gripper_mark: GripperMark { outer_radius: 0.0, hole_radius: 0.0, ..self.gripper_mark },
         }
     }
 
     /// Upsamples one of the policy's pictures, each pixel to a square of in-painting pixels.
     pub(super) fn upsampled(&self, picture: &[u8]) -> Vec<u8> {
-        let Intrinsics { width, height, .. } = self.policy.intrinsics;
+        let Intrinsics { width, height, .. } = self.policy_camera.intrinsics;
         let finer = self.oversampling;
         let pixels = (0..finer * height).flat_map(|row| {
             let line = &picture[3 * width * (row / finer)..][..3 * width];
@@ -109,15 +112,15 @@ impl PerceptionSettings {
 
     /// Downsamples to the policy's pixels, by the median of each square of in-painting pixels.
     pub(super) fn downsample(&self, painted: &[u8], out: &mut [u8]) {
-        let (width, finer) = (self.policy.intrinsics.width, self.oversampling);
+        let (width, finer) = (self.policy_camera.intrinsics.width, self.oversampling);
         let line = 3 * width * finer;
         let mut values = [0; MAX_OVERSAMPLING * MAX_OVERSAMPLING];
         let values = &mut values[..finer * finer];
         for (index, value) in out.iter_mut().enumerate() {
             let (pixel, channel) = (index / 3, index % 3);
             let corner = pixel / width * finer * line + pixel % width * finer * 3 + channel;
-            for (i, value) in values.iter_mut().enumerate() {
-                *value = painted[corner + i / finer * line + i % finer * 3];
+            for (i, sample) in values.iter_mut().enumerate() {
+                *sample = painted[corner + i / finer * line + i % finer * 3];
             }
             *value = *values.select_nth_unstable(finer * finer / 2).1;
         }

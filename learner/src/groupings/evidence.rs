@@ -1,14 +1,13 @@
 //! Grouping by evidence that no policy owns: pictures, motion and returns of whole episodes.
 
 use cluster::{Assignment, Decision};
-use evidence::{
-    Account, Accountant, Album, Finding, Look, Recogniser, RecogniserSettings, Situation,
-};
+use evidence::{Account, Accountant, Album, Finding, Recogniser, RecogniserSettings, Situation};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use crate::error::LearnerError;
 
+use super::distance::nearest;
 use super::grouping::{
     Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Trial,
 };
@@ -23,7 +22,7 @@ pub struct Evident {
 }
 
 impl Evident {
-    /// Creates a grouping without policies.
+    /// Creates a grouping that knows no policies yet.
     ///
     /// # Errors
     /// A setting out of range.
@@ -40,7 +39,8 @@ impl Evident {
     ) -> Result<Vec<Account>, LearnerError> {
         let Episodes { spec, courses, .. } = episodes;
         let filters = self.recogniser.settings().filters;
-        let accountant = Accountant::new(spec.image, &spec.vector, &spec.action, filters)?;
+        let accountant =
+            Accountant::new(spec.image_shape, &spec.vector_irreps, &spec.action_irreps, filters)?;
         let mut accounts = accountant.accounts_with(courses, &mut self.album)?;
         if policy != episodes.collector {
             accounts.iter_mut().for_each(Account::forget_course);
@@ -48,7 +48,7 @@ impl Evident {
         Ok(accounts)
     }
 
-    fn decision(&self, finding: Finding, look: Look) -> GroupingDecision {
+    fn decision(&self, finding: Finding) -> GroupingDecision {
         let settings = self.recogniser.settings();
         let accepted = match finding.decision {
             Decision::Existing(_) => finding.accepted(),
@@ -57,27 +57,46 @@ impl Evident {
         let opinions = finding.opinions.iter();
         let assignment = Assignment {
             decision: finding.decision,
-            evidence: opinions.map(|o| o.evidence(settings, look)).collect(),
+            evidence: opinions.map(|o| o.evidence(settings, finding.look)).collect(),
+        };
+        let trial = if finding.is_settled {
+            Trial::Waived
+        } else if finding.is_contested {
+            Trial::Episodes
+        } else {
+            Trial::Rollout
         };
         GroupingDecision {
             cut: finding.cut,
-            trial: if finding.is_contested { Trial::Episodes } else { Trial::Rollout },
+            trial,
             provisional: finding.is_unproven,
-            rejected: finding.refused,
+            rejected: finding.rejected,
             accepted,
             ..assignment.into()
         }
     }
 
-    /// Decides on fewer episodes than the tests need, by the probabilities of the policies.
-    fn likeliest(
+    /// Names the policy of episodes that are not used for training, by the policies'
+    /// probabilities. Episodes that are unusual for all policies, as images of another camera, are
+    /// compared in the policies' own features instead, which depend less on traces of in-painting.
+    fn recognise(
         &self,
         accounts: &[Account],
+        candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        let likeliest = self.recogniser.recognise(accounts, rng)?.likeliest();
-        let decision = likeliest.map_or(Decision::Undecided, Decision::Existing);
-        Ok(GroupingDecision::of(decision))
+        let found = self.recogniser.recognise(accounts, rng)?;
+        let best = match found.likeliest().filter(|_| found.is_typical()) {
+            Some(policy) => policy,
+            None => {
+                let heirs = self.recogniser.heirs().into_iter().enumerate();
+                let left = heirs.filter(|(_, heir)| heir.is_none()).map(|(policy, _)| policy);
+                nearest(candidates, left)?
+            }
+        };
+        let fits = found.policies.get(best).is_some_and(|&p| p >= found.none);
+        let policy = if fits { Decision::Existing(best) } else { Decision::Undecided };
+        Ok(GroupingDecision { nearest: Some(best), ..GroupingDecision::of(policy) })
     }
 }
 
@@ -95,25 +114,23 @@ impl Grouping for Evident {
         let episodes = candidates.episodes();
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
-        let look = match query {
-            Query::Recognition if accounts.len() < self.needs().episodes => {
-                return self.likeliest(&accounts, rng);
-            }
-            Query::Rollout | Query::Recognition => Look::First,
-            Query::TwoRollouts | Query::Trial(_) => Look::Second,
-        };
         let finding = match query {
-            Query::Trial(earlier) => {
+            Query::Recognition => return self.recognise(&accounts, candidates, rng),
+            Query::Rollout { can_wait } => {
+                let situation = Situation { can_wait, ..Situation::of(collector) };
+                self.recogniser.assign(&accounts, situation, rng)?
+            }
+            Query::Trial { earlier, can_wait } => {
                 let situation = Situation {
                     collector,
-                    refused: &earlier.rejected,
+                    rejected: &earlier.rejected,
                     is_unproven: earlier.provisional,
+                    can_wait,
                 };
                 self.recogniser.review(&accounts, situation, rng)?
             }
-            _ => self.recogniser.assign(&accounts, collector, look, rng)?,
         };
-        Ok(self.decision(finding, look))
+        Ok(self.decision(finding))
     }
 
     /// Remembers a rollout, or merges two policies. Before that both act in the group: first the

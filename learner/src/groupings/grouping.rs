@@ -12,11 +12,12 @@ use crate::error::LearnerError;
 ///
 /// Policy 0 exists from the start and takes the very first rollout without a query.
 pub trait Grouping: Send {
-    /// Returns the experience that a decision requires.
+    /// Returns the experience that a decision of the grouping requires.
     fn needs(&self) -> Needs;
 
-    /// Decides which policy the candidates' rollout belongs to. After
-    /// [`Decision::New`] a policy is created, unless the query is [`Query::Recognition`].
+    /// Decides which policy the rollout in `candidates` belongs to: an existing one, a new one, or
+    /// none yet. After [`Decision::New`] a policy is created, unless the query is
+    /// [`Query::Recognition`].
     ///
     /// # Errors
     /// Frames or episodes that cannot be compared.
@@ -27,7 +28,8 @@ pub trait Grouping: Send {
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError>;
 
-    /// Remembers which episodes belong to a policy. The default remembers nothing.
+    /// Remembers which episodes belong to the task group of a policy. The default remembers
+    /// nothing.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -35,12 +37,13 @@ pub trait Grouping: Send {
         Ok(Learned::default())
     }
 
-    /// Returns the state for a checkpoint. The default has none.
+    /// Returns the state of the grouping for a checkpoint, as JSON. The default has none.
     fn state(&self) -> Value {
         Value::Null
     }
 
-    /// Restores the result of [`Grouping::state`] from a learner with `policies` policies.
+    /// Restores the state that [`Grouping::state`] returned, for a learner with `policies`
+    /// policies.
     ///
     /// # Errors
     /// A description of the problem.
@@ -55,7 +58,7 @@ pub trait Grouping: Send {
 /// Experience that a decision of a grouping requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
-    /// Number of episodes that a rollout must show, and a policy keep, at least 1.
+    /// Number of episodes that a rollout must show, and that must be kept for a policy, at least 1.
     pub episodes: usize,
     /// `true` if the grouping uses whole episodes and not only their first frames.
     /// [`Episodes::courses`] are only collected if it does.
@@ -67,18 +70,25 @@ impl Needs {
     pub const LEAST: Self = Self { episodes: 1, whole_episodes: false };
 }
 
-/// Question to a grouping.
+/// Query to a grouping, to assign episodes to a policy or to confirm one.
 #[derive(Clone, Copy, Debug)]
 pub enum Query<'a> {
-    /// The policy of one rollout. [`Decision::Undecided`] asks for one more.
-    Rollout,
-    /// The final policy of two rollouts, after the first one left the grouping undecided.
-    TwoRollouts,
-    /// The policy of episodes that are not used for training, perhaps only one.
+    /// Request to assign one rollout to a policy.
+    Rollout {
+        /// `true` if the answer may be [`Decision::Undecided`]: no policy trains on the rollout,
+        /// and another one is collected.
+        can_wait: bool,
+    },
+    /// Request for the policy that fits one or more episodes, which are not used for training.
     Recognition,
-    /// Confirmation of the policy that this decision named, from episodes that it collected itself.
+    /// Request to confirm the policy that a decision named, from episodes that it collected itself.
     /// This query only follows a decision that demands a [`Trial`].
-    Trial(&'a GroupingDecision),
+    Trial {
+        /// Decision that named the policy.
+        earlier: &'a GroupingDecision,
+        /// `true` if the answer may be [`Decision::Undecided`], as for [`Query::Rollout`].
+        can_wait: bool,
+    },
 }
 
 /// Experience that a grouping can use: the first frames of a rollout and of every policy.
@@ -90,27 +100,24 @@ pub trait Candidates {
     /// Errors of a network.
     fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError>;
 
-    /// Returns two policies' frames, of at most `most` episodes each, and those of the rollout, in
-    /// the present features of the one and then of the other.
+    /// Returns the frames of two policies, of at most `most` episodes each, and those of the
+    /// rollout. The first contest is in the present features of the first policy, the second one in
+    /// those of the second.
     ///
     /// # Errors
     /// Errors of a network.
     fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], LearnerError>;
 
-    /// Returns the time at which each episode of the rollout's frames began: decisions of all
-    /// environments before it.
-    fn began(&self) -> Vec<usize>;
-
     /// Returns the whole episodes of the rollout.
     fn episodes(&self) -> Episodes<'_>;
 }
 
-/// Episodes of one rollout or two.
+/// Whole episodes of one rollout or two, with the policy that acted in them.
 #[derive(Clone, Copy, Debug)]
 pub struct Episodes<'a> {
-    /// Specification of the environments.
+    /// Specification of the environments in which the episodes ran.
     pub spec: &'a EnvSpec,
-    /// Index of the policy that acted.
+    /// Index of the policy that acted in the episodes.
     pub collector: usize,
     /// Episodes, for groupings that need whole ones; an unfinished one is marked as such.
     pub courses: &'a [Course],
@@ -119,24 +126,24 @@ pub struct Episodes<'a> {
 /// Answer of a grouping to a query.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupingDecision {
-    /// The policy that takes the rollout: an existing one, a new one, or undecided.
+    /// Policy that the rollout is assigned to: an existing one, a new one, or undecided.
     pub policy: Decision,
-    /// The policy that fits best, accepted or not; `None` if nothing was compared.
+    /// Index of the policy that fits best, accepted or not; `None` if nothing was compared.
     pub nearest: Option<usize>,
-    /// Evidence for each policy; empty if nothing was compared.
+    /// Evidence for and against each policy; empty if nothing was compared.
     pub evidence: Vec<Evidence>,
-    /// Changepoint, in decisions, if the rollout shows two groups. Only the later group was judged,
-    /// or in a trial only the earlier one.
+    /// Changepoint, in decisions of all environments, if the rollout shows two task groups. Only
+    /// the later group was judged, or in a trial only the earlier one.
     pub cut: Option<usize>,
-    /// Trial of the named policy after it has taken over.
+    /// Trial that the named policy must pass once it acts, before the decision is final.
     pub trial: Trial,
     /// `true` if there is evidence against the named policy, so that it must not train before its
     /// trial.
     pub provisional: bool,
-    /// Policies that are rejected until the next iteration.
+    /// Indices of the policies that are rejected until the next iteration.
     pub rejected: Vec<usize>,
-    /// Policies that the evidence accepts, the named one included, of a grouping that merges
-    /// policies.
+    /// Indices of the policies that the evidence accepts, the named one included, of a grouping
+    /// that merges policies.
     pub accepted: Vec<usize>,
 }
 
@@ -167,57 +174,63 @@ impl GroupingDecision {
     }
 }
 
-/// Trial of a policy that a grouping named in place of the one that acted.
+/// Trial that a grouping demands of a policy that it named in place of the one that acted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Trial {
-    /// No trial: the decision is final.
+    /// No trial of the named policy: the decision is final.
     #[default]
     None,
-    /// One rollout that the policy collects itself.
+    /// One rollout that the named policy collects itself.
     Rollout,
-    /// A few episodes first, [`Needs::episodes`] and at least one in each environment, since
-    /// several policies may fit; then one rollout.
+    /// A few episodes of the named policy first, [`Needs::episodes`] and at least one in each
+    /// environment, since several policies may fit; then one rollout.
     Episodes,
+    /// No trial, since it would come too late: the task group changed while another policy was on
+    /// trial. The named policy trains on the rollout of that one, whatever the settings say of
+    /// rollouts that change hands.
+    Waived,
 }
 
-/// Episodes that a grouping remembers.
+/// Episodes that a grouping remembers for a policy.
 #[derive(Clone, Copy, Debug)]
 pub enum Lesson<'a> {
     /// Rollout that `policy` is about to train on.
     Rollout {
-        /// Index of the policy.
+        /// Index of the policy that is about to train.
         policy: usize,
         /// [`GroupingDecision::accepted`] of the last decision.
         accepted: &'a [usize],
-        /// Episodes of the rollout.
+        /// Episodes of the rollout that the policy trains on.
         episodes: Episodes<'a>,
     },
-    /// Episodes of the policies that [`Learned::probe`] asked for, in the group of `policy`.
+    /// Episodes of the policies that [`Learned::probe`] asked for, in the task group of `policy`.
     Probes {
-        /// Index of the policy that trained.
+        /// Index of the policy that trained on the task group.
         policy: usize,
-        /// All probes since then, in their order.
+        /// Episodes of all probes since the policy trained, in the order of the probes.
         probes: &'a [Episodes<'a>],
     },
 }
 
-/// Answer of a grouping to a lesson.
+/// Instructions of a grouping to the learner after a lesson. They end training data at a
+/// changepoint, let a policy act as a probe, and name merged policies.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Learned {
-    /// Changepoint, in decisions, if the end of the rollout shows another group; later steps must
-    /// not be used for training.
+    /// Changepoint, in decisions of all environments, if the end of the rollout shows another task
+    /// group; later steps must not be used for training.
     pub end: Option<usize>,
-    /// Policy that must act next for [`Needs::episodes`], since it may serve the same group. The
-    /// grouping receives its episodes as [`Lesson::Probes`].
+    /// Index of the policy that must act next for [`Needs::episodes`], since it may serve the same
+    /// task group. The grouping receives its episodes as [`Lesson::Probes`].
     pub probe: Option<usize>,
-    /// Policy that each one was merged into, if any; empty for groupings that merge no policies.
+    /// Index of the policy that each one was merged into, if any; empty for groupings that merge no
+    /// policies.
     pub merged_into: Vec<Option<usize>>,
 }
 
-/// The policy that episodes seem to belong to.
+/// Policy that episodes seem to belong to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Recognised {
-    /// The policy that fits best.
+    /// Index of the policy that fits the episodes best.
     pub policy: usize,
     /// `true` if the evidence accepts this policy; otherwise none is known to fit.
     pub fits: bool,
@@ -236,7 +249,7 @@ impl From<&GroupingDecision> for Recognised {
 }
 
 impl Recognised {
-    /// Returns the policy if the evidence accepts it.
+    /// Returns the index of the policy if the evidence accepts it.
     pub fn named(self) -> Option<usize> {
         self.fits.then_some(self.policy)
     }

@@ -31,12 +31,12 @@ impl Grouping for Single {
     }
 }
 
-/// Ground-truth label of the present group, written by a run and read by an oracle.
+/// Ground-truth label of the present task group, written by a run and read by an oracle.
 #[derive(Clone, Debug, Default)]
 pub struct Labels(Arc<Mutex<Option<String>>>);
 
 impl Labels {
-    /// Sets the label of the group that runs from here on.
+    /// Sets the label of the task group that runs from here on.
     pub fn set(&self, group: &str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(group.to_owned());
     }
@@ -47,7 +47,8 @@ impl Labels {
     }
 }
 
-/// Grouping that creates one policy for each label, the only one that receives labels.
+/// Grouping that creates one policy for each label of a task group, the only one that receives
+/// labels.
 #[derive(Debug)]
 pub struct Oracle {
     labels: Labels,
@@ -112,7 +113,7 @@ impl Grouping for Oracle {
 
 /// Returns the error of an oracle without a label.
 pub(super) fn unlabelled() -> LearnerError {
-    LearnerError::Setting {
+    LearnerError::InvalidSetting {
         name: "grouping",
         value: "oracle".to_owned(),
         expected: "a grouping without labels, or a learner that a run trains: only runs and their \
@@ -129,6 +130,8 @@ mod tests {
     use super::*;
     use crate::groupings::grouping::Episodes;
 
+    const ROLLOUT: Query<'static> = Query::Rollout { can_wait: true };
+
     /// An oracle must not look at pictures.
     struct Blind;
 
@@ -139,10 +142,6 @@ mod tests {
 
         fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], LearnerError> {
             panic!("an oracle does not compare")
-        }
-
-        fn began(&self) -> Vec<usize> {
-            panic!("an oracle does not order")
         }
 
         fn episodes(&self) -> Episodes<'_> {
@@ -159,10 +158,15 @@ mod tests {
     fn every_label_has_a_policy_and_looking_opens_none() {
         let labels = Labels::default();
         let mut oracle = Oracle::new(labels.clone());
-        let message = ask(&mut oracle, Query::Rollout).unwrap_err().to_string();
+        let message = ask(&mut oracle, ROLLOUT).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        let spec = EnvSpec { num_envs: 1, image: [1; 3], vector: Vec::new(), action: Vec::new() };
+        let spec = EnvSpec {
+            num_envs: 1,
+            image_shape: [1; 3],
+            vector_irreps: Vec::new(),
+            action_irreps: Vec::new(),
+        };
         let first = Lesson::Rollout {
             policy: 0,
             accepted: &[],
@@ -174,16 +178,16 @@ mod tests {
             labels.set(label);
             ask(&mut oracle, query).unwrap()
         };
-        assert_eq!(look("a", Query::Rollout), Decision::Existing(0));
+        assert_eq!(look("a", ROLLOUT), Decision::Existing(0));
         assert_eq!(look("b", Query::Recognition), Decision::New);
-        assert_eq!(look("c", Query::Rollout), Decision::New);
+        assert_eq!(look("c", ROLLOUT), Decision::New);
         assert_eq!(look("c", Query::Recognition), Decision::Existing(1));
-        assert_eq!(look("a", Query::Rollout), Decision::Existing(0));
-        assert_eq!(look("b", Query::Rollout), Decision::New, "it was looked at");
+        assert_eq!(look("a", ROLLOUT), Decision::Existing(0));
+        assert_eq!(look("b", ROLLOUT), Decision::New, "it was looked at");
         let state = oracle.state();
         let mut restored = Oracle::new(labels.clone());
         restored.restore(&state, 3).unwrap();
-        let again = ask(&mut restored, Query::Rollout).unwrap();
+        let again = ask(&mut restored, ROLLOUT).unwrap();
         assert_eq!(again, Decision::Existing(2));
         assert!(restored.restore(&state, 4).is_err());
         assert!(restored.restore(&Value::from(3), 2).is_err());

@@ -1,7 +1,7 @@
 //! Registry of groupings: settings that name one.
 
-use cluster::{Calibrated, Rule};
 use evidence::RecogniserSettings;
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use crate::error::LearnerError;
@@ -15,26 +15,27 @@ use super::oracle::{Labels, Oracle, Single, unlabelled};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroupingSettings {
-    /// A two-sample permutation test of 1-Wasserstein distances, with a second look before a policy
-    /// is created.
-    Calibrated(Calibrated),
-    /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
-    Threshold {
-        /// Largest distance within a group (`d_epsilon`), in the features' unit.
-        threshold: f64,
-    },
     /// Pictures, motion and returns of whole episodes, which no policy owns, in one permutation
     /// test.
     Evidence(RecogniserSettings),
-    /// One policy for everything.
+    /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
+    Threshold {
+        /// Largest distance within a task group (`d_epsilon`), in the features' unit.
+        threshold: f64,
+    },
+    /// One policy for all task groups.
     Single,
-    /// One policy for each label. Only a run can give labels.
+    /// One policy for each ground-truth label of a task group. Only a run can give labels.
     Oracle,
+    /// Removed rule of earlier versions. Reports read it in the settings of their runs, but no
+    /// learner has it.
+    #[serde(rename = "calibrated", skip_serializing)]
+    Removed(IgnoredAny),
 }
 
 impl Default for GroupingSettings {
     fn default() -> Self {
-        Self::Calibrated(Calibrated::default())
+        Self::Evidence(RecogniserSettings::default())
     }
 }
 
@@ -56,11 +57,18 @@ impl GroupingSettings {
     /// Creates the grouping for a run that writes `labels`.
     pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, LearnerError> {
         Ok(match *self {
-            Self::Calibrated(calibrated) => Box::new(Distance::new(Rule::Calibrated(calibrated))?),
-            Self::Threshold { threshold } => Box::new(Distance::new(Rule::Fixed { threshold })?),
             Self::Evidence(settings) => Box::new(Evident::new(settings)?),
+            Self::Threshold { threshold } => Box::new(Distance::new(threshold)?),
             Self::Single => Box::new(Single),
             Self::Oracle => Box::new(Oracle::new(labels.clone())),
+            Self::Removed(_) => {
+                return Err(LearnerError::InvalidSetting {
+                    name: "grouping",
+                    value: "calibrated".to_owned(),
+                    expected: "evidence, which replaces it; to continue a run, take the version of \
+                               this program that began it",
+                });
+            }
         })
     }
 }
@@ -74,7 +82,6 @@ mod tests {
         let all = [
             GroupingSettings::default(),
             GroupingSettings::PAPER,
-            GroupingSettings::Evidence(RecogniserSettings::default()),
             GroupingSettings::Single,
             GroupingSettings::Oracle,
         ];
@@ -94,6 +101,8 @@ mod tests {
         assert!(refuse(GroupingSettings::Oracle).contains("a grouping without labels"));
         let message = refuse(GroupingSettings::Threshold { threshold: f64::NAN });
         assert!(message.contains("NaN"), "{message}");
+        let removed = serde_json::from_str(r#"{"calibrated": {"doubt": 0.02}}"#).unwrap();
+        assert!(refuse(removed).contains("evidence, which replaces it"));
         assert!(GroupingSettings::Single.build().is_ok());
     }
 }

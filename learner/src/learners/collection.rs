@@ -7,9 +7,9 @@ mod episodes;
 mod extensions;
 mod settings;
 
-pub use checkpoint::read_note;
+pub use checkpoint::read_checkpoint_note;
 pub use episodes::{Rollout, StepView};
-pub use settings::{CollectionSettings, CommonSettings, Handover, NewPolicy, Training};
+pub use settings::{CommonSettings, Handover, NewPolicyInit, PolicyCollectionSettings, Training};
 
 use std::time::Instant;
 
@@ -23,11 +23,11 @@ use crate::error::LearnerError;
 use crate::groupings::{Candidates, Episodes, Grouping};
 
 use super::learner::Iteration;
-use episodes::{FirstFrames, Observed, embed};
+use episodes::{FirstFrames, ObservedEpisodes, embed_first_frames};
 use settings::{PolicyOf, RolloutOf};
 
 /// Learner with a growing collection of policies. It never receives a task label.
-pub struct Collection<S: CollectionSettings> {
+pub struct PolicyCollection<S: PolicyCollectionSettings> {
     settings: S,
     spec: EnvSpec,
     grouping: Box<dyn Grouping>,
@@ -41,15 +41,15 @@ pub struct Collection<S: CollectionSettings> {
 }
 
 /// A policy, its training, and the first frames of the group that it oversees.
-struct PolicyEntry<S: CollectionSettings> {
+struct PolicyEntry<S: PolicyCollectionSettings> {
     policy: PolicyOf<S>,
     training: S::Training,
     buffer: Reservoir<FirstFrames>,
 }
 
-impl<S: CollectionSettings> Collection<S> {
-    /// Creates a learner with one random policy, no frames, and the grouping that the settings
-    /// name.
+impl<S: PolicyCollectionSettings> PolicyCollection<S> {
+    /// Creates a learner with one randomly initialised policy, no frames, and the grouping that the
+    /// settings name.
     ///
     /// # Errors
     /// A setting out of range, a grouping that needs labels, or an image size that the network
@@ -59,7 +59,8 @@ impl<S: CollectionSettings> Collection<S> {
         Self::with_grouping(settings, spec, grouping)
     }
 
-    /// Creates a learner with one random policy, no frames, and the caller's grouping.
+    /// Creates a learner with one randomly initialised policy, no frames, and the caller's
+    /// grouping.
     ///
     /// # Errors
     /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
@@ -75,7 +76,7 @@ impl<S: CollectionSettings> Collection<S> {
             grouping,
             policies: Vec::new(),
             current: 0,
-            rollout: settings.rollout(spec, steps)?,
+            rollout: settings.new_rollout(spec, steps)?,
             generators: Generators::new(common.seed),
             settings,
         };
@@ -91,10 +92,10 @@ impl<S: CollectionSettings> Collection<S> {
             Some(parent) => self.policies[parent].policy.clone(),
             None => {
                 let seed = self.generators.initialisation.random();
-                self.settings.policy(&self.spec, seed)?
+                self.settings.new_policy(&self.spec, seed)?
             }
         };
-        let training = self.settings.training(&self.spec, &policy)?;
+        let training = self.settings.new_training(&self.spec, &policy)?;
         let buffer = Reservoir::new(self.settings.common().buffer_capacity())?;
         self.policies.push(PolicyEntry { policy, training, buffer });
         Ok(self.policies.len() - 1)
@@ -105,7 +106,7 @@ impl<S: CollectionSettings> Collection<S> {
         if index < self.policies.len() {
             return Ok(index);
         }
-        Err(LearnerError::Setting {
+        Err(LearnerError::InvalidSetting {
             name: "policy",
             value: index.to_string(),
             expected: "the index of a policy that was created",
@@ -120,7 +121,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 }
 
-impl<S: CollectionSettings> PolicyEntry<S> {
+impl<S: PolicyCollectionSettings> PolicyEntry<S> {
     /// Fills `rollout` with new episodes of this policy and counts them in `iteration`.
     fn act(
         &mut self,
@@ -130,7 +131,7 @@ impl<S: CollectionSettings> PolicyEntry<S> {
         iteration: &mut Iteration,
     ) -> Result<RolloutStats, RlError> {
         let clock = Instant::now();
-        self.training.prepare(rollout);
+        self.training.prepare_rollout(rollout);
         let mut state = RolloutState::reset(env, &self.policy)?;
         let stats = rl::collect(env, &mut self.policy, rollout, &mut state, rng)?;
         iteration.decisions += stats.decisions;
@@ -140,18 +141,18 @@ impl<S: CollectionSettings> PolicyEntry<S> {
 }
 
 /// Policies and the rollout that is assigned to one of them.
-struct CandidateClouds<'a, S: CollectionSettings> {
+struct CandidateClouds<'a, S: PolicyCollectionSettings> {
     policies: &'a mut [PolicyEntry<S>],
     frames: &'a [FirstFrames],
     episodes: Episodes<'a>,
 }
 
-impl<'a, S: CollectionSettings> CandidateClouds<'a, S> {
+impl<'a, S: PolicyCollectionSettings> CandidateClouds<'a, S> {
     fn new(
         policies: &'a mut [PolicyEntry<S>],
         collector: usize,
         spec: &'a EnvSpec,
-        observed: &'a Observed,
+        observed: &'a ObservedEpisodes,
     ) -> Self {
         Self {
             policies,
@@ -161,12 +162,12 @@ impl<'a, S: CollectionSettings> CandidateClouds<'a, S> {
     }
 }
 
-impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
+impl<S: PolicyCollectionSettings> Candidates for CandidateClouds<'_, S> {
     fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
         let clouds = self.policies.iter_mut().map(|entry| {
             Ok(Candidate {
-                buffer: embed(&mut entry.policy, entry.buffer.episodes())?,
-                rollout: embed(&mut entry.policy, self.frames)?,
+                buffer: embed_first_frames(&mut entry.policy, entry.buffer.episodes())?,
+                rollout: embed_first_frames(&mut entry.policy, self.frames)?,
             })
         });
         clouds.collect()
@@ -183,16 +184,15 @@ impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
             .unzip();
         let mut contest = |policy: usize| -> Result<Contest, LearnerError> {
             let policy = &mut *policies[policy];
-            let [first, second] = rivals.map(|rival| embed(policy, buffers[rival]));
-            Ok(Contest { rollout: embed(policy, self.frames)?, rivals: [first?, second?] })
+            let [first, second] = rivals.map(|rival| embed_first_frames(policy, buffers[rival]));
+            Ok(Contest {
+                rollout: embed_first_frames(policy, self.frames)?,
+                rivals: [first?, second?],
+            })
         };
         // features of both policies, since those of the wrong one may distort distances
         let [first, second] = rivals.map(&mut contest);
         Ok([first?, second?])
-    }
-
-    fn began(&self) -> Vec<usize> {
-        self.frames.iter().map(FirstFrames::began).collect()
     }
 
     fn episodes(&self) -> Episodes<'_> {

@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize};
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    Collection, CollectionSettings, CommonSettings, Handover, NewPolicy, Training,
+    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
 };
 use super::device::LearningDevice;
 
 /// Learner of the paper: a growing collection of policies, trained by PPO.
-pub type Covers = Collection<CoversSettings>;
+pub type Covers = PolicyCollection<CoversSettings>;
 
 /// Settings of [`Covers`].
 ///
@@ -26,32 +26,33 @@ pub type Covers = Collection<CoversSettings>;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CoversSettings {
-    /// Sizes of each policy's network.
+    /// Sizes and initial values of each policy's network.
     pub network: NetworkSettings,
-    /// The policy update.
+    /// Settings of each policy's update by PPO.
     pub ppo: PpoSettings,
-    /// Choice of the policy that a rollout belongs to.
+    /// Rule that chooses the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
-    /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4
-    /// there; here a decision holds ten control steps, and only the very first frame does not
-    /// depend on the policy that acts.
+    /// Number of frames at the start of each episode that the assignment to a policy looks at: the
+    /// paper's `k`. It is 4 there; here a decision holds ten control steps, and only the very first
+    /// frame does not depend on the policy that acts.
     pub first_frames: usize,
-    /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
+    /// Number of decisions of one rollout, all environments together: the paper's `N_s`, and its
+    /// `N_u`, since both count steps.
     pub rollout_steps: usize,
-    /// Share of the noise of an action that goes on in the next action, in [0, 1): the correlation
-    /// of the two
+    /// Correlation of the noise of consecutive actions, in [0, 1)
     /// ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
     pub noise_correlation: f32,
-    /// Episodes of first frames kept per policy, a uniform sample; without a number all of them, as
-    /// the paper's `B`, at the price of memory and of transport problems that grow with the stream.
+    /// Number of episodes whose first frames are kept for each policy, a uniform sample; `None`
+    /// keeps all of them. The paper's `B` does, but then memory and transport problems grow with
+    /// the stream.
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
-    /// Start of a new policy.
-    pub new_policy: NewPolicy,
-    /// Seed of everything that the learner draws.
+    /// Initial parameters of a new policy.
+    pub new_policy: NewPolicyInit,
+    /// Seed of all random draws of the learner.
     pub seed: u64,
-    /// Device that policies train on, which is not stored.
+    /// Device that policies train on, which is not stored in files of settings.
     #[serde(skip)]
     pub device: LearningDevice,
 }
@@ -67,7 +68,7 @@ impl Default for CoversSettings {
             noise_correlation: 0.0,
             buffer_episodes: Some(100),
             handover: Handover::default(),
-            new_policy: NewPolicy::default(),
+            new_policy: NewPolicyInit::default(),
             seed: 0,
             device: LearningDevice::default(),
         }
@@ -87,7 +88,7 @@ impl CoversSettings {
             rollout_steps: 1000,
             buffer_episodes: None,
             handover: Handover::Reuse,
-            new_policy: NewPolicy::Random,
+            new_policy: NewPolicyInit::Random,
             ..Self::default()
         }
     }
@@ -95,14 +96,14 @@ impl CoversSettings {
     /// Creates the update of `policy` on the chosen device.
     fn ppo(&self, policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
         match &self.device {
-            LearningDevice::Processor => Ppo::new(self.ppo.clone(), policy),
+            LearningDevice::Cpu => Ppo::new(self.ppo.clone(), policy),
             #[cfg(feature = "wgpu")]
             LearningDevice::Gpu(device) => Ppo::on_device(self.ppo.clone(), policy, device),
         }
     }
 }
 
-impl CollectionSettings for CoversSettings {
+impl PolicyCollectionSettings for CoversSettings {
     type Training = PpoTraining;
 
     fn common(&self) -> CommonSettings {
@@ -117,11 +118,15 @@ impl CollectionSettings for CoversSettings {
         }
     }
 
-    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<ActorCriticPolicy, RlError> {
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<ActorCriticPolicy, RlError> {
         ActorCriticPolicy::new(&self.network, spec, seed)
     }
 
-    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<ActorCriticPolicy, RlError> {
+    fn policy_with_params(
+        &self,
+        spec: &EnvSpec,
+        params: Vec<f32>,
+    ) -> Result<ActorCriticPolicy, RlError> {
         ActorCriticPolicy::with_params(&self.network, spec, params)
     }
 
@@ -129,11 +134,15 @@ impl CollectionSettings for CoversSettings {
         policy.params()
     }
 
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
         RolloutBuffer::new(spec, steps)?.with_noise_correlation(self.noise_correlation)
     }
 
-    fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {
+    fn new_training(
+        &self,
+        _: &EnvSpec,
+        policy: &ActorCriticPolicy,
+    ) -> Result<PpoTraining, RlError> {
         Ok(PpoTraining { ppo: self.ppo(policy)? })
     }
 }
@@ -147,7 +156,7 @@ impl Training for PpoTraining {
     type Policy = ActorCriticPolicy;
     type Rollout = RolloutBuffer;
 
-    fn take_over(
+    fn adapt_rollout(
         policy: &mut ActorCriticPolicy,
         rollout: &mut RolloutBuffer,
     ) -> Result<(), RlError> {
@@ -163,11 +172,11 @@ impl Training for PpoTraining {
         Ok(self.ppo.update(policy, rollout, rng)?.metrics())
     }
 
-    fn state(&self) -> AlgorithmState<'_> {
+    fn algorithm_state(&self) -> AlgorithmState<'_> {
         self.ppo.save()
     }
 
-    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+    fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         self.ppo.restore(state)
     }
 }

@@ -12,19 +12,19 @@ use crate::error::LearnerError;
 /// device only.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum LearningDevice {
-    /// On the processor.
+    /// Training on the CPU.
     #[default]
-    Processor,
-    /// On a GPU.
+    Cpu,
+    /// Training on this opened GPU.
     #[cfg(feature = "wgpu")]
     Gpu(rl::gpu::Device),
 }
 
 impl LearningDevice {
-    /// Returns the name of the GPU; `None` on the processor.
-    pub fn gpu(&self) -> Option<&str> {
+    /// Returns the name of the GPU; `None` on the CPU.
+    pub fn gpu_name(&self) -> Option<&str> {
         match self {
-            Self::Processor => None,
+            Self::Cpu => None,
             #[cfg(feature = "wgpu")]
             Self::Gpu(device) => Some(&device.adapter().name),
         }
@@ -34,21 +34,21 @@ impl LearningDevice {
 /// Choice of the device that policies train on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// On the processor.
+    /// Training on the CPU.
     #[default]
     Cpu,
-    /// On the first GPU, or on a Vulkan driver that stands in for one.
+    /// Training on the first GPU, or on a Vulkan driver that stands in for one.
     Gpu,
-    /// On the first GPU if there is one, else on the processor. A GPU that cannot be opened is an
-    /// error.
+    /// Training on the first GPU if there is one, else on the CPU. A GPU that cannot be opened is
+    /// an error.
     Auto,
 }
 
 impl DeviceChoice {
-    /// All choices.
+    /// All choices of a device.
     pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::Auto];
 
-    /// Returns the name of the choice, as in `--device gpu`.
+    /// Returns the name of the choice, as the option `--device` takes it, such as `gpu`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -60,14 +60,14 @@ impl DeviceChoice {
     /// Opens the chosen device, for a learner whose updates can run on a GPU.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a GPU if the program was built without the feature `wgpu`;
-    /// [`RlError::Gpu`](rl::RlError) if there is no GPU.
+    /// [`LearnerError::InvalidSetting`] for a GPU if the program was built without the feature
+    /// `wgpu`; [`RlError::Gpu`](rl::RlError) if there is no GPU.
     pub fn open(self) -> Result<LearningDevice, LearnerError> {
         match self {
-            Self::Cpu => Ok(LearningDevice::Processor),
+            Self::Cpu => Ok(LearningDevice::Cpu),
             Self::Gpu => first_gpu(),
             Self::Auto if hardware() => first_gpu(),
-            Self::Auto => Ok(LearningDevice::Processor),
+            Self::Auto => Ok(LearningDevice::Cpu),
         }
     }
 }
@@ -83,7 +83,7 @@ impl FromStr for DeviceChoice {
 
     fn from_str(name: &str) -> Result<Self, LearnerError> {
         let found = Self::ALL.into_iter().find(|choice| choice.name() == name);
-        found.ok_or_else(|| LearnerError::Setting {
+        found.ok_or_else(|| LearnerError::InvalidSetting {
             name: "device",
             value: name.to_owned(),
             expected: "cpu, gpu or auto",
@@ -99,7 +99,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 
 #[cfg(not(feature = "wgpu"))]
 fn first_gpu() -> Result<LearningDevice, LearnerError> {
-    Err(LearnerError::Setting {
+    Err(LearnerError::InvalidSetting {
         name: "device",
         value: "gpu".to_owned(),
         expected: "`cpu` or `auto`: this program was built without `--features wgpu`",
@@ -109,7 +109,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 /// Returns `true` if the first adapter is a GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
-    let adapters = rl::gpu::adapters();
+    let adapters = rl::gpu::available_adapters();
     adapters.first().is_some_and(|adapter| adapter.kind.is_hardware())
 }
 

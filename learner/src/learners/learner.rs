@@ -7,13 +7,14 @@ use cluster::{Evidence, PermutationTest};
 use rand_chacha::ChaCha8Rng;
 use rl::{ExportedPolicy, Observations, PolicyOutput, RolloutStats, UnitActivity, VectorEnv};
 
-use crate::disk::{LocalDisk, replace};
+use crate::disk::{LocalDisk, write_atomically};
 use crate::error::LearnerError;
 use crate::groupings::Recognised;
 
 /// Learner on a stream of tasks. No method takes a task's label.
 pub trait Learner: Send {
-    /// Collects experience in `env`, whose episodes begin anew, and learns from it.
+    /// Runs one iteration of learning: collects experience in `env`, whose episodes begin anew, and
+    /// learns from it.
     ///
     /// # Errors
     /// Errors of the environment, a policy or a grouping.
@@ -26,7 +27,7 @@ pub trait Learner: Send {
     ///
     /// # Errors
     /// Errors of the environment, a policy or a grouping.
-    fn recognise(
+    fn recognise_policy(
         &mut self,
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
@@ -37,27 +38,28 @@ pub trait Learner: Send {
     /// nothing.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a policy that does not exist, or an error of the environment.
-    fn perform(
+    /// [`LearnerError::InvalidSetting`] for a policy that does not exist, or an error of the
+    /// environment.
+    fn evaluate_policy(
         &mut self,
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<Performance, LearnerError>;
+    ) -> Result<PolicyEvaluation, LearnerError>;
 
-    /// Returns all numbers of policy `index` that [`Learner::perform`] depends on, so that one
-    /// which has not changed need not perform again. The default is `None`.
-    fn parameters(&self, _index: usize) -> Option<&[f32]> {
+    /// Returns all parameters of policy `index` that [`Learner::evaluate_policy`] depends on, so
+    /// that one which has not changed need not perform again. The default is `None`.
+    fn policy_parameters(&self, _index: usize) -> Option<&[f32]> {
         None
     }
 
-    /// Returns policy `index` in ordinary layers, and its answers to `observations`.
+    /// Returns policy `index` as ordinary neural-network layers, and its output for `observations`.
     ///
     /// # Errors
-    /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotExportable`]
-    /// for one that other programs have no layers for, [`LearnerError::Unexportable`] for learners
-    /// that write none.
-    fn export(
+    /// [`LearnerError::InvalidSetting`] for a policy that does not exist,
+    /// [`rl::RlError::NotExportable`] for one that other programs have no layers for,
+    /// [`LearnerError::Unexportable`] for learners that write none.
+    fn export_policy(
         &mut self,
         _index: usize,
         _observations: &Observations,
@@ -65,30 +67,37 @@ pub trait Learner: Send {
         Err(LearnerError::Unexportable)
     }
 
-    /// Returns the number of policies, at least 1.
-    fn policies(&self) -> usize;
+    /// Returns the number of policies that the learner holds, at least 1.
+    fn policy_count(&self) -> usize;
 
-    /// Returns the bytes of a file that holds the learner and a note of the caller's; equal
+    /// Returns the bytes of a checkpoint that holds the learner and a note of the caller's; equal
     /// learners give equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
     /// [`LearnerError::NotFinite`] for a learner with a number that is not finite;
-    /// [`LearnerError::Setting`] for an extent of too few episodes.
-    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, LearnerError>;
+    /// [`LearnerError::InvalidSetting`] for an extent of too few episodes.
+    fn to_checkpoint_bytes(
+        &self,
+        path: &Path,
+        extent: CheckpointExtent,
+        note: &str,
+    ) -> Result<Vec<u8>, LearnerError>;
 
-    /// Writes that file. It appears whole or not at all, also after a power cut;
-    /// [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
+    /// Writes a checkpoint that holds the learner and a note of the caller's to the file at `path`.
+    /// It appears whole or not at all, also after a power cut;
+    /// [`LearnerSettings::load_for_acting`](super::LearnerSettings::load_for_acting) reads it.
     ///
     /// # Errors
-    /// Errors of [`encode`](Learner::encode), and [`LearnerError::Write`].
-    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), LearnerError> {
-        replace(&LocalDisk, path, &self.encode(path, extent, note)?)
+    /// Errors of [`to_checkpoint_bytes`](Learner::to_checkpoint_bytes), and
+    /// [`LearnerError::Write`].
+    fn save(&self, path: &Path, extent: CheckpointExtent, note: &str) -> Result<(), LearnerError> {
+        write_atomically(&LocalDisk, path, &self.to_checkpoint_bytes(path, extent, note)?)
     }
 }
 
-/// Report of one call of [`Learner::perform`].
+/// Report of one call of [`Learner::evaluate_policy`].
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Performance {
+pub struct PolicyEvaluation {
     /// Returns and successes of the episodes.
     pub stats: RolloutStats,
     /// Activity of the units of the policy's network during the episodes; empty for a learner
@@ -102,56 +111,59 @@ pub struct Iteration {
     /// Index of the policy that trained.
     pub policy: usize,
     /// `true` if that policy was created in this iteration.
-    pub created: bool,
-    /// Evidence of the grouping, one item for each policy that was compared; empty for learners and
+    pub policy_created: bool,
+    /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
-    /// Evidence of the first rollout, if it left the grouping undecided and one more was collected;
-    /// `evidence` then rests on both.
-    pub first_look: Option<Vec<Evidence>>,
-    /// Policy that each one was merged into, if any; empty for learners and groupings that merge no
-    /// policies.
+    /// Evidence of the first rollout, if it left the grouping undecided and more were collected.
+    pub first_rollout_evidence: Option<Vec<Evidence>>,
+    /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
+    pub discarded: usize,
+    /// Index of the policy that each one was merged into, if any; empty for learners and groupings
+    /// that merge no policies.
     pub merged_into: Vec<Option<usize>>,
-    /// Decisions taken, discarded ones included.
+    /// Number of decisions taken in the iteration in all environments, discarded ones included.
     pub decisions: usize,
-    /// Returns and successes of the rollout that was learnt from.
-    pub rollout: RolloutStats,
-    /// Values that the learner logs, by name; the same names in every iteration.
+    /// Returns and successes of the rollout that was trained on.
+    pub rollout_stats: RolloutStats,
+    /// Values that the learner logs for the iteration, by name; the same names in every iteration.
     pub metrics: Metrics,
-    /// Time that each part took.
-    pub seconds: Seconds,
+    /// Wall-clock seconds that each part of the iteration took.
+    pub seconds: IterationSeconds,
 }
 
 /// Wall-clock seconds of the parts of an iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Seconds {
-    /// Rollouts: the environments and the policy's decisions.
+pub struct IterationSeconds {
+    /// Seconds of the collection of rollouts: the environments and the policy's decisions.
     pub collection: f64,
-    /// The grouping: features, distances and permutations.
+    /// Seconds of the assignment to a policy: features, distances and permutations.
     pub assignment: f64,
-    /// The policy update.
+    /// Seconds of the policy update.
     pub update: f64,
 }
 
-/// Part of a learner that is saved.
+/// Part of a learner that a checkpoint holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Extent {
-    /// All of it: the copy learns on to the same bits.
+pub enum CheckpointExtent {
+    /// All of the learner: the copy learns on to the same bits.
     Everything,
-    /// Enough to act and to recognise: policies, and the first frames of at most this many
-    /// episodes each. A copy that learns on starts with fresh optimisers.
+    /// Enough of the learner to act and to recognise: policies, and the first frames of at most
+    /// this many episodes each. A copy that learns on starts with fresh optimisers.
     Policies {
-        /// Episodes a policy, at least as many as the grouping needs to recognise a group.
-        episodes: usize,
+        /// Number of episodes for each policy, at least as many as the grouping needs to recognise
+        /// a task group.
+        episodes_per_policy: usize,
     },
 }
 
-/// One logged value.
+/// Logged value of a learner.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Metric {
-    /// A number.
+    /// A single number for the whole learner.
     Number(f64),
-    /// One number for each policy, in their order; `None` if there was nothing to measure.
+    /// One number for each policy, in the order of the policies; `None` if there was nothing to
+    /// measure.
     PerPolicy(Vec<Option<f64>>),
 }
 
@@ -170,18 +182,18 @@ impl fmt::Display for Metric {
     }
 }
 
-/// Named values, in the order in which they are logged.
+/// Logged values by name, in the order in which they are logged.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Metrics(Vec<(String, Metric)>);
 
 impl Metrics {
-    /// Adds a number.
-    pub fn number(&mut self, name: impl Into<String>, value: f64) {
+    /// Adds a number for the whole learner under a name.
+    pub fn add_number(&mut self, name: impl Into<String>, value: f64) {
         self.0.push((name.into(), Metric::Number(value)));
     }
 
-    /// Adds one number for each policy.
-    pub fn per_policy(
+    /// Adds one number for each policy under a name.
+    pub fn add_per_policy(
         &mut self,
         name: impl Into<String>,
         values: impl IntoIterator<Item = Option<f64>>,
@@ -190,12 +202,12 @@ impl Metrics {
         self.0.push((name.into(), values));
     }
 
-    /// Returns the value of this name.
+    /// Returns the logged value of this name.
     pub fn get(&self, name: &str) -> Option<&Metric> {
         self.iter().find(|(own, _)| *own == name).map(|(_, m)| m)
     }
 
-    /// Returns names and values in their order.
+    /// Returns an iterator over names and values, in the order in which they are logged.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Metric)> {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
@@ -217,28 +229,36 @@ const TEST_COLUMNS: [TestColumn; 5] = [
 
 /// Returns the names of columns with one number for each policy, also while there is one policy
 /// only.
-pub fn per_policy_columns() -> impl Iterator<Item = &'static str> {
+pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
     let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
     [DISTANCES, HEIRS].into_iter().chain(tests)
 }
 
+/// Largest number of rollouts of an iteration that may be left undecided.
+// Groups that all change at once need one each; a new policy is worth less than a run that hangs.
+const MOST_DISCARDED: usize = 16;
+
 impl Iteration {
+    /// Returns `true` if a grouping may leave one more rollout undecided.
+    pub(super) fn can_wait(&self) -> bool {
+        self.discarded < MOST_DISCARDED
+    }
+
     /// Logs the evidence of the grouping, the policy that each one was merged into where policies
     /// are merged, and the update.
-    pub(super) fn log(&mut self, update: Vec<(String, f64)>) {
-        let looks = 1 + u8::from(self.first_look.is_some());
+    pub(super) fn log_metrics(&mut self, update: Vec<(String, f64)>) {
         let (metrics, evidence) = (&mut self.metrics, &self.evidence);
-        metrics.number("looks", f64::from(looks));
-        metrics.per_policy(DISTANCES, evidence.iter().map(|e| Some(e.distance)));
+        metrics.add_number("looks", (1 + self.discarded) as f64);
+        metrics.add_per_policy(DISTANCES, evidence.iter().map(|e| Some(e.distance)));
         for (name, number) in TEST_COLUMNS {
-            metrics.per_policy(name, evidence.iter().map(|e| e.test().map(number)));
+            metrics.add_per_policy(name, evidence.iter().map(|e| e.test().map(number)));
         }
         if !self.merged_into.is_empty() {
             let heirs = self.merged_into.iter();
-            metrics.per_policy(HEIRS, heirs.map(|heir| heir.map(|heir| heir as f64)));
+            metrics.add_per_policy(HEIRS, heirs.map(|heir| heir.map(|heir| heir as f64)));
         }
         for (name, value) in update {
-            metrics.number(name, value);
+            metrics.add_number(name, value);
         }
     }
 }
@@ -250,8 +270,8 @@ mod tests {
     #[test]
     fn cells_read_back_to_the_same_bits_and_gaps_are_empty() {
         let mut metrics = Metrics::default();
-        metrics.number("loss", 0.1 + 0.2);
-        metrics.per_policy("distances", [Some(1.5), None, Some(-2.0)]);
+        metrics.add_number("loss", 0.1 + 0.2);
+        metrics.add_per_policy("distances", [Some(1.5), None, Some(-2.0)]);
         let loss = metrics.get("loss").unwrap().to_string();
         assert_eq!(loss.parse::<f64>().unwrap(), 0.1 + 0.2);
         assert_eq!(metrics.get("distances").unwrap().to_string(), "1.5;;-2");

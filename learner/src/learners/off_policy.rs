@@ -10,7 +10,7 @@ mod staged_rollout;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
-    Replay, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
+    ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
@@ -19,13 +19,13 @@ use crate::error::LearnerError;
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    Collection, CollectionSettings, CommonSettings, Handover, NewPolicy, Training,
+    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
 };
 use super::tensor_file::{Tensor, TensorFile};
 use staged_rollout::StagedRollout;
 
 /// A growing collection of policies, or a single one, trained by soft actor-critic.
-pub type OffPolicy = Collection<OffPolicySettings>;
+pub type OffPolicy = PolicyCollection<OffPolicySettings>;
 
 /// Settings of [`OffPolicy`]. [`OffPolicySettings::clear`] is the default.
 ///
@@ -33,41 +33,44 @@ pub type OffPolicy = Collection<OffPolicySettings>;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OffPolicySettings {
-    /// Sizes of each policy's network.
+    /// Sizes and initial values of each policy's network.
     pub network: NetworkSettings,
     /// Memory of the last steps of an episode, for the actor and the critics; no memory if null.
     pub context: Option<ContextSettings>,
-    /// The policy update.
+    /// Settings of each policy's update by soft actor-critic.
     pub sac: SacSettings,
-    /// Largest number of steps in each policy's replay.
+    /// Largest number of steps that each policy's replay buffer holds.
     pub capacity: usize,
-    /// Decisions of each policy with uniformly drawn actions, until its replay holds as many.
+    /// Number of decisions of each policy with uniformly drawn actions, until its replay holds as
+    /// many.
     pub warm_up: u64,
     /// Number of last channels of a picture that do not change during an episode. The replay stores
     /// them once for each episode.
     pub still_channels: usize,
-    /// Number of last steps of a replay that count as newest; [`SacSettings::newest_share`] of
-    /// every minibatch is drawn from them. Task switches need not be known.
+    /// Number of last steps of a replay buffer that count as newest; [`SacSettings::newest_share`]
+    /// of every minibatch is drawn from them. Task switches need not be known.
     pub newest_steps: u64,
-    /// Choice of the policy that a rollout belongs to. Its replay takes rollouts of any policy,
-    /// unless they show two groups.
+    /// Rule that chooses the policy that a rollout belongs to. Its replay takes rollouts of any
+    /// policy, unless they show two groups.
     pub grouping: GroupingSettings,
-    /// Frames at the start of each episode that assignment looks at.
+    /// Number of frames at the start of each episode that the assignment to a policy looks at.
     pub first_frames: usize,
-    /// Decisions of one rollout. Gradient steps are taken between rollouts.
+    /// Number of decisions of one rollout, all environments together. Gradient steps are taken
+    /// between rollouts.
     pub rollout_steps: usize,
-    /// Episodes of first frames kept per policy, a uniform sample; without a number all of them.
+    /// Number of episodes whose first frames are kept for each policy, a uniform sample; `None`
+    /// keeps all of them.
     pub buffer_episodes: Option<usize>,
-    /// Start of a new policy; its replay is empty.
-    pub new_policy: NewPolicy,
-    /// Seed of everything that the learner draws.
+    /// Initial parameters of a new policy; its replay buffer is empty.
+    pub new_policy: NewPolicyInit,
+    /// Seed of all random draws of the learner.
     pub seed: u64,
 }
 
 impl OffPolicySettings {
-    /// Returns CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary
-    /// policy and one replay of 200,000 steps, the newest of which are drawn more often. The paper
-    /// does not say which those are, nor how often.
+    /// Returns the settings of CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix).
+    /// They have one ordinary policy and one replay of 200,000 steps, the newest of which are drawn
+    /// more often. The paper does not say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
             network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
@@ -86,20 +89,20 @@ impl OffPolicySettings {
             first_frames: 1,
             rollout_steps: 500,
             buffer_episodes: Some(100),
-            new_policy: NewPolicy::default(),
+            new_policy: NewPolicyInit::default(),
             seed: 0,
         }
     }
 
-    /// Returns CLEAR with cloning of the actions in the replay.
+    /// Returns the settings of CLEAR with behavioural cloning of the actions in the replay buffer.
     pub fn clear_bc() -> Self {
         let mut settings = Self::clear();
         settings.sac.cloning_weight = 0.1;
         settings
     }
 
-    /// Returns 3RL as COVERS compares with it: CLEAR with a context of the last five steps. Windows
-    /// are longer, since their steps share the observations that contexts read.
+    /// Returns the settings of 3RL as COVERS compares with it: CLEAR with a context of the last
+    /// five steps. Windows are longer, since their steps share the observations that contexts read.
     pub fn three_rl() -> Self {
         let clear = Self::clear();
         Self {
@@ -109,8 +112,8 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns equivariant policies under COVERS's grouping, each with a replay of its own that is
-    /// moved by random group elements.
+    /// Returns the settings of equivariant policies under COVERS's grouping, each with a replay
+    /// buffer of its own, whose steps are transformed by random group elements.
     pub fn equi_sac() -> Self {
         let clear = Self::clear();
         Self {
@@ -124,7 +127,7 @@ impl OffPolicySettings {
                 augmentation: Group::D2,
                 ..clear.sac
             }
-            .with_update_ratio_of(&PpoSettings::measured()),
+            .with_update_ratio_of_ppo(&PpoSettings::tuned()),
             grouping: GroupingSettings::default(),
             ..clear
         }
@@ -148,7 +151,7 @@ impl Default for OffPolicySettings {
     }
 }
 
-impl CollectionSettings for OffPolicySettings {
+impl PolicyCollectionSettings for OffPolicySettings {
     type Training = SacTraining;
 
     fn common(&self) -> CommonSettings {
@@ -163,11 +166,11 @@ impl CollectionSettings for OffPolicySettings {
         }
     }
 
-    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {
         SacPolicy::new(&self.network, self.context, spec, seed)
     }
 
-    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<SacPolicy, RlError> {
+    fn policy_with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<SacPolicy, RlError> {
         SacPolicy::with_params(&self.network, self.context, spec, params)
     }
 
@@ -175,15 +178,15 @@ impl CollectionSettings for OffPolicySettings {
         policy.params()
     }
 
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {
-        spec.check_rollout(steps)?;
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {
+        spec.check_rollout_memory(steps)?;
         Ok(StagedRollout::new(spec, steps))
     }
 
-    fn training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
+    fn new_training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
         Ok(SacTraining {
             sac: Sac::new(self.sac.clone(), policy)?,
-            replay: Replay::new(self.replay(spec), spec)?,
+            replay: ReplayBuffer::new(self.replay(spec), spec)?,
             warm_up: self.warm_up,
             newest_steps: self.newest_steps,
         })
@@ -193,7 +196,7 @@ impl CollectionSettings for OffPolicySettings {
 /// Training by soft actor-critic from a replay of the latest steps of one policy's rollouts.
 pub struct SacTraining {
     sac: Sac,
-    replay: Replay,
+    replay: ReplayBuffer,
     /// [`OffPolicySettings::warm_up`].
     warm_up: u64,
     /// [`OffPolicySettings::newest_steps`].
@@ -204,13 +207,13 @@ impl Training for SacTraining {
     type Policy = SacPolicy;
     type Rollout = StagedRollout;
 
-    fn prepare(&self, rollout: &mut StagedRollout) {
-        let recorded = self.replay.recorded();
-        rollout.warm_up(self.warm_up.saturating_sub(recorded));
+    fn prepare_rollout(&self, rollout: &mut StagedRollout) {
+        let recorded = self.replay.num_recorded();
+        rollout.draw_uniform_actions(self.warm_up.saturating_sub(recorded));
     }
 
     /// Does nothing: a replay takes steps of any policy unchanged.
-    fn take_over(_: &mut SacPolicy, _: &mut StagedRollout) -> Result<(), RlError> {
+    fn adapt_rollout(_: &mut SacPolicy, _: &mut StagedRollout) -> Result<(), RlError> {
         Ok(())
     }
 
@@ -221,24 +224,28 @@ impl Training for SacTraining {
         rng: &mut ChaCha8Rng,
     ) -> Result<Vec<(String, f64)>, RlError> {
         rollout.commit_to(&mut self.replay)?;
-        self.replay.mark_newest(self.newest_steps);
+        self.replay.set_num_newest(self.newest_steps);
         Ok(self.sac.update(policy, &self.replay, rng)?.metrics())
     }
 
-    fn state(&self) -> AlgorithmState<'_> {
+    fn algorithm_state(&self) -> AlgorithmState<'_> {
         self.sac.save()
     }
 
-    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+    fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         self.sac.restore(state)
     }
 
-    fn memory(&self, prefix: &str) -> Vec<Tensor> {
-        replay_checkpoint::tensors(&self.replay, prefix)
+    fn extra_tensors(&self, prefix: &str) -> Vec<Tensor> {
+        replay_checkpoint::replay_tensors(&self.replay, prefix)
     }
 
-    fn recall(&mut self, file: &TensorFile<'_>, prefix: &str) -> Result<(), LearnerError> {
-        self.replay = replay_checkpoint::read(file, prefix, &self.replay)?;
+    fn restore_extra_tensors(
+        &mut self,
+        file: &TensorFile<'_>,
+        prefix: &str,
+    ) -> Result<(), LearnerError> {
+        self.replay = replay_checkpoint::read_replay(file, prefix, &self.replay)?;
         Ok(())
     }
 }

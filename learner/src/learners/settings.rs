@@ -9,7 +9,7 @@ use symmetry::Group;
 use crate::error::LearnerError;
 use crate::groupings::{GroupingSettings, Labels};
 
-use super::collection::{Collection, CollectionSettings, CommonSettings};
+use super::collection::{CommonSettings, PolicyCollection, PolicyCollectionSettings};
 use super::covers::CoversSettings;
 use super::device::{DeviceChoice, LearningDevice};
 use super::learner::Learner;
@@ -28,7 +28,7 @@ macro_rules! each {
     };
 }
 
-/// Choice of a learner.
+/// Settings of a learner, of one of two kinds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LearnerSettings {
@@ -46,40 +46,47 @@ impl Default for LearnerSettings {
 }
 
 impl LearnerSettings {
-    /// Creates a fresh learner. A grouping that needs labels reads `labels`, which only a run
-    /// writes.
+    /// Creates a learner with these settings that has not learnt anything. A grouping that needs
+    /// labels reads `labels`, which only a run writes.
     ///
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
-    pub fn start(&self, spec: &EnvSpec, labels: &Labels) -> Result<Box<dyn Learner>, LearnerError> {
+    pub fn new_learner(
+        &self,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<Box<dyn Learner>, LearnerError> {
         each!(self, settings => {
             let grouping = settings.grouping.build_with(labels)?;
-            let learner = Collection::with_grouping(settings.clone(), spec, grouping)?;
+            let learner = PolicyCollection::with_grouping(settings.clone(), spec, grouping)?;
             Ok(Box::new(learner))
         })
     }
 
-    /// Reads a learner that [`Learner::save`] wrote, for acting and recognition, and its note.
+    /// Reads a learner from a checkpoint that [`Learner::save`] wrote, for acting and recognition,
+    /// and its note.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, of a learner of other settings,
     /// or of other environments.
-    pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
+    pub fn load_for_acting(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, false)
     }
 
-    /// Reads a learner that [`Learner::save`] wrote, for further training with the same bits.
+    /// Reads a learner from a checkpoint that [`Learner::save`] wrote, for further training with
+    /// the same bits.
     ///
     /// # Errors
-    /// Errors of [`LearnerSettings::load`], and [`LearnerError::PoliciesOnly`] for a file of
-    /// [`Extent::Policies`](super::Extent::Policies).
-    pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
+    /// Errors of [`LearnerSettings::load_for_acting`], and [`LearnerError::PoliciesOnlyCheckpoint`]
+    /// for a file of [`CheckpointExtent::Policies`](super::CheckpointExtent::Policies).
+    pub fn load_for_training(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, true)
     }
 
     fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Loaded {
         each!(self, settings => {
-            let (learner, note) = Collection::read(path, spec, settings, labels, whole)?;
+            let (learner, note) =
+                PolicyCollection::read_with_labels(path, spec, settings, labels, whole)?;
             Ok((Box::new(learner), note))
         })
     }
@@ -88,25 +95,26 @@ impl LearnerSettings {
         each!(self, settings => settings.common())
     }
 
-    /// Returns the seed of everything that the learner draws.
+    /// Returns the seed of all random draws of the learner.
     pub fn seed(&self) -> u64 {
         self.common().seed
     }
 
-    /// Changes the seed.
+    /// Changes the seed of all random draws of the learner.
     pub fn set_seed(&mut self, seed: u64) {
         each!(self, settings => settings.seed = seed);
     }
 
-    /// Changes the group that networks are equivariant under, at equal width.
+    /// Changes the symmetry group that networks are equivariant under, at equal width.
     pub fn set_group(&mut self, group: Group) {
         each!(self, settings => settings.network.group = group);
     }
 
-    /// Sets the device that policies train on.
+    /// Sets the device that policies train on, and opens it if it is a GPU. With
+    /// [`DeviceChoice::Auto`], learners whose updates run on the CPU alone stay there.
     ///
     /// # Errors
-    /// Errors of [`DeviceChoice::open`], and a GPU for learners whose updates run on the processor
+    /// Errors of [`DeviceChoice::open`], and a GPU for learners whose updates run on the CPU
     /// alone: those with replays, and those with a symmetry loss.
     pub fn set_device(&mut self, choice: DeviceChoice) -> Result<(), LearnerError> {
         let expected = match self {
@@ -115,34 +123,36 @@ impl LearnerSettings {
                 return Ok(());
             }
             Self::Covers(settings) => {
-                settings.device = LearningDevice::Processor;
+                settings.device = LearningDevice::Cpu;
                 "`cpu` or `auto`: a symmetry loss (`covers.ppo.symmetry`) has no updates on a GPU"
             }
             Self::OffPolicy(_) => "`cpu` or `auto`: a learner with replays has no updates on a GPU",
         };
         match choice {
             DeviceChoice::Cpu | DeviceChoice::Auto => Ok(()),
-            DeviceChoice::Gpu => {
-                Err(LearnerError::Setting { name: "device", value: "gpu".to_owned(), expected })
-            }
+            DeviceChoice::Gpu => Err(LearnerError::InvalidSetting {
+                name: "device",
+                value: "gpu".to_owned(),
+                expected,
+            }),
         }
     }
 
-    /// Returns the name of the GPU that policies train on; `None` on the processor.
-    pub fn gpu(&self) -> Option<&str> {
+    /// Returns the name of the GPU that policies train on; `None` on the CPU.
+    pub fn gpu_name(&self) -> Option<&str> {
         match self {
-            Self::Covers(settings) => settings.device.gpu(),
+            Self::Covers(settings) => settings.device.gpu_name(),
             Self::OffPolicy(_) => None,
         }
     }
 
     /// Returns `true` if the learner may keep more than one policy.
-    pub fn tells_groups_apart(&self) -> bool {
+    pub fn may_hold_several_policies(&self) -> bool {
         self.common().grouping != GroupingSettings::Single
     }
 
-    /// Returns the reason why the learner cannot name the policy of a group; `None` if it can.
-    pub fn cannot_be_asked(&self) -> Option<&'static str> {
+    /// Returns the reason why the learner cannot name the policy of a task group; `None` if it can.
+    pub fn recognition_obstacle(&self) -> Option<&'static str> {
         match self.common().grouping {
             GroupingSettings::Single => Some("there is one policy for everything"),
             GroupingSettings::Oracle => Some("the learner is told the group"),
@@ -150,7 +160,8 @@ impl LearnerSettings {
         }
     }
 
-    /// Returns the fixed distance above which a rollout belongs to another group, if there is one.
+    /// Returns the fixed distance above which a rollout belongs to another task group, if there is
+    /// one.
     pub fn fixed_threshold(&self) -> Option<f64> {
         match self.common().grouping {
             GroupingSettings::Threshold { threshold } => Some(threshold),
@@ -159,11 +170,11 @@ impl LearnerSettings {
     }
 
     /// Returns `true` if distances of a rollout and of its permutations have one unit.
-    pub fn permutes_distances(&self) -> bool {
+    pub fn permuted_distances_are_comparable(&self) -> bool {
         !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }
 
-    /// Returns the decisions of one rollout, all environments together.
+    /// Returns the number of decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
         self.common().rollout_steps
     }
@@ -174,7 +185,7 @@ mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
-    use crate::learners::NewPolicy;
+    use crate::learners::NewPolicyInit;
 
     fn read<S: DeserializeOwned>(text: &str) -> serde_json::Result<S> {
         serde_json::from_str(text)
@@ -183,7 +194,7 @@ mod tests {
     #[test]
     fn settings_survive_a_file() {
         let other = CoversSettings {
-            new_policy: NewPolicy::Copy,
+            new_policy: NewPolicyInit::Copy,
             seed: u64::MAX,
             ..CoversSettings::paper()
         };

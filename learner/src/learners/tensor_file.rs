@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::LearnerError;
 
 /// Format of files, which increases with every change that older versions could not read.
-pub(super) const FORMAT: u32 = 5;
+pub(super) const FORMAT_VERSION: u32 = 5;
 /// The key of the header.
 const KEY: &str = "covers";
 /// The array that holds the checksum.
@@ -33,7 +33,7 @@ struct Format {
     format: u32,
 }
 
-/// One array of a file.
+/// Named array of numbers or bytes in a checkpoint file.
 pub struct Tensor {
     name: String,
     dtype: Dtype,
@@ -42,7 +42,7 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// Makes an array of numbers.
+    /// Makes an array of single-precision numbers.
     pub fn floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
         Self {
             name,
@@ -91,16 +91,17 @@ impl Tensor {
 /// # Errors
 /// [`LearnerError::NotFinite`], [`LearnerError::Write`] for the file at `path`, which is not
 /// touched.
-pub(super) fn encode(
+pub(super) fn encode_tensor_file(
     path: &Path,
     header: &impl Serialize,
     tensors: &[Tensor],
 ) -> Result<Vec<u8>, LearnerError> {
     tensors.iter().try_for_each(|tensor| tensor.check(path))?;
-    let envelope = Envelope { format: FORMAT, header };
-    let header = serde_json::to_string(&envelope).map_err(|e| LearnerError::write(path, e))?;
-    let bytes = serialize(tensors, header).map_err(|error| LearnerError::write(path, error))?;
-    seal(bytes).map_err(|error| LearnerError::write(path, error))
+    let envelope = Envelope { format: FORMAT_VERSION, header };
+    let text = serde_json::to_string(&envelope).map_err(|e| LearnerError::cannot_write(path, e))?;
+    let bytes =
+        serialize(tensors, text).map_err(|error| LearnerError::cannot_write(path, error))?;
+    seal(bytes).map_err(|error| LearnerError::cannot_write(path, error))
 }
 
 /// Returns the bytes of a file whose checksum is still zero.
@@ -150,7 +151,7 @@ fn check_checksum(
     length: usize,
     metadata: &Metadata,
 ) -> Result<(), LearnerError> {
-    let damaged = |problem| Err(LearnerError::damaged(path, problem));
+    let damaged = |problem| Err(LearnerError::damaged_file(path, problem));
     let Some(place) = checksum_range(length, metadata) else {
         return damaged(format!("it holds no `{CHECKSUM}`: this is no checkpoint of covers"));
     };
@@ -164,18 +165,20 @@ fn check_checksum(
 
 fn check_format(path: &Path, format: u32) -> Result<(), LearnerError> {
     match format {
-        FORMAT => Ok(()),
-        newer if newer > FORMAT => {
-            Err(LearnerError::NewerFormat { path: path.to_owned(), format: newer, known: FORMAT })
-        }
+        FORMAT_VERSION => Ok(()),
+        newer if newer > FORMAT_VERSION => Err(LearnerError::NewerFormat {
+            path: path.to_owned(),
+            format: newer,
+            known: FORMAT_VERSION,
+        }),
         older => {
-            let problem = format!("its format is {older}, expected {FORMAT}");
-            Err(LearnerError::damaged(path, problem))
+            let problem = format!("its format is {older}, expected {FORMAT_VERSION}");
+            Err(LearnerError::damaged_file(path, problem))
         }
     }
 }
 
-/// The arrays of an open file.
+/// Arrays of an opened checkpoint file.
 pub struct TensorFile<'a> {
     path: &'a Path,
     file: SafeTensors<'a>,
@@ -187,13 +190,14 @@ impl<'a> TensorFile<'a> {
         path: &'a Path,
         bytes: &'a [u8],
     ) -> Result<(H, Self), LearnerError> {
-        let read = |error: SafeTensorError| LearnerError::read(path, error);
+        let read = |error: SafeTensorError| LearnerError::cannot_read(path, error);
         let (length, metadata) = SafeTensors::read_metadata(bytes).map_err(read)?;
         check_checksum(path, bytes, length, &metadata)?;
         let header = metadata.metadata().as_ref().and_then(|m| m.get(KEY));
-        let header = header
-            .ok_or_else(|| LearnerError::damaged(path, format!("there is no metadata `{KEY}`")))?;
-        let read_json = |error| LearnerError::read(path, error);
+        let header = header.ok_or_else(|| {
+            LearnerError::damaged_file(path, format!("there is no metadata `{KEY}`"))
+        })?;
+        let read_json = |error| LearnerError::cannot_read(path, error);
         let Format { format } = serde_json::from_str(header).map_err(read_json)?;
         // the format is read alone first: headers of other formats may have other fields
         check_format(path, format)?;
@@ -204,10 +208,10 @@ impl<'a> TensorFile<'a> {
 
     /// Returns the error of a file whose contents do not fit together.
     pub fn damaged(&self, problem: String) -> LearnerError {
-        LearnerError::damaged(self.path, problem)
+        LearnerError::damaged_file(self.path, problem)
     }
 
-    /// Returns shape and values of an array of numbers, all of them finite.
+    /// Returns shape and values of an array of single-precision numbers, all of them finite.
     pub fn floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), LearnerError> {
         let tensor = self.tensor(name, Dtype::F32)?;
         let (numbers, _) = tensor.data().as_chunks::<4>();
@@ -240,7 +244,7 @@ impl<'a> TensorFile<'a> {
 
     fn tensor(&self, name: &str, dtype: Dtype) -> Result<TensorView<'_>, LearnerError> {
         let tensor = self.file.tensor(name);
-        let tensor = tensor.map_err(|error| LearnerError::read(self.path, error))?;
+        let tensor = tensor.map_err(|error| LearnerError::cannot_read(self.path, error))?;
         if tensor.dtype() == dtype {
             return Ok(tensor);
         }
@@ -258,7 +262,7 @@ mod tests {
             Tensor::floats("a".to_owned(), vec![3], &[1.0, -2.0, 0.5]),
             Tensor::bytes("z".to_owned(), vec![2, 2], vec![1, 2, 3, 4]),
         ];
-        encode(Path::new("file"), &"a note", &tensors).unwrap()
+        encode_tensor_file(Path::new("file"), &"a note", &tensors).unwrap()
     }
 
     fn open(bytes: &[u8]) -> Result<String, LearnerError> {
@@ -281,23 +285,23 @@ mod tests {
 
     #[test]
     fn a_newer_format_is_named() {
-        let text = serde_json::json!({ "format": FORMAT + 1, "news": true });
+        let text = serde_json::json!({ "format": FORMAT_VERSION + 1, "news": true });
         let bytes = seal(serialize(&[], text.to_string()).unwrap()).unwrap();
         let message = open(&bytes).unwrap_err().to_string();
-        assert!(message.contains(&format!("has format {}", FORMAT + 1)), "{message}");
+        assert!(message.contains(&format!("has format {}", FORMAT_VERSION + 1)), "{message}");
     }
 
     #[test]
     fn a_header_that_no_reader_takes_is_not_written() {
         let header = "row\n".repeat(25_000_000);
-        let message = encode(Path::new("file"), &header, &[]).unwrap_err().to_string();
+        let message = encode_tensor_file(Path::new("file"), &header, &[]).unwrap_err().to_string();
         assert!(message.contains("cannot write file: header too large"), "{message}");
     }
 
     #[test]
     fn numbers_that_are_not_finite_are_not_written() {
         let tensors = [Tensor::floats("weights".to_owned(), vec![2], &[1.0, f32::NAN])];
-        let error = encode(Path::new("file"), &"", &tensors).unwrap_err();
+        let error = encode_tensor_file(Path::new("file"), &"", &tensors).unwrap_err();
         assert!(error.to_string().contains("`weights`[1] is NaN"), "{error}");
     }
 }

@@ -12,7 +12,7 @@ use crate::error::ContextError;
 /// OpenGL context of this crate.
 pub(super) trait Context {
     /// Makes this context the thread's current one, unless it is already.
-    fn enter(&self) -> Result<Previous, ContextError>;
+    fn make_current(&self) -> Result<PreviousContext, ContextError>;
     /// Returns the address of an OpenGL function; NULL if it is unknown.
     fn function(&self, name: &CStr) -> *const c_void;
 }
@@ -22,11 +22,11 @@ pub(super) trait Context {
 /// If none was current, or one of this crate's, there is nothing to restore: a context of this
 /// crate stays current, so that the next picture of the same renderer needs no switch.
 #[must_use]
-pub(crate) struct Previous(Option<Restore>);
+pub(crate) struct PreviousContext(Option<Restore>);
 
 type Restore = Box<dyn FnOnce() -> Result<(), ContextError>>;
 
-impl Previous {
+impl PreviousContext {
     pub(super) fn nothing() -> Self {
         Self(None)
     }
@@ -74,5 +74,5 @@ pub(super) const RTLD_NODELETE: c_int = 0x1000;
 
 pub(super) fn library_error<E: Display>(library: &str) -> impl FnOnce(E) -> ContextError {
     let library = library.to_owned();
-    move |error| ContextError::Library { library, reason: error.to_string() }
+    move |error| ContextError::LibraryUnusable { library, reason: error.to_string() }
 }

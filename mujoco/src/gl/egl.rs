@@ -8,7 +8,9 @@ use std::rc::Rc;
 use khronos_egl as egl;
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
-use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, library_error, remember};
+use super::context::{
+    Context, PreviousContext, RTLD_NODELETE, forget, is_ours, library_error, remember,
+};
 use crate::error::ContextError;
 
 type Egl = egl::DynamicInstance<egl::EGL1_5>;
@@ -84,25 +86,26 @@ impl EglContext {
     }
 
     /// Returns a restorer of the thread's current context.
-    fn previous(&self, context: egl::Context) -> Previous {
+    fn previous(&self, context: egl::Context) -> PreviousContext {
         let egl = Rc::clone(&self.egl);
         let display = egl.get_current_display().unwrap_or(self.display);
         let draw = egl.get_current_surface(egl::DRAW);
         let read = egl.get_current_surface(egl::READ);
-        Previous::new(move || {
+        PreviousContext::new(move || {
             egl.make_current(display, draw, read, Some(context)).map_err(explain("eglMakeCurrent"))
         })
     }
 }
 
 impl Context for EglContext {
-    fn enter(&self) -> Result<Previous, ContextError> {
+    fn make_current(&self) -> Result<PreviousContext, ContextError> {
         let current = self.egl.get_current_context();
         if current == Some(self.context) {
-            return Ok(Previous::nothing());
+            return Ok(PreviousContext::nothing());
         }
         let foreign = current.filter(|context| !is_ours(context.as_ptr()));
-        let previous = foreign.map_or_else(Previous::nothing, |context| self.previous(context));
+        let previous =
+            foreign.map_or_else(PreviousContext::nothing, |context| self.previous(context));
         self.egl
             .make_current(self.display, self.surface, self.surface, Some(self.context))
             .map_err(explain("eglMakeCurrent"))?;
@@ -162,7 +165,11 @@ fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> 
         .map_err(explain("eglQueryString"))?
         .to_string_lossy();
     let require = |name: &'static str| {
-        if offered.contains(name) { Ok(()) } else { Err(ContextError::Extension { name }) }
+        if offered.contains(name) {
+            Ok(())
+        } else {
+            Err(ContextError::MissingEglExtension { name })
+        }
     };
     if platform == Platform::Surfaceless {
         require("EGL_MESA_platform_surfaceless")?;
@@ -198,7 +205,7 @@ fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
     type QueryDevices =
         unsafe extern "system" fn(egl::Int, *mut *mut c_void, *mut egl::Int) -> egl::Boolean;
     let name = "eglQueryDevicesEXT";
-    let function = egl.get_proc_address(name).ok_or(ContextError::Extension { name })?;
+    let function = egl.get_proc_address(name).ok_or(ContextError::MissingEglExtension { name })?;
     // SAFETY: the extension, which the caller has found on offer, declares this signature.
     let query = unsafe { mem::transmute::<extern "system" fn(), QueryDevices>(function) };
     let mut devices = [ptr::null_mut(); 16];
@@ -212,5 +219,9 @@ fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
 }
 
 fn explain(call: &'static str) -> impl Fn(egl::Error) -> ContextError {
-    move |error| ContextError::Egl { call, code: error.native(), meaning: error.to_string() }
+    move |error| ContextError::EglCallFailed {
+        call,
+        code: error.native(),
+        meaning: error.to_string(),
+    }
 }

@@ -5,7 +5,9 @@ use std::ptr::{self, NonNull};
 
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
-use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, library_error, remember};
+use super::context::{
+    Context, PreviousContext, RTLD_NODELETE, forget, is_ours, library_error, remember,
+};
 use crate::error::ContextError;
 
 const OSMESA_RGBA: u32 = 0x1908;
@@ -65,21 +67,21 @@ impl OsMesaContext {
         let call = "OSMesaCreateContextExt";
         Ok(Self {
             functions,
-            context: NonNull::new(context).ok_or(ContextError::OsMesa { call })?,
+            context: NonNull::new(context).ok_or(ContextError::OsMesaCallFailed { call })?,
             pixel: Pixel::new(),
         })
     }
 }
 
 impl Context for OsMesaContext {
-    fn enter(&self) -> Result<Previous, ContextError> {
+    fn make_current(&self) -> Result<PreviousContext, ContextError> {
         let current = self.functions.current();
         if current == self.context.as_ptr() {
-            return Ok(Previous::nothing());
+            return Ok(PreviousContext::nothing());
         }
         let foreign = !current.is_null() && !is_ours(current);
         let previous =
-            if foreign { self.functions.previous(current)? } else { Previous::nothing() };
+            if foreign { self.functions.previous(current)? } else { PreviousContext::nothing() };
         let (context, pixel) = (self.context.as_ptr(), self.pixel.as_ptr());
         // SAFETY: live context, and a buffer of one pixel that outlives it.
         let done = unsafe { (self.functions.make_current)(context, pixel, GL_UNSIGNED_BYTE, 1, 1) };
@@ -116,7 +118,7 @@ impl Functions {
     }
 
     /// Returns a restorer of `context`, which must be the thread's current one.
-    fn previous(self, context: Raw) -> Result<Previous, ContextError> {
+    fn previous(self, context: Raw) -> Result<PreviousContext, ContextError> {
         let (mut width, mut height, mut format, mut kind) = (0, 0, 0, 0);
         let mut buffer = ptr::null_mut();
         // SAFETY: `context` is the current one, and each pointer is to a local variable.
@@ -131,13 +133,13 @@ impl Functions {
             )
         };
         check(done, "OSMesaGetColorBuffer")?;
-        Ok(Previous::new(move || {
+        Ok(PreviousContext::new(move || {
             // SAFETY: the program had this context current with this buffer a moment ago, and has
             // had no chance to free either.
-            let done = unsafe {
+            let made_current = unsafe {
                 (self.make_current)(context, buffer, kind.cast_unsigned(), width, height)
             };
-            check(done, "OSMesaMakeCurrent")
+            check(made_current, "OSMesaMakeCurrent")
         }))
     }
 }
@@ -164,7 +166,7 @@ impl Drop for Pixel {
 
 fn check(done: u8, call: &'static str) -> Result<(), ContextError> {
     match done {
-        0 => Err(ContextError::OsMesa { call }),
+        0 => Err(ContextError::OsMesaCallFailed { call }),
         _ => Ok(()),
     }
 }

@@ -39,12 +39,12 @@ type Viewpoint = Vec<[[f32; 3]; 3]>;
 type Pose = ([f32; 3], [f32; 9], [f32; 3]);
 
 impl Renderer {
-    /// Draws the geoms that no joint moves into `backdrop`, for [`Renderer::render_over`].
+    /// Draws the geoms that no joint moves into `backdrop`, for [`Renderer::render_over_backdrop`].
     ///
     /// After an error the backdrop holds no picture.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`].
+    /// Errors of [`Renderer::render`].
     pub fn draw_backdrop(
         &mut self,
         data: &mut Data,
@@ -78,9 +78,9 @@ impl Renderer {
     /// skins, and if the camera or a light has moved.
     ///
     /// # Errors
-    /// Those of [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never
+    /// Errors of [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never
     /// drawn, [`RenderError::OtherRenderer`] for one that another renderer drew.
-    pub fn render_over(
+    pub fn render_over_backdrop(
         &mut self,
         data: &mut Data,
         backdrop: &mut Backdrop,

@@ -5,7 +5,7 @@ use crate::error::RenderError;
 use crate::ids::CameraId;
 use crate::raw;
 
-/// Reflection of the scene for drawing; the finished picture is flipped back.
+/// Reflection in which the scene is drawn; the finished picture is flipped back.
 ///
 /// The picture shows the scene as it is, whatever the mirror. Only decisions of OpenGL that depend
 /// on handedness differ: an edge through the exact middle of a pixel belongs to the shape on one
@@ -13,10 +13,10 @@ use crate::raw;
 /// that mirror each other bit for bit if one of them is drawn in the mirror between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mirror {
-    /// `true` to swap left and right.
-    pub columns: bool,
-    /// `true` to swap top and bottom.
-    pub rows: bool,
+    /// `true` to draw the scene with left and right swapped.
+    pub swaps_left_right: bool,
+    /// `true` to draw the scene with top and bottom swapped.
+    pub swaps_top_bottom: bool,
 }
 
 /// Camera, and the mirror that its pictures are drawn in.
@@ -24,9 +24,9 @@ pub struct Mirror {
 /// A [`CameraId`] alone converts to a view without a mirror.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CameraView {
-    /// Camera.
+    /// Camera through which the scene is drawn.
     pub camera: CameraId,
-    /// Mirror.
+    /// Mirror in which the scene is drawn.
     pub mirror: Mirror,
 }
 
@@ -41,7 +41,7 @@ impl Mirror {
     /// Returns `true` if the mirror swaps handedness; both flips together are a rotation and do
     /// not.
     fn reverses_orientation(self) -> bool {
-        self.columns != self.rows
+        self.swaps_left_right != self.swaps_top_bottom
     }
 
     /// Converts an image that OpenGL drew in this mirror, `[H, width, 3]` with the bottom row
@@ -50,7 +50,7 @@ impl Mirror {
     /// No other code of the project flips OpenGL's images.
     pub(super) fn flip_back(self, image: &mut [u8], width: usize) {
         let (pixels, _) = image.as_chunks_mut::<3>();
-        match (self.columns, self.rows) {
+        match (self.swaps_left_right, self.swaps_top_bottom) {
             (false, true) => {}
             (true, false) => pixels.reverse(),
             (false, false) => reverse_rows(pixels, width),
@@ -79,7 +79,10 @@ impl Renderer {
         let eye = unsafe {
             raw::mjv_averageCamera(&raw const scene.camera[0], &raw const scene.camera[1])
         };
-        let planes = [(mirror.columns, cross(eye.forward, eye.up)), (mirror.rows, eye.up)];
+        let planes = [
+            (mirror.swaps_left_right, cross(eye.forward, eye.up)),
+            (mirror.swaps_top_bottom, eye.up),
+        ];
         for normal in planes.into_iter().filter_map(|(flips, normal)| flips.then_some(normal)) {
             for light in &mut scene.lights[..scene.nlight as usize] {
                 reflect(&mut light.dir, [0.0; 3], normal);
@@ -166,7 +169,7 @@ mod tests {
             (true, true, [2, 1, 4, 3, 6, 5]),
         ] {
             let mut image = drawn.clone();
-            Mirror { columns, rows }.flip_back(&mut image, 2);
+            Mirror { swaps_left_right: columns, swaps_top_bottom: rows }.flip_back(&mut image, 2);
             let expected: Vec<u8> = expected.into_iter().flat_map(|pixel| [pixel; 3]).collect();
             assert_eq!(image, expected, "columns {columns}, rows {rows}");
         }

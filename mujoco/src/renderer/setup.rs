@@ -61,8 +61,8 @@ pub(super) fn visible(options: &RenderOptions) -> Box<raw::mjvOption> {
         raw::mjv_defaultOption(visible.as_mut_ptr());
         visible.assume_init()
     };
-    visible.geomgroup = options.geom_groups.map(u8::from);
-    visible.sitegroup = options.site_groups.map(u8::from);
+    visible.geomgroup = options.visible_geom_groups.map(u8::from);
+    visible.sitegroup = options.visible_site_groups.map(u8::from);
     visible.flags.fill(0);
     for flag in [raw::mjVIS_TEXTURE, raw::mjVIS_TENDON, raw::mjVIS_STATIC, raw::mjVIS_SKIN] {
         visible.flags[flag as usize] = 1;

@@ -10,8 +10,8 @@ use csv::{ReaderBuilder, StringRecord};
 
 use crate::ReportError;
 use experiments::{RunError, RunFolder};
-use learner::disk::{LocalDisk, replace};
-use learner::per_policy_columns;
+use learner::disk::{LocalDisk, write_atomically};
+use learner::per_policy_column_names;
 
 use super::summary::{EventFile, EventTime};
 
@@ -24,20 +24,23 @@ const TIME_COLUMNS: [&str; 3] = ["rollout", "rollouts", "decisions"];
 const SCORE_COLUMNS: [&str; 6] =
     ["success", "success_at_end", "reward", "own_success", "own_success_at_end", "own_reward"];
 /// Time before the first rollout.
-const START: EventTime = EventTime { step: 0, seconds: 0.0 };
+const START: EventTime = EventTime { step: 0, learning_seconds: 0.0 };
 
 /// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`,
 /// and returns the paths. Existing event files are replaced.
 ///
 /// # Errors
-/// [`RunError::NoRun`] for a folder without a run, [`ReportError::SameName`] for two runs of one
-/// name, [`RunError::Read`] and [`RunError::Write`] for files.
-pub fn write_events(runs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
+/// [`RunError::NoRun`] for a folder without a run, [`ReportError::DuplicateRunName`] for two runs
+/// of one name, [`RunError::Read`] and [`RunError::Write`] for files.
+pub fn write_tensorboard_events(
+    runs: &[PathBuf],
+    folder: &Path,
+) -> Result<Vec<PathBuf>, ReportError> {
     let mut named: BTreeMap<OsString, &PathBuf> = BTreeMap::new();
     for run in runs {
         if let Some(other) = named.insert(name(run)?, run) {
             let (first, second) = (other.clone(), run.clone());
-            return Err(ReportError::SameName { first, second });
+            return Err(ReportError::DuplicateRunName { first, second });
         }
     }
     runs.iter()
@@ -48,24 +51,24 @@ pub fn write_events(runs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Rep
 
 /// Returns the name of a run's folder.
 fn name(run: &Path) -> Result<OsString, RunError> {
-    if !RunFolder::open(run).holds_run() {
+    if !RunFolder::from_path(run).holds_run() {
         return Err(RunError::NoRun { folder: run.to_owned() });
     }
     // a path such as `.` or `runs/..` has no name of its own
-    let path = run.canonicalize().map_err(|error| RunError::read(run, error))?;
+    let path = run.canonicalize().map_err(|error| RunError::cannot_read(run, error))?;
     Ok(path.file_name().unwrap_or(path.as_os_str()).to_owned())
 }
 
 fn write(run: &Path, own: &Path) -> Result<PathBuf, RunError> {
-    let bytes = events(&RunFolder::open(run))?;
-    fs::create_dir_all(own).map_err(|error| RunError::write(own, error))?;
+    let bytes = events(&RunFolder::from_path(run))?;
+    fs::create_dir_all(own).map_err(|error| RunError::cannot_write(own, error))?;
     let path = own.join(FILE);
-    replace(&LocalDisk, &path, &bytes)?;
+    write_atomically(&LocalDisk, &path, &bytes)?;
     Ok(path)
 }
 
 fn events(run: &RunFolder) -> Result<Vec<u8>, RunError> {
-    let read = |name| Rows::read(&run.file(name));
+    let read = |name| Rows::read(&run.file_path(name));
     let (metrics, timings) = (read("metrics.csv")?, read("timings.csv")?);
     let clock = Clock::of(&metrics, &timings);
     let mut file = EventFile::new();
@@ -93,7 +96,7 @@ fn events(run: &RunFolder) -> Result<Vec<u8>, RunError> {
 /// Adds a cell of a table if it is a number.
 fn add_number(file: &mut EventFile, time: EventTime, name: &str, cell: &str) {
     if let Some(value) = number(cell) {
-        file.scalar(time, name, value);
+        file.add_scalar(time, name, value);
     }
 }
 
@@ -103,11 +106,11 @@ fn add_list(file: &mut EventFile, time: EventTime, name: &str, cell: &str) {
     let values: Vec<Option<f64>> = cell.split(';').map(number).collect();
     for (policy, value) in values.iter().enumerate() {
         if let Some(value) = value {
-            file.scalar(time, &format!("{name}/policy {policy}"), *value);
+            file.add_scalar(time, &format!("{name}/policy {policy}"), *value);
         }
     }
     let known: Vec<f64> = values.into_iter().flatten().collect();
-    file.histogram(time, name, &known);
+    file.add_histogram(time, name, &known);
 }
 
 /// Parses a cell: a finite number, or 0 and 1 for `false` and `true`; `None` for other text.
@@ -131,25 +134,25 @@ fn scores(table: &Rows, clock: &Clock, file: &mut EventFile) {
             };
             let group = format!("evaluation/{}/{column}", cell("group"));
             let variant = format!("{group}/{}", cell("element"));
-            file.scalar(clock.after(rollouts), &variant, value);
+            file.add_scalar(clock.after(rollouts), &variant, value);
             groups.entry((rollouts, group)).or_default().push(value);
         }
     }
     for ((rollouts, tag), values) in groups {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
-        file.scalar(clock.after(rollouts), &tag, mean);
+        file.add_scalar(clock.after(rollouts), &tag, mean);
     }
 }
 
 fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), RunError> {
-    let path = run.file("contact_sheet.png");
+    let path = run.file_path("contact_sheet.png");
     let Some(png) = read_optional(&path)? else {
         return Ok(());
     };
     let reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info();
-    let reader = reader.map_err(|error| RunError::read(&path, error))?;
+    let reader = reader.map_err(|error| RunError::cannot_read(&path, error))?;
     let sides = [reader.info().height, reader.info().width];
-    file.image(START, "variants", sides, &png);
+    file.add_image(START, "variants", sides, &png);
     Ok(())
 }
 
@@ -170,7 +173,7 @@ impl Clock {
         for row in &metrics.rows {
             let rollouts = metrics.rollouts(row);
             now.step = metrics.cell(row, "decisions").parse().unwrap_or(now.step);
-            now.seconds += seconds.get(&rollouts).unwrap_or(&0.0);
+            now.learning_seconds += seconds.get(&rollouts).unwrap_or(&0.0);
             times.insert(rollouts, now);
         }
         Self(times)
@@ -198,7 +201,7 @@ impl Rows {
         let end = text.iter().rposition(|&byte| byte == b'\n');
         let whole = &text[..end.map_or(0, |end| end + 1)];
         let mut reader = ReaderBuilder::new().flexible(true).from_reader(whole);
-        let read_error = |error| RunError::read(path, error);
+        let read_error = |error| RunError::cannot_read(path, error);
         let names = reader.headers().map_err(read_error)?.clone();
         let mut rows = reader.records().collect::<Result<Vec<_>, _>>().map_err(read_error)?;
         rows.retain(|row| row.len() == names.len());
@@ -206,7 +209,7 @@ impl Rows {
         let cells = rows.iter().flat_map(|row| names.iter().zip(row));
         let with_lists = cells.filter(|(_, cell)| cell.contains(';'));
         let with_lists = with_lists.map(|(name, _)| name.to_owned());
-        let lists = with_lists.chain(per_policy_columns().map(str::to_owned)).collect();
+        let lists = with_lists.chain(per_policy_column_names().map(str::to_owned)).collect();
         Ok(Self { names, lists, rows })
     }
 
@@ -234,6 +237,6 @@ fn read_optional(path: &Path) -> Result<Option<Vec<u8>>, RunError> {
     match fs::read(path) {
         Ok(bytes) => Ok(Some(bytes)),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(RunError::read(path, error)),
+        Err(error) => Err(RunError::cannot_read(path, error)),
     }
 }

@@ -10,7 +10,7 @@ pub(super) struct EventTime {
     /// Decisions since the run began.
     pub step: usize,
     /// Seconds of learning since the run began.
-    pub seconds: f64,
+    pub learning_seconds: f64,
 }
 
 /// Record of an event file.
@@ -93,7 +93,7 @@ impl EventFile {
     fn value(&mut self, time: EventTime, value: Value) {
         let values = vec![value];
         self.append(Event {
-            wall_time: time.seconds,
+            wall_time: time.learning_seconds,
             step: time.step as i64,
             summary: Some(Summary { values }),
             ..Event::default()
@@ -101,14 +101,14 @@ impl EventFile {
     }
 
     /// Adds a number.
-    pub fn scalar(&mut self, time: EventTime, tag: &str, value: f64) {
+    pub fn add_scalar(&mut self, time: EventTime, tag: &str, value: f64) {
         let value =
             Value { tag: tag.to_owned(), simple_value: Some(value as f32), ..Value::default() };
         self.value(time, value);
     }
 
     /// Adds an image from the bytes of a PNG file of size `[height, width]`.
-    pub fn image(&mut self, time: EventTime, tag: &str, [height, width]: [u32; 2], png: &[u8]) {
+    pub fn add_image(&mut self, time: EventTime, tag: &str, [height, width]: [u32; 2], png: &[u8]) {
         let image = Image {
             height: height as i32,
             width: width as i32,
@@ -121,7 +121,7 @@ impl EventFile {
 
     /// Adds the distribution of numbers. Each number has a bucket of its own that ends at it, so
     /// nothing is lost. No event is added for an empty slice.
-    pub fn histogram(&mut self, time: EventTime, tag: &str, values: &[f64]) {
+    pub fn add_histogram(&mut self, time: EventTime, tag: &str, values: &[f64]) {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
         let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
@@ -155,8 +155,8 @@ fn masked(bytes: &[u8]) -> u32 {
     CHECKSUM.checksum(bytes).rotate_right(15).wrapping_add(MASK)
 }
 
-/// Appends a record: its length (u64), the masked checksum of the length (u32), its bytes, and their
-/// masked checksum, all little-endian (tensorflow/core/lib/io/record_writer.h).
+/// Appends a record: its length (u64), the masked checksum of the length (u32), its bytes, and
+/// their masked checksum, all little-endian (tensorflow/core/lib/io/record_writer.h).
 fn append_record(file: &mut Vec<u8>, bytes: &[u8]) {
     let length = (bytes.len() as u64).to_le_bytes();
     file.extend(length);

@@ -1,16 +1,18 @@
 //! PPO updates on a GPU: a plan of kernels for the network, the loss and the optimiser.
 
-use equivariant::gpu::{Batch, GpuError, Passes, Plan, Program, Slot, Step, Work};
+use equivariant::gpu::{
+    Batch, BufferSlot, GpuError, KernelStep, Passes, Plan, Program, WorkgroupCount,
+};
 use rand_chacha::ChaCha8Rng;
 
 use crate::adam::{Adam, bias_correction};
-use crate::device::{DRAW, DeviceObservations, Outputs, add_network};
+use crate::device::{DRAW_STRUCT_WGSL, DeviceObservations, NetworkOutputs, add_network};
 use crate::env::Observations;
 use crate::error::{RlError, check_finite};
 use crate::network::ActorCritic;
 use crate::ppo::minibatch::{Device, MAX_LOG_RATIO, Minibatch, Update};
 use crate::ppo::settings::PpoSettings;
-use crate::ppo::stats::{LossSums, Totals};
+use crate::ppo::stats::{LossSums, PpoTotals};
 
 /// Numbers in a row of the log, whose first row is the state of the update.
 const ROW: usize = 8;
@@ -53,7 +55,7 @@ impl Device for Gpu {
         Ok(None)
     }
 
-    fn finish(&mut self, update: &mut Update) -> Result<Option<Totals>, RlError> {
+    fn finish(&mut self, update: &mut Update) -> Result<Option<PpoTotals>, RlError> {
         let schedule = std::mem::take(&mut self.schedule);
         let compiled = self.compiled(update, &schedule)?;
         compiled.write(update, &schedule);
@@ -69,7 +71,7 @@ impl Gpu {
 
     fn compiled(&mut self, update: &Update, schedule: &Schedule) -> Result<&Compiled, GpuError> {
         let needed = Size {
-            rollout: update.buffer.samples(),
+            rollout: update.buffer.num_samples(),
             draws: schedule.draws.len() / 2,
             minibatches: schedule.minibatches.len(),
         };
@@ -120,19 +122,19 @@ impl Compiled {
         let network = update.policy.network();
         let optimiser = &update.optimiser;
         let placed = [
-            (plan.params(), update.policy.params()),
+            (plan.params_buffer(), update.policy.params()),
             (moments[0], &optimiser.first_moment),
             (moments[1], &optimiser.second_moment),
         ];
         for (slot, values) in placed {
-            self.program.write(slot, &plan.placed(values));
+            self.program.write_floats(slot, &plan.params_to_device_order(values));
         }
         let Observations { images, vectors } = update.buffer.observations();
         slots.observed.write(&self.program, network, images, vectors);
-        self.program.write(slots.decisions, &decisions(network, update));
+        self.program.write_floats(slots.decisions, &decisions(network, update));
         self.program.write_words(slots.observed.draws, &schedule.draws);
         // zeros: the state RUNNING, and no row written yet
-        self.program.write(slots.log, &vec![0.0; log_len(schedule)]);
+        self.program.write_floats(slots.log, &vec![0.0; log_len(schedule)]);
     }
 
     /// Queues every minibatch.
@@ -146,24 +148,25 @@ impl Compiled {
                 samples,
                 start,
                 index,
-                numbers: [encoder / first, heads / first, second.sqrt(), 0.0],
+                extra_numbers: [encoder / first, heads / first, second.sqrt(), 0.0],
             };
             self.program.submit(Passes::All, batch);
         }
     }
 
     /// Waits for the minibatches and copies their results to the policy, optimiser and generator.
-    fn read(&self, update: &mut Update, schedule: &Schedule) -> Result<Totals, RlError> {
+    fn read(&self, update: &mut Update, schedule: &Schedule) -> Result<PpoTotals, RlError> {
         let Graph { plan, slots, moments: [first, second] } = &self.graph;
         let [params, first, second] =
-            [plan.params(), *first, *second].map(|slot| (slot, plan.device_params()));
+            [plan.params_buffer(), *first, *second].map(|slot| (slot, plan.num_device_params()));
         let log = (slots.log, log_len(schedule));
-        let [params, first, second, log] = self.program.read([params, first, second, log])?;
-        let mut totals = Totals::default();
+        let [params, first, second, log] =
+            self.program.read_floats([params, first, second, log])?;
+        let mut totals = PpoTotals::default();
         let outcome = totals.add_log(&log, update.settings.epochs);
-        update.policy.params_mut().copy_from_slice(&plan.unplaced(&params));
-        update.optimiser.first_moment = plan.unplaced(&first);
-        update.optimiser.second_moment = plan.unplaced(&second);
+        update.policy.params_mut().copy_from_slice(&plan.params_from_device_order(&params));
+        update.optimiser.first_moment = plan.params_from_device_order(&first);
+        update.optimiser.second_moment = plan.params_from_device_order(&second);
         update.optimiser.steps += totals.steps as u64;
         // the minibatch that ended the update follows the last step taken: the generator continues
         // from its epoch's shuffle, as on the CPU, which would not have drawn later ones
@@ -173,7 +176,7 @@ impl Compiled {
     }
 }
 
-impl Totals {
+impl PpoTotals {
     /// Adds the rows of a log up to the end of the update.
     fn add_log(&mut self, log: &[f32], epochs: usize) -> Result<(), RlError> {
         let rows = log.chunks_exact(ROW).skip(1);
@@ -207,7 +210,7 @@ impl Totals {
             if stepped == 0.0 {
                 break;
             }
-            self.grad_norms += norm;
+            self.grad_norm_sum += norm;
             self.steps += 1;
             // complete epochs only, as on the CPU
             self.epochs = self.steps / per_epoch;
@@ -249,7 +252,7 @@ struct Graph {
     plan: Plan,
     slots: Slots,
     /// Adam's first and second moment.
-    moments: [Slot; 2],
+    moments: [BufferSlot; 2],
 }
 
 /// Buffers that the CPU writes and reads, besides the parameters.
@@ -258,9 +261,9 @@ struct Slots {
     /// Observations of the rollout, and the draws from them.
     observed: DeviceObservations,
     /// Action (irrep-major), log-probability and return of each decision of the rollout.
-    decisions: Slot,
+    decisions: BufferSlot,
     /// Buffer of statistics: the state of the update, then one row for each minibatch.
-    log: Slot,
+    log: BufferSlot,
 }
 
 impl Graph {
@@ -273,14 +276,14 @@ impl Graph {
         let slots = Slots::new(&mut plan, network, size);
         let outputs = add_network(&mut plan, network, slots.observed)?;
         let loss = loss(&plan, network, settings, slots, &outputs)?;
-        plan.push(vec![loss], Vec::new());
-        let params = plan.device_params();
-        let moments = [(); 2].map(|()| plan.buffer(params, 0));
-        let squares = plan.buffer(SQUARES, 0);
+        plan.add_kernels(vec![loss], Vec::new());
+        let params = plan.num_device_params();
+        let moments = [(); 2].map(|()| plan.add_buffer(params, 0));
+        let squares = plan.add_buffer(SQUARES, 0);
         let [sums, norm] = norms(&plan, settings, slots, squares);
         let step = optimiser(&plan, settings, slots.log, moments, &outputs);
-        for step in [sums, norm, step] {
-            plan.push_last(step);
+        for part in [sums, norm, step] {
+            plan.add_final_kernel(part);
         }
         Ok(Self { plan, slots, moments })
     }
@@ -291,8 +294,8 @@ impl Slots {
         let spec = network.spec();
         Self {
             observed: DeviceObservations::new(plan, network, size.rollout, size.draws),
-            decisions: plan.buffer(size.rollout * (spec.action.len() + 2), 0),
-            log: plan.buffer(ROW * (size.minibatches + 1), 0),
+            decisions: plan.add_buffer(size.rollout * (spec.action_irreps.len() + 2), 0),
+            log: plan.add_buffer(ROW * (size.minibatches + 1), 0),
         }
     }
 }
@@ -303,8 +306,8 @@ fn loss(
     network: &ActorCritic<f32>,
     settings: &PpoSettings,
     slots: Slots,
-    outputs: &Outputs,
-) -> Result<Step, GpuError> {
+    outputs: &NetworkOutputs,
+) -> Result<KernelStep, GpuError> {
     let [Some(d_mean), Some(d_value)] = [outputs.mean, outputs.value].map(|y| y.gradient) else {
         unreachable!("outputs of layers have gradients")
     };
@@ -312,45 +315,50 @@ fn loss(
     let components: Vec<String> = order.iter().map(|i| format!("{i}u")).collect();
     let (count, components) = (order.len(), components.join(", "));
     let list = format!("array<u32, {count}>");
-    let step = Step::new("loss", 1, Work::fixed_groups(1))
-        .constants([("ACTION", count), ("LOG_STD", outputs.log_std)])
-        .number("CLIP", settings.clip.into())
-        .number("VALUE", settings.value_weight.into())
-        .number("ENTROPY", settings.entropy_weight.into())
-        .number("KL_STOP", settings.kl_stop())
-        .number("MAX_LOG_RATIO", MAX_LOG_RATIO)
-        .text(&format!("var<private> component: {list} = {list}({components});"))
-        .text(DRAW)
-        .text(include_str!("wgsl/log.wgsl"))
-        .read("draws", "Draw", slots.observed.draws)
-        .read("decisions", "f32", slots.decisions)
-        .read("params", "f32", plan.params())
-        .read("mean", "f32", outputs.mean.values)
-        .read("value", "f32", outputs.value.values)
-        .write("d_mean", "f32", d_mean)
-        .write("d_value", "f32", d_value)
-        .write("gradient", "f32", plan.gradient())
-        .write("log", "f32", slots.log)
-        .sums()
-        .text(include_str!("wgsl/loss.wgsl"));
+    let step = KernelStep::new("loss", 1, WorkgroupCount::fixed_workgroups(1))
+        .add_u32_constants([("ACTION", count), ("LOG_STD", outputs.log_std)])
+        .add_f32_constant("CLIP", settings.clip.into())
+        .add_f32_constant("VALUE", settings.value_weight.into())
+        .add_f32_constant("ENTROPY", settings.entropy_weight.into())
+        .add_f32_constant("KL_STOP", settings.kl_stop_threshold())
+        .add_f32_constant("MAX_LOG_RATIO", MAX_LOG_RATIO)
+        .add_wgsl(&format!("var<private> component: {list} = {list}({components});"))
+        .add_wgsl(DRAW_STRUCT_WGSL)
+        .add_wgsl(include_str!("wgsl/log.wgsl"))
+        .add_input_buffer("draws", "Draw", slots.observed.draws)
+        .add_input_buffer("decisions", "f32", slots.decisions)
+        .add_input_buffer("params", "f32", plan.params_buffer())
+        .add_input_buffer("mean", "f32", outputs.mean.values)
+        .add_input_buffer("value", "f32", outputs.value.values)
+        .add_output_buffer("d_mean", "f32", d_mean)
+        .add_output_buffer("d_value", "f32", d_value)
+        .add_output_buffer("gradient", "f32", plan.params_gradient_buffer())
+        .add_output_buffer("log", "f32", slots.log)
+        .add_workgroup_sum()
+        .add_wgsl(include_str!("wgsl/loss.wgsl"));
     Ok(step)
 }
 
 /// Creates the two kernels for the norm of the gradient.
-fn norms(plan: &Plan, settings: &PpoSettings, slots: Slots, squares: Slot) -> [Step; 2] {
-    let sums = Step::new("squares", 1, Work::fixed_groups(SQUARES))
-        .constants([("PARAMS", plan.device_params()), ("GROUPS", SQUARES)])
-        .read("gradient", "f32", plan.gradient())
-        .write("squares", "f32", squares)
-        .sums()
-        .text(include_str!("wgsl/squares.wgsl"));
-    let norm = Step::new("norm", 1, Work::fixed_groups(1))
-        .number("MAX_NORM", settings.max_grad_norm.into())
-        .text(include_str!("wgsl/log.wgsl"))
-        .read("squares", "f32", squares)
-        .write("log", "f32", slots.log)
-        .sums()
-        .text(include_str!("wgsl/norm.wgsl"));
+fn norms(
+    plan: &Plan,
+    settings: &PpoSettings,
+    slots: Slots,
+    squares: BufferSlot,
+) -> [KernelStep; 2] {
+    let sums = KernelStep::new("squares", 1, WorkgroupCount::fixed_workgroups(SQUARES))
+        .add_u32_constants([("PARAMS", plan.num_device_params()), ("GROUPS", SQUARES)])
+        .add_input_buffer("gradient", "f32", plan.params_gradient_buffer())
+        .add_output_buffer("squares", "f32", squares)
+        .add_workgroup_sum()
+        .add_wgsl(include_str!("wgsl/squares.wgsl"));
+    let norm = KernelStep::new("norm", 1, WorkgroupCount::fixed_workgroups(1))
+        .add_f32_constant("MAX_NORM", settings.max_grad_norm.into())
+        .add_wgsl(include_str!("wgsl/log.wgsl"))
+        .add_input_buffer("squares", "f32", squares)
+        .add_output_buffer("log", "f32", slots.log)
+        .add_workgroup_sum()
+        .add_wgsl(include_str!("wgsl/norm.wgsl"));
     [sums, norm]
 }
 
@@ -358,31 +366,31 @@ fn norms(plan: &Plan, settings: &PpoSettings, slots: Slots, squares: Slot) -> [S
 fn optimiser(
     plan: &Plan,
     settings: &PpoSettings,
-    log: Slot,
-    moments: [Slot; 2],
-    outputs: &Outputs,
-) -> Step {
+    log: BufferSlot,
+    moments: [BufferSlot; 2],
+    outputs: &NetworkOutputs,
+) -> KernelStep {
     let action = outputs.mean.shape.len();
     // only for the decays: the CPU's Adam is the single source of these constants
     let Adam { betas, epsilon, .. } = Adam::new(0, settings.adam_epsilon);
-    Step::new("adam", 1, Work::fixed_threads(plan.device_params()))
-        .constants([
-            ("PARAMS", plan.device_params()),
+    KernelStep::new("adam", 1, WorkgroupCount::fixed_threads(plan.num_device_params()))
+        .add_u32_constants([
+            ("PARAMS", plan.num_device_params()),
             ("HEADS", outputs.heads),
             ("LOG_STD", outputs.log_std),
             ("ACTION", action),
         ])
-        .number("BETA_1", betas[0].into())
-        .number("BETA_2", betas[1].into())
-        .number("EPSILON", epsilon.into())
-        .number("FLOOR", settings.min_log_std.into())
-        .text(include_str!("wgsl/log.wgsl"))
-        .read("gradient", "f32", plan.gradient())
-        .read("log", "f32", log)
-        .write("first_moment", "f32", moments[0])
-        .write("second_moment", "f32", moments[1])
-        .write("params", "f32", plan.params())
-        .text(include_str!("wgsl/adam.wgsl"))
+        .add_f32_constant("BETA_1", betas[0].into())
+        .add_f32_constant("BETA_2", betas[1].into())
+        .add_f32_constant("EPSILON", epsilon.into())
+        .add_f32_constant("FLOOR", settings.min_log_std.into())
+        .add_wgsl(include_str!("wgsl/log.wgsl"))
+        .add_input_buffer("gradient", "f32", plan.params_gradient_buffer())
+        .add_input_buffer("log", "f32", log)
+        .add_output_buffer("first_moment", "f32", moments[0])
+        .add_output_buffer("second_moment", "f32", moments[1])
+        .add_output_buffer("params", "f32", plan.params_buffer())
+        .add_wgsl(include_str!("wgsl/adam.wgsl"))
 }
 
 #[cfg(test)]
@@ -397,10 +405,15 @@ mod tests {
     #[test]
     fn a_minibatch_of_the_default_network_takes_51_kernels() {
         let action = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-        let spec = EnvSpec { num_envs: 1, image: [48, 48, 6], vector: action.clone(), action };
+        let spec = EnvSpec {
+            num_envs: 1,
+            image_shape: [48, 48, 6],
+            vector_irreps: action.clone(),
+            action_irreps: action,
+        };
         let network = ActorCritic::new(&NetworkSettings::default(), &spec).unwrap();
         let size = Size { rollout: 500, draws: 6000, minibatches: 96 };
         let graph = Graph::new(&network, &PpoSettings::default(), size).unwrap();
-        assert_eq!(graph.plan.dispatches(), [19, 32]);
+        assert_eq!(graph.plan.num_kernels(), [19, 32]);
     }
 }

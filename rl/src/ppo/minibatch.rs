@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use equivariant::{Chunks, Scalar};
+use equivariant::{ParallelChunks, Scalar};
 use rand_chacha::ChaCha8Rng;
 
 use crate::adam::{Adam, ParamGroup};
@@ -11,7 +11,7 @@ use crate::error::{RlError, check_finite};
 use crate::network::{ActorCritic, Workspace};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
-use crate::ppo::stats::{LossSums, LossWeights, Totals};
+use crate::ppo::stats::{LossSums, LossWeights, PpoTotals};
 use crate::ppo::symmetry_loss::{TransformedSamples, symmetry_loss};
 
 /// Samples of one training chunk. A minibatch of 64 then has 8 chunks to keep the cores busy;
@@ -42,7 +42,7 @@ pub(super) trait Device: Send + Sync {
     /// # Errors
     /// [`RlError::NotFinite`] for a loss or a gradient that is infinite or NaN, and errors of the
     /// device.
-    fn finish(&mut self, update: &mut Update) -> Result<Option<Totals>, RlError>;
+    fn finish(&mut self, update: &mut Update) -> Result<Option<PpoTotals>, RlError>;
 }
 
 /// Inputs and state of an update in progress.
@@ -67,18 +67,19 @@ pub(super) struct Batch {
 }
 
 impl<'a> Update<'a> {
-    /// Returns the parameter groups with their learning rates. The encoder has its own rate, since
-    /// its changes under the critic's loss move the actor, too.
+    /// Returns the two parameter groups of the optimiser with their learning rates. The encoder has
+    /// its own rate, since its changes under the critic's loss move the actor, too.
     pub fn groups(&self) -> [ParamGroup; 2] {
         let group = |range, learning_rate| ParamGroup { range, learning_rate };
         let (network, settings) = (self.policy.network(), self.settings);
         [
-            group(network.encoder(), settings.encoder_learning_rate),
-            group(network.heads(), settings.head_learning_rate),
+            group(network.encoder_params(), settings.encoder_learning_rate),
+            group(network.head_params(), settings.head_learning_rate),
         ]
     }
 
-    /// Returns the minibatch of the decisions at `indices`, with their normalised advantages.
+    /// Returns the minibatch of the decisions at `indices`; `advantages` holds one value for each
+    /// of them, which the caller has normalised.
     pub fn minibatch<'b>(&self, indices: &'b [usize], advantages: &'b [f64]) -> Minibatch<'b>
     where
         'a: 'b,
@@ -105,11 +106,11 @@ impl<'a> Update<'a> {
 /// One recorded decision of a rollout.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Decision<'a> {
-    /// Executed action, `[A]`.
+    /// Action that was executed, `[A]`.
     pub action: &'a [f64],
     /// Log-probability of the action under the collecting policy.
     pub log_prob: f64,
-    /// Normalised advantage.
+    /// Advantage of the action, normalised over the minibatch.
     pub advantage: f64,
     /// Return, the target of the value function.
     pub ret: f64,
@@ -118,11 +119,11 @@ pub(super) struct Decision<'a> {
 /// Output of the current network for the observation of a decision.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Output<'a> {
-    /// Mean action, `[A]`.
+    /// Mean action of the policy in training, `[A]`.
     pub mean: &'a [f64],
-    /// Logarithms of the standard deviations, `[A]`.
+    /// Logarithms of the policy's standard deviations, `[A]`.
     pub log_std: &'a [f64],
-    /// Value V(s).
+    /// Value V(s) by the critic in training.
     pub value: f64,
 }
 
@@ -157,7 +158,7 @@ impl Minibatch<'_> {
     ) -> LossSums {
         for (slot, &i) in self.indices[range.clone()].iter().enumerate() {
             let (image, vector) = self.buffer.observations().sample(self.buffer.spec(), i);
-            network.load(slot, image, vector, workspace);
+            network.load_sample(slot, image, vector, workspace);
         }
         network.forward(params, range.len(), workspace);
         let mut sums = self.loss(range.clone(), workspace);
@@ -201,7 +202,7 @@ impl Minibatch<'_> {
 
 /// The CPU as a [`Device`]: chunks run in parallel, and their gradients are added in a fixed order.
 pub(super) struct Cpu {
-    chunks: Chunks<f32, Workspace<f32>>,
+    chunks: ParallelChunks<f32, Workspace<f32>>,
     gradient: Vec<f32>,
 }
 
@@ -210,7 +211,7 @@ impl Cpu {
         let network = policy.network().clone();
         let num_params = network.num_params();
         Self {
-            chunks: Chunks::new(num_params, TRAINING_CHUNK, move || {
+            chunks: ParallelChunks::new(num_params, TRAINING_CHUNK, move || {
                 network.workspace(TRAINING_CHUNK)
             }),
             gradient: vec![0.0; num_params],
@@ -227,17 +228,20 @@ impl Device for Cpu {
         let (network, params) = (update.policy.network(), update.policy.params());
         let (samples, mut losses) = (minibatch.indices.len(), LossSums::default());
         self.gradient.fill(0.0);
-        let parts =
-            self.chunks.accumulate(samples, &mut self.gradient, |range, workspace, gradient| {
+        let parts = self.chunks.accumulate_gradients(
+            samples,
+            &mut self.gradient,
+            |range, workspace, gradient| {
                 minibatch.chunk(network, params, range, workspace, gradient)
-            });
+            },
+        );
         parts.iter().for_each(|part| losses.add(part));
         let sum = losses.policy_loss + losses.value_loss + losses.approx_kl + losses.symmetry_loss;
         check_finite("the loss of a minibatch", sum)?;
         Ok(Some((losses, &mut self.gradient)))
     }
 
-    fn finish(&mut self, _: &mut Update) -> Result<Option<Totals>, RlError> {
+    fn finish(&mut self, _: &mut Update) -> Result<Option<PpoTotals>, RlError> {
         Ok(None)
     }
 }

@@ -8,7 +8,7 @@ use crate::error::{
 };
 use crate::ppo::symmetry_loss::SymmetryLoss;
 
-/// Settings of [`crate::Ppo`]. [`PpoSettings::measured`] is the default.
+/// Settings of [`crate::Ppo`]. [`PpoSettings::tuned`] is the default.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,7 +28,8 @@ pub struct PpoSettings {
     pub value_weight: f32,
     /// Weight of the entropy bonus, at least 0.
     pub entropy_weight: f32,
-    /// Largest Euclidean norm of the whole gradient, above 0.
+    /// Maximum Euclidean norm of the gradient over all parameters, above 0; a longer one is scaled
+    /// down to it.
     pub max_grad_norm: f32,
     /// Target KL divergence from the collecting policy, in nats, above 0; the update stops at 1.5
     /// times this value.
@@ -37,7 +38,7 @@ pub struct PpoSettings {
     pub head_learning_rate: f32,
     /// Adam's step size for the image encoder, above 0.
     pub encoder_learning_rate: f32,
-    /// Adam's epsilon, above 0.
+    /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Minimum log_std, in [-10, 2]: smaller ones are raised to it after each gradient step, so
     /// that exploration cannot vanish. [`Ppo::new`](crate::Ppo::new) rejects a policy that starts
@@ -79,7 +80,7 @@ impl PpoSettings {
     /// of 1e-3 for the heads and 1e-4 for the encoder and a value weight of 0.1, from this
     /// project's feasibility study (docs/ppo.md); a discount of 0.95 and 12 epochs instead of 8,
     /// from the comparisons in docs/results/covers.md.
-    pub fn measured() -> Self {
+    pub fn tuned() -> Self {
         Self {
             // rewards are dense and episodes last 50 decisions: a horizon of 1 / (1 - gamma) = 20
             // decisions is enough, and makes advantages less noisy
@@ -97,14 +98,14 @@ impl PpoSettings {
 
     /// Returns the KL divergence in nats above which an update stops, 1.5 * `max_kl`
     /// (Stable-Baselines3, `PPO.train`).
-    pub fn kl_stop(&self) -> f64 {
+    pub fn kl_stop_threshold(&self) -> f64 {
         1.5 * f64::from(self.max_kl)
     }
 
-    /// Rejects values outside their ranges.
+    /// Checks that every setting of PPO is in its range.
     ///
     /// # Errors
-    /// [`RlError::Setting`] names the field, its value and its range.
+    /// [`RlError::InvalidSetting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
         require_share("lambda", self.lambda)?;
@@ -121,7 +122,7 @@ impl PpoSettings {
     pub(super) fn check_floor(&self, log_std: &[f32]) -> Result<(), RlError> {
         let min_log_std = self.min_log_std;
         match log_std.iter().find(|&&log_std| log_std < min_log_std) {
-            Some(&log_std) => Err(RlError::BelowFloor { log_std, min_log_std }),
+            Some(&log_std) => Err(RlError::LogStdBelowMinimum { log_std, min_log_std }),
             None => Ok(()),
         }
     }
@@ -144,7 +145,7 @@ impl PpoSettings {
 
 impl Default for PpoSettings {
     fn default() -> Self {
-        Self::measured()
+        Self::tuned()
     }
 }
 
@@ -161,14 +162,14 @@ mod tests {
             encoder_learning_rate: 3e-4,
             value_weight: 0.5,
             epochs: 8,
-            ..PpoSettings::measured()
+            ..PpoSettings::tuned()
         };
         assert_eq!(papers, PpoSettings::paper());
     }
 
     #[test]
     fn settings_survive_a_file() {
-        for settings in [PpoSettings::paper(), PpoSettings::measured()] {
+        for settings in [PpoSettings::paper(), PpoSettings::tuned()] {
             let text = serde_json::to_string(&settings).unwrap();
             assert_eq!(serde_json::from_str::<PpoSettings>(&text).unwrap(), settings);
         }

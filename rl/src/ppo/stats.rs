@@ -18,7 +18,7 @@ pub(super) struct LossWeights {
 /// Statistics of an update. Losses and diagnostics are means over all decisions of all minibatches
 /// that were run.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct UpdateStats {
+pub struct PpoStats {
     /// Actor loss: the negated clipped surrogate.
     pub policy_loss: f64,
     /// Squared error of the value function.
@@ -34,9 +34,10 @@ pub struct UpdateStats {
     pub explained_variance: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,
-    /// Gradient steps taken.
+    /// Number of gradient steps taken in the update.
     pub steps: usize,
-    /// Complete passes over the rollout; fewer than set when the KL divergence stopped the update.
+    /// Number of complete passes over the rollout; fewer than set when the KL divergence stopped
+    /// the update.
     pub epochs: usize,
     /// Logarithm of every action component's standard deviation after the update, `[A]`.
     pub log_std: Vec<f32>,
@@ -44,7 +45,7 @@ pub struct UpdateStats {
     pub symmetry_loss: Option<f64>,
 }
 
-impl Metrics for UpdateStats {
+impl Metrics for PpoStats {
     /// Returns the fields in order. The components of `log_std` are `log_std_0`, `log_std_1`, ...;
     /// `symmetry_loss` comes last, if there is one.
     fn metrics(&self) -> Vec<(String, f64)> {
@@ -66,18 +67,18 @@ sums! {
 
 /// Running sums of an update.
 #[derive(Default)]
-pub(crate) struct Totals {
+pub(crate) struct PpoTotals {
     pub losses: LossSums,
-    pub grad_norms: f64,
+    pub grad_norm_sum: f64,
     pub steps: usize,
     pub epochs: usize,
 }
 
-impl Totals {
+impl PpoTotals {
     /// Returns the statistics; `values` and `returns` `[T, N]` are from before the update.
-    pub fn stats(&self, values: &[f32], returns: &[f32], log_std: &[f32]) -> UpdateStats {
+    pub fn stats(&self, values: &[f32], returns: &[f32], log_std: &[f32]) -> PpoStats {
         let mean = |sum: f64| sum / self.losses.samples;
-        UpdateStats {
+        PpoStats {
             policy_loss: mean(self.losses.policy_loss),
             value_loss: mean(self.losses.value_loss),
             entropy: mean(self.losses.entropy),
@@ -85,7 +86,7 @@ impl Totals {
             clip_fraction: mean(self.losses.clip_fraction),
             explained_variance: explained_variance(values, returns),
             // there is no step if the first minibatch already stops the update
-            grad_norm: self.grad_norms / self.steps.max(1) as f64,
+            grad_norm: self.grad_norm_sum / self.steps.max(1) as f64,
             steps: self.steps,
             epochs: self.epochs,
             log_std: log_std.to_vec(),

@@ -26,10 +26,10 @@ use crate::ppo::stats::LossWeights;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SymmetryLoss {
-    /// Group of the symmetry, any but C1. One element other than the identity is drawn for each
-    /// decision and update.
+    /// Symmetry group that the loss draws transformations from, any but C1. One element other than
+    /// the identity is drawn for each decision and update.
     pub group: Group,
-    /// Weight of the loss, at least 0.
+    /// Weight of the symmetry loss in the total loss, at least 0.
     pub weight: f32,
 }
 
@@ -57,7 +57,7 @@ impl SymmetryLoss {
         // the identity comes first
         let others = &self.group.elements()[1..];
         let draw = |_| others[rng.random_range(0..others.len())];
-        let elements: Vec<D2> = (0..buffer.samples()).map(draw).collect();
+        let elements: Vec<D2> = (0..buffer.num_samples()).map(draw).collect();
         let mut observations = buffer.observations().clone();
         for (i, &g) in elements.iter().enumerate() {
             observations.transform(buffer.spec(), i, g);
@@ -86,7 +86,7 @@ impl TransformedSamples {
         self.store_targets(network.spec(), indices, w);
         for (slot, &i) in indices.iter().enumerate() {
             let (image, vector) = self.observations.sample(network.spec(), i);
-            network.load(slot, image, vector, w);
+            network.load_sample(slot, image, vector, w);
         }
         network.forward(params, indices.len(), w);
     }
@@ -94,9 +94,9 @@ impl TransformedSamples {
     /// Stores the targets of the transformed samples in `d_mean` and `d_value`, which a forward
     /// pass does not write: the last pass's means, transformed, and its values.
     fn store_targets<T>(&self, spec: &EnvSpec, indices: &[usize], w: &mut Workspace<T>) {
-        let width = spec.action.len();
+        let width = spec.action_irreps.len();
         for (slot, &i) in indices.iter().enumerate() {
-            for (a, irrep) in spec.action.iter().enumerate() {
+            for (a, irrep) in spec.action_irreps.iter().enumerate() {
                 let own = slot * width + a;
                 w.d_mean[own] = f64::from(irrep.sign(self.elements[i])) * w.mean[own];
             }
@@ -140,7 +140,7 @@ mod tests {
     use crate::env::Transition;
     use crate::fixtures;
     use crate::fixtures::strided;
-    use crate::network_settings::{Critic, NetworkSettings};
+    use crate::network_settings::{CriticSettings, NetworkSettings};
     use crate::policy::Decisions;
 
     const B: usize = 12;
@@ -152,7 +152,7 @@ mod tests {
         EnvSpec { num_envs: B, ..fixtures::spec() }
     }
 
-    fn network(group: Group, critic: Critic) -> ActorCritic<f64> {
+    fn network(group: Group, critic: CriticSettings) -> ActorCritic<f64> {
         let settings = NetworkSettings { critic, ..fixtures::settings(group, strided()) };
         ActorCritic::new(&settings, &spec()).unwrap()
     }
@@ -174,18 +174,18 @@ mod tests {
     /// and the transformed samples.
     fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, TransformedSamples) {
         let (buffer, mut workspace) = (buffer(), network.workspace(B));
-        let mut params = network.init(&mut rng());
+        let mut params = network.init_params(&mut rng());
         params[network.num_params() - 3..].copy_from_slice(&[-0.3, 0.2, -0.6]);
         for i in 0..B {
             let (image, vector) = buffer.observations().sample(&spec(), i);
-            network.load(i, image, vector, &mut workspace);
+            network.load_sample(i, image, vector, &mut workspace);
         }
         network.forward(&params, B, &mut workspace);
         let transformed = ALL.draw(&buffer, &mut rng());
         (params, workspace, transformed)
     }
 
-    fn loss_of(group: Group, critic: Critic) -> (f64, Vec<f64>) {
+    fn loss_of(group: Group, critic: CriticSettings) -> (f64, Vec<f64>) {
         let network = network(group, critic);
         let (params, mut workspace, transformed) = observed(&network);
         let indices: Vec<usize> = (0..B).collect();
@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn an_equivariant_policy_pays_nothing_and_a_plain_one_does() {
-        for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
+        for critic in [CriticSettings::Joint { fields: 3 }, CriticSettings::Pooled { width: 3 }] {
             let (none, flat) = loss_of(Group::D2, critic);
             assert!(none < 1e-20 && flat.iter().all(|g| g.abs() < 1e-9));
             for group in [Group::C1, Group::D1x, Group::C2] {
@@ -212,7 +212,7 @@ mod tests {
     /// of x and a height does not.
     #[test]
     fn the_loss_of_one_decision_by_hand() {
-        let network = network(Group::C1, Critic::Joint { fields: 3 });
+        let network = network(Group::C1, CriticSettings::Joint { fields: 3 });
         let (_, mut w, mut transformed) = observed(&network);
         transformed.elements[0] = D2::FlipX;
         w.mean[..3].copy_from_slice(&[0.5, 0.25, -1.0]);
@@ -233,7 +233,7 @@ mod tests {
 
     #[test]
     fn gradient_equals_finite_differences_with_the_answers_held() {
-        for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
+        for critic in [CriticSettings::Joint { fields: 3 }, CriticSettings::Pooled { width: 3 }] {
             let network = network(Group::C1, critic);
             let (mut params, mut workspace, transformed) = observed(&network);
             let indices: Vec<usize> = (0..B).collect();

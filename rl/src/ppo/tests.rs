@@ -7,12 +7,12 @@ use symmetry::Group;
 use super::minibatch::Minibatch;
 use super::symmetry_loss::SymmetryLoss;
 use super::*;
-use crate::encoder::Encoder;
+use crate::encoder::EncoderSettings;
 use crate::env::{EnvSpec, Observations, Transition};
 use crate::fixtures;
 use crate::fixtures::strided;
 use crate::network::ActorCritic;
-use crate::network_settings::{Critic, NetworkSettings};
+use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::policy::Decisions;
 
 const B: usize = 5;
@@ -100,9 +100,9 @@ fn spec() -> EnvSpec {
     EnvSpec { num_envs: B, ..fixtures::spec() }
 }
 
-const JOINT: Critic = Critic::Joint { fields: 3 };
+const JOINT: CriticSettings = CriticSettings::Joint { fields: 3 };
 
-fn network(group: Group, encoder: Encoder, critic: Critic) -> ActorCritic<f64> {
+fn network(group: Group, encoder: EncoderSettings, critic: CriticSettings) -> ActorCritic<f64> {
     let settings = NetworkSettings { critic, ..fixtures::settings(group, encoder) };
     ActorCritic::new(&settings, &spec()).unwrap()
 }
@@ -126,7 +126,7 @@ fn rollout(
     let mut workspace = network.workspace(B);
     for i in 0..B {
         let (image, vector) = observations.sample(&spec(), i);
-        network.load(i, image, vector, &mut workspace);
+        network.load_sample(i, image, vector, &mut workspace);
     }
     network.forward(params, B, &mut workspace);
     for i in 0..B {
@@ -172,12 +172,12 @@ fn loss(
 #[test]
 fn gradient_of_the_whole_loss_equals_finite_differences() {
     for group in Group::ALL {
-        for critic in [JOINT, Critic::Pooled { width: 3 }] {
+        for critic in [JOINT, CriticSettings::Pooled { width: 3 }] {
             gradient_equals_finite_differences(&network(group, strided(), critic));
         }
     }
-    let pooled = Encoder::Pooled { fields: vec![], inner: [2, 2] };
-    let keypoints = Encoder::Keypoints { fields: vec![2], maps: 2 };
+    let pooled = EncoderSettings::Pooled { fields: vec![], inner: [2, 2] };
+    let keypoints = EncoderSettings::Keypoints { fields: vec![2], maps: 2 };
     for encoder in [pooled, keypoints] {
         gradient_equals_finite_differences(&network(Group::D2, encoder, JOINT));
     }
@@ -185,7 +185,7 @@ fn gradient_of_the_whole_loss_equals_finite_differences() {
 
 fn gradient_equals_finite_differences(network: &ActorCritic<f64>) {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut params = network.init(&mut rng);
+    let mut params = network.init_params(&mut rng);
     let buffer = rollout(network, &params, 0.5, &mut rng);
     let returns = uniform(&mut rng, B);
     let (sums, gradient) = loss(network, &params, &buffer, &returns);
@@ -213,7 +213,7 @@ fn gradient_equals_finite_differences(network: &ActorCritic<f64>) {
 fn a_symmetry_loss_is_a_sum_over_decisions() {
     let network = network(Group::C1, strided(), JOINT);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let params = network.init(&mut rng);
+    let params = network.init_params(&mut rng);
     let buffer = rollout(&network, &params, 0.5, &mut rng);
     let actions = actions(&buffer);
     let symmetry = SymmetryLoss::default();
@@ -252,7 +252,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
 fn before_the_first_step_the_ratio_is_one() {
     let network = network(Group::D2, strided(), JOINT);
     let mut rng = ChaCha8Rng::seed_from_u64(4);
-    let params = network.init(&mut rng);
+    let params = network.init_params(&mut rng);
     let buffer = rollout(&network, &params, 0.0, &mut rng);
     let (sums, _) = loss(&network, &params, &buffer, &[0.0; B]);
     // with a ratio of one, the surrogate is the negated sum of the advantages, here 0

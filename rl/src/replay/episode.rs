@@ -1,6 +1,6 @@
 //! One episode of a replay buffer.
 
-use crate::env::{EnvSpec, Outcome};
+use crate::env::{EnvSpec, StepOutcome};
 
 /// Steps that an episode keeps as history after they left the replay buffer; more than the 64 steps
 /// that a recurrent context may read.
@@ -20,13 +20,13 @@ pub(super) struct Sizes {
 
 impl Sizes {
     pub fn new(spec: &EnvSpec, still_channels: usize) -> Self {
-        let [height, width, channels] = spec.image;
+        let [height, width, channels] = spec.image_shape;
         Self {
             pixels: height * width,
             moving: channels - still_channels,
             still: still_channels,
-            vector: spec.vector.len(),
-            action: spec.action.len(),
+            vector: spec.vector_irreps.len(),
+            action: spec.action_irreps.len(),
         }
     }
 
@@ -52,21 +52,21 @@ impl Sizes {
 /// an episode longer than the buffer are removed.
 #[derive(Clone, Default)]
 pub(super) struct Episode {
-    /// Still channels, `[H, W, S]`.
+    /// Still channels of the episode's images, `[H, W, S]`.
     pub still: Vec<u8>,
-    /// Moving channels, `[T + 1, H, W, C - S]`.
+    /// Moving channels of the episode's images, `[T + 1, H, W, C - S]`.
     pub moving: Vec<u8>,
-    /// Observation vectors `[T + 1, D]`.
+    /// Observation vectors of the episode, `[T + 1, D]`.
     pub vectors: Vec<f32>,
-    /// Actions `[T, A]`.
+    /// Actions of the episode's steps, `[T, A]`.
     pub actions: Vec<f32>,
-    /// Rewards `[T]`.
+    /// Rewards of the episode's steps, `[T]`.
     pub rewards: Vec<f32>,
-    /// Outcome of the last step.
-    pub outcome: Outcome,
-    /// Number of steps removed from the front.
+    /// State of the episode after its last step.
+    pub outcome: StepOutcome,
+    /// Number of steps removed from the front of the episode.
     pub removed: usize,
-    /// Number of steps that the buffer has not dropped, the last ones.
+    /// Number of the episode's last steps that the replay buffer still holds.
     pub held: usize,
 }
 
@@ -91,13 +91,13 @@ impl Episode {
         self.vectors.extend_from_slice(vector);
     }
 
-    /// Appends a step and the observation after it.
+    /// Appends a step and the observation after it to the episode.
     pub fn push(
         &mut self,
         sizes: &Sizes,
         action: &[f32],
         reward: f32,
-        outcome: Outcome,
+        outcome: StepOutcome,
         next_image: &[u8],
         next_vector: &[f32],
     ) {
@@ -106,12 +106,12 @@ impl Episode {
         self.outcome = outcome;
         self.observe(sizes, next_image, next_vector);
         self.held += 1;
-        if outcome.ended() {
+        if outcome.is_ended() {
             self.shrink();
         }
     }
 
-    /// Frees memory allocated for further steps.
+    /// Frees memory that was allocated for further steps of the episode.
     pub fn shrink(&mut self) {
         self.moving.shrink_to_fit();
         self.vectors.shrink_to_fit();
@@ -119,12 +119,13 @@ impl Episode {
         self.rewards.shrink_to_fit();
     }
 
-    /// Returns T, the number of stored steps.
+    /// Returns T, the number of steps stored for the episode.
     pub fn steps(&self) -> usize {
         self.rewards.len()
     }
 
-    /// Drops the oldest held step, whose memory is freed later together with that of many others.
+    /// Drops the oldest held step of the episode, whose memory is freed later together with that of
+    /// many others.
     pub fn drop_oldest(&mut self, sizes: &Sizes) {
         self.held -= 1;
         let dropped = self.steps() - self.held;
@@ -146,7 +147,7 @@ impl Episode {
         sizes.still == 0 || sizes.split(image).all(|(_, still)| own.next() == Some(still))
     }
 
-    /// Returns `true` if an observation is the last one of the episode.
+    /// Returns `true` if this observation is the last one of the episode.
     pub fn ends_with(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
         let last = &self.moving[self.steps() * sizes.moving_len()..];
         let mut own = last.chunks(sizes.moving.max(1));
@@ -156,7 +157,7 @@ impl Episode {
             && self.stands_still(sizes, image)
     }
 
-    /// Writes image `t`, in 0..=T, as the environment returned it.
+    /// Writes image `t` of the episode, in 0..=T, as the environment returned it.
     pub fn image(&self, sizes: &Sizes, t: usize, out: &mut [u8]) {
         let moving = &self.moving[t * sizes.moving_len()..][..sizes.moving_len()];
         let channels = sizes.moving + sizes.still;

@@ -3,64 +3,65 @@
 use std::collections::VecDeque;
 use std::fmt;
 
-use crate::env::{EnvSpec, Outcome};
+use crate::env::{EnvSpec, StepOutcome};
 use crate::error::{RlError, check_all_finite, check_len};
 use crate::replay::episode::{Episode, Sizes};
-use crate::replay::{Replay, ReplaySettings, StepIndex};
+use crate::replay::{ReplayBuffer, ReplaySettings, StepId};
 
-/// Complete state of a [`Replay`]. A buffer restored from it samples the same steps.
+/// Complete state of a [`ReplayBuffer`]. A buffer restored from it samples the same steps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReplayState<'a> {
-    /// Number of steps ever recorded.
-    pub recorded: u64,
-    /// Number of steps that had been recorded at the last mark.
-    pub marked: u64,
-    /// Index in `episodes` of each environment's running episode, `[N]`.
-    pub running: Vec<Option<u32>>,
-    /// Index in `episodes` and position in the episode of every step, the oldest first.
-    pub order: Vec<[u32; 2]>,
-    /// Episodes, in the order in which they began.
-    pub episodes: Vec<EpisodeState<'a>>,
+    /// Number of steps ever recorded, dropped ones included.
+    pub num_recorded: u64,
+    /// Number of the recorded steps that lie before the mark; all later ones count as newest.
+    pub num_before_newest: u64,
+    /// Index in `episodes` of each environment's running episode, `[N]`; `None` where none is
+    /// running.
+    pub running_episodes: Vec<Option<u32>>,
+    /// Index in `episodes` and position in the episode of every held step, the oldest first.
+    pub step_order: Vec<[u32; 2]>,
+    /// Stored episodes, in the order in which they began.
+    pub stored_episodes: Vec<EpisodeState<'a>>,
 }
 
 /// One episode of a [`ReplayState`]: T steps and the T + 1 observations around them. May be empty
 /// if none of its steps is held.
 #[derive(Clone, Copy, Default, PartialEq)]
 pub struct EpisodeState<'a> {
-    /// Still channels, `[H, W, S]`.
+    /// Still channels of the episode's images, `[H, W, S]`.
     pub still: &'a [u8],
-    /// Moving channels, `[T + 1, H, W, C - S]`.
+    /// Moving channels of the episode's images, `[T + 1, H, W, C - S]`.
     pub moving: &'a [u8],
-    /// Observation vectors `[T + 1, D]`.
+    /// Observation vectors of the episode, `[T + 1, D]`.
     pub vectors: &'a [f32],
-    /// Actions `[T, A]`.
+    /// Actions of the episode's steps, `[T, A]`.
     pub actions: &'a [f32],
-    /// Rewards `[T]`.
+    /// Rewards of the episode's steps, `[T]`.
     pub rewards: &'a [f32],
-    /// Outcome of the last step.
-    pub outcome: Outcome,
+    /// State of the episode after its last step.
+    pub outcome: StepOutcome,
     /// Number of steps removed from the front of an episode longer than the buffer.
     pub removed: u32,
 }
 
-impl Replay {
-    /// Returns the complete state; arrays are borrowed, not copied.
+impl ReplayBuffer {
+    /// Returns the complete state of the replay buffer; arrays are borrowed, not copied.
     pub fn save(&self) -> ReplayState<'_> {
         let index = |number: u32| number - self.first;
         ReplayState {
-            recorded: self.recorded,
-            marked: self.marked,
-            running: self.running.iter().map(|n| n.map(index)).collect(),
-            order: self.order.iter().map(|at| [index(at.episode), at.step]).collect(),
-            episodes: self.episodes.iter().map(Episode::save).collect(),
+            num_recorded: self.num_recorded,
+            num_before_newest: self.num_before_newest,
+            running_episodes: self.running_episodes.iter().map(|n| n.map(index)).collect(),
+            step_order: self.step_order.iter().map(|at| [index(at.episode), at.step]).collect(),
+            stored_episodes: self.stored_episodes.iter().map(Episode::save).collect(),
         }
     }
 
-    /// Restores a replay buffer from a state that [`Replay::save`] returned.
+    /// Restores a replay buffer from a state that [`ReplayBuffer::save`] returned.
     ///
     /// # Errors
-    /// Those of [`Replay::new`], [`RlError::Shape`] for arrays of another environment,
-    /// [`RlError::Damaged`] or [`RlError::NotFinite`] for invalid numbers.
+    /// Errors of [`ReplayBuffer::new`], [`RlError::ShapeMismatch`] for arrays of another
+    /// environment, [`RlError::InvalidStateNumber`] or [`RlError::NotFinite`] for invalid numbers.
     pub fn restore(
         settings: ReplaySettings,
         spec: &EnvSpec,
@@ -68,16 +69,16 @@ impl Replay {
     ) -> Result<Self, RlError> {
         let mut replay = Self::new(settings, spec)?;
         state.check(&replay)?;
-        replay.spec.num_envs = state.running.len();
-        replay.running.clone_from(&state.running);
-        replay.recorded = state.recorded;
-        replay.marked = state.marked;
-        replay.episodes = state.episodes.iter().map(Episode::restored).collect();
-        replay.order = VecDeque::with_capacity(state.order.len());
-        for &[episode, step] in &state.order {
+        replay.spec.num_envs = state.running_episodes.len();
+        replay.running_episodes.clone_from(&state.running_episodes);
+        replay.num_recorded = state.num_recorded;
+        replay.num_before_newest = state.num_before_newest;
+        replay.stored_episodes = state.stored_episodes.iter().map(Episode::restored).collect();
+        replay.step_order = VecDeque::with_capacity(state.step_order.len());
+        for &[episode, step] in &state.step_order {
             // `restored` starts from 0: the saved order says which steps are held
-            replay.episodes[episode as usize].held += 1;
-            replay.order.push_back(StepIndex { episode, step });
+            replay.stored_episodes[episode as usize].held += 1;
+            replay.step_order.push_back(StepId { episode, step });
         }
         Ok(replay)
     }
@@ -121,44 +122,46 @@ impl fmt::Debug for EpisodeState<'_> {
 }
 
 impl ReplayState<'_> {
-    fn check(&self, replay: &Replay) -> Result<(), RlError> {
-        self.episodes.iter().try_for_each(|episode| episode.check(&replay.sizes))?;
-        let held = self.recorded.min(replay.settings.capacity as u64);
+    fn check(&self, replay: &ReplayBuffer) -> Result<(), RlError> {
+        self.stored_episodes.iter().try_for_each(|episode| episode.check(&replay.sizes))?;
+        let held = self.num_recorded.min(replay.settings.capacity as u64);
         let expected = "as many as were recorded, up to the capacity";
-        require("replay.order", self.order.len(), expected, |len| {
-            len as u64 == held && self.recorded <= u64::from(u32::MAX)
+        require("replay.order", self.step_order.len(), expected, |len| {
+            len as u64 == held && self.num_recorded <= u64::from(u32::MAX)
         })?;
-        let marked = self.marked as usize;
-        let expected = "a number of steps that were recorded";
-        require("replay.marked", marked, expected, |_| self.marked <= self.recorded)?;
+        let marked = self.num_before_newest as usize;
+        let expected_marked = "a number of steps that were recorded";
+        require("replay.marked", marked, expected_marked, |_| {
+            self.num_before_newest <= self.num_recorded
+        })?;
         self.check_order()?;
-        let expected = "at least one environment";
-        require("replay.running", self.running.len(), expected, |n| n > 0)?;
-        for (env, &running) in self.running.iter().enumerate() {
+        let expected_running = "at least one environment";
+        require("replay.running", self.running_episodes.len(), expected_running, |n| n > 0)?;
+        for (env, &running) in self.running_episodes.iter().enumerate() {
             let Some(number) = running else { continue };
-            let episode = self.episodes.get(number as usize);
-            let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.is_empty());
-            let alone = !self.running[..env].contains(&running);
-            let expected = "episodes that have not ended, each of one environment";
-            require("replay.running", number as usize, expected, |_| runs && alone)?;
+            let episode = self.stored_episodes.get(number as usize);
+            let runs = episode.is_some_and(|e| !e.outcome.is_ended() && !e.is_empty());
+            let alone = !self.running_episodes[..env].contains(&running);
+            let expected_episodes = "episodes that have not ended, each of one environment";
+            require("replay.running", number as usize, expected_episodes, |_| runs && alone)?;
         }
         Ok(())
     }
 
     /// Checks that the held steps of an episode are its last ones, each once and in order.
     fn check_order(&self) -> Result<(), RlError> {
-        let mut next: Vec<Option<u32>> = vec![None; self.episodes.len()];
+        let mut next: Vec<Option<u32>> = vec![None; self.stored_episodes.len()];
         let expected = "the last steps of its episodes, in order";
-        for &[episode, step] in &self.order {
-            let steps = self.episodes.get(episode as usize).map(EpisodeState::steps);
+        for &[episode, step] in &self.step_order {
+            let steps = self.stored_episodes.get(episode as usize).map(EpisodeState::steps);
             let stored = steps.is_some_and(|steps| steps.contains(&step));
             let fits = stored && next[episode as usize].is_none_or(|next| next == step);
             require("replay.order", step as usize, expected, |_| fits)?;
             next[episode as usize] = Some(step + 1);
         }
-        for (episode, next) in self.episodes.iter().zip(next) {
+        for (episode, following) in self.stored_episodes.iter().zip(next) {
             let end = episode.steps().end;
-            let whole = next.is_none_or(|next| next == end);
+            let whole = following.is_none_or(|following| following == end);
             require("replay.order", end as usize, expected, |_| whole)?;
         }
         Ok(())
@@ -166,7 +169,7 @@ impl ReplayState<'_> {
 }
 
 impl EpisodeState<'_> {
-    /// Returns `true` if no observation is stored.
+    /// Returns `true` if no observation of the episode is stored.
     pub fn is_empty(&self) -> bool {
         self.still.is_empty() && self.moving.is_empty() && self.vectors.is_empty()
     }
@@ -205,5 +208,5 @@ fn require(
     if allowed(value) {
         return Ok(());
     }
-    Err(RlError::Damaged { name: name.to_owned(), value: value as f64, expected })
+    Err(RlError::InvalidStateNumber { name: name.to_owned(), value: value as f64, expected })
 }

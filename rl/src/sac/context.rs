@@ -1,8 +1,8 @@
 //! Context of the heads: a GRU over the last steps before an observation.
 
-use equivariant::{Concat, FieldType, Gru, GruPass, Scalar, Shape};
+use equivariant::{Concat, FieldType, Gru, GruWorkspace, Scalar, Shape};
 use rand::Rng;
-use symmetry::{Irrep, irrep_order};
+use symmetry::{Irrep, irrep_major_permutation};
 
 use crate::env::EnvSpec;
 use crate::error::{RlError, require};
@@ -66,7 +66,7 @@ impl ContextSteps {
 /// Buffers of a context reader for up to a fixed number of samples.
 #[derive(Clone, Debug)]
 pub(crate) struct ContextPass<T> {
-    gru: Option<GruPass<T>>,
+    gru: Option<GruWorkspace<T>>,
     /// Input of a head, `[N, S]`.
     pub state: Vec<T>,
     /// Gradient with respect to `state`, written before the backward pass.
@@ -107,12 +107,12 @@ impl ContextReader {
         }
     }
 
-    pub fn pass<T: Scalar>(&self, capacity: usize) -> ContextPass<T> {
+    pub fn new_pass<T: Scalar>(&self, capacity: usize) -> ContextPass<T> {
         let zeros = |width: usize| vec![T::ZERO; capacity * width];
         let context = self.context.as_ref();
         let width = self.out_type().dim();
         ContextPass {
-            gru: context.map(|context| context.gru.pass(context.length, capacity)),
+            gru: context.map(|context| context.gru.new_workspace(context.length, capacity)),
             state: zeros(width),
             d_state: zeros(width),
             d_out: zeros(width - self.fields.dim()),
@@ -158,8 +158,14 @@ impl ContextReader {
         let state = &mut pass.state[..samples * self.out_type().dim()];
         match (&self.context, &mut pass.gru) {
             (Some(context), Some(gru)) => {
-                context.gru.forward_shared(params, &items.0, &steps.reads, &steps.lengths, gru);
-                context.widened.forward(fields, gru.out(), state);
+                context.gru.forward_shared_inputs(
+                    params,
+                    &items.0,
+                    &steps.reads,
+                    &steps.lengths,
+                    gru,
+                );
+                context.widened.forward(fields, gru.last_states(), state);
             }
             _ => state.copy_from_slice(fields),
         }
@@ -196,9 +202,9 @@ impl Context {
         let allowed = size > 0 && size.is_multiple_of(group.order());
         let expected = "a multiple of the order of the network's group, at least that";
         require("context.size", size as f32, expected, allowed)?;
-        let allowed = (1..=64).contains(&settings.length);
-        require("context.length", settings.length as f32, "1 to 64", allowed)?;
-        let mut tail = spec.action.clone();
+        let in_range = (1..=64).contains(&settings.length);
+        require("context.length", settings.length as f32, "1 to 64", in_range)?;
+        let mut tail = spec.action_irreps.clone();
         tail.push(Irrep::Trivial);
         let shape = Shape::vector(fields);
         let item = Concat::new(shape, Shape::vector(FieldType::from_irreps(group, &tail)))?;
@@ -207,7 +213,7 @@ impl Context {
             widened: Concat::new(shape, Shape::vector(gru.out_type()))?,
             gru,
             item,
-            order: irrep_order(group, &tail),
+            order: irrep_major_permutation(group, &tail),
             length: settings.length,
         })
     }

@@ -5,11 +5,11 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Group};
 
 use super::*;
-use crate::encoder::Encoder;
+use crate::encoder::EncoderSettings;
 use crate::env::{Observations, transform_vector};
 use crate::fixtures::{network, replay, settings, spec, strided};
-use crate::policy::{Actor, Memory};
-use crate::replay::Replay;
+use crate::policy::{Actor, ActorMemory};
+use crate::replay::ReplayBuffer;
 use crate::sac::minibatch::Batch;
 use crate::sac::network::SacNetwork;
 use crate::sac::policy::SacPolicy;
@@ -34,8 +34,8 @@ struct Case {
 impl Case {
     fn new(network: SacNetwork<f64>, gamma: f64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let params = network.init(&mut rng);
-        let targets = network.init(&mut rng)[network.critics()].to_vec();
+        let params = network.init_params(&mut rng);
+        let targets = network.init_params(&mut rng)[network.critic_params()].to_vec();
         let mut noise = || (0..STEPS.len() * A).map(|_| rng.random_range(-1.5..1.5)).collect();
         Self {
             noise: [noise(), noise()],
@@ -50,7 +50,7 @@ impl Case {
     /// Transforms every step and its noise by g.
     fn moved(mut self, g: D2) -> Self {
         self.elements = [g; STEPS.len()];
-        let irreps = &self.network.spec().action;
+        let irreps = &self.network.spec().action_irreps;
         for noise in &mut self.noise {
             let rows = noise.chunks(A).flat_map(|row| transform_vector(g, row, irreps));
             *noise = rows.collect();
@@ -60,7 +60,7 @@ impl Case {
 
     /// Returns sums and gradient, in chunks of one workspace, and the actor's output of the last
     /// chunk.
-    fn run_in(&self, chunk: usize, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
+    fn run_in(&self, chunk: usize, replay: &ReplayBuffer) -> (SacSums, Vec<f64>, Vec<f64>) {
         let losses = Losses {
             network: &self.network,
             params: &self.params,
@@ -86,7 +86,7 @@ impl Case {
     }
 
     /// Returns the sums, the gradient and the output of a minibatch that is computed in two chunks.
-    fn run(&self, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
+    fn run(&self, replay: &ReplayBuffer) -> (SacSums, Vec<f64>, Vec<f64>) {
         let (sums, gradient, output) = self.run_in(3, replay);
         (sums, gradient, output[..2 * 2 * A].to_vec())
     }
@@ -124,10 +124,10 @@ fn check_gradient(network: SacNetwork<f64>) {
 #[test]
 fn the_gradient_of_both_losses_equals_finite_differences() {
     for group in Group::ALL {
-        for encoder in [strided(), Encoder::Blind] {
+        for encoder in [strided(), EncoderSettings::Blind] {
             check_gradient(network(group, encoder, false));
         }
-        check_gradient(network(group, Encoder::Blind, true));
+        check_gradient(network(group, EncoderSettings::Blind, true));
     }
 }
 
@@ -144,10 +144,12 @@ fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let case = || Case::new(network(group, strided(), context), 0.9);
     let (sums, gradient, output) = case().run(&replay);
     let (moved_sums, moved_gradient, moved_output) = case().moved(g).run(&replay);
-    let losses = |sums: &SacSums| [sums.critic_loss, sums.actor_loss, sums.value, sums.log_pi];
-    let irreps = &spec().action;
-    let split = |output: &[f64], first: bool| -> Vec<f64> {
-        let rows = output.chunks(2 * A);
+    let losses = |case_sums: &SacSums| {
+        [case_sums.critic_loss, case_sums.actor_loss, case_sums.value, case_sums.log_pi]
+    };
+    let irreps = &spec().action_irreps;
+    let split = |both: &[f64], first: bool| -> Vec<f64> {
+        let rows = both.chunks(2 * A);
         rows.flat_map(|row| if first { row[..A].to_vec() } else { row[A..].to_vec() }).collect()
     };
     let signs = irreps.iter().map(|irrep| f64::from(irrep.sign(g))).cycle();
@@ -208,8 +210,8 @@ fn only_a_termination_ends_what_is_to_come() {
     losses.run_next(&(0..3), &mut w);
     losses.next_q_values(&(0..3), &mut w);
     let beyond = |slot: usize| w.next_q_values[slot] - f64::from(replay.get(6 + slot).reward());
-    assert_eq!(replay.get(6).outcome(), Outcome::Truncated);
-    assert_eq!(replay.get(7).outcome(), Outcome::Terminated);
+    assert_eq!(replay.get(6).outcome(), StepOutcome::Truncated);
+    assert_eq!(replay.get(7).outcome(), StepOutcome::Terminated);
     assert_eq!(beyond(1), 0.0);
     for slot in [0, 2] {
         let worth = w.min_qf(slot).1 - ALPHA * w.log_pi[slot];
@@ -218,24 +220,24 @@ fn only_a_termination_ends_what_is_to_come() {
 }
 
 /// Returns the observations of both environments at a step of the replay buffer.
-fn seen(replay: &Replay, step: usize) -> Observations {
+fn seen(replay: &ReplayBuffer, step: usize) -> Observations {
     let spec = spec();
     let both = [0, 1].map(|env| replay.get(2 * step + env));
     let mut seen = Observations::new(&spec);
-    for (image, step) in seen.images.chunks_mut(spec.image_len()).zip(both) {
-        step.image(image);
+    for (image, held) in seen.images.chunks_mut(spec.image_len()).zip(both) {
+        held.image(image);
     }
-    seen.vectors = both.map(|step| step.vector()).concat();
+    seen.vectors = both.map(|held| held.vector()).concat();
     seen
 }
 
 /// Returns the actor's mean actions at a step, computed from the replay buffer.
-fn trained(policy: &SacPolicy, replay: &Replay, step: usize) -> Vec<f64> {
+fn trained(policy: &SacPolicy, replay: &ReplayBuffer, step: usize) -> Vec<f64> {
     let network = policy.network();
     let losses = Losses {
         network,
         params: policy.params(),
-        targets: &policy.params()[network.critics()],
+        targets: &policy.params()[network.critic_params()],
         batch: Batch {
             replay,
             steps: &[(2 * step, 0), (2 * step + 1, 0)],
@@ -259,15 +261,15 @@ fn an_actor_decides_from_the_context_that_it_is_trained_with() {
     let context = Some(ContextSettings { size: 4, length: 3 });
     let settings = settings(Group::D2, strided());
     let mut policy = SacPolicy::new(&settings, context, &spec(), 4).unwrap();
-    let (mut memory, mut means) = (policy.memory(2), vec![0.0; 2 * A]);
+    let (mut memory, mut means) = (policy.new_memory(2), vec![0.0; 2 * A]);
     for step in 0..6 {
         let expected = trained(&policy, &replay, step);
-        let error = |means: &[f32]| {
-            let means: Vec<f64> = means.iter().map(|&m| m.into()).collect();
-            distance(&means, &expected)
+        let error = |got: &[f32]| {
+            let got: Vec<f64> = got.iter().map(|&m| m.into()).collect();
+            distance(&got, &expected)
         };
         let observations = seen(&replay, step);
-        let mut forgetful = policy.memory(2);
+        let mut forgetful = policy.new_memory(2);
         policy.mean_actions(&observations, &mut forgetful, &mut means).unwrap();
         // the fourth step ends both episodes
         assert_eq!(error(&means) < 1e-6, step % 4 == 0, "{step}");
@@ -275,9 +277,9 @@ fn an_actor_decides_from_the_context_that_it_is_trained_with() {
         assert!(error(&means) < 1e-6, "{step}: {}", error(&means));
         for env in 0..2 {
             let recorded = replay.get(2 * step + env);
-            memory.remember(env, recorded.action(), recorded.reward());
-            if recorded.outcome().ended() {
-                memory.forget(env);
+            memory.remember_step(env, recorded.action(), recorded.reward());
+            if recorded.outcome().is_ended() {
+                memory.forget_episode(env);
             }
         }
     }

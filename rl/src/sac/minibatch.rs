@@ -9,7 +9,7 @@ use symmetry::D2;
 
 use crate::distributions::standard_normals;
 use crate::env::{transform_image, transform_vector};
-use crate::replay::{Replay, ReplayStep, StepIndex};
+use crate::replay::{ReplayBuffer, ReplayStep, StepId};
 use crate::sac::context::{ContextItems, ContextPass, ContextSteps};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::SacSettings;
@@ -37,10 +37,10 @@ pub(super) struct Draws {
 
 impl Draws {
     /// Draws a minibatch: first the windows, then their group elements, then both noises.
-    pub fn draw(&mut self, settings: &SacSettings, replay: &Replay, rng: &mut ChaCha8Rng) {
+    pub fn draw(&mut self, settings: &SacSettings, replay: &ReplayBuffer, rng: &mut ChaCha8Rng) {
         let (batch, window) = (settings.batch, settings.window);
         let windows = batch.div_ceil(window);
-        replay.sample(windows, settings.newest_share, rng, &mut self.indices);
+        replay.sample_indices(windows, settings.newest_share, rng, &mut self.indices);
         let in_window = |&index: &usize| (0..window).map(move |further| (index, further));
         self.steps.clear();
         self.steps.extend(self.indices.iter().flat_map(in_window).take(batch));
@@ -52,7 +52,7 @@ impl Draws {
         }
         self.elements.truncate(batch);
         for noise in &mut self.noise {
-            noise.resize(batch * replay.spec().action.len(), 0.0);
+            noise.resize(batch * replay.spec().action_irreps.len(), 0.0);
             standard_normals(rng, noise);
         }
     }
@@ -62,7 +62,7 @@ impl Draws {
         &'a self,
         settings: &SacSettings,
         alpha: f64,
-        replay: &'a Replay,
+        replay: &'a ReplayBuffer,
     ) -> Batch<'a> {
         Batch {
             replay,
@@ -79,7 +79,7 @@ impl Draws {
 /// A minibatch of B steps of a replay buffer, with its random draws.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Batch<'a> {
-    pub replay: &'a Replay,
+    pub replay: &'a ReplayBuffer,
     /// Steps of the minibatch, `[B]`: an index in the buffer, and the number of steps after it.
     pub steps: &'a [(usize, usize)],
     /// Group element that transforms each step, `[B]`.
@@ -103,7 +103,7 @@ impl<'a> Batch<'a> {
 
     /// Returns the action `[A]` of a step, transformed by g.
     pub fn action<T: Scalar>(&self, network: &SacNetwork<T>, step: ReplayStep, g: D2) -> Vec<f32> {
-        transform_vector(g, step.action(), &network.spec().action)
+        transform_vector(g, step.action(), &network.spec().action_irreps)
     }
 
     /// Returns the weight of one step in a mean over the minibatch.
@@ -182,12 +182,19 @@ impl<'a> Batch<'a> {
             let (action, reward) = (self.action(network, step, g), step.reward());
             reader.write(slot, fields_of(slot), &action, reward, &mut w.items);
             next.prepend(slot, slot);
-            for step in earlier_steps(network, step) {
+            for earlier in earlier_steps(network, step) {
                 let source = sources.next().unwrap_or_default();
                 // steps of this chunk have written their own item already, or will
                 if source >= n {
-                    let (action, reward) = (self.action(network, step, g), step.reward());
-                    reader.write(source, fields_of(source), &action, reward, &mut w.items);
+                    let (earlier_action, earlier_reward) =
+                        (self.action(network, earlier, g), earlier.reward());
+                    reader.write(
+                        source,
+                        fields_of(source),
+                        &earlier_action,
+                        earlier_reward,
+                        &mut w.items,
+                    );
                 }
                 now.prepend(slot, source);
                 next.prepend(slot, source);
@@ -218,12 +225,12 @@ fn load_transformed<T: Scalar>(
     if g != D2::Identity {
         *image = transform_image(g, image, spec);
     }
-    let vector = transform_vector(g, vector, &spec.vector);
-    network.trunk.load(slot, image, &vector, pass);
+    let vector = transform_vector(g, vector, &spec.vector_irreps);
+    network.trunk.load_sample(slot, image, &vector, pass);
 }
 
 /// Key of an encoded observation: its index in the replay buffer and its group element.
-pub(crate) type Observed = (StepIndex, D2);
+pub(crate) type ObservationKey = (StepId, D2);
 
 /// Activations, gradients and scratch memory of up to K steps, allocated once.
 pub(crate) struct SacWorkspace<T> {
@@ -232,7 +239,7 @@ pub(crate) struct SacWorkspace<T> {
     /// Pass over all other observations: the next ones, and those of the steps before.
     pub others: TrunkPass<T>,
     /// Keys of the observations of `current`, then of `others`.
-    pub observed: Vec<Observed>,
+    pub observed: Vec<ObservationKey>,
     /// Positions in `observed` of each step's next observation and of the steps before it.
     pub sources: Vec<usize>,
     /// Fields of the next observations, `[K, h]`.
@@ -270,15 +277,15 @@ impl<T: Scalar> SacNetwork<T> {
         let zeros = |len: usize| vec![0.0; capacity * len];
         let reals = |len: usize| vec![T::ZERO; capacity * len];
         SacWorkspace {
-            current: self.trunk.pass(capacity),
-            others: self.trunk.pass(capacity * (1 + self.reader.length())),
+            current: self.trunk.new_pass(capacity),
+            others: self.trunk.new_pass(capacity * (1 + self.reader.length())),
             observed: Vec::new(),
             sources: Vec::new(),
             next_fields: reals(self.trunk.out_type().dim()),
             items: ContextItems::default(),
             before: <[ContextSteps; 2]>::default(),
-            actor_reader: self.reader.pass(capacity),
-            critic_reader: self.reader.pass(capacity),
+            actor_reader: self.reader.new_pass(capacity),
+            critic_reader: self.reader.new_pass(capacity),
             actor: LayerBuffers::new(&self.actor, capacity),
             critics: [(); 2].map(|()| LayerBuffers::new(&self.critic, capacity)),
             output: zeros(2 * width),
@@ -304,7 +311,7 @@ impl<T: Scalar> SacWorkspace<T> {
 
     /// Records the position of an observation's fields; returns its slot in `others` if it is new
     /// and must be loaded there. `n` is the number of current observations.
-    pub fn locate(&mut self, observed: Observed, n: usize) -> Option<usize> {
+    pub fn locate(&mut self, observed: ObservationKey, n: usize) -> Option<usize> {
         let known = self.observed.iter().position(|&other| other == observed);
         let source = known.unwrap_or(self.observed.len());
         self.sources.push(source);

@@ -2,17 +2,17 @@
 
 use std::ops::Range;
 
-use equivariant::{Concat, FieldType, Layer, Scalar, Sequential, Shape, Signature};
+use equivariant::{Concat, FieldType, Layer, LayerSignature, Scalar, Sequential, Shape};
 use rand::Rng;
-use symmetry::{Irrep, irrep_order};
+use symmetry::{Irrep, irrep_major_permutation};
 
-use crate::distributions::raw_log_std;
+use crate::distributions::unsquash_log_std;
 use crate::env::EnvSpec;
 use crate::error::{RlError, require};
-use crate::network_settings::{Critic, NetworkSettings};
+use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::sac::context::ContextReader;
 use crate::sac::settings::ContextSettings;
-use crate::trunk::{HasTrunk, Layout, Trunk, head};
+use crate::trunk::{HasTrunk, ParamAllocator, Trunk, head};
 
 /// Actor and twin critics on shared equivariant features.
 ///
@@ -34,7 +34,7 @@ use crate::trunk::{HasTrunk, Layout, Trunk, head};
 /// 3.1), which would cost as much as all the rest.
 ///
 /// The network owns no weights. Parameters are one flat slice: the shared part's, the actor's, then
-/// the critics' ([`SacNetwork::critics`]).
+/// the critics' ([`SacNetwork::critic_params`]).
 pub struct SacNetwork<T> {
     pub(super) trunk: Trunk<T>,
     /// Context reader of actor and critics, which have separate parameters for it.
@@ -70,10 +70,10 @@ impl<T: Scalar> SacNetwork<T> {
     /// environments is ignored.
     ///
     /// # Errors
-    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images on which the convolutions would
-    /// not be exactly equivariant, [`RlError::EmptySpec`] for empty sizes, and [`RlError::Setting`]
-    /// for sizes out of range, for a [`Critic::Pooled`], which cannot take an action as input, and
-    /// for a log_std outside the distribution's range.
+    /// [`RlError::UnsupportedImageSize`] or [`RlError::ImageCannotBeCentred`] for images on which
+    /// the convolutions would not be exactly equivariant, [`RlError::EmptySpec`] for empty sizes,
+    /// and [`RlError::InvalidSetting`] for sizes out of range, for a [`CriticSettings::Pooled`],
+    /// which cannot take an action as input, and for a log_std outside the distribution's range.
     pub fn new(
         settings: &NetworkSettings,
         context: Option<ContextSettings>,
@@ -81,37 +81,38 @@ impl<T: Scalar> SacNetwork<T> {
     ) -> Result<Self, RlError> {
         let trunk = Trunk::new(settings, spec)?;
         let fields = joint_fields(settings)?;
-        let raw = raw_log_std(settings.log_std.into());
+        let raw = unsquash_log_std(settings.log_std.into());
         let expected = "a number in (-5, 2) for soft actor-critic";
         require("log_std", settings.log_std, expected, raw.is_some())?;
         let reader = ContextReader::new(trunk.out_type(), context, spec)?;
         let group = settings.group;
         // the mean transforms like the action, log_std is invariant
-        let mut output = spec.action.clone();
-        output.extend(spec.action.iter().map(|_| Irrep::Trivial));
-        let action = Shape::vector(FieldType::from_irreps(group, &spec.action));
+        let mut output = spec.action_irreps.clone();
+        output.extend(spec.action_irreps.iter().map(|_| Irrep::Trivial));
+        let action = Shape::vector(FieldType::from_irreps(group, &spec.action_irreps));
         let joined = Concat::new(Shape::vector(reader.out_type()), action)?;
-        let hidden = settings.regular(settings.actor_fields);
+        let hidden = settings.regular_field_type(settings.actor_fields);
         let to = FieldType::from_irreps(group, &output);
         Ok(Self {
             actor: head(reader.out_type(), hidden, to)?,
-            critic: head(joined.out_shape().fields, fields, group.trivial(1))?,
+            critic: head(joined.out_shape().fields, fields, group.trivial_type(1))?,
             joined,
-            action_order: irrep_order(group, &spec.action),
-            output_order: irrep_order(group, &output),
+            action_order: irrep_major_permutation(group, &spec.action_irreps),
+            output_order: irrep_major_permutation(group, &output),
             trunk,
             reader,
             context,
         })
     }
 
-    /// Returns the length of the flat parameter slice.
+    /// Returns the number of parameters of the network, which is the length of its flat parameter
+    /// slice.
     pub fn num_params(&self) -> usize {
-        self.critics().end
+        self.critic_params().end
     }
 
     /// Returns the range of the critics' parameters, of which the targets are a lagging copy.
-    pub fn critics(&self) -> Range<usize> {
+    pub fn critic_params(&self) -> Range<usize> {
         let critics = self.parts().critics;
         critics.reader.start..critics.twins[1].end
     }
@@ -121,7 +122,7 @@ impl<T: Scalar> SacNetwork<T> {
         &self.trunk.settings
     }
 
-    /// Returns the settings of the context; `None` without one.
+    /// Returns the settings of the recurrent context; `None` for a network without one.
     pub fn context(&self) -> Option<ContextSettings> {
         self.context
     }
@@ -131,23 +132,23 @@ impl<T: Scalar> SacNetwork<T> {
         &self.trunk.spec
     }
 
-    /// Draws all parameters: weights before a ReLU with gain sqrt(2), the last layers with the
-    /// gains of the settings, GRUs with gain 1, and zero biases except those of log_std, which give
-    /// the initial log_std of the settings.
-    pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
+    /// Draws the initial values of all parameters of the network. Weights before a ReLU have gain
+    /// sqrt(2), the last layers the gains of the settings, and GRUs gain 1. Biases are zero, except
+    /// those of log_std, which give the initial log_std of the settings.
+    pub fn init_params(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
-        let mut params = self.trunk.init(self.num_params(), rng);
+        let mut params = self.trunk.init_params(self.num_params(), rng);
         self.reader.init(rng, &mut params[parts.actor_reader]);
         let actor = &mut params[parts.actor];
-        self.actor.init_scaled(rng, settings.action_gain.into(), actor);
+        self.actor.init_with_gain(rng, settings.action_gain.into(), actor);
         // a linear layer's last parameters are the biases of its trivial channels, of which
         // log_std's come last
         let log_std = actor.len() - self.action_order.len();
-        let raw = raw_log_std(settings.log_std.into()).unwrap_or_default();
+        let raw = unsquash_log_std(settings.log_std.into()).unwrap_or_default();
         actor[log_std..].fill(T::from_f64(raw));
         self.reader.init(rng, &mut params[parts.critics.reader]);
         for twin in parts.critics.twins {
-            self.critic.init_scaled(rng, settings.value_gain.into(), &mut params[twin]);
+            self.critic.init_with_gain(rng, settings.value_gain.into(), &mut params[twin]);
         }
         params
     }
@@ -155,9 +156,9 @@ impl<T: Scalar> SacNetwork<T> {
     /// Reorders outputs of the actor, `[n, 2 A]`, to natural order.
     pub(super) fn natural_output(&self, from: &[T], to: &mut [f64]) {
         let width = self.output_order.len();
-        for (to, from) in to.chunks_exact_mut(width).zip(from.chunks_exact(width)) {
-            for (&i, y) in self.output_order.iter().zip(from) {
-                to[i] = y.to_f64();
+        for (target, output) in to.chunks_exact_mut(width).zip(from.chunks_exact(width)) {
+            for (&i, y) in self.output_order.iter().zip(output) {
+                target[i] = y.to_f64();
             }
         }
     }
@@ -172,7 +173,7 @@ impl<T: Scalar> SacNetwork<T> {
     }
 
     pub(super) fn parts(&self) -> Parts {
-        let mut layout = Layout::after(&self.trunk);
+        let mut layout = ParamAllocator::after(&self.trunk);
         Parts {
             actor_reader: layout.next(self.reader.num_params()),
             actor: layout.next(self.actor.num_params()),
@@ -182,10 +183,10 @@ impl<T: Scalar> SacNetwork<T> {
 
     /// Returns the ranges of the target critics' parameters in their own slice.
     pub(super) fn target_parts(&self) -> CriticParts {
-        self.critic_parts(Layout::new())
+        self.critic_parts(ParamAllocator::new())
     }
 
-    fn critic_parts(&self, mut layout: Layout) -> CriticParts {
+    fn critic_parts(&self, mut layout: ParamAllocator) -> CriticParts {
         CriticParts {
             reader: layout.next(self.reader.num_params()),
             twins: [(); 2].map(|()| layout.next(self.critic.num_params())),
@@ -202,8 +203,8 @@ impl<T> HasTrunk<T> for SacNetwork<T> {
 /// Returns the hidden fields of critics that read the same fields as the actor.
 fn joint_fields(settings: &NetworkSettings) -> Result<FieldType, RlError> {
     match settings.critic {
-        Critic::Joint { fields } => Ok(settings.regular(fields)),
-        Critic::Pooled { width } => Err(RlError::Setting {
+        CriticSettings::Joint { fields } => Ok(settings.regular_field_type(fields)),
+        CriticSettings::Pooled { width } => Err(RlError::InvalidSetting {
             name: "critic.pooled.width",
             value: width as f64,
             expected: "a joint critic, since one on pooled features cannot take the action",

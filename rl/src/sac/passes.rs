@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use equivariant::Scalar;
 
-use crate::distributions::{sample_tanh, tanh_gradient};
+use crate::distributions::{sample_tanh_gaussian, tanh_gaussian_gradient};
 use crate::sac::minibatch::{Batch, SacWorkspace};
 use crate::sac::network::{CriticParts, SacNetwork};
 use crate::sac::stats::SacSums;
@@ -54,8 +54,8 @@ impl<T: Scalar> Losses<'_, T> {
         let fields = &w.next_fields[..n * network.trunk.out_type().dim()];
         let own = &self.params[network.parts().actor_reader];
         reader.forward(own, fields, &w.items, &w.before[1], &mut w.actor_reader);
-        let own = &self.targets[parts.reader.clone()];
-        reader.forward(own, fields, &w.items, &w.before[1], &mut w.critic_reader);
+        let critic_params = &self.targets[parts.reader.clone()];
+        reader.forward(critic_params, fields, &w.items, &w.before[1], &mut w.critic_reader);
         self.run_actor(range, self.batch.noise[1], w);
         self.run_critics(n, self.targets, &parts, w);
     }
@@ -139,8 +139,8 @@ impl<T: Scalar> Losses<'_, T> {
         let noise = noise[range.start * width..range.end * width].chunks_exact(width);
         let rows = w.output.chunks_exact(2 * width).zip(noise);
         let actions = w.actions.chunks_exact_mut(width).zip(&mut w.log_pi);
-        for ((output, noise), (action, log_pi)) in rows.zip(actions) {
-            *log_pi = sample_tanh(output, noise, action);
+        for ((output, draws), (action, log_pi)) in rows.zip(actions) {
+            *log_pi = sample_tanh_gaussian(output, draws, action);
         }
     }
 
@@ -171,8 +171,8 @@ impl<T: Scalar> Losses<'_, T> {
         let width = network.action_order.len();
         let [first, second] = &mut w.critics;
         let sum = &mut first.dx[..n * network.joined.out_shape().len()];
-        for (sum, &d) in sum.iter_mut().zip(&second.dx) {
-            *sum += d;
+        for (total, &d) in sum.iter_mut().zip(&second.dx) {
+            *total += d;
         }
         let d_state = &mut w.d_state[..n * network.reader.out_type().dim()];
         let d_actions = &mut w.irreps[..n * width];
@@ -199,12 +199,12 @@ impl<T: Scalar> Losses<'_, T> {
             let d_output = &mut w.d_output[both.clone()];
             let (action, d_action) = (&w.actions[own.clone()], &w.d_actions[own]);
             let output = &w.output[both];
-            tanh_gradient(output, noise, action, d_action, d_log_pi, d_output);
+            tanh_gaussian_gradient(output, noise, action, d_action, d_log_pi, d_output);
             let (step, g) = self.batch.step(position);
             let done = self.batch.action(network, step, g);
-            for ((d, &mean), done) in d_output.iter_mut().zip(output).zip(done) {
-                let (mean, done) = (mean.tanh(), f64::from(done));
-                let error = mean - done;
+            for ((d, &mean), taken) in d_output.iter_mut().zip(output).zip(done) {
+                let (mean, taken) = (mean.tanh(), f64::from(taken));
+                let error = mean - taken;
                 cloning += error * error;
                 // d (tanh(m) - a)^2 / dm
                 let slope = 2.0 * error * (1.0 - mean * mean);

@@ -3,19 +3,23 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use equivariant::unit_sums;
+use equivariant::absolute_activation_sums;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::activity::{MeasureActivity, UnitActivity};
-use crate::distributions::{TANH_LOG_STD, sample_tanh, standard_normals, tanh_log_std};
+use crate::distributions::{
+    TANH_LOG_STD_BOUNDS, sample_tanh_gaussian, squash_log_std, standard_normals,
+};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
 use crate::export;
-use crate::export::{Basis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain};
-use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
+use crate::export::{
+    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain,
+};
+use crate::network_policy::{Chunk, NetworkPolicy, check_saved_params};
 use crate::network_settings::NetworkSettings;
-use crate::policy::{Actor, Memory};
+use crate::policy::{Actor, ActorMemory};
 use crate::sac::context::{ContextItems, ContextPass, ContextSteps};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::ContextSettings;
@@ -24,10 +28,10 @@ use crate::trunk::{HasTrunkPass, LayerBuffers, TrunkPass};
 /// A [`SacNetwork`] with its parameters: a policy with tanh-Gaussian actions in (-1, 1), exactly
 /// equivariant under the group of its settings. With a context it remembers the last steps of each
 /// episode.
-pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, Buffers>;
+pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, SacForwardBuffers>;
 
 /// Buffers of a policy's forward pass over one chunk.
-pub struct Buffers {
+pub struct SacForwardBuffers {
     pub(super) trunk: TrunkPass<f32>,
     pub(super) items: ContextItems<f32>,
     pub(super) before: ContextSteps,
@@ -39,7 +43,7 @@ impl SacPolicy {
     /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
     ///
     /// # Errors
-    /// Those of [`SacNetwork::new`].
+    /// Errors of [`SacNetwork::new`].
     pub fn new(
         settings: &NetworkSettings,
         context: Option<ContextSettings>,
@@ -47,16 +51,16 @@ impl SacPolicy {
         seed: u64,
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
-        let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::from_parts(Arc::new(network), params, Buffers::new))
+        let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(seed));
+        Ok(Self::from_parts(Arc::new(network), params, SacForwardBuffers::new))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as [`SacPolicy::params`]
     /// returned them.
     ///
     /// # Errors
-    /// Those of [`SacNetwork::new`], [`RlError::Parameters`] when the number of parameters differs
-    /// and [`RlError::NotFinite`] when one is infinite or not a number.
+    /// Errors of [`SacNetwork::new`], [`RlError::ParameterCountMismatch`] when the number of
+    /// parameters differs and [`RlError::NotFinite`] when one is infinite or not a number.
     pub fn with_params(
         settings: &NetworkSettings,
         context: Option<ContextSettings>,
@@ -64,8 +68,8 @@ impl SacPolicy {
         params: Vec<f32>,
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
-        check_saved(&params, network.num_params())?;
-        Ok(Self::from_parts(Arc::new(network), params, Buffers::new))
+        check_saved_params(&params, network.num_params())?;
+        Ok(Self::from_parts(Arc::new(network), params, SacForwardBuffers::new))
     }
 
     /// Fills `outputs` with rows of mean and raw log_std `[2 A]` and the fields that a context
@@ -78,16 +82,17 @@ impl SacPolicy {
         what: &'static str,
         got: usize,
     ) -> Result<usize, RlError> {
-        let (network, width) = (self.network(), self.width());
-        let samples = observations.samples(network.spec())?;
+        let (network, width) = (self.network(), self.action_dim());
+        let samples = observations.checked_num_samples(network.spec())?;
         check_len(what, "[N, A]", got, samples * width)?;
         memory.check(network.remembered(), samples)?;
         let row = 2 * width + memory.fields;
         let remembered = &*memory;
-        let forward = |chunk: Chunk<SacNetwork<f32>>, w: &mut Buffers, rows: &mut [f64]| {
-            w.decide(&chunk, remembered);
-            w.write(chunk.network, row, rows);
-        };
+        let forward =
+            |chunk: Chunk<SacNetwork<f32>>, w: &mut SacForwardBuffers, rows: &mut [f64]| {
+                w.decide(&chunk, remembered);
+                w.write(chunk.network, row, rows);
+            };
         self.infer(observations, row, forward)?;
         let outputs = self.outputs.chunks_exact(row);
         for (episode, output) in memory.envs.iter_mut().zip(outputs) {
@@ -98,13 +103,13 @@ impl SacPolicy {
     }
 }
 
-impl Buffers {
+impl SacForwardBuffers {
     pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
-            trunk: network.trunk.pass(capacity),
+            trunk: network.trunk.new_pass(capacity),
             items: ContextItems::default(),
             before: ContextSteps::default(),
-            reader: network.reader.pass(capacity),
+            reader: network.reader.new_pass(capacity),
             actor: LayerBuffers::new(&network.actor, capacity),
         }
     }
@@ -148,16 +153,16 @@ impl Buffers {
         let fields = self.trunk.fields();
         let samples = fields.chunks_exact(network.trunk.out_type().dim());
         let outputs = self.actor.y.chunks_exact(width);
-        for ((to, output), fields) in rows.chunks_exact_mut(row).zip(outputs).zip(samples) {
+        for ((to, output), sample) in rows.chunks_exact_mut(row).zip(outputs).zip(samples) {
             network.natural_output(output, &mut to[..width]);
-            for (to, &from) in to[width..].iter_mut().zip(fields) {
-                *to = from.into();
+            for (entry, &from) in to[width..].iter_mut().zip(sample) {
+                *entry = from.into();
             }
         }
     }
 }
 
-impl HasTrunkPass<f32> for Buffers {
+impl HasTrunkPass<f32> for SacForwardBuffers {
     fn trunk(&mut self) -> &mut TrunkPass<f32> {
         &mut self.trunk
     }
@@ -166,7 +171,7 @@ impl HasTrunkPass<f32> for Buffers {
 impl Actor for SacPolicy {
     type Memory = History;
 
-    fn memory(&self, envs: usize) -> History {
+    fn new_memory(&self, envs: usize) -> History {
         History::new(self.network().remembered(), envs)
     }
 
@@ -179,13 +184,13 @@ impl Actor for SacPolicy {
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, "actions", out.len())?;
         standard_normals(rng, out);
-        let width = self.width();
+        let width = self.action_dim();
         let mut action = vec![0.0; width];
         let rows = self.outputs.chunks_exact(row);
-        for (output, out) in rows.zip(out.chunks_exact_mut(width)) {
-            // `out` holds the noise, until the action replaces it
-            sample_tanh(&output[..2 * width], out, &mut action);
-            out.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
+        for (output, target) in rows.zip(out.chunks_exact_mut(width)) {
+            // `target` holds the noise, until the action replaces it
+            sample_tanh_gaussian(&output[..2 * width], target, &mut action);
+            target.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
         }
         Ok(())
     }
@@ -198,9 +203,9 @@ impl Actor for SacPolicy {
         out: &mut [f32],
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, "mean actions", out.len())?;
-        let width = self.width();
-        for (out, output) in out.chunks_exact_mut(width).zip(self.outputs.chunks(row)) {
-            out.iter_mut().zip(output).for_each(|(o, mean)| *o = mean.tanh() as f32);
+        let width = self.action_dim();
+        for (target, output) in out.chunks_exact_mut(width).zip(self.outputs.chunks(row)) {
+            target.iter_mut().zip(output).for_each(|(o, mean)| *o = mean.tanh() as f32);
         }
         Ok(())
     }
@@ -215,7 +220,7 @@ impl ExportPolicy for SacPolicy {
         }
         let trunk = export::trunk(&network.trunk, params)?;
         let group = network.settings().group;
-        let bases = [trunk.joined, Basis::Natural(&network.output_order)];
+        let bases = [trunk.joined, ChannelBasis::Natural(&network.output_order)];
         let actor = &params[network.parts().actor];
         Ok(ExportedPolicy {
             spec: network.spec().clone(),
@@ -224,23 +229,23 @@ impl ExportPolicy for SacPolicy {
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::TanhGaussian {
-                log_std: TANH_LOG_STD.map(|bound| bound as f32),
+                log_std: TANH_LOG_STD_BOUNDS.map(|bound| bound as f32),
             },
             critic: None,
         })
     }
 
-    fn output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
-        let samples = observations.samples(self.network().spec())?;
-        let width = self.width();
+    fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
+        let samples = observations.checked_num_samples(self.network().spec())?;
+        let width = self.action_dim();
         let mut actions = vec![0.0; samples * width];
-        let mut memory = self.memory(samples);
+        let mut memory = self.new_memory(samples);
         self.mean_actions(observations, &mut memory, &mut actions)?;
         let rows = self.outputs.chunks_exact(self.outputs.len() / samples.max(1));
         let raws = rows.flat_map(|row| &row[width..2 * width]);
         Ok(PolicyOutput {
             actions,
-            log_std: raws.map(|&raw| tanh_log_std(raw).0 as f32).collect(),
+            log_std: raws.map(|&raw| squash_log_std(raw).0 as f32).collect(),
             values: None,
         })
     }
@@ -293,14 +298,14 @@ impl History {
     }
 }
 
-impl Memory for History {
-    fn forget(&mut self, env: usize) {
+impl ActorMemory for History {
+    fn forget_episode(&mut self, env: usize) {
         if let Some(episode) = self.envs.get_mut(env) {
             *episode = EpisodeMemory::default();
         }
     }
 
-    fn remember(&mut self, env: usize, action: &[f32], reward: f32) {
+    fn remember_step(&mut self, env: usize, action: &[f32], reward: f32) {
         let Some(episode) = self.envs.get_mut(env) else {
             return;
         };
@@ -321,32 +326,32 @@ impl Memory for History {
 
 impl MeasureActivity for SacPolicy {
     /// Returns the activations of the encoder, the actor and both critics.
-    fn activity(
+    fn unit_activity(
         &self,
         observations: &Observations,
         memory: &History,
     ) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
-        let samples = observations.samples(network.spec())?;
+        let samples = observations.checked_num_samples(network.spec())?;
         memory.check(network.remembered(), samples)?;
-        let mut w = Buffers::new(network, samples);
+        let mut w = SacForwardBuffers::new(network, samples);
         network.trunk.load_all(observations, 0..samples, &mut w.trunk);
         let chunk = Chunk { network: &**network, params, range: 0..samples };
         w.decide(&chunk, memory);
         let own = &params[network.trunk.params()];
-        let mut sums = network.trunk.unit_sums(own, samples, &w.trunk);
-        let own = &params[network.parts().actor];
-        sums.extend(w.actor.unit_sums(&network.actor, own, samples));
-        sums.extend(critics(&chunk, &w));
-        Ok(UnitActivity::of(sums))
+        let mut sums = network.trunk.unit_activation_sums(own, samples, &w.trunk);
+        let actor = &params[network.parts().actor];
+        sums.extend(w.actor.unit_activation_sums(&network.actor, actor, samples));
+        sums.extend(critic_activation_sums(&chunk, &w));
+        Ok(UnitActivity::from_layer_sums(sums))
     }
 }
 
 /// Returns the sum of the outputs of both critics' units at the mean actions.
-fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
+fn critic_activation_sums(chunk: &Chunk<SacNetwork<f32>>, w: &SacForwardBuffers) -> Vec<Vec<f64>> {
     let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
     let (parts, width) = (network.parts().critics, network.action_order.len());
-    let mut reader = network.reader.pass(n);
+    let mut reader = network.reader.new_pass(n);
     let fields = network.trunk.fields(n, &w.trunk);
     let own = &params[parts.reader];
     network.reader.forward(own, fields, &w.items, &w.before, &mut reader);
@@ -358,7 +363,7 @@ fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
         .collect();
     let mut x = vec![0.0; n * network.joined.out_shape().len()];
     network.joined.forward(&reader.state, &actions, &mut x);
-    let critic = |own| unit_sums(&network.critic, &params[own], &x);
+    let critic = |range| absolute_activation_sums(&network.critic, &params[range], &x);
     parts.twins.into_iter().flat_map(critic).collect()
 }
 
@@ -368,7 +373,7 @@ mod tests {
 
     use super::*;
     use crate::fixtures::{check_killed_units, observations, settings, spec, strided, wake};
-    use crate::policy::{Actor, Memory};
+    use crate::policy::{Actor, ActorMemory};
     use crate::sac::settings::ContextSettings;
 
     const SAMPLES: usize = 12;
@@ -376,22 +381,22 @@ mod tests {
     #[test]
     fn units_of_actors_with_a_context_and_of_their_critics_count() {
         let observations = observations(SAMPLES);
-        let context = ContextSettings { size: 4, length: 3 };
-        for (group, context) in [(Group::D2, None), (Group::C1, Some(context))] {
+        let short_context = ContextSettings { size: 4, length: 3 };
+        for (group, context) in [(Group::D2, None), (Group::C1, Some(short_context))] {
             let settings = settings(group, strided());
             let policy = SacPolicy::new(&settings, context, &spec(), 1).unwrap();
             let (network, params) = (policy.network(), policy.params());
-            let mut memory = policy.memory(SAMPLES);
-            let mut actions = vec![0.0; SAMPLES * spec().action.len()];
+            let mut memory = policy.new_memory(SAMPLES);
+            let mut actions = vec![0.0; SAMPLES * spec().action_irreps.len()];
             let mut acting = policy.clone();
             acting.mean_actions(&observations, &mut memory, &mut actions).unwrap();
-            (0..SAMPLES).for_each(|env| memory.remember(env, &[0.5; 3], 1.0));
-            let activity = |params: &[f32]| {
+            (0..SAMPLES).for_each(|env| memory.remember_step(env, &[0.5; 3], 1.0));
+            let activity = |given: &[f32]| {
                 let mut policy = policy.clone();
-                policy.params_mut().copy_from_slice(params);
-                policy.activity(&observations, &memory).unwrap()
+                policy.params_mut().copy_from_slice(given);
+                policy.unit_activity(&observations, &memory).unwrap()
             };
-            assert_eq!(activity(params).units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
+            assert_eq!(activity(params).num_units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
             let parts = network.parts();
             // actions of a changed actor must not make units of the critics dormant
             let mut awake = params.to_vec();
@@ -403,7 +408,7 @@ mod tests {
                 check_killed_units(&network.critic, awake.clone(), twin, activity);
             }
             // a context reads the memory
-            let forgotten = policy.activity(&observations, &policy.memory(SAMPLES));
+            let forgotten = policy.unit_activity(&observations, &policy.new_memory(SAMPLES));
             assert_eq!(forgotten.unwrap() == activity(params), context.is_none());
         }
     }

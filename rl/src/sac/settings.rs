@@ -24,22 +24,24 @@ pub struct SacSettings {
     /// Number of consecutive steps of an episode in each window of a minibatch, a divisor of
     /// `batch`. The first step is drawn; an episode's last held step is followed by its first, so
     /// that every step is drawn equally often. A window of the newest steps of an episode with a
-    /// [`Replay::mark`](crate::Replay::mark) may thus reach back before the mark. Steps of a window
-    /// share observations, each of which is encoded once: a window of w steps takes w + 1
-    /// observations, or w + 1 + L with a context of L steps, instead of 2 w or (2 + L) w.
+    /// [`ReplayBuffer::start_newest`](crate::ReplayBuffer::start_newest) may thus reach back before
+    /// the mark. Steps of a window share observations, each of which is encoded once: a window of w
+    /// steps takes w + 1 observations, or w + 1 + L with a context of L steps, instead of 2 w or (2
+    /// + L) w.
     pub window: usize,
     /// Number of gradient steps for each recorded step, in [0, 1000]; below 1, several recorded
-    /// steps share a gradient step. Counts all steps ever recorded ([`Sac::due`](crate::Sac::due)).
+    /// steps share a gradient step. Counts all steps ever recorded
+    /// ([`Sac::gradient_steps_due`](crate::Sac::gradient_steps_due)).
     ///
     /// By default, 12 / 512: a step recorded after the burn-in is then part of 12 minibatches on
-    /// average, the maximum of PPO's default ([`SacSettings::with_update_ratio_of`]). The burn-in
-    /// is not made up for, and PPO may stop early by its KL divergence.
+    /// average, the maximum of PPO's default ([`SacSettings::with_update_ratio_of_ppo`]). The
+    /// burn-in is not made up for, and PPO may stop early by its KL divergence.
     pub updates_per_step: f32,
     /// Number of recorded steps before the first gradient step.
     pub burn_in: u64,
     /// Adam's step size for all parameters, above 0.
     pub learning_rate: f32,
-    /// Adam's epsilon, above 0.
+    /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Maximum magnitude of each component of the gradient, above 0; larger ones are clipped.
     pub max_gradient: f32,
@@ -49,8 +51,9 @@ pub struct SacSettings {
     /// Temperature alpha, the weight of the entropy.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
-    /// the last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. Rounded to
-    /// whole windows: for 512 steps in windows of four, to a multiple of 1 / 128.
+    /// the last [`ReplayBuffer::start_newest`](crate::ReplayBuffer::start_newest); the others are
+    /// drawn from all. Rounded to whole windows: for 512 steps in windows of four, to a multiple of
+    /// 1 / 128.
     pub newest_share: f32,
     /// Group for data augmentation: a random element transforms images, vectors and actions of each
     /// window. C1 for none.
@@ -64,13 +67,13 @@ pub struct SacSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Temperature {
-    /// A constant, at least 0.
+    /// Constant temperature alpha, at least 0.
     Fixed(f32),
-    /// A learned value, adjusted so that the entropy of actions is `target` nats for each
-    /// component: Haarnoja et al., "Soft actor-critic algorithms and applications" (arXiv
+    /// Learned temperature alpha, adjusted so that the entropy of actions is `target` nats for each
+    /// component. From Haarnoja et al., "Soft actor-critic algorithms and applications" (arXiv
     /// 1812.05905, section 5).
     Learned {
-        /// Initial value, above 0.
+        /// Initial temperature alpha, above 0.
         initial: f32,
         /// Target entropy in nats of each component of the action; -1 in the paper.
         target: f32,
@@ -102,34 +105,34 @@ impl SacSettings {
             augmentation: Group::C1,
             cloning_weight: 0.0,
         };
-        settings.with_update_ratio_of(&PpoSettings::measured())
+        settings.with_update_ratio_of_ppo(&PpoSettings::tuned())
     }
 
     /// Sets [`SacSettings::updates_per_step`] so that a recorded step is part of as many gradients
     /// as a decision is in PPO: to `epochs / batch`.
     #[must_use]
-    pub fn with_update_ratio_of(self, ppo: &PpoSettings) -> Self {
+    pub fn with_update_ratio_of_ppo(self, ppo: &PpoSettings) -> Self {
         Self { updates_per_step: ppo.epochs as f32 / self.batch as f32, ..self }
     }
 
-    /// Rejects values outside their ranges.
+    /// Checks that every setting of soft actor-critic is in its range.
     ///
     /// # Errors
-    /// [`RlError::Setting`] names the field, its value and its range.
+    /// [`RlError::InvalidSetting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
         let allowed = (1..=MAX_BATCH).contains(&self.batch);
         require("batch", self.batch as f32, "1 to 65536", allowed)?;
         let whole = self.window > 0 && self.batch.is_multiple_of(self.window);
         require("window", self.window as f32, "a divisor of batch", whole)?;
-        let allowed = (0.0..=MAX_UPDATES_PER_STEP).contains(&self.updates_per_step);
+        let updates_fit = (0.0..=MAX_UPDATES_PER_STEP).contains(&self.updates_per_step);
         let expected = "a number in [0, 1000]";
-        require("updates_per_step", self.updates_per_step, expected, allowed)?;
+        require("updates_per_step", self.updates_per_step, expected, updates_fit)?;
         require_positive("learning_rate", self.learning_rate)?;
         require_positive("adam_epsilon", self.adam_epsilon)?;
         require_positive("max_gradient", self.max_gradient)?;
-        let allowed = self.tau > 0.0 && self.tau <= 1.0;
-        require("tau", self.tau, "a number in (0, 1]", allowed)?;
+        let tau_fits = self.tau > 0.0 && self.tau <= 1.0;
+        require("tau", self.tau, "a number in (0, 1]", tau_fits)?;
         require_share("newest_share", self.newest_share)?;
         require_weight("cloning_weight", self.cloning_weight)?;
         self.temperature.check()

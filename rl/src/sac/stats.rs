@@ -7,9 +7,9 @@ use crate::algorithm::{Metrics, named, sums};
 /// has the same columns, and numbers in all of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SacStats {
-    /// Halved squared error, summed over both critics.
+    /// Halved squared error of the Q-values, summed over both critics.
     pub critic_loss: f64,
-    /// Actor loss, without behavioural cloning.
+    /// Loss of the actor, without behavioural cloning.
     pub actor_loss: f64,
     /// Squared distance of the mean action from the stored one, summed over components.
     pub cloning_loss: f64,
@@ -17,15 +17,15 @@ pub struct SacStats {
     pub value: f64,
     /// Estimated entropy of actions in nats.
     pub entropy: f64,
-    /// Temperature after the update.
+    /// Temperature alpha, the weight of the entropy, after the update.
     pub temperature: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,
     /// Share in [0, 1] of the gradient's components that were clipped.
     pub clip_fraction: f64,
-    /// Number of gradient steps taken.
+    /// Number of gradient steps taken in the update.
     pub steps: usize,
-    /// Number of steps held by the replay buffer.
+    /// Number of steps that the replay buffer holds.
     pub replay: usize,
 }
 
@@ -48,7 +48,7 @@ sums! {
 #[derive(Default)]
 pub(crate) struct SacTotals {
     pub sums: SacSums,
-    pub grad_norms: f64,
+    pub grad_norm_sum: f64,
     pub clipped: f64,
     pub steps: usize,
 }
@@ -64,7 +64,7 @@ impl SacTotals {
             value: mean(self.sums.value),
             entropy: mean(-self.sums.log_pi),
             temperature,
-            grad_norm: each(self.grad_norms),
+            grad_norm: each(self.grad_norm_sum),
             clip_fraction: each(self.clipped),
             steps: self.steps,
             replay,

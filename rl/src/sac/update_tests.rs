@@ -6,10 +6,10 @@ use safetensors::SafeTensors;
 use symmetry::{D2, Group, Irrep};
 
 use super::*;
-use crate::encoder::Encoder;
+use crate::encoder::EncoderSettings;
 use crate::env::{EnvSpec, Observations, Transition};
 use crate::fixtures;
-use crate::network_settings::{Critic, NetworkSettings};
+use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::replay::ReplaySettings;
 use crate::sac::settings::ContextSettings;
 
@@ -29,19 +29,19 @@ fn rounded(name: &str) -> Vec<f32> {
 fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: 1,
-        image: [1, 1, 1],
-        vector: vec![Irrep::X, Irrep::Y, Irrep::Trivial],
-        action: vec![Irrep::X, Irrep::Trivial],
+        image_shape: [1, 1, 1],
+        vector_irreps: vec![Irrep::X, Irrep::Y, Irrep::Trivial],
+        action_irreps: vec![Irrep::X, Irrep::Trivial],
     }
 }
 
 fn network() -> NetworkSettings {
     NetworkSettings {
         group: Group::C1,
-        encoder: Encoder::Blind,
+        encoder: EncoderSettings::Blind,
         vector_fields: 2,
         actor_fields: 2,
-        critic: Critic::Joint { fields: 2 },
+        critic: CriticSettings::Joint { fields: 2 },
         ..NetworkSettings::default()
     }
 }
@@ -61,8 +61,8 @@ fn settings() -> SacSettings {
 }
 
 /// Returns the file's episodes in one replay buffer, one after the other.
-fn replay() -> Replay {
-    let mut replay = Replay::new(ReplaySettings::default(), &spec()).unwrap();
+fn replay() -> ReplayBuffer {
+    let mut replay = ReplayBuffer::new(ReplaySettings::default(), &spec()).unwrap();
     let (vectors, actions) = (rounded("vectors"), rounded("actions"));
     let mut vectors = vectors.chunks(3).peekable();
     let mut steps = actions.chunks(2).zip(rounded("rewards"));
@@ -75,7 +75,7 @@ fn replay() -> Replay {
             let mut transition = Transition::new(&spec());
             transition.rewards[0] = reward;
             if t + 1 == episode[0] as usize {
-                let ends = [Outcome::Running, Outcome::Terminated, Outcome::Truncated];
+                let ends = [StepOutcome::Running, StepOutcome::Terminated, StepOutcome::Truncated];
                 transition.outcomes[0] = ends[episode[1] as usize];
             }
             transition.final_observations.clone_from(&next);
@@ -90,9 +90,9 @@ fn replay() -> Replay {
 
 fn assert_close(what: &str, got: &[f32], expected: &[f64]) {
     assert_eq!(got.len(), expected.len(), "{what}");
-    for (i, (&got, expected)) in got.iter().zip(expected).enumerate() {
-        let error = (f64::from(got) - expected).abs();
-        assert!(error < 1e-5, "{what} {i}: {got} {expected}");
+    for (i, (&value, wanted)) in got.iter().zip(expected).enumerate() {
+        let error = (f64::from(value) - wanted).abs();
+        assert!(error < 1e-5, "{what} {i}: {value} {wanted}");
     }
 }
 
@@ -193,7 +193,7 @@ fn a_share_of_the_windows_begins_with_the_newest_steps() {
             newest += begin.filter(|(index, _)| *index >= 8).count();
         }
         // nothing has come since
-        replay.mark();
+        replay.start_newest();
         draws.draw(&settings, &replay, &mut rng);
         assert_eq!(draws.steps.len(), 6);
         newest as f64 / DRAWS as f64

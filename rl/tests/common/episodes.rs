@@ -1,6 +1,6 @@
 //! Steps of environments whose every observation, action and reward is another, for replays.
 
-use rl::{EnvSpec, Observations, Outcome, Replay, ReplaySettings, RlError, Transition};
+use rl::{EnvSpec, Observations, ReplayBuffer, ReplaySettings, RlError, StepOutcome, Transition};
 use symmetry::Irrep;
 
 /// Channels that stand still, of three.
@@ -10,9 +10,9 @@ const PIXELS: usize = 6;
 pub fn spec(envs: usize) -> EnvSpec {
     EnvSpec {
         num_envs: envs,
-        image: [2, 3, 3],
-        vector: vec![Irrep::X, Irrep::Trivial],
-        action: vec![Irrep::X, Irrep::Y],
+        image_shape: [2, 3, 3],
+        vector_irreps: vec![Irrep::X, Irrep::Trivial],
+        action_irreps: vec![Irrep::X, Irrep::Y],
     }
 }
 
@@ -62,7 +62,7 @@ impl Seen {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
     pub seen: Seen,
-    pub outcome: Outcome,
+    pub outcome: StepOutcome,
 }
 
 impl Step {
@@ -101,14 +101,14 @@ impl Episodes {
             seen.write(&mut now);
             transition.rewards[n] = seen.reward();
             if seen.at + 1 == self.lengths[n] {
-                let ends = [Outcome::Terminated, Outcome::Truncated];
+                let ends = [StepOutcome::Terminated, StepOutcome::Truncated];
                 transition.outcomes[n] = ends[seen.episode % 2];
             }
             let outcome = transition.outcomes[n];
             steps.push(Step { seen: *seen, outcome });
             *seen = seen.after();
             seen.write(&mut transition.final_observations);
-            if outcome.ended() {
+            if outcome.is_ended() {
                 (seen.episode, seen.at) = (seen.episode + 1, 0);
             }
             seen.write(&mut transition.observations);
@@ -118,7 +118,7 @@ impl Episodes {
     }
 
     /// Records the next step; returns what was recorded.
-    pub fn record(&mut self, replay: &mut Replay) -> Result<Vec<Step>, RlError> {
+    pub fn record(&mut self, replay: &mut ReplayBuffer) -> Result<Vec<Step>, RlError> {
         let (now, actions, transition, steps) = self.step();
         replay.push(&now, &actions, &transition)?;
         Ok(steps)

@@ -27,8 +27,12 @@ impl Guess {
     pub fn new(num_envs: usize, shown: bool, seed: u64) -> Self {
         let goals =
             Goals { shown, goals: vec![0.0; num_envs], rng: ChaCha8Rng::seed_from_u64(seed) };
-        let spec =
-            EnvSpec { num_envs, image: [1, 1, 1], vector: vec![Irrep::X], action: vec![Irrep::X] };
+        let spec = EnvSpec {
+            num_envs,
+            image_shape: [1, 1, 1],
+            vector_irreps: vec![Irrep::X],
+            action_irreps: vec![Irrep::X],
+        };
         Self::of(goals, spec)
     }
 }

@@ -53,7 +53,12 @@ impl PointReach {
             goals: vec![[0.0; 2]; num_envs],
             rng: ChaCha8Rng::seed_from_u64(seed),
         };
-        let spec = EnvSpec { num_envs, image, vector: xy.repeat(components / 2), action: xy };
+        let spec = EnvSpec {
+            num_envs,
+            image_shape: image,
+            vector_irreps: xy.repeat(components / 2),
+            action_irreps: xy,
+        };
         Self::of(points, spec)
     }
 }

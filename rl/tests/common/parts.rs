@@ -4,8 +4,9 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, BoxError, Critic, Decisions, Encoder, EnvSpec, NetworkSettings,
-    Observations, Outcome, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
+    ActorCriticPolicy, BoxedEnvError, CriticSettings, Decisions, EncoderSettings, EnvSpec,
+    NetworkSettings, Observations, RlError, RolloutBuffer, RolloutState, StepOutcome, Transition,
+    VectorEnv, collect,
 };
 use symmetry::{D2, Irrep};
 
@@ -19,7 +20,7 @@ pub fn spec() -> EnvSpec {
 
 pub fn policy() -> ActorCriticPolicy {
     let settings = NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![2] },
+        encoder: EncoderSettings::Strided { fields: vec![2] },
         top_fields: 2,
         vector_fields: 2,
         actor_fields: 2,
@@ -39,7 +40,7 @@ pub struct Parts {
 
 pub fn parts() -> Parts {
     let mut transition = Transition::new(&spec());
-    transition.outcomes.fill(Outcome::Truncated);
+    transition.outcomes.fill(StepOutcome::Truncated);
     Parts {
         observations: Observations::new(&spec()),
         decisions: Decisions::new(&spec()),
@@ -77,11 +78,11 @@ impl<F: FnMut(&mut Transition)> VectorEnv for Spoiling<F> {
         self.env.spec()
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.env.reset(out)
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         self.env.step(actions, out)?;
         (self.spoil)(out);
         Ok(())
@@ -89,13 +90,13 @@ impl<F: FnMut(&mut Transition)> VectorEnv for Spoiling<F> {
 }
 
 /// All parts have this many fields.
-pub fn joint(encoder: Encoder, fields: usize) -> NetworkSettings {
+pub fn joint(encoder: EncoderSettings, fields: usize) -> NetworkSettings {
     NetworkSettings {
         encoder,
         top_fields: fields,
         vector_fields: fields,
         actor_fields: fields,
-        critic: Critic::Joint { fields },
+        critic: CriticSettings::Joint { fields },
         ..NetworkSettings::default()
     }
 }
@@ -126,11 +127,11 @@ pub fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
 /// Observations with pixels moved by `pixels` and vectors changed by `vectors`: the group action
 /// when both agree.
 pub fn transformed(spec: &EnvSpec, from: &Observations, pixels: D2, vectors: D2) -> Observations {
-    let [h, w, c] = spec.image;
+    let [h, w, c] = spec.image_shape;
     let images = from.images.chunks((h * w * c).max(1));
     Observations {
         images: images.flat_map(|image| pixels.transform_image(image, h, w, c)).collect(),
-        vectors: transform_vector(&from.vectors, &spec.vector, vectors),
+        vectors: transform_vector(&from.vectors, &spec.vector_irreps, vectors),
     }
 }
 

@@ -3,8 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ContextSettings, Encoder, History, NetworkSettings, Replay, ReplaySettings, RlError,
-    RolloutState, RolloutStats, Sac, SacPolicy, SacSettings, VectorEnv, collect,
+    ContextSettings, EncoderSettings, History, NetworkSettings, ReplayBuffer, ReplaySettings,
+    RlError, RolloutState, RolloutStats, Sac, SacPolicy, SacSettings, VectorEnv, collect,
 };
 
 use crate::common::parts::joint;
@@ -12,7 +12,7 @@ use crate::common::{EPISODE, PointReach};
 
 pub const ENVS: usize = 5;
 
-pub fn network(encoder: Encoder) -> NetworkSettings {
+pub fn network(encoder: EncoderSettings) -> NetworkSettings {
     joint(encoder, 4)
 }
 
@@ -30,7 +30,7 @@ pub struct Run {
     pub env: PointReach,
     pub policy: SacPolicy,
     pub sac: Sac,
-    pub replay: Replay,
+    pub replay: ReplayBuffer,
     pub state: RolloutState<History>,
     pub rng: ChaCha8Rng,
 }
@@ -46,7 +46,7 @@ impl Run {
         let policy = SacPolicy::new(network, context, env.spec(), 2).unwrap();
         Self {
             sac: Sac::new(settings, &policy).unwrap(),
-            replay: Replay::new(replay, env.spec()).unwrap(),
+            replay: ReplayBuffer::new(replay, env.spec()).unwrap(),
             state: RolloutState::reset(&mut env, &policy).unwrap(),
             rng: ChaCha8Rng::seed_from_u64(3),
             env,

@@ -1,6 +1,6 @@
 //! Environments of toy tasks, which step together.
 
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 /// A task in N environments, whose episodes all last as long.
 pub trait Toy {
@@ -47,7 +47,7 @@ impl<T: Toy> VectorEnv for Toys<T> {
         Some(T::EPISODE)
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         for n in 0..self.spec.num_envs {
             self.restart(n);
             self.task.observe(n, out);
@@ -55,14 +55,14 @@ impl<T: Toy> VectorEnv for Toys<T> {
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
-        let actions = actions.chunks_exact(self.spec.action.len());
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
+        let actions = actions.chunks_exact(self.spec.action_irreps.len());
         for (n, action) in actions.enumerate() {
             (out.rewards[n], out.success[n]) = self.task.act(n, action);
             out.success_at_end[n] = out.success[n];
             self.ages[n] += 1;
             let over = self.ages[n] == T::EPISODE;
-            out.outcomes[n] = [Outcome::Running, Outcome::Truncated][usize::from(over)];
+            out.outcomes[n] = [StepOutcome::Running, StepOutcome::Truncated][usize::from(over)];
             if over {
                 self.task.observe(n, &mut out.final_observations);
                 self.restart(n);

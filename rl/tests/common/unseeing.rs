@@ -3,16 +3,16 @@
 
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, BoxError, Decisions, EnvSpec, Memory, Observations, OnPolicy, Outcome, RlError,
-    Transition, Values, VectorEnv,
+    Actor, ActorMemory, BoxedEnvError, Decisions, EnvSpec, Observations, OnPolicyActor, RlError,
+    StepOutcome, Transition, ValueFunction, VectorEnv,
 };
 use symmetry::Irrep;
 
 /// An actor that decides from its memory alone, without noise, and values everything at 0.
 pub trait Unseeing {
-    type Memory: Memory;
+    type Memory: ActorMemory;
 
-    fn memory(&self, envs: usize) -> Self::Memory;
+    fn new_memory(&self, envs: usize) -> Self::Memory;
 
     /// Writes the actions `[N, A]` of one step.
     fn decide(&self, memory: &mut Self::Memory, out: &mut [f32]);
@@ -24,8 +24,8 @@ pub struct Acting<U>(pub U);
 impl<U: Unseeing> Actor for Acting<U> {
     type Memory = U::Memory;
 
-    fn memory(&self, envs: usize) -> U::Memory {
-        self.0.memory(envs)
+    fn new_memory(&self, envs: usize) -> U::Memory {
+        self.0.new_memory(envs)
     }
 
     fn act(
@@ -49,14 +49,14 @@ impl<U: Unseeing> Actor for Acting<U> {
     }
 }
 
-impl<U: Unseeing> Values for Acting<U> {
+impl<U: Unseeing> ValueFunction for Acting<U> {
     fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         out.fill(0.0);
         Ok(())
     }
 }
 
-impl<U: Unseeing> OnPolicy for Acting<U> {
+impl<U: Unseeing> OnPolicyActor for Acting<U> {
     fn decide(
         &mut self,
         observations: &Observations,
@@ -84,9 +84,9 @@ impl Ages {
         Self {
             spec: EnvSpec {
                 num_envs: lengths.len(),
-                image: [2, 3, 1],
-                vector: vec![Irrep::Trivial],
-                action: vec![Irrep::Trivial],
+                image_shape: [2, 3, 1],
+                vector_irreps: vec![Irrep::Trivial],
+                action_irreps: vec![Irrep::Trivial],
             },
             lengths: lengths.to_vec(),
             ages: vec![0; lengths.len()],
@@ -103,19 +103,19 @@ impl VectorEnv for Ages {
         self.lengths.iter().max().copied()
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         self.ages.fill(0);
         *out = Observations::new(&self.spec);
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         *out = Transition::new(&self.spec);
         for (n, age) in self.ages.iter_mut().enumerate() {
             out.rewards[n] = f32::from(u8::from(actions[n] == *age as f32));
             *age += 1;
             if *age == self.lengths[n] {
-                out.outcomes[n] = [Outcome::Truncated, Outcome::Terminated][n % 2];
+                out.outcomes[n] = [StepOutcome::Truncated, StepOutcome::Terminated][n % 2];
                 *age = 0;
             }
         }

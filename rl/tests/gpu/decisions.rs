@@ -4,9 +4,9 @@ use equivariant::gpu::{Device, GpuError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, Critic, Decisions, DevicePolicy, Encoder, EnvSpec,
-    NetworkSettings, Observations, OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer,
-    RolloutState, Values, VectorEnv, collect,
+    Actor, ActorCriticPolicy, Algorithm, CriticSettings, Decisions, DevicePolicy, EncoderSettings,
+    EnvSpec, NetworkSettings, Observations, OnPolicyActor, Ppo, PpoSettings, RlError,
+    RolloutBuffer, RolloutState, ValueFunction, VectorEnv, collect,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -20,17 +20,22 @@ const SAMPLES: usize = 3;
 /// Components that are not irrep-major, in an order that is not its own inverse.
 fn spec(num_envs: usize) -> EnvSpec {
     let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::XY, Irrep::X];
-    EnvSpec { num_envs, image: [6, 6, 3], action: vector[..3].to_vec(), vector }
+    EnvSpec {
+        num_envs,
+        image_shape: [6, 6, 3],
+        action_irreps: vector[..3].to_vec(),
+        vector_irreps: vector,
+    }
 }
 
 fn networks() -> Vec<NetworkSettings> {
-    let strided = Encoder::Strided { fields: vec![3] };
-    let pooled = Critic::Pooled { width: 5 };
-    let joint = Critic::Joint { fields: 7 };
+    let strided = EncoderSettings::Strided { fields: vec![3] };
+    let pooled = CriticSettings::Pooled { width: 5 };
+    let joint = CriticSettings::Joint { fields: 7 };
     let mut networks = Vec::new();
     for group in [Group::D2, Group::C1] {
         for (encoder, critic) in
-            [(strided.clone(), joint), (strided.clone(), pooled), (Encoder::Blind, joint)]
+            [(strided.clone(), joint), (strided.clone(), pooled), (EncoderSettings::Blind, joint)]
         {
             networks.push(NetworkSettings {
                 group,
@@ -63,15 +68,18 @@ fn observations() -> Observations {
 }
 
 /// Mean actions and values.
-fn outputs(policy: &mut (impl Actor<Memory = ()> + Values), of: &Observations) -> [Vec<f32>; 2] {
-    let (width, n) = (spec(1).action.len(), of.vectors.len() / spec(1).vector.len());
+fn outputs(
+    policy: &mut (impl Actor<Memory = ()> + ValueFunction),
+    of: &Observations,
+) -> [Vec<f32>; 2] {
+    let (width, n) = (spec(1).action_irreps.len(), of.vectors.len() / spec(1).vector_irreps.len());
     let mut out = [width, 1].map(|width| vec![0.0; n * width]);
     policy.mean_actions(of, &mut (), &mut out[0]).unwrap();
     policy.values(of, &mut out[1]).unwrap();
     out
 }
 
-fn decisions(policy: &mut impl OnPolicy<Memory = ()>) -> Decisions {
+fn decisions(policy: &mut impl OnPolicyActor<Memory = ()>) -> Decisions {
     let mut out = Decisions::new(&spec(OBSERVATIONS));
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut noise = vec![0.0; out.actions.len()];
@@ -81,7 +89,7 @@ fn decisions(policy: &mut impl OnPolicy<Memory = ()>) -> Decisions {
 }
 
 fn sampled(policy: &mut impl Actor<Memory = ()>) -> Vec<f32> {
-    let mut out = vec![0.0; OBSERVATIONS * spec(1).action.len()];
+    let mut out = vec![0.0; OBSERVATIONS * spec(1).action_irreps.len()];
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     policy.act(&observations(), &mut (), &mut rng, &mut out).unwrap();
     out
@@ -89,7 +97,7 @@ fn sampled(policy: &mut impl Actor<Memory = ()>) -> Vec<f32> {
 
 /// In two whole batches and one of a single observation.
 #[test]
-fn decisions_are_those_of_the_processor() {
+fn decisions_are_those_of_the_cpu() {
     for network in networks() {
         let here = decisions(&mut policy(&network));
         let there = decisions(&mut there(&network));
@@ -98,8 +106,8 @@ fn decisions_are_those_of_the_processor() {
             ("log-probabilities", &there.log_probs, &here.log_probs),
             ("values", &there.values, &here.values),
         ];
-        for (what, there, here) in pairs {
-            let error = deviation(there, here);
+        for (what, got, wanted) in pairs {
+            let error = deviation(got, wanted);
             assert!(error < TOLERANCE, "{network:?}: {what} are off by {error}");
         }
     }
@@ -125,12 +133,12 @@ fn means_values_and_samples_are_those_of_decisions() {
 
 /// The observations changed by an element of D2.
 fn moved(g: D2) -> Observations {
-    let EnvSpec { image, vector, .. } = spec(1);
+    let EnvSpec { image_shape: image, vector_irreps: vector, .. } = spec(1);
     let [h, w, c] = image;
     let from = observations();
     let images = from.images.chunks(h * w * c);
     Observations {
-        images: images.flat_map(|image| g.transform_image(image, h, w, c)).collect(),
+        images: images.flat_map(|pixels| g.transform_image(pixels, h, w, c)).collect(),
         vectors: transform_vector(&from.vectors, &vector, g),
     }
 }
@@ -145,11 +153,11 @@ fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
 fn mirrored_observations_get_mirrored_means_and_the_same_values() {
     let [network, plain] =
         [Group::D2, Group::C1].map(|group| NetworkSettings { group, ..networks().swap_remove(0) });
-    let errors = |network: &NetworkSettings, g| {
-        let mut policy = there(network);
+    let errors = |any: &NetworkSettings, g| {
+        let mut policy = there(any);
         let [mean, value] = outputs(&mut policy, &observations());
         let [mean_g, value_g] = outputs(&mut policy, &moved(g));
-        let mean = transform_vector(&mean, &spec(1).action, g);
+        let mean = transform_vector(&mean, &spec(1).action_irreps, g);
         [deviation(&mean_g, &mean), deviation(&value_g, &value)]
     };
     for g in D2::ALL {
@@ -161,7 +169,7 @@ fn mirrored_observations_get_mirrored_means_and_the_same_values() {
 }
 
 /// A rollout of the toy.
-fn rollout(policy: &mut impl OnPolicy<Memory = ()>) -> RolloutBuffer {
+fn rollout(policy: &mut impl OnPolicyActor<Memory = ()>) -> RolloutBuffer {
     let mut env = PointReach::new(9, 1);
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -174,7 +182,7 @@ fn rollout(policy: &mut impl OnPolicy<Memory = ()>) -> RolloutBuffer {
 #[test]
 fn a_rollout_is_collected_and_an_update_is_taken_over() {
     let network = NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![3, 4] },
+        encoder: EncoderSettings::Strided { fields: vec![3, 4] },
         action_gain: 1.0,
         ..NetworkSettings::default()
     };
@@ -187,8 +195,8 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
         ("log-probabilities", &made.log_probs, &same.log_probs),
         ("values", &made.values, &same.values),
     ];
-    for (what, made, same) in pairs {
-        let error = deviation(made, same);
+    for (what, got, wanted) in pairs {
+        let error = deviation(got, wanted);
         assert!(error < 10.0 * TOLERANCE, "the {what} are off by {error}");
     }
 
@@ -197,9 +205,9 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
     ppo.update(there.policy_mut(), &buffer, &mut rng).unwrap();
     let mut updated = there.policy().clone();
     let first = first_of(&buffer);
-    let [got, expected, before] =
+    let [got, of_updated, before] =
         [values(&mut there, &first), values(&mut updated, &first), values(&mut here, &first)];
-    let error = deviation(&got, &expected);
+    let error = deviation(&got, &of_updated);
     assert!(error < TOLERANCE, "the values are off by {error}");
     assert!(deviation(&got, &before) > 100.0 * TOLERANCE);
 }
@@ -214,7 +222,7 @@ fn first_of(buffer: &RolloutBuffer) -> Observations {
     first
 }
 
-fn values(policy: &mut impl Values, observations: &Observations) -> Vec<f32> {
+fn values(policy: &mut impl ValueFunction, observations: &Observations) -> Vec<f32> {
     let mut values = vec![0.0; 9];
     policy.values(observations, &mut values).unwrap();
     values
@@ -229,7 +237,7 @@ fn a_policy_with_a_network_of_its_own_is_refused() {
     let clone = there.policy().clone();
     *there.policy_mut() = policy(&network);
     let error = there.values(&observations(), &mut out).unwrap_err();
-    assert!(matches!(error, RlError::OtherNetwork), "{error}");
+    assert!(matches!(error, RlError::NetworkMismatch), "{error}");
     *there.policy_mut() = clone;
     let mut again = vec![0.0; OBSERVATIONS];
     there.values(&observations(), &mut again).unwrap();
@@ -247,14 +255,14 @@ fn what_does_not_fit_is_refused() {
     let network = networks().swap_remove(0);
     let error = DevicePolicy::new(policy(&network), device(), 0).unwrap_err();
     assert!(error.to_string().contains("samples"), "{error}");
-    let most = device().adapter().binding_bytes as usize;
-    let error = DevicePolicy::new(policy(&network), device(), most).unwrap_err();
-    assert!(matches!(error, RlError::Gpu(GpuError::Limit { .. })), "{error}");
+    let most = device().adapter().max_binding_bytes as usize;
+    let too_many = DevicePolicy::new(policy(&network), device(), most).unwrap_err();
+    assert!(matches!(too_many, RlError::Gpu(GpuError::BufferTooLarge { .. })), "{too_many}");
     let mut short = observations();
     short.vectors.pop();
     let mut values = vec![0.0; OBSERVATIONS];
-    let error = there(&network).values(&short, &mut values).unwrap_err();
-    assert!(matches!(error, RlError::Shape { .. }), "{error}");
+    let short_error = there(&network).values(&short, &mut values).unwrap_err();
+    assert!(matches!(short_error, RlError::ShapeMismatch { .. }), "{short_error}");
 }
 
 #[test]
@@ -265,5 +273,5 @@ fn a_lost_device_is_an_error() {
     there.values(&observations(), &mut values).unwrap();
     own.close();
     let error = there.values(&observations(), &mut values).unwrap_err();
-    assert!(matches!(error, RlError::Gpu(GpuError::Lost { .. })), "{error}");
+    assert!(matches!(error, RlError::Gpu(GpuError::DeviceLost { .. })), "{error}");
 }

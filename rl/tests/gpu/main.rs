@@ -1,4 +1,4 @@
-//! Updates and decisions on a GPU against those of the processor. A software driver will do.
+//! Updates and decisions on a GPU against those of the CPU. A software driver will do.
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
@@ -12,7 +12,7 @@ mod common;
 mod decisions;
 mod update;
 
-/// Of the largest value of the processor's.
+/// Of the largest value of the CPU's.
 const TOLERANCE: f32 = 1e-4;
 
 fn device() -> &'static Device {

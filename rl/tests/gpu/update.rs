@@ -4,8 +4,8 @@ use equivariant::gpu::{Device, GpuError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Critic, Encoder, NetworkSettings, Ppo, PpoSettings, RlError,
-    RolloutBuffer, RolloutState, UpdateStats, VectorEnv, collect,
+    ActorCriticPolicy, Algorithm, CriticSettings, EncoderSettings, NetworkSettings, Ppo,
+    PpoSettings, PpoStats, RlError, RolloutBuffer, RolloutState, VectorEnv, collect,
 };
 use symmetry::Group;
 
@@ -16,7 +16,7 @@ const ENVS: usize = 9;
 
 fn network() -> NetworkSettings {
     NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![3, 4] },
+        encoder: EncoderSettings::Strided { fields: vec![3, 4] },
         top_fields: 6,
         vector_fields: 5,
         ..NetworkSettings::default()
@@ -41,7 +41,7 @@ fn rollout(network: &NetworkSettings) -> (ActorCriticPolicy, RolloutBuffer, ChaC
 
 /// State after an update.
 struct After {
-    stats: UpdateStats,
+    stats: PpoStats,
     /// Parameters, then both moments.
     arrays: [Vec<f32>; 3],
     steps: u64,
@@ -62,14 +62,10 @@ fn after(mut ppo: Ppo, network: &NetworkSettings) -> After {
 }
 
 fn on_both(settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
-    on_processor_and(device(), settings, network)
+    on_cpu_and(device(), settings, network)
 }
 
-fn on_processor_and(
-    device: &Device,
-    settings: &PpoSettings,
-    network: &NetworkSettings,
-) -> [After; 2] {
+fn on_cpu_and(device: &Device, settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
     let policy = rollout(network).0;
     let here = Ppo::new(settings.clone(), &policy).unwrap();
     let there = Ppo::on_device(settings.clone(), &policy, device).unwrap();
@@ -84,7 +80,7 @@ fn assert_alike(here: &After, there: &After, what: &str) {
     assert_eq!((there.steps, there.next), (here.steps, here.next), "{what}");
     let (a, b) = (&here.stats, &there.stats);
     assert_eq!((a.steps, a.epochs), (b.steps, b.epochs), "{what}");
-    let close = |a: f64, b: f64| (a - b).abs() < 1e-4 * a.abs().max(0.1);
+    let close = |x: f64, y: f64| (x - y).abs() < 1e-4 * x.abs().max(0.1);
     let pairs = [
         (a.policy_loss, b.policy_loss),
         (a.value_loss, b.value_loss),
@@ -93,14 +89,14 @@ fn assert_alike(here: &After, there: &After, what: &str) {
         (a.clip_fraction, b.clip_fraction),
         (a.grad_norm, b.grad_norm),
     ];
-    assert!(pairs.iter().all(|&(a, b)| close(a, b)), "{what}: {a:?} {b:?}");
+    assert!(pairs.iter().all(|&(x, y)| close(x, y)), "{what}: {a:?} {b:?}");
 }
 
 #[test]
-fn ten_steps_are_those_of_the_processor() {
-    let joint = Critic::Joint { fields: 7 };
+fn ten_steps_are_those_of_the_cpu() {
+    let joint = CriticSettings::Joint { fields: 7 };
     for group in [Group::D2, Group::C1] {
-        for critic in [joint, Critic::Pooled { width: 5 }] {
+        for critic in [joint, CriticSettings::Pooled { width: 5 }] {
             let network = NetworkSettings { group, critic, ..network() };
             let [here, there] = on_both(&settings(), &network);
             assert_eq!(here.stats.steps, 10);
@@ -112,16 +108,16 @@ fn ten_steps_are_those_of_the_processor() {
 #[test]
 fn they_are_so_without_operations_on_subgroups() {
     let plain = device().clone().without_subgroups();
-    let [here, there] = on_processor_and(&plain, &settings(), &network());
+    let [here, there] = on_cpu_and(&plain, &settings(), &network());
     assert_alike(&here, &there, "without subgroups");
 }
 
 #[test]
-fn every_encoder_trains_as_on_the_processor() {
+fn every_encoder_trains_as_on_the_cpu() {
     let encoders = [
-        Encoder::Pooled { fields: vec![], inner: [3, 4] },
-        Encoder::Keypoints { fields: vec![3], maps: 2 },
-        Encoder::Blind,
+        EncoderSettings::Pooled { fields: vec![], inner: [3, 4] },
+        EncoderSettings::Keypoints { fields: vec![3], maps: 2 },
+        EncoderSettings::Blind,
     ];
     for encoder in encoders {
         let network = NetworkSettings { encoder: encoder.clone(), ..network() };
@@ -155,7 +151,7 @@ fn the_same_bits_come_twice() {
 }
 
 #[test]
-fn an_update_of_the_processor_follows_one_of_the_device() {
+fn an_update_of_the_cpu_follows_one_of_the_device() {
     let (mut policy, buffer, mut rng) = rollout(&network());
     let mut here = Ppo::new(settings(), &policy).unwrap();
     let mut there = Ppo::on_device(settings(), &policy, device()).unwrap();
@@ -187,7 +183,7 @@ fn a_loss_that_is_not_finite_leaves_the_parameters_before_it() {
 }
 
 #[test]
-fn a_lost_device_is_an_error_and_the_processor_goes_on() {
+fn a_lost_device_is_an_error_and_the_cpu_goes_on() {
     let (mut policy, buffer, mut rng) = rollout(&network());
     let own = Device::open(None).unwrap();
     let mut there = Ppo::on_device(settings(), &policy, &own).unwrap();
@@ -195,7 +191,7 @@ fn a_lost_device_is_an_error_and_the_processor_goes_on() {
     let before = policy.params().to_vec();
     own.close();
     let error = there.update(&mut policy, &buffer, &mut rng).unwrap_err();
-    assert!(matches!(error, RlError::Gpu(GpuError::Lost { .. })), "{error}");
+    assert!(matches!(error, RlError::Gpu(GpuError::DeviceLost { .. })), "{error}");
     assert_eq!(policy.params(), before);
     let mut here = Ppo::new(settings(), &policy).unwrap();
     here.restore(&there.save()).unwrap();

@@ -1,20 +1,18 @@
 //! Collision shapes from mesh files: a capsule that encloses the points of a mesh.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use super::collada;
-use super::xml::{Element, decode};
-use super::{Report, UrdfSettings};
+use super::xml::decode;
+use super::{Report, UrdfSettings, read};
 use crate::capsule::PlacedShape;
-use crate::error::{DescriptionError, LARGEST};
+use crate::error::MAX_NUMBER;
 use crate::fit::bounding_capsule;
 
 /// Maximum size of a mesh file (bytes).
-const MAX_BYTES: u64 = 64 << 20;
+const MAX_BYTES: usize = 64 << 20;
 /// Number of folders that are searched for packages: the URDF's own and those above it.
 const SEARCHED: usize = 6;
 
@@ -32,7 +30,7 @@ impl<'a> Meshes<'a> {
     pub(super) fn new(settings: &'a UrdfSettings, folder: Option<&Path>) -> Self {
         let real = |path: &Path| path.canonicalize().ok();
         let own = folder.and_then(real).unwrap_or_default();
-        let limit = settings.root.as_deref().and_then(real);
+        let limit = settings.mesh_root.as_deref().and_then(real);
         let above = own.ancestors().filter(|above| above.parent().is_some()).take(SEARCHED);
         let within = |above: &Path| limit.as_ref().is_none_or(|root| above.starts_with(root));
         let folders = above.filter(|&above| above == own || within(above));
@@ -46,39 +44,36 @@ impl<'a> Meshes<'a> {
     pub(super) fn shape(
         &self,
         link: &str,
-        mesh: Element,
+        line: usize,
+        file: &str,
+        scale: DVec3,
         report: &mut Report,
-    ) -> Result<Option<PlacedShape>, DescriptionError> {
-        let scale = mesh.vector("scale", DVec3::ONE)?;
+    ) -> Option<PlacedShape> {
         if self.settings.ignore_meshes {
-            return Ok(None);
+            return None;
         }
-        let file = mesh.text("filename").ok_or_else(|| mesh.missing("`filename`"))?;
         match self.points(file) {
-            Ok(points) if points.is_empty() => report.note(mesh, "the file holds no points"),
-            Ok(points) => {
+            Ok(points) if !points.is_empty() => {
                 let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
-                return Ok(Some(bounding_capsule(&points)));
+                return Some(bounding_capsule(&points));
             }
-            Err(reason) => report.unread.push(format!(
-                "line {}: the link `{link}` collides as the mesh `{file}`, which cannot be used: \
-                 {reason}",
-                mesh.line()
+            Ok(_) => report.note(line, &format!("the mesh `{file}` of `{link}` holds no points")),
+            Err(reason) => report.unread_meshes.push(format!(
+                "line {line}: the link `{link}` collides as the mesh `{file}`, which cannot be \
+                 used: {reason}"
             )),
         }
-        Ok(None)
+        None
     }
 
     fn points(&self, file: &str) -> Result<Vec<DVec3>, String> {
         let path = self.find(file)?;
-        let mut bytes = Vec::new();
-        let read =
-            File::open(&path).and_then(|open| open.take(MAX_BYTES + 1).read_to_end(&mut bytes));
-        let points = read.map_err(|error| error.to_string()).and_then(|_| points(&path, bytes));
-        let sound = |point: &DVec3| point.abs().max_element() <= LARGEST;
-        let points = points.and_then(|points| {
-            let all = points.iter().all(sound);
-            if all { Ok(points) } else { Err("it holds points beyond 1e6".to_owned()) }
+        let bytes = read(&path, MAX_BYTES).map_err(|error| error.to_string());
+        let points = bytes.and_then(|bytes| points(&path, bytes));
+        let too_far = |point: &DVec3| !(point.abs().max_element() <= MAX_NUMBER);
+        let points = points.and_then(|points| match points.iter().any(too_far) {
+            true => Err("it holds points beyond 1e6".to_owned()),
+            false => Ok(points),
         });
         points.map_err(|reason| format!("`{}`: {reason}", path.display()))
     }
@@ -86,7 +81,7 @@ impl<'a> Meshes<'a> {
     /// Finds the file that a URDF names. The error lists the paths that were tried.
     fn find(&self, file: &str) -> Result<PathBuf, String> {
         if self.folders.is_empty() {
-            return Err("the URDF was read without its folder; use `Description::read`".to_owned());
+            return Err("the URDF was read without its folder; use `from_urdf_file`".to_owned());
         }
         let tried = self.candidates(&file.replace('\\', "/"))?;
         let mut outside = String::new();
@@ -101,7 +96,7 @@ impl<'a> Meshes<'a> {
         let tried: Vec<String> = tried.iter().map(|path| format!("`{}`", path.display())).collect();
         Err(format!(
             "no such file, tried {}{outside}; give the folder of its package in \
-             `UrdfSettings::packages`, or the folder around all files as `UrdfSettings::root`",
+             `UrdfSettings::packages`, or the folder around all files as `UrdfSettings::mesh_root`",
             tried.join(", ")
         ))
     }
@@ -114,14 +109,11 @@ impl<'a> Meshes<'a> {
             "package" | "model" => {
                 let (name, path) = path.split_once('/').unwrap_or(("", path));
                 let given = self.settings.packages.iter().find(|(given, _)| given == name);
-                if let Some((_, folder)) = given {
-                    return Ok(vec![folder.join(path)]);
-                }
                 // a package's folder may have another name than the package
-                let near = self.folders.iter();
-                Ok(near
-                    .flat_map(|folder| [folder.join(name).join(path), folder.join(path)])
-                    .collect())
+                let near = self.folders.iter().flat_map(|near| [near.join(name), near.clone()]);
+                let folders =
+                    given.map_or_else(|| near.collect(), |(_, given)| vec![given.clone()]);
+                Ok(folders.into_iter().map(|folder| folder.join(path)).collect())
             }
             other => {
                 Err(format!("`{other}://` is not read, only package://, model:// and file://"))
@@ -132,7 +124,7 @@ impl<'a> Meshes<'a> {
 
 /// Returns all points of a mesh, with repetitions.
 fn points(path: &Path, bytes: Vec<u8>) -> Result<Vec<DVec3>, String> {
-    if bytes.len() as u64 > MAX_BYTES {
+    if bytes.len() > MAX_BYTES {
         return Err("it has more than 64 MB".to_owned());
     }
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
@@ -189,10 +181,8 @@ mod tests {
         let mut bytes = vec![b's'; 80];
         bytes.extend((triangles.len() as u32).to_le_bytes());
         for triangle in triangles {
-            bytes.extend([0; 12]);
-            let numbers = triangle.as_flattened().iter();
-            bytes.extend(numbers.flat_map(|number| number.to_le_bytes()));
-            bytes.extend([0; 2]);
+            let numbers = triangle.as_flattened().iter().flat_map(|number| number.to_le_bytes());
+            bytes.extend([0; 12].into_iter().chain(numbers).chain([0; 2]));
         }
         bytes
     }
@@ -223,12 +213,15 @@ mod tests {
 
     #[test]
     fn files_that_are_no_meshes_are_refused() {
-        let refused =
-            |name: &str, bytes: &[u8]| points(Path::new(name), bytes.to_vec()).unwrap_err();
-        assert!(refused("a.ply", b"v 1 2 3").contains("only STL"));
-        assert!(refused("a.obj", b"v 1 2").contains("fewer than three"));
-        assert!(refused("a.obj", b"v 1 2 x").contains("fewer than three"));
-        assert!(refused("a.stl", b"solid").contains("neither a text"));
-        assert!(refused("a.dae", b"v 1 2 3").contains("COLLADA"));
+        for (name, bytes, words) in [
+            ("a.ply", "v 1 2 3", "only STL"),
+            ("a.obj", "v 1 2", "fewer than three"),
+            ("a.obj", "v 1 2 x", "fewer than three"),
+            ("a.stl", "solid", "neither a text"),
+            ("a.dae", "v 1 2 3", "COLLADA"),
+        ] {
+            let error = points(Path::new(name), bytes.into()).unwrap_err();
+            assert!(error.contains(words), "{error}");
+        }
     }
 }

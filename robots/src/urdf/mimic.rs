@@ -1,31 +1,32 @@
 //! Ranges of joints that others follow, reduced so that the followers stay within their own.
 
-use crate::description::{Drive, Joint, Motion, Restriction};
-use crate::error::LARGEST;
+use crate::description::{Joint, JointMotion, PositionSource, RangeRestriction};
+use crate::error::MAX_NUMBER;
 
 /// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
 /// a range that is no wider counts as empty.
 const ROUNDING: f64 = 1e-6;
 /// Range of a hinge without limits: no number of a file is larger.
-const ENDLESS: [f64; 2] = [-LARGEST, LARGEST];
+const ENDLESS: [f64; 2] = [-MAX_NUMBER, MAX_NUMBER];
 
 /// Reduces the ranges of free joints until every follower stays within its own range. Returns the
 /// reductions, in order. A follower that cannot loses its range, and `note` gets its index.
 pub(super) fn restrict(
     joints: &mut [Joint],
     mut note: impl FnMut(usize, String),
-) -> Vec<Restriction> {
+) -> Vec<RangeRestriction> {
     let is_free = |joint: &Joint| joint.motion.is_some_and(|motion| motion.is_free());
     let free: Vec<usize> = (0..joints.len()).filter(|&joint| is_free(&joints[joint])).collect();
     let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
     let stated: Vec<_> = free.iter().map(|&joint| range_of(&joints[joint])).collect();
-    let mut restrictions: Vec<Restriction> = Vec::new();
+    let mut restrictions: Vec<RangeRestriction> = Vec::new();
     for index in 0..joints.len() {
         let follower = &joints[index];
         let Some(motion) = follower.motion else {
             continue;
         };
-        let (Drive::Follows { dof, multiplier, offset }, Some(own)) = (motion.drive, motion.range)
+        let (PositionSource::Follows { dof, multiplier, offset }, Some(own)) =
+            (motion.drive, motion.range)
         else {
             continue;
         };
@@ -34,24 +35,21 @@ pub(super) fn restrict(
         let whole = range_of(leader).unwrap_or(ENDLESS);
         let Some(range) = narrowed(whole, own, multiplier, offset) else {
             let ([low, high], leader) = (own, &leader.name);
-            note(
-                index,
-                format!("it cannot follow `{leader}` and stay from {low} to {high}, so it follows"),
-            );
-            joints[index].motion = Some(Motion { range: None, ..motion });
+            note(index, format!("it follows `{leader}` and cannot stay from {low} to {high}"));
+            joints[index].motion = Some(JointMotion { range: None, ..motion });
             continue;
         };
         if range == whole {
             continue;
         }
-        restrictions.push(Restriction {
+        restrictions.push(RangeRestriction {
             joint: leader.name.clone(),
             follower: follower.name.clone(),
-            stated: stated[dof],
+            file_range: stated[dof],
             range,
         });
-        if let Some(motion) = &mut joints[free[dof]].motion {
-            motion.range = Some(range);
+        if let Some(followed) = &mut joints[free[dof]].motion {
+            followed.range = Some(range);
         }
     }
     restrictions
@@ -61,7 +59,8 @@ pub(super) fn restrict(
 /// `None` if nothing is left.
 fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Option<[f64; 2]> {
     let led = led(whole, multiplier, offset);
-    if own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
+    let is_range = own[0] < own[1];
+    if is_range && own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
         return Some(whole);
     }
     // with a multiplier of zero the follower stays at its offset
@@ -89,7 +88,7 @@ mod tests {
     #[test]
     fn ranges_are_narrowed_to_what_followers_allow() {
         let whole = [-1.0, 2.0];
-        for (whole, own, multiplier, offset, expected) in [
+        for (leader, own, multiplier, offset, expected) in [
             (whole, [-3.0, 3.0], 1.5, 0.0, Some(whole)),
             (whole, [0.0, 1.0], 0.5, 0.25, Some([-0.5, 1.5])),
             (whole, [0.0, 1.0], -0.5, 0.25, Some([-1.0, 0.5])),
@@ -105,18 +104,18 @@ mod tests {
             (whole, [2.0 - 9e-7, 4.0], 1.0, 0.0, None),
             (whole, [2.0 - 2e-6, 4.0], 1.0, 0.0, Some([2.0 - 2e-6, 2.0])),
             (whole, [0.5, 0.5], 1.0, 0.0, None),
-            (whole, [0.5, 0.5], 0.0, 0.5, Some(whole)),
+            (whole, [0.5, 0.5], 0.0, 0.5, None),
             // a leader without end, and followers that it hardly moves
             (ENDLESS, [-1.0, 1.0], 0.5, 0.0, Some([-2.0, 2.0])),
             (ENDLESS, [-1.0, 1.0], 1e-5, 0.0, Some([-1e5, 1e5])),
             (ENDLESS, [-1.0, 1.0], 1e-9, 0.0, Some(ENDLESS)),
             (ENDLESS, [-1.0, 1.0], -1e-310, 0.0, Some(ENDLESS)),
-            (ENDLESS, [0.0, 1.0], 1e-9, 0.0, Some([0.0, LARGEST])),
+            (ENDLESS, [0.0, 1.0], 1e-9, 0.0, Some([0.0, MAX_NUMBER])),
             (ENDLESS, [1.0, 2.0], 1e-9, 0.0, None),
             (ENDLESS, [1.0, 2.0], 0.0, 0.0, None),
             (whole, [-1.0, 1.0], 1e-310, 0.0, Some(whole)),
         ] {
-            let range = narrowed(whole, own, multiplier, offset);
+            let range = narrowed(leader, own, multiplier, offset);
             let close = |[a, b]: [[f64; 2]; 2]| {
                 let off = |end: usize| (a[end] - b[end]).abs() <= 1e-12 * b[end].abs();
                 off(0) && off(1)
@@ -127,7 +126,7 @@ mod tests {
             };
             assert!(
                 alike,
-                "{whole:?} {own:?} {multiplier} {offset}: {range:?}, expected {expected:?}"
+                "{leader:?} {own:?} {multiplier} {offset}: {range:?}, expected {expected:?}"
             );
         }
     }

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::Report;
-use super::xml::Element;
+use super::xml::Cleaned;
 use crate::error::DescriptionError;
 
 /// Maximum number of links of a robot.
@@ -14,48 +14,51 @@ const MAX_SHAPES: usize = 1000;
 const MAX_NAME: usize = 200;
 
 /// Rejects files with too many links or shapes, which could exhaust the memory.
-pub(super) fn count(links: &[Element]) -> Result<(), DescriptionError> {
-    within("the robot", "link", links.len(), 1, MAX_LINKS)?;
-    links.iter().try_for_each(|link| {
-        let shapes = link.children("collision").count();
-        within(&link.place(), "collision shape", shapes, 0, MAX_SHAPES)
-    })
-}
-
-fn within(
-    place: &str,
-    kind: &'static str,
-    count: usize,
-    least: usize,
-    limit: usize,
-) -> Result<(), DescriptionError> {
-    if (least..=limit).contains(&count) {
-        return Ok(());
-    }
-    Err(DescriptionError::Count { place: place.to_owned(), kind, count, least, limit })
-}
-
-/// Reports names that are empty, too long, unprintable or not unique.
-pub(super) fn check(robot: Element, links: &[Element], joints: &[Element], report: &mut Report) {
-    // a robot may go without a name
-    if !robot.name().is_empty() {
-        report.keep(usable("robot", robot));
-    }
-    for (kind, elements) in [("link", links), ("joint", joints)] {
-        let mut seen = HashSet::new();
-        for &element in elements {
-            let name = element.name();
-            report.keep(usable(kind, element));
-            if !seen.insert(name) {
-                let name = name.to_owned();
-                report.errors.push(element.at(DescriptionError::Duplicate { kind, name }));
-            }
+pub(super) fn check_counts(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
+    let robot = ("the robot".to_owned(), "link", file.links.len(), 1, MAX_LINKS);
+    let counts = file.links.iter().map(|link| {
+        let place = format!("the link `{}`", link.name);
+        (place, "collision shape", link.collision.len(), 0, MAX_SHAPES)
+    });
+    let mut counts = std::iter::once(robot).chain(counts);
+    match counts.find(|(_, _, count, least, limit)| !(least..=limit).contains(&count)) {
+        None => Ok(()),
+        Some((place, kind, count, least, limit)) => {
+            Err(DescriptionError::CountOutOfRange { place, kind, count, least, limit })
         }
     }
 }
 
-fn usable(kind: &'static str, element: Element) -> Result<(), DescriptionError> {
-    let name = element.name();
+/// Reports names that are empty, too long, unprintable or not unique. Returns `true` if there are
+/// none.
+pub(super) fn check(file: &urdf_rs::Robot, cleaned: &Cleaned, report: &mut Report) -> bool {
+    let before = report.errors.len();
+    // a robot may go without a name
+    if !file.name.is_empty() {
+        usable("robot", &file.name, 0, report);
+    }
+    let links = file.links.iter().map(|link| &link.name[..]).zip(&cleaned.link_lines);
+    let joints = file.joints.iter().map(|joint| &joint.name[..]).zip(&cleaned.joint_lines);
+    unique("link", links, report);
+    unique("joint", joints, report);
+    report.errors.len() == before
+}
+
+fn unique<'a>(
+    kind: &'static str,
+    names: impl Iterator<Item = (&'a str, &'a usize)>,
+    report: &mut Report,
+) {
+    let mut seen = HashSet::new();
+    for (name, &line) in names {
+        usable(kind, name, line, report);
+        if !seen.insert(name) {
+            report.reject(line, DescriptionError::Duplicate { kind, name: name.to_owned() });
+        }
+    }
+}
+
+fn usable(kind: &'static str, name: &str, line: usize, report: &mut Report) {
     let reason = if name.is_empty() {
         "it is empty"
     } else if name.len() > MAX_NAME {
@@ -63,9 +66,9 @@ fn usable(kind: &'static str, element: Element) -> Result<(), DescriptionError> 
     } else if name.chars().any(char::is_control) {
         "it holds a control character"
     } else {
-        return Ok(());
+        return;
     };
     // cut, because it becomes part of a message
     let name = name.chars().take(MAX_NAME).collect();
-    Err(element.at(DescriptionError::Name { kind, name, reason }))
+    report.reject(line, DescriptionError::InvalidName { kind, name, reason });
 }

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use super::Report;
-use super::joints::StatedJoint;
-use super::xml::Element;
+use super::names;
+use super::xml::Cleaned;
 use crate::error::DescriptionError;
 
 /// Links and joints of a file in depth-first order, in which MuJoCo numbers bodies and joints.
@@ -18,61 +18,76 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// Builds the tree. `None` if links and joints form none, which is reported.
+    /// Builds the tree. Fails with all errors of `report` if links and joints form none, or have
+    /// invalid names.
     pub(super) fn new(
-        links: &[Element],
-        joints: &[StatedJoint],
+        file: &urdf_rs::Robot,
+        cleaned: &Cleaned,
         report: &mut Report,
-    ) -> Option<Self> {
-        let index: HashMap<&str, usize> =
-            links.iter().enumerate().map(|(index, link)| (link.name(), index)).collect();
-        let mut children = vec![Vec::new(); links.len()];
-        let mut carried_by = vec![None; links.len()];
-        let before = report.errors.len();
-        for (number, joint) in joints.iter().enumerate() {
-            let mut find = |link: Option<&str>| {
-                let link = link?;
-                let found = index.get(link).copied();
-                report.keep(found.ok_or_else(|| {
-                    joint.element.at(DescriptionError::UnknownLink {
-                        link: link.to_owned(),
-                        asked: joint.element.place(),
-                        known: links.iter().map(|link| link.name().to_owned()).collect(),
-                    })
-                }))
-            };
-            let [Some(parent), Some(child)] = [find(joint.parent), find(joint.child)] else {
+    ) -> Result<Self, DescriptionError> {
+        let mut sound = names::check(file, cleaned, report);
+        let names = file.links.iter().enumerate();
+        let index: HashMap<&str, usize> = names.map(|(i, link)| (&link.name[..], i)).collect();
+        let mut children = vec![Vec::new(); file.links.len()];
+        let mut carried_by = vec![None; file.links.len()];
+        for (number, joint) in file.joints.iter().enumerate() {
+            let line = cleaned.joint_lines[number];
+            let [parent, child] = [&joint.parent.link, &joint.child.link].map(|link| {
+                let found = index.get(&link[..]).copied();
+                // a link without a name was reported already
+                if found.is_none() && !link.is_empty() {
+                    let link = link.clone();
+                    let requested_by = format!("the joint `{}`", joint.name);
+                    let known = file.links.iter().map(|link| link.name.clone()).collect();
+                    report
+                        .reject(line, DescriptionError::UnknownLink { link, requested_by, known });
+                }
+                found
+            });
+            let (Some(parent), Some(child)) = (parent, child) else {
+                sound = false;
                 continue;
             };
             if let Some(first) = carried_by[child].replace(number) {
-                let joints =
-                    [first, number].map(|joint: usize| joints[joint].element.name().to_owned());
-                let link = links[child].name().to_owned();
-                report
-                    .errors
-                    .push(joint.element.at(DescriptionError::SeveralParents { link, joints }));
+                let joints = [first, number].map(|joint: usize| file.joints[joint].name.clone());
+                let link = file.links[child].name.clone();
+                report.reject(line, DescriptionError::SeveralParents { link, joints });
+                sound = false;
             }
             children[parent].push((number, child));
         }
         // links without their joints would only be reported as further roots
-        if report.errors.len() > before || joints.iter().any(|joint| joint.child.is_none()) {
-            return None;
+        if !sound {
+            report.check()?;
         }
-        let root = report.keep(root(links, &carried_by))?;
-        let tree = Self::from_root(root, &children);
-        report.keep(tree.check_complete(links))?;
-        Some(tree)
+        let name = |link: usize| file.links[link].name.clone();
+        let free = (0..file.links.len()).filter(|&link| carried_by[link].is_none());
+        let free: Vec<usize> = free.collect();
+        if free.len() > 1 {
+            let roots = free.iter().copied().map(name).collect();
+            report.reject(0, DescriptionError::SeveralRoots { roots });
+            report.check()?;
+        }
+        let tree = Self::from_root(free.first().copied(), &children);
+        // every link but the root has one parent, so those that the root does not lead to are on a
+        // cycle, or hang on one
+        if let Some(link) = (0..file.links.len()).find(|link| !tree.links.contains(link)) {
+            report.reject(cleaned.link_lines[link], DescriptionError::Cycle { link: name(link) });
+            report.check()?;
+        }
+        Ok(tree)
     }
 
-    fn from_root(root: usize, children: &[Vec<(usize, usize)>]) -> Self {
-        let mut tree = Self { links: vec![root], joints: Vec::new(), parents: Vec::new() };
+    fn from_root(root: Option<usize>, children: &[Vec<(usize, usize)>]) -> Self {
+        let links = root.into_iter().collect();
+        let mut tree = Self { links, joints: Vec::new(), parents: Vec::new() };
         // a stack, with the children reversed so that the first one is popped first
         let mut open = Vec::new();
         let below = |place: usize, link: usize| {
             let children = children[link].iter().rev();
             children.map(move |&(joint, child)| (place, joint, child))
         };
-        open.extend(below(0, root));
+        open.extend(root.into_iter().flat_map(|root| below(0, root)));
         while let Some((parent, joint, child)) = open.pop() {
             tree.parents.push(parent);
             tree.joints.push(joint);
@@ -80,32 +95,5 @@ impl Tree {
             open.extend(below(tree.joints.len(), child));
         }
         tree
-    }
-
-    /// Rejects files with links that the root does not lead to.
-    fn check_complete(&self, links: &[Element]) -> Result<(), DescriptionError> {
-        // there is one root and one parent for every other link, so the rest hangs on a cycle
-        let mut reached = vec![false; links.len()];
-        self.links.iter().for_each(|&link| reached[link] = true);
-        match reached.iter().position(|reached| !reached) {
-            None => Ok(()),
-            Some(link) => Err(cycle(links[link])),
-        }
-    }
-}
-
-fn cycle(link: Element) -> DescriptionError {
-    link.at(DescriptionError::Cycle { link: link.name().to_owned() })
-}
-
-/// Returns the index of the only link without a parent.
-fn root(links: &[Element], carried_by: &[Option<usize>]) -> Result<usize, DescriptionError> {
-    let free = (0..carried_by.len()).filter(|&link| carried_by[link].is_none());
-    match free.collect::<Vec<_>>()[..] {
-        [root] => Ok(root),
-        [] => Err(cycle(links[0])),
-        ref roots => Err(DescriptionError::SeveralRoots {
-            roots: roots.iter().map(|&link| links[link].name().to_owned()).collect(),
-        }),
     }
 }

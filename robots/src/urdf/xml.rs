@@ -1,20 +1,26 @@
-//! XML of a URDF: parsed by `roxmltree`, and elements that name themselves in errors.
+//! XML of a URDF, cleaned for `urdf-rs`.
+//!
+//! `urdf-rs` panics on some texts, knows no lines, stops at its first error, and demands values
+//! that real files lack or hold twice. So it gets only what [`READ`] lists, all of it valid.
+//! Whatever is wrong is reported first, with its element and line.
 
-use glam::DVec3;
 use roxmltree::{Document, Error, Node, ParsingOptions};
 
-use crate::error::{DescriptionError, LARGEST};
-use crate::pose::Pose;
+use super::Report;
+use crate::error::{DescriptionError, MAX_NUMBER};
+use crate::mjcf::xml_escaped;
 
 /// Maximum size of a URDF (bytes).
-pub const MAX_BYTES: usize = 2 << 20;
+pub const MAX_URDF_BYTES: usize = 2 << 20;
 /// Maximum number of elements, texts and comments.
-pub(super) const MAX_NODES: u32 = 1 << 18;
+const MAX_NODES: u32 = 1 << 18;
 /// Maximum number of namespaces that a URDF may declare, since each element may copy them.
 const MAX_NAMESPACES: usize = 32;
 /// Maximum number of attributes of an element, since each is compared with all others.
 const MAX_ATTRIBUTES: usize = 1000;
 
+/// Length of the shortest axis that is accepted.
+const SHORTEST_AXIS: f64 = 1e-6;
 /// Elements that are skipped with everything inside, so that they may hold anything.
 const SKIPPED: [&str; 6] =
     ["gazebo", "material", "ros2_control", "sensor", "transmission", "visual"];
@@ -40,22 +46,28 @@ pub(super) fn decode(bytes: Vec<u8>) -> String {
     }
 }
 
-/// Returns the text without comments and declaration, and with all its prefixes declared. Lines
-/// keep their numbers.
+/// Returns the text without declaration, with harmless comments, and with all its prefixes
+/// declared. Lines keep their numbers.
 ///
 /// # Errors
-/// [`DescriptionError::TooLong`], [`DescriptionError::Syntax`].
-pub(super) fn prepared(text: &str) -> Result<String, DescriptionError> {
-    if text.len() > MAX_BYTES {
-        return Err(DescriptionError::TooLong { limit: MAX_BYTES });
+/// [`DescriptionError::FileTooLong`], [`DescriptionError::InvalidSyntax`].
+fn prepared(text: &str) -> Result<String, DescriptionError> {
+    if text.len() > MAX_URDF_BYTES {
+        return Err(DescriptionError::FileTooLong { limit: MAX_URDF_BYTES });
     }
-    let mut text = without_comments(text)?;
+    let mut text = without_hyphens(text);
+    // the text is decoded, and a comment may stand before the declaration, which XML forbids
+    let declaration = text.find("<?xml ").and_then(|at| Some(at..at + text[at..].find("?>")? + 2));
+    if let Some(declaration) = declaration {
+        let lines = "\n".repeat(text[declaration.clone()].matches('\n').count());
+        text.replace_range(declaration, &lines);
+    }
     // rough counts, taken before the parsing whose cost they limit
-    if text.matches("xmlns").count() > MAX_NAMESPACES {
+    let tags = || text.split('<').filter(|tag| !tag.starts_with("!--"));
+    if tags().map(|tag| tag.matches("xmlns").count()).sum::<usize>() > MAX_NAMESPACES {
         return syntax(format!("more than {MAX_NAMESPACES} namespaces are declared"));
     }
-    let is_crowded = |tag: &str| tag.matches('=').count() > MAX_ATTRIBUTES;
-    if text.split('<').any(is_crowded) {
+    if tags().any(|tag| tag.matches('=').count() > MAX_ATTRIBUTES) {
         return syntax(format!("an element has more than {MAX_ATTRIBUTES} attributes"));
     }
     // old files use prefixes of tools, such as `<sensor:camera>`, without a declaration
@@ -65,9 +77,6 @@ pub(super) fn prepared(text: &str) -> Result<String, DescriptionError> {
         else {
             break;
         };
-        if prefix == "xacro" {
-            break;
-        }
         text.insert_str(root + "<robot".len(), &format!(" xmlns:{prefix}=\"unknown:{prefix}\""));
     }
     Ok(text)
@@ -76,15 +85,9 @@ pub(super) fn prepared(text: &str) -> Result<String, DescriptionError> {
 /// Parses a prepared text.
 ///
 /// # Errors
-/// [`DescriptionError::Xacro`] for a template, [`DescriptionError::Syntax`].
-pub(super) fn parse(text: &str) -> Result<Document<'_>, DescriptionError> {
+/// [`DescriptionError::InvalidSyntax`].
+fn parse(text: &str) -> Result<Document<'_>, DescriptionError> {
     Document::parse_with_options(text, options()).or_else(|error| match error {
-        Error::UnknownNamespace(prefix, position) if prefix == "xacro" => {
-            Err(DescriptionError::Xacro {
-                line: position.row as usize,
-                found: "the prefix `xacro`".to_owned(),
-            })
-        }
         Error::UnknownToken(_) | Error::NoRootNode => {
             syntax(format!("line {}: {ALONE}", error.pos().row))
         }
@@ -92,11 +95,22 @@ pub(super) fn parse(text: &str) -> Result<Document<'_>, DescriptionError> {
     })
 }
 
-/// Returns the element `<robot>`, which must be the root and hold no xacro where it is read.
+/// File that `urdf-rs` reads, with the lines of its links and joints in the original.
+pub(super) struct Cleaned {
+    pub(super) text: String,
+    pub(super) link_lines: Vec<usize>,
+    pub(super) joint_lines: Vec<usize>,
+}
+
+/// Cleans a URDF. Missing and invalid values are reported and replaced, so that the rest can be
+/// checked, too.
 ///
 /// # Errors
-/// [`DescriptionError::Xacro`] for a template, [`DescriptionError::Syntax`].
-pub(super) fn robot<'a>(document: &'a Document<'a>) -> Result<Element<'a>, DescriptionError> {
+/// [`DescriptionError::FileTooLong`], [`DescriptionError::Xacro`] for a template,
+/// [`DescriptionError::InvalidSyntax`].
+pub(super) fn clean(text: &str, report: &mut Report) -> Result<Cleaned, DescriptionError> {
+    let text = prepared(text)?;
+    let document = parse(&text)?;
     let root = document.root_element();
     let name = root.tag_name().name();
     if name != "robot" {
@@ -105,16 +119,19 @@ pub(super) fn robot<'a>(document: &'a Document<'a>) -> Result<Element<'a>, Descr
     let mut open = vec![root];
     while let Some(node) = open.pop() {
         if let Some(found) = template(node) {
-            return Err(DescriptionError::Xacro { line: Element(node).line(), found });
+            return Err(DescriptionError::Xacro { line: line(node), found });
         }
         if !SKIPPED.contains(&node.tag_name().name()) {
             open.extend(node.children().filter(Node::is_element).rev());
         }
     }
-    Ok(Element(root))
+    let mut text = String::new();
+    write(&mut text, "robot", Some(root), report);
+    let lines = |name| elements(root, name).map(line).collect();
+    Ok(Cleaned { text, link_lines: lines("link"), joint_lines: lines("joint") })
 }
 
-fn options<'a>() -> ParsingOptions<'a> {
+pub(super) fn options<'a>() -> ParsingOptions<'a> {
     ParsingOptions { allow_dtd: true, nodes_limit: MAX_NODES, ..ParsingOptions::default() }
 }
 
@@ -122,60 +139,18 @@ fn options<'a>() -> ParsingOptions<'a> {
 const ALONE: &str = "expected one `<robot>` and, around it, only blanks and comments";
 
 fn syntax<T>(message: String) -> Result<T, DescriptionError> {
-    Err(DescriptionError::Syntax { message })
+    Err(DescriptionError::InvalidSyntax { message })
 }
 
-/// Removes comments between tags, and the declaration; lines keep their numbers. Text that looks
-/// like a comment inside a tag, CDATA or an instruction is left to the parser.
-fn without_comments(text: &str) -> Result<String, DescriptionError> {
-    // many files are decorated with comments that hold `--`, which XML forbids
+/// Replaces hyphens in comments, since XML forbids two of them and many files are decorated so.
+fn without_hyphens(text: &str) -> String {
     let (mut kept, mut rest) = (String::with_capacity(text.len()), text);
-    while let Some(at) = rest.find('<') {
-        let (before, markup) = rest.split_at(at);
-        kept += before;
-        if let Some(inside) = markup.strip_prefix("<!--") {
-            let Some((comment, after)) = inside.split_once("-->") else {
-                return syntax("a comment has no end".to_owned());
-            };
-            kept.extend(comment.chars().filter(|&character| character == '\n'));
-            rest = after;
-        } else {
-            let (markup, after) = markup.split_at(markup_len(markup));
-            // a comment may stand before the declaration, and the text is decoded already
-            let is_declaration = markup.starts_with("<?xml ");
-            kept.extend(markup.chars().filter(|&character| !is_declaration || character == '\n'));
-            rest = after;
-        }
+    while let Some((before, after)) = rest.split_once("<!--") {
+        let (comment, after) = after.split_once("-->").unwrap_or((after, ""));
+        kept += &format!("{before}<!--{}-->", comment.replace('-', "_"));
+        rest = after;
     }
-    Ok(kept + rest)
-}
-
-/// Returns the length of the tag, CDATA or instruction at the start of a text, or that of the text
-/// if it has no end.
-fn markup_len(text: &str) -> usize {
-    let up_to = |end: &str| text.find(end).map(|at| at + end.len());
-    let end = if text.starts_with("<![CDATA[") {
-        up_to("]]>")
-    } else if text.starts_with("<?") {
-        up_to("?>")
-    } else {
-        end_of_tag(text)
-    };
-    end.unwrap_or(text.len())
-}
-
-/// Returns the position after the first `>` outside of quotes. `None` if there is none.
-fn end_of_tag(text: &str) -> Option<usize> {
-    let mut quote = None;
-    for (at, byte) in text.bytes().enumerate() {
-        match (quote, byte) {
-            (None, b'>') => return Some(at + 1),
-            (None, b'\'' | b'"') => quote = Some(byte),
-            (Some(open), _) if open == byte => quote = None,
-            _ => (),
-        }
-    }
-    None
+    kept + rest
 }
 
 /// Describes the element, or one of its attributes, that `xacro` should have expanded, if there is
@@ -217,121 +192,186 @@ fn quoted(value: &str) -> String {
     value[start.unwrap_or(0)..].chars().take(MAX_QUOTED).collect()
 }
 
-/// Value that is read, or the error.
-pub(super) type Found<T> = Result<T, DescriptionError>;
+/// Elements that are read, with their attributes and the elements inside, of which `|` separates
+/// alternatives. The first element of a name is read, or all in [`REPEATED`].
+const READ: [(&str, &[&str], &[&str]); 20] = [
+    ("robot", &["name"], &["link", "joint"]),
+    ("link", &["name"], &["inertial", "collision"]),
+    ("inertial", &[], &["origin", "mass", "inertia"]),
+    ("mass", &["value"], &[]),
+    ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"], &[]),
+    ("collision", &[], &["origin", "geometry"]),
+    ("geometry", &[], &[SHAPES]),
+    ("sphere", &["radius"], &[]),
+    ("box", &["size"], &[]),
+    ("cylinder", &["radius", "length"], &[]),
+    ("capsule", &["radius", "length"], &[]),
+    ("mesh", &["filename", "scale"], &[]),
+    ("joint", &["name", "type"], &OF_JOINT),
+    ("origin", &["xyz", "rpy", "quat_xyzw"], &[]),
+    ("axis", &["xyz"], &[]),
+    ("limit", &["lower", "upper", "effort", "velocity"], &[]),
+    ("dynamics", &["damping", "friction"], &[]),
+    ("mimic", &["joint", "multiplier", "offset"], &[]),
+    ("parent", &["link"], &[]),
+    ("child", &["link"], &[]),
+];
+const SHAPES: &str = "sphere|box|cylinder|capsule|mesh";
+const OF_JOINT: [&str; 7] = ["origin", "axis", "limit", "dynamics", "mimic", "parent", "child"];
+const OF_MOTION: [&str; 4] = ["axis", "limit", "dynamics", "mimic"];
+const REPEATED: [&str; 3] = ["link", "joint", "collision"];
+/// Attributes and elements without which a file is refused. Others have default values.
+const REQUIRED_ATTRIBUTES: [&str; 5] = ["type", "link", "joint", "value", "filename"];
+const REQUIRED_ELEMENTS: [&str; 5] = ["mass", "geometry", SHAPES, "parent", "child"];
 
-/// Element of a URDF. Elements and attributes of other namespaces than `<robot>`'s are skipped.
-#[derive(Clone, Copy)]
-pub(super) struct Element<'a>(Node<'a, 'a>);
+const NUMBER: &str = "a finite number up to 1e6";
+const VECTOR: &str = "three numbers up to 1e6 with blanks between";
+const KINDS: [&str; 4] = ["revolute", "continuous", "prismatic", "fixed"];
 
-impl<'a> Element<'a> {
-    pub(super) fn children(self, name: &'static str) -> impl Iterator<Item = Self> {
-        let root = self.0.document().root_element().tag_name().namespace();
-        let named = move |node: &Node| {
-            let tag = node.tag_name();
-            node.is_element() && tag.name() == name && tag.namespace() == root
-        };
-        self.0.children().filter(named).map(Self)
+/// Returns the default of an attribute, a check of its value, and the values expected.
+fn rule(element: &str, attribute: &str) -> (&'static str, fn(&str) -> bool, &'static str) {
+    match (element, attribute) {
+        (_, "name") => ("", |_| true, ""),
+        (_, "link" | "joint" | "filename") => ("", |name| !name.is_empty(), "a name"),
+        (_, "type") => {
+            ("fixed", |kind| KINDS.contains(&kind), "revolute, continuous, prismatic or fixed")
+        }
+        (_, "lower" | "upper" | "effort" | "velocity") => {
+            ("0", |text| all::<1>(text, |number| !number.is_nan()), "a number")
+        }
+        (_, "value" | "damping" | "friction") => {
+            ("0", |text| all::<1>(text, positive), "zero or more, up to 1e6")
+        }
+        (_, "radius" | "length") => ("0", |text| all::<1>(text, positive), "zero or more metres"),
+        (_, "size") => {
+            ("0 0 0", |text| all::<3>(text, positive), "three numbers, zero or more metres")
+        }
+        ("axis", _) => ("1 0 0", is_axis, "a direction: three numbers, not all of them zero"),
+        (_, "xyz" | "rpy") => ("0 0 0", |text| all::<3>(text, bounded), VECTOR),
+        (_, "scale") => ("1 1 1", |text| all::<3>(text, bounded), VECTOR),
+        (_, "quat_xyzw") => ("", |_| false, "`rpy` instead"),
+        (_, "multiplier") => ("1", |text| all::<1>(text, bounded), NUMBER),
+        _ => ("0", |text| all::<1>(text, bounded), NUMBER),
     }
+}
 
-    pub(super) fn child(self, name: &'static str) -> Option<Self> {
-        self.children(name).next()
+/// Returns `true` if a text consists of N numbers, each of which `holds`.
+fn all<const N: usize>(text: &str, holds: fn(f64) -> bool) -> bool {
+    let numbers = || text.split_whitespace();
+    numbers().count() == N && numbers().all(|number| number.parse().is_ok_and(holds))
+}
+
+fn bounded(number: f64) -> bool {
+    number.abs() <= MAX_NUMBER
+}
+
+fn positive(number: f64) -> bool {
+    (0.0..=MAX_NUMBER).contains(&number)
+}
+
+fn is_axis(text: &str) -> bool {
+    all::<3>(text, bounded) && !all::<3>(text, |number| number.abs() < SHORTEST_AXIS)
+}
+
+/// Writes an element with what is read of it; without `node`, one of default values.
+fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report) {
+    let read = READ.iter().find(|(element, ..)| *element == name);
+    let (_, attributes, children) = read.unwrap_or(&("", &[], &[]));
+    *text += &format!("<{name}");
+    for attribute in *attributes {
+        let (default, holds, expected) = rule(name, attribute);
+        let stated = node.and_then(|node| node.attribute(*attribute));
+        let value = stated.filter(|value| holds(value));
+        match (node, stated) {
+            (Some(node), Some(stated)) if value.is_none() => {
+                reject(report, node, attribute, unexpected(stated, expected));
+            }
+            (Some(node), None) if REQUIRED_ATTRIBUTES.contains(attribute) => {
+                reject(report, node, "", format!("has no `{attribute}`; add it"));
+            }
+            _ => (),
+        }
+        *text += &format!(" {attribute}=\"{}\"", xml_escaped(value.unwrap_or(default)));
     }
-
-    pub(super) fn text(self, attribute: &str) -> Option<&'a str> {
-        self.0.attribute(attribute)
-    }
-
-    pub(super) fn name(self) -> &'a str {
-        self.text("name").unwrap_or_default()
-    }
-
-    /// Returns an attribute of a child; both must be there.
-    pub(super) fn text_of_child(self, [child, attribute]: [&'static str; 2]) -> Found<&'a str> {
-        let found = self.child(child).ok_or_else(|| self.missing(&format!("`<{child}>`")))?;
-        found.text(attribute).ok_or_else(|| found.missing(&format!("`{attribute}`")))
-    }
-
-    /// Returns a number, which may be infinite. `None` without the attribute.
-    pub(super) fn any_number(self, name: &'static str) -> Found<Option<f64>> {
-        let Some(text) = self.text(name) else {
-            return Ok(None);
-        };
-        let number = text.trim().parse().ok().filter(|number: &f64| !number.is_nan());
-        number.map(Some).ok_or_else(|| self.refused(name, "a number"))
-    }
-
-    /// Returns a number of at most 1e6; without the attribute, `missing`.
-    pub(super) fn number(self, name: &'static str, missing: f64) -> Found<f64> {
-        let number = self.any_number(name)?.unwrap_or(missing);
-        self.require(number.abs() <= LARGEST, name, "a finite number up to 1e6")?;
-        Ok(number)
-    }
-
-    /// Returns three numbers of at most 1e6; without the attribute, `missing`.
-    pub(super) fn vector(self, name: &'static str, missing: DVec3) -> Found<DVec3> {
-        let Some(text) = self.text(name) else {
-            return Ok(missing);
-        };
-        let numbers: Option<Vec<f64>> =
-            text.split_whitespace().map(|word| word.parse().ok()).collect();
-        let numbers = numbers.filter(|numbers| numbers.iter().all(|n| n.abs() <= LARGEST));
-        match numbers.as_deref() {
-            Some(&[x, y, z]) => Ok(DVec3::new(x, y, z)),
-            _ => Err(self.refused(name, "three numbers up to 1e6 with blanks between")),
+    text.push('>');
+    // what a fixed joint says of its motion is often wrong, and never needed
+    let is_fixed = node.and_then(|node| node.attribute("type")) == Some("fixed");
+    for inside in children.iter().filter(|inside| !(is_fixed && OF_MOTION.contains(*inside))) {
+        let most = if REPEATED.contains(inside) { usize::MAX } else { 1 };
+        let found = node.into_iter().flat_map(|node| elements(node, inside)).take(most);
+        let found: Vec<Node> = found.collect();
+        for &child in &found {
+            write(text, child.tag_name().name(), Some(child), report);
+        }
+        let is_required = REQUIRED_ELEMENTS.contains(inside);
+        // `urdf-rs` demands an inertia with every mass
+        if found.is_empty() && (is_required || *inside == "inertia") {
+            write(text, if *inside == SHAPES { "sphere" } else { inside }, None, report);
+        }
+        if let (Some(node), true) = (node, found.is_empty() && is_required) {
+            let names = inside.replace('|', ">`, `<");
+            reject(report, node, "", format!("has no `<{names}>`; add it"));
         }
     }
-
-    /// Returns the pose of the child `<origin>`; without it, the identity.
-    pub(super) fn origin(self) -> Found<Pose> {
-        let Some(origin) = self.child("origin") else {
-            return Ok(Pose::IDENTITY);
-        };
-        if origin.text("quat_xyzw").is_some() {
-            return Err(origin.refused("quat_xyzw", "`rpy` instead"));
-        }
-        let [xyz, rpy] = ["xyz", "rpy"].map(|name| origin.vector(name, DVec3::ZERO));
-        Ok(Pose::from_xyz_rpy(xyz?.to_array(), rpy?.to_array()))
+    *text += &format!("</{name}>");
+    if let ("joint", Some(joint)) = (name, node) {
+        check_limit(joint, report);
     }
+}
 
-    /// Rejects the value of an attribute unless `holds`.
-    pub(super) fn require(
-        self,
-        holds: bool,
-        name: &'static str,
-        expected: &'static str,
-    ) -> Found<()> {
-        if holds { Ok(()) } else { Err(self.refused(name, expected)) }
+/// Reports a missing or impossible range of a joint.
+fn check_limit(joint: Node, report: &mut Report) {
+    if !matches!(joint.attribute("type"), Some("revolute" | "prismatic")) {
+        return;
     }
+    let Some(limit) = elements(joint, "limit").next() else {
+        let problem = "has no `<limit>` with `lower` and `upper`; add it, or make it continuous";
+        return reject(report, joint, "", problem.to_owned());
+    };
+    let texts = ["lower", "upper"].map(|end| limit.attribute(end).unwrap_or("0"));
+    let [lower, upper] = texts.map(|end| end.trim().parse().unwrap_or(f64::NAN));
+    if lower > upper {
+        reject(report, limit, "lower", unexpected(texts[0], "a position not above `upper`"));
+    }
+}
 
-    pub(super) fn refused(self, name: &'static str, expected: &'static str) -> DescriptionError {
-        let value = quoted(self.text(name).unwrap_or_default());
-        self.at(DescriptionError::Attribute { place: self.place(), name, value, expected })
-    }
+fn unexpected(value: &str, expected: &str) -> String {
+    format!("is {:?}, expected {expected}", quoted(value))
+}
 
-    pub(super) fn missing(self, what: &str) -> DescriptionError {
-        self.at(DescriptionError::Missing { place: self.place(), what: what.to_owned() })
-    }
+/// Reports a problem of an element or, with a name, of its attribute.
+fn reject(report: &mut Report, node: Node, attribute: &str, problem: String) {
+    let of = if attribute.is_empty() { String::new() } else { format!("`{attribute}` of ") };
+    let place = of + &place(node);
+    report.reject(line(node), DescriptionError::InvalidElement { place, problem });
+}
 
-    /// Adds the element's line to an error.
-    pub(super) fn at(self, error: DescriptionError) -> DescriptionError {
-        DescriptionError::Line { line: self.line(), error: Box::new(error) }
-    }
+/// Returns the elements of alternative names inside a node, without those of other namespaces than
+/// `<robot>`'s.
+fn elements<'a>(node: Node<'a, 'a>, names: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
+    let root = node.document().root_element().tag_name().namespace();
+    node.children().filter(move |child| {
+        let tag = child.tag_name();
+        let is_named = || names.split('|').any(|name| name == tag.name());
+        child.is_element() && tag.namespace() == root && is_named()
+    })
+}
 
-    pub(super) fn line(self) -> usize {
-        self.0.document().text_pos_at(self.0.range().start).row as usize
-    }
+/// Returns the line at which a node starts.
+fn line(node: Node) -> usize {
+    node.document().text_pos_at(node.range().start).row as usize
+}
 
-    /// Describes the element in a message, such as "`<limit>` of the joint `elbow`".
-    pub(super) fn place(self) -> String {
-        let tag = self.0.tag_name().name();
-        let is_owner = |node: &Node| ["link", "joint"].contains(&node.tag_name().name());
-        let Some(owner) = self.0.ancestors().find(is_owner).map(Self) else {
-            return format!("`<{tag}>`");
-        };
-        let named = format!("the {} `{}`", owner.0.tag_name().name(), quoted(owner.name()));
-        if owner.0 == self.0 { named } else { format!("`<{tag}>` of {named}") }
-    }
+/// Describes an element in a message, such as "`<limit>` of the joint `elbow`".
+fn place(node: Node) -> String {
+    let tag = node.tag_name().name();
+    let is_owner = |node: &Node| ["link", "joint"].contains(&node.tag_name().name());
+    let Some(owner) = node.ancestors().find(is_owner) else {
+        return format!("`<{tag}>`");
+    };
+    let name = quoted(owner.attribute("name").unwrap_or_default());
+    let named = format!("the {} `{name}`", owner.tag_name().name());
+    if owner == node { named } else { format!("`<{tag}>` of {named}") }
 }
 
 #[cfg(test)]
@@ -350,17 +390,16 @@ mod tests {
             units.iter().flat_map(|unit| unit.to_be_bytes()).collect(),
             units[1..].iter().flat_map(|unit| unit.to_le_bytes()).collect(),
         ] {
-            let text = decode(bytes);
-            let document = parse(&text).unwrap();
-            assert_eq!(robot(&document).unwrap().name(), "Gr\u{f6}\u{df}e");
+            let cleaned = clean(&decode(bytes), &mut Report::default()).unwrap().text;
+            assert_eq!(cleaned, "<robot name=\"Gr\u{f6}\u{df}e\"></robot>");
         }
     }
 
     /// Returns the names of the links.
     fn links(text: &str) -> Result<Vec<String>, DescriptionError> {
-        let text = prepared(text)?;
-        let document = parse(&text)?;
-        Ok(robot(&document)?.children("link").map(|link| link.name().to_owned()).collect())
+        let cleaned = clean(text, &mut Report::default())?.text;
+        let links = urdf_rs::read_from_string(&cleaned).unwrap().links;
+        Ok(links.into_iter().map(|link| link.name).collect())
     }
 
     #[test]
@@ -383,28 +422,12 @@ mod tests {
 
     #[test]
     fn what_is_no_xml_is_refused() {
-        for inside in [
-            "<",
-            "<a",
-            "< a/>",
-            "<a/ >",
-            "<a b/>",
-            "<a b=1/>",
-            "<a b='1\"/>",
-            "<a=\"1\"/>",
-            "</a>",
-            "<a></b>",
-            "<a:b:c/>",
-            "<a: b='1'/>",
-            "<!-- ",
-            "<a></a b='1'>",
-            "<a></a/>",
-            "<a<!-- -->b/>",
-            "<link name='a<!--x-->b'/>",
-            "<a <!-- x --> b='1'/>",
-        ] {
+        let texts = "<|<a|< a/>|<a/ >|<a b/>|<a b=1/>|<a b='1\"/>|<a=\"1\"/>|</a>|<a></b>|<a:b:c/>|<!-- |\
+                     <a: b='1'/>|<a></a b='1'>|<a></a/>|<a<!-- -->b/>|<link name='a<!--x-->b'/>|\
+                     <a <!-- x --> b='1'/>";
+        for inside in texts.split('|') {
             let error = links(&format!("<robot>{inside}</robot>")).unwrap_err();
-            let is_syntax = matches!(error, DescriptionError::Syntax { .. });
+            let is_syntax = matches!(error, DescriptionError::InvalidSyntax { .. });
             assert!(is_syntax, "{inside}: {error}");
         }
     }

@@ -8,11 +8,11 @@ use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType};
 
 use experiments::{RolloutRow, RunData, ScoreRow};
 
-use super::Progress;
+use super::StreamProgress;
 use super::panels::group_colour;
 
 /// Quantity that a curve shows.
-pub struct Figure {
+pub struct CurveQuantity {
     title: &'static str,
     /// Upper end of the vertical axis, which begins at 0.
     largest: f64,
@@ -21,15 +21,19 @@ pub struct Figure {
 }
 
 /// Mean reward of a rollout's episodes, at most 500.
-pub const REWARD: Figure = Figure {
+pub const REWARD: CurveQuantity = CurveQuantity {
     title: "reward of 500",
     largest: 500.0,
     rollout: |row| row.reward,
     score: |row| row.reward,
 };
 /// Share of a rollout's episodes that succeeded.
-pub const SUCCESS: Figure =
-    Figure { title: "success", largest: 1.0, rollout: |row| row.success, score: |row| row.success };
+pub const SUCCESS: CurveQuantity = CurveQuantity {
+    title: "success",
+    largest: 1.0,
+    rollout: |row| row.success,
+    score: |row| row.success,
+};
 
 /// Points of one colour: a line or dots.
 struct Line {
@@ -39,8 +43,8 @@ struct Line {
 }
 
 /// Draws a quantity over the decisions of the whole stream.
-pub fn draw(figure: &Figure, run: &RunData, frame: &mut Frame, area: Rect) {
-    let stream = Progress::after(run, 0).stream as f64;
+pub fn draw_curve(figure: &CurveQuantity, run: &RunData, frame: &mut Frame, area: Rect) {
+    let stream = StreamProgress::after_rollouts(run, 0).total_decisions as f64;
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
     // a stream whose clock counts turns may take more decisions than planned
     let end = stream.max(newest);
@@ -68,7 +72,7 @@ pub fn draw(figure: &Figure, run: &RunData, frame: &mut Frame, area: Rect) {
 }
 
 /// Returns a line for each visit of a group: its rollouts, in order.
-fn visits(figure: &Figure, run: &RunData) -> Vec<Line> {
+fn visits(figure: &CurveQuantity, run: &RunData) -> Vec<Line> {
     let same = |one: &RolloutRow, other: &RolloutRow| one.group == other.group;
     let visits = run.rollouts.chunk_by(same);
     let line = |rows: &[RolloutRow]| {
@@ -86,11 +90,11 @@ fn visits(figure: &Figure, run: &RunData) -> Vec<Line> {
 }
 
 /// Returns dots for each group: the mean of its variants at each evaluation.
-fn evaluations(figure: &Figure, run: &RunData) -> Vec<Line> {
+fn evaluations(figure: &CurveQuantity, run: &RunData) -> Vec<Line> {
     let plans = run.experiment.schedule.groups.iter();
     let line = |group: &str| {
-        let points = run.evaluated().filter_map(|rollouts| {
-            let (decisions, value) = run.scored(rollouts, group, figure.score)?;
+        let points = run.evaluation_rollouts().filter_map(|rollouts| {
+            let (decisions, value) = run.mean_group_score_after(rollouts, group, figure.score)?;
             Some((decisions as f64, value)).filter(|(_, value)| value.is_finite())
         });
         Line {

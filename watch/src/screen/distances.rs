@@ -7,9 +7,9 @@ use ratatui::text::Span;
 use ratatui::widgets::{Block, Cell, Row, Table};
 
 use experiments::RunData;
-use experiments::text::number;
+use experiments::text::format_number;
 
-use super::panels::{draw_ratios, policy_colour};
+use super::panels::{draw_distance_ratios, policy_colour};
 
 /// Length of a bar (cells); the threshold is at the middle.
 const BAR: usize = 20;
@@ -19,7 +19,7 @@ const WITH_RATIOS: u16 = 14;
 
 /// Draws a row for each policy that the latest rollout was compared with: the distance, the
 /// threshold, and a bar of their ratio. If there is room, the ratios of all rollouts follow below.
-pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
+pub fn draw_distances(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last();
     let distances = newest.map_or(&[][..], |row| &row.distances[..]);
     let thresholds = newest.map_or_else(Vec::new, |row| run.thresholds(row));
@@ -35,8 +35,8 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
         let ratio = distance.zip(threshold).map(|(distance, threshold)| distance / threshold);
         Row::new([
             Cell::new(Span::styled(format!("policy {policy}"), colour)),
-            Cell::new(number(distance, 2)),
-            Cell::new(number(threshold, 2)),
+            Cell::new(format_number(distance, 2)),
+            Cell::new(format_number(threshold, 2)),
             Cell::new(Span::styled(bar(ratio), colour)),
         ])
     });
@@ -52,11 +52,11 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     } else {
         inner.height
     };
-    let rows = [Constraint::Length(height), Constraint::Fill(1)];
-    let [newest, all] = Layout::vertical(rows).areas(inner);
-    frame.render_widget(table, newest);
+    let heights = [Constraint::Length(height), Constraint::Fill(1)];
+    let [top, all] = Layout::vertical(heights).areas(inner);
+    frame.render_widget(table, top);
     if !all.is_empty() {
-        draw_ratios(run, frame, all);
+        draw_distance_ratios(run, frame, all);
     }
 }
 

@@ -10,12 +10,12 @@ use ratatui::widgets::{Block, Paragraph};
 
 use experiments::RunData;
 use experiments::sheet::Picture;
-use experiments::text::number;
+use experiments::text::format_number;
 
 use super::panels::{
-    draw_groups, draw_picture, draw_strips, fit_picture, group_colour, policy_colour,
+    draw_groups, draw_picture, draw_rollout_strips, fit_picture, group_colour, policy_colour,
 };
-use super::{Progress, curves, distances};
+use super::{StreamProgress, curves, distances};
 
 /// Minimum columns and rows of a screen with every panel. Long names are cut at this width.
 const LARGE: [u16; 2] = [100, 30];
@@ -28,20 +28,20 @@ const TABLES: u16 = 8;
 /// Height of the two strips with their frame (rows).
 const STRIPS: u16 = 4;
 
-/// Contents of the screen.
-pub struct Shown<'a> {
+/// Contents of the terminal screen that shows a run.
+pub struct ScreenContents<'a> {
     pub run: &'a RunData,
     pub finished: bool,
     /// Time since the latest change of the tables.
-    pub silence: Option<Duration>,
+    pub time_since_change: Option<Duration>,
     /// Picture with its title.
     pub picture: Option<(String, Picture)>,
     /// Help for the keys, or a message.
-    pub keys: &'a str,
+    pub key_help: &'a str,
 }
 
-/// Draws the screen.
-pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
+/// Draws the screen of a run on a terminal frame.
+pub fn draw_run_screen(shown: &ScreenContents<'_>, frame: &mut Frame) {
     let area = frame.area();
     let rows = [Constraint::Length(2), Constraint::Fill(1), Constraint::Length(1)];
     let [head, body, foot] = Layout::vertical(rows).areas(area);
@@ -58,13 +58,15 @@ pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
 }
 
 /// Returns two lines: the run's name and current group, and its progress.
-fn headline<'a>(shown: &Shown<'a>) -> [Line<'a>; 2] {
+fn headline<'a>(shown: &ScreenContents<'a>) -> [Line<'a>; 2] {
     let run = shown.run;
     let name = Span::styled(&run.name, Style::new().bold());
-    let progress = Progress::after(run, run.rollouts.len());
+    let progress = StreamProgress::after_rollouts(run, run.rollouts.len());
     let now = match (shown.finished, run.rollouts.last()) {
         (true, _) => vec![Span::raw("finished")],
-        (false, Some(_)) if progress.done >= progress.stream => vec![Span::raw("last evaluation")],
+        (false, Some(_)) if progress.completed_decisions >= progress.total_decisions => {
+            vec![Span::raw("last evaluation")]
+        }
         (false, None) => vec![Span::raw("begins")],
         (false, Some(row)) => vec![
             Span::styled(row.last_group.clone(), group_colour(run, &row.last_group)),
@@ -76,21 +78,24 @@ fn headline<'a>(shown: &Shown<'a>) -> [Line<'a>; 2] {
     [first, Line::from(progress_text(shown))]
 }
 
-fn progress_text(shown: &Shown<'_>) -> String {
-    let Progress { stream, done, decisions_per_second, seconds_left } =
-        Progress::after(shown.run, shown.run.rollouts.len());
-    let share = done.saturating_mul(100) / stream.max(1);
-    let left = if shown.finished { Some(0.0) } else { seconds_left };
+fn progress_text(shown: &ScreenContents<'_>) -> String {
+    let progress = StreamProgress::after_rollouts(shown.run, shown.run.rollouts.len());
+    let StreamProgress { total_decisions, completed_decisions, .. } = progress;
+    let share = completed_decisions.saturating_mul(100) / total_decisions.max(1);
+    let left = if shown.finished { Some(0.0) } else { progress.seconds_left };
     let left = left.map_or_else(|| "-".to_owned(), duration);
-    let rate = number(decisions_per_second, 0);
-    format!("{share} %, {left} left, {rate} decisions/s, {done} of {stream} decisions")
+    let rate = format_number(progress.decisions_per_second, 0);
+    format!(
+        "{share} %, {left} left, {rate} decisions/s, {completed_decisions} of {total_decisions} \
+         decisions"
+    )
 }
 
-fn footline(shown: &Shown<'_>) -> String {
-    let silence = shown.silence.filter(|_| !shown.finished);
+fn footline(shown: &ScreenContents<'_>) -> String {
+    let silence = shown.time_since_change.filter(|_| !shown.finished);
     let silence = silence.map(|silence| silence.as_secs_f64()).map(duration);
     let newest = silence.map_or_else(String::new, |age| format!("  newest row {age} old"));
-    format!("{}{newest}", shown.keys)
+    format!("{}{newest}", shown.key_help)
 }
 
 /// Formats seconds in hours and minutes, minutes or seconds.
@@ -104,7 +109,7 @@ fn duration(seconds: f64) -> String {
 }
 
 /// Draws curves, strips, tables and the picture.
-fn large(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
+fn large(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Fill(3), Constraint::Length(STRIPS), Constraint::Fill(2)];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
     both_curves(shown.run, frame, top);
@@ -124,13 +129,13 @@ fn large(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
 }
 
 /// Draws curves, strips and tables.
-fn medium(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
+fn medium(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Fill(1), Constraint::Length(STRIPS), Constraint::Length(TABLES)];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
     if area.width >= TWO_CURVES {
         both_curves(shown.run, frame, top);
     } else {
-        curves::draw(&curves::REWARD, shown.run, frame, top);
+        curves::draw_curve(&curves::REWARD, shown.run, frame, top);
     }
     framed_strips(shown.run, frame, middle);
     if area.width >= LARGE[0] {
@@ -141,11 +146,11 @@ fn medium(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
 }
 
 /// Draws the strips without a frame, and the reward below them if there is room.
-fn small(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
+fn small(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Length(2), Constraint::Fill(1)];
     let [top, bottom] = Layout::vertical(rows).areas(area);
-    draw_strips(shown.run, top, frame.buffer_mut());
-    curves::draw(&curves::REWARD, shown.run, frame, bottom);
+    draw_rollout_strips(shown.run, top, frame.buffer_mut());
+    curves::draw_curve(&curves::REWARD, shown.run, frame, bottom);
 }
 
 fn halves(area: Rect) -> [Rect; 2] {
@@ -154,14 +159,14 @@ fn halves(area: Rect) -> [Rect; 2] {
 
 fn both_curves(run: &RunData, frame: &mut Frame, area: Rect) {
     for (figure, half) in [&curves::REWARD, &curves::SUCCESS].iter().zip(halves(area)) {
-        curves::draw(figure, run, frame, half);
+        curves::draw_curve(figure, run, frame, half);
     }
 }
 
 fn both_tables(run: &RunData, frame: &mut Frame, area: Rect) {
     let [left, right] = halves(area);
     draw_groups(run, frame, left);
-    distances::draw(run, frame, right);
+    distances::draw_distances(run, frame, right);
 }
 
 fn framed_strips(run: &RunData, frame: &mut Frame, area: Rect) {
@@ -169,5 +174,5 @@ fn framed_strips(run: &RunData, frame: &mut Frame, area: Rect) {
     let block = Block::bordered().title(title);
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    draw_strips(run, inner, frame.buffer_mut());
+    draw_rollout_strips(run, inner, frame.buffer_mut());
 }

@@ -1,6 +1,6 @@
 //! Panels of the screen other than curves and distances, and the colours that all panels share.
 
-use envs::RGB;
+use envs::RGB_CHANNELS;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Constraint, Rect};
@@ -10,12 +10,12 @@ use ratatui::text::Span;
 use ratatui::widgets::{Axis, Block, Borders, Cell, Chart, Dataset, GraphType, Row, Table};
 
 use experiments::RunData;
-use experiments::colours::rgb;
+use experiments::colours::line_rgb;
 use experiments::evaluation;
 use experiments::sheet::Picture;
-use experiments::text::number;
+use experiments::text::format_number;
 
-use super::Progress;
+use super::StreamProgress;
 
 /// Luminance (0 to 255) of a background above which black text is easier to read than white.
 const LIGHT: f64 = 110.0;
@@ -26,13 +26,13 @@ const NAMES: u16 = 7;
 
 /// Returns the colour of a group by its place in the schedule, as in reports.
 pub fn group_colour(run: &RunData, group: &str) -> Color {
-    let number = run.experiment.schedule.number(group);
-    number.map(rgb).map_or(Color::Reset, |[r, g, b]| Color::Rgb(r, g, b))
+    let number = run.experiment.schedule.group_index(group);
+    number.map(line_rgb).map_or(Color::Reset, |[r, g, b]| Color::Rgb(r, g, b))
 }
 
 /// Returns the colour of a policy: that of the group for which it was created.
 pub fn policy_colour(run: &RunData, policy: usize) -> Color {
-    let group = run.group_of(policy);
+    let group = run.group_of_policy(policy);
     group.map_or(Color::Reset, |group| group_colour(run, group))
 }
 
@@ -72,16 +72,16 @@ fn group_row<'a>(run: &RunData, group: &'a str) -> Row<'a> {
         Cell::new(name),
         Cell::new(own().count().to_string()),
         Cell::new(policy),
-        Cell::new(number(newest.and_then(|row| row.reward), 1)),
-        Cell::new(number(newest.and_then(|row| row.success), 2)),
-        Cell::new(number(evaluated, 2)),
+        Cell::new(format_number(newest.and_then(|row| row.reward), 1)),
+        Cell::new(format_number(newest.and_then(|row| row.success), 2)),
+        Cell::new(format_number(evaluated, 2)),
     ])
 }
 
 /// Draws two strips, one below the other, of as many of the latest rollouts as fit: the group's
 /// first letter on its colour, and the policy's number on the colour of the group for which it was
 /// created. A rollout with two colours was assigned to another group's policy.
-pub fn draw_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
+pub fn draw_rollout_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
     let room = usize::from(area.width.saturating_sub(NAMES));
     let newest = &run.rollouts[run.rollouts.len().saturating_sub(room)..];
     let mut lines = area.rows();
@@ -116,9 +116,9 @@ fn draw_strip(
 /// Draws the ratio of each distance to its threshold over the whole stream, as dots in the
 /// policies' colours. With a permutation test's threshold, a dot above the line at 1 is a rollout
 /// that is unlikely to be of the policy's group.
-pub fn draw_ratios(run: &RunData, frame: &mut Frame, area: Rect) {
+pub fn draw_distance_ratios(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
-    let end = newest.max(Progress::after(run, 0).stream as f64);
+    let end = newest.max(StreamProgress::after_rollouts(run, 0).total_decisions as f64);
     let policies = run.rollouts.iter().map(|row| row.distances.len()).max();
     let dots: Vec<Vec<(f64, f64)>> =
         (0..policies.unwrap_or(0)).map(|policy| ratios(run, policy)).collect();
@@ -186,10 +186,11 @@ fn mean_colour(picture: &Picture, at: [usize; 2], of: [usize; 2]) -> Color {
         from..((at[axis] + 1) * side / of[axis]).max(from + 1)
     };
     let columns = range(0, picture.width);
-    let (mut sums, mut count) = ([0_usize; RGB], 0);
+    let (mut sums, mut count) = ([0_usize; RGB_CHANNELS], 0);
     for y in range(1, picture.height) {
-        let row = &picture.rgb[y * picture.width * RGB..][columns.start * RGB..columns.end * RGB];
-        for pixel in row.chunks_exact(RGB) {
+        let row = &picture.rgb[y * picture.width * RGB_CHANNELS..]
+            [columns.start * RGB_CHANNELS..columns.end * RGB_CHANNELS];
+        for pixel in row.chunks_exact(RGB_CHANNELS) {
             sums.iter_mut().zip(pixel).for_each(|(sum, &part)| *sum += usize::from(part));
             count += 1;
         }

@@ -14,11 +14,11 @@ use rustix::io::Errno;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
 
-use experiments::sheet::{Picture, first_variant};
+use experiments::sheet::{Picture, crop_first_variant};
 use experiments::{LatestFrame, Run, RunError, StopSignal};
 
 use super::RunSnapshot;
-use super::draw::{Shown, draw};
+use super::draw::{ScreenContents, draw_run_screen};
 use super::terminal::{Screen, terminal_error};
 
 /// Polling interval of keys, signals and tables.
@@ -38,7 +38,7 @@ const HUNG_UP: u8 = (SIGNALLED + SIGHUP as usize) as u8;
 ///
 /// # Errors
 /// A terminal that is gone, tables that cannot be read.
-pub(crate) fn watch(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
+pub(crate) fn watch_run(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
     let (quit, sheet) = (QuitListener::listen()?, contact_sheet(&snapshot));
     let mut screen = Screen::open()?;
     loop {
@@ -55,9 +55,9 @@ pub(crate) fn watch(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
 ///
 /// # Errors
 /// Errors of the run; a terminal that is gone, in which case the run is saved first.
-pub fn train(run: &mut Run) -> Result<(), RunError> {
+pub fn train_with_screen(run: &mut Run) -> Result<(), RunError> {
     let (stop, latest_frame) = (StopSignal::default(), LatestFrame::default());
-    run.stop_at(stop.clone());
+    run.set_stop_signal(stop.clone());
     run.publish_frames_to(latest_frame.clone());
     let viewer = Viewer {
         quit: QuitListener::listen()?,
@@ -118,7 +118,7 @@ impl Viewer {
         while !over.load(Ordering::SeqCst) {
             let picture = self.latest_frame.get();
             let picture = picture.map(|picture| ("environment 0, now".to_owned(), picture));
-            let keys = match (&unreadable, self.stop.requested()) {
+            let keys = match (&unreadable, self.stop.is_requested()) {
                 (_, true) => "stops after this rollout; q again ends at once",
                 (Some(error), false) => error.as_str(),
                 (None, false) => "q stops with a checkpoint",
@@ -162,13 +162,19 @@ fn show(
     keys: &str,
 ) -> Result<(), RunError> {
     let RunSnapshot { run, finished, .. } = snapshot;
-    let shown = Shown { run, finished: *finished, silence: snapshot.silence(), picture, keys };
-    screen.draw(|frame| draw(&shown, frame))
+    let shown = ScreenContents {
+        run,
+        finished: *finished,
+        time_since_change: snapshot.time_since_change(),
+        picture,
+        key_help: keys,
+    };
+    screen.draw(|frame| draw_run_screen(&shown, frame))
 }
 
 /// Reads the run's contact sheet, the first pictures of episodes; `None` if there is none.
 fn contact_sheet(snapshot: &RunSnapshot) -> Option<Picture> {
-    let bytes = fs::read(snapshot.folder.file("contact_sheet.png")).ok()?;
+    let bytes = fs::read(snapshot.folder.file_path("contact_sheet.png")).ok()?;
     Picture::from_png(&bytes)
 }
 
@@ -176,9 +182,9 @@ fn contact_sheet(snapshot: &RunSnapshot) -> Option<Picture> {
 fn current_group(snapshot: &RunSnapshot, sheet: Option<&Picture>) -> Option<(String, Picture)> {
     let run = &snapshot.run;
     let group = &run.rollouts.last()?.last_group;
-    let number = run.experiment.schedule.number(group)?;
+    let number = run.experiment.schedule.group_index(group)?;
     let size = run.experiment.envs.camera.size;
-    let picture = first_variant(sheet?, size, number)?;
+    let picture = crop_first_variant(sheet?, size, number)?;
     Some((format!("how {group} begins"), picture))
 }
 
@@ -195,7 +201,7 @@ impl QuitListener {
         let signal = Arc::new(AtomicUsize::new(0));
         for number in [SIGHUP, SIGINT, SIGTERM] {
             flag::register_usize(number, Arc::clone(&signal), number as usize)
-                .map_err(|source| RunError::Signals { source })?;
+                .map_err(|source| RunError::SignalHandlers { source })?;
         }
         let from_stdin = stdin().is_terminal();
         Ok(Self { signal, from_stdin })

@@ -68,7 +68,7 @@ impl Drop for Screen {
 
 /// Converts an error of the terminal.
 pub fn terminal_error(error: io::Error) -> RunError {
-    RunError::write(Path::new("the terminal"), error)
+    RunError::cannot_write(Path::new("the terminal"), error)
 }
 
 fn restore(out: &mut impl Write) -> io::Result<()> {

@@ -8,8 +8,8 @@ use ratatui::buffer::Buffer;
 use ratatui::style::Color;
 use symmetry::D2;
 
-use super::draw::{Shown, draw};
-use experiments::colours::rgb;
+use super::draw::{ScreenContents, draw_run_screen};
+use experiments::colours::line_rgb;
 use experiments::presets::{Budget, Method};
 use experiments::sheet::Picture;
 use experiments::{RolloutRow, RunData, ScoreRow, TimingRow};
@@ -31,11 +31,11 @@ fn run() -> RunData {
             group: groups[group].clone(),
             last_group: groups[group].clone(),
             policy,
-            created: turn == 0 || turn == 3,
+            created_policy: turn == 0 || turn == 3,
             reward: Some(100.0 + 60.0 * turn as f64),
             success: Some(turn as f64 / 5.0),
             distances: vec![Some(1.5), Some(f64::NAN)],
-            null_maxima: vec![Some(1.0), Some(0.7)],
+            permutation_maxima: vec![Some(1.0), Some(0.7)],
             ..RolloutRow::default()
         });
         run.timings.push(TimingRow { decisions: stream / 8, total: 10.0, ..TimingRow::default() });
@@ -50,7 +50,7 @@ fn score(group: &str, element: D2) -> ScoreRow {
         decisions: 10,
         group: group.to_owned(),
         element: element.to_string(),
-        seen: true,
+        seen_in_training: true,
         episodes: 4,
         success: 0.25,
         success_at_end: 0.25,
@@ -64,15 +64,15 @@ fn red() -> Picture {
 }
 
 fn drawn(run: &RunData, size: (u16, u16)) -> Buffer {
-    let shown = Shown {
+    let shown = ScreenContents {
         run,
         finished: false,
-        silence: Some(Duration::from_secs(70)),
+        time_since_change: Some(Duration::from_secs(70)),
         picture: Some(("how it begins".to_owned(), red())),
-        keys: "q quits",
+        key_help: "q quits",
     };
     let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
-    terminal.draw(|frame| draw(&shown, frame)).unwrap();
+    terminal.draw(|frame| draw_run_screen(&shown, frame)).unwrap();
     terminal.backend().buffer().clone()
 }
 
@@ -83,7 +83,7 @@ fn lines(buffer: &Buffer) -> Vec<String> {
 }
 
 fn colour(number: usize) -> Color {
-    let [r, g, b] = rgb(number);
+    let [r, g, b] = line_rgb(number);
     Color::Rgb(r, g, b)
 }
 

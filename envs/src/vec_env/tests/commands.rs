@@ -6,19 +6,19 @@ const ACTIONS: [f32; N * ACTION_DIM] = [0.5; N * ACTION_DIM];
 
 /// Executes the commands and returns the error messages of the failures.
 fn advance(rig: &mut Rig, commands: [EnvCommand; N]) -> Vec<String> {
-    let failures = rig.env.advance(&ACTIONS, &commands, rig.batch.step());
+    let failures = rig.env.execute_commands(&ACTIONS, &commands, rig.batch.step_mut());
     let failures = failures.unwrap().iter();
     failures.map(|failure| failure.error.to_string()).collect()
 }
 
 #[test]
-fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
+fn resets_by_command_give_the_episodes_of_automatic_resets() {
     let (mut now, mut later) = (Rig::new(2), Rig::new(2));
-    now.env.reset(now.batch.observations()).unwrap();
+    now.env.reset(now.batch.observations_mut()).unwrap();
     advance(&mut later, [EnvCommand::Reset; N]);
     for _ in 0..2 {
         for decision in 1..=DECISIONS {
-            now.env.step(&ACTIONS, now.batch.step()).unwrap();
+            now.env.step(&ACTIONS, now.batch.step_mut()).unwrap();
             advance(&mut later, [EnvCommand::StepNoAutoReset; N]);
             assert_eq!(later.batch.rewards, now.batch.rewards);
             assert_eq!(later.batch.truncated, now.batch.truncated);
@@ -38,13 +38,13 @@ fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
 }
 
 #[test]
-fn every_environment_has_the_turn_that_it_is_given() {
+fn every_environment_executes_its_own_command() {
     let (mut mixed, mut even) = (Rig::new(2), Rig::new(2));
     for rig in [&mut mixed, &mut even] {
         advance(rig, [EnvCommand::Reset; N]);
         advance(rig, [EnvCommand::Step; N]);
     }
-    advance(&mut mixed, [EnvCommand::Reset, EnvCommand::Rest, EnvCommand::Step]);
+    advance(&mut mixed, [EnvCommand::Reset, EnvCommand::Idle, EnvCommand::Step]);
     assert_eq!(mixed.observation(1), even.observation(1), "one that rests stays as it is");
     assert_eq!(mixed.batch.rewards[..2], [0.0; 2]);
     advance(&mut even, [EnvCommand::Step; N]);
@@ -62,7 +62,7 @@ fn every_environment_has_the_turn_that_it_is_given() {
 fn one_that_waits_for_a_reset_fails_alone() {
     let mut rig = Rig::new(2);
     let commands = [EnvCommand::StepNoAutoReset, EnvCommand::Step, EnvCommand::Step];
-    let early = rig.env.advance(&ACTIONS, &commands, rig.batch.step());
+    let early = rig.env.execute_commands(&ACTIONS, &commands, rig.batch.step_mut());
     assert!(matches!(early.unwrap_err(), EnvError::NotReset));
     advance(&mut rig, [EnvCommand::Reset; N]);
     for _ in 0..DECISIONS {
@@ -71,7 +71,7 @@ fn one_that_waits_for_a_reset_fails_alone() {
     let failures = advance(&mut rig, commands);
     assert_eq!(failures, ["no episode is running: call `reset` first"]);
     assert_eq!(rig.batch.truncated, [true, false, false]);
-    let short = rig.env.advance(&ACTIONS, &commands[..2], rig.batch.step());
+    let short = rig.env.execute_commands(&ACTIONS, &commands[..2], rig.batch.step_mut());
     let message = short.unwrap_err().to_string();
     assert_eq!(message, "`commands` has 2 elements, expected 3");
 }
@@ -80,14 +80,14 @@ fn one_that_waits_for_a_reset_fails_alone() {
 fn experts_close_every_drawer() {
     let settings = VecEnvSettings { num_envs: N, ..VecEnvSettings::default() };
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
-    let (mut batch, mut actions) = (Batch::new(&settings), ACTIONS);
+    let (mut batch, mut actions) = (StepBuffers::new(&settings), ACTIONS);
     let early = env.expert_actions(&mut actions).unwrap_err();
     assert!(matches!(early, EnvError::NotReset), "{early}");
-    env.reset(batch.observations()).unwrap();
+    env.reset(batch.observations_mut()).unwrap();
     let mut succeeded = [false; N];
-    for _ in 0..settings.control.decisions() {
+    for _ in 0..settings.control.decisions_per_episode() {
         env.expert_actions(&mut actions).unwrap();
-        env.step(&actions, batch.step()).unwrap();
+        env.step(&actions, batch.step_mut()).unwrap();
         for (ever, now) in succeeded.iter_mut().zip(&batch.success) {
             *ever |= now;
         }

@@ -2,108 +2,121 @@
 
 use symmetry::Irrep;
 
-use crate::gpu::channels::Channels;
+use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::partial::sum;
-use crate::gpu::kernels::product::expression;
-use crate::gpu::plan::{Plan, Shared, Tensor};
-use crate::gpu::step::{Rows, Slot, Step, Work};
-use crate::layers::field_norm::EPSILON;
-use crate::layers::layer::Statistics;
+use crate::gpu::kernels::product::row_count_function;
+use crate::gpu::plan::{Plan, SharedBuffer, Tensor};
+use crate::gpu::step::{BufferSlot, KernelStep, RowCount, WorkgroupCount};
+use crate::layers::field_norm::VARIANCE_EPSILON;
+use crate::layers::layer::NormStatistics;
 
 /// Normalisation with its buffers.
 struct FieldNorm<'a> {
-    moments: &'a Statistics,
+    moments: &'a NormStatistics,
     x: Tensor,
-    channels: Channels,
+    channels: ChannelLayout,
     /// Number of fields with a mean and a bias.
     centred: usize,
     /// Index of the first parameter.
     base: usize,
     /// Mean and reciprocal of the standard deviation of each part and field.
-    kept: Slot,
+    kept: BufferSlot,
 }
 
 /// Adds the kernels of a normalisation from `x` to `y`.
-pub(super) fn add(plan: &mut Plan, moments: &Statistics, x: &Tensor, y: &Tensor) {
+pub(super) fn add(plan: &mut Plan, moments: &NormStatistics, x: &Tensor, y: &Tensor) {
     let fields = x.shape.fields;
-    let channels = match fields.regular_fields() {
-        Some(n) => Channels::regular(fields.group().order(), n),
-        None => Channels::single(fields.dim()),
+    let channels = match fields.num_regular_fields() {
+        Some(n) => ChannelLayout::regular_fields(fields.group().order(), n),
+        None => ChannelLayout::single_channel_fields(fields.dim()),
     };
     let centred = fields.multiplicity(Irrep::Trivial);
-    let len = channels.fields() + centred;
+    let len = channels.num_fields() + centred;
     let norm = FieldNorm {
         moments,
         x: *x,
         centred,
-        base: plan.reserve(len, 0..len),
+        base: plan.reserve_params(len, 0..len),
         kept: match moments {
-            Statistics::Batch => plan.buffer(2 * channels.fields(), 0),
-            _ => plan.buffer(0, 2 * channels.fields()),
+            NormStatistics::Batch => plan.add_buffer(2 * channels.num_fields(), 0),
+            _ => plan.add_buffer(0, 2 * channels.num_fields()),
         },
         channels,
     };
     let forward = norm.forward(plan, y.values);
     // the backward kernel computes the parameters' gradient, too, so it needs a place for dx
-    let dx = x.gradient.unwrap_or_else(|| plan.buffer(0, x.shape.len()));
+    let dx = x.gradient.unwrap_or_else(|| plan.add_buffer(0, x.shape.len()));
     let backward = y.gradient.map(|dy| norm.backward(plan, [dx, dy], len));
-    plan.push(vec![forward], backward.unwrap_or_default());
+    plan.add_kernels(vec![forward], backward.unwrap_or_default());
 }
 
 impl FieldNorm<'_> {
     /// Returns the number of parts of the batch that have their own statistics.
-    fn parts(&self) -> Rows {
+    fn parts(&self) -> RowCount {
         match self.moments {
-            Statistics::Batch => Rows::Fixed(1),
-            _ => Rows::Each(1),
+            NormStatistics::Batch => RowCount::Fixed(1),
+            _ => RowCount::PerSample(1),
         }
     }
 
-    fn kernel(&self, plan: &Plan, label: &'static str) -> Step {
-        let (fields, pixels) = (self.channels.fields(), self.x.shape.pixels());
+    fn kernel(&self, plan: &Plan, label: &'static str) -> KernelStep {
+        let (fields, pixels) = (self.channels.num_fields(), self.x.shape.num_pixels());
         let (work, pixels) = match self.moments {
-            Statistics::Batch => (Work::fixed_groups(fields), Rows::Each(pixels)),
-            _ => (Work::groups(fields), Rows::Fixed(pixels)),
+            NormStatistics::Batch => {
+                (WorkgroupCount::fixed_workgroups(fields), RowCount::PerSample(pixels))
+            }
+            _ => (WorkgroupCount::workgroups_per_sample(fields), RowCount::Fixed(pixels)),
         };
-        let step = Step::new(label, self.channels.order(), work)
-            .constants([("FIELDS", fields), ("CENTRED", self.centred), ("BASE", self.base)])
-            .text(&expression("parts", self.parts()))
-            .text(&expression("pixels", pixels))
-            .read("params", "f32", plan.params())
-            .text(include_str!("../wgsl/each_part.wgsl"));
-        self.channels.read(step, "x", self.x.values)
+        let step = KernelStep::new(label, self.channels.numbers_per_field(), work)
+            .add_u32_constants([("FIELDS", fields), ("CENTRED", self.centred), ("BASE", self.base)])
+            .add_wgsl(&row_count_function("parts", self.parts()))
+            .add_wgsl(&row_count_function("pixels", pixels))
+            .add_input_buffer("params", "f32", plan.params_buffer())
+            .add_wgsl(include_str!("../wgsl/each_part.wgsl"));
+        self.channels.add_input_map(step, "x", self.x.values)
     }
 
-    fn forward(&self, plan: &mut Plan, y: Slot) -> Step {
+    fn forward(&self, plan: &mut Plan, y: BufferSlot) -> KernelStep {
         let step = self.kernel(plan, "field norm");
-        let step = self.channels.write(step, "y", y);
-        let step = step.write("kept", "vec2<f32>", self.kept);
+        let step = self.channels.add_output_map(step, "y", y);
+        let step = step.add_output_buffer("kept", "vec2<f32>", self.kept);
         let step = match self.moments {
-            Statistics::Fixed(moments) => step
-                .read("standards", "vec2<f32>", plan.table(standards(moments)))
-                .text(include_str!("../wgsl/fixed.wgsl")),
-            _ => step.number("EPSILON", EPSILON).sums().text(include_str!("../wgsl/measured.wgsl")),
+            NormStatistics::Fixed(moments) => step
+                .add_input_buffer(
+                    "standards",
+                    "vec2<f32>",
+                    plan.add_constant_table(standards(moments)),
+                )
+                .add_wgsl(include_str!("../wgsl/fixed.wgsl")),
+            _ => step
+                .add_f32_constant("EPSILON", VARIANCE_EPSILON)
+                .add_workgroup_sum()
+                .add_wgsl(include_str!("../wgsl/measured.wgsl")),
         };
-        step.text(include_str!("../wgsl/field_norm.wgsl"))
+        step.add_wgsl(include_str!("../wgsl/field_norm.wgsl"))
     }
 
-    fn backward(&self, plan: &mut Plan, [dx, dy]: [Slot; 2], len: usize) -> Vec<Step> {
+    fn backward(&self, plan: &mut Plan, [dx, dy]: [BufferSlot; 2], len: usize) -> Vec<KernelStep> {
         let partial = match self.parts() {
-            Rows::Fixed(parts) => plan.shared(Shared::Partial, parts * len, 0),
-            Rows::Each(parts) => plan.shared(Shared::Partial, 0, parts * len),
+            RowCount::Fixed(parts) => {
+                plan.shared_buffer(SharedBuffer::PartialGradients, parts * len, 0)
+            }
+            RowCount::PerSample(parts) => {
+                plan.shared_buffer(SharedBuffer::PartialGradients, 0, parts * len)
+            }
         };
         // fixed statistics do not depend on the input, so no gradient flows through them
-        let dependent = if matches!(self.moments, Statistics::Fixed(_)) { 0.0 } else { 1.0 };
+        let dependent = if matches!(self.moments, NormStatistics::Fixed(_)) { 0.0 } else { 1.0 };
         let step = self.kernel(plan, "field norm backward");
-        let step = self.channels.read(step, "dy", dy);
-        let step = self.channels.write(step, "dx", dx);
+        let step = self.channels.add_input_map(step, "dy", dy);
+        let step = self.channels.add_output_map(step, "dx", dx);
         let step = step
-            .read("kept", "vec2<f32>", self.kept)
-            .write("partial", "f32", partial)
-            .constants([("LEN", len)])
-            .number("DEPENDENT", dependent)
-            .sums()
-            .text(include_str!("../wgsl/field_norm_backward.wgsl"));
+            .add_input_buffer("kept", "vec2<f32>", self.kept)
+            .add_output_buffer("partial", "f32", partial)
+            .add_u32_constants([("LEN", len)])
+            .add_f32_constant("DEPENDENT", dependent)
+            .add_workgroup_sum()
+            .add_wgsl(include_str!("../wgsl/field_norm_backward.wgsl"));
         vec![step, sum(plan, partial, self.parts(), self.base..self.base + len)]
     }
 }
@@ -111,7 +124,7 @@ impl FieldNorm<'_> {
 /// Returns mean and reciprocal of the standard deviation of each field as bits of f32.
 fn standards(moments: &[[f64; 2]]) -> Vec<u32> {
     let standards = moments.iter().flat_map(|&[mean, variance]| {
-        let inverse = (variance + EPSILON).sqrt().recip();
+        let inverse = (variance + VARIANCE_EPSILON).sqrt().recip();
         [mean, inverse].map(|number| (number as f32).to_bits())
     });
     standards.collect()

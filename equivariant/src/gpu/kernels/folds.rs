@@ -4,21 +4,21 @@ use std::collections::BTreeSet;
 
 use symmetry::{FieldType, Irrep};
 
-use crate::gpu::channels::Channels;
-use crate::steerable::dense::Dense;
+use crate::gpu::channels::ChannelLayout;
+use crate::steerable::dense::OrdinaryConv;
 
 /// Folds of the patches of a linear map, in the order in which kernels read them.
 pub(super) struct Folds<'a> {
-    dense: &'a Dense<'a>,
+    dense: &'a OrdinaryConv<'a>,
     in_type: FieldType,
     order: usize,
     /// `true` if the input has trivial channels only; all folds of an orbit then form one field.
-    pub trivial: bool,
+    pub is_input_trivial: bool,
     /// Number of input fields; of channels if they are trivial.
-    pub fields: usize,
+    pub num_input_fields: usize,
     orbits: Vec<Orbit>,
     /// Number of fields of a folded patch.
-    pub entries: usize,
+    pub fields_per_patch: usize,
 }
 
 /// Taps that the group maps to one another, folded together.
@@ -36,37 +36,39 @@ struct Orbit {
 
 impl<'a> Folds<'a> {
     /// Creates the folds of a map; `direct` is `true` if a patch is a single pixel.
-    pub fn new(dense: &'a Dense<'a>, direct: bool) -> Folds<'a> {
+    pub fn new(dense: &'a OrdinaryConv<'a>, direct: bool) -> Folds<'a> {
         let in_type = dense.in_shape.fields;
         let order = in_type.group().order();
         let mut folds = Folds {
             dense,
             in_type,
             order,
-            trivial: in_type.is_trivial() && order > 1 && !direct,
-            fields: Channels::of(in_type).fields(),
+            is_input_trivial: in_type.is_trivial() && order > 1 && !direct,
+            num_input_fields: ChannelLayout::for_type(in_type).num_fields(),
             orbits: Vec::new(),
-            entries: 0,
+            fields_per_patch: 0,
         };
         folds.add_orbits();
         folds
     }
 
-    /// Returns the number of orbits.
-    pub fn orbits(&self) -> usize {
+    /// Returns the number of orbits of the window's taps.
+    pub fn num_orbits(&self) -> usize {
         self.orbits.len()
     }
 
     /// Adds the orbits of all taps, in the order of their first taps.
     fn add_orbits(&mut self) {
-        let functions = self.dense.taps.functions();
-        let starts: BTreeSet<[usize; 2]> = functions.iter().map(|f| f.parts[0].0).collect();
+        let functions = self.dense.taps.basis_functions();
+        let starts: BTreeSet<[usize; 2]> =
+            functions.iter().map(|f| f.tap_coefficients[0].0).collect();
         for tap in starts {
-            let own = functions.iter().filter(|f| f.parts[0].0 == tap);
+            let own = functions.iter().filter(|f| f.tap_coefficients[0].0 == tap);
             let parities = own.fold(0u32, |mask, f| mask | 1 << self.position(f.parity));
             let len = parities.count_ones() as usize;
-            self.orbits.push(Orbit { tap, len, parities, first: self.entries });
-            self.entries += self.fields * if self.trivial { 1 } else { len };
+            self.orbits.push(Orbit { tap, len, parities, first: self.fields_per_patch });
+            self.fields_per_patch +=
+                self.num_input_fields * if self.is_input_trivial { 1 } else { len };
         }
     }
 
@@ -82,33 +84,33 @@ impl<'a> Folds<'a> {
             unreachable!("every function starts with the first tap of an orbit")
         };
         let before = orbit.parities & ((1 << self.position(parity)) - 1);
-        let skipped = if self.trivial { 0 } else { before.count_ones() as usize };
-        orbit.first + skipped * self.fields
+        let skipped = if self.is_input_trivial { 0 } else { before.count_ones() as usize };
+        orbit.first + skipped * self.num_input_fields
     }
 
     /// Returns the position of every parameter of the layer among `[entry, output field, irrep]`;
     /// the bias has an entry of its own at the end.
-    pub fn places(&self) -> Vec<usize> {
-        let Dense { taps, blocks, .. } = self.dense;
+    pub fn param_positions(&self) -> Vec<usize> {
+        let OrdinaryConv { taps, blocks, .. } = self.dense;
         let (out_type, in_type) = (self.dense.out_shape.fields, self.in_type);
-        let cols = Channels::of(out_type).fields();
+        let cols = ChannelLayout::for_type(out_type).num_fields();
         let mut places = vec![0; blocks.num_params()];
         for (lane, &b) in out_type.group().irreps().iter().enumerate() {
-            for (i, function) in taps.functions().iter().enumerate() {
-                let entry = self.entry(function.parts[0].0, function.parity);
-                let first = blocks.weights(b).start + taps.column(b, i);
-                let channels = in_type.multiplicity(taps.input(b, function.parity));
+            for (i, function) in taps.basis_functions().iter().enumerate() {
+                let entry = self.entry(function.tap_coefficients[0].0, function.parity);
+                let first = blocks.weight_range(b).start + taps.first_column(b, i);
+                let channels = in_type.multiplicity(taps.input_irrep(b, function.parity));
                 for output in 0..out_type.multiplicity(b) {
                     for channel in 0..channels {
-                        let weight = first + output * blocks.cols(b) + channel;
-                        let param = self.dense.places.map_or(weight, |places| places[weight]);
+                        let weight = first + output * blocks.num_inputs(b) + channel;
+                        let param = self.dense.param_indices.map_or(weight, |moved| moved[weight]);
                         places[param] = ((entry + channel) * cols + output) * self.order + lane;
                     }
                 }
             }
         }
-        for (output, param) in blocks.bias().enumerate() {
-            places[param] = (self.entries * cols + output) * self.order;
+        for (output, param) in blocks.bias_range().enumerate() {
+            places[param] = (self.fields_per_patch * cols + output) * self.order;
         }
         places
     }

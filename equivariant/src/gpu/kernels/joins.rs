@@ -1,16 +1,17 @@
 //! Kernels for the points where networks branch and join.
 
-use crate::gpu::channels::Channels;
+use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::pointwise::each_field;
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::{Slot, Step};
+use crate::gpu::step::{BufferSlot, KernelStep};
 
 /// Adds the kernels that copy both maps into their direct sum, and the gradients back.
 pub(super) fn concat(plan: &mut Plan, inputs: &[Tensor; 2], y: &Tensor) {
-    let pixels = y.shape.pixels();
-    let [first, second] = inputs.each_ref().map(|input| Channels::of(input.shape.fields));
-    let sum = Channels::of(y.shape.fields);
-    let places = [first.at_start_of(&sum), second.at_end_of(&sum)];
+    let pixels = y.shape.num_pixels();
+    let [first, second] =
+        inputs.each_ref().map(|input| ChannelLayout::for_type(input.shape.fields));
+    let sum = ChannelLayout::for_type(y.shape.fields);
+    let places = [first.first_of_sum(&sum), second.last_of_sum(&sum)];
     let mut steps = [Vec::new(), Vec::new()];
     for ((input, place), own) in inputs.iter().zip(places).zip([first, second]) {
         steps[0].push(copy(&own, input.values, &place, y.values, pixels));
@@ -19,14 +20,20 @@ pub(super) fn concat(plan: &mut Plan, inputs: &[Tensor; 2], y: &Tensor) {
         }
     }
     let [forward, backward] = steps;
-    plan.push(forward, backward);
+    plan.add_kernels(forward, backward);
 }
 
 /// Returns a kernel that copies fields from one layout to another.
-fn copy(from: &Channels, x: Slot, to: &Channels, y: Slot, pixels: usize) -> Step {
+fn copy(
+    from: &ChannelLayout,
+    x: BufferSlot,
+    to: &ChannelLayout,
+    y: BufferSlot,
+    pixels: usize,
+) -> KernelStep {
     let step = each_field("copy", from, pixels);
-    let step = to.write(from.read(step, "x", x), "y", y);
-    step.text(include_str!("../wgsl/copy.wgsl"))
+    let step = to.add_output_map(from.add_input_map(step, "x", x), "y", y);
+    step.add_wgsl(include_str!("../wgsl/copy.wgsl"))
 }
 
 /// Adds the kernel that sums the gradients of both consumers of a map.
@@ -35,9 +42,9 @@ pub(super) fn fork(plan: &mut Plan, x: &Tensor, readers: &[Tensor; 2]) {
     let (Some(first), Some(second), Some(dx)) = (first, second, x.gradient) else {
         return;
     };
-    let channels = Channels::single(x.shape.fields.dim());
-    let step = each_field("add", &channels, x.shape.pixels());
-    let step = channels.read(channels.read(step, "a", first), "b", second);
-    let step = channels.write(step, "y", dx);
-    plan.push(Vec::new(), vec![step.text(include_str!("../wgsl/add.wgsl"))]);
+    let channels = ChannelLayout::single_channel_fields(x.shape.fields.dim());
+    let step = each_field("add", &channels, x.shape.num_pixels());
+    let step = channels.add_input_map(channels.add_input_map(step, "a", first), "b", second);
+    let step = channels.add_output_map(step, "y", dx);
+    plan.add_kernels(Vec::new(), vec![step.add_wgsl(include_str!("../wgsl/add.wgsl"))]);
 }

@@ -1,15 +1,15 @@
 //! Kernels of convolutions and linear layers: folds, products and their gradients.
 
-use crate::gpu::channels::Channels;
+use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::folds::Folds;
 use crate::gpu::kernels::partial::sum;
 use crate::gpu::kernels::pointwise::each_field;
 use crate::gpu::kernels::product::Product;
 use crate::gpu::kernels::window::{sum_over_taps, windows};
-use crate::gpu::plan::{Plan, Shared, Tensor};
-use crate::gpu::step::{Rows, Slot, Step};
-use crate::steerable::dense::Dense;
-use crate::window::Kernel;
+use crate::gpu::plan::{Plan, SharedBuffer, Tensor};
+use crate::gpu::step::{BufferSlot, KernelStep, RowCount};
+use crate::steerable::dense::OrdinaryConv;
+use crate::window::SlidingWindow;
 
 /// Maximum number of partial gradients of the parameters, each over a part of the output pixels.
 const MAX_SLICES: usize = 256;
@@ -17,27 +17,27 @@ const MAX_SLICES: usize = 256;
 /// GPU.
 const TARGET_GROUPS: usize = 1024;
 /// Window of a map that needs no fold.
-const PIXEL: Kernel = Kernel::new(1, 1, 0);
+const PIXEL: SlidingWindow = SlidingWindow::new(1, 1, 0);
 
 /// Linear map with its buffers.
 struct Linear<'a> {
     folds: Folds<'a>,
-    window: Kernel,
+    window: SlidingWindow,
     x: Tensor,
     y: Tensor,
     order: usize,
-    input: Channels,
-    output: Channels,
+    input: ChannelLayout,
+    output: ChannelLayout,
     /// Index of the first parameter, in fields.
     base: usize,
     /// Folded patches; `None` if a patch is a single pixel.
-    folded: Option<Slot>,
+    folded: Option<BufferSlot>,
     /// Bit masks of the numbers of each output field that the ReLU passes; `None` without a ReLU.
-    masks: Option<Slot>,
+    masks: Option<BufferSlot>,
 }
 
 /// Adds the kernels of a linear map, with a ReLU after it if `rectified`.
-pub(super) fn add(plan: &mut Plan, dense: &Dense, x: &Tensor, y: &Tensor, rectified: bool) {
+pub(super) fn add(plan: &mut Plan, dense: &OrdinaryConv, x: &Tensor, y: &Tensor, rectified: bool) {
     let linear = Linear::new(plan, dense, x, y, rectified);
     let fold = linear.folded.map(|folded| linear.fold(plan, folded));
     let forward = fold.into_iter().chain([linear.forward(plan)]).collect();
@@ -48,27 +48,27 @@ pub(super) fn add(plan: &mut Plan, dense: &Dense, x: &Tensor, y: &Tensor, rectif
             backward.extend(linear.input_gradient(plan, dy, dx));
         }
     }
-    plan.push(forward, backward);
+    plan.add_kernels(forward, backward);
 }
 
 impl<'a> Linear<'a> {
     fn new(
         plan: &mut Plan,
-        dense: &'a Dense<'a>,
+        dense: &'a OrdinaryConv<'a>,
         x: &Tensor,
         y: &Tensor,
         rectified: bool,
     ) -> Linear<'a> {
         let direct = dense.window == PIXEL;
         let folds = Folds::new(dense, direct);
-        let [input, output] = [x, y].map(|map| Channels::of(map.shape.fields));
-        let (order, pixels) = (input.order(), y.shape.pixels());
+        let [input, output] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
+        let (order, pixels) = (input.numbers_per_field(), y.shape.num_pixels());
         // the bias is one more entry
-        let params = (folds.entries + 1) * output.fields() * order;
+        let params = (folds.fields_per_patch + 1) * output.num_fields() * order;
         Linear {
-            base: plan.reserve(params, folds.places()) / order,
-            folded: (!direct).then(|| plan.buffer(0, pixels * folds.entries * order)),
-            masks: rectified.then(|| plan.buffer(0, pixels * output.fields())),
+            base: plan.reserve_params(params, folds.param_positions()) / order,
+            folded: (!direct).then(|| plan.add_buffer(0, pixels * folds.fields_per_patch * order)),
+            masks: rectified.then(|| plan.add_buffer(0, pixels * output.num_fields())),
             folds,
             window: dense.window,
             x: *x,
@@ -80,64 +80,68 @@ impl<'a> Linear<'a> {
     }
 
     fn out_pixels(&self) -> usize {
-        self.y.shape.pixels()
+        self.y.shape.num_pixels()
     }
 
     /// Returns a kernel on windows with a thread for each of `places` places and each input field.
-    fn windowed(&self, label: &'static str, places: usize) -> Step {
+    fn windowed(&self, label: &'static str, places: usize) -> KernelStep {
         let step = each_field(label, &self.input, places);
-        let step = step.constants([("ENTRIES", self.folds.entries)]);
+        let step = step.add_u32_constants([("ENTRIES", self.folds.fields_per_patch)]);
         windows(step, self.window, [self.x.shape, self.y.shape])
     }
 
-    /// Returns the kernel that folds the patches.
-    fn fold(&self, plan: &mut Plan, folded: Slot) -> Step {
-        let orbits = self.folds.orbits();
+    /// Returns the kernel that folds the patches: signed sums of the input over each orbit of taps.
+    fn fold(&self, plan: &mut Plan, folded: BufferSlot) -> KernelStep {
+        let orbits = self.folds.num_orbits();
         let step = self
             .windowed("fold", self.out_pixels() * orbits)
-            .constants([("ORBITS", orbits)])
-            .read("orbits", "Orbit", plan.table(self.folds.orbit_table()))
-            .write("folded", "Field", folded)
-            .text(include_str!("../wgsl/each_orbit.wgsl"));
-        if self.folds.trivial {
-            step.read("x", "f32", self.x.values)
-                .text(&seen("f32", "x[u32(pixel) * FIELDS + field]"))
-                .text(include_str!("../wgsl/fold_trivial.wgsl"))
+            .add_u32_constants([("ORBITS", orbits)])
+            .add_input_buffer("orbits", "Orbit", plan.add_constant_table(self.folds.orbit_table()))
+            .add_output_buffer("folded", "Field", folded)
+            .add_wgsl(include_str!("../wgsl/each_orbit.wgsl"));
+        if self.folds.is_input_trivial {
+            step.add_input_buffer("x", "f32", self.x.values)
+                .add_wgsl(&seen("f32", "x[u32(pixel) * FIELDS + field]"))
+                .add_wgsl(include_str!("../wgsl/fold_trivial.wgsl"))
         } else {
             self.input
-                .read(step, "x", self.x.values)
-                .text(&seen("Field", "load_x(u32(pixel), field)"))
-                .text(include_str!("../wgsl/fold.wgsl"))
+                .add_input_map(step, "x", self.x.values)
+                .add_wgsl(&seen("Field", "load_x(u32(pixel), field)"))
+                .add_wgsl(include_str!("../wgsl/fold.wgsl"))
         }
     }
 
-    fn product(&self, rows: Rows, cols: usize, depth: Rows) -> Product {
-        Product { order: self.order, rows, cols, depth, slices: 1, rows_are_neighbours: false }
+    fn product(&self, rows: RowCount, cols: usize, depth: RowCount) -> Product {
+        Product { order: self.order, rows, cols, depth, num_slices: 1, rows_are_neighbours: false }
     }
 
     /// Adds the folded patches, or the pixels if they need no fold, as `input_at(row, entry)`.
-    fn patches(&self, step: Step) -> Step {
+    fn patches(&self, step: KernelStep) -> KernelStep {
         let function =
             |body| format!("fn input_at(row: u32, entry: u32) -> Field {{ return {body}; }}");
         match self.folded {
             Some(folded) => step
-                .read("folded", "Field", folded)
-                .text(&function("folded[row * ENTRIES + entry]")),
-            None => self.input.read(step, "x", self.x.values).text(&function("load_x(row, entry)")),
+                .add_input_buffer("folded", "Field", folded)
+                .add_wgsl(&function("folded[row * ENTRIES + entry]")),
+            None => self
+                .input
+                .add_input_map(step, "x", self.x.values)
+                .add_wgsl(&function("load_x(row, entry)")),
         }
-        .constants([("ENTRIES", self.folds.entries)])
+        .add_u32_constants([("ENTRIES", self.folds.fields_per_patch)])
     }
 
-    fn weights(&self, step: Step, plan: &Plan) -> Step {
-        step.read("weights", "Field", plan.params()).constants([("BASE", self.base)])
+    fn weights(&self, step: KernelStep, plan: &Plan) -> KernelStep {
+        step.add_input_buffer("weights", "Field", plan.params_buffer())
+            .add_u32_constants([("BASE", self.base)])
     }
 
-    fn forward(&self, plan: &Plan) -> Step {
-        let (rows, cols) = (Rows::Each(self.out_pixels()), self.output.fields());
-        let product = self.product(rows, cols, Rows::Fixed(self.folds.entries));
-        let step = self.patches(product.step("forward"));
-        let step = self.output.write(self.weights(step, plan), "y", self.y.values);
-        let step = step.text(
+    fn forward(&self, plan: &Plan) -> KernelStep {
+        let (rows, cols) = (RowCount::PerSample(self.out_pixels()), self.output.num_fields());
+        let product = self.product(rows, cols, RowCount::Fixed(self.folds.fields_per_patch));
+        let step = self.patches(product.kernel("forward"));
+        let step = self.output.add_output_map(self.weights(step, plan), "y", self.y.values);
+        let step = step.add_wgsl(
             "fn left_at(r: u32, d: u32) -> Field { return input_at(r, d); }
              fn right_at(d: u32, c: u32) -> Field { return weights[BASE + d * COLS + c]; }
              fn put(slice: u32, r: u32, c: u32, v: Field) {
@@ -145,8 +149,8 @@ impl<'a> Linear<'a> {
              }",
         );
         match self.masks {
-            None => step.text("fn finish(r: u32, c: u32, v: Field) { store_y(r, c, v); }"),
-            Some(masks) => step.write("masks", "u32", masks).text(
+            None => step.add_wgsl("fn finish(r: u32, c: u32, v: Field) { store_y(r, c, v); }"),
+            Some(masks) => step.add_output_buffer("masks", "u32", masks).add_wgsl(
                 "fn finish(r: u32, c: u32, v: Field) {
                      let regular = transform(v);
                      let mask = passing(regular);
@@ -158,14 +162,14 @@ impl<'a> Linear<'a> {
     }
 
     /// Adds the output gradient, back through the ReLU, as `d_output(row, field)`.
-    fn output_gradient(&self, step: Step, dy: Slot) -> Step {
-        let step = self.output.read(step, "dy", dy);
+    fn output_gradient(&self, step: KernelStep, dy: BufferSlot) -> KernelStep {
+        let step = self.output.add_input_map(step, "dy", dy);
         match self.masks {
-            None => step.text("fn d_output(r: u32, c: u32) -> Field { return load_dy(r, c); }"),
+            None => step.add_wgsl("fn d_output(r: u32, c: u32) -> Field { return load_dy(r, c); }"),
             Some(masks) => step
-                .read("masks", "u32", masks)
-                .constants([("OUTPUTS", self.output.fields())])
-                .text(
+                .add_input_buffer("masks", "u32", masks)
+                .add_u32_constants([("OUTPUTS", self.output.num_fields())])
+                .add_wgsl(
                     "fn d_output(r: u32, c: u32) -> Field {
                          let d = transform(load_dy(r, c));
                          return transform(masked(d, masks[r * OUTPUTS + c]));
@@ -174,19 +178,22 @@ impl<'a> Linear<'a> {
         }
     }
 
-    fn weight_gradient(&self, plan: &mut Plan, dy: Slot) -> Vec<Step> {
-        let cols = self.output.fields();
-        let mut product =
-            self.product(Rows::Fixed(self.folds.entries + 1), cols, Rows::Each(self.out_pixels()));
+    fn weight_gradient(&self, plan: &mut Plan, dy: BufferSlot) -> Vec<KernelStep> {
+        let cols = self.output.num_fields();
+        let mut product = self.product(
+            RowCount::Fixed(self.folds.fields_per_patch + 1),
+            cols,
+            RowCount::PerSample(self.out_pixels()),
+        );
         product.rows_are_neighbours = true;
-        let slices = TARGET_GROUPS.div_ceil(product.tiles()).min(MAX_SLICES);
+        let slices = TARGET_GROUPS.div_ceil(product.workgroups_per_slice()).min(MAX_SLICES);
         let slices = slices.min(self.out_pixels());
         // The product over pixels is cut into slices, because it has few rows and columns, which
         // alone would occupy a fraction of a GPU.
-        product.slices = slices;
-        let len = (self.folds.entries + 1) * cols * self.order;
-        let step = self.patches(product.step("weight gradient"));
-        let step = self.output_gradient(step, dy).text(
+        product.num_slices = slices;
+        let len = (self.folds.fields_per_patch + 1) * cols * self.order;
+        let step = self.patches(product.kernel("weight gradient"));
+        let step = self.output_gradient(step, dy).add_wgsl(
             // the bias is a weight whose input is 1
             "fn left_at(r: u32, d: u32) -> Field {
                  if r == ENTRIES { return first(1.0); }
@@ -200,45 +207,46 @@ impl<'a> Linear<'a> {
         };
         let sizes = |start| [("START", start), ("LEN", len / self.order)];
         if slices == 1 {
-            let step = step.write("gradient", "Field", plan.gradient());
-            return vec![step.text(&put("gradient")).constants(sizes(self.base))];
+            let step = step.add_output_buffer("gradient", "Field", plan.params_gradient_buffer());
+            return vec![step.add_wgsl(&put("gradient")).add_u32_constants(sizes(self.base))];
         }
-        let partial = plan.shared(Shared::Partial, slices * len, 0);
-        let step = step.write("partial", "Field", partial);
-        let step = step.text(&put("partial")).constants(sizes(0));
+        let partial = plan.shared_buffer(SharedBuffer::PartialGradients, slices * len, 0);
+        let step = step.add_output_buffer("partial", "Field", partial);
+        let step = step.add_wgsl(&put("partial")).add_u32_constants(sizes(0));
         let at = self.base * self.order;
-        vec![step, sum(plan, partial, Rows::Fixed(slices), at..at + len)]
+        vec![step, sum(plan, partial, RowCount::Fixed(slices), at..at + len)]
     }
 
-    fn input_gradient(&self, plan: &mut Plan, dy: Slot, dx: Slot) -> Vec<Step> {
-        let (rows, cols) = (Rows::Each(self.out_pixels()), self.output.fields());
-        let product = self.product(rows, self.folds.entries, Rows::Fixed(cols));
-        let step = self.weights(product.step("input gradient"), plan);
-        let step = self.output_gradient(step, dy).constants([("DEPTH", cols)]).text(
+    fn input_gradient(&self, plan: &mut Plan, dy: BufferSlot, dx: BufferSlot) -> Vec<KernelStep> {
+        let (rows, cols) = (RowCount::PerSample(self.out_pixels()), self.output.num_fields());
+        let product = self.product(rows, self.folds.fields_per_patch, RowCount::Fixed(cols));
+        let step = self.weights(product.kernel("input gradient"), plan);
+        let step = self.output_gradient(step, dy).add_u32_constants([("DEPTH", cols)]).add_wgsl(
             "fn left_at(r: u32, d: u32) -> Field { return d_output(r, d); }
              fn right_at(d: u32, c: u32) -> Field { return weights[BASE + c * DEPTH + d]; }",
         );
         let put = |to| format!("fn put(slice: u32, r: u32, c: u32, v: Field) {{ {to}; }}");
         if self.folded.is_none() {
-            let step = self.input.write(step, "dx", dx);
-            return vec![step.text(&put("store_dx(r, c, v)"))];
+            let step = self.input.add_output_map(step, "dx", dx);
+            return vec![step.add_wgsl(&put("store_dx(r, c, v)"))];
         }
-        let folded = self.out_pixels() * self.folds.entries * self.order;
-        let folded = plan.shared(Shared::Folded, 0, folded);
-        let step = step.write("d_folded", "Field", folded);
-        vec![step.text(&put("d_folded[r * COLS + c] = v")), self.unfold(plan, folded, dx)]
+        let folded = self.out_pixels() * self.folds.fields_per_patch * self.order;
+        let folded = plan.shared_buffer(SharedBuffer::FoldedGradient, 0, folded);
+        let step = step.add_output_buffer("d_folded", "Field", folded);
+        vec![step.add_wgsl(&put("d_folded[r * COLS + c] = v")), self.unfold(plan, folded, dx)]
     }
 
     /// Returns the kernel that sums the gradients of the folded patches into `dx`.
-    fn unfold(&self, plan: &mut Plan, folded: Slot, dx: Slot) -> Step {
-        let step = self.windowed("unfold", self.x.shape.pixels());
+    fn unfold(&self, plan: &mut Plan, folded: BufferSlot, dx: BufferSlot) -> KernelStep {
+        let step = self.windowed("unfold", self.x.shape.num_pixels());
         let step = sum_over_taps(step, "window_at")
-            .read("taps", "Tap", plan.table(self.folds.tap_table()))
-            .read("d_folded", "Field", folded);
-        if self.folds.trivial {
-            step.write("dx", "f32", dx).text(include_str!("../wgsl/unfold_trivial.wgsl"))
+            .add_input_buffer("taps", "Tap", plan.add_constant_table(self.folds.tap_table()))
+            .add_input_buffer("d_folded", "Field", folded);
+        if self.folds.is_input_trivial {
+            step.add_output_buffer("dx", "f32", dx)
+                .add_wgsl(include_str!("../wgsl/unfold_trivial.wgsl"))
         } else {
-            self.input.write(step, "sum", dx).text(include_str!("../wgsl/unfold.wgsl"))
+            self.input.add_output_map(step, "sum", dx).add_wgsl(include_str!("../wgsl/unfold.wgsl"))
         }
     }
 }

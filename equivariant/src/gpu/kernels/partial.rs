@@ -2,16 +2,21 @@
 
 use std::ops::Range;
 
-use crate::gpu::kernels::product::expression;
+use crate::gpu::kernels::product::row_count_function;
 use crate::gpu::plan::Plan;
-use crate::gpu::step::{Rows, Slot, Step, Work};
+use crate::gpu::step::{BufferSlot, KernelStep, RowCount, WorkgroupCount};
 
 /// Returns the kernel that adds up partial gradients of the parameters `params`.
-pub(super) fn sum(plan: &Plan, partial: Slot, parts: Rows, params: Range<usize>) -> Step {
-    Step::new("sum", 1, Work::fixed_threads(params.len()))
-        .constants([("BASE", params.start), ("LEN", params.len())])
-        .text(&expression("parts", parts))
-        .read("partial", "f32", partial)
-        .write("gradient", "f32", plan.gradient())
-        .text(include_str!("../wgsl/sum.wgsl"))
+pub(super) fn sum(
+    plan: &Plan,
+    partial: BufferSlot,
+    parts: RowCount,
+    params: Range<usize>,
+) -> KernelStep {
+    KernelStep::new("sum", 1, WorkgroupCount::fixed_threads(params.len()))
+        .add_u32_constants([("BASE", params.start), ("LEN", params.len())])
+        .add_wgsl(&row_count_function("parts", parts))
+        .add_input_buffer("partial", "f32", partial)
+        .add_output_buffer("gradient", "f32", plan.params_gradient_buffer())
+        .add_wgsl(include_str!("../wgsl/sum.wgsl"))
 }

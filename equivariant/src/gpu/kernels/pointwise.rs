@@ -1,23 +1,31 @@
 //! Kernels of layers that treat every field of every pixel separately.
 
-use crate::gpu::channels::Channels;
+use crate::gpu::channels::ChannelLayout;
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::{Slot, Step, Work};
-use crate::steerable::hadamard::permuted;
+use crate::gpu::step::{BufferSlot, KernelStep, WorkgroupCount};
+use crate::steerable::hadamard::permuted_field_order_and_count;
 
-/// Returns a kernel with a thread for each pixel and field of a map.
-pub(super) fn each_field(label: &'static str, channels: &Channels, pixels: usize) -> Step {
-    Step::new(label, channels.order(), Work::threads(pixels * channels.fields()))
-        .constants([("PIXELS", pixels), ("FIELDS", channels.fields())])
-        .text(include_str!("../wgsl/each_field.wgsl"))
+/// Returns a GPU kernel that runs one thread per pixel and field of a feature map.
+pub(super) fn each_field(
+    label: &'static str,
+    channels: &ChannelLayout,
+    pixels: usize,
+) -> KernelStep {
+    KernelStep::new(
+        label,
+        channels.numbers_per_field(),
+        WorkgroupCount::threads_per_sample(pixels * channels.num_fields()),
+    )
+    .add_u32_constants([("PIXELS", pixels), ("FIELDS", channels.num_fields())])
+    .add_wgsl(include_str!("../wgsl/each_field.wgsl"))
 }
 
 /// Returns the layout of the fields that the group permutes in the regular basis.
-pub(super) fn permuted_channels(x: &Tensor) -> Channels {
+pub(super) fn permuted_channels(x: &Tensor) -> ChannelLayout {
     let fields = x.shape.fields;
-    match permuted(fields) {
-        Some((order, n)) => Channels::regular(order, n),
-        None => Channels::of(fields),
+    match permuted_field_order_and_count(fields) {
+        Some((order, n)) => ChannelLayout::regular_fields(order, n),
+        None => ChannelLayout::for_type(fields),
     }
 }
 
@@ -25,23 +33,25 @@ pub(super) fn permuted_channels(x: &Tensor) -> Channels {
 #[derive(Clone, Copy)]
 pub(super) struct Map<'a> {
     tensor: &'a Tensor,
-    channels: &'a Channels,
+    channels: &'a ChannelLayout,
 }
 
 impl<'a> Map<'a> {
-    pub fn new(tensor: &'a Tensor, channels: &'a Channels) -> Map<'a> {
+    pub fn new(tensor: &'a Tensor, channels: &'a ChannelLayout) -> Map<'a> {
         Map { tensor, channels }
     }
 }
 
 /// Adds the kernels of a layer. The first computes y from x, the second the gradient with respect
 /// to x from x and the gradient with respect to y.
-pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [Step; 2]) {
-    let [forward, backward] = kernels.map(|step| x.channels.read(step, "x", x.tensor.values));
-    let forward = y.channels.write(forward, "y", y.tensor.values);
-    let backward = gradients(x.tensor, y.tensor)
-        .map(|[dx, dy]| x.channels.write(y.channels.read(backward, "dy", dy), "dx", dx));
-    plan.push(vec![forward], backward.into_iter().collect());
+pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [KernelStep; 2]) {
+    let [forward, backward] =
+        kernels.map(|step| x.channels.add_input_map(step, "x", x.tensor.values));
+    let forward = y.channels.add_output_map(forward, "y", y.tensor.values);
+    let backward = gradients(x.tensor, y.tensor).map(|[dx, dy]| {
+        x.channels.add_output_map(y.channels.add_input_map(backward, "dy", dy), "dx", dx)
+    });
+    plan.add_kernels(vec![forward], backward.into_iter().collect());
 }
 
 /// Adds the kernels of a ReLU.
@@ -51,8 +61,8 @@ pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
         ("relu", include_str!("../wgsl/relu.wgsl")),
         ("relu backward", include_str!("../wgsl/relu_backward.wgsl")),
     ];
-    let kernels =
-        texts.map(|(label, text)| each_field(label, &channels, x.shape.pixels()).text(text));
+    let kernels = texts
+        .map(|(label, text)| each_field(label, &channels, x.shape.num_pixels()).add_wgsl(text));
     passes(plan, Map::new(x, &channels), Map::new(y, &channels), kernels);
 }
 
@@ -74,7 +84,7 @@ pub(super) fn group_mean_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
         ("group mean-pool", include_str!("../wgsl/group_mean_pool.wgsl")),
         ("group mean-pool backward", backward),
     ];
-    group_pool(plan, x, y, texts, |step| step.number("SCALE", scale));
+    group_pool(plan, x, y, texts, |step| step.add_f32_constant("SCALE", scale));
 }
 
 /// Adds kernels with these names and texts that reduce each regular field to one number.
@@ -83,15 +93,16 @@ fn group_pool(
     x: &Tensor,
     y: &Tensor,
     texts: [(&'static str, &str); 2],
-    constants: impl Fn(Step) -> Step,
+    constants: impl Fn(KernelStep) -> KernelStep,
 ) {
-    let [of_x, of_y] = [x, y].map(|map| Channels::of(map.shape.fields));
-    let kernels =
-        texts.map(|(label, text)| constants(each_field(label, &of_x, x.shape.pixels()).text(text)));
+    let [of_x, of_y] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
+    let kernels = texts.map(|(label, text)| {
+        constants(each_field(label, &of_x, x.shape.num_pixels()).add_wgsl(text))
+    });
     passes(plan, Map::new(x, &of_x), Map::new(y, &of_y), kernels);
 }
 
 /// Returns the gradients of input and output if both are needed.
-pub(super) fn gradients(x: &Tensor, y: &Tensor) -> Option<[Slot; 2]> {
+pub(super) fn gradients(x: &Tensor, y: &Tensor) -> Option<[BufferSlot; 2]> {
     Some([x.gradient?, y.gradient?])
 }

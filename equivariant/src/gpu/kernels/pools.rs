@@ -1,42 +1,43 @@
 //! Kernels of pooling over windows.
 
-use crate::gpu::channels::Channels;
+use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::pointwise::{Map, each_field, gradients, passes, permuted_channels};
 use crate::gpu::kernels::window::{sum_over_taps, windows};
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::Slot;
-use crate::window::Kernel;
+use crate::gpu::step::BufferSlot;
+use crate::window::SlidingWindow;
 
 /// Adds the kernels of a max-pooling.
-pub(super) fn max_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tensor) {
+pub(super) fn max_pool(plan: &mut Plan, kernel: SlidingWindow, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let step = |label, pixels| {
         let step = each_field(label, &channels, pixels);
         windows(step, kernel, [x.shape, y.shape])
     };
-    let forward = step("max-pool", y.shape.pixels()).text(include_str!("../wgsl/max_pool.wgsl"));
-    let backward = step("max-pool backward", x.shape.pixels());
+    let forward =
+        step("max-pool", y.shape.num_pixels()).add_wgsl(include_str!("../wgsl/max_pool.wgsl"));
+    let backward = step("max-pool backward", x.shape.num_pixels());
     let backward = sum_over_taps(backward, "window_at");
-    let backward = backward.text(include_str!("../wgsl/max_pool_backward.wgsl"));
+    let backward = backward.add_wgsl(include_str!("../wgsl/max_pool_backward.wgsl"));
     passes(plan, Map::new(x, &channels), Map::new(y, &channels), [forward, backward]);
 }
 
 /// Adds the kernels of an average-pooling, which treats channels of any type separately.
-pub(super) fn average_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tensor) {
-    let channels = Channels::single(x.shape.fields.dim());
+pub(super) fn average_pool(plan: &mut Plan, kernel: SlidingWindow, x: &Tensor, y: &Tensor) {
+    let channels = ChannelLayout::single_channel_fields(x.shape.fields.dim());
     let weight = (kernel.size as f64).powi(2).recip();
-    let step = |(label, at_tap), pixels, [from, to]: [Slot; 2]| {
-        let step = each_field(label, &channels, pixels).number("SCALE", weight);
+    let step = |(label, at_tap), pixels, [from, to]: [BufferSlot; 2]| {
+        let step = each_field(label, &channels, pixels).add_f32_constant("SCALE", weight);
         let step = sum_over_taps(windows(step, kernel, [x.shape, y.shape]), at_tap);
-        let step = channels.write(channels.read(step, "source", from), "sum", to);
-        step.text(include_str!("../wgsl/average_pool.wgsl"))
+        let step = channels.add_output_map(channels.add_input_map(step, "source", from), "sum", to);
+        step.add_wgsl(include_str!("../wgsl/average_pool.wgsl"))
     };
     let [forward, backward] =
         [("average-pool", "pixel_at"), ("average-pool backward", "window_at")];
     // the gradient is an average as well: over the windows that contain a pixel
-    let back = |[dx, dy]: [Slot; 2]| step(backward, x.shape.pixels(), [dy, dx]);
-    plan.push(
-        vec![step(forward, y.shape.pixels(), [x.values, y.values])],
+    let back = |[dx, dy]: [BufferSlot; 2]| step(backward, x.shape.num_pixels(), [dy, dx]);
+    plan.add_kernels(
+        vec![step(forward, y.shape.num_pixels(), [x.values, y.values])],
         gradients(x, y).map(back).into_iter().collect(),
     );
 }

@@ -1,6 +1,6 @@
 //! Products of matrices of fields.
 
-use crate::gpu::step::{Rows, Step, THREADS, Work};
+use crate::gpu::step::{KernelStep, RowCount, WORKGROUP_THREADS, WorkgroupCount};
 
 /// Number of terms of a sum that a workgroup loads at once.
 const TILE_DEPTH: usize = 8;
@@ -11,11 +11,11 @@ const COLS_EACH: usize = 2;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Product {
     pub order: usize,
-    pub rows: Rows,
+    pub rows: RowCount,
     pub cols: usize,
-    pub depth: Rows,
+    pub depth: RowCount,
     /// Number of parts of the sum, computed by separate workgroups.
-    pub slices: usize,
+    pub num_slices: usize,
     /// `true` if neighbouring rows of the left factor are adjacent in memory, `false` if its
     /// columns are.
     pub rows_are_neighbours: bool,
@@ -23,41 +23,45 @@ pub(super) struct Product {
 
 impl Product {
     /// Returns the kernel without its buffers and the functions that access them.
-    pub fn step(self, label: &'static str) -> Step {
+    pub fn kernel(self, label: &'static str) -> KernelStep {
         let tile = self.tile();
-        let work = Work::tiles(self.rows, tile.rows(), tile.col_tiles * self.slices);
-        let step = Step::new(label, self.order, work).constants([
+        let work = WorkgroupCount::per_tile_of_rows(
+            self.rows,
+            tile.rows(),
+            tile.col_tiles * self.num_slices,
+        );
+        let step = KernelStep::new(label, self.order, work).add_u32_constants([
             ("ROW_THREADS", tile.row_threads),
             ("COL_THREADS", tile.col_threads),
             ("ROWS_EACH", tile.rows_each),
             ("COLS_EACH", COLS_EACH),
             ("TILE_DEPTH", TILE_DEPTH),
             ("COLS", self.cols),
-            ("SLICES", self.slices),
+            ("SLICES", self.num_slices),
         ]);
         let neighbours = self.rows_are_neighbours;
-        step.text(&format!("const ROWS_ARE_NEIGHBOURS = {neighbours};"))
-            .text(&expression("rows", self.rows))
-            .text(&expression("depth", self.depth))
-            .text(&tile.text())
+        step.add_wgsl(&format!("const ROWS_ARE_NEIGHBOURS = {neighbours};"))
+            .add_wgsl(&row_count_function("rows", self.rows))
+            .add_wgsl(&row_count_function("depth", self.depth))
+            .add_wgsl(&tile.text())
     }
 
     /// Returns the number of workgroups of each slice, for a fixed number of rows.
-    pub fn tiles(self) -> usize {
+    pub fn workgroups_per_slice(self) -> usize {
         let tile = self.tile();
-        Work::tiles(self.rows, tile.rows(), tile.col_tiles).count(0)
+        WorkgroupCount::per_tile_of_rows(self.rows, tile.rows(), tile.col_tiles).num_workgroups(0)
     }
 
     fn tile(self) -> Tile {
         // a power of two, so that it divides the number of threads
         let col_threads = self.cols.div_ceil(COLS_EACH).next_power_of_two().min(8);
-        let row_threads = THREADS / col_threads;
+        let row_threads = WORKGROUP_THREADS / col_threads;
         // with few rows, large tiles would leave most of a GPU idle
         let most = match self.rows {
-            Rows::Each(0..=16) => 1,
-            Rows::Each(17..=64) => 2,
-            Rows::Each(_) => 4,
-            Rows::Fixed(rows) => rows.div_ceil(row_threads).next_power_of_two().min(4),
+            RowCount::PerSample(0..=16) => 1,
+            RowCount::PerSample(17..=64) => 2,
+            RowCount::PerSample(_) => 4,
+            RowCount::Fixed(rows) => rows.div_ceil(row_threads).next_power_of_two().min(4),
         };
         Tile {
             row_threads,
@@ -87,14 +91,14 @@ impl Tile {
     /// indices would be in memory, which made products up to 37 times slower on an H200.
     fn text(self) -> String {
         let results = || (0..self.rows_each).flat_map(|i| (0..COLS_EACH).map(move |j| (i, j)));
-        let lefts = 0..(TILE_DEPTH * self.rows()).div_ceil(THREADS);
+        let lefts = 0..(TILE_DEPTH * self.rows()).div_ceil(WORKGROUP_THREADS);
         let right_len = TILE_DEPTH * self.col_threads * COLS_EACH;
-        let rights = 0..right_len.div_ceil(THREADS);
+        let rights = 0..right_len.div_ceil(WORKGROUP_THREADS);
         let mut declare = String::new();
         let mut load = String::new();
         let mut store = String::new();
         for k in lefts {
-            let at = k * THREADS;
+            let at = k * WORKGROUP_THREADS;
             declare += &format!("var l{k} = Field();\n");
             load += &format!("l{k} = load_left(first_row, start, end, thread + {at}u);\n");
             store += &format!(
@@ -102,10 +106,10 @@ impl Tile {
             );
         }
         for k in rights {
-            let at = k * THREADS;
+            let at = k * WORKGROUP_THREADS;
             declare += &format!("var r{k} = Field();\n");
             load += &format!("r{k} = load_right(first_col, start, end, thread + {at}u);\n");
-            store += &if at + THREADS <= right_len {
+            store += &if at + WORKGROUP_THREADS <= right_len {
                 format!("right[thread + {at}u] = r{k};\n")
             } else {
                 format!("if thread < {}u {{ right[thread + {at}u] = r{k}; }}\n", right_len - at)
@@ -145,6 +149,6 @@ impl Tile {
 }
 
 /// Returns a WGSL function that returns a number of rows.
-pub(super) fn expression(name: &str, rows: Rows) -> String {
-    format!("fn {name}() -> u32 {{ return {}; }}", rows.expression())
+pub(super) fn row_count_function(name: &str, rows: RowCount) -> String {
+    format!("fn {name}() -> u32 {{ return {}; }}", rows.wgsl_expression())
 }

@@ -2,69 +2,79 @@
 
 use symmetry::Irrep;
 
-use crate::gpu::channels::Channels;
+use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::pointwise::{each_field, gradients, permuted_channels};
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::{Combine, Step, Work};
+use crate::gpu::step::{KernelStep, ReductionOp, WorkgroupCount};
 
 /// Adds the kernels of a soft-argmax from `x` to `y`.
 pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let keypoints = keypoints(&channels, x, y);
-    let kept = plan.buffer(0, 4 * channels.order() * channels.fields());
-    let common = |step: Step| {
+    let kept = plan.add_buffer(0, 4 * channels.numbers_per_field() * channels.num_fields());
+    let common = |step: KernelStep| {
         let step = step
-            .number("SCALE", temperature.recip())
-            .constants([("HEIGHT", x.shape.height), ("WIDTH", x.shape.width)]);
-        let step = signs(step, &channels, x).text(include_str!("../wgsl/position.wgsl"));
-        channels.read(step, "x", x.values)
+            .add_f32_constant("SCALE", temperature.recip())
+            .add_u32_constants([("HEIGHT", x.shape.height), ("WIDTH", x.shape.width)]);
+        let step = signs(step, &channels, x).add_wgsl(include_str!("../wgsl/position.wgsl"));
+        channels.add_input_map(step, "x", x.values)
     };
-    let sizes = [("PIXELS", x.shape.pixels()), ("FIELDS", channels.fields())];
-    let step = Step::new("soft-argmax", channels.order(), Work::groups(channels.fields()));
-    let step = common(step.constants(sizes))
-        .reduction("largest_of", "Field", Combine::Largest)
-        .reduction("added", "Field", Combine::Sum)
-        .write("kept", "Field", kept);
-    let step = step.write("y", "f32", y.values);
+    let sizes = [("PIXELS", x.shape.num_pixels()), ("FIELDS", channels.num_fields())];
+    let step = KernelStep::new(
+        "soft-argmax",
+        channels.numbers_per_field(),
+        WorkgroupCount::workgroups_per_sample(channels.num_fields()),
+    );
+    let step = common(step.add_u32_constants(sizes))
+        .add_workgroup_reduction("largest_of", "Field", ReductionOp::Max)
+        .add_workgroup_reduction("added", "Field", ReductionOp::Sum)
+        .add_output_buffer("kept", "Field", kept);
+    let step = step.add_output_buffer("y", "f32", y.values);
     let step = keypoints
         .iter()
         .zip(["y_x", "y_y"])
         .fold(step, |step, (to, name)| to.add_store_function(step, "y", name));
-    let forward = step.text(include_str!("../wgsl/soft_argmax.wgsl"));
+    let forward = step.add_wgsl(include_str!("../wgsl/soft_argmax.wgsl"));
     let backward = gradients(x, y).map(|[dx, dy]| {
-        let step = common(each_field("soft-argmax backward", &channels, x.shape.pixels()));
-        let step = step.read("kept", "Field", kept).read("dy", "f32", dy);
-        let step = keypoints
+        let backward_step =
+            common(each_field("soft-argmax backward", &channels, x.shape.num_pixels()));
+        let backward_step =
+            backward_step.add_input_buffer("kept", "Field", kept).add_input_buffer("dy", "f32", dy);
+        let backward_step = keypoints
             .iter()
             .zip(["dy_x", "dy_y"])
-            .fold(step, |step, (from, name)| from.loader(step, "dy", name));
-        let step = channels.write(step, "dx", dx);
-        step.text(include_str!("../wgsl/soft_argmax_backward.wgsl"))
+            .fold(backward_step, |backward_step, (from, name)| {
+                from.add_load_function(backward_step, "dy", name)
+            });
+        let backward_step = channels.add_output_map(backward_step, "dx", dx);
+        backward_step.add_wgsl(include_str!("../wgsl/soft_argmax_backward.wgsl"))
     });
-    plan.push(vec![forward], backward.into_iter().collect());
+    plan.add_kernels(vec![forward], backward.into_iter().collect());
 }
 
 /// Returns the layouts of the fields of x and of y in the output.
-fn keypoints(channels: &Channels, x: &Tensor, y: &Tensor) -> [Channels; 2] {
-    let (n, order, to) = (channels.fields(), channels.order(), y.shape.fields);
+fn keypoints(channels: &ChannelLayout, x: &Tensor, y: &Tensor) -> [ChannelLayout; 2] {
+    let (n, order, to) = (channels.num_fields(), channels.numbers_per_field(), y.shape.fields);
     let group = x.shape.fields.group();
-    let at = |starts| channels.clone().within(to.dim(), starts);
+    let at = |starts| channels.clone().moved_to(to.dim(), starts);
     if order > 1 {
         let starts = |skipped| (0..order).map(|a| 2 * n * a + skipped).collect();
         return [at(starts(0)), at(starts(n))];
     }
     // under C1 and C2, x and y are the same irrep, and x comes first
-    let range = |irrep| to.range(group.restrict(irrep));
+    let range = |irrep| to.channel_range(group.restrict_irrep(irrep));
     [at(vec![range(Irrep::X).start]), at(vec![range(Irrep::Y).end - n])]
 }
 
 /// Adds the signs by which the group's elements flip x and y.
-fn signs(step: Step, channels: &Channels, x: &Tensor) -> Step {
+fn signs(step: KernelStep, channels: &ChannelLayout, x: &Tensor) -> KernelStep {
     let elements = x.shape.fields.group().elements();
     let named = [("SIGNS_X", Irrep::X), ("SIGNS_Y", Irrep::Y)];
     named.into_iter().fold(step, |step, (name, irrep)| {
-        let signs = elements[..channels.order()].iter().map(|&g| format!("{}.0", irrep.sign(g)));
+        let signs = elements[..channels.numbers_per_field()]
+            .iter()
+            .map(|&g| format!("{}.0", irrep.sign(g)));
         let signs: Vec<String> = signs.collect();
-        step.text(&format!("const {name} = Field({});", signs.join(", ")))
+        step.add_wgsl(&format!("const {name} = Field({});", signs.join(", ")))
     })
 }

@@ -2,31 +2,35 @@
 
 use symmetry::Group;
 
-use crate::gpu::step::Step;
+use crate::gpu::step::KernelStep;
 use crate::shape::Shape;
-use crate::window::Kernel;
+use crate::window::SlidingWindow;
 
 /// Adds `window.wgsl` with its constants.
-pub(super) fn windows(step: Step, kernel: Kernel, [from, to]: [Shape; 2]) -> Step {
-    let step = step.constants([
+pub(super) fn windows(
+    step: KernelStep,
+    kernel: SlidingWindow,
+    [from, to]: [Shape; 2],
+) -> KernelStep {
+    let step = step.add_u32_constants([
         ("SIZE", kernel.size),
         ("STRIDE", kernel.stride),
         ("PADDING", kernel.padding),
         ("HEIGHT", from.height),
         ("WIDTH", from.width),
-        ("OUT_PIXELS", to.pixels()),
+        ("OUT_PIXELS", to.num_pixels()),
         ("OUT_WIDTH", to.width),
         ("FLIPS", flips(from.fields.group())),
     ]);
-    step.text(include_str!("../wgsl/window.wgsl"))
+    step.add_wgsl(include_str!("../wgsl/window.wgsl"))
 }
 
 /// Adds a kernel that runs for each field and sums over taps. `at_tap` is `pixel_at`, for the
 /// pixels in a window, or `window_at`, for the windows that contain a pixel.
-pub(super) fn sum_over_taps(step: Step, at_tap: &str) -> Step {
+pub(super) fn sum_over_taps(step: KernelStep, at_tap: &str) -> KernelStep {
     let head = "fn at_tap(place: u32, tap: vec2<u32>) -> i32";
-    step.text(&format!("{head} {{ return {at_tap}(place, tap); }}"))
-        .text(include_str!("../wgsl/each_tap.wgsl"))
+    step.add_wgsl(&format!("{head} {{ return {at_tap}(place, tap); }}"))
+        .add_wgsl(include_str!("../wgsl/each_tap.wgsl"))
 }
 
 /// Returns the factor from an element's position in its group's list to its bits: bit 0 flips x and

@@ -32,7 +32,7 @@ impl Lanes<f32> for V4 {
     }
 
     #[inline(always)]
-    fn bytes(self, bytes: &[u8; LANES]) -> __m512 {
+    fn load_bytes(self, bytes: &[u8; LANES]) -> __m512 {
         let whole = self.avx512f._mm512_cvtepu8_epi32(cast(*bytes));
         self.avx512f._mm512_cvtepi32_ps(whole)
     }
@@ -48,19 +48,19 @@ impl Lanes<f32> for V4 {
     }
 
     #[inline(always)]
-    fn group<const G: usize>(self, block: &Block<f32>, i: usize) -> __m512 {
+    fn broadcast_group<const G: usize>(self, block: &Block<f32>, i: usize) -> __m512 {
         match G {
             1 => self.avx512f._mm512_set1_ps(block[i]),
             2 => {
                 let pair: f64 = cast([block[2 * i], block[2 * i + 1]]);
                 cast(self.avx512f._mm512_set1_pd(pair))
             }
-            _ => self.quad(&block.as_chunks().0[i]),
+            _ => self.broadcast_quad(&block.as_chunks().0[i]),
         }
     }
 
     #[inline(always)]
-    fn quad(self, group: &[f32; 4]) -> __m512 {
+    fn broadcast_quad(self, group: &[f32; 4]) -> __m512 {
         self.avx512f._mm512_broadcast_f32x4(cast(*group))
     }
 
@@ -85,7 +85,7 @@ impl Lanes<f32> for V4 {
     }
 
     #[inline(always)]
-    fn swap(self, v: __m512, bits: usize) -> __m512 {
+    fn swap_lanes(self, v: __m512, bits: usize) -> __m512 {
         match bits {
             0 => v,
             // two bits of the constant select the source of each lane of a group of four
@@ -96,7 +96,7 @@ impl Lanes<f32> for V4 {
     }
 
     #[inline(always)]
-    fn pair(self, e: __m512, o: __m512, i: usize) -> __m512 {
+    fn interleave_pair(self, e: __m512, o: __m512, i: usize) -> __m512 {
         let first = self.avx512f._mm512_set1_epi32(4 * i as i32);
         // indices from 16 on select lanes of the second register
         let index = [0, 0, 16, 16, 1, 1, 17, 17, 2, 2, 18, 18, 3, 3, 19, 19];
@@ -105,18 +105,18 @@ impl Lanes<f32> for V4 {
     }
 
     #[inline(always)]
-    fn rectify(self, v: __m512) -> (__m512, u16) {
+    fn relu_with_mask(self, v: __m512) -> (__m512, u16) {
         let bits = !self.avx512f._mm512_cmple_ps_mask(v, self.splat(0.0));
-        (self.keep(v, bits), bits)
+        (self.keep_masked(v, bits), bits)
     }
 
     #[inline(always)]
-    fn keep(self, v: __m512, bits: u16) -> __m512 {
+    fn keep_masked(self, v: __m512, bits: u16) -> __m512 {
         self.avx512f._mm512_maskz_mov_ps(bits, v)
     }
 
     #[inline(always)]
-    fn larger(self, best: __m512, v: __m512) -> (__m512, u16) {
+    fn max_with_mask(self, best: __m512, v: __m512) -> (__m512, u16) {
         // comparisons with NaN are false, so the second mask adds the lanes where v is NaN
         let more = self.avx512f._mm512_cmp_ps_mask::<_CMP_GT_OQ>(v, best);
         let bits = more | self.avx512f._mm512_cmp_ps_mask::<_CMP_UNORD_Q>(v, v);
@@ -134,7 +134,7 @@ impl Lanes<f32> for V3 {
     }
 
     #[inline(always)]
-    fn bytes(self, bytes: &[u8; LANES]) -> Self::V {
+    fn load_bytes(self, bytes: &[u8; LANES]) -> Self::V {
         let bytes: [u64; 2] = cast(*bytes);
         let low = self.avx2._mm256_cvtepu8_epi32(cast([bytes[0], 0]));
         let high = self.avx2._mm256_cvtepu8_epi32(cast([bytes[1], 0]));
@@ -152,19 +152,19 @@ impl Lanes<f32> for V3 {
     }
 
     #[inline(always)]
-    fn group<const G: usize>(self, block: &Block<f32>, i: usize) -> Self::V {
+    fn broadcast_group<const G: usize>(self, block: &Block<f32>, i: usize) -> Self::V {
         match G {
             1 => [self.avx._mm256_set1_ps(block[i]); 2],
             2 => {
                 let pair: f64 = cast([block[2 * i], block[2 * i + 1]]);
                 [cast(self.avx._mm256_set1_pd(pair)); 2]
             }
-            _ => self.quad(&block.as_chunks().0[i]),
+            _ => self.broadcast_quad(&block.as_chunks().0[i]),
         }
     }
 
     #[inline(always)]
-    fn quad(self, group: &[f32; 4]) -> Self::V {
+    fn broadcast_quad(self, group: &[f32; 4]) -> Self::V {
         [self.avx._mm256_broadcast_ps(&cast(*group)); 2]
     }
 
@@ -189,7 +189,7 @@ impl Lanes<f32> for V3 {
     }
 
     #[inline(always)]
-    fn swap(self, v: Self::V, bits: usize) -> Self::V {
+    fn swap_lanes(self, v: Self::V, bits: usize) -> Self::V {
         match bits {
             0 => v,
             1 => [
@@ -208,7 +208,7 @@ impl Lanes<f32> for V3 {
     }
 
     #[inline(always)]
-    fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V {
+    fn interleave_pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V {
         // groups k and k + 4 of eight lanes come from the two halves of a register
         let (e, o) = (e[i / 2], o[i / 2]);
         let first = self.avx._mm256_shuffle_ps::<0b00_00_00_00>(e, o);
@@ -229,7 +229,7 @@ impl Lanes<f32> for V3 {
     }
 
     #[inline(always)]
-    fn rectify(self, v: Self::V) -> (Self::V, u16) {
+    fn relu_with_mask(self, v: Self::V) -> (Self::V, u16) {
         let zero = self.avx._mm256_set1_ps(0.0);
         // predicate "not less or equal, unordered", which is true for NaN
         let low = self.avx._mm256_cmp_ps::<0x16>(v[0], zero);
@@ -240,7 +240,7 @@ impl Lanes<f32> for V3 {
     }
 
     #[inline(always)]
-    fn keep(self, v: Self::V, bits: u16) -> Self::V {
+    fn keep_masked(self, v: Self::V, bits: u16) -> Self::V {
         let bits = self.avx._mm256_set1_epi32(i32::from(bits));
         // AVX2 has no mask registers: lane i compares bit i with itself
         let low = cast([1, 2, 4, 8, 16, 32, 64, 128]);
@@ -251,7 +251,7 @@ impl Lanes<f32> for V3 {
     }
 
     #[inline(always)]
-    fn larger(self, best: Self::V, v: Self::V) -> (Self::V, u16) {
+    fn max_with_mask(self, best: Self::V, v: Self::V) -> (Self::V, u16) {
         let avx = self.avx;
         let low = avx._mm256_cmp_ps::<_CMP_GT_OQ>(v[0], best[0]);
         let low = avx._mm256_or_ps(low, avx._mm256_cmp_ps::<_CMP_UNORD_Q>(v[0], v[0]));

@@ -7,10 +7,10 @@
 //!
 //! A run calls [`Learner::learn`] once per iteration (`experiments/src/run.rs`); the environment
 //! changes the task group by itself. The assignment of lines 8 to 10 is a [`crate::Grouping`]: by
-//! default (`groupings/distance.rs`) W1 of the features that each policy's own network computes of
-//! the first frames, with a permutation test in the place of the paper's threshold; it is
-//! undecided if a test rejects a policy after one rollout only. `recognise` and `perform` serve
-//! evaluations; the second `impl` has the steps of `learn`.
+//! default (`groupings/evidence.rs`) W1 of what pictures, motion and rewards show, with a
+//! permutation test in the place of the paper's threshold; it is undecided if one rollout is too
+//! little. `recognise_policy` and `evaluate_policy` serve evaluations; the second `impl` has the
+//! steps of `learn`.
 
 use std::path::Path;
 use std::time::Instant;
@@ -25,41 +25,52 @@ use rl::{
 
 use crate::error::LearnerError;
 use crate::groupings::{GroupingDecision, Query, Recognised};
-use crate::learners::learner::{Extent, Iteration, Learner, Performance, Seconds};
+use crate::learners::learner::{
+    CheckpointExtent, Iteration, IterationSeconds, Learner, PolicyEvaluation,
+};
 
-use super::episodes::{FirstFrames, Observed, courses, first_frames};
-use super::settings::{CollectionSettings, NewPolicy, RolloutOf, Training};
-use super::{CandidateClouds, Collection, PolicyEntry};
+use super::episodes::{FirstFrames, ObservedEpisodes, courses, first_frames};
+use super::settings::{NewPolicyInit, PolicyCollectionSettings, RolloutOf, Training};
+use super::{CandidateClouds, PolicyCollection, PolicyEntry};
 
 /// Interval between measurements of a network's units, in decisions of an episode.
 // One measurement costs about as much as a decision with its picture.
 const BETWEEN_LOOKS: usize = 10;
 
-impl<S: CollectionSettings> Learner for Collection<S> {
+impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
     /// Runs lines 4 to 16 of Algorithm 1 once. Lines 2, 3 and 18 count the steps up to the next
     /// assignment: here every rollout is assigned, since `N_u` and `N_s` are equal.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError> {
         let mut iteration = Iteration::default();
-        let collector = self.current;
+        let (actor, decision) = loop {
+            // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
+            // (`observed`) takes the first k frames of each episode.
+            let collector = self.current;
+            self.roll_out(env, &mut iteration)?;
+            let mut observed = self.observe_rollout()?;
 
-        // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
-        // (`observed`) takes the first k frames of each episode.
-        self.roll_out(env, &mut iteration)?;
-        let mut observed = self.observe(0)?;
+            // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
+            // Extension: a single rollout may be too little to decide, and trains no policy then.
+            let query = Query::Rollout { can_wait: iteration.can_wait() };
+            let mut decision = self.assign(query, &observed, &mut iteration.seconds)?;
+            if decision.policy == Decision::Undecided {
+                self.discard(decision, &mut iteration);
+                continue;
+            }
+            observed.drop_before_changepoint(decision.cut);
 
-        // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
-        // Extension: a single rollout may be too little to open a policy on.
-        let mut decision = self.assign(Query::Rollout, &observed, &mut iteration.seconds)?;
-        if decision.policy == Decision::Undecided {
-            decision = self.collect_second_rollout(env, decision, &mut observed, &mut iteration)?;
-        }
-        observed.keep_later(decision.cut);
-
-        // Lines 11 and 12: a new random policy with B = O; lines 13 and 14: the nearest policy,
-        // whose B takes O. Extensions: D of another policy is off-policy, so the one that was
-        // assigned may have to collect it anew; groupings that remember whole episodes learn, too.
-        iteration.created = self.adopt(&decision, observed.frames)?;
-        let actor = self.hand_over(env, collector, &mut decision, &mut iteration)?;
+            // Lines 11 and 12: a new random policy with B = O; lines 13 and 14: the nearest policy,
+            // whose B takes O. Extension: D of another policy is off-policy, so the one that was
+            // assigned may have to collect it anew.
+            iteration.policy_created = self.make_current(&decision, observed.frames)?;
+            if let Some(actor) =
+                self.prepare_training_rollout(env, collector, &mut decision, &mut iteration)?
+            {
+                break (actor, decision);
+            }
+            self.discard(decision, &mut iteration);
+        };
+        // Extension: groupings that remember whole episodes learn, too.
         let learned = self.teach_grouping(actor, &decision, &mut iteration.seconds)?;
 
         // Lines 15 and 16: update the current policy with D, which the next rollout overwrites:
@@ -70,13 +81,13 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         self.merge_duplicates(env, learned, &mut iteration)?;
 
         iteration.evidence = decision.evidence;
-        iteration.log(update);
+        iteration.log_metrics(update);
         Ok(iteration)
     }
 
     /// Collects the first frames of the requested number of episodes, or of as many as the grouping
     /// needs, at least one in each environment.
-    fn recognise(
+    fn recognise_policy(
         &mut self,
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
@@ -94,50 +105,55 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         Ok(recognised)
     }
 
-    fn perform(
+    fn evaluate_policy(
         &mut self,
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<Performance, LearnerError> {
+    ) -> Result<PolicyEvaluation, LearnerError> {
         let index = self.check_policy(index)?;
         let mut activity = UnitActivity::default();
         let policy = &mut self.policies[index].policy;
-        let stats = rl::evaluate_with(env, policy, rounds, |policy, state| {
+        let stats = rl::evaluate_with_callback(env, policy, rounds, |policy, state| {
             let steps = state.episodes.first().map_or(0, |episode| episode.length);
             if steps.is_multiple_of(BETWEEN_LOOKS) {
-                activity.add(&policy.activity(&state.observations, &state.memory)?);
+                activity.add(&policy.unit_activity(&state.observations, &state.memory)?);
             }
             Ok(())
         })?;
-        Ok(Performance { stats, activity })
+        Ok(PolicyEvaluation { stats, activity })
     }
 
-    fn export(
+    fn export_policy(
         &mut self,
         index: usize,
         observations: &Observations,
     ) -> Result<(ExportedPolicy, PolicyOutput), LearnerError> {
         let index = self.check_policy(index)?;
         let policy = &mut self.policies[index].policy;
-        Ok((policy.export()?, policy.output(observations)?))
+        Ok((policy.export()?, policy.reference_output(observations)?))
     }
 
-    fn parameters(&self, index: usize) -> Option<&[f32]> {
+    fn policy_parameters(&self, index: usize) -> Option<&[f32]> {
         let entry = self.policies.get(index)?;
         Some(S::params(&entry.policy))
     }
 
-    fn policies(&self) -> usize {
+    fn policy_count(&self) -> usize {
         self.policies.len()
     }
 
-    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, LearnerError> {
+    fn to_checkpoint_bytes(
+        &self,
+        path: &Path,
+        extent: CheckpointExtent,
+        note: &str,
+    ) -> Result<Vec<u8>, LearnerError> {
         self.to_bytes(path, extent, note)
     }
 }
 
-impl<S: CollectionSettings> Collection<S> {
+impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Collects `N_s` decisions with the current policy (line 5).
     pub(super) fn roll_out(
         &mut self,
@@ -147,38 +163,37 @@ impl<S: CollectionSettings> Collection<S> {
         self.check_horizon(env)?;
         let entry = &mut self.policies[self.current];
         let (rollout, rng) = (&mut self.rollout, &mut self.generators.actions);
-        iteration.rollout = entry.act(env, rollout, rng, iteration)?;
+        iteration.rollout_stats = entry.act(env, rollout, rng, iteration)?;
         Ok(())
     }
 
     /// Rejects rollouts shorter than an episode, which would never reach its late states.
     fn check_horizon(&self, env: &dyn VectorEnv) -> Result<(), RlError> {
-        let steps = self.rollout.steps();
+        let steps = self.rollout.steps_per_env();
         match env.horizon() {
             Some(horizon) if steps < horizon => Err(RlError::ShortRollout { steps, horizon }),
             Some(_) | None => Ok(()),
         }
     }
 
-    /// Takes the first frames of the rollout's episodes (line 6); `before` is the number of earlier
-    /// decisions.
-    pub(super) fn observe(&self, before: usize) -> Result<Observed, LearnerError> {
-        let observed = self.observe_in(&self.rollout, before);
+    /// Takes the first frames of the rollout's episodes (line 6).
+    pub(super) fn observe_rollout(&self) -> Result<ObservedEpisodes, LearnerError> {
+        let observed = self.observed_episodes_in(&self.rollout);
         self.check_episodes(observed.frames.len())?;
         Ok(observed)
     }
 
     /// Takes from a rollout what the grouping looks at.
-    pub(super) fn observe_in(&self, rollout: &RolloutOf<S>, before: usize) -> Observed {
-        Observed {
-            frames: first_frames(rollout, before, self.settings.common().first_frames),
-            courses: self.courses_in(rollout, before),
+    pub(super) fn observed_episodes_in(&self, rollout: &RolloutOf<S>) -> ObservedEpisodes {
+        ObservedEpisodes {
+            frames: first_frames(rollout, self.settings.common().first_frames),
+            courses: self.courses_in(rollout),
         }
     }
 
     /// Takes the whole episodes of a rollout, where the grouping needs them.
-    pub(super) fn courses_in(&self, rollout: &RolloutOf<S>, before: usize) -> Vec<Course> {
-        if self.grouping.needs().whole_episodes { courses(rollout, before) } else { Vec::new() }
+    pub(super) fn courses_in(&self, rollout: &RolloutOf<S>) -> Vec<Course> {
+        if self.grouping.needs().whole_episodes { courses(rollout) } else { Vec::new() }
     }
 
     /// Rejects a rollout with too few first frames to be assigned.
@@ -198,8 +213,8 @@ impl<S: CollectionSettings> Collection<S> {
     pub(super) fn assign(
         &mut self,
         query: Query<'_>,
-        observed: &Observed,
-        seconds: &mut Seconds,
+        observed: &ObservedEpisodes,
+        seconds: &mut IterationSeconds,
     ) -> Result<GroupingDecision, LearnerError> {
         // the paper starts with an empty `B`, for which no distance exists
         if !self.has_learnt() {
@@ -221,7 +236,7 @@ impl<S: CollectionSettings> Collection<S> {
 
     /// Makes the assigned policy current, creates it if it is new, and gives it the frames (lines
     /// 11 to 14); returns `true` if it is new.
-    pub(super) fn adopt(
+    pub(super) fn make_current(
         &mut self,
         decision: &GroupingDecision,
         frames: Vec<FirstFrames>,
@@ -244,9 +259,9 @@ impl<S: CollectionSettings> Collection<S> {
     /// Returns the policy that a new one is copied from, if it is.
     fn parent(&self, decision: &GroupingDecision) -> Result<Option<usize>, LearnerError> {
         match (self.settings.common().new_policy, decision.nearest) {
-            (NewPolicy::Random, _) => Ok(None),
-            (NewPolicy::Copy, Some(nearest)) => Ok(Some(nearest)),
-            (NewPolicy::Copy, None) => Err(LearnerError::Setting {
+            (NewPolicyInit::Random, _) => Ok(None),
+            (NewPolicyInit::Copy, Some(nearest)) => Ok(Some(nearest)),
+            (NewPolicyInit::Copy, None) => Err(LearnerError::InvalidSetting {
                 name: "new_policy",
                 value: "copy".to_owned(),
                 expected: "random with a grouping that measures no distances: none is nearest",
@@ -255,7 +270,10 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Updates the current policy with the rollout (line 15); returns the values to log.
-    fn update(&mut self, seconds: &mut Seconds) -> Result<Vec<(String, f64)>, LearnerError> {
+    fn update(
+        &mut self,
+        seconds: &mut IterationSeconds,
+    ) -> Result<Vec<(String, f64)>, LearnerError> {
         let clock = Instant::now();
         let PolicyEntry { policy, training, .. } = &mut self.policies[self.current];
         let rng = &mut self.generators.updates;
@@ -271,15 +289,15 @@ impl<S: CollectionSettings> Collection<S> {
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Observed, LearnerError> {
+    ) -> Result<ObservedEpisodes, LearnerError> {
         let steps = self.settings.common().first_frames;
-        let mut rollout = self.settings.rollout(env.spec(), steps)?;
-        let mut observed = Observed::default();
+        let mut rollout = self.settings.new_rollout(env.spec(), steps)?;
+        let mut observed = ObservedEpisodes::default();
         while observed.frames.len() < episodes.unwrap_or(self.grouping.needs().episodes) {
             let policy = &mut self.policies[self.current].policy;
             let mut state = RolloutState::reset(env, policy)?;
             collect(env, policy, &mut rollout, &mut state, rng)?;
-            let seen = self.observe_in(&rollout, 0);
+            let seen = self.observed_episodes_in(&rollout);
             // no episode is long enough: without this error the loop would never end
             if seen.frames.is_empty() {
                 self.check_episodes(0)?;

@@ -13,13 +13,13 @@ use serde_json::Value;
 
 use crate::error::LearnerError;
 use crate::groupings::{Grouping, Labels};
-use crate::learners::learner::Extent;
-use crate::learners::tensor_file::{Tensor, TensorFile, encode};
-use crate::overrides::same;
+use crate::learners::learner::CheckpointExtent;
+use crate::learners::tensor_file::{Tensor, TensorFile, encode_tensor_file};
+use crate::overrides::check_same_settings;
 
 use super::episodes::FirstFrames;
-use super::settings::{CollectionSettings, Training};
-use super::{Collection, Generators, PolicyEntry};
+use super::settings::{PolicyCollectionSettings, Training};
+use super::{Generators, PolicyCollection, PolicyEntry};
 
 /// Name of the array that holds the note.
 // Not in the header: that of a safetensors file has at most 100 MB, and a note grows with its run.
@@ -30,12 +30,12 @@ fn note_tensor(note: &str) -> Tensor {
     Tensor::bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
 }
 
-/// Reads the note of the file at `path`, whatever learner wrote it.
+/// Reads the caller's note from the checkpoint at `path`, whatever learner wrote it.
 ///
 /// # Errors
 /// [`LearnerError::Read`], [`LearnerError::NewerFormat`].
-pub fn read_note(path: &Path) -> Result<String, LearnerError> {
-    let bytes = std::fs::read(path).map_err(|error| LearnerError::read(path, error))?;
+pub fn read_checkpoint_note(path: &Path) -> Result<String, LearnerError> {
+    let bytes = std::fs::read(path).map_err(|error| LearnerError::cannot_read(path, error))?;
     let (_, file) = TensorFile::open::<IgnoredAny>(path, &bytes)?;
     file.text(NOTE)
 }
@@ -63,12 +63,12 @@ struct EntryHeader {
     seen: u64,
 }
 
-impl<S: CollectionSettings> Collection<S> {
+impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Returns the bytes of the learner's file, with a note of the caller's.
     pub(super) fn to_bytes(
         &self,
         path: &Path,
-        extent: Extent,
+        extent: CheckpointExtent,
         note: &str,
     ) -> Result<Vec<u8>, LearnerError> {
         let header = Header {
@@ -83,25 +83,28 @@ impl<S: CollectionSettings> Collection<S> {
         let mut tensors: Vec<Tensor> =
             entries.flat_map(|(index, entry)| entry.tensors(index, &self.spec, extent)).collect();
         tensors.push(note_tensor(note));
-        encode(path, &header, &tensors)
+        encode_tensor_file(path, &header, &tensors)
     }
 
     /// Rejects an extent with too few frames for a copy to recognise groups.
-    fn check_extent(&self, extent: Extent) -> Result<(), LearnerError> {
+    fn check_extent(&self, extent: CheckpointExtent) -> Result<(), LearnerError> {
         match extent {
-            Extent::Policies { episodes } if episodes < self.grouping.needs().episodes => {
-                Err(LearnerError::Setting {
+            CheckpointExtent::Policies { episodes_per_policy: episodes }
+                if episodes < self.grouping.needs().episodes =>
+            {
+                Err(LearnerError::InvalidSetting {
                     name: "episodes",
                     value: episodes.to_string(),
-                    expected: "at least the min_episodes of the grouping (8 by default)",
+                    expected: "at least the `min_episodes` of the grouping, see `experiment.json`",
                 })
             }
-            Extent::Policies { .. } | Extent::Everything => Ok(()),
+            CheckpointExtent::Policies { .. } | CheckpointExtent::Everything => Ok(()),
         }
     }
 
-    /// Reads a learner that [`Learner::save`](crate::Learner::save) wrote, and its note. `spec`
-    /// must match its environments; the grouping is the one that the settings name.
+    /// Reads a learner from a checkpoint that [`Learner::save`](crate::Learner::save) wrote, and
+    /// its note. `spec` must match its environments; the grouping is the one that the settings
+    /// name.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, or belongs to other
@@ -112,11 +115,11 @@ impl<S: CollectionSettings> Collection<S> {
         Checkpoint::read(path)?.open(None, spec, true, grouping)
     }
 
-    /// Reads a learner that [`Learner::save`](crate::Learner::save) wrote, with the caller's
-    /// grouping.
+    /// Reads a learner from a checkpoint that [`Learner::save`](crate::Learner::save) wrote, with
+    /// the caller's grouping.
     ///
     /// # Errors
-    /// Errors of [`Collection::load`].
+    /// Errors of [`PolicyCollection::load`].
     pub fn load_with_grouping(
         path: &Path,
         spec: &EnvSpec,
@@ -126,9 +129,9 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Reads a learner for a run with these settings that writes `labels`. With `whole`, further
-    /// training gives the same bits, and a file of [`Extent::Policies`] is rejected; without, the
-    /// learner can act and recognise groups, and its training state is fresh.
-    pub(in crate::learners) fn read(
+    /// training gives the same bits, and a file of [`CheckpointExtent::Policies`] is rejected;
+    /// without, the learner can act and recognise groups, and its training state is fresh.
+    pub(in crate::learners) fn read_with_labels(
         path: &Path,
         spec: &EnvSpec,
         settings: &S,
@@ -137,12 +140,12 @@ impl<S: CollectionSettings> Collection<S> {
     ) -> Result<(Self, String), LearnerError> {
         let checkpoint = Checkpoint::read(path)?;
         let header: Header<'static, S> = checkpoint.header()?;
-        same(path, settings, &*header.settings)?;
+        check_same_settings(path, settings, &*header.settings)?;
         if whole && header.members.iter().any(|m| m.counters.is_none()) {
             let path = path.to_owned();
-            return Err(LearnerError::PoliciesOnly { path });
+            return Err(LearnerError::PoliciesOnlyCheckpoint { path });
         }
-        let grouping = |settings: &S| settings.common().grouping.build_with(labels);
+        let grouping = |chosen: &S| chosen.common().grouping.build_with(labels);
         checkpoint.open(Some(settings), spec, whole, grouping)
     }
 }
@@ -155,7 +158,7 @@ struct Checkpoint<'a> {
 
 impl<'a> Checkpoint<'a> {
     fn read(path: &'a Path) -> Result<Self, LearnerError> {
-        let bytes = std::fs::read(path).map_err(|error| LearnerError::read(path, error))?;
+        let bytes = std::fs::read(path).map_err(|error| LearnerError::cannot_read(path, error))?;
         Ok(Self { path, bytes })
     }
 
@@ -166,13 +169,13 @@ impl<'a> Checkpoint<'a> {
     /// Creates the learner and returns it with the note. If `training` is set and the file has it,
     /// the state of the training is restored. `settings` must equal those of the file, and also
     /// hold the fields that are not stored. An error names the file.
-    fn open<S: CollectionSettings>(
+    fn open<S: PolicyCollectionSettings>(
         self,
         settings: Option<&S>,
         spec: &EnvSpec,
         training: bool,
         grouping: impl FnOnce(&S) -> Result<Box<dyn Grouping>, LearnerError>,
-    ) -> Result<(Collection<S>, String), LearnerError> {
+    ) -> Result<(PolicyCollection<S>, String), LearnerError> {
         let (mut header, file): (Header<'static, S>, _) = TensorFile::open(self.path, &self.bytes)?;
         if let Some(settings) = settings {
             header.settings = Cow::Owned(settings.clone());
@@ -182,7 +185,7 @@ impl<'a> Checkpoint<'a> {
         let common = header.settings.common();
         common
             .steps_per_env(spec, grouping.needs().episodes)
-            .map_err(|error| error.in_file(self.path))?;
+            .map_err(|error| error.with_path(self.path))?;
         let state = grouping.restore(&header.grouping, header.members.len());
         state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
         if !training {
@@ -190,10 +193,10 @@ impl<'a> Checkpoint<'a> {
         }
         let note = file.text(NOTE)?;
         let arrays = Arrays { file, spec, settings: &*header.settings };
-        let policies = arrays.policies(&header).map_err(|error| error.in_file(self.path))?;
+        let policies = arrays.policies(&header).map_err(|error| error.with_path(self.path))?;
         let mut collection =
-            Collection::with_grouping(header.settings.into_owned(), spec, grouping)
-                .map_err(|error| error.in_file(self.path))?;
+            PolicyCollection::with_grouping(header.settings.into_owned(), spec, grouping)
+                .map_err(|error| error.with_path(self.path))?;
         collection.policies = policies;
         collection.current = header.current;
         collection.generators = header.generators.into_owned();
@@ -201,42 +204,44 @@ impl<'a> Checkpoint<'a> {
     }
 }
 
-impl<S: CollectionSettings> PolicyEntry<S> {
-    fn header(&self, extent: Extent) -> EntryHeader {
+impl<S: PolicyCollectionSettings> PolicyEntry<S> {
+    fn header(&self, extent: CheckpointExtent) -> EntryHeader {
         match extent {
-            Extent::Everything => {
+            CheckpointExtent::Everything => {
                 EntryHeader { counters: Some(self.counters()), seen: self.buffer.seen() }
             }
-            Extent::Policies { .. } => {
+            CheckpointExtent::Policies { .. } => {
                 EntryHeader { counters: None, seen: self.kept(extent).len() as u64 }
             }
         }
     }
 
     fn counters(&self) -> BTreeMap<String, u64> {
-        let counters = self.training.state().counters;
+        let counters = self.training.algorithm_state().counters;
         let owned = |(name, count): (&str, u64)| (name.to_owned(), count);
         counters.into_iter().map(owned).collect()
     }
 
     /// Returns the episodes that are saved.
-    fn kept(&self, extent: Extent) -> &[FirstFrames] {
+    fn kept(&self, extent: CheckpointExtent) -> &[FirstFrames] {
         let all = self.buffer.episodes();
         match extent {
-            Extent::Everything => all,
-            Extent::Policies { episodes } => &all[..episodes.min(all.len())],
+            CheckpointExtent::Everything => all,
+            CheckpointExtent::Policies { episodes_per_policy: episodes } => {
+                &all[..episodes.min(all.len())]
+            }
         }
     }
 
-    fn tensors(&self, index: usize, spec: &EnvSpec, extent: Extent) -> Vec<Tensor> {
+    fn tensors(&self, index: usize, spec: &EnvSpec, extent: CheckpointExtent) -> Vec<Tensor> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let flat =
             |what: &str, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
         let mut tensors = vec![flat("params", S::params(&self.policy))];
-        if extent == Extent::Everything {
-            let state = self.training.state().tensors.into_iter();
-            tensors.extend(state.map(|(name, values)| flat(name, values)));
-            tensors.extend(self.training.memory(&name("")));
+        if extent == CheckpointExtent::Everything {
+            let state = self.training.algorithm_state().tensors.into_iter();
+            tensors.extend(state.map(|(array, values)| flat(array, values)));
+            tensors.extend(self.training.extra_tensors(&name("")));
         }
         let episodes = self.kept(extent);
         let frames = episodes.first().map_or(0, FirstFrames::count);
@@ -244,9 +249,9 @@ impl<S: CollectionSettings> PolicyEntry<S> {
         let observations = episodes.iter().map(FirstFrames::observations);
         let images = observations.clone().flat_map(|o| o.images.iter().copied());
         let images = images.collect();
-        tensors.push(Tensor::bytes(name("images"), shape(&spec.image), images));
+        tensors.push(Tensor::bytes(name("images"), shape(&spec.image_shape), images));
         let vectors: Vec<f32> = observations.flat_map(|o| o.vectors.clone()).collect();
-        let vector = shape(&[spec.vector.len()]);
+        let vector = shape(&[spec.vector_irreps.len()]);
         tensors.push(Tensor::floats(name("vectors"), vector, &vectors));
         tensors
     }
@@ -259,7 +264,7 @@ struct Arrays<'a, S> {
     settings: &'a S,
 }
 
-impl<S: CollectionSettings> Arrays<'_, S> {
+impl<S: PolicyCollectionSettings> Arrays<'_, S> {
     fn policies(&self, header: &Header<'_, S>) -> Result<Vec<PolicyEntry<S>>, LearnerError> {
         let entries = header.members.iter().enumerate();
         let policies: Vec<_> =
@@ -274,8 +279,8 @@ impl<S: CollectionSettings> Arrays<'_, S> {
     fn policy(&self, index: usize, header: &EntryHeader) -> Result<PolicyEntry<S>, LearnerError> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;
-        let policy = self.settings.with_params(self.spec, params)?;
-        let mut training = self.settings.training(self.spec, &policy)?;
+        let policy = self.settings.policy_with_params(self.spec, params)?;
+        let mut training = self.settings.new_training(self.spec, &policy)?;
         if let Some(counters) = &header.counters {
             self.restore_training(&name, counters, &mut training)?;
         }
@@ -291,29 +296,37 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         counters: &BTreeMap<String, u64>,
         training: &mut S::Training,
     ) -> Result<(), LearnerError> {
-        let fresh = training.state().tensors.into_iter();
+        let fresh = training.algorithm_state().tensors.into_iter();
         let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
         let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, LearnerError>>()?;
         let state = AlgorithmState {
-            tensors: arrays.iter().map(|(name, a)| (name.as_str(), a.as_slice())).collect(),
-            counters: counters.iter().map(|(name, n)| (name.as_str(), *n)).collect(),
+            tensors: arrays.iter().map(|(array, a)| (array.as_str(), a.as_slice())).collect(),
+            counters: counters.iter().map(|(counter, n)| (counter.as_str(), *n)).collect(),
         };
-        let restored = training.restore(&state);
+        let restored = training.restore_algorithm(&state);
         restored.map_err(|error| self.file.damaged(format!("`{}`: {error}", name("update"))))?;
-        training.recall(&self.file, &name(""))
+        training.restore_extra_tensors(&self.file, &name(""))
     }
 
     /// Reads the frames that a policy keeps.
-    fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, LearnerError> {
+    fn episodes(
+        &self,
+        image_name: &str,
+        vector_name: &str,
+    ) -> Result<Vec<FirstFrames>, LearnerError> {
         let (spec, k) = (self.spec, self.settings.common().first_frames);
-        let (shape, pixels) = self.file.bytes(images)?;
+        let (shape, pixels) = self.file.bytes(image_name)?;
         let count = shape.first().copied().unwrap_or(0);
         // a buffer without episodes is written with zero frames
         let frames = if count == 0 { 0 } else { k };
-        self.check_shape(images, &shape, &[&[count, frames], spec.image.as_slice()].concat())?;
-        let (shape, numbers) = self.file.floats(vectors)?;
-        self.check_shape(vectors, &shape, &[count, frames, spec.vector.len()])?;
-        let (image, vector) = (k * spec.image_len(), k * spec.vector.len());
+        self.check_shape(
+            image_name,
+            &shape,
+            &[&[count, frames], spec.image_shape.as_slice()].concat(),
+        )?;
+        let (vector_shape, numbers) = self.file.floats(vector_name)?;
+        self.check_shape(vector_name, &vector_shape, &[count, frames, spec.vector_irreps.len()])?;
+        let (image, vector) = (k * spec.image_len(), k * spec.vector_irreps.len());
         let episode = |i: usize| {
             let images = pixels[i * image..(i + 1) * image].to_vec();
             let vectors = numbers[i * vector..(i + 1) * vector].to_vec();
@@ -345,9 +358,9 @@ mod tests {
         let path = std::env::temp_dir().join(format!("covers-note-{}", std::process::id()));
         let note = "row\n".repeat(30_000_000);
         let header = serde_json::json!({ "settings": 1 });
-        let bytes = encode(&path, &header, &[note_tensor(&note)]).unwrap();
+        let bytes = encode_tensor_file(&path, &header, &[note_tensor(&note)]).unwrap();
         std::fs::write(&path, bytes).unwrap();
-        let again = read_note(&path).unwrap();
+        let again = read_checkpoint_note(&path).unwrap();
         std::fs::remove_file(path).unwrap();
         assert!(again == note, "{} of {} bytes", again.len(), note.len());
     }

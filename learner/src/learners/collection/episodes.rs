@@ -5,14 +5,13 @@ use std::ops::Range;
 
 use cluster::Frames;
 use evidence::Course;
-use rl::{EnvSpec, Features, Observations, Outcome, RlError, RolloutBuffer};
+use rl::{EnvSpec, FeatureExtractor, Observations, RlError, RolloutBuffer, StepOutcome};
 
 use crate::error::LearnerError;
 
 /// First observations of one episode.
 pub(super) struct FirstFrames {
-    /// Decisions of all environments between the start of the assignment's first rollout and the
-    /// episode.
+    /// Decisions of all environments between the start of the rollout and the episode.
     began: usize,
     count: usize,
     observations: Observations,
@@ -22,12 +21,6 @@ impl FirstFrames {
     /// Takes the first `count` observations of an episode.
     pub(super) fn new(count: usize, observations: Observations) -> Self {
         Self { began: 0, count, observations }
-    }
-
-    /// Returns the decisions of all environments between the start of the assignment's first
-    /// rollout and the episode.
-    pub(super) fn began(&self) -> usize {
-        self.began
     }
 
     /// Returns the number of observations.
@@ -41,25 +34,25 @@ impl FirstFrames {
     }
 }
 
-/// Experience that one assignment uses: one rollout or two.
+/// Experience that one assignment uses.
 #[derive(Default)]
-pub(super) struct Observed {
+pub(super) struct ObservedEpisodes {
     /// First frames of the episodes: the paper's `O`.
     pub frames: Vec<FirstFrames>,
     /// Whole episodes; empty if the grouping does not need them.
     pub courses: Vec<Course>,
 }
 
-impl Observed {
-    /// Appends a later rollout.
+impl ObservedEpisodes {
+    /// Appends the episodes of a later rollout.
     pub fn extend(&mut self, later: Self) {
         self.frames.extend(later.frames);
         self.courses.extend(later.courses);
     }
 
-    /// Removes frames of episodes that began before a changepoint, which belong to the earlier
-    /// group. Without later frames all stay.
-    pub fn keep_later(&mut self, cut: Option<usize>) {
+    /// Removes first frames of episodes that began before a changepoint, which belong to the
+    /// earlier task group. Without later frames all stay.
+    pub fn drop_before_changepoint(&mut self, cut: Option<usize>) {
         // `None` is less than any `Some`, so without a changepoint all frames are later
         let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
         if self.frames.iter().any(is_later) {
@@ -68,40 +61,40 @@ impl Observed {
     }
 }
 
-/// Experience of one collection, which begins with a reset.
+/// Experience of one collection of a policy in its environments, which begins with a reset.
 pub trait Rollout {
-    /// Returns the environments' sizes.
+    /// Returns the sizes and symmetry types of the environments of the rollout.
     fn spec(&self) -> &EnvSpec;
 
-    /// Returns T, the steps of every environment that were collected.
-    fn shown(&self) -> usize;
+    /// Returns T, the number of steps of every environment that were collected.
+    fn num_steps(&self) -> usize;
 
-    /// Returns step `step` of environment `env`.
+    /// Returns step `step` (from 0) of environment `env` (from 0) in the rollout.
     fn step(&self, step: usize, env: usize) -> StepView<'_>;
 
-    /// Forgets all steps of the last collection but the first `steps`, at least 1.
+    /// Forgets all steps of the last collection after the first `steps`, at least 1.
     ///
     /// # Errors
     /// A collection that is not finished.
     fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
 
-    /// Keeps the latest `collections` of those since an algorithm learnt last. One that holds a
-    /// single collection forgets it when the next one begins.
-    fn keep(&mut self, _collections: usize) {}
+    /// Keeps only the latest `collections` collections since an algorithm last learnt. A rollout
+    /// that holds a single collection forgets it when the next one begins.
+    fn keep_latest(&mut self, _collections: usize) {}
 }
 
-/// One step of one environment.
+/// Step of one environment in a rollout.
 pub struct StepView<'a> {
-    /// The picture `[H, W, C]` that was acted on.
+    /// Picture `[H, W, C]` that the policy acted on.
     pub image: &'a [u8],
-    /// The vector `[D]` that was acted on.
+    /// Observation vector `[D]` that the policy acted on.
     pub vector: &'a [f32],
-    /// The action `[A]`.
+    /// Action executed in the step, `[A]`.
     pub action: &'a [f32],
-    /// The reward of that action.
+    /// Reward of the step.
     pub reward: f32,
     /// State of the episode after the step.
-    pub outcome: Outcome,
+    pub outcome: StepOutcome,
 }
 
 impl Rollout for RolloutBuffer {
@@ -109,12 +102,12 @@ impl Rollout for RolloutBuffer {
         self.spec()
     }
 
-    fn shown(&self) -> usize {
-        self.steps()
+    fn num_steps(&self) -> usize {
+        self.steps_per_env()
     }
 
     fn step(&self, step: usize, env: usize) -> StepView<'_> {
-        let (row, len) = (step * self.spec().num_envs + env, self.spec().action.len());
+        let (row, len) = (step * self.spec().num_envs + env, self.spec().action_irreps.len());
         let (image, vector) = self.observations().sample(self.spec(), row);
         StepView {
             image,
@@ -142,9 +135,10 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
     let mut spans = Vec::new();
     for env in 0..rollout.spec().num_envs {
         let mut start = 0;
-        while start < rollout.shown() {
-            let end = (start..rollout.shown()).find(|&t| rollout.step(t, env).outcome.ended());
-            let stop = end.map_or(rollout.shown(), |last| last + 1);
+        while start < rollout.num_steps() {
+            let end =
+                (start..rollout.num_steps()).find(|&t| rollout.step(t, env).outcome.is_ended());
+            let stop = end.map_or(rollout.num_steps(), |last| last + 1);
             spans.push(Span { env, steps: start..stop, is_whole: end.is_some() });
             start = stop;
         }
@@ -152,9 +146,8 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
     spans
 }
 
-/// Takes the first `k` observations of every episode that shows as many; `before` decisions came
-/// before the rollout.
-pub(super) fn first_frames<R: Rollout>(rollout: &R, before: usize, k: usize) -> Vec<FirstFrames> {
+/// Takes the first `k` observations of every episode that shows as many.
+pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
     let (envs, mut episodes) = (rollout.spec().num_envs, Vec::new());
     for Span { env, steps, .. } in spans(rollout) {
         if steps.len() < k {
@@ -162,27 +155,24 @@ pub(super) fn first_frames<R: Rollout>(rollout: &R, before: usize, k: usize) -> 
         }
         let mut frames = Observations {
             images: Vec::with_capacity(k * rollout.spec().image_len()),
-            vectors: Vec::with_capacity(k * rollout.spec().vector.len()),
+            vectors: Vec::with_capacity(k * rollout.spec().vector_irreps.len()),
         };
         for step in steps.start..steps.start + k {
             let StepView { image, vector, .. } = rollout.step(step, env);
             frames.images.extend(image);
             frames.vectors.extend(vector);
         }
-        episodes.push(FirstFrames {
-            began: before + steps.start * envs,
-            ..FirstFrames::new(k, frames)
-        });
+        episodes.push(FirstFrames { began: steps.start * envs, ..FirstFrames::new(k, frames) });
     }
     episodes
 }
 
-/// Takes every episode of the rollout, which `before` decisions came before.
-pub(super) fn courses<R: Rollout>(rollout: &R, before: usize) -> Vec<Course> {
+/// Takes every episode of the rollout.
+pub(super) fn courses<R: Rollout>(rollout: &R) -> Vec<Course> {
     let (envs, mut courses) = (rollout.spec().num_envs, Vec::new());
     for span in spans(rollout) {
         let mut course = Course {
-            began: before + span.steps.start * envs,
+            began: span.steps.start * envs,
             is_whole: span.is_whole,
             image: rollout.step(span.steps.start, span.env).image.to_vec(),
             ..Course::default()
@@ -200,7 +190,7 @@ pub(super) fn courses<R: Rollout>(rollout: &R, before: usize) -> Vec<Course> {
 
 /// Returns the invariant features of episodes, as `policy` sees them now: features drift while a
 /// policy learns, so frames are embedded afresh.
-pub(super) fn embed<P: Features>(
+pub(super) fn embed_first_frames<P: FeatureExtractor>(
     policy: &mut P,
     episodes: &[FirstFrames],
 ) -> Result<Frames, LearnerError> {
@@ -227,9 +217,9 @@ mod tests {
     fn rollout(ends: &[(usize, usize)]) -> RolloutBuffer {
         let spec = EnvSpec {
             num_envs: 2,
-            image: [1, 1, 1],
-            vector: vec![Irrep::X],
-            action: vec![Irrep::X],
+            image_shape: [1, 1, 1],
+            vector_irreps: vec![Irrep::X],
+            action_irreps: vec![Irrep::X],
         };
         let mut buffer = RolloutBuffer::new(&spec, 5).unwrap();
         for step in 0..5 {
@@ -239,7 +229,7 @@ mod tests {
             let mut transition = Transition::new(&spec);
             for (env, outcome) in transition.outcomes.iter_mut().enumerate() {
                 if ends.contains(&(env, step)) {
-                    *outcome = Outcome::Truncated;
+                    *outcome = StepOutcome::Truncated;
                 }
             }
             let decisions = Decisions::new(&spec);
@@ -249,7 +239,7 @@ mod tests {
     }
 
     fn images(rollout: &RolloutBuffer, k: usize) -> Vec<Vec<u8>> {
-        let episodes = first_frames(rollout, 0, k).into_iter();
+        let episodes = first_frames(rollout, k).into_iter();
         episodes.map(|episode| episode.observations.images).collect()
     }
 

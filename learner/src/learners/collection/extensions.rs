@@ -1,4 +1,4 @@
-//! Steps of the learner that the paper's Algorithm 1 does not have: second rollouts, policies that
+//! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, policies that
 //! prove themselves before they learn, rollouts of two groups, and policies that are merged.
 
 use std::time::Instant;
@@ -9,79 +9,69 @@ use rl::{Experience as _, VectorEnv};
 
 use crate::error::LearnerError;
 use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query, Trial};
-use crate::learners::learner::{Iteration, Seconds};
+use crate::learners::learner::{Iteration, IterationSeconds};
 
-use super::Collection;
-use super::episodes::{Observed, Rollout};
-use super::settings::{CollectionSettings, Handover, RolloutOf, Training};
+use super::PolicyCollection;
+use super::episodes::{ObservedEpisodes, Rollout};
+use super::settings::{Handover, PolicyCollectionSettings, RolloutOf, Training};
 
-impl<S: CollectionSettings> Collection<S> {
-    /// Collects one more rollout after `first` left the grouping undecided, and decides on both:
-    /// the paper opens a policy on a single rollout.
-    pub(super) fn collect_second_rollout(
-        &mut self,
-        env: &mut dyn VectorEnv,
-        first: GroupingDecision,
-        observed: &mut Observed,
-        iteration: &mut Iteration,
-    ) -> Result<GroupingDecision, LearnerError> {
-        self.keep_if_cut(&first, 0);
-        let before = iteration.decisions;
-        self.roll_out(env, iteration)?;
-        observed.extend(self.observe(before)?);
-        iteration.first_look = Some(first.evidence);
-        let decision = self.assign(Query::TwoRollouts, observed, &mut iteration.seconds)?;
-        self.keep_if_cut(&decision, 1);
-        Ok(decision)
-    }
-
-    /// Discards all but the latest `collections` if a decision found two groups in them, since a
-    /// replay would otherwise take them all.
-    fn keep_if_cut(&mut self, decision: &GroupingDecision, collections: usize) {
-        if decision.cut.is_some() {
-            self.rollout.keep(collections);
-        }
+impl<S: PolicyCollectionSettings> PolicyCollection<S> {
+    /// Discards a rollout that the grouping left undecided.
+    pub(super) fn discard(&mut self, decision: GroupingDecision, iteration: &mut Iteration) {
+        self.rollout.keep_latest(0);
+        iteration.discarded += 1;
+        iteration.first_rollout_evidence.get_or_insert(decision.evidence);
     }
 
     /// Prepares the rollout of `collector` for training the current policy, which `decision` named,
     /// or collects a new one with it, since a rollout of another policy is off-policy. Returns the
-    /// policy that collected the rollout.
+    /// policy that collected the rollout; `None` if no policy may train on it.
     ///
     /// If the decision demands a trial, the grouping judges each new rollout and may name other
     /// policies, which then collect their own.
-    pub(super) fn hand_over(
+    pub(super) fn prepare_training_rollout(
         &mut self,
         env: &mut dyn VectorEnv,
         collector: usize,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
-    ) -> Result<usize, LearnerError> {
+    ) -> Result<Option<usize>, LearnerError> {
         if self.current == collector {
-            return Ok(collector);
+            return Ok(Some(collector));
         }
         if self.may_reuse(decision) {
-            let policy = &mut self.policies[self.current].policy;
-            S::Training::take_over(policy, &mut self.rollout)?;
-            return Ok(collector);
+            self.adapt_rollout()?;
+            return Ok(Some(collector));
         }
-        // ends because a grouping names no rejected policy again, and a new one needs no trial
+        // ends because a grouping names no rejected policy again, and waits for a second new one
         loop {
-            self.keep_if_cut(decision, 0);
+            // all collections so far are of other policies, and a replay would take them
+            if decision.cut.is_some() {
+                self.rollout.keep_latest(0);
+            }
+            let mut passes = true;
             if decision.trial == Trial::Episodes
-                && !iteration.created
+                && !iteration.policy_created
                 && let Some(probe) = self.probe(env, iteration)?
             {
-                let observed = self.observe_in(&probe, 0);
-                if !self.passes_trial(observed, decision, iteration)? {
-                    continue;
+                passes =
+                    self.passes_trial(self.observed_episodes_in(&probe), decision, iteration)?;
+            }
+            if passes {
+                let actor = self.current;
+                self.roll_out(env, iteration)?;
+                let is_final = decision.trial == Trial::None
+                    || (iteration.policy_created && !iteration.can_wait());
+                if is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)? {
+                    return Ok(Some(actor));
+                }
+                if decision.trial == Trial::Waived {
+                    self.adapt_rollout()?;
+                    return Ok(Some(actor));
                 }
             }
-            self.roll_out(env, iteration)?;
-            if iteration.created
-                || decision.trial == Trial::None
-                || self.passes_trial(self.observe(0)?, decision, iteration)?
-            {
-                return Ok(self.current);
+            if decision.policy == Decision::Undecided {
+                return Ok(None);
             }
         }
     }
@@ -94,21 +84,30 @@ impl<S: CollectionSettings> Collection<S> {
             && !decision.provisional
     }
 
+    /// Prepares the rollout of another policy for training the current one.
+    fn adapt_rollout(&mut self) -> Result<(), LearnerError> {
+        let policy = &mut self.policies[self.current].policy;
+        Ok(S::Training::adapt_rollout(policy, &mut self.rollout)?)
+    }
+
     /// Asks the grouping whether the current policy, which `decision` named, stays after it acted.
-    /// Otherwise the policy that it names instead becomes current, and its decision the last one.
+    /// Otherwise `decision` becomes the answer, and the policy that it names current.
     fn passes_trial(
         &mut self,
-        observed: Observed,
+        observed: ObservedEpisodes,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
     ) -> Result<bool, LearnerError> {
-        let query = Query::Trial(decision);
+        let query = Query::Trial { earlier: decision, can_wait: iteration.can_wait() };
         let judged = self.assign(query, &observed, &mut iteration.seconds)?;
-        if judged.policy == Decision::Existing(self.current) {
+        let passes = judged.policy == Decision::Existing(self.current);
+        if passes {
             decision.accepted = judged.accepted;
             return Ok(true);
         }
-        iteration.created = self.adopt(&judged, observed.frames)?;
+        if judged.policy != Decision::Undecided {
+            iteration.policy_created = self.make_current(&judged, observed.frames)?;
+        }
         *decision = judged;
         Ok(false)
     }
@@ -124,11 +123,11 @@ impl<S: CollectionSettings> Collection<S> {
         let steps = env
             .horizon()
             .and_then(|horizon| horizon.checked_mul(episodes.max(1)))
-            .filter(|&steps| steps < self.rollout.steps());
+            .filter(|&steps| steps < self.rollout.steps_per_env());
         let Some(steps) = steps else {
             return Ok(None);
         };
-        let mut rollout = self.settings.rollout(env.spec(), steps)?;
+        let mut rollout = self.settings.new_rollout(env.spec(), steps)?;
         let rng = &mut self.generators.actions;
         self.policies[self.current].act(env, &mut rollout, rng, iteration)?;
         Ok(Some(rollout))
@@ -140,10 +139,10 @@ impl<S: CollectionSettings> Collection<S> {
         &mut self,
         collector: usize,
         decision: &GroupingDecision,
-        seconds: &mut Seconds,
+        seconds: &mut IterationSeconds,
     ) -> Result<Learned, LearnerError> {
         let clock = Instant::now();
-        let courses = self.courses_in(&self.rollout, 0);
+        let courses = self.courses_in(&self.rollout);
         let lesson = Lesson::Rollout {
             policy: self.current,
             accepted: &decision.accepted,
@@ -174,7 +173,7 @@ impl<S: CollectionSettings> Collection<S> {
             let Some(probe) = self.probe(env, iteration)? else {
                 break;
             };
-            acted.push((next, self.courses_in(&probe, 0)));
+            acted.push((next, self.courses_in(&probe)));
             let probes = acted.iter().map(|(collector, courses)| Episodes {
                 spec: &self.spec,
                 collector: *collector,

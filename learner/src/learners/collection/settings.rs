@@ -1,7 +1,9 @@
 //! Settings of every collection of policies, and the trait for the training of one policy.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{AlgorithmState, EnvSpec, Experience, ExportPolicy, Features, MeasureActivity, RlError};
+use rl::{
+    AlgorithmState, EnvSpec, Experience, ExportPolicy, FeatureExtractor, MeasureActivity, RlError,
+};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -12,63 +14,73 @@ use crate::learners::tensor_file::{Tensor, TensorFile};
 use super::episodes::Rollout;
 
 /// Settings of a learner that is a collection of policies.
-pub trait CollectionSettings:
+pub trait PolicyCollectionSettings:
     Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static
 {
-    /// Training of the policies.
+    /// Type of the training of the policies.
     type Training: Training;
 
-    /// Returns the settings that do not depend on the training.
+    /// Returns the settings that do not depend on the training algorithm.
     fn common(&self) -> CommonSettings;
 
-    /// Creates a random policy.
+    /// Creates a randomly initialised policy for the environments of `spec`.
     ///
     /// # Errors
     /// Images that the network cannot take, or a setting out of range.
-    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
 
-    /// Creates a policy with these parameters.
+    /// Creates a policy for the environments of `spec` with these parameters.
     ///
     /// # Errors
-    /// Errors of [`CollectionSettings::policy`], and parameters that are not the network's.
-    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<PolicyOf<Self>, RlError>;
+    /// Errors of [`PolicyCollectionSettings::new_policy`], and parameters that are not the
+    /// network's.
+    fn policy_with_params(
+        &self,
+        spec: &EnvSpec,
+        params: Vec<f32>,
+    ) -> Result<PolicyOf<Self>, RlError>;
 
-    /// Returns all parameters of a policy.
+    /// Returns all parameters of a policy as a flat slice.
     fn params(policy: &PolicyOf<Self>) -> &[f32];
 
     /// Creates storage for rollouts of `steps` steps in every environment.
     ///
     /// # Errors
     /// Sizes of zero, or more memory than there is.
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
 
-    /// Creates the initial training state of `policy`.
+    /// Creates the initial state of the training of `policy`.
     ///
     /// # Errors
     /// A setting out of range.
-    fn training(&self, spec: &EnvSpec, policy: &PolicyOf<Self>) -> Result<Self::Training, RlError>;
+    fn new_training(
+        &self,
+        spec: &EnvSpec,
+        policy: &PolicyOf<Self>,
+    ) -> Result<Self::Training, RlError>;
 }
 
-/// Policies of a collection of these settings.
-pub type PolicyOf<S> = <<S as CollectionSettings>::Training as Training>::Policy;
-/// Rollouts of a collection of these settings.
-pub type RolloutOf<S> = <<S as CollectionSettings>::Training as Training>::Rollout;
+/// Type of the policies of a collection with settings `S`.
+pub type PolicyOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Policy;
+/// Type of the rollouts of a collection with settings `S`.
+pub type RolloutOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Rollout;
 
 /// Training of one policy of a collection: an algorithm with its state.
 pub trait Training: Sized + Send + 'static {
-    /// Policy that is trained.
-    type Policy: MeasureActivity + Features + ExportPolicy + Clone + Send;
-    /// Storage of a rollout until it is assigned to a policy.
+    /// Type of the policy that is trained.
+    type Policy: MeasureActivity + FeatureExtractor + ExportPolicy + Clone + Send;
+    /// Type of the storage of a rollout until it is assigned to a policy.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
     /// Prepares `rollout` for a collection with this policy.
-    fn prepare(&self, _rollout: &mut Self::Rollout) {}
+    fn prepare_rollout(&self, _rollout: &mut Self::Rollout) {}
 
     /// Prepares a rollout that another policy collected for training `policy`.
     ///
     /// # Errors
     /// Errors of the policy.
-    fn take_over(policy: &mut Self::Policy, rollout: &mut Self::Rollout) -> Result<(), RlError>;
+    fn adapt_rollout(policy: &mut Self::Policy, rollout: &mut Self::Rollout)
+    -> Result<(), RlError>;
 
     /// Trains `policy` on the rollouts since the last call; returns the values to log.
     ///
@@ -81,26 +93,30 @@ pub trait Training: Sized + Send + 'static {
         rng: &mut ChaCha8Rng,
     ) -> Result<Vec<(String, f64)>, RlError>;
 
-    /// Returns the state of the algorithm.
-    fn state(&self) -> AlgorithmState<'_>;
+    /// Returns the state of the training algorithm, as named arrays and counters.
+    fn algorithm_state(&self) -> AlgorithmState<'_>;
 
-    /// Restores a state that [`Training::state`] returned.
+    /// Restores the state of the algorithm that [`Training::algorithm_state`] returned.
     ///
     /// # Errors
     /// A state of another algorithm or network.
-    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
+    fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 
-    /// Returns everything else that the next update depends on, under names that begin with
+    /// Returns all other arrays that the next update depends on, under names that begin with
     /// `prefix`.
-    fn memory(&self, _prefix: &str) -> Vec<Tensor> {
+    fn extra_tensors(&self, _prefix: &str) -> Vec<Tensor> {
         Vec::new()
     }
 
-    /// Restores the arrays that [`Training::memory`] returned.
+    /// Restores the arrays that [`Training::extra_tensors`] returned.
     ///
     /// # Errors
     /// Arrays that are missing or do not fit.
-    fn recall(&mut self, _file: &TensorFile<'_>, _prefix: &str) -> Result<(), LearnerError> {
+    fn restore_extra_tensors(
+        &mut self,
+        _file: &TensorFile<'_>,
+        _prefix: &str,
+    ) -> Result<(), LearnerError> {
         Ok(())
     }
 }
@@ -108,19 +124,19 @@ pub trait Training: Sized + Send + 'static {
 /// Settings that every collection of policies has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommonSettings {
-    /// Choice of the policy that a rollout belongs to.
+    /// Rule that chooses the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
-    /// Frames at the start of each episode that assignment looks at.
+    /// Number of frames at the start of each episode that the assignment to a policy looks at.
     pub first_frames: usize,
-    /// Decisions of one rollout.
+    /// Number of decisions of one rollout, all environments together.
     pub rollout_steps: usize,
-    /// Episodes of first frames kept per policy; without a number all of them.
+    /// Number of episodes whose first frames are kept for each policy; `None` keeps all of them.
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that is assigned to another policy than the one that collected it.
     pub handover: Handover,
-    /// Start of a new policy.
-    pub new_policy: NewPolicy,
-    /// Seed of everything that the learner draws.
+    /// Initial parameters of a new policy.
+    pub new_policy: NewPolicyInit,
+    /// Seed of all random draws of the learner.
     pub seed: u64,
 }
 
@@ -138,7 +154,7 @@ impl CommonSettings {
         min_episodes: usize,
     ) -> Result<usize, LearnerError> {
         let refuse = |name, value: usize, expected| {
-            Err(LearnerError::Setting { name, value: value.to_string(), expected })
+            Err(LearnerError::InvalidSetting { name, value: value.to_string(), expected })
         };
         if self.first_frames == 0 {
             return refuse("first_frames", 0, "at least 1 frame");
@@ -167,22 +183,23 @@ impl CommonSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Handover {
-    /// New rollout of the assigned policy, which trains on that; the first frames of the old one go
-    /// into its buffer. Both count as decisions.
+    /// The assigned policy collects a new rollout and learns from it. Of the old rollout, only the
+    /// first frames are kept, in its buffer. The decisions of both rollouts count.
     #[default]
     CollectAgain,
-    /// The assigned policy learns from it, with its own log-probabilities and values
-    /// ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two groups.
+    /// The assigned policy learns from the old rollout with its own log-probabilities and values
+    /// ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two task
+    /// groups.
     Reuse,
 }
 
-/// Start of a new policy; its optimiser is fresh in any case.
+/// Initial parameters of a new policy; its optimiser is fresh in any case.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum NewPolicy {
-    /// From random parameters, as in the paper.
+pub enum NewPolicyInit {
+    /// Random parameters, as in the paper.
     #[default]
     Random,
-    /// From the parameters of the nearest policy, its exploration included.
+    /// Copy of the parameters of the nearest policy, its exploration included.
     Copy,
 }

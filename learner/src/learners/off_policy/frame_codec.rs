@@ -10,25 +10,25 @@ const GAP: [u8; 4] = [0; 4];
 
 /// Sizes of the pictures of an episode.
 #[derive(Clone, Copy, Debug)]
-pub struct Frames {
-    /// Bytes of one picture.
-    pub len: usize,
-    /// Bytes of one pixel.
-    pub pixel: usize,
+pub struct FrameSizes {
+    /// Size of one picture in bytes.
+    pub picture_bytes: usize,
+    /// Size of one pixel in bytes.
+    pub pixel_bytes: usize,
 }
 
-impl Frames {
+impl FrameSizes {
     /// Appends the packed pictures to `out`, and overwrites `pictures` with differences.
     pub fn pack(self, pictures: &mut [u8], out: &mut Vec<u8>) {
-        let (first, _) = pictures.split_at_mut(self.len.min(pictures.len()));
+        let (first, _) = pictures.split_at_mut(self.picture_bytes.min(pictures.len()));
         let first = first.len();
         // from the last picture to the first, so that the one before is not yet overwritten
-        for start in (first..pictures.len()).step_by(self.len.max(1)).rev() {
+        for start in (first..pictures.len()).step_by(self.picture_bytes.max(1)).rev() {
             let (before, own) = pictures.split_at_mut(start);
-            differ(own, &before[start - self.len..]);
+            differ(own, &before[start - self.picture_bytes..]);
         }
-        for i in (self.pixel..first).rev() {
-            pictures[i] ^= pictures[i - self.pixel];
+        for i in (self.pixel_bytes..first).rev() {
+            pictures[i] ^= pictures[i - self.pixel_bytes];
         }
         shorten(pictures, out);
     }
@@ -36,13 +36,13 @@ impl Frames {
     /// Fills `pictures` from the front of `packed` and returns the rest; `None` if it does not fit.
     pub fn unpack<'a>(self, packed: &'a [u8], pictures: &mut [u8]) -> Option<&'a [u8]> {
         let rest = lengthen(packed, pictures)?;
-        let first = self.len.min(pictures.len());
-        for i in self.pixel..first {
-            pictures[i] ^= pictures[i - self.pixel];
+        let first = self.picture_bytes.min(pictures.len());
+        for i in self.pixel_bytes..first {
+            pictures[i] ^= pictures[i - self.pixel_bytes];
         }
-        for start in (first..pictures.len()).step_by(self.len.max(1)) {
+        for start in (first..pictures.len()).step_by(self.picture_bytes.max(1)) {
             let (before, own) = pictures.split_at_mut(start);
-            differ(own, &before[start - self.len..]);
+            differ(own, &before[start - self.picture_bytes..]);
         }
         Some(rest)
     }
@@ -51,7 +51,7 @@ impl Frames {
 /// Replaces a picture by its difference from another one, or the difference by the picture.
 fn differ(picture: &mut [u8], other: &[u8]) {
     let pairs = picture.iter_mut().zip(other);
-    pairs.for_each(|(own, other)| *own ^= other);
+    pairs.for_each(|(own, byte)| *own ^= byte);
 }
 
 /// Writes runs as the number of zeros, the number of other bytes, and the latter.
@@ -124,13 +124,13 @@ mod tests {
 
     use super::*;
 
-    fn packed(frames: Frames, pictures: &[u8]) -> Vec<u8> {
+    fn packed(frames: FrameSizes, pictures: &[u8]) -> Vec<u8> {
         let mut out = Vec::new();
         frames.pack(&mut pictures.to_vec(), &mut out);
         out
     }
 
-    fn back(frames: Frames, packed: &[u8], len: usize) -> Option<(Vec<u8>, usize)> {
+    fn back(frames: FrameSizes, packed: &[u8], len: usize) -> Option<(Vec<u8>, usize)> {
         let mut pictures = vec![7; len];
         let rest = frames.unpack(packed, &mut pictures)?;
         Some((pictures, rest.len()))
@@ -138,9 +138,9 @@ mod tests {
 
     #[test]
     fn a_table_on_which_little_moves_is_small() {
-        let frames = Frames { len: 3 * 64 * 64, pixel: 3 };
+        let frames = FrameSizes { picture_bytes: 3 * 64 * 64, pixel_bytes: 3 };
         let mut pictures = [90, 80, 70].repeat(64 * 64 * 51);
-        for (t, picture) in pictures.chunks_mut(frames.len).enumerate() {
+        for (t, picture) in pictures.chunks_mut(frames.picture_bytes).enumerate() {
             picture[300 + 3 * t..][..30].fill(200);
         }
         let packed = packed(frames, &pictures);
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_noticed() {
-        let frames = Frames { len: 4, pixel: 1 };
+        let frames = FrameSizes { picture_bytes: 4, pixel_bytes: 1 };
         let packed = packed(frames, &[5; 12]);
         for cut in 0..packed.len() {
             assert_eq!(back(frames, &packed[..cut], 12), None, "{cut} bytes");
@@ -165,11 +165,13 @@ mod tests {
     fn every_picture_comes_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for _ in 0..500 {
-            let frames = Frames { len: rng.random_range(0..50), pixel: rng.random_range(1..5) };
+            let frames = FrameSizes {
+                picture_bytes: rng.random_range(0..50),
+                pixel_bytes: rng.random_range(1..5),
+            };
             let zeros = rng.random_range(0..10);
-            let mut byte = || match rng.random_range(0..10) < zeros {
-                true => 0,
-                false => rng.random_range(0..=255),
+            let mut byte = || {
+                if rng.random_range(0..10) < zeros { 0 } else { rng.random_range(0..=255) }
             };
             let bytes: Vec<u8> = (0..200).map(|_| byte()).collect();
             let bytes = &bytes[..rng.random_range(0..=200)];

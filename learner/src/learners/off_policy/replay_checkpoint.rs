@@ -1,11 +1,11 @@
 //! Replays in checkpoints.
 
-use rl::{EpisodeState, Outcome, Replay, ReplayState};
+use rl::{EpisodeState, ReplayBuffer, ReplayState, StepOutcome};
 
 use crate::error::LearnerError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
 
-use super::frame_codec::Frames;
+use super::frame_codec::FrameSizes;
 
 /// Index of the running episode of an environment that has none.
 const NONE: u64 = u64::MAX;
@@ -14,8 +14,8 @@ const CONTEXTS: usize = 100_000;
 /// Number of scalars that are written for every episode.
 const FIELDS: usize = 4;
 
-/// Returns the contents of a replay as arrays whose names begin with `prefix`.
-pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
+/// Returns the contents of a replay buffer as arrays whose names begin with `prefix`.
+pub fn replay_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
     let state = replay.save();
     let name = |what: &str| format!("{prefix}replay.{what}");
     let integers = |what, width, values: &[u64]| {
@@ -23,17 +23,17 @@ pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
         Tensor::integers(name(what), shape, values)
     };
     let floats = |what, of: for<'a> fn(&EpisodeState<'a>) -> &'a [f32]| {
-        let all: Vec<f32> = state.episodes.iter().flat_map(of).copied().collect();
+        let all: Vec<f32> = state.stored_episodes.iter().flat_map(of).copied().collect();
         Tensor::floats(name(what), vec![all.len()], &all)
     };
-    let running = state.running.iter();
+    let running = state.running_episodes.iter();
     let running: Vec<u64> = running.map(|n| n.map_or(NONE, u64::from)).collect();
-    let order = state.order.iter().flatten();
+    let order = state.step_order.iter().flatten();
     let order: Vec<u64> = order.copied().map(u64::from).collect();
-    let episodes: Vec<u64> = state.episodes.iter().flat_map(numbers).collect();
+    let episodes: Vec<u64> = state.stored_episodes.iter().flat_map(numbers).collect();
     let pictures = pack(replay, &state);
     vec![
-        integers("counts", 2, &[state.recorded, state.marked]),
+        integers("counts", 2, &[state.num_recorded, state.num_before_newest]),
         integers("running", 1, &running),
         integers("order", 2, &order),
         integers("episodes", FIELDS, &episodes),
@@ -46,9 +46,9 @@ pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
 
 fn numbers(episode: &EpisodeState<'_>) -> [u64; FIELDS] {
     let outcome = match episode.outcome {
-        Outcome::Running => 0,
-        Outcome::Terminated => 1,
-        Outcome::Truncated => 2,
+        StepOutcome::Running => 0,
+        StepOutcome::Terminated => 1,
+        StepOutcome::Truncated => 2,
     };
     let (steps, removed) = (episode.rewards.len() as u64, u64::from(episode.removed));
     let is_there = u64::from(!episode.is_empty());
@@ -57,31 +57,31 @@ fn numbers(episode: &EpisodeState<'_>) -> [u64; FIELDS] {
 
 /// Sizes of a replay's arrays.
 struct Sizes {
-    frames: Frames,
+    frames: FrameSizes,
     still: usize,
     vector: usize,
     action: usize,
 }
 
 impl Sizes {
-    fn new(replay: &Replay) -> Self {
+    fn new(replay: &ReplayBuffer) -> Self {
         let (spec, still) = (replay.spec(), replay.settings().still_channels);
-        let [height, width, channels] = spec.image;
+        let [height, width, channels] = spec.image_shape;
         let pixel = channels - still;
         Self {
-            frames: Frames { len: height * width * pixel, pixel: pixel.max(1) },
+            frames: FrameSizes { picture_bytes: height * width * pixel, pixel_bytes: pixel.max(1) },
             still: height * width * still,
-            vector: spec.vector.len(),
-            action: spec.action.len(),
+            vector: spec.vector_irreps.len(),
+            action: spec.action_irreps.len(),
         }
     }
 }
 
 /// Packs the pictures of all episodes.
-fn pack(replay: &Replay, state: &ReplayState<'_>) -> Vec<u8> {
+fn pack(replay: &ReplayBuffer, state: &ReplayState<'_>) -> Vec<u8> {
     let frames = Sizes::new(replay).frames;
     let (mut packed, mut pictures) = (Vec::new(), Vec::new());
-    for episode in &state.episodes {
+    for episode in &state.stored_episodes {
         // still channels first: they have the size of a picture if half of the channels are still,
         // and then serve as the picture before the first one
         pictures.clear();
@@ -92,11 +92,16 @@ fn pack(replay: &Replay, state: &ReplayState<'_>) -> Vec<u8> {
     packed
 }
 
-/// Reads a replay with the settings of `fresh` that [`tensors`] wrote.
+/// Reads a replay buffer with the settings of `fresh` from the arrays that [`replay_tensors`]
+/// returned.
 ///
 /// # Errors
 /// [`LearnerError::Read`] for arrays that are missing or do not fit.
-pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Replay, LearnerError> {
+pub fn read_replay(
+    file: &TensorFile<'_>,
+    prefix: &str,
+    fresh: &ReplayBuffer,
+) -> Result<ReplayBuffer, LearnerError> {
     let name = |what: &str| format!("{prefix}replay.{what}");
     let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
     let counts = file.integers(&name("counts"))?;
@@ -115,13 +120,13 @@ pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Repla
     let most_frames = 2 * fresh.settings().capacity + CONTEXTS;
     let episodes = Episodes::read(file, &name, &sizes, most_frames)?;
     let state = ReplayState {
-        recorded,
-        marked,
-        running: running.collect::<Result<_, LearnerError>>()?,
-        order: order.collect::<Result<_, LearnerError>>()?,
-        episodes: episodes.states().ok_or_else(|| damaged("episodes"))?,
+        num_recorded: recorded,
+        num_before_newest: marked,
+        running_episodes: running.collect::<Result<_, LearnerError>>()?,
+        step_order: order.collect::<Result<_, LearnerError>>()?,
+        stored_episodes: episodes.states().ok_or_else(|| damaged("episodes"))?,
     };
-    let restored = Replay::restore(fresh.settings().clone(), fresh.spec(), &state);
+    let restored = ReplayBuffer::restore(fresh.settings().clone(), fresh.spec(), &state);
     restored.map_err(|error| file.damaged(format!("`{}`: {error}", name("episodes"))))
 }
 
@@ -139,7 +144,7 @@ struct Episodes<'a> {
 struct Row {
     steps: usize,
     removed: u32,
-    outcome: Outcome,
+    outcome: StepOutcome,
     is_there: bool,
 }
 
@@ -150,9 +155,9 @@ impl Row {
             steps: usize::try_from(steps).ok()?,
             removed: u32::try_from(removed).ok()?,
             outcome: match outcome {
-                0 => Outcome::Running,
-                1 => Outcome::Terminated,
-                2 => Outcome::Truncated,
+                0 => StepOutcome::Running,
+                1 => StepOutcome::Terminated,
+                2 => StepOutcome::Truncated,
                 _ => return None,
             },
             is_there: is_there == 1,
@@ -171,7 +176,7 @@ impl Row {
 
     /// Returns the number of bytes of all channels.
     fn pictures(&self, sizes: &Sizes) -> usize {
-        self.still(sizes) + self.frames() * sizes.frames.len
+        self.still(sizes) + self.frames() * sizes.frames.picture_bytes
     }
 }
 
@@ -222,7 +227,7 @@ impl<'a> Episodes<'a> {
         let state = |row: &Row| {
             Some(EpisodeState {
                 still: pictures.split_off(..row.still(self.sizes))?,
-                moving: pictures.split_off(..row.frames() * self.sizes.frames.len)?,
+                moving: pictures.split_off(..row.frames() * self.sizes.frames.picture_bytes)?,
                 vectors: vectors.split_off(..row.frames() * self.sizes.vector)?,
                 actions: actions.split_off(..row.steps * self.sizes.action)?,
                 rewards: rewards.split_off(..row.steps)?,

@@ -1,6 +1,6 @@
 //! Rollout that is stored until it is assigned to a replay.
 
-use rl::{Actor, EnvSpec, Experience, Observations, Replay, RlError, SacPolicy, Transition};
+use rl::{Actor, EnvSpec, Experience, Observations, ReplayBuffer, RlError, SacPolicy, Transition};
 
 use crate::learners::collection::{Rollout, StepView};
 
@@ -29,15 +29,15 @@ impl StagedRollout {
     }
 
     /// Draws the actions of the next `decisions` decisions uniformly from [-1, 1].
-    pub fn warm_up(&mut self, decisions: u64) {
+    pub fn draw_uniform_actions(&mut self, decisions: u64) {
         self.uniform = decisions;
     }
 
-    /// Moves all collections into `replay`.
-    pub fn commit_to(&mut self, replay: &mut Replay) -> Result<(), RlError> {
+    /// Moves all collections into the replay buffer `replay`.
+    pub fn commit_to(&mut self, replay: &mut ReplayBuffer) -> Result<(), RlError> {
         for steps in self.collections.drain(..) {
             // each collection began with a reset, which ends the running episodes of the replay
-            replay.cut();
+            replay.cut_episodes();
             Experience::<SacPolicy>::begin(replay, &self.spec)?;
             for step in steps {
                 replay.push(&step.observations, &step.actions, &step.transition)?;
@@ -53,13 +53,13 @@ impl StagedRollout {
 }
 
 impl<A: Actor> Experience<A> for StagedRollout {
-    fn steps(&self) -> usize {
+    fn steps_per_env(&self) -> usize {
         self.steps
     }
 
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
         self.spec = spec.clone();
-        self.actions.resize(spec.num_envs * spec.action.len(), 0.0);
+        self.actions.resize(spec.num_envs * spec.action_irreps.len(), 0.0);
         self.collections.push(Vec::with_capacity(self.steps));
         Ok(())
     }
@@ -88,12 +88,12 @@ impl Rollout for StagedRollout {
         &self.spec
     }
 
-    fn shown(&self) -> usize {
+    fn num_steps(&self) -> usize {
         self.last().len()
     }
 
     fn step(&self, step: usize, env: usize) -> StepView<'_> {
-        let (step, len) = (&self.last()[step], self.spec.action.len());
+        let (step, len) = (&self.last()[step], self.spec.action_irreps.len());
         let (image, vector) = step.observations.sample(&self.spec, env);
         StepView {
             image,
@@ -111,7 +111,7 @@ impl Rollout for StagedRollout {
         Ok(())
     }
 
-    fn keep(&mut self, collections: usize) {
+    fn keep_latest(&mut self, collections: usize) {
         let too_many = self.collections.len().saturating_sub(collections);
         self.collections.drain(..too_many);
     }

@@ -1,0 +1,181 @@
+//! Evidence and decisions of policy assignment (lines 8-15 of the paper's Algorithm 1), and the
+//! paper's own rule.
+
+use crate::check::within;
+use crate::error::Result;
+use crate::frames::Candidate;
+use crate::permutation::PermutationTest;
+use crate::wasserstein::wasserstein1;
+
+/// Policy that a rollout is assigned to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// Existing policy, by its index among the candidates.
+    Existing(usize),
+    /// New policy, since no candidate fits.
+    New,
+    /// No policy yet: no candidate fits, but the rollout is too little to create a policy.
+    Undecided,
+}
+
+/// Outcome of the comparison of a rollout with one candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Rollout that may belong to the candidate's task group.
+    Accepted,
+    /// Rollout that probably does not belong to the candidate's task group; a second look decides.
+    Doubted,
+    /// Rollout that does not belong to the candidate's task group.
+    Rejected,
+}
+
+/// Criterion that the distance of a candidate was compared with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Judgement {
+    /// Fixed threshold of the distance.
+    Threshold {
+        /// Largest accepted distance, in the features' unit.
+        limit: f64,
+    },
+    /// Permutation test: random splits of the pooled episodes.
+    Tested {
+        /// Result of the test.
+        test: PermutationTest,
+        /// Largest p-value that counts against the candidate.
+        limit: f64,
+    },
+    /// No test, since the buffer holds too few episodes. Such a candidate is accepted for lack of
+    /// evidence against it, but only taken if no tested candidate is accepted.
+    BufferTooSmall {
+        /// Number of episodes in the candidate's buffer.
+        episodes: usize,
+        /// Number of episodes that the settings ask for.
+        needed: usize,
+    },
+}
+
+/// Evidence for and against the assignment of a rollout to one candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evidence {
+    /// 1-Wasserstein distance between rollout and buffer, in the features' unit; of the sampled
+    /// episodes under [`Judgement::Tested`].
+    pub distance: f64,
+    /// Criterion that the distance was compared with.
+    pub judgement: Judgement,
+    /// Outcome of the comparison of the rollout with the candidate.
+    pub verdict: Verdict,
+}
+
+impl Evidence {
+    /// Returns the permutation test of the candidate, if there was one.
+    pub fn test(&self) -> Option<&PermutationTest> {
+        match &self.judgement {
+            Judgement::Tested { test, .. } => Some(test),
+            Judgement::Threshold { .. } | Judgement::BufferTooSmall { .. } => None,
+        }
+    }
+
+    /// Returns the standardised distance, in standard deviations over random splits, if there was a
+    /// test.
+    pub fn score(&self) -> Option<f64> {
+        self.test().map(|test| test.score)
+    }
+
+    /// Returns the sort key of a candidate: tested ones by score, then the others by distance.
+    fn rank(&self) -> (bool, f64) {
+        match self.score() {
+            Some(score) => (false, score),
+            None => (true, self.distance),
+        }
+    }
+}
+
+/// Decision on a rollout, with the evidence for each candidate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Assignment {
+    /// Policy that the rollout is assigned to.
+    pub decision: Decision,
+    /// Evidence for and against each candidate, in the order of the candidates.
+    pub evidence: Vec<Evidence>,
+}
+
+impl Assignment {
+    /// Returns the index of the candidate that fits best, accepted or not; `None` without
+    /// candidates.
+    pub fn nearest(&self) -> Option<usize> {
+        let ranked = self.evidence.iter().enumerate();
+        let best = ranked.min_by(|(_, a), (_, b)| {
+            let ((a_last, a), (b_last, b)) = (a.rank(), b.rank());
+            a_last.cmp(&b_last).then(a.total_cmp(&b))
+        });
+        best.map(|(index, _)| index)
+    }
+}
+
+/// Assigns a rollout by the paper's rule: to the nearest candidate by `W1`, the first of equals, or
+/// to a new policy if `W1` exceeds `threshold` (`d_epsilon`, 1.0 in the paper). The rule depends on
+/// the scale of the features.
+///
+/// # Errors
+/// Clouds that cannot be compared, or a threshold that is negative or not finite.
+pub fn assign_by_threshold(candidates: &[Candidate], threshold: f64) -> Result<Assignment> {
+    let inside = (0.0..f64::INFINITY).contains(&threshold);
+    within("threshold", threshold, inside, "a finite number, at least 0")?;
+    let compared = candidates.iter().enumerate().map(|(index, candidate)| {
+        candidate.check(index)?;
+        let Candidate { rollout, buffer } = candidate;
+        let distance = wasserstein1(rollout.features(), buffer.features(), rollout.dim())?;
+        let is_near = distance <= threshold;
+        Ok(Evidence {
+            distance,
+            judgement: Judgement::Threshold { limit: threshold },
+            verdict: if is_near { Verdict::Accepted } else { Verdict::Rejected },
+        })
+    });
+    let evidence: Vec<Evidence> = compared.collect::<Result<_>>()?;
+    let mut assignment = Assignment { decision: Decision::New, evidence };
+    if let Some(nearest) = assignment.nearest()
+        && assignment.evidence[nearest].verdict == Verdict::Accepted
+    {
+        assignment.decision = Decision::Existing(nearest);
+    }
+    Ok(assignment)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::Frames;
+
+    #[test]
+    fn the_papers_rule_compares_with_its_threshold() {
+        // two points 3 apart: the distance is exactly 3, and the paper rejects only what exceeds
+        // the threshold
+        let points = |x: f32| Frames::new(vec![x], 1, 1).unwrap();
+        let away = |x: f32| Candidate { buffer: points(x), rollout: points(0.0) };
+        let decide = |threshold, candidates: &[Candidate]| {
+            assign_by_threshold(candidates, threshold).unwrap().decision
+        };
+        assert_eq!(decide(3.0, &[away(3.0)]), Decision::Existing(0));
+        assert_eq!(decide(2.999, &[away(3.0)]), Decision::New);
+        assert_eq!(decide(3.0, &[away(2.0), away(-1.0), away(1.0)]), Decision::Existing(1));
+        assert_eq!(decide(1.0, &[]), Decision::New);
+        let evidence = assign_by_threshold(&[away(2.0)], 1.0).unwrap().evidence[0];
+        let expected = (2.0, Judgement::Threshold { limit: 1.0 }, None);
+        assert_eq!((evidence.distance, evidence.judgement, evidence.score()), expected);
+        for wrong in [-1.0, f64::NAN, f64::INFINITY] {
+            assert!(assign_by_threshold(&[away(1.0)], wrong).is_err());
+        }
+    }
+
+    #[test]
+    fn candidates_that_cannot_be_compared_are_rejected() {
+        let frames = |dim| Frames::new(vec![0.0; 4 * dim], 2, dim).unwrap();
+        let good = Candidate { buffer: frames(3), rollout: frames(3) };
+        let odd = Candidate { buffer: frames(2), rollout: frames(3) };
+        let message = assign_by_threshold(&[good, odd], 1.0).unwrap_err().to_string();
+        let expected =
+            "candidate 1: dim is 2 in the buffer and 3 in the rollout, expected the same";
+        assert_eq!(message, expected);
+    }
+}
