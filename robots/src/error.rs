@@ -152,9 +152,8 @@ pub enum DescriptionError {
     },
     /// An inertia that no rigid body can have.
     #[error(
-        "the link `{link}`, with the links that are fixed to it, has an inertia that no rigid body \
-         can have: {reason} (ixx {}, iyy {}, izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct \
-         `<inertia>`, or set `UrdfSettings::repair`",
+        "the link `{link}` has an inertia that no rigid body can have: {reason} (ixx {}, iyy {}, \
+         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it, or set `UrdfSettings::repair`",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
     InvalidInertia {

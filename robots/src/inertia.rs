@@ -20,56 +20,50 @@ const SMALL_MASS: f64 = 1e-3;
 const INERTIA_PER_MASS: f64 = 1e-3;
 
 impl RobotDescription {
-    /// Returns the inertias of the links for a simulation, and notes on repairs.
+    /// Returns the inertias of the links for a simulation, with errors where they are estimates,
+    /// each with a note on the estimate.
     ///
     /// A link that a joint moves, or one that is fixed to it, must have a mass, and links that move
-    /// must have possible inertias. Otherwise there is an error or, with `repair`, an estimate.
+    /// must have possible inertias.
     pub(crate) fn simulated_inertias(
         &self,
-        repair: bool,
-    ) -> (Vec<Option<Inertia>>, Vec<String>, Vec<DescriptionError>) {
+    ) -> (Vec<Option<Inertia>>, Vec<(DescriptionError, String)>) {
         let bodies = self.rigid_bodies();
-        let (mut inertias, mut notes, mut errors) = (Vec::new(), Vec::new(), Vec::new());
-        for (index, (link, &body)) in self.links.iter().zip(&bodies).enumerate() {
-            let mut members = self.links.iter().zip(&bodies).filter(|(_, of)| **of == index);
+        let mut defects = Vec::new();
+        let inertia = |(index, link): (usize, &Link)| {
+            let mut members = self.links.iter().zip(&bodies).filter(|(_, body)| **body == index);
             let is_massless =
-                index > 0 && index == body && members.all(|(link, _)| mass(link) == 0.0);
-            let own = link.inertia.filter(|_| mass(link) > 0.0);
-            inertias.push(match own.map(physical).transpose() {
-                Ok(None) if is_massless && repair => {
+                index > 0 && bodies[index] == index && members.all(|(l, _)| mass(l) == 0.0);
+            let (name, own) = (&link.name, link.inertia.filter(|_| mass(link) > 0.0));
+            match own.map(physical).transpose() {
+                Ok(None) if is_massless => {
                     let inertia = estimated(link);
-                    let (name, mass) = (&link.name, inertia.mass);
-                    notes.push(format!("the link `{name}` has no mass; {mass:.3} kg are assumed"));
+                    let (link, joint) = (name.clone(), self.joints[index - 1].name.clone());
+                    let mass = inertia.mass;
+                    let note = format!("the link `{name}` has no mass; {mass:.3} kg are assumed");
+                    defects.push((DescriptionError::MissingInertia { link, joint }, note));
                     Some(inertia)
                 }
-                Ok(None) if is_massless => {
-                    let (link, joint) = (link.name.clone(), self.joints[index - 1].name.clone());
-                    errors.push(DescriptionError::MissingInertia { link, joint });
-                    None
-                }
                 Ok(own) => own,
-                Err(_) if body == 0 => None,
+                Err(_) if bodies[index] == 0 => None,
                 Err((inertia, reason)) => {
                     let mean = trace(&inertia.tensor) / 3.0;
-                    let moment =
-                        if mean > LEAST_INERTIA { mean } else { INERTIA_PER_MASS * inertia.mass };
-                    if repair {
-                        notes.push(format!(
-                            "the link `{}` has an inertia that no rigid body can have; \
-                             {moment:.3e} kg m^2 about all axes is assumed",
-                            link.name
-                        ));
-                    } else {
-                        let [x, y, z] = inertia.tensor.to_cols_array_2d();
-                        let tensor = [x[0], y[1], z[2], x[1], x[2], y[2]];
-                        let link = link.name.clone();
-                        errors.push(DescriptionError::InvalidInertia { link, tensor, reason });
-                    }
+                    let none = INERTIA_PER_MASS * inertia.mass;
+                    let moment = if mean > LEAST_INERTIA { mean } else { none };
+                    let [x, y, z] = inertia.tensor.to_cols_array_2d();
+                    let tensor = [x[0], y[1], z[2], x[1], x[2], y[2]];
+                    let note = format!(
+                        "the link `{name}` has an inertia that no rigid body can have; {moment:.3e} \
+                         kg m^2 about all axes is assumed"
+                    );
+                    let link = name.clone();
+                    defects.push((DescriptionError::InvalidInertia { link, tensor, reason }, note));
                     Some(Inertia { tensor: identity(moment), ..inertia })
                 }
-            });
-        }
-        (inertias, notes, errors)
+            }
+        };
+        let inertias = self.links.iter().enumerate().map(inertia).collect();
+        (inertias, defects)
     }
 
     /// Returns, for each link, the first of the links that are fixed to it, itself included.
@@ -101,9 +95,9 @@ fn estimated(link: &Link) -> Inertia {
     });
     let add = |(mass, moment): (f64, DVec3), (own, centre)| (mass + own, moment + own * centre);
     let (mass, moment) = masses.fold((0.0, DVec3::ZERO), add);
-    let centre_of_mass = if mass > LEAST_MASS { moment / mass } else { DVec3::ZERO };
-    let mass = if mass > LEAST_MASS { mass } else { SMALL_MASS };
-    Inertia { mass, centre_of_mass, tensor: identity(INERTIA_PER_MASS * mass) }
+    let (mass, moment) = if mass > LEAST_MASS { (mass, moment) } else { (SMALL_MASS, DVec3::ZERO) };
+    let tensor = identity(INERTIA_PER_MASS * mass);
+    Inertia { mass, centre_of_mass: moment / mass, tensor }
 }
 
 fn identity(scale: f64) -> DMat3 {

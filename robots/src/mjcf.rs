@@ -154,7 +154,8 @@ impl RobotDescription {
         self.check_links(settings)?;
         self.check_nesting()?;
         self.check_world()?;
-        let (inertias, _, mut errors) = self.simulated_inertias(false);
+        let (inertias, defects) = self.simulated_inertias();
+        let mut errors: Vec<_> = defects.into_iter().map(|(error, _)| error).collect();
         if !self.unread_meshes.is_empty() {
             errors.push(DescriptionError::UnreadMeshes { unread: self.unread_meshes.clone() });
         }

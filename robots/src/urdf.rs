@@ -148,10 +148,10 @@ impl RobotDescription {
             name: file.name,
         };
         if settings.repair {
-            let (inertias, notes, _) = description.simulated_inertias(true);
+            let (inertias, defects) = description.simulated_inertias();
             let links = description.links.iter_mut().zip(inertias);
             links.for_each(|(link, inertia)| link.inertia = inertia);
-            description.notes.extend(notes);
+            description.notes.extend(defects.into_iter().map(|(_, note)| note));
         }
         Ok(description)
     }

@@ -39,10 +39,10 @@ fn inside<'a>(node: Node<'a, 'a>, name: &str) -> Option<Node<'a, 'a>> {
     node.descendants().find(|node| node.has_tag_name(name))
 }
 
-/// Returns the points of an instance's geometry; `None` if it has none.
-fn positions<'a>(instance: Node<'a, 'a>, ids: &HashMap<&str, Node<'a, 'a>>) -> Option<Vec<DVec3>> {
+/// Returns the points of the geometry that an instance is `of`; `None` if it has none.
+fn positions<'a>(of: Node<'a, 'a>, ids: &HashMap<&str, Node<'a, 'a>>) -> Option<Vec<DVec3>> {
     let target = |node: Node, url| ids.get(node.attribute(url)?.strip_prefix('#')?).copied();
-    let vertices = inside(target(instance, "url")?, "vertices")?;
+    let vertices = inside(target(of, "url")?, "vertices")?;
     let input = vertices.children().find(|node| node.attribute("semantic") == Some("POSITION"))?;
     let source = target(input, "source")?;
     let stride = inside(source, "accessor")?.attribute("stride").unwrap_or("3").parse().ok()?;
@@ -83,24 +83,18 @@ mod tests {
     #[test]
     fn points_lie_where_the_scene_puts_them() {
         for (nodes, [x, y, z]) in [
-            ("<node>G</node>", [4.0, 5.0, 6.0]),
-            (
-                "<node><translate>10 0 0</translate><node><scale>1 1 2</scale>G</node></node>",
-                [14.0, 5.0, 12.0],
-            ),
-            (
-                "<node><rotate>0 0 1 90</rotate><translate>1 0 0</translate>G</node>",
-                [-5.0, 5.0, 6.0],
-            ),
-            ("<node><matrix>0 -1 0 7 1 0 0 0 0 0 1 0 0 0 0 1</matrix>G</node>", [2.0, 4.0, 6.0]),
+            ("G", [4.0, 5.0, 6.0]),
+            ("<translate>9 0 0</translate><node><scale>1 1 2</scale>G</node>", [13.0, 5.0, 12.0]),
+            ("<rotate>0 0 1 90</rotate><translate>1 0 0</translate>G", [-5.0, 5.0, 6.0]),
+            ("<matrix>0 -1 0 7 1 0 0 0 0 0 1 0 0 0 0 1</matrix>G", [2.0, 4.0, 6.0]),
         ] {
-            let nodes = nodes.replace('G', "<instance_geometry url=\"#g\"/>");
+            let nodes = nodes.replace('G', "<instance_geometry url='#g'/>");
             let text = format!(
-                "<COLLADA xmlns='http://www.collada.org/2005/11/COLLADASchema'><unit meter='0.01'/>
-                <up_axis>Y_UP</up_axis><geometry id='g'><source id='n'><float_array>9 9 9</float_array>
-                </source><source id='p'><float_array>1 2 3 0 4 5 6 0</float_array><accessor stride='4'/>
-                </source><vertices><input semantic='NORMAL' source='#n'/><input semantic='POSITION'
-                source='#p'/></vertices></geometry><visual_scene>{nodes}</visual_scene></COLLADA>"
+                "<COLLADA xmlns='c'><unit meter='0.01'/><up_axis>Y_UP</up_axis><geometry id='g'>
+                <source id='n'><float_array>9 9 9</float_array></source><source id='p'>
+                <float_array>1 2 3 0 4 5 6 0</float_array><accessor stride='4'/></source><vertices>
+                <input semantic='NORMAL' source='#n'/><input semantic='POSITION' source='#p'/>
+                </vertices></geometry><node>{nodes}</node></COLLADA>"
             );
             let found = points(&text).unwrap();
             assert_eq!(found.len(), 2);

@@ -46,12 +46,20 @@ pub(super) fn decode(bytes: Vec<u8>) -> String {
     }
 }
 
-/// Returns the text without declaration, with harmless comments, and with all its prefixes
-/// declared. Lines keep their numbers.
+/// File that `urdf-rs` reads, with the lines of its links and joints in the original.
+pub(super) struct Cleaned {
+    pub(super) text: String,
+    pub(super) link_lines: Vec<usize>,
+    pub(super) joint_lines: Vec<usize>,
+}
+
+/// Cleans a URDF. Missing and invalid values are reported and replaced, so that the rest can be
+/// checked, too.
 ///
 /// # Errors
-/// [`DescriptionError::FileTooLong`], [`DescriptionError::InvalidSyntax`].
-fn prepared(text: &str) -> Result<String, DescriptionError> {
+/// [`DescriptionError::FileTooLong`], [`DescriptionError::Xacro`] for a template,
+/// [`DescriptionError::InvalidSyntax`].
+pub(super) fn clean(text: &str, report: &mut Report) -> Result<Cleaned, DescriptionError> {
     if text.len() > MAX_URDF_BYTES {
         return Err(DescriptionError::FileTooLong { limit: MAX_URDF_BYTES });
     }
@@ -70,48 +78,29 @@ fn prepared(text: &str) -> Result<String, DescriptionError> {
     if tags().any(|tag| tag.matches('=').count() > MAX_ATTRIBUTES) {
         return syntax(format!("an element has more than {MAX_ATTRIBUTES} attributes"));
     }
-    // old files use prefixes of tools, such as `<sensor:camera>`, without a declaration
-    for _ in 0..MAX_NAMESPACES {
-        let parsed = Document::parse_with_options(&text, options());
-        let (Err(Error::UnknownNamespace(prefix, _)), Some(root)) = (parsed, text.find("<robot"))
-        else {
-            break;
+    for _ in 0..=MAX_NAMESPACES {
+        let error = match Document::parse_with_options(&text, options()) {
+            Ok(document) => return written(document.root_element(), report),
+            Err(error) => error,
         };
-        text.insert_str(root + "<robot".len(), &format!(" xmlns:{prefix}=\"unknown:{prefix}\""));
-    }
-    Ok(text)
-}
-
-/// Parses a prepared text.
-///
-/// # Errors
-/// [`DescriptionError::InvalidSyntax`].
-fn parse(text: &str) -> Result<Document<'_>, DescriptionError> {
-    Document::parse_with_options(text, options()).or_else(|error| match error {
-        Error::UnknownToken(_) | Error::NoRootNode => {
-            syntax(format!("line {}: {ALONE}", error.pos().row))
+        let line = error.pos().row;
+        match (error, text.find("<robot")) {
+            // old files use prefixes of tools, such as `<sensor:camera>`, without a declaration
+            (Error::UnknownNamespace(prefix, _), Some(root)) => {
+                let declaration = format!(" xmlns:{prefix}=\"unknown:{prefix}\"");
+                text.insert_str(root + "<robot".len(), &declaration);
+            }
+            (Error::UnknownToken(_) | Error::NoRootNode, _) => {
+                return syntax(format!("line {line}: {ALONE}"));
+            }
+            (error, _) => return syntax(format!("line {line}: broken XML, {error}")),
         }
-        error => syntax(format!("line {}: broken XML, {error}", error.pos().row)),
-    })
+    }
+    syntax(format!("more than {MAX_NAMESPACES} prefixes are not declared"))
 }
 
-/// File that `urdf-rs` reads, with the lines of its links and joints in the original.
-pub(super) struct Cleaned {
-    pub(super) text: String,
-    pub(super) link_lines: Vec<usize>,
-    pub(super) joint_lines: Vec<usize>,
-}
-
-/// Cleans a URDF. Missing and invalid values are reported and replaced, so that the rest can be
-/// checked, too.
-///
-/// # Errors
-/// [`DescriptionError::FileTooLong`], [`DescriptionError::Xacro`] for a template,
-/// [`DescriptionError::InvalidSyntax`].
-pub(super) fn clean(text: &str, report: &mut Report) -> Result<Cleaned, DescriptionError> {
-    let text = prepared(text)?;
-    let document = parse(&text)?;
-    let root = document.root_element();
+/// Writes the element `<robot>`, which must be the root and hold no xacro where it is read.
+fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError> {
     let name = root.tag_name().name();
     if name != "robot" {
         return syntax(format!("`<{name}>` is not URDF: {ALONE}"));
