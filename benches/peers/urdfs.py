@@ -7,11 +7,11 @@ gravity torques (newton metres, newtons) agree if they differ by less than 1e-6,
 that is above 1. Prints a line for each robot that differs or that only pinocchio reads, then the counts.
 """
 
-import json
+import ast
 import logging
 import subprocess
 import sys
-from collections import Counter
+from collections import Counter, namedtuple
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,9 @@ TOLERANCE = 1e-6
 OURS = ["cargo", "run", "--quiet", "--release", "--locked", "-p", "covers-robots", "--example", "frames", "--"]
 
 
+Robot = namedtuple("Robot", "links mass shares postures unread_meshes")
+
+
 def off(ours, theirs):
     ours, theirs = np.asarray(ours, float), np.asarray(theirs, float)
     return np.abs(ours - theirs).max(initial=0.0) / max(1.0, np.abs(theirs).max(initial=0.0))
@@ -29,8 +32,8 @@ def off(ours, theirs):
 
 def matrix(frame):
     pose = np.eye(4)
-    pose[:3, :3] = pin.Quaternion(np.array(frame[3:])).matrix()
-    pose[:3, 3] = frame[:3]
+    pose[:3, 3], rotation = frame
+    pose[:3, :3] = pin.Quaternion(np.array(rotation)).matrix()
     return pose
 
 
@@ -65,19 +68,19 @@ def configuration(model, positions):
 def with_pinocchio(ours, model):
     """The largest differences of frames, masses and gravity torques."""
     data, worst = model.createData(), {"frames": 0.0, "torques": 0.0}
-    for posture in ours["postures"]:
-        q = configuration(model, locked(model) | dict(posture["joints"]))
+    for joints, frames, forces in ours.postures:
+        q = configuration(model, locked(model) | dict(joints))
         pin.framesForwardKinematics(model, data, q)
-        for link, frame in zip(ours["links"], posture["frames"]):
+        for link, frame in zip(ours.links, frames):
             theirs = data.oMf[model.getFrameId(link, pin.FrameType.BODY)].homogeneous
             worst["frames"] = max(worst["frames"], off(matrix(frame), theirs))
         gravity = pin.computeGeneralizedGravity(model, data, q)
-        theirs = np.zeros(len(posture["forces"]))
-        for name, dof, share in ours["shares"]:
+        theirs = np.zeros(len(forces))
+        for name, dof, share in ours.shares:
             theirs[dof] += share * gravity[model.joints[model.getJointId(name)].idx_v]
-        worst["torques"] = max(worst["torques"], off(posture["forces"], theirs))
+        worst["torques"] = max(worst["torques"], off(forces, theirs))
     theirs = sum(inertia.mass for inertia in model.inertias)
-    return worst | {"masses": off([ours["mass"]], [theirs])}
+    return worst | {"masses": off([ours.mass], [theirs])}
 
 
 def with_yourdfpy(ours, path):
@@ -87,10 +90,10 @@ def with_yourdfpy(ours, path):
     except Exception:
         return None
     worst = 0.0
-    for posture in ours["postures"]:
-        joints = dict(posture["joints"])
+    for joints, frames, _ in ours.postures:
+        joints = dict(joints)
         robot.update_cfg({name: joints.get(name, 0.0) for name in robot.actuated_joint_names})
-        for link, frame in zip(ours["links"], posture["frames"]):
+        for link, frame in zip(ours.links, frames):
             worst = max(worst, off(matrix(frame), robot.get_transform(link, robot.base_link)))
     return worst
 
@@ -100,13 +103,14 @@ def main(folder):
     lines = subprocess.run(OURS + [str(file) for file in files], check=True, stdout=subprocess.PIPE, text=True).stdout
     counts = Counter(files=len(files))
     for file, line in zip(files, lines.splitlines(), strict=True):
-        ours, model = json.loads(line), pinocchio_model(file)
+        ours, model = ast.literal_eval(line), pinocchio_model(file)
         counts["pinocchio reads"] += model is not None
-        if "error" in ours:
-            print(f"{file}: {'pinocchio reads it; ' if model else ''}we: {ours['error']}")
+        if isinstance(ours, str):
+            print(f"{file}: {'pinocchio reads it; ' if model else ''}we: {ours}")
             continue
+        ours = Robot(*ours)
         counts["we read"] += 1
-        counts["we read, some meshes are missing"] += bool(ours["unread"])
+        counts["we read, some meshes are missing"] += bool(ours.unread_meshes)
         if model is not None:
             counts["both read"] += 1
             differences = with_pinocchio(ours, model)

@@ -30,19 +30,19 @@ impl RobotDescription {
     ) -> (Vec<Option<Inertia>>, Vec<(DescriptionError, String)>) {
         let bodies = self.rigid_bodies();
         let mut defects = Vec::new();
-        let inertia = |(index, link): (usize, &Link)| {
+        let inertia = |(index, stated): (usize, &Link)| {
             let mut members = self.links.iter().zip(&bodies).filter(|(_, body)| **body == index);
             let is_massless =
                 index > 0 && bodies[index] == index && members.all(|(l, _)| mass(l) == 0.0);
-            let (name, own) = (&link.name, link.inertia.filter(|_| mass(link) > 0.0));
+            let (name, own) = (&stated.name, stated.inertia.filter(|_| mass(stated) > 0.0));
             match own.map(physical).transpose() {
                 Ok(None) if is_massless => {
-                    let inertia = estimated(link);
+                    let estimate = estimated(stated);
                     let (link, joint) = (name.clone(), self.joints[index - 1].name.clone());
-                    let mass = inertia.mass;
-                    let note = format!("the link `{name}` has no mass; {mass:.3} kg are assumed");
+                    let assumed = format!("{:.3} kg are assumed", estimate.mass);
+                    let note = format!("the link `{name}` has no mass; {assumed}");
                     defects.push((DescriptionError::MissingInertia { link, joint }, note));
-                    Some(inertia)
+                    Some(estimate)
                 }
                 Ok(own) => own,
                 Err(_) if bodies[index] == 0 => None,

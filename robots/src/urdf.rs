@@ -149,9 +149,10 @@ impl RobotDescription {
         };
         if settings.repair {
             let (inertias, defects) = description.simulated_inertias();
-            let links = description.links.iter_mut().zip(inertias);
-            links.for_each(|(link, inertia)| link.inertia = inertia);
-            description.notes.extend(defects.into_iter().map(|(_, note)| note));
+            for (link, inertia) in description.links.iter_mut().zip(inertias) {
+                link.inertia = inertia;
+            }
+            description.notes.extend(defects.into_iter().map(|(_, assumed)| assumed));
         }
         Ok(description)
     }

@@ -25,16 +25,16 @@ pub(super) fn joints(
     // positions of the joints that do not move
     let mut locked = vec![0.0; stated.len()];
     let mut num_dofs = 0;
-    for (index, (stated, &parent)) in stated.iter().zip(&tree.parents).enumerate() {
-        let (name, origin) = (stated.name.clone(), pose(&stated.origin));
-        let motion = motion(stated, settings, lines[index], report);
+    for (index, (of_file, &parent)) in stated.iter().zip(&tree.parents).enumerate() {
+        let (name, origin) = (of_file.name.clone(), pose(&of_file.origin));
+        let motion = motion(of_file, settings, lines[index], report);
         let mut joint = Joint { name, parent, origin, motion };
-        if let (Some(motion), None) = (&mut joint.motion, mimic(stated)) {
-            if let Some([position, _]) = motion.range.filter(|[lower, upper]| lower == upper) {
+        if let (Some(own), None) = (&mut joint.motion, mimic(of_file)) {
+            if let Some([position, _]) = own.range.filter(|[lower, upper]| lower == upper) {
                 locked[index] = position;
                 lock(&mut joint, position, "its `lower` equals its `upper`", lines[index], report);
             } else {
-                motion.drive = PositionSource::Free { dof: num_dofs };
+                own.drive = PositionSource::Free { dof: num_dofs };
                 num_dofs += 1;
             }
         }
@@ -76,11 +76,9 @@ fn lock(joint: &mut Joint, position: f64, reason: &str, line: usize, report: &mu
     }
 }
 
-/// Returns the `<mimic>` of a joint that moves.
+/// Returns the `<mimic>` of a joint, unless it was reported because it names no joint.
 fn mimic(joint: &urdf_rs::Joint) -> Option<&Mimic> {
-    // one without a joint was reported already
-    let moves = joint.joint_type != JointType::Fixed;
-    joint.mimic.as_ref().filter(|mimic| moves && !mimic.joint.is_empty())
+    joint.mimic.as_ref().filter(|mimic| !mimic.joint.is_empty())
 }
 
 /// Returns the joint that `joint` follows over any number of others, with the multiplier and offset

@@ -31,9 +31,9 @@ impl<'a> Meshes<'a> {
         let real = |path: &Path| path.canonicalize().ok();
         let own = folder.and_then(real).unwrap_or_default();
         let limit = settings.mesh_root.as_deref().and_then(real);
-        let above = own.ancestors().filter(|above| above.parent().is_some()).take(SEARCHED);
-        let within = |above: &Path| limit.as_ref().is_none_or(|root| above.starts_with(root));
-        let folders = above.filter(|&above| above == own || within(above));
+        let above = own.ancestors().filter(|path| path.parent().is_some()).take(SEARCHED);
+        let within = |path: &Path| limit.as_ref().is_none_or(|root| path.starts_with(root));
+        let folders = above.filter(|&path| path == own || within(path));
         let folders: Vec<PathBuf> = folders.map(Path::to_owned).collect();
         let root = limit.or_else(|| folders.last().cloned()).unwrap_or_default();
         Self { settings, folders, root }
@@ -70,10 +70,10 @@ impl<'a> Meshes<'a> {
         let path = self.find(file)?;
         let bytes = read(&path, MAX_BYTES).map_err(|error| error.to_string());
         let points = bytes.and_then(|bytes| points(&path, bytes));
-        let too_far = |point: &DVec3| !(point.abs().max_element() <= MAX_NUMBER);
-        let points = points.and_then(|points| match points.iter().any(too_far) {
-            true => Err("it holds points beyond 1e6".to_owned()),
-            false => Ok(points),
+        let is_near = |point: &DVec3| point.abs().max_element() <= MAX_NUMBER;
+        let points = points.and_then(|points| {
+            let all = points.iter().all(is_near);
+            if all { Ok(points) } else { Err("it holds points beyond 1e6".to_owned()) }
         });
         points.map_err(|reason| format!("`{}`: {reason}", path.display()))
     }
@@ -147,7 +147,7 @@ fn binary_stl(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
     if triangles.is_empty() && ![80, 84].contains(&bytes.len()) {
         return Err("it is neither a text with `vertex` nor binary STL".to_owned());
     }
-    let number = |bytes: &[u8; 4]| f64::from(f32::from_le_bytes(*bytes));
+    let number = |word: &[u8; 4]| f64::from(f32::from_le_bytes(*word));
     let corners = triangles.iter().flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
     let point = |corner: &[u8; 12]| {
         let [x, y, z] = [0, 1, 2].map(|axis| number(&corner.as_chunks::<4>().0[axis]));
@@ -191,19 +191,17 @@ mod tests {
     fn points_are_read_from_three_kinds_of_files() {
         let corners = [[1.0, 2.0, 3.0], [-4.0, 0.5, 0.0], [0.0, 0.0, 8.0]];
         let expected = corners.map(|corner| glam::Vec3::from_array(corner).as_dvec3());
-        let lines = |word: &str| {
-            let line = |[x, y, z]: [f32; 3]| format!("  {word} {x} {y} {z}\n");
-            corners.map(line).concat()
-        };
-        let text = format!("solid\n facet normal 0 0 1\n{}endsolid", lines("vertex"));
-        let object = format!("# v 9 9 9\nvn 0 0 1\n{}f 1 2 3\n", lines("v"));
+        let named =
+            |word: &str| corners.map(|[x, y, z]| format!("  {word} {x} {y} {z}\n")).concat();
+        let text = format!("solid\n facet normal 0 0 1\n{}endsolid", named("vertex"));
+        let object = format!("# v 9 9 9\nvn 0 0 1\n{}f 1 2 3\n", named("v"));
         let mut binary = stl(&[corners]);
         for count in [1, 7] {
             binary[80] = count;
             assert_eq!(points(Path::new("a.STL"), binary.clone()).unwrap(), expected);
         }
-        for (name, text) in [("a.stl", text), ("a.obj", object)] {
-            assert_eq!(points(Path::new(name), text.into_bytes()).unwrap(), expected, "{name}");
+        for (name, lines) in [("a.stl", text), ("a.obj", object)] {
+            assert_eq!(points(Path::new(name), lines.into_bytes()).unwrap(), expected, "{name}");
         }
         // no triangles, with and without their number
         for empty in [stl(&[]), vec![0; 80]] {

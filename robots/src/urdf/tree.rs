@@ -32,13 +32,13 @@ impl Tree {
         let mut carried_by = vec![None; file.links.len()];
         for (number, joint) in file.joints.iter().enumerate() {
             let line = cleaned.joint_lines[number];
-            let [parent, child] = [&joint.parent.link, &joint.child.link].map(|link| {
-                let found = index.get(&link[..]).copied();
+            let [parent, child] = [&joint.parent.link, &joint.child.link].map(|end| {
+                let found = index.get(&end[..]).copied();
                 // a link without a name was reported already
-                if found.is_none() && !link.is_empty() {
-                    let link = link.clone();
+                if found.is_none() && !end.is_empty() {
+                    let link = end.clone();
                     let requested_by = format!("the joint `{}`", joint.name);
-                    let known = file.links.iter().map(|link| link.name.clone()).collect();
+                    let known = file.links.iter().map(|known| known.name.clone()).collect();
                     report
                         .reject(line, DescriptionError::UnknownLink { link, requested_by, known });
                 }
@@ -49,7 +49,8 @@ impl Tree {
                 continue;
             };
             if let Some(first) = carried_by[child].replace(number) {
-                let joints = [first, number].map(|joint: usize| file.joints[joint].name.clone());
+                let joints =
+                    [first, number].map(|carrier: usize| file.joints[carrier].name.clone());
                 let link = file.links[child].name.clone();
                 report.reject(line, DescriptionError::SeveralParents { link, joints });
                 sound = false;

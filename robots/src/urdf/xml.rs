@@ -87,8 +87,8 @@ pub(super) fn clean(text: &str, report: &mut Report) -> Result<Cleaned, Descript
         match (error, text.find("<robot")) {
             // old files use prefixes of tools, such as `<sensor:camera>`, without a declaration
             (Error::UnknownNamespace(prefix, _), Some(root)) => {
-                let declaration = format!(" xmlns:{prefix}=\"unknown:{prefix}\"");
-                text.insert_str(root + "<robot".len(), &declaration);
+                let namespace = format!(" xmlns:{prefix}=\"unknown:{prefix}\"");
+                text.insert_str(root + "<robot".len(), &namespace);
             }
             (Error::UnknownToken(_) | Error::NoRootNode, _) => {
                 return syntax(format!("line {line}: {ALONE}"));
@@ -116,7 +116,7 @@ fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError>
     }
     let mut text = String::new();
     write(&mut text, "robot", Some(root), report);
-    let lines = |name| elements(root, name).map(line).collect();
+    let lines = |tag| elements(root, tag).map(line).collect();
     Ok(Cleaned { text, link_lines: lines("link"), joint_lines: lines("joint") })
 }
 
@@ -229,11 +229,13 @@ fn rule(element: &str, attribute: &str) -> (&'static str, fn(&str) -> bool, &'st
             ("0", |text| all::<1>(text, |number| !number.is_nan()), "a number")
         }
         (_, "value" | "damping" | "friction") => {
-            ("0", |text| all::<1>(text, positive), "zero or more, up to 1e6")
+            ("0", |text| all::<1>(text, not_negative), "zero or more, up to 1e6")
         }
-        (_, "radius" | "length") => ("0", |text| all::<1>(text, positive), "zero or more metres"),
+        (_, "radius" | "length") => {
+            ("0", |text| all::<1>(text, not_negative), "zero or more metres")
+        }
         (_, "size") => {
-            ("0 0 0", |text| all::<3>(text, positive), "three numbers, zero or more metres")
+            ("0 0 0", |text| all::<3>(text, not_negative), "three numbers, zero or more metres")
         }
         ("axis", _) => ("1 0 0", is_axis, "a direction: three numbers, not all of them zero"),
         (_, "xyz" | "rpy") => ("0 0 0", |text| all::<3>(text, bounded), VECTOR),
@@ -254,7 +256,7 @@ fn bounded(number: f64) -> bool {
     number.abs() <= MAX_NUMBER
 }
 
-fn positive(number: f64) -> bool {
+fn not_negative(number: f64) -> bool {
     (0.0..=MAX_NUMBER).contains(&number)
 }
 
@@ -354,7 +356,7 @@ fn line(node: Node) -> usize {
 /// Describes an element in a message, such as "`<limit>` of the joint `elbow`".
 fn place(node: Node) -> String {
     let tag = node.tag_name().name();
-    let is_owner = |node: &Node| ["link", "joint"].contains(&node.tag_name().name());
+    let is_owner = |around: &Node| ["link", "joint"].contains(&around.tag_name().name());
     let Some(owner) = node.ancestors().find(is_owner) else {
         return format!("`<{tag}>`");
     };
