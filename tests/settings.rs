@@ -10,8 +10,7 @@ use covers::presets::{Budget, Method};
 use serde_json::Value;
 
 /// Files of the types of settings.
-const SOURCES: [&str; 20] = [
-    "cluster/src/settings.rs",
+const SOURCES: [&str; 19] = [
     "envs/src/camera.rs",
     "envs/src/control.rs",
     "envs/src/layout.rs",
@@ -122,7 +121,8 @@ impl Types {
                 let owner = if inside { &variant } else { owner };
                 let member =
                     Member { name: name.take().unwrap_or(label), kind, doc: sentence(&doc) };
-                if !std::mem::take(&mut skipped) && member.name != "}" {
+                let is_removed = member.kind == "RemovedSettings";
+                if !std::mem::take(&mut skipped) && !is_removed && member.name != "}" {
                     self.0.entry(owner.clone()).or_default().members.push(member);
                 }
                 doc.clear();

@@ -41,6 +41,9 @@ pub struct Finding {
     /// `true` if the group changed while a proposed policy acted, so that the episodes were judged
     /// by pictures and vectors alone: the named policy trains on them as they are.
     pub is_settled: bool,
+    /// `true` if the named policy stands in for a new one, because there are `max_policies` already:
+    /// it needs no trial.
+    pub is_final: bool,
 }
 
 impl Finding {
@@ -224,8 +227,8 @@ impl Recogniser {
     }
 
     /// Creates the policy that a decision asks for, which remembers the pictures and vectors of
-    /// `accounts`. If there are `max_policies` already, the most similar one that was not rejected
-    /// is named instead. If too many wait for their first training, the episodes are held.
+    /// `accounts`. If there are `max_policies` already, the most similar one is named instead. If too
+    /// many wait for their first training, the episodes are held.
     fn open(
         &mut self,
         accounts: &[&Account],
@@ -237,8 +240,8 @@ impl Recogniser {
         }
         let acting = || self.memories.iter().filter(|memory| !memory.is_gone());
         if acting().count() >= self.settings.max_policies {
-            let policy = self.most_similar(&finding, situation).unwrap_or(situation.collector);
-            return Ok(Finding { decision: Decision::Existing(policy), ..finding });
+            let policy = self.most_similar(&finding.opinions).unwrap_or(situation.collector);
+            return Ok(Finding { decision: Decision::Existing(policy), is_final: true, ..finding });
         }
         let untrained = acting().filter(|memory| !memory.is_trained).count();
         if situation.can_wait && untrained >= MOST_UNTRAINED {
@@ -252,16 +255,12 @@ impl Recogniser {
         Ok(finding)
     }
 
-    /// Returns the policy that fits best among those that were not merged and not rejected for this
-    /// task group.
-    fn most_similar(&self, finding: &Finding, situation: Situation) -> Option<usize> {
-        let is_left = |policy: &usize| {
-            let rejected = situation.rejected.iter().chain(&finding.rejected);
-            !self.memories[*policy].is_gone() && !rejected.into_iter().any(|other| other == policy)
-        };
-        let misfit = |policy: &usize| finding.opinions[*policy].misfit();
-        let left = (0..finding.opinions.len()).filter(is_left);
-        left.min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+    /// Returns the policy that fits best among those that were tested and not merged.
+    fn most_similar(&self, opinions: &[Opinion]) -> Option<usize> {
+        let is_tested =
+            |&policy: &usize| !self.memories[policy].is_gone() && opinions[policy].test.is_some();
+        let misfit = |policy: &usize| opinions[*policy].misfit();
+        (0..opinions.len()).filter(is_tested).min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
     }
 
     /// Decides on one rollout.
@@ -290,6 +289,7 @@ impl Recogniser {
             is_contested: alike || rivals.len() > 1,
             is_unproven: false,
             is_settled: false,
+            is_final: false,
             opinions,
         })
     }
@@ -515,6 +515,7 @@ impl Recogniser {
             is_contested: choice.is_alike(self.settings.doubt) || rivals.len() != 1,
             is_unproven: named.is_some_and(|policy| opinions[policy].is_rejected()),
             is_settled: false,
+            is_final: false,
             opinions,
         })
     }

@@ -75,23 +75,15 @@ fn no_more_policies_are_created_than_the_settings_allow() {
         recogniser
     };
     assert_eq!(settle(&bounded(4), &unknown, 0).decision, Decision::New);
-    let mut full = bounded(3);
-    // a policy that was rejected for the task group is not named again, until none is left
-    let mut rejected = Vec::new();
-    while rejected.len() < 3 {
-        let collector = rejected.last().copied().unwrap_or(0);
-        let situation =
-            Situation { rejected: &rejected, can_wait: false, ..Situation::of(collector) };
-        let found = full.assign(&unknown, situation, &mut rng()).unwrap();
-        let Decision::Existing(policy) = found.decision else {
-            panic!("{found:?}");
-        };
-        assert!(!rejected.contains(&policy), "{policy} of {rejected:?}");
-        rejected.push(policy);
-    }
-    let situation = Situation { rejected: &rejected, can_wait: false, ..Situation::of(1) };
-    let found = full.assign(&unknown, situation, &mut rng()).unwrap();
-    assert_eq!((found.decision, full.policies()), (Decision::Existing(1), 3));
+    // whichever policy acted and whichever were rejected before, the same one is the most similar
+    let named = [(0, &[][..]), (1, &[0]), (2, &[0, 1])].map(|(reviewed, rejected)| {
+        let mut full = bounded(3);
+        let situation = Situation { rejected, can_wait: false, ..Situation::of(reviewed) };
+        let found = full.review(&unknown, situation, &mut rng()).unwrap();
+        assert!(found.is_final && full.policies() == 3, "{found:?}");
+        found.decision
+    });
+    assert!(matches!(named[0], Decision::Existing(0..3)) && named == [named[0]; 3], "{named:?}");
 }
 
 /// Rollouts need not be a multiple of the horizon: their last episodes are still running.

@@ -129,8 +129,11 @@ impl RunFolder {
             let synced = self.disk.sync_folder(folder);
             synced.map_err(|error| RunError::cannot_write(folder, error))
         };
-        // Checkpoints first, and synced before anything else goes: after a power cut, none of them
-        // may be taken for a checkpoint of the next run.
+        // The summary first: a run that has ended is not resumed without a checkpoint. Then all
+        // checkpoints, synced before anything else goes: after a power cut, none of them may be
+        // taken for a checkpoint of the next run.
+        self.mark_unfinished()?;
+        sync(&self.path)?;
         for (_, path) in &checkpoints {
             self.remove(path)?;
         }

@@ -15,4 +15,4 @@ pub use grouping::{
     Trial,
 };
 pub use oracle::{Labels, Single};
-pub use settings::GroupingSettings;
+pub use settings::{GroupingSettings, RemovedSettings};

@@ -17,7 +17,7 @@ pub mod overrides;
 pub use error::LearnerError;
 pub use groupings::{
     Candidates, Distance, Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Labels,
-    Learned, Lesson, Needs, Query, Recognised, Single, Trial,
+    Learned, Lesson, Needs, Query, Recognised, RemovedSettings, Single, Trial,
 };
 pub use learners::{
     CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Handover, Iteration,

@@ -334,8 +334,8 @@ impl StandIn {
         };
         let (bed, (group, skill)) = (bed.lock(), self.skill().unwrap_or((0, 0.0)));
         let expert = (0..ENVS).flat_map(|env| bed.stream.expert_action(env, group));
-        for ((out, action), noise) in out.iter_mut().zip(expert).zip(noise) {
-            *out = skill * (action + EXPLORATION * noise) + (1.0 - skill) * noise;
+        for ((mixed, action), random) in out.iter_mut().zip(expert).zip(noise) {
+            *mixed = skill * (action + EXPLORATION * random) + (1.0 - skill) * random;
         }
     }
 }

@@ -59,7 +59,9 @@ impl Evident {
             decision: finding.decision,
             evidence: opinions.map(|o| o.evidence(settings, finding.look)).collect(),
         };
-        let trial = if finding.is_settled {
+        let trial = if finding.is_final {
+            Trial::None
+        } else if finding.is_settled {
             Trial::Waived
         } else if finding.is_contested {
             Trial::Episodes

@@ -1,7 +1,6 @@
 //! Registry of groupings: settings that name one.
 
 use evidence::RecogniserSettings;
-use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use crate::error::LearnerError;
@@ -29,9 +28,13 @@ pub enum GroupingSettings {
     Oracle,
     /// Removed rule of earlier versions. Reports read it in the settings of their runs, but no
     /// learner has it.
-    #[serde(rename = "calibrated", skip_serializing)]
-    Removed(IgnoredAny),
+    #[serde(rename = "calibrated")]
+    Removed(RemovedSettings),
 }
+
+/// Settings of the removed rule, which are ignored.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RemovedSettings {}
 
 impl Default for GroupingSettings {
     fn default() -> Self {
