@@ -1,10 +1,13 @@
 //! Inertias for simulation, which must be those of rigid bodies.
 
+use std::f64::consts::PI;
+
 use glam::{DMat3, DVec3};
 
-use crate::capsule::Shape;
+use crate::capsule::Capsule;
 use crate::description::{Inertia, Link, RobotDescription};
 use crate::error::DescriptionError;
+use crate::pose::Pose;
 
 /// Smallest mass of a body (kg); a link of less is a frame.
 const LEAST_MASS: f64 = 1e-6;
@@ -82,16 +85,12 @@ fn mass(link: &Link) -> f64 {
     link.inertia.map(|inertia| inertia.mass).filter(|mass| *mass >= LEAST_MASS).unwrap_or(0.0)
 }
 
-/// Estimates the inertia of a link from boxes of water around its shapes.
+/// Estimates the inertia of a link from capsules of water around its shapes.
 fn estimated(link: &Link) -> Inertia {
     let masses = link.shapes.iter().map(|placed| {
-        let half = match placed.shape {
-            Shape::Sphere { radius } => DVec3::splat(radius),
-            Shape::Capsule { radius, length } => DVec3::new(radius, radius, radius + 0.5 * length),
-            Shape::Cylinder { radius, length } => DVec3::new(radius, radius, 0.5 * length),
-            Shape::Box { half_extents } => half_extents,
-        };
-        (DENSITY * 8.0 * half.element_product(), placed.pose.position)
+        let Capsule { ends: [start, end], radius } = placed.enclosing_capsule(&Pose::IDENTITY);
+        let volume = PI * radius * radius * (start.distance(end) + 4.0 / 3.0 * radius);
+        (DENSITY * volume, start.midpoint(end))
     });
     let add = |(mass, moment): (f64, DVec3), (own, centre)| (mass + own, moment + own * centre);
     let (mass, moment) = masses.fold((0.0, DVec3::ZERO), add);
@@ -108,9 +107,8 @@ fn trace(tensor: &DMat3) -> f64 {
     tensor.x_axis.x + tensor.y_axis.y + tensor.z_axis.z
 }
 
-/// Checks that all principal inertias are positive and none exceeds the sum of the
-/// others (the triangle inequality). Returns the inertia, corrected if rounding violates the
-/// inequality.
+/// Checks that all principal inertias are positive and none exceeds the sum of the others (the
+/// triangle inequality). Returns the inertia, corrected if rounding violates the inequality.
 ///
 /// The triangle inequality holds exactly where the second moment of mass, half the trace times the
 /// identity less the inertia, has no negative eigenvalue (Wensing, Kim, Slotine 2018, "Linear

@@ -40,7 +40,7 @@ pub struct UrdfSettings {
     /// Maximum torque or force (newton metres, newtons), likewise, which servos need.
     pub default_effort: Option<f64>,
     /// `true` if masses and inertias that cannot be simulated are replaced, with a note: moving
-    /// links without mass get that of water in boxes around their shapes (one gram without shapes),
+    /// links without mass get that of capsules of water around their shapes, or one gram,
     /// and impossible inertias become their mean in all directions. If `false`, conversion to MJCF
     /// refuses such a robot.
     pub repair: bool,

@@ -387,10 +387,10 @@ mod tests {
     }
 
     /// Returns the names of the links.
-    fn links(text: &str) -> Result<Vec<String>, DescriptionError> {
-        let cleaned = clean(text, &mut Report::default())?.text;
+    fn links(text: &str) -> Vec<String> {
+        let cleaned = clean(text, &mut Report::default()).unwrap().text;
         let links = urdf_rs::read_from_string(&cleaned).unwrap().links;
-        Ok(links.into_iter().map(|link| link.name).collect())
+        links.into_iter().map(|link| link.name).collect()
     }
 
     #[test]
@@ -405,21 +405,9 @@ mod tests {
         ] {
             let head = "\n<!-- -- -->\n<?xml version='1.0' encoding='latin1'?>\n<!DOCTYPE robot \
                         [<!ENTITY n 'entity'>]>\n<robot xmlns:g='g' xmlns:xacro='x'>";
-            assert_eq!(links(&format!("{head}{inside}</robot>\n")).unwrap(), names, "{inside}");
+            assert_eq!(links(&format!("{head}{inside}</robot>\n")), names, "{inside}");
         }
         let crowded = format!("<!-- {} -->", "= xmlns ".repeat(2 * MAX_ATTRIBUTES));
-        links(&format!("<robot>{crowded}</robot>")).unwrap();
-    }
-
-    #[test]
-    fn what_is_no_xml_is_refused() {
-        let texts = "<|<a|< a/>|<a/ >|<a b/>|<a b=1/>|<a b='1\"/>|<a=\"1\"/>|</a>|<a></b>|<a:b:c/>|<!-- |\
-                     <a: b='1'/>|<a></a b='1'>|<a></a/>|<a<!-- -->b/>|<link name='a<!--x-->b'/>|\
-                     <a <!-- x --> b='1'/>";
-        for inside in texts.split('|') {
-            let error = links(&format!("<robot>{inside}</robot>")).unwrap_err();
-            let is_syntax = matches!(error, DescriptionError::InvalidSyntax { .. });
-            assert!(is_syntax, "{inside}: {error}");
-        }
+        assert!(links(&format!("<robot>{crowded}</robot>")).is_empty());
     }
 }
