@@ -26,23 +26,22 @@ pub use xml::MAX_URDF_BYTES;
 /// Settings of reading a URDF file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UrdfSettings {
-    /// Names of ROS packages and their folders: `package://NAME/PATH` is `PATH` in that folder.
-    /// Other packages are searched in the URDF's folder and the five above it.
+    /// Names and folders of ROS packages, for `package://NAME/PATH`. Other packages are searched in
+    /// the URDF's folder and the five above it.
     pub packages: Vec<(String, PathBuf)>,
     /// Folder outside of which no mesh is read, except from `packages`. If `None`, the fifth folder
     /// above the URDF's.
     pub mesh_root: Option<PathBuf>,
     /// `true` if meshes are left out: links then collide only as their other shapes.
     pub ignore_meshes: bool,
-    /// Maximum speed (rad/s, m/s) of joints for which the file states none. Without a positive one
-    /// they have none, and control refuses them.
+    /// Maximum speed (rad/s, m/s) of joints for which the file states none, which control needs.
     pub default_speed: Option<f64>,
     /// Maximum torque or force (newton metres, newtons), likewise, which servos need.
     pub default_effort: Option<f64>,
     /// `true` if masses and inertias that cannot be simulated are replaced, with a note: moving
-    /// links without mass get that of capsules of water around their shapes, or one gram,
-    /// and impossible inertias become their mean in all directions. If `false`, conversion to MJCF
-    /// refuses such a robot.
+    /// links without mass get that of capsules of water around their shapes, or one gram, and
+    /// impossible inertias become their mean in all directions. Conversion to MJCF refuses such a
+    /// robot otherwise.
     pub repair: bool,
 }
 

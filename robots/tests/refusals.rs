@@ -324,7 +324,7 @@ fn shapes_without_size_are_left_out() {
     }
 }
 
-/// Among them elements 50 000 deep, some of which a careless parser takes for comments.
+/// Texts of all kinds, such as 50 000 nested elements that a careless parser takes for comments.
 #[test]
 fn what_is_no_urdf_is_refused() {
     let (open, close) = ("<a>".repeat(50_000), "</a>".repeat(50_000));
