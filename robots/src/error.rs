@@ -39,7 +39,7 @@ pub enum DescriptionError {
         error: Box<DescriptionError>,
     },
     /// Several errors.
-    #[error("{} errors:\n{}", .errors.len(), listed(.errors))]
+    #[error("{} errors:{}", .errors.len(), .errors.iter().map(|e| format!("\n{e}")).collect::<String>())]
     Several {
         /// Errors in the order in which they were found.
         errors: Vec<DescriptionError>,
@@ -334,10 +334,6 @@ impl fmt::Display for TipMiss {
             None => Ok(()),
         }
     }
-}
-
-fn listed(errors: &[DescriptionError]) -> String {
-    errors.iter().map(DescriptionError::to_string).collect::<Vec<_>>().join("\n")
 }
 
 /// Fails with the errors, if there are any.

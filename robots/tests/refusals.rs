@@ -389,16 +389,11 @@ fn namespaces_and_attributes_are_few() {
 
 #[test]
 fn a_file_holds_one_robot_and_nothing_else() {
-    let second = "<robot name=\"b\"/>";
-    for text in [
-        SIX_JOINT.replace("<robot ", "<model ").replace("</robot>", "</model>"),
-        format!("{SIX_JOINT}{second}"),
-        format!("{SIX_JOINT} and more"),
-        SIX_JOINT.replacen("<robot", "so <robot", 1),
-        format!("{SIX_JOINT}</robot>"),
-    ] {
-        let message = refusal(&text);
-        assert!(message.contains("`<robot>`"), "{message}");
+    let model = SIX_JOINT.replace("<robot ", "<model ").replace("</robot>", "</model>");
+    let second = format!("{SIX_JOINT}<robot name=\"b\"/>");
+    let [more, end] = ["and more", "</robot>"].map(|after| format!("{SIX_JOINT}{after}"));
+    for text in [model, second, more, end, changed("<robot", "so <robot")] {
+        assert!(refusal(&text).contains("`<robot>`"));
     }
     read(&format!("\u{feff}{SIX_JOINT}\n<!-- the end -->\n"));
 }

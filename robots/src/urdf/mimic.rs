@@ -116,18 +116,8 @@ mod tests {
             (whole, [-1.0, 1.0], 1e-310, 0.0, Some(whole)),
         ] {
             let range = narrowed(leader, own, multiplier, offset);
-            let close = |[a, b]: [[f64; 2]; 2]| {
-                let off = |end: usize| (a[end] - b[end]).abs() <= 1e-12 * b[end].abs();
-                off(0) && off(1)
-            };
-            let alike = match (range, expected) {
-                (Some(range), Some(expected)) => close([range, expected]),
-                (range, expected) => range == expected,
-            };
-            assert!(
-                alike,
-                "{leader:?} {own:?} {multiplier} {offset}: {range:?}, expected {expected:?}"
-            );
+            let [range, expected] = [range, expected].map(|range| format!("{range:.9?}"));
+            assert_eq!(range, expected, "{leader:?} {own:?} {multiplier} {offset}");
         }
     }
 

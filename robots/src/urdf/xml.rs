@@ -63,13 +63,8 @@ pub(super) fn clean(text: &str, report: &mut Report) -> Result<Cleaned, Descript
     if text.len() > MAX_URDF_BYTES {
         return Err(DescriptionError::FileTooLong { limit: MAX_URDF_BYTES });
     }
-    let mut text = without_hyphens(text);
-    // the text is decoded, and a comment may stand before the declaration, which XML forbids
-    let declaration = text.find("<?xml ").and_then(|at| Some(at..at + text[at..].find("?>")? + 2));
-    if let Some(declaration) = declaration {
-        let lines = "\n".repeat(text[declaration.clone()].matches('\n').count());
-        text.replace_range(declaration, &lines);
-    }
+    // the text is decoded already, and a declaration may stand only at the start
+    let mut text = without_hyphens(text).replacen("<?xml ", "<?was ", 1);
     // rough counts, taken before the parsing whose cost they limit
     let tags = || text.split('<').filter(|tag| !tag.starts_with("!--"));
     if tags().map(|tag| tag.matches("xmlns").count()).sum::<usize>() > MAX_NAMESPACES {
