@@ -62,12 +62,12 @@ pub enum DescriptionError {
         /// Element, or attribute with its value.
         found: String,
     },
-    /// No links, or too many links or shapes.
+    /// No links, or too many links, joints or shapes.
     #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
     CountOutOfRange {
         /// Robot, or one of its links.
         place: String,
-        /// `link` or `collision shape`.
+        /// `link`, `joint` or `collision shape`.
         kind: &'static str,
         /// Number in the file.
         count: usize,

@@ -13,14 +13,15 @@ const MAX_SHAPES: usize = 1000;
 /// Maximum length of a name (bytes).
 const MAX_NAME: usize = 200;
 
-/// Rejects files with too many links or shapes, which could exhaust the memory.
+/// Rejects files with too many links, joints or shapes, which could exhaust the memory.
 pub(super) fn check_counts(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
-    let robot = ("the robot".to_owned(), "link", file.links.len(), 1, MAX_LINKS);
+    let links = ("the robot".to_owned(), "link", file.links.len(), 1, MAX_LINKS);
+    let joints = ("the robot".to_owned(), "joint", file.joints.len(), 0, MAX_LINKS);
     let counts = file.links.iter().map(|link| {
         let place = format!("the link `{}`", link.name);
         (place, "collision shape", link.collision.len(), 0, MAX_SHAPES)
     });
-    let mut counts = std::iter::once(robot).chain(counts);
+    let mut counts = [links, joints].into_iter().chain(counts);
     match counts.find(|(_, _, count, least, limit)| !(least..=limit).contains(&count)) {
         None => Ok(()),
         Some((place, kind, count, least, limit)) => {
