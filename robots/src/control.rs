@@ -156,7 +156,11 @@ impl CartesianControl {
         check_length("posture", posture.len(), joints);
         settings.check()?;
         check_joint_ranges(&chain, posture)?;
-        check_speeds(&chain)?;
+        let unlimited = chain.joints().iter().filter(|joint| joint.motion.max_speed.is_none());
+        let unlimited: Vec<String> = unlimited.map(|joint| joint.name.clone()).collect();
+        if !unlimited.is_empty() {
+            return Err(ControlError::MissingSpeed { joints: unlimited });
+        }
         Ok(Self {
             reference: chain.tip_pose(posture),
             posture: posture.to_vec(),
@@ -334,13 +338,6 @@ impl CartesianControl {
         let miss = tip_miss(&self.chain, orientation, &self.configuration, &self.reference);
         Err(ControlError::CannotFollow { miss })
     }
-}
-
-/// Rejects a chain with joints of which no maximum speed is known.
-fn check_speeds(chain: &Chain) -> Result<(), ControlError> {
-    let joints = chain.joints().iter().filter(|joint| joint.motion.max_speed.is_none());
-    let joints: Vec<String> = joints.map(|joint| joint.name.clone()).collect();
-    if joints.is_empty() { Ok(()) } else { Err(ControlError::MissingSpeed { joints }) }
 }
 
 /// Rejects a twist that is not finite.

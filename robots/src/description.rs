@@ -44,8 +44,7 @@ pub struct RangeRestriction {
 pub struct Link {
     /// Name, unique among the links.
     pub name: String,
-    /// Mass and inertia as in the file, which may be those of no rigid body; `None` for a frame
-    /// without mass.
+    /// Mass and inertia in the file, possible or not; `None` for a frame without mass.
     pub inertia: Option<Inertia>,
     /// Collision shapes, in the link's frame.
     pub shapes: Vec<PlacedShape>,
@@ -207,8 +206,7 @@ impl RobotDescription {
         &self.notes
     }
 
-    /// Returns descriptions of the collision meshes that could not be read, whose shapes are
-    /// missing from the links.
+    /// Returns the collision meshes that are missing because they could not be read, with reasons.
     pub fn unread_meshes(&self) -> &[String] {
         &self.unread_meshes
     }
@@ -298,7 +296,6 @@ impl RobotDescription {
     }
 
     /// Returns capsules in the world that enclose all shapes, each with the index of its link.
-    /// They lack [`RobotDescription::unread_meshes`].
     ///
     /// # Panics
     /// If `positions` is not of length [`RobotDescription::num_dofs`].

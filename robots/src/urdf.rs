@@ -95,9 +95,8 @@ impl RobotDescription {
     ) -> Result<Self, DescriptionError> {
         // the folder of a plain name is the empty path, which is no folder
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
-        let bytes = read(path, MAX_URDF_BYTES);
-        let bytes =
-            bytes.map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
+        let unread = |source| DescriptionError::Read { path: path.to_owned(), source };
+        let bytes = read(path, MAX_URDF_BYTES).map_err(unread)?;
         Self::parse(&xml::decode(bytes), Some(folder.unwrap_or(Path::new("."))), settings)
     }
 

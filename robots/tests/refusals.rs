@@ -31,14 +31,6 @@ fn refusal(urdf: &str) -> String {
     message
 }
 
-#[track_caller]
-fn refused(old: &str, new: &str, words: &[&str]) {
-    let message = refusal(&changed(old, new));
-    for word in words {
-        assert!(message.contains(word), "{word:?} is not in: {message}");
-    }
-}
-
 /// The columns of a table's lines, separated by `|`.
 fn rows<const N: usize>(table: &str) -> impl Iterator<Item = [&str; N]> {
     table.trim().lines().map(|line| {
@@ -51,7 +43,9 @@ fn rows<const N: usize>(table: &str) -> impl Iterator<Item = [&str; N]> {
 #[track_caller]
 fn all_refused(table: &str) {
     for [old, new, words] in rows(table) {
-        refused(old, new, &words.split("; ").collect::<Vec<_>>());
+        let message = refusal(&changed(old, new));
+        let missing = words.split("; ").find(|word| !message.contains(word));
+        assert!(missing.is_none(), "{missing:?} is not in: {message}");
     }
 }
 
@@ -83,7 +77,7 @@ fn names_must_be_unique_and_usable() {
         "#,
     );
     let long = format!("<link name=\"{}\"/>", "x".repeat(201));
-    refused("<link name=\"tip\"/>", &long, &["200 bytes"]);
+    assert!(refusal(&changed("<link name=\"tip\"/>", &long)).contains("200 bytes"));
     // MuJoCo's own name, for a link with shapes and for a frame that hangs on another link
     for taken in ["\"column\"", "\"tip\""] {
         let urdf = SIX_JOINT.replace("\"world\"", "\"ground\"").replace(taken, "\"world\"");
@@ -157,8 +151,7 @@ fn limits_are_needed_where_they_are_used() {
         assert!(not_simulated(&urdf).contains("efforts of the joints turn, "));
         let chain = Chain::new(&read(&urdf), "tip").unwrap();
         let control = CartesianControl::new(chain, &[0.0; 6], ControlSettings::default());
-        let message = control.unwrap_err().to_string();
-        assert!(message.contains("speeds of the joints turn, "), "{message}");
+        assert!(control.unwrap_err().to_string().contains("speeds of the joints turn, "));
         for (speed, known) in [(0.5, Some(0.5)), (0.0, None)] {
             let default_speed = Some(speed);
             let settings = UrdfSettings { default_speed, ..UrdfSettings::default() };
@@ -314,14 +307,9 @@ fn shapes_must_be_primitive() {
 /// Shapes without size are left out, and flat ones stay.
 #[test]
 fn shapes_without_size_are_left_out() {
-    let table = r#"
-        <sphere radius="0"/> | 0
-        <box size="0 0 0"/>  | 0
-        <box size="1 1 0"/>  | 1
-        "#;
-    for [shape, shapes] in rows(table) {
+    let flat = ["<sphere radius=\"0\"/>", "<box size=\"0 0 0\"/>", "<box size=\"1 1 0\"/>"];
+    for (shape, shapes) in flat.into_iter().zip([0, 0, 1]) {
         let arm = read(&changed("<sphere radius=\"0.05\"/>", shape));
-        let shapes: usize = shapes.parse().unwrap();
         assert_eq!((arm.links()[2].shapes.len(), arm.notes().len()), (shapes, 1 - shapes));
         arm.to_mjcf(&MjcfSettings::default()).unwrap();
     }
@@ -430,7 +418,8 @@ fn templates_that_were_not_expanded_are_refused() {
     }
     // of a long value, what would have been expanded
     let long = format!("xyz=\"{} 0 ${{2 * L}}\"", "0".repeat(90));
-    refused("xyz=\"0 0 2\"", &long, &["`xyz` of `<axis>`, \"${2 * L}\""]);
+    let long = refusal(&changed("xyz=\"0 0 2\"", &long));
+    assert!(long.contains("`xyz` of `<axis>`, \"${2 * L}\""), "{long}");
     // a namespace of another tool, whose address only names xacro
     let other = "<x:note xmlns:x=\"http://example.org/xacro-editor\"/></robot>";
     read(&changed("</robot>", other));
@@ -549,7 +538,6 @@ fn meshes_that_cannot_be_read_are_named() {
     ] {
         let arm = folder.with_mesh(file, &settings);
         let message = arm.to_mjcf(&MjcfSettings::default()).unwrap_err().to_string();
-        println!("{message}");
         assert!(arm.links()[2].shapes.is_empty());
         assert!(message.contains(words) && message.contains("ignore_meshes"), "{message}");
         assert!(message.contains(&format!("link `carriage` collides as the mesh `{file}`")));

@@ -30,8 +30,7 @@ pub(super) fn check_counts(file: &urdf_rs::Robot) -> Result<(), DescriptionError
     }
 }
 
-/// Reports names that are empty, too long, unprintable or not unique. Returns `true` if there are
-/// none.
+/// Reports names that are empty, too long, unprintable or not unique. `true` if there are none.
 pub(super) fn check(file: &urdf_rs::Robot, cleaned: &Cleaned, report: &mut Report) -> bool {
     let before = report.errors.len();
     // a robot may go without a name

@@ -176,9 +176,9 @@ fn quoted(value: &str) -> String {
     value[start.unwrap_or(0)..].chars().take(MAX_QUOTED).collect()
 }
 
-/// Elements that are read, with their attributes and the elements inside, of which `|` separates
+/// Elements that are read, with their attributes and the elements inside; `|` separates
 /// alternatives. The first element of a name is read, or all in [`REPEATED`].
-const READ: [(&str, &[&str], &[&str]); 20] = [
+const READ: [(&str, &[&str], &[&str]); 18] = [
     ("robot", &["name"], &["link", "joint"]),
     ("link", &["name"], &["inertial", "collision"]),
     ("inertial", &[], &["origin", "mass", "inertia"]),
@@ -188,8 +188,7 @@ const READ: [(&str, &[&str], &[&str]); 20] = [
     ("geometry", &[], &[SHAPES]),
     ("sphere", &["radius"], &[]),
     ("box", &["size"], &[]),
-    ("cylinder", &["radius", "length"], &[]),
-    ("capsule", &["radius", "length"], &[]),
+    ("cylinder|capsule", &["radius", "length"], &[]),
     ("mesh", &["filename", "scale"], &[]),
     ("joint", &["name", "type"], &OF_JOINT),
     ("origin", &["xyz", "rpy", "quat_xyzw"], &[]),
@@ -197,8 +196,7 @@ const READ: [(&str, &[&str], &[&str]); 20] = [
     ("limit", &["lower", "upper", "effort", "velocity"], &[]),
     ("dynamics", &["damping", "friction"], &[]),
     ("mimic", &["joint", "multiplier", "offset"], &[]),
-    ("parent", &["link"], &[]),
-    ("child", &["link"], &[]),
+    ("parent|child", &["link"], &[]),
 ];
 const SHAPES: &str = "sphere|box|cylinder|capsule|mesh";
 const OF_JOINT: [&str; 7] = ["origin", "axis", "limit", "dynamics", "mimic", "parent", "child"];
@@ -261,7 +259,7 @@ fn is_axis(text: &str) -> bool {
 
 /// Writes an element with what is read of it; without `node`, one of default values.
 fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report) {
-    let read = READ.iter().find(|(element, ..)| *element == name);
+    let read = READ.iter().find(|(names, ..)| names.split('|').any(|of| of == name));
     let (_, attributes, children) = read.unwrap_or(&("", &[], &[]));
     *text += &format!("<{name}");
     for attribute in *attributes {
@@ -368,10 +366,9 @@ mod tests {
     fn encodings_are_told_by_their_bytes() {
         let text = "\u{feff}<robot name='Gr\u{f6}\u{df}e'/>";
         let units: Vec<u16> = text.encode_utf16().collect();
-        let latin: Vec<u8> = text.chars().skip(1).map(|c| c as u8).collect();
         for bytes in [
             text.as_bytes().to_vec(),
-            latin,
+            text.chars().skip(1).map(|c| c as u8).collect(),
             units.iter().flat_map(|unit| unit.to_le_bytes()).collect(),
             units.iter().flat_map(|unit| unit.to_be_bytes()).collect(),
             units[1..].iter().flat_map(|unit| unit.to_le_bytes()).collect(),
