@@ -17,7 +17,6 @@ fn main() {
 
 fn facts(robot: &RobotDescription) -> String {
     let postures = [7, 14, 21, 28].map(|seed| {
-        // spread over the ranges
         let position = |(index, (_, motion)): (usize, (_, &JointMotion))| {
             let part = (0.618_034 * (index + seed) as f64).fract();
             let [low, high] = motion.range.unwrap_or([-3.0, 3.0]).map(|end| end.clamp(-3.0, 3.0));

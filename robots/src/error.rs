@@ -39,7 +39,10 @@ pub enum DescriptionError {
         error: Box<DescriptionError>,
     },
     /// Several errors.
-    #[error("{} errors:{}", .errors.len(), .errors.iter().map(|e| format!("\n{e}")).collect::<String>())]
+    #[error(
+        "{} errors:{}", .errors.len(),
+        .errors.iter().map(|error| format!("\n{error}")).collect::<String>()
+    )]
     Several {
         /// Errors in the order in which they were found.
         errors: Vec<DescriptionError>,

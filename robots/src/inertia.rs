@@ -55,10 +55,8 @@ impl RobotDescription {
                     let moment = if mean > LEAST_INERTIA { mean } else { none };
                     let [x, y, z] = inertia.tensor.to_cols_array_2d();
                     let tensor = [x[0], y[1], z[2], x[1], x[2], y[2]];
-                    let note = format!(
-                        "the link `{name}` has an inertia that no rigid body can have; {moment:.3e} \
-                         kg m^2 about all axes is assumed"
-                    );
+                    let assumed = format!("{moment:.3e} kg m^2 about all axes is assumed");
+                    let note = format!("the link `{name}` has an impossible inertia; {assumed}");
                     let link = name.clone();
                     defects.push((DescriptionError::InvalidInertia { link, tensor, reason }, note));
                     Some(Inertia { tensor: identity(moment), ..inertia })
