@@ -125,9 +125,9 @@ impl RobotDescription {
     /// [`DescriptionError::UnknownLink`] for a class or an addition of an unknown link,
     /// [`DescriptionError::TooManyLinksInRow`] for more than 96 nested links,
     /// [`DescriptionError::InvalidName`] for a link `world` with shapes or mass.
-    /// [`DescriptionError::MissingInertia`] and [`DescriptionError::InvalidInertia`] for bodies that
-    /// cannot be simulated, [`DescriptionError::UnreadMeshes`] for meshes that could not be read;
-    /// with servos, [`DescriptionError::MissingEffort`].
+    /// [`DescriptionError::MissingInertia`] and [`DescriptionError::InvalidInertia`] for bodies
+    /// that cannot be simulated, [`DescriptionError::UnreadMeshes`] for meshes that could not be
+    /// read; with servos, [`DescriptionError::MissingEffort`].
     pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let name = xml_escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
