@@ -184,7 +184,7 @@ impl ServoController {
     fn closing_speed(&self) -> Option<(f64, f64)> {
         let (_, motion) = self.finger()?;
         let travel = motion.range.map_or(1.0, |[low, high]| high - low);
-        Some((motion.max_speed, travel))
+        Some((motion.max_speed?, travel))
     }
 
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {

@@ -142,7 +142,8 @@ impl CartesianControl {
     /// Starts at rest in `posture` `[len]`, to which redundant joints return.
     ///
     /// # Errors
-    /// [`ControlError::InvalidSetting`], [`ControlError::JointOutOfRange`].
+    /// [`ControlError::InvalidSetting`], [`ControlError::JointOutOfRange`],
+    /// [`ControlError::MissingSpeed`].
     ///
     /// # Panics
     /// If `posture` is not as long as the chain.
@@ -155,6 +156,11 @@ impl CartesianControl {
         check_length("posture", posture.len(), joints);
         settings.check()?;
         check_joint_ranges(&chain, posture)?;
+        let unlimited = chain.joints().iter().filter(|joint| joint.motion.max_speed.is_none());
+        let unlimited: Vec<String> = unlimited.map(|joint| joint.name.clone()).collect();
+        if !unlimited.is_empty() {
+            return Err(ControlError::MissingSpeed { joints: unlimited });
+        }
         Ok(Self {
             reference: chain.tip_pose(posture),
             posture: posture.to_vec(),
@@ -314,8 +320,9 @@ impl CartesianControl {
     /// too fast.
     fn speed_scale(&self) -> f64 {
         let joints = self.chain.joints().iter().zip(self.solver.joint_velocities());
-        let factor =
-            |(joint, velocity): (&ChainJoint, &f64)| joint.motion.max_speed / velocity.abs();
+        let factor = |(joint, velocity): (&ChainJoint, &f64)| {
+            joint.motion.max_speed.map_or(1.0, |speed| speed / velocity.abs())
+        };
         // a joint at rest has the factor infinity, which the fold ignores
         joints.map(factor).fold(1.0, f64::min)
     }

@@ -22,6 +22,8 @@ pub struct RobotDescription {
     pub(crate) joints: Vec<Joint>,
     pub(crate) num_dofs: usize,
     pub(crate) restrictions: Vec<RangeRestriction>,
+    pub(crate) notes: Vec<String>,
+    pub(crate) unread_meshes: Vec<String>,
 }
 
 /// Reduction of a free joint's range, so that a joint that follows it stays within its own range.
@@ -42,7 +44,7 @@ pub struct RangeRestriction {
 pub struct Link {
     /// Name, unique among the links.
     pub name: String,
-    /// Mass and inertia; `None` for a frame without mass.
+    /// Mass and inertia in the file, possible or not; `None` for a frame without mass.
     pub inertia: Option<Inertia>,
     /// Collision shapes, in the link's frame.
     pub shapes: Vec<PlacedShape>,
@@ -80,12 +82,12 @@ pub struct JointMotion {
     pub kind: MotionKind,
     /// Unit vector in the joint's frame.
     pub axis: DVec3,
-    /// Lowest and highest position; `None` for a hinge without limits.
+    /// Lowest and highest position; `None` for a joint without limits.
     pub range: Option<[f64; 2]>,
-    /// Maximum speed (m/s, rad/s).
-    pub max_speed: f64,
-    /// Maximum force or torque.
-    pub max_effort: f64,
+    /// Maximum speed (m/s, rad/s); `None` if the file states none.
+    pub max_speed: Option<f64>,
+    /// Maximum force or torque; `None` if the file states none.
+    pub max_effort: Option<f64>,
     /// Viscous damping: force per speed.
     pub damping: f64,
     /// Dry friction.
@@ -197,6 +199,16 @@ impl RobotDescription {
     /// follow them.
     pub fn restrictions(&self) -> &[RangeRestriction] {
         &self.restrictions
+    }
+
+    /// Returns notes on values of the file that were replaced or left out, for the user.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Returns the collision meshes that are missing because they could not be read, with reasons.
+    pub fn unread_meshes(&self) -> &[String] {
+        &self.unread_meshes
     }
 
     /// Returns the position vector of the robot at rest: for each joint zero, or the end of its

@@ -24,17 +24,36 @@ pub enum DescriptionError {
         /// Maximum number of bytes.
         limit: usize,
     },
-    /// XML elements that are nested too deep.
-    #[error("elements of the URDF are nested more than {limit} deep; URDF itself needs 5 levels")]
-    XmlTooDeep {
-        /// Maximum number of levels.
-        limit: usize,
-    },
     /// A file that is not XML, or not a URDF.
     #[error("the URDF cannot be parsed: {message}")]
     InvalidSyntax {
-        /// Message of the parser.
+        /// Line and cause.
         message: String,
+    },
+    /// An error at a line of the file.
+    #[error("line {line}: {error}")]
+    Line {
+        /// Line number in the file, from 1.
+        line: usize,
+        /// Error, which names the element.
+        error: Box<DescriptionError>,
+    },
+    /// Several errors.
+    #[error(
+        "{} errors:{}", .errors.len(),
+        .errors.iter().map(|error| format!("\n{error}")).collect::<String>()
+    )]
+    Several {
+        /// Errors in the order in which they were found.
+        errors: Vec<DescriptionError>,
+    },
+    /// A missing element or attribute, or one that cannot be used.
+    #[error("{place} {problem}")]
+    InvalidElement {
+        /// Element or attribute, and the link or joint that it belongs to.
+        place: String,
+        /// Value in the file, and what is expected.
+        problem: String,
     },
     /// A template that `xacro` has not expanded, so that parts of the robot are missing.
     #[error(
@@ -46,12 +65,12 @@ pub enum DescriptionError {
         /// Element, or attribute with its value.
         found: String,
     },
-    /// No links, or too many links or shapes.
+    /// No links, or too many links, joints or shapes.
     #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
     CountOutOfRange {
         /// Robot, or one of its links.
         place: String,
-        /// `link` or `collision shape`.
+        /// `link`, `joint` or `collision shape`.
         kind: &'static str,
         /// Number in the file.
         count: usize,
@@ -111,17 +130,6 @@ pub enum DescriptionError {
         /// Name of a link in the cycle or below it.
         link: String,
     },
-    /// A joint with more than one degree of freedom.
-    #[error(
-        "the joint `{joint}` is {kind}, which is not supported; use revolute, continuous, \
-         prismatic or fixed"
-    )]
-    UnsupportedJointKind {
-        /// Name of the joint.
-        joint: String,
-        /// Kind of the joint in URDF.
-        kind: &'static str,
-    },
     /// A number out of range.
     #[error("{place}: {what} is {value}, expected {expected}")]
     NumberOutOfRange {
@@ -134,21 +142,11 @@ pub enum DescriptionError {
         /// Range or property expected.
         expected: &'static str,
     },
-    /// Limits with a lower end that is not below the upper one.
+    /// A moving link without mass, in a use that needs it.
     #[error(
-        "the joint `{joint}` may move from {lower} to {upper}; give `<limit>` a lower limit below \
-         the upper one, or make the joint continuous"
+        "the joint `{joint}` moves the link `{link}`, which has no mass (a milligram or more), nor \
+         have links that are fixed to it: give it `<inertial>`, or set `UrdfSettings::repair`"
     )]
-    InvalidLimits {
-        /// Name of the joint.
-        joint: String,
-        /// Lower limit.
-        lower: f64,
-        /// Upper limit.
-        upper: f64,
-    },
-    /// A moving link without mass.
-    #[error("the joint `{joint}` moves the link `{link}`, which has no mass; give it `<inertial>`")]
     MissingInertia {
         /// Name of the link.
         link: String,
@@ -158,19 +156,19 @@ pub enum DescriptionError {
     /// An inertia that no rigid body can have.
     #[error(
         "the link `{link}` has an inertia that no rigid body can have: {reason} (ixx {}, iyy {}, \
-         izz {}, ixy {}, ixz {}, iyz {} kg m^2)",
+         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it, or set `UrdfSettings::repair`",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
     InvalidInertia {
         /// Name of the link.
         link: String,
-        /// Components ixx, iyy, izz, ixy, ixz, iyz (kg m^2) along the axes of the inertial frame.
+        /// Components ixx, iyy, izz, ixy, ixz, iyz (kg m^2) along the link's axes.
         tensor: [f64; 6],
         /// Violated condition.
         reason: &'static str,
     },
     /// A `<mimic>` of a joint that cannot be followed.
-    #[error("the joint `{joint}` cannot follow `{followed}`: {reason}")]
+    #[error("the joint `{joint}` cannot follow `{followed}`: {reason}; correct its `<mimic>`")]
     InvalidMimic {
         /// Name of the joint.
         joint: String,
@@ -179,40 +177,24 @@ pub enum DescriptionError {
         /// Reason for the rejection.
         reason: &'static str,
     },
-    /// A joint that follows another one out of its own range.
+    /// Collision meshes that could not be read, in a use that needs all shapes.
     #[error(
-        "the joint `{joint}` follows `{followed}`, which moves from {} to {}{}, to positions from \
-         {} to {}, outside its own range, {} to {}: correct `<limit>` or `<mimic>` of `{joint}`{}",
-        .ranges.followed[0], .ranges.followed[1], kept_by(.other), .ranges.required[0],
-        .ranges.required[1], .ranges.own[0], .ranges.own[1], or_of(.other)
+        "{}\nread the robot with `UrdfSettings::ignore_meshes` to leave all meshes out",
+        .unread.join("\n")
     )]
-    FollowerRange {
-        /// Name of the joint.
-        joint: String,
-        /// Name of the followed joint.
-        followed: String,
-        /// Ranges of both joints.
-        ranges: Box<FollowerRanges>,
-        /// Another follower of the same joint that has reduced its range, if any.
-        other: Option<String>,
+    UnreadMeshes {
+        /// Descriptions of the meshes and the reasons.
+        unread: Vec<String>,
     },
-    /// A collision mesh that cannot be used.
-    #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
-    InvalidMesh {
-        /// Name of the link.
-        link: String,
-        /// File of the mesh, as in the URDF.
-        file: String,
-        /// Reason for the rejection.
-        reason: String,
-    },
-    /// A file outside of the URDF's folder.
-    #[error("the link `{link}` names the file `{file}`, which lies outside of the URDF's folder")]
-    MeshOutsideFolder {
-        /// Name of the link.
-        link: String,
-        /// File, as in the URDF.
-        file: String,
+    /// Joints without maximum force or torque, which servos need.
+    #[error(
+        "servos need the efforts of the joints {}, which the URDF does not state: add `effort` to \
+         their `<limit>`, or set `UrdfSettings::default_effort`",
+        .joints.join(", ")
+    )]
+    MissingEffort {
+        /// Names of the joints.
+        joints: Vec<String>,
     },
     /// A branch of more links than MuJoCo can read.
     #[error(
@@ -257,6 +239,16 @@ pub enum ControlError {
         value: String,
         /// Range expected.
         expected: &'static str,
+    },
+    /// Joints without maximum speed.
+    #[error(
+        "control needs the speeds of the joints {}, which the URDF does not state: add `velocity` \
+         to their `<limit>`, or set `UrdfSettings::default_speed`",
+        .joints.join(", ")
+    )]
+    MissingSpeed {
+        /// Names of the joints.
+        joints: Vec<String>,
     },
     /// A posture with a joint outside of its range.
     #[error(
@@ -320,27 +312,6 @@ pub enum ControlError {
     },
 }
 
-/// Ranges (radians, metres) of a joint that follows another one out of its own range.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FollowerRanges {
-    /// Range of the followed joint.
-    pub followed: [f64; 2],
-    /// Lowest and highest position to which the followed joint leads the follower.
-    pub required: [f64; 2],
-    /// Range of the follower.
-    pub own: [f64; 2],
-}
-
-fn kept_by(other: &Option<String>) -> String {
-    let of = other.as_ref();
-    of.map_or_else(String::new, |joint| format!(" to keep `{joint}` in its range"))
-}
-
-fn or_of(other: &Option<String>) -> String {
-    let of = other.as_ref();
-    of.map_or_else(String::new, |joint| format!(" or of `{joint}`"))
-}
-
 /// Tip that is not at its target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TipMiss {
@@ -365,6 +336,15 @@ impl fmt::Display for TipMiss {
             Some(joint) => write!(f, "; the joint `{joint}` is at the end of its range"),
             None => Ok(()),
         }
+    }
+}
+
+/// Fails with the errors, if there are any.
+pub(crate) fn all(mut errors: Vec<DescriptionError>) -> Result<(), DescriptionError> {
+    match errors.len() {
+        0 => Ok(()),
+        1 => Err(errors.remove(0)),
+        _ => Err(DescriptionError::Several { errors }),
     }
 }
 

@@ -9,6 +9,7 @@ mod fit;
 pub mod gen3;
 mod gravity;
 mod ik;
+mod inertia;
 mod kinematic_arm;
 mod mjcf;
 mod overlap;
@@ -25,12 +26,12 @@ pub use description::{
     Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RangeRestriction,
     RobotDescription,
 };
-pub use error::{ControlError, DescriptionError, FollowerRanges, TipMiss};
+pub use error::{ControlError, DescriptionError, TipMiss};
 pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
 pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo};
 pub use pose::Pose;
 pub use robot::{Command, Robot, RobotState};
 pub use twist::{Twist, TwistLimits};
-pub use urdf::{MAX_LINKS, MAX_URDF_BYTES, MAX_XML_DEPTH};
+pub use urdf::{MAX_LINKS, MAX_URDF_BYTES, UrdfSettings};
 pub use watchdog::Watchdog;

@@ -19,7 +19,7 @@ use crate::description::{
     Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RobotDescription,
 };
 use crate::error::DescriptionError;
-use crate::error::{check_numbers, require};
+use crate::error::{all, check_numbers, require};
 use crate::overlap::Solids;
 use crate::pose::Pose;
 
@@ -97,9 +97,10 @@ impl Servo {
     }
 
     /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
-    /// instance one of [`RobotDescription::holding_forces`].
+    /// instance one of [`RobotDescription::holding_forces`]. Zero for a joint without a known
+    /// effort, which can have no servo.
     pub fn feed_forward(&self, motion: &JointMotion, force: f64) -> f64 {
-        force * self.saturation_error / motion.max_effort
+        motion.max_effort.map_or(0.0, |effort| force * self.saturation_error / effort)
     }
 
     /// Returns the control with which a joint follows a position (radians, metres) and its velocity
@@ -122,7 +123,11 @@ impl RobotDescription {
     /// # Errors
     /// [`DescriptionError::NumberOutOfRange`] for a servo out of range,
     /// [`DescriptionError::UnknownLink`] for a class or an addition of an unknown link,
-    /// [`DescriptionError::TooManyLinksInRow`] for more than 96 nested links.
+    /// [`DescriptionError::TooManyLinksInRow`] for more than 96 nested links,
+    /// [`DescriptionError::InvalidName`] for a link `world` with shapes or mass.
+    /// [`DescriptionError::MissingInertia`] and [`DescriptionError::InvalidInertia`] for bodies
+    /// that cannot be simulated, [`DescriptionError::UnreadMeshes`] for meshes that could not be
+    /// read; with servos, [`DescriptionError::MissingEffort`].
     pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let name = xml_escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
@@ -148,6 +153,18 @@ impl RobotDescription {
         settings.servo.map_or(Ok(()), |servo| servo.check())?;
         self.check_links(settings)?;
         self.check_nesting()?;
+        self.check_world()?;
+        let (inertias, defects) = self.simulated_inertias();
+        let mut errors: Vec<_> = defects.into_iter().map(|(error, _)| error).collect();
+        if !self.unread_meshes.is_empty() {
+            errors.push(DescriptionError::UnreadMeshes { unread: self.unread_meshes.clone() });
+        }
+        let joints = self.free_joints().filter(|(_, motion)| motion.max_effort.is_none());
+        let joints: Vec<String> = joints.map(|(joint, _)| joint.name.clone()).collect();
+        if settings.servo.is_some() && !joints.is_empty() {
+            errors.push(DescriptionError::MissingEffort { joints });
+        }
+        all(errors)?;
         let servos = settings.servo.map_or(String::new(), |servo| self.servos(&servo));
         let section = |(name, text): (&str, String)| match &text[..] {
             "" => String::new(),
@@ -155,7 +172,7 @@ impl RobotDescription {
         };
         let touching = self.touching_at_rest();
         let sections = [
-            ("worldbody", self.bodies(settings)),
+            ("worldbody", self.bodies(settings, &inertias)),
             ("contact", self.excludes(&touching)),
             ("equality", self.equalities()),
             ("actuator", servos),
@@ -189,12 +206,26 @@ impl RobotDescription {
         }
     }
 
+    /// Rejects a link `world` that is not a bare root: MuJoCo reserves the name for its own body.
+    fn check_world(&self) -> Result<(), DescriptionError> {
+        let is_bare = |link: &Link| link.shapes.is_empty() && link.inertia.is_none();
+        let first = usize::from(is_bare(&self.links[0]));
+        if self.links[first..].iter().all(|link| link.name != "world") {
+            return Ok(());
+        }
+        Err(DescriptionError::InvalidName {
+            kind: "link",
+            name: "world".to_owned(),
+            reason: "it is reserved for the simulated world and a root without shapes and mass",
+        })
+    }
+
     /// Writes the bodies, each inside its parent.
     ///
     /// Links are in depth-first order, so a link closes the open bodies that it does not hang on.
-    fn bodies(&self, settings: &MjcfSettings) -> String {
-        let mut text =
-            body(&self.links[0], &self.base_pose, settings) + &contents(&self.links[0], settings);
+    fn bodies(&self, settings: &MjcfSettings, inertias: &[Option<Inertia>]) -> String {
+        let contents = |link: usize| contents(&self.links[link], inertias[link], settings);
+        let mut text = body(&self.links[0], &self.base_pose, settings) + &contents(0);
         let mut open = vec![0];
         for (index, joint) in self.joints.iter().enumerate() {
             while open.last().is_some_and(|&link| link != joint.parent) {
@@ -205,7 +236,7 @@ impl RobotDescription {
             open.push(link);
             text += &body(&self.links[link], &joint.origin, settings);
             text += &joint.motion.map_or(String::new(), |motion| moving(&joint.name, &motion));
-            text += &contents(&self.links[link], settings);
+            text += &contents(link);
         }
         text + &"</body>\n".repeat(open.len())
     }
@@ -245,16 +276,6 @@ impl RobotDescription {
         pairs.filter(|&pair| touch(pair) && !never_collide(pair)).collect()
     }
 
-    /// Returns, for each link, the first of the links that are fixed to it, itself included.
-    fn rigid_bodies(&self) -> Vec<usize> {
-        let mut bodies = vec![0];
-        for (index, joint) in self.joints.iter().enumerate() {
-            let fixed_to = bodies[joint.parent];
-            bodies.push(joint.motion.map_or(fixed_to, |_| index + 1));
-        }
-        bodies
-    }
-
     /// Returns the links between `link` and the root that at most one joint separates from it, as
     /// far as both have shapes.
     fn neighbours(&self, link: usize) -> Vec<usize> {
@@ -292,8 +313,9 @@ impl RobotDescription {
     fn servos(&self, servo: &Servo) -> String {
         let of_joint = |(joint, motion): (&Joint, &JointMotion)| {
             let name = xml_escaped(&joint.name);
-            let (stiffness, effort) =
-                (motion.max_effort / servo.saturation_error, motion.max_effort);
+            // no servos are written where an effort is unknown
+            let effort = motion.max_effort.unwrap_or_default();
+            let stiffness = effort / servo.saturation_error;
             let damping = stiffness * servo.damping_time;
             format!(
                 "<general name=\"{name}\" joint=\"{name}\" biastype=\"affine\" \
@@ -323,12 +345,12 @@ fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
 const NO_MASS: &str = "<inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>\n";
 
 /// Writes the mass, shapes and added elements of a link.
-fn contents(link: &Link, settings: &MjcfSettings) -> String {
+fn contents(link: &Link, inertia: Option<Inertia>, settings: &MjcfSettings) -> String {
     let shapes = link.shapes.iter().enumerate();
     let geoms = shapes.map(|(index, shape)| geom(&format!("{}_{index}", link.name), shape));
     let additions = settings.additions.iter();
     let additions = additions.filter(|addition| addition.link == link.name);
-    let mass = match link.inertia {
+    let mass = match inertia {
         Some(inertia) => inertial(&inertia),
         None if link.shapes.is_empty() => String::new(),
         None => NO_MASS.to_owned(),

@@ -59,7 +59,7 @@ proptest! {
     })]
 
     /// A damaged file is rejected, or describes a valid robot: its frames are finite, and MuJoCo
-    /// loads its MJCF.
+    /// loads its MJCF, if it can have one.
     #[test]
     fn no_damaged_file_is_a_panic(seed in any::<u64>(), ours: bool, times in 1..4_usize) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
@@ -70,8 +70,11 @@ proptest! {
             prop_assert!(arm.link_poses(&positions).iter().all(|pose| pose.position.is_finite()));
             prop_assert!(arm.capsules(&positions).iter().all(|(_, c)| c.ends[0].is_finite()));
             let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
-            let model = Model::from_xml(&arm.to_mjcf(&settings).unwrap().text);
-            prop_assert!(model.is_ok(), "{:?}\n{text}", model.err());
+            // limits and masses may be missing
+            if let Ok(mjcf) = arm.to_mjcf(&settings) {
+                let model = Model::from_xml(&mjcf.text);
+                prop_assert!(model.is_ok(), "{:?}\n{text}", model.err());
+            }
         }
     }
 

@@ -203,7 +203,7 @@ fn holding_forces_hold() {
             let joints = arm.free_joints().zip(positions.iter().zip(&forces));
             let controls: Vec<f64> = joints
                 .map(|((_, motion), (&position, &force))| {
-                    assert!(force.abs() < motion.max_effort, "{force}");
+                    assert!(force.abs() < motion.max_effort.unwrap(), "{force}");
                     servo.control_signal(position, 0.0) + servo.feed_forward(motion, force)
                 })
                 .collect();
@@ -283,8 +283,9 @@ fn followers_follow_and_efforts_hold_in_motion() {
             furthest = furthest.max((balance - (0.2 - 0.5 * swing)).abs());
         }
         for ((_, motion), force) in arm.free_joints().zip(data.actuator_force()) {
-            assert!(force.abs() <= motion.max_effort, "{force} {}", motion.max_effort);
-            spent = spent.max(force.abs() / motion.max_effort);
+            let effort = motion.max_effort.unwrap();
+            assert!(force.abs() <= effort, "{force} {effort}");
+            spent = spent.max(force.abs() / effort);
         }
     }
     println!("travelled {travelled}, furthest {furthest}, spent {spent}");

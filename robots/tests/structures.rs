@@ -81,9 +81,19 @@ impl Draw {
             let kind = kinds[self.0.random_range(0..kinds.len())];
             let moves = link > 0 && kind != "fixed";
             let massive = moves || self.chance(0.3);
-            let inertial = if massive { self.inertial() } else { String::new() };
+            let mut inertial = if massive { self.inertial() } else { String::new() };
+            // some links that move have their mass on a link that is fixed to them
+            let mut load = String::new();
+            if moves && self.chance(0.2) {
+                let (origin, inertial) = (self.origin(), std::mem::take(&mut inertial));
+                let (parent, child) = (name(link), format!("link=\"load {link}\""));
+                load = format!(
+                    "<link name=\"load {link}\">{inertial}</link><joint name=\"hold {link}\" \
+                     type=\"fixed\">{origin}<parent link=\"{parent}\"/><child {child}/></joint>"
+                );
+            }
             let shapes = if self.chance(0.7) { self.shapes(sizes) } else { String::new() };
-            let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>", name(link));
+            let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>{load}", name(link));
             if link == 0 {
                 continue;
             }

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use robots::{
-    Capsule, CartesianControl, Chain, ControlSettings, LinkAddition, MjcfSettings, Pose,
-    PositionSource as JointDrive, RobotDescription, RobotState, Servo,
+    Capsule, CartesianControl, Chain, ControlSettings, JointMotion, LinkAddition, MjcfSettings,
+    Pose, PositionSource as JointDrive, RobotDescription, RobotState, Servo,
 };
 
 use crate::actuation::{Actuation, JointPositions, ServoController, ServoSettings};
@@ -178,7 +178,8 @@ impl Arm {
     /// Returns the time in which the fingers close (seconds); `None` for fingers that do not move.
     pub fn closing_seconds(&self) -> Option<f64> {
         let (_, motion) = self.robot().free_joints().nth(self.finger?)?;
-        motion.range.map(|[low, high]| (high - low) / motion.max_speed)
+        let [low, high] = motion.range?;
+        Some((high - low) / motion.max_speed?)
     }
 
     /// Returns the open positions of the finger joint and of the joints that mimic it.
@@ -220,14 +221,15 @@ impl Arm {
     }
 }
 
-/// Returns the index of the finger joint, which must be a free joint with a range.
+/// Returns the index of the finger joint, which must be a free joint with a range and a speed.
 fn finger(robot: &RobotDescription, joint: Option<&str>) -> Result<Option<usize>, EnvError> {
     let Some(name) = joint else {
         return Ok(None);
     };
+    let is_limited = |motion: &JointMotion| motion.range.is_some() && motion.max_speed.is_some();
     let found =
-        robot.free_joints().position(|(free, motion)| free.name == name && motion.range.is_some());
-    let expected = "a joint of the robot that has limits and follows no other";
+        robot.free_joints().position(|(free, motion)| free.name == name && is_limited(motion));
+    let expected = "a joint of the robot that has limits, also of velocity, and follows no other";
     require(found.is_some(), "gripper.joint", &name, expected)?;
     Ok(found)
 }

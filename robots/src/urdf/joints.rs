@@ -1,138 +1,146 @@
-//! Joints of a URDF: kinds, axes, limits, and mimics.
+//! Joints of a URDF: kinds, axes, limits, and joints that follow others.
+
+use std::collections::HashMap;
 
 use glam::DVec3;
-use urdf_rs::JointType;
+use urdf_rs::{JointType, Mimic};
 
-use super::origin;
+use super::links::pose;
 use super::tree::Tree;
+use super::{Report, UrdfSettings};
 use crate::description::{Joint, JointMotion, MotionKind, PositionSource};
-use crate::error::DescriptionError;
-use crate::error::{check_numbers, require};
+use crate::error::{DescriptionError, MAX_NUMBER};
 
-/// Length of the shortest axis that is accepted.
-const SHORTEST_AXIS: f64 = 1e-6;
-
-/// Converts the joints, in the tree's order. Returns them with the number of free joints.
+/// Converts the joints, in the tree's order, and looks up followed joints. Returns the joints with
+/// the number of free ones. `lines` are those of the joints.
 pub(super) fn joints(
     file: &urdf_rs::Robot,
     tree: &Tree,
-) -> Result<(Vec<Joint>, usize), DescriptionError> {
-    let in_order = || tree.joints.iter().map(|&index| &file.joints[index]);
-    let free: Vec<&str> = in_order().filter(|joint| is_free(joint)).map(|j| &j.name[..]).collect();
-    let joint = |(stated, &parent): (&urdf_rs::Joint, &usize)| {
-        Ok(Joint {
-            name: stated.name.clone(),
-            parent,
-            origin: origin(|| place(stated), &stated.origin)?,
-            motion: motion(stated, &free)?,
-        })
+    lines: &[usize],
+    settings: &UrdfSettings,
+    report: &mut Report,
+) -> (Vec<Joint>, usize) {
+    let stated: Vec<_> = tree.joints.iter().map(|&index| &file.joints[index]).collect();
+    let mut joints = Vec::new();
+    // positions of the joints that do not move
+    let mut locked = vec![0.0; stated.len()];
+    let mut num_dofs = 0;
+    for (index, (of_file, &parent)) in stated.iter().zip(&tree.parents).enumerate() {
+        let (name, origin) = (of_file.name.clone(), pose(&of_file.origin));
+        let motion = motion(of_file, settings, lines[index], report);
+        let mut joint = Joint { name, parent, origin, motion };
+        if let (Some(own), None) = (&mut joint.motion, mimic(of_file)) {
+            if let Some([position, _]) = own.range.filter(|[lower, upper]| lower == upper) {
+                locked[index] = position;
+                lock(&mut joint, position, "its `lower` equals its `upper`", lines[index], report);
+            } else {
+                own.drive = PositionSource::Free { dof: num_dofs };
+                num_dofs += 1;
+            }
+        }
+        joints.push(joint);
+    }
+    let names = stated.iter().enumerate();
+    let index: HashMap<&str, usize> = names.map(|(i, joint)| (&joint.name[..], i)).collect();
+    for (follower, followed) in stated.iter().enumerate().filter_map(|(i, j)| Some((i, mimic(j)?)))
+    {
+        let line = lines[follower];
+        match leader(&stated, &index, follower) {
+            Ok((leader, multiplier, offset)) => match joints[leader].motion {
+                Some(JointMotion { drive: PositionSource::Free { dof }, .. }) => {
+                    let drive = PositionSource::Follows { dof, multiplier, offset };
+                    let motion = joints[follower].motion.as_mut();
+                    motion.into_iter().for_each(|motion| motion.drive = drive);
+                }
+                _ => {
+                    let position = offset + multiplier * locked[leader];
+                    let reason = "it follows a joint that does not move";
+                    lock(&mut joints[follower], position, reason, line, report);
+                }
+            },
+            Err(reason) => {
+                let (joint, followed) = (joints[follower].name.clone(), followed.joint.clone());
+                report.reject(line, DescriptionError::InvalidMimic { joint, followed, reason });
+            }
+        }
+    }
+    (joints, num_dofs)
+}
+
+/// Fixes a joint at a position.
+fn lock(joint: &mut Joint, position: f64, reason: &str, line: usize, report: &mut Report) {
+    if let Some(motion) = joint.motion.take() {
+        joint.origin = joint.origin * motion.pose(position);
+        let name = &joint.name;
+        report.note(line, &format!("the joint `{name}`: {reason}, so it is fixed at {position}"));
+    }
+}
+
+/// Returns the `<mimic>` of a joint, unless it was reported because it names no joint.
+fn mimic(joint: &urdf_rs::Joint) -> Option<&Mimic> {
+    joint.mimic.as_ref().filter(|mimic| !mimic.joint.is_empty())
+}
+
+/// Returns the joint that `joint` follows over any number of others, with the multiplier and offset
+/// that come of them all.
+fn leader(
+    joints: &[&urdf_rs::Joint],
+    index: &HashMap<&str, usize>,
+    joint: usize,
+) -> Result<(usize, f64, f64), &'static str> {
+    let (mut leader, mut multiplier, mut offset) = (joint, 1.0, 0.0);
+    for _ in 0..=joints.len() {
+        let Some(mimic) = mimic(joints[leader]) else {
+            return Ok((leader, multiplier, offset));
+        };
+        offset += multiplier * mimic.offset.unwrap_or(0.0);
+        multiplier *= mimic.multiplier.unwrap_or(1.0);
+        let next = index.get(&mimic.joint[..]);
+        leader = *next.ok_or("there is no joint of that name, or of one that it follows")?;
+        if offset.abs().max(multiplier.abs()) > MAX_NUMBER {
+            return Err("all multipliers and offsets together come to more than 1e6");
+        }
+    }
+    Err("in the end it follows itself")
+}
+
+/// Converts the motion of a joint, for the present as if it followed no other, with default limits
+/// of free joints. `None` for a fixed joint.
+fn motion(
+    joint: &urdf_rs::Joint,
+    settings: &UrdfSettings,
+    line: usize,
+    report: &mut Report,
+) -> Option<JointMotion> {
+    let (kind, limited) = match joint.joint_type {
+        JointType::Revolute => (MotionKind::Hinge, true),
+        JointType::Continuous => (MotionKind::Hinge, false),
+        JointType::Prismatic => (MotionKind::Slide, true),
+        // the cleaned file holds no other kinds
+        _ => return None,
     };
-    let joints = in_order().zip(&tree.parents).map(joint);
-    Ok((joints.collect::<Result<_, _>>()?, free.len()))
-}
-
-fn is_free(joint: &urdf_rs::Joint) -> bool {
-    joint.joint_type != JointType::Fixed && joint.mimic.is_none()
-}
-
-fn place(joint: &urdf_rs::Joint) -> String {
-    format!("joint `{}`", joint.name)
-}
-
-fn motion(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Option<JointMotion>, DescriptionError> {
-    let Some((kind, limited)) = kind(joint)? else {
-        return Ok(None);
+    let limit = &joint.limit;
+    // limits of 1e6 and more stand for none, and so do speeds and efforts of zero or less
+    let endless = limit.lower <= -MAX_NUMBER && limit.upper >= MAX_NUMBER;
+    let range = [limit.lower, limit.upper].map(|end| end.clamp(-MAX_NUMBER, MAX_NUMBER));
+    let known = |value: f64| (value > 0.0 && value < MAX_NUMBER).then_some(value);
+    let mut maximum = |name: &str, stated: f64, default: Option<f64>| {
+        let default = default.and_then(known).filter(|_| joint.mimic.is_none());
+        if let (None, Some(default)) = (known(stated), default) {
+            let note = format!("has no limit of {name}, so {default} is assumed");
+            report.note(line, &format!("the joint `{}` {note}", joint.name));
+        }
+        known(stated).or(default)
     };
-    let drive = drive(joint, free)?;
-    let [max_speed, max_effort] = strength(joint, &drive)?;
-    let [damping, friction] = resistance(joint)?;
-    let range = if limited { Some(range(joint)?) } else { None };
-    Ok(Some(JointMotion {
+    let dynamics = joint.dynamics.clone().unwrap_or_default();
+    Some(JointMotion {
         kind,
-        axis: axis(joint)?,
-        range,
-        max_speed,
-        max_effort,
-        damping,
-        friction,
-        drive,
-    }))
-}
-
-/// Returns the kind of motion, and `true` if the joint has limits. `None` for a fixed joint.
-fn kind(joint: &urdf_rs::Joint) -> Result<Option<(MotionKind, bool)>, DescriptionError> {
-    let kind = match joint.joint_type {
-        JointType::Fixed => return Ok(None),
-        JointType::Revolute => return Ok(Some((MotionKind::Hinge, true))),
-        JointType::Continuous => return Ok(Some((MotionKind::Hinge, false))),
-        JointType::Prismatic => return Ok(Some((MotionKind::Slide, true))),
-        JointType::Floating => "floating",
-        JointType::Planar => "planar",
-        JointType::Spherical => "spherical",
-    };
-    let joint = joint.name.clone();
-    Err(DescriptionError::UnsupportedJointKind { joint, kind })
-}
-
-fn axis(joint: &urdf_rs::Joint) -> Result<DVec3, DescriptionError> {
-    let place = || place(joint);
-    check_numbers(place, "the axis", &*joint.axis.xyz)?;
-    let axis = DVec3::from_array(*joint.axis.xyz);
-    let (length, expected) = (axis.length(), "a direction");
-    require(length > SHORTEST_AXIS, place, "the axis's length", length, expected)?;
-    Ok(axis / length)
-}
-
-fn range(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
-    let (lower, upper) = (joint.limit.lower, joint.limit.upper);
-    check_numbers(|| place(joint), "a limit", &[lower, upper])?;
-    if lower < upper {
-        return Ok([lower, upper]);
-    }
-    Err(DescriptionError::InvalidLimits { joint: joint.name.clone(), lower, upper })
-}
-
-/// Reads the maximum speed and effort, which must be positive unless the joint follows another one.
-fn strength(joint: &urdf_rs::Joint, drive: &PositionSource) -> Result<[f64; 2], DescriptionError> {
-    let (speed, effort) = (joint.limit.velocity, joint.limit.effort);
-    let place = || place(joint);
-    let what = "the limit's velocity or effort";
-    check_numbers(place, what, &[speed, effort])?;
-    let follows = matches!(drive, PositionSource::Follows { .. });
-    let expected = "a positive number in `<limit>`";
-    for (limit, value) in [("the limit's velocity", speed), ("the limit's effort", effort)] {
-        require(follows || value > 0.0, place, limit, value, expected)?;
-    }
-    Ok([speed, effort])
-}
-
-fn resistance(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
-    let stated = joint.dynamics.as_ref();
-    let resistance = stated.map_or([0.0; 2], |stated| [stated.damping, stated.friction]);
-    let least = resistance[0].min(resistance[1]);
-    let what = "damping or friction";
-    check_numbers(|| place(joint), what, &resistance)?;
-    require(least >= 0.0, || place(joint), what, least, "zero or more")?;
-    Ok(resistance)
-}
-
-/// Returns the source of the joint's position; `free` are the names of the free joints, in order.
-fn drive(joint: &urdf_rs::Joint, free: &[&str]) -> Result<PositionSource, DescriptionError> {
-    let dof = |name: &str| free.iter().position(|free| *free == name);
-    let Some(mimic) = &joint.mimic else {
-        let own = dof(&joint.name).map(|dof| PositionSource::Free { dof });
-        return own.ok_or_else(|| unknown(joint, &joint.name));
-    };
-    let (multiplier, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
-    check_numbers(|| place(joint), "the mimic's multiplier or offset", &[multiplier, offset])?;
-    let followed = dof(&mimic.joint).ok_or_else(|| unknown(joint, &mimic.joint))?;
-    Ok(PositionSource::Follows { dof: followed, multiplier, offset })
-}
-
-fn unknown(joint: &urdf_rs::Joint, followed: &str) -> DescriptionError {
-    DescriptionError::InvalidMimic {
-        joint: joint.name.clone(),
-        followed: followed.to_owned(),
-        reason: "it must name a joint that moves and follows no other",
-    }
+        axis: DVec3::from_array(*joint.axis.xyz).normalize(),
+        range: (limited && !endless).then_some(range),
+        max_speed: maximum("velocity", limit.velocity, settings.default_speed),
+        max_effort: maximum("effort", limit.effort, settings.default_effort),
+        damping: dynamics.damping,
+        friction: dynamics.friction,
+        drive: PositionSource::Free { dof: 0 },
+    })
 }

@@ -1,100 +1,81 @@
-//! Links of a URDF: inertias and collision shapes.
+//! Links of a URDF: masses and collision shapes.
 
-use std::path::Path;
-
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use urdf_rs::Geometry;
 
-use super::{inertia, mesh, origin};
+use super::Report;
+use super::mesh::Meshes;
 use crate::capsule::{PlacedShape, Shape, join_capsules};
-use crate::description::Link;
-use crate::error::DescriptionError;
-use crate::error::{check_numbers, require};
+use crate::description::{Inertia, Link};
 use crate::fit::MIN_SHAPE_SIZE;
 use crate::pose::Pose;
 
-/// Converts a link; without a `folder`, collision meshes are rejected.
+/// Converts a link, which starts at `line`.
 pub(super) fn link(
     stated: &urdf_rs::Link,
-    folder: Option<&Path>,
-) -> Result<Link, DescriptionError> {
-    for visual in &stated.visual {
-        check_visual(&stated.name, visual)?;
+    line: usize,
+    meshes: &Meshes,
+    report: &mut Report,
+) -> Link {
+    let mut shapes = Vec::new();
+    for collision in &stated.collision {
+        let pose = pose(&collision.origin);
+        match collision.geometry {
+            Geometry::Mesh { ref filename, scale } => {
+                let scale = scale.map_or(DVec3::ONE, |scale| DVec3::from_array(*scale));
+                let own = meshes.shape(&stated.name, line, filename, scale, report);
+                shapes.extend(own.map(|own| PlacedShape { pose: pose * own.pose, ..own }));
+            }
+            ref primitive => match primitive_shape(primitive) {
+                Some(shape) => shapes.push(PlacedShape { pose, shape }),
+                None => report
+                    .note(line, &format!("a shape without size of `{}` is left out", stated.name)),
+            },
+        }
     }
-    let shapes = stated.collision.iter().map(|collision| shape(&stated.name, collision, folder));
-    Ok(Link {
+    Link {
         name: stated.name.clone(),
-        inertia: inertia::inertia(stated)?,
-        shapes: join_capsules(shapes.collect::<Result<_, _>>()?),
-    })
+        inertia: inertia(&stated.inertial),
+        shapes: join_capsules(shapes),
+    }
 }
 
-fn shape(
-    link: &str,
-    collision: &urdf_rs::Collision,
-    folder: Option<&Path>,
-) -> Result<PlacedShape, DescriptionError> {
-    let pose = origin(|| place(link), &collision.origin)?;
-    let (own, shape) = unplaced(link, &collision.geometry, folder)?;
-    let pose = own.map_or(pose, |own| pose * own);
-    Ok(PlacedShape { pose, shape })
+/// Converts the mass and inertia of a link, which need not be those of a rigid body. `None` if all
+/// numbers are zero, as `urdf-rs` reads a missing `<inertial>`.
+fn inertia(stated: &urdf_rs::Inertial) -> Option<Inertia> {
+    let urdf_rs::Inertia { ixx, ixy, ixz, iyy, iyz, izz } = stated.inertia;
+    let own = DMat3::from_cols_array(&[ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz]);
+    let (mass, pose) = (stated.mass.value, pose(&stated.origin));
+    let turn = DMat3::from_quat(pose.rotation);
+    let tensor = turn * own * turn.transpose();
+    let is_massive = mass > 0.0 || own != DMat3::ZERO;
+    is_massive.then_some(Inertia { mass, centre_of_mass: pose.position, tensor })
 }
 
-/// Converts a shape. Returns it with its pose in the frame of `<origin>`, which only a mesh has.
-fn unplaced(
-    link: &str,
-    geometry: &Geometry,
-    folder: Option<&Path>,
-) -> Result<(Option<Pose>, Shape), DescriptionError> {
-    let shape = match *geometry {
+/// Converts a shape other than a mesh. `None` for one without size.
+fn primitive_shape(geometry: &Geometry) -> Option<Shape> {
+    match *geometry {
         Geometry::Box { size } => {
-            Shape::Box { half_extents: 0.5 * DVec3::from_array(sized(link, *size)?) }
+            sized(*size).map(|size| Shape::Box { half_extents: 0.5 * DVec3::from_array(size) })
         }
         Geometry::Cylinder { radius, length } => {
-            let [radius, length] = sized(link, [radius, length])?;
-            Shape::Cylinder { radius, length }
+            sized([radius, length]).map(|[radius, length]| Shape::Cylinder { radius, length })
         }
         Geometry::Capsule { radius, length } => {
-            let [radius, length] = sized(link, [radius, length])?;
-            Shape::Capsule { radius, length }
+            sized([radius, length]).map(|[radius, length]| Shape::Capsule { radius, length })
         }
-        Geometry::Sphere { radius } => {
-            let [radius] = sized(link, [radius])?;
-            Shape::Sphere { radius }
-        }
-        Geometry::Mesh { ref filename, scale } => {
-            let scale = scale.map_or(DVec3::ONE, |scale| DVec3::from_array(*scale));
-            let PlacedShape { pose, shape } = mesh::capsule(link, filename, scale, folder)?;
-            return Ok((Some(pose), shape));
-        }
-    };
-    Ok((None, shape))
+        Geometry::Sphere { radius } => sized([radius]).map(|[radius]| Shape::Sphere { radius }),
+        Geometry::Mesh { .. } => None,
+    }
 }
 
-/// Rejects sizes that are not finite or below [`MIN_SHAPE_SIZE`], and returns the others.
-fn sized<const N: usize>(link: &str, sizes: [f64; N]) -> Result<[f64; N], DescriptionError> {
-    let (place, what) = (|| place(link), "a size");
-    check_numbers(place, what, &sizes)?;
-    let least = sizes.into_iter().fold(f64::INFINITY, f64::min);
-    let holds = least >= MIN_SHAPE_SIZE;
-    require(holds, place, what, least, "a micrometre or more")?;
-    Ok(sizes)
+/// Enlarges sizes to [`MIN_SHAPE_SIZE`]. `None` if all are smaller.
+fn sized<const N: usize>(sizes: [f64; N]) -> Option<[f64; N]> {
+    let any = sizes.iter().any(|&size| size >= MIN_SHAPE_SIZE);
+    any.then(|| sizes.map(|size| size.max(MIN_SHAPE_SIZE)))
 }
 
-fn place(link: &str) -> String {
-    format!("collision shape of link `{link}`")
-}
-
-/// Rejects a visual shape that names a file outside of the URDF's folder.
-fn check_visual(link: &str, visual: &urdf_rs::Visual) -> Result<(), DescriptionError> {
-    // visual shapes are not used here, but other tools would open their files
-    let material = visual.material.as_ref();
-    let texture = material.and_then(|material| material.texture.as_ref());
-    let mesh = match &visual.geometry {
-        Geometry::Mesh { filename, .. } => Some(filename),
-        _ => None,
-    };
-    let texture = texture.map(|texture| &texture.filename);
-    let mut files = mesh.into_iter().chain(texture);
-    files.try_for_each(|file| mesh::check_inside(link, file))
+/// Converts an `<origin>`.
+pub(super) fn pose(origin: &urdf_rs::Pose) -> Pose {
+    Pose::from_xyz_rpy(*origin.xyz, *origin.rpy)
 }

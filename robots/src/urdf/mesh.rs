@@ -1,109 +1,151 @@
 //! Collision shapes from mesh files: a capsule that encloses the points of a mesh.
 
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use super::collada;
+use super::xml::decode;
+use super::{Report, UrdfSettings, read};
 use crate::capsule::PlacedShape;
-use crate::error::DescriptionError;
 use crate::error::MAX_NUMBER;
 use crate::fit::bounding_capsule;
 
 /// Maximum size of a mesh file (bytes).
-const MAX_BYTES: u64 = 64 << 20;
+const MAX_BYTES: usize = 64 << 20;
+/// Number of folders that are searched for packages: the URDF's own and those above it.
+const SEARCHED: usize = 6;
 
-/// Reads the mesh `file`, which lies in `folder` or below, and returns a capsule that encloses its
-/// points.
-pub(super) fn capsule(
-    link: &str,
-    file: &str,
-    scale: DVec3,
-    folder: Option<&Path>,
-) -> Result<PlacedShape, DescriptionError> {
-    let refused = |reason: String| DescriptionError::InvalidMesh {
-        link: link.to_owned(),
-        file: file.to_owned(),
-        reason,
-    };
-    check_inside(link, file)?;
-    let folder =
-        folder.ok_or_else(|| refused("the URDF was given without its folder".to_owned()))?;
-    let path = real_path(folder, file).map_err(|error| refused(error.to_string()))?;
-    let path = path.ok_or_else(|| outside(link, file))?;
-    let bytes = read(&path).map_err(|error| refused(error.to_string()))?;
-    let points = points(&path, &bytes).map_err(|reason| refused(reason.to_owned()))?;
-    let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
-    let sound = |point: &DVec3| point.abs().max_element() <= MAX_NUMBER;
-    if points.is_empty() || !points.iter().all(sound) {
-        return Err(refused("it holds no points, or points beyond 1e6 m".to_owned()));
+/// Reader of the meshes that a URDF names.
+pub(super) struct Meshes<'a> {
+    settings: &'a UrdfSettings,
+    /// The URDF's folder and those above it, nearest first, without symbolic links. Empty for a
+    /// URDF that is no file.
+    folders: Vec<PathBuf>,
+    /// Folder that no mesh may lie outside of, unless a package of the settings holds it.
+    root: PathBuf,
+}
+
+impl<'a> Meshes<'a> {
+    pub(super) fn new(settings: &'a UrdfSettings, folder: Option<&Path>) -> Self {
+        let real = |path: &Path| path.canonicalize().ok();
+        let own = folder.and_then(real).unwrap_or_default();
+        let limit = settings.mesh_root.as_deref().and_then(real);
+        let above = own.ancestors().filter(|path| path.parent().is_some()).take(SEARCHED);
+        let within = |path: &Path| limit.as_ref().is_none_or(|root| path.starts_with(root));
+        let folders = above.filter(|&path| path == own || within(path));
+        let folders: Vec<PathBuf> = folders.map(Path::to_owned).collect();
+        let root = limit.or_else(|| folders.last().cloned()).unwrap_or_default();
+        Self { settings, folders, root }
     }
-    Ok(bounding_capsule(&points))
-}
 
-/// Rejects the name of a file outside of the URDF's folder.
-pub(super) fn check_inside(link: &str, file: &str) -> Result<(), DescriptionError> {
-    let path = relative(file);
-    let plain = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
-    let parts = Path::new(path).components().all(plain);
-    if parts && !path.contains("://") && !path.contains('\\') {
-        return Ok(());
+    /// Returns a capsule that encloses the points of a mesh. `None` if meshes are ignored, and for
+    /// a mesh without points or one that cannot be read, which is reported.
+    pub(super) fn shape(
+        &self,
+        link: &str,
+        line: usize,
+        file: &str,
+        scale: DVec3,
+        report: &mut Report,
+    ) -> Option<PlacedShape> {
+        if self.settings.ignore_meshes {
+            return None;
+        }
+        match self.points(file) {
+            Ok(points) if !points.is_empty() => {
+                let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
+                return Some(bounding_capsule(&points));
+            }
+            Ok(_) => report.note(line, &format!("the mesh `{file}` of `{link}` holds no points")),
+            Err(reason) => report.unread_meshes.push(format!(
+                "line {line}: the link `{link}` collides as the mesh `{file}`, which cannot be \
+                 used: {reason}"
+            )),
+        }
+        None
     }
-    Err(outside(link, file))
-}
 
-fn outside(link: &str, file: &str) -> DescriptionError {
-    DescriptionError::MeshOutsideFolder { link: link.to_owned(), file: file.to_owned() }
-}
+    fn points(&self, file: &str) -> Result<Vec<DVec3>, String> {
+        let path = self.find(file)?;
+        let bytes = read(&path, MAX_BYTES).map_err(|error| error.to_string());
+        let points = bytes.and_then(|bytes| points(&path, bytes));
+        let is_near = |point: &DVec3| point.abs().max_element() <= MAX_NUMBER;
+        let points = points.and_then(|points| {
+            let all = points.iter().all(is_near);
+            if all { Ok(points) } else { Err("it holds points beyond 1e6".to_owned()) }
+        });
+        points.map_err(|reason| format!("`{}`: {reason}", path.display()))
+    }
 
-/// Returns the path in the URDF's folder that `file` refers to. ROS's `package://NAME/` stands for
-/// that folder.
-fn relative(file: &str) -> &str {
-    let in_package = file.strip_prefix("package://").map(|rest| match rest.split_once('/') {
-        Some((package, path)) if ![".", "..", ""].contains(&package) => path,
-        // a path that is rejected
-        _ => "..",
-    });
-    in_package.unwrap_or(file)
-}
+    /// Finds the file that a URDF names. The error lists the paths that were tried.
+    fn find(&self, file: &str) -> Result<PathBuf, String> {
+        if self.folders.is_empty() {
+            return Err("the URDF was read without its folder; use `from_urdf_file`".to_owned());
+        }
+        let tried = self.candidates(&file.replace('\\', "/"))?;
+        let mut outside = String::new();
+        for path in tried.iter().filter_map(|path| path.canonicalize().ok()) {
+            let mut packages = self.settings.packages.iter().map(|(_, folder)| folder.as_path());
+            let inside = |folder: &Path| folder.canonicalize().is_ok_and(|f| path.starts_with(f));
+            if path.is_file() && (inside(&self.root) || packages.any(inside)) {
+                return Ok(path);
+            }
+            outside = format!("; no file outside of `{}` is read", self.root.display());
+        }
+        let tried: Vec<String> = tried.iter().map(|path| format!("`{}`", path.display())).collect();
+        Err(format!(
+            "no such file, tried {}{outside}; give the folder of its package in \
+             `UrdfSettings::packages`, or the folder around all files as `UrdfSettings::mesh_root`",
+            tried.join(", ")
+        ))
+    }
 
-/// Returns the file's path with symbolic links resolved. `None` if it lies outside of the folder.
-fn real_path(folder: &Path, file: &str) -> io::Result<Option<PathBuf>> {
-    let folder = folder.canonicalize()?;
-    let path = folder.join(relative(file)).canonicalize()?;
-    Ok(path.starts_with(&folder).then_some(path))
-}
-
-fn read(path: &Path) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
-    Ok(bytes)
+    /// Returns the paths at which a file may lie, the most likely one first.
+    fn candidates(&self, file: &str) -> Result<Vec<PathBuf>, String> {
+        let (scheme, path) = file.split_once("://").unwrap_or(("", file));
+        match scheme {
+            "" | "file" => Ok(vec![self.folders[0].join(path)]),
+            "package" | "model" => {
+                let (name, path) = path.split_once('/').unwrap_or(("", path));
+                let given = self.settings.packages.iter().find(|(given, _)| given == name);
+                // a package's folder may have another name than the package
+                let near = self.folders.iter().flat_map(|near| [near.join(name), near.clone()]);
+                let folders =
+                    given.map_or_else(|| near.collect(), |(_, given)| vec![given.clone()]);
+                Ok(folders.into_iter().map(|folder| folder.join(path)).collect())
+            }
+            other => {
+                Err(format!("`{other}://` is not read, only package://, model:// and file://"))
+            }
+        }
+    }
 }
 
 /// Returns all points of a mesh, with repetitions.
-fn points(path: &Path, bytes: &[u8]) -> Result<Vec<DVec3>, &'static str> {
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err("it has more than 64 MB");
+fn points(path: &Path, bytes: Vec<u8>) -> Result<Vec<DVec3>, String> {
+    if bytes.len() > MAX_BYTES {
+        return Err("it has more than 64 MB".to_owned());
     }
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    let text = || std::str::from_utf8(bytes).map_err(|_| "it is neither binary STL nor text");
     match extension.to_str() {
-        // a binary STL may start with `solid`, too, so the length decides
-        Some("stl") => binary_stl(bytes).map_or_else(|| named(text()?, "vertex"), Ok),
-        Some("obj") => named(text()?, "v"),
-        _ => Err("only STL and OBJ files are read"),
+        // a binary STL may start with `solid`, too
+        Some("stl") => match std::str::from_utf8(&bytes) {
+            Ok(text) if text.contains("vertex") => named(text, "vertex"),
+            _ => binary_stl(&bytes),
+        },
+        Some("obj") => named(&decode(bytes), "v"),
+        Some("dae") => collada::points(&decode(bytes)),
+        _ => Err("only STL, OBJ and DAE (COLLADA) files are read".to_owned()),
     }
 }
 
 /// Parses a binary STL: 80 bytes, the number of triangles, and for each a normal, three points and
-/// two bytes. `None` if the length does not match the number of triangles.
-fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
-    let (head, triangles) = bytes.split_at_checked(84)?;
-    let count = u32::from_le_bytes(head[80..].try_into().ok()?) as usize;
-    let (triangles, rest) = triangles.as_chunks::<50>();
-    if triangles.len() != count || !rest.is_empty() {
-        return None;
+/// two bytes. The number is wrong in many files, so the length decides.
+fn binary_stl(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
+    let triangles = bytes.get(84..).unwrap_or_default().as_chunks::<50>().0;
+    if triangles.is_empty() && ![80, 84].contains(&bytes.len()) {
+        return Err("it is neither a text with `vertex` nor binary STL".to_owned());
     }
     let number = |word: &[u8; 4]| f64::from(f32::from_le_bytes(*word));
     let corners = triangles.iter().flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
@@ -111,11 +153,11 @@ fn binary_stl(bytes: &[u8]) -> Option<Vec<DVec3>> {
         let [x, y, z] = [0, 1, 2].map(|axis| number(&corner.as_chunks::<4>().0[axis]));
         DVec3::new(x, y, z)
     };
-    Some(corners.map(point).collect())
+    Ok(corners.map(point).collect())
 }
 
 /// Parses the points of a text, three numbers on each line that starts with `word`.
-fn named(text: &str, word: &str) -> Result<Vec<DVec3>, &'static str> {
+fn named(text: &str, word: &str) -> Result<Vec<DVec3>, String> {
     let mut points = Vec::new();
     for line in text.lines() {
         let mut words = line.split_whitespace();
@@ -135,67 +177,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_outside_of_the_folder_are_told_from_those_inside() {
-        for inside in ["a.stl", "meshes/a.stl", "./a.stl", "package://arm/meshes/a.stl"] {
-            assert!(check_inside("l", inside).is_ok(), "{inside}");
-        }
-        for outside in [
-            "/etc/passwd",
-            "../a.stl",
-            "meshes/../../a.stl",
-            "file:///etc/passwd",
-            "https://host/a.stl",
-            "package://../a.stl",
-            "package://arm/../a.stl",
-            "package:///etc/passwd",
-            "package://arm",
-            "..\\a.stl",
-        ] {
-            assert!(check_inside("l", outside).is_err(), "{outside}");
-        }
-    }
-
-    /// A binary STL of these triangles.
-    fn stl(triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
-        let mut bytes = vec![b's'; 80];
-        bytes.extend((triangles.len() as u32).to_le_bytes());
-        for triangle in triangles {
-            bytes.extend([0; 12]);
-            let numbers = triangle.as_flattened().iter();
-            bytes.extend(numbers.flat_map(|number| number.to_le_bytes()));
-            bytes.extend([0; 2]);
-        }
-        bytes
-    }
-
-    #[test]
     fn points_are_read_from_three_kinds_of_files() {
-        let corners = [[1.0, 2.0, 3.0], [-4.0, 0.5, 0.0], [0.0, 0.0, 8.0]];
+        let corners: [[f32; 3]; 3] = [[1.0, 2.0, 3.0], [-4.0, 0.5, 0.0], [0.0, 0.0, 8.0]];
         let expected = corners.map(|corner| glam::Vec3::from_array(corner).as_dvec3());
-        let lines = |word: &str| {
-            let line = |[x, y, z]: [f32; 3]| format!("  {word} {x} {y} {z}\n");
-            corners.map(line).concat()
-        };
-        let text = format!("solid\n facet normal 0 0 1\n{}endsolid", lines("vertex"));
-        let object = format!("# v 9 9 9\nvn 0 0 1\n{}f 1 2 3\n", lines("v"));
-        for (name, bytes) in [
-            ("a.STL", stl(&[corners])),
-            ("a.stl", text.into_bytes()),
-            ("a.obj", object.into_bytes()),
-        ] {
-            assert_eq!(points(Path::new(name), &bytes).unwrap(), expected, "{name}");
+        let named =
+            |word: &str| corners.map(|[x, y, z]| format!("  {word} {x} {y} {z}\n")).concat();
+        let text = format!("solid\n facet normal 0 0 1\n{}endsolid", named("vertex"));
+        let object = format!("# v 9 9 9\nvn 0 0 1\n{}f 1 2 3\n", named("v"));
+        // a head with a wrong number of triangles, a normal, three corners, and two bytes
+        let mut binary = vec![7; 84 + 12];
+        binary.extend(corners.as_flattened().iter().flat_map(|number| number.to_le_bytes()));
+        binary.extend([0; 2]);
+        for (name, bytes) in
+            [("a.STL", binary), ("a.stl", text.into_bytes()), ("a.obj", object.into_bytes())]
+        {
+            assert_eq!(points(Path::new(name), bytes).unwrap(), expected, "{name}");
+        }
+        for empty in [80, 84] {
+            assert_eq!(points(Path::new("a.stl"), vec![0; empty]).unwrap(), []);
         }
     }
 
     #[test]
     fn files_that_are_no_meshes_are_refused() {
-        let refused = |name: &str, bytes: &[u8]| points(Path::new(name), bytes).unwrap_err();
-        assert!(refused("a.dae", b"v 1 2 3").contains("only STL"));
-        assert!(refused("a.obj", b"v 1 2").contains("fewer than three"));
-        assert!(refused("a.obj", b"v 1 2 x").contains("fewer than three"));
-        let mut cut = stl(&[[[1.0; 3]; 3]]);
-        cut.pop();
-        cut[3] = 0xff;
-        assert!(refused("a.stl", &cut).contains("neither binary"));
+        for (name, bytes, words) in [
+            ("a.ply", "v 1 2 3", "only STL"),
+            ("a.obj", "v 1 2", "fewer than three"),
+            ("a.obj", "v 1 2 x", "fewer than three"),
+            ("a.stl", "solid", "neither a text"),
+            ("a.dae", "v 1 2 3", "COLLADA"),
+        ] {
+            let error = points(Path::new(name), bytes.into()).unwrap_err();
+            assert!(error.contains(words), "{error}");
+        }
     }
 }

@@ -1,8 +1,7 @@
 //! Ranges of joints that others follow, reduced so that the followers stay within their own.
 
-use crate::description::{Joint, PositionSource, RangeRestriction};
+use crate::description::{Joint, JointMotion, PositionSource, RangeRestriction};
 use crate::error::MAX_NUMBER;
-use crate::error::{DescriptionError, FollowerRanges};
 
 /// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
 /// a range that is no wider counts as empty.
@@ -11,8 +10,11 @@ const ROUNDING: f64 = 1e-6;
 const ENDLESS: [f64; 2] = [-MAX_NUMBER, MAX_NUMBER];
 
 /// Reduces the ranges of free joints until every follower stays within its own range. Returns the
-/// reductions, in order.
-pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<RangeRestriction>, DescriptionError> {
+/// reductions, in order. A follower that cannot loses its range, and `note` gets its index.
+pub(super) fn restrict(
+    joints: &mut [Joint],
+    mut note: impl FnMut(usize, String),
+) -> Vec<RangeRestriction> {
     let is_free = |joint: &Joint| joint.motion.is_some_and(|motion| motion.is_free());
     let free: Vec<usize> = (0..joints.len()).filter(|&joint| is_free(&joints[joint])).collect();
     let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
@@ -32,18 +34,10 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<RangeRestriction>, De
         // earlier followers may have reduced it already
         let whole = range_of(leader).unwrap_or(ENDLESS);
         let Some(range) = narrowed(whole, own, multiplier, offset) else {
-            let mut before = restrictions.iter().rev();
-            let other = before.find(|before| before.joint == leader.name);
-            return Err(DescriptionError::FollowerRange {
-                joint: follower.name.clone(),
-                followed: leader.name.clone(),
-                ranges: Box::new(FollowerRanges {
-                    followed: whole,
-                    required: led(whole, multiplier, offset),
-                    own,
-                }),
-                other: other.map(|other| other.follower.clone()),
-            });
+            let ([low, high], leader) = (own, &leader.name);
+            note(index, format!("it follows `{leader}` and cannot stay from {low} to {high}"));
+            joints[index].motion = Some(JointMotion { range: None, ..motion });
+            continue;
         };
         if range == whole {
             continue;
@@ -58,14 +52,15 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<RangeRestriction>, De
             followed.range = Some(range);
         }
     }
-    Ok(restrictions)
+    restrictions
 }
 
 /// Returns the part of the range `whole` in which the follower stays within its `own` range.
 /// `None` if nothing is left.
 fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Option<[f64; 2]> {
     let led = led(whole, multiplier, offset);
-    if own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
+    let is_range = own[0] < own[1];
+    if is_range && own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
         return Some(whole);
     }
     // with a multiplier of zero the follower stays at its offset
@@ -109,7 +104,7 @@ mod tests {
             (whole, [2.0 - 9e-7, 4.0], 1.0, 0.0, None),
             (whole, [2.0 - 2e-6, 4.0], 1.0, 0.0, Some([2.0 - 2e-6, 2.0])),
             (whole, [0.5, 0.5], 1.0, 0.0, None),
-            (whole, [0.5, 0.5], 0.0, 0.5, Some(whole)),
+            (whole, [0.5, 0.5], 0.0, 0.5, None),
             // a leader without end, and followers that it hardly moves
             (ENDLESS, [-1.0, 1.0], 0.5, 0.0, Some([-2.0, 2.0])),
             (ENDLESS, [-1.0, 1.0], 1e-5, 0.0, Some([-1e5, 1e5])),
@@ -121,18 +116,8 @@ mod tests {
             (whole, [-1.0, 1.0], 1e-310, 0.0, Some(whole)),
         ] {
             let range = narrowed(leader, own, multiplier, offset);
-            let close = |[a, b]: [[f64; 2]; 2]| {
-                let off = |end: usize| (a[end] - b[end]).abs() <= 1e-12 * b[end].abs();
-                off(0) && off(1)
-            };
-            let alike = match (range, expected) {
-                (Some(range), Some(expected)) => close([range, expected]),
-                (range, expected) => range == expected,
-            };
-            assert!(
-                alike,
-                "{leader:?} {own:?} {multiplier} {offset}: {range:?}, expected {expected:?}"
-            );
+            let [range, expected] = [range, expected].map(|range| format!("{range:.9?}"));
+            assert_eq!(range, expected, "{leader:?} {own:?} {multiplier} {offset}");
         }
     }
 

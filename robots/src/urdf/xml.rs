@@ -1,18 +1,17 @@
-//! XML of a URDF: parsed by `roxmltree`, validated, and rewritten for `urdf-rs`.
+//! XML of a URDF, cleaned for `urdf-rs`.
 //!
-//! `RustyXML`, the parser of `urdf-rs`, panics on some texts, and URDF readers silently skip
-//! unexpanded `xacro`. So `urdf-rs` gets only elements and their attributes, without namespaces,
-//! comments and text.
+//! `urdf-rs` panics on some texts, knows no lines, stops at its first error, and demands values
+//! that real files lack or hold twice. So it gets only what [`READ`] lists, all of it valid.
+//! Whatever is wrong is reported first, with its element and line.
 
-use roxmltree::{Attribute, Document, Error, Node, ParsingOptions};
+use roxmltree::{Document, Error, Node, ParsingOptions};
 
-use crate::error::DescriptionError;
+use super::Report;
+use crate::error::{DescriptionError, MAX_NUMBER};
 use crate::mjcf::xml_escaped;
 
 /// Maximum size of a URDF (bytes).
 pub const MAX_URDF_BYTES: usize = 2 << 20;
-/// Maximum nesting depth of elements.
-pub const MAX_XML_DEPTH: usize = 64;
 /// Maximum number of elements, texts and comments.
 const MAX_NODES: u32 = 1 << 18;
 /// Maximum number of namespaces that a URDF may declare, since each element may copy them.
@@ -20,50 +19,104 @@ const MAX_NAMESPACES: usize = 32;
 /// Maximum number of attributes of an element, since each is compared with all others.
 const MAX_ATTRIBUTES: usize = 1000;
 
+/// Length of the shortest axis that is accepted.
+const SHORTEST_AXIS: f64 = 1e-6;
+/// Elements that are skipped with everything inside, so that they may hold anything.
+const SKIPPED: [&str; 6] =
+    ["gazebo", "material", "ros2_control", "sensor", "transmission", "visual"];
 /// Elements of xacro that old files write without a prefix, directly below `<robot>`.
 const OLD_XACRO: [&str; 6] = ["if", "include", "insert_block", "macro", "property", "unless"];
 /// Maximum number of characters of an attribute's value in a message. Longer values are quoted from
 /// the first unexpanded xacro expression on.
 const MAX_QUOTED: usize = 80;
-/// Elements and attributes that hold vectors of three numbers.
-const VECTORS: [[&str; 2]; 5] =
-    [["origin", "xyz"], ["origin", "rpy"], ["axis", "xyz"], ["box", "size"], ["mesh", "scale"]];
 
-/// Rewrites the elements of a URDF as plain XML that every parser reads alike.
+/// Decodes a file: UTF-16, UTF-8, or else Latin-1.
+pub(super) fn decode(bytes: Vec<u8>) -> String {
+    let wide = |read: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = bytes.as_chunks().0.iter().map(|&unit| read(unit)).collect();
+        String::from_utf16_lossy(&units)
+    };
+    match bytes[..] {
+        // a byte order mark, or the start of a tag
+        [0xff, 0xfe, ..] | [b'<', 0, ..] => wide(u16::from_le_bytes),
+        [0xfe, 0xff, ..] | [0, b'<', ..] => wide(u16::from_be_bytes),
+        // files often declare another encoding than they have, so the bytes decide
+        _ => String::from_utf8(bytes)
+            .unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect()),
+    }
+}
+
+/// File that `urdf-rs` reads, with the lines of its links and joints in the original.
+pub(super) struct Cleaned {
+    pub(super) text: String,
+    pub(super) link_lines: Vec<usize>,
+    pub(super) joint_lines: Vec<usize>,
+}
+
+/// Cleans a URDF. Missing and invalid values are reported and replaced, so that the rest can be
+/// checked, too.
 ///
 /// # Errors
-/// [`DescriptionError::FileTooLong`], [`DescriptionError::XmlTooDeep`], [`DescriptionError::Xacro`]
-/// for a template, and [`DescriptionError::InvalidSyntax`] for whatever is no URDF.
-pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
+/// [`DescriptionError::FileTooLong`], [`DescriptionError::Xacro`] for a template,
+/// [`DescriptionError::InvalidSyntax`].
+pub(super) fn clean(text: &str, report: &mut Report) -> Result<Cleaned, DescriptionError> {
     if text.len() > MAX_URDF_BYTES {
         return Err(DescriptionError::FileTooLong { limit: MAX_URDF_BYTES });
     }
-    let text = without_comments(text)?;
+    // the text is decoded already, and a declaration may stand only at the start
+    let mut text = without_hyphens(text).replacen("<?xml ", "<?was ", 1);
     // rough counts, taken before the parsing whose cost they limit
-    if text.matches("xmlns").count() > MAX_NAMESPACES {
+    let tags = || text.split('<').filter(|tag| !tag.starts_with("!--"));
+    if tags().map(|tag| tag.matches("xmlns").count()).sum::<usize>() > MAX_NAMESPACES {
         return syntax(format!("more than {MAX_NAMESPACES} namespaces are declared"));
     }
-    let is_crowded = |tag: &str| tag.matches('=').count() > MAX_ATTRIBUTES;
-    if text.split('<').any(is_crowded) {
+    if tags().any(|tag| tag.matches('=').count() > MAX_ATTRIBUTES) {
         return syntax(format!("an element has more than {MAX_ATTRIBUTES} attributes"));
     }
-    let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
-    let document = Document::parse_with_options(&text, options).or_else(|error| match error {
-        Error::UnknownNamespace(prefix, position) if prefix == "xacro" => {
-            Err(DescriptionError::Xacro {
-                line: position.row as usize,
-                found: "the prefix `xacro`".to_owned(),
-            })
+    for _ in 0..=MAX_NAMESPACES {
+        let error = match Document::parse_with_options(&text, options()) {
+            Ok(document) => return written(document.root_element(), report),
+            Err(error) => error,
+        };
+        let line = error.pos().row;
+        match (error, text.find("<robot")) {
+            // old files use prefixes of tools, such as `<sensor:camera>`, without a declaration
+            (Error::UnknownNamespace(prefix, _), Some(root)) => {
+                let namespace = format!(" xmlns:{prefix}=\"unknown:{prefix}\"");
+                text.insert_str(root + "<robot".len(), &namespace);
+            }
+            (Error::UnknownToken(_) | Error::NoRootNode, _) => {
+                return syntax(format!("line {line}: {ALONE}"));
+            }
+            (error, _) => return syntax(format!("line {line}: broken XML, {error}")),
         }
-        Error::UnknownToken(_) | Error::NoRootNode => syntax(format!("{error}; {ALONE}")),
-        error => syntax(error.to_string()),
-    })?;
-    if document.root_element().tag_name().name() != "robot" {
-        return syntax(ALONE.to_owned());
     }
-    let mut urdf = Urdf { document: &document, text: String::new() };
-    urdf.write(document.root_element(), 1)?;
-    Ok(urdf.text)
+    syntax(format!("more than {MAX_NAMESPACES} prefixes are not declared"))
+}
+
+/// Writes the element `<robot>`, which must be the root and hold no xacro where it is read.
+fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError> {
+    let name = root.tag_name().name();
+    if name != "robot" {
+        return syntax(format!("`<{name}>` is not URDF: {ALONE}"));
+    }
+    let mut open = vec![root];
+    while let Some(node) = open.pop() {
+        if let Some(found) = template(node) {
+            return Err(DescriptionError::Xacro { line: line(node), found });
+        }
+        if !SKIPPED.contains(&node.tag_name().name()) {
+            open.extend(node.children().filter(Node::is_element).rev());
+        }
+    }
+    let mut text = String::new();
+    write(&mut text, "robot", Some(root), report);
+    let lines = |tag| elements(root, tag).map(line).collect();
+    Ok(Cleaned { text, link_lines: lines("link"), joint_lines: lines("joint") })
+}
+
+pub(super) fn options<'a>() -> ParsingOptions<'a> {
+    ParsingOptions { allow_dtd: true, nodes_limit: MAX_NODES, ..ParsingOptions::default() }
 }
 
 /// Expectation in the message about a file that is not one `<robot>` element.
@@ -73,118 +126,36 @@ fn syntax<T>(message: String) -> Result<T, DescriptionError> {
     Err(DescriptionError::InvalidSyntax { message })
 }
 
-/// Removes comments between tags; lines keep their numbers. Text that looks like a comment inside a
-/// tag, CDATA or an instruction is left to the parser.
-fn without_comments(text: &str) -> Result<String, DescriptionError> {
-    // many files are decorated with comments that hold `--`, which XML forbids
+/// Replaces hyphens in comments, since XML forbids two of them and many files are decorated so.
+fn without_hyphens(text: &str) -> String {
     let (mut kept, mut rest) = (String::with_capacity(text.len()), text);
-    while let Some(at) = rest.find('<') {
-        let (before, markup) = rest.split_at(at);
-        kept += before;
-        if let Some(inside) = markup.strip_prefix("<!--") {
-            let Some((comment, after)) = inside.split_once("-->") else {
-                return syntax("a comment has no end".to_owned());
-            };
-            kept.extend(comment.chars().filter(|&character| character == '\n'));
-            rest = after;
-        } else {
-            let (markup, after) = markup.split_at(markup_len(markup));
-            kept += markup;
-            rest = after;
-        }
+    while let Some((before, after)) = rest.split_once("<!--") {
+        let (comment, after) = after.split_once("-->").unwrap_or((after, ""));
+        kept += &format!("{before}<!--{}-->", comment.replace('-', "_"));
+        rest = after;
     }
-    Ok(kept + rest)
+    kept + rest
 }
 
-/// Returns the length of the tag, CDATA or instruction at the start of a text, or that of the text
-/// if it has no end.
-fn markup_len(text: &str) -> usize {
-    let up_to = |end: &str| text.find(end).map(|at| at + end.len());
-    let end = if text.starts_with("<![CDATA[") {
-        up_to("]]>")
-    } else if text.starts_with("<?") {
-        up_to("?>")
-    } else {
-        end_of_tag(text)
-    };
-    end.unwrap_or(text.len())
-}
-
-/// Returns the position after the first `>` outside of quotes. `None` if there is none.
-fn end_of_tag(text: &str) -> Option<usize> {
-    let mut quote = None;
-    for (at, byte) in text.bytes().enumerate() {
-        match (quote, byte) {
-            (None, b'>') => return Some(at + 1),
-            (None, b'\'' | b'"') => quote = Some(byte),
-            (Some(open), _) if open == byte => quote = None,
-            _ => (),
-        }
+/// Describes the element, or one of its attributes, that `xacro` should have expanded, if there is
+/// one.
+fn template(node: Node) -> Option<String> {
+    // a declaration of the namespace is no template: xacro leaves it in its output
+    let text = node.document().input_text();
+    let name = text.get(node.range().start + 1..).unwrap_or_default();
+    let end = name.find(|c: char| c.is_whitespace() || "/>".contains(c));
+    let name = &name[..end.unwrap_or(name.len())];
+    let root = Some(node.document().root_element());
+    let is_old = node.parent() == root && OLD_XACRO.contains(&name);
+    if is_old || is_xacro(node.tag_name().namespace(), name) {
+        return Some(format!("`<{name}>`"));
     }
-    None
-}
-
-/// Document, and the text that is rewritten from it.
-struct Urdf<'a> {
-    document: &'a Document<'a>,
-    text: String,
-}
-
-impl Urdf<'_> {
-    /// Writes an element at depth `level`, without elements and attributes of other namespaces.
-    fn write(&mut self, element: Node, level: usize) -> Result<(), DescriptionError> {
-        if level > MAX_XML_DEPTH {
-            return Err(DescriptionError::XmlTooDeep { limit: MAX_XML_DEPTH });
-        }
-        let line = || self.document.text_pos_at(element.range().start).row as usize;
-        if let Some(found) = self.template(element, level) {
-            let line = line();
-            return Err(DescriptionError::Xacro { line, found });
-        }
-        let start = self.text.len();
-        let name = element.tag_name().name();
-        self.text += &format!("<{name}");
-        for attribute in element.attributes() {
-            if let Some(problem) = problem(name, &attribute) {
-                return syntax(format!("line {}: {problem}", line()));
-            }
-            if attribute.namespace().is_none() {
-                let value = xml_escaped(attribute.value());
-                self.text += &format!(" {}=\"{value}\"", attribute.name());
-            }
-        }
-        self.text.push('>');
-        for child in element.children().filter(Node::is_element) {
-            self.write(child, level + 1)?;
-        }
-        self.text += &format!("</{name}>");
-        // removed only now, so that xacro inside the element is rejected, too
-        let root = self.document.root_element().tag_name().namespace();
-        if element.tag_name().namespace() != root {
-            self.text.truncate(start);
-        }
-        Ok(())
-    }
-
-    /// Describes the element, or one of its attributes, that `xacro` should have expanded, if
-    /// there is one.
-    fn template(&self, element: Node, level: usize) -> Option<String> {
-        // a declaration of the namespace is no template: xacro leaves it in its output
-        let text = self.document.input_text();
-        let name = &text[element.range()][1..];
-        let end = name.find(|c: char| c.is_whitespace() || "/>".contains(c));
-        let name = &name[..end.unwrap_or(name.len())];
-        let is_old = level == 2 && OLD_XACRO.contains(&name);
-        if is_old || is_xacro(element.tag_name().namespace(), name) {
-            return Some(format!("`<{name}>`"));
-        }
-        element.attributes().find_map(|attribute| {
-            let full = text.get(attribute.range_qname()).unwrap_or(attribute.name());
-            let value = attribute.value();
-            let is_template = is_xacro(attribute.namespace(), full) || unexpanded(value).is_some();
-            is_template.then(|| format!("`{full}` of `<{name}>`, {:?},", quoted(value)))
-        })
-    }
+    node.attributes().find_map(|attribute| {
+        let full = text.get(attribute.range_qname()).unwrap_or(attribute.name());
+        let value = attribute.value();
+        let is_template = is_xacro(attribute.namespace(), full) || unexpanded(value).is_some();
+        is_template.then(|| format!("`{full}` of `<{name}>`, {:?},", quoted(value)))
+    })
 }
 
 /// Returns `true` if an element or attribute belongs to xacro, by its namespace or prefixed name.
@@ -205,24 +176,186 @@ fn quoted(value: &str) -> String {
     value[start.unwrap_or(0)..].chars().take(MAX_QUOTED).collect()
 }
 
-/// Describes why an attribute is rejected. `None` if it is accepted.
-fn problem(element: &str, attribute: &Attribute) -> Option<String> {
-    let (name, value) = (attribute.name(), attribute.value());
-    if [element, name] == ["origin", "quat_xyzw"] {
-        return Some("`quat_xyzw` of `<origin>` is not supported; give `rpy`".to_owned());
+/// Elements that are read, with their attributes and the elements inside; `|` separates
+/// alternatives. The first element of a name is read, or all in [`REPEATED`].
+const READ: [(&str, &[&str], &[&str]); 18] = [
+    ("robot", &["name"], &["link", "joint"]),
+    ("link", &["name"], &["inertial", "collision"]),
+    ("inertial", &[], &["origin", "mass", "inertia"]),
+    ("mass", &["value"], &[]),
+    ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"], &[]),
+    ("collision", &[], &["origin", "geometry"]),
+    ("geometry", &[], &[SHAPES]),
+    ("sphere", &["radius"], &[]),
+    ("box", &["size"], &[]),
+    ("cylinder|capsule", &["radius", "length"], &[]),
+    ("mesh", &["filename", "scale"], &[]),
+    ("joint", &["name", "type"], &OF_JOINT),
+    ("origin", &["xyz", "rpy", "quat_xyzw"], &[]),
+    ("axis", &["xyz"], &[]),
+    ("limit", &["lower", "upper", "effort", "velocity"], &[]),
+    ("dynamics", &["damping", "friction"], &[]),
+    ("mimic", &["joint", "multiplier", "offset"], &[]),
+    ("parent|child", &["link"], &[]),
+];
+const SHAPES: &str = "sphere|box|cylinder|capsule|mesh";
+const OF_JOINT: [&str; 7] = ["origin", "axis", "limit", "dynamics", "mimic", "parent", "child"];
+const OF_MOTION: [&str; 4] = ["axis", "limit", "dynamics", "mimic"];
+const REPEATED: [&str; 3] = ["link", "joint", "collision"];
+/// Attributes and elements without which a file is refused. Others have default values.
+const REQUIRED_ATTRIBUTES: [&str; 5] = ["type", "link", "joint", "value", "filename"];
+const REQUIRED_ELEMENTS: [&str; 5] = ["mass", "geometry", SHAPES, "parent", "child"];
+
+const NUMBER: &str = "a finite number up to 1e6";
+const VECTOR: &str = "three numbers up to 1e6 with blanks between";
+const KINDS: [&str; 4] = ["revolute", "continuous", "prismatic", "fixed"];
+
+/// Returns the default of an attribute, a check of its value, and the values expected.
+fn rule(element: &str, attribute: &str) -> (&'static str, fn(&str) -> bool, &'static str) {
+    match (element, attribute) {
+        (_, "name") => ("", |_| true, ""),
+        (_, "link" | "joint" | "filename") => ("", |name| !name.is_empty(), "a name"),
+        (_, "type") => {
+            ("fixed", |kind| KINDS.contains(&kind), "revolute, continuous, prismatic or fixed")
+        }
+        (_, "lower" | "upper" | "effort" | "velocity") => {
+            ("0", |text| all::<1>(text, |number| !number.is_nan()), "a number")
+        }
+        (_, "value" | "damping" | "friction") => {
+            ("0", |text| all::<1>(text, not_negative), "zero or more, up to 1e6")
+        }
+        (_, "radius" | "length") => {
+            ("0", |text| all::<1>(text, not_negative), "zero or more metres")
+        }
+        (_, "size") => {
+            ("0 0 0", |text| all::<3>(text, not_negative), "three numbers, zero or more metres")
+        }
+        ("axis", _) => ("1 0 0", is_axis, "a direction: three numbers, not all of them zero"),
+        (_, "xyz" | "rpy") => ("0 0 0", |text| all::<3>(text, bounded), VECTOR),
+        (_, "scale") => ("1 1 1", |text| all::<3>(text, bounded), VECTOR),
+        (_, "quat_xyzw") => ("", |_| false, "`rpy` instead"),
+        (_, "multiplier") => ("1", |text| all::<1>(text, bounded), NUMBER),
+        _ => ("0", |text| all::<1>(text, bounded), NUMBER),
     }
-    (VECTORS.contains(&[element, name]) && !is_vector(value)).then(|| {
-        format!(
-            "`{name}` of `<{element}>` is {value:?}, expected three numbers with blanks between"
-        )
+}
+
+/// Returns `true` if a text consists of N numbers, each of which `holds`.
+fn all<const N: usize>(text: &str, holds: fn(f64) -> bool) -> bool {
+    let numbers = || text.split_whitespace();
+    numbers().count() == N && numbers().all(|number| number.parse().is_ok_and(holds))
+}
+
+fn bounded(number: f64) -> bool {
+    number.abs() <= MAX_NUMBER
+}
+
+fn not_negative(number: f64) -> bool {
+    (0.0..=MAX_NUMBER).contains(&number)
+}
+
+fn is_axis(text: &str) -> bool {
+    all::<3>(text, bounded) && !all::<3>(text, |number| number.abs() < SHORTEST_AXIS)
+}
+
+/// Writes an element with what is read of it; without `node`, one of default values.
+fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report) {
+    let read = READ.iter().find(|(names, ..)| names.split('|').any(|of| of == name));
+    let (_, attributes, children) = read.unwrap_or(&("", &[], &[]));
+    *text += &format!("<{name}");
+    for attribute in *attributes {
+        let (default, holds, expected) = rule(name, attribute);
+        let stated = node.and_then(|node| node.attribute(*attribute));
+        let value = stated.filter(|value| holds(value));
+        match (node, stated) {
+            (Some(node), Some(stated)) if value.is_none() => {
+                reject(report, node, attribute, unexpected(stated, expected));
+            }
+            (Some(node), None) if REQUIRED_ATTRIBUTES.contains(attribute) => {
+                reject(report, node, "", format!("has no `{attribute}`; add it"));
+            }
+            _ => (),
+        }
+        *text += &format!(" {attribute}=\"{}\"", xml_escaped(value.unwrap_or(default)));
+    }
+    text.push('>');
+    // what a fixed joint says of its motion is often wrong, and never needed
+    let is_fixed = node.and_then(|node| node.attribute("type")) == Some("fixed");
+    for inside in children.iter().filter(|inside| !(is_fixed && OF_MOTION.contains(*inside))) {
+        let most = if REPEATED.contains(inside) { usize::MAX } else { 1 };
+        let found = node.into_iter().flat_map(|node| elements(node, inside)).take(most);
+        let found: Vec<Node> = found.collect();
+        for &child in &found {
+            write(text, child.tag_name().name(), Some(child), report);
+        }
+        let is_required = REQUIRED_ELEMENTS.contains(inside);
+        // `urdf-rs` demands an inertia with every mass
+        if found.is_empty() && (is_required || *inside == "inertia") {
+            write(text, if *inside == SHAPES { "sphere" } else { inside }, None, report);
+        }
+        if let (Some(node), true) = (node, found.is_empty() && is_required) {
+            let names = inside.replace('|', ">`, `<");
+            reject(report, node, "", format!("has no `<{names}>`; add it"));
+        }
+    }
+    *text += &format!("</{name}>");
+    if let ("joint", Some(joint)) = (name, node) {
+        check_limit(joint, report);
+    }
+}
+
+/// Reports a missing or impossible range of a joint.
+fn check_limit(joint: Node, report: &mut Report) {
+    if !matches!(joint.attribute("type"), Some("revolute" | "prismatic")) {
+        return;
+    }
+    let Some(limit) = elements(joint, "limit").next() else {
+        let problem = "has no `<limit>` with `lower` and `upper`; add it, or make it continuous";
+        return reject(report, joint, "", problem.to_owned());
+    };
+    let texts = ["lower", "upper"].map(|end| limit.attribute(end).unwrap_or("0"));
+    let [lower, upper] = texts.map(|end| end.trim().parse().unwrap_or(f64::NAN));
+    if lower > upper {
+        reject(report, limit, "lower", unexpected(texts[0], "a position not above `upper`"));
+    }
+}
+
+fn unexpected(value: &str, expected: &str) -> String {
+    format!("is {:?}, expected {expected}", quoted(value))
+}
+
+/// Reports a problem of an element or, with a name, of its attribute.
+fn reject(report: &mut Report, node: Node, attribute: &str, problem: String) {
+    let of = if attribute.is_empty() { String::new() } else { format!("`{attribute}` of ") };
+    let place = of + &place(node);
+    report.reject(line(node), DescriptionError::InvalidElement { place, problem });
+}
+
+/// Returns the elements of alternative names inside a node, without those of other namespaces than
+/// `<robot>`'s.
+fn elements<'a>(node: Node<'a, 'a>, names: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
+    let root = node.document().root_element().tag_name().namespace();
+    node.children().filter(move |child| {
+        let tag = child.tag_name();
+        let is_named = || names.split('|').any(|name| name == tag.name());
+        child.is_element() && tag.namespace() == root && is_named()
     })
 }
 
-/// Returns `true` if a value consists of three numbers.
-fn is_vector(value: &str) -> bool {
-    // `urdf-rs` would skip anything else between three numbers
-    let numbers = || value.split_whitespace().map(str::parse::<f64>);
-    numbers().count() == 3 && numbers().all(|number| number.is_ok())
+/// Returns the line at which a node starts.
+fn line(node: Node) -> usize {
+    node.document().text_pos_at(node.range().start).row as usize
+}
+
+/// Describes an element in a message, such as "`<limit>` of the joint `elbow`".
+fn place(node: Node) -> String {
+    let tag = node.tag_name().name();
+    let is_owner = |around: &Node| ["link", "joint"].contains(&around.tag_name().name());
+    let Some(owner) = node.ancestors().find(is_owner) else {
+        return format!("`<{tag}>`");
+    };
+    let name = quoted(owner.attribute("name").unwrap_or_default());
+    let named = format!("the {} `{name}`", owner.tag_name().name());
+    if owner == node { named } else { format!("`<{tag}>` of {named}") }
 }
 
 #[cfg(test)]
@@ -230,60 +363,43 @@ mod tests {
     use super::*;
 
     #[test]
-    fn levels_are_counted_past_comments_and_attributes() {
-        let nested = |levels: usize| {
-            let open = r#"<a x="/>" y='">' z = "1"><!-- <b><c> --><b/>"#.repeat(levels - 2);
-            let close = "</a\n>".repeat(levels - 2);
-            format!("<?xml version=\"1.0\"?>\n<!----><robot>{open}<!-->{close}-->{close}</robot>")
-        };
-        elements(&nested(MAX_XML_DEPTH)).unwrap();
-        let error = elements(&nested(MAX_XML_DEPTH + 1)).unwrap_err();
-        assert!(matches!(error, DescriptionError::XmlTooDeep { .. }), "{error}");
-    }
-
-    #[test]
-    fn elements_of_the_same_namespace_are_left() {
-        let text = "\u{feff}<?xml version='1.0'?>\n<!-- - -- --->\n<robot xmlns:g='g' name='a'>\
-                    <?p '?>text<![CDATA[<b/>]]>\n<link g:x='1' name='&lt;&#x41;\"'/><g:link>\
-                    <link name='b'/></g:link></robot>\n";
-        let expected = "<robot name=\"a\"><link name=\"&lt;A&quot;\"></link></robot>";
-        assert_eq!(elements(text).unwrap(), expected);
-    }
-
-    #[test]
-    fn comments_are_removed_where_they_are_comments() {
-        let between = "<![CDATA[<!--]]><link name='a'/><![CDATA[-->]]><?p <!-- ?><b/><?q --> ?>";
-        let expected = "<robot><link name=\"a\"></link><b></b></robot>";
-        assert_eq!(elements(&format!("<robot>{between}</robot>")).unwrap(), expected);
-        let crowded = format!("<!-- {} -->", "= xmlns ".repeat(2 * MAX_ATTRIBUTES));
-        elements(&format!("<robot>{crowded}</robot>")).unwrap();
-    }
-
-    #[test]
-    fn what_is_no_xml_is_refused() {
-        for inside in [
-            "<",
-            "<a",
-            "< a/>",
-            "<a/ >",
-            "<a b/>",
-            "<a b=1/>",
-            "<a b='1\"/>",
-            "<a=\"1\"/>",
-            "</a>",
-            "<a></b>",
-            "<a:b:c/>",
-            "<a: b='1'/>",
-            "<!-- ",
-            "<a></a b='1'>",
-            "<a></a/>",
-            "<a<!-- -->b/>",
-            "<link name='a<!--x-->b'/>",
-            "<a <!-- x --> b='1'/>",
+    fn encodings_are_told_by_their_bytes() {
+        let text = "\u{feff}<robot name='Gr\u{f6}\u{df}e'/>";
+        let units: Vec<u16> = text.encode_utf16().collect();
+        for bytes in [
+            text.as_bytes().to_vec(),
+            text.chars().skip(1).map(|c| c as u8).collect(),
+            units.iter().flat_map(|unit| unit.to_le_bytes()).collect(),
+            units.iter().flat_map(|unit| unit.to_be_bytes()).collect(),
+            units[1..].iter().flat_map(|unit| unit.to_le_bytes()).collect(),
         ] {
-            let error = elements(&format!("<robot>{inside}</robot>")).unwrap_err();
-            let is_syntax = matches!(error, DescriptionError::InvalidSyntax { .. });
-            assert!(is_syntax, "{inside}: {error}");
+            let cleaned = clean(&decode(bytes), &mut Report::default()).unwrap().text;
+            assert_eq!(cleaned, "<robot name=\"Gr\u{f6}\u{df}e\"></robot>");
         }
+    }
+
+    /// Returns the names of the links.
+    fn links(text: &str) -> Vec<String> {
+        let cleaned = clean(text, &mut Report::default()).unwrap().text;
+        let links = urdf_rs::read_from_string(&cleaned).unwrap().links;
+        links.into_iter().map(|link| link.name).collect()
+    }
+
+    #[test]
+    fn everything_around_the_links_is_skipped() {
+        for (inside, names) in [
+            ("<link g:x='1' name='&lt;&#x41;\"'/><g:link/><link name='b'/>", &["<A\"", "b"][..]),
+            ("<![CDATA[<!--]]><link name='a'/><![CDATA[-->]]><?p <!-- ?><b/><?q --> ?>", &["a"]),
+            ("<!-- - -- ---><link name='a'/>text<?p '?><![CDATA[<b/>]]>", &["a"]),
+            ("<h:camera h:x='1'/><link name='a'/><i:j/>", &["a"]),
+            ("<gazebo><xacro:grey/><a b='${c}'/></gazebo><link name='a'/>", &["a"]),
+            ("<link name='&n;'/>", &["entity"]),
+        ] {
+            let head = "\n<!-- -- -->\n<?xml version='1.0' encoding='latin1'?>\n<!DOCTYPE robot \
+                        [<!ENTITY n 'entity'>]>\n<robot xmlns:g='g' xmlns:xacro='x'>";
+            assert_eq!(links(&format!("{head}{inside}</robot>\n")), names, "{inside}");
+        }
+        let crowded = format!("<!-- {} -->", "= xmlns ".repeat(2 * MAX_ATTRIBUTES));
+        assert!(links(&format!("<robot>{crowded}</robot>")).is_empty());
     }
 }
