@@ -482,6 +482,11 @@ mod tests {
             permutation_maxima: vec![Some(0.25), None],
             ..RolloutRow::default()
         };
+        assert_eq!(run.thresholds(&row), [None, None], "sources of evidence have no common unit");
+        let learner::LearnerSettings::Covers(settings) = &mut run.experiment.learner else {
+            panic!("covers learns by PPO");
+        };
+        settings.grouping = serde_json::from_str(r#"{"calibrated": {}}"#).unwrap();
         assert_eq!(run.thresholds(&row), [Some(0.25), None]);
         run.experiment.learner = Method::Paper.learner_settings();
         assert_eq!(run.thresholds(&row), [Some(1.0), Some(1.0)]);
